@@ -1,0 +1,360 @@
+"""The netlist: resistors, sources and capacitors as arrays, and the layout that ties its nodes to cells."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.errors import InputError
+
+if TYPE_CHECKING:
+    import networkx as nx
+
+    from resgrid.space import ConfigurationSpace
+
+GROUND = 0
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """What ties a netlist to the cells of the configuration space that it was compiled from.
+
+    Attributes
+    ----------
+    space : ConfigurationSpace
+        The space that was compiled.
+    node : ndarray of int64, shape of the space
+        Node of every cell; rail cells share their rail's node when rails are merged; -1 where a cell has none.
+    resistor_face : ndarray of int64, shape (resistors,)
+        The cell face each resistor crosses.  Faces are numbered axis by axis: along axis ``a`` there are
+        ``cells + 1`` of them (C order, `face_shape`); face ``i`` is the lower face of cell ``i``; the last one repeats
+        the first on a periodic axis and is not used there.
+    resistor_upward : ndarray of bool, shape (resistors,)
+        Whether the resistor's first node is on the lower side of the face.
+    free_node : ndarray of int64, shape (free nodes,)
+        The nodes of the free cells that have one, in C order of the cells.
+    obstacle_node : int
+        The obstacle rail, -1 if there is none.
+    goal_nodes : tuple of int
+        The rail of every goal region.
+    boundary : str
+        ``"dirichlet"``, ``"neumann"`` or ``"wall"``.
+    drive : str or None
+        ``"uniform"`` or ``"start"`` where the obstacles are open, otherwise None.
+    edge : tuple of str
+        Per axis ``"periodic"``, ``"obstacle"`` or ``"open"``.
+    rails : str
+        ``"merged"`` or ``"cells"``.
+    resistance : float
+        Resistance between the cells that lie closest together, at conductivity 1, in ohms.
+    supply : float
+        Voltage of the obstacle rail (or of the driven start) above the goal rail, in volts; may be negative.
+    goal_voltage : float
+        Voltage of the goal rail, in volts.
+    start : tuple of int or None
+        The driven start cell.
+    """
+
+    space: ConfigurationSpace
+    node: NDArray[np.int64]
+    resistor_face: NDArray[np.int64]
+    resistor_upward: NDArray[np.bool_]
+    free_node: NDArray[np.int64]
+    obstacle_node: int
+    goal_nodes: tuple[int, ...]
+    boundary: str
+    drive: str | None
+    edge: tuple[str, ...]
+    rails: str
+    resistance: float
+    supply: float
+    goal_voltage: float
+    start: tuple[int, ...] | None = None
+
+    def __post_init__(self) -> None:
+        for array in (self.node, self.resistor_face, self.resistor_upward, self.free_node):
+            array.flags.writeable = False
+
+
+def face_shape(shape: tuple[int, ...], axis: int) -> tuple[int, ...]:
+    """Shape of the array of faces across ``axis``: one more than the cells along it."""
+    return (*shape[:axis], shape[axis] + 1, *shape[axis + 1 :])
+
+
+_COLUMNS = {
+    "resistor_nodes": (2, np.int64),
+    "conductance": (0, np.float64),
+    "source_nodes": (2, np.int64),
+    "source_volts": (0, np.float64),
+    "current_nodes": (2, np.int64),
+    "current_amps": (0, np.float64),
+    "capacitor_nodes": (2, np.int64),
+    "capacitance": (0, np.float64),
+    "tc1": (0, np.float64),
+    "tc2": (0, np.float64),
+}
+_KINDS = {
+    "resistor": ("resistor_nodes", "conductance", "tc1", "tc2"),
+    "voltage source": ("source_nodes", "source_volts"),
+    "current source": ("current_nodes", "current_amps"),
+    "capacitor": ("capacitor_nodes", "capacitance"),
+}
+
+
+def _no_pairs() -> NDArray[np.int64]:
+    return np.empty((0, 2), dtype=np.int64)
+
+
+def _no_values() -> NDArray[np.float64]:
+    return np.empty(0)
+
+
+@dataclass(frozen=True, eq=False)
+class Netlist:
+    """A linear circuit as a structure of arrays.  Node 0 is ground.
+
+    Parameters
+    ----------
+    node_count : int
+        Number of nodes, ground included.
+    resistor_nodes : array_like of int, shape (m, 2)
+        The two nodes of every resistor.
+    conductance : array_like of float, shape (m,)
+        Conductance of every resistor at the nominal temperature, in siemens; positive and finite.
+    source_nodes, source_volts : array_like, shapes (s, 2) and (s,)
+        Ideal voltage sources: plus node, minus node; volts.
+    current_nodes, current_amps : array_like, shapes (c, 2) and (c,)
+        Ideal current sources: the node the current is taken from, the node it is fed into; amperes.
+    capacitor_nodes, capacitance : array_like, shapes (k, 2) and (k,)
+        Capacitors, in farads; open in an operating point.
+    tc1, tc2 : array_like of float, shape (m,), optional
+        Temperature coefficients of the resistors, in 1/K and 1/K^2.
+    layout : Layout, optional
+        What ties the nodes to the cells of a configuration space.
+    node_names, element_names : optional
+        Names read from a file: one string a node; per kind (``"resistor"``, ``"voltage source"``,
+        ``"current source"``, ``"capacitor"``) one string an element.  Otherwise names are made when asked for.
+
+    Raises
+    ------
+    InputError
+        If a shape does not match, a node does not exist or a value is not admissible.
+    """
+
+    node_count: int
+    resistor_nodes: NDArray[np.int64]
+    conductance: NDArray[np.float64]
+    source_nodes: NDArray[np.int64] = field(default_factory=_no_pairs)
+    source_volts: NDArray[np.float64] = field(default_factory=_no_values)
+    current_nodes: NDArray[np.int64] = field(default_factory=_no_pairs)
+    current_amps: NDArray[np.float64] = field(default_factory=_no_values)
+    capacitor_nodes: NDArray[np.int64] = field(default_factory=_no_pairs)
+    capacitance: NDArray[np.float64] = field(default_factory=_no_values)
+    tc1: NDArray[np.float64] | None = None
+    tc2: NDArray[np.float64] | None = None
+    layout: Layout | None = None
+    node_names: tuple[str, ...] | None = None
+    element_names: Mapping[str, tuple[str, ...]] | None = None
+
+    def __post_init__(self) -> None:
+        for name, (width, dtype) in _COLUMNS.items():
+            value = getattr(self, name)
+            if value is not None:
+                object.__setattr__(self, name, _column(name, value, width, dtype))
+        for kind, names in _KINDS.items():
+            self._check_kind(kind, names)
+        if not np.all(np.isfinite(self.conductance) & (self.conductance > 0)):
+            bad = int(np.flatnonzero(~(np.isfinite(self.conductance) & (self.conductance > 0)))[0])
+            raise InputError(
+                f"resistor {bad} between nodes {self.resistor_nodes[bad].tolist()} has conductance "
+                f"{self.conductance[bad]}; it must be positive and finite (a short is a 0 V source)"
+            )
+        if not np.all(np.isfinite(self.capacitance) & (self.capacitance >= 0)):
+            raise InputError("capacitance must be finite and not negative")
+        if self.node_names is not None and len(self.node_names) != self.node_count:
+            raise InputError(f"{len(self.node_names)} node names for {self.node_count} nodes")
+
+    def _check_kind(self, kind: str, names: tuple[str, ...]) -> None:
+        nodes = getattr(self, names[0])
+        for name in names[1:]:
+            value = getattr(self, name)
+            if value is not None and len(value) != len(nodes):
+                raise InputError(f"{name} has {len(value)} entries, but there are {len(nodes)} of {names[0]}")
+            if value is not None and not np.all(np.isfinite(value)):
+                raise InputError(
+                    f"{name} holds a value that is not finite: {kind} {int(np.argmin(np.isfinite(value)))}"
+                )
+        if nodes.size and not (nodes.min() >= 0 and nodes.max() < self.node_count):
+            raise InputError(f"{names[0]} names a node outside 0 ... {self.node_count - 1}")
+
+    def node_name(self, node: int) -> str:
+        """Name of a node: ``0`` for ground, ``n_12_7`` for a cell, ``obstacle``, ``goal_0``, otherwise ``node_5``."""
+        return self.names_of(np.array([node]))[0]
+
+    def names_of(self, nodes: ArrayLike) -> list[str]:
+        """Names of nodes, made in bulk.
+
+        Parameters
+        ----------
+        nodes : array_like of int, shape (n,)
+
+        Returns
+        -------
+        list of str
+        """
+        wanted = np.asarray(nodes, dtype=np.int64)
+        if self.node_names is not None:
+            return [self.node_names[node] for node in wanted.tolist()]
+        if self.layout is None:
+            return ["0" if node == GROUND else f"node_{node}" for node in wanted.tolist()]
+        return _layout_names(self.layout, self.node_count, wanted)
+
+    def cell_of_node(self) -> NDArray[np.int64]:
+        """Flat (C order) index of the cell behind every node, -1 for rails and ground; shape (node_count,).
+
+        Raises
+        ------
+        InputError
+            If the netlist has no layout.
+        """
+        if self.layout is None:
+            raise InputError("this netlist was not compiled from a space, so its nodes belong to no cell")
+        return _cell_of_node(self.layout, self.node_count)
+
+    def to_networkx(self) -> nx.MultiGraph[int]:
+        """Return the circuit as a multigraph.
+
+        Returns
+        -------
+        networkx.MultiGraph
+            Nodes are node numbers with attribute ``name``; edges have ``kind`` (``"resistor"``, ``"voltage source"``,
+            ``"current source"``, ``"capacitor"``) and ``conductance``, ``volts``, ``amps`` or ``capacitance`` in SI
+            units; directed ones keep their order in the attribute ``nodes``.
+        """
+        import networkx as nx
+
+        graph: nx.MultiGraph[int] = nx.MultiGraph()
+        numbers = np.arange(self.node_count)
+        graph.add_nodes_from(
+            (i, {"name": name}) for i, name in zip(numbers.tolist(), self.names_of(numbers), strict=True)
+        )
+        for kind, nodes_name, value_name, key in _GRAPH_KEYS:
+            pairs = getattr(self, nodes_name).tolist()
+            values = getattr(self, value_name).tolist()
+            graph.add_edges_from(
+                (a, b, {"kind": kind, key: value, "nodes": (a, b)}) for (a, b), value in zip(pairs, values, strict=True)
+            )
+        return graph
+
+    @staticmethod
+    def from_networkx(graph: nx.Graph[Any], ground: object = GROUND) -> Netlist:
+        """Make a netlist from a graph with the attributes that `to_networkx` writes.
+
+        Parameters
+        ----------
+        graph : networkx.Graph or MultiGraph
+            An edge is a resistor unless ``kind`` says otherwise; it needs ``conductance`` or ``resistance``.
+        ground : hashable
+            The graph node that becomes node 0; it is added if the graph lacks it.
+
+        Returns
+        -------
+        Netlist
+            Nodes in the graph's order, ground first; node names from ``name`` or the graph's own node.
+
+        Raises
+        ------
+        InputError
+            If an edge lacks its value or has an unknown kind.
+        """
+        return _from_networkx(graph, ground)
+
+    def replace(self, **changes: Any) -> Netlist:
+        """Return a copy with some fields changed."""
+        current = {item.name: getattr(self, item.name) for item in fields(self)}
+        unknown = set(changes) - set(current)
+        if unknown:
+            raise InputError(f"a netlist has no field {sorted(unknown)}; it has {sorted(current)}")
+        return Netlist(**{**current, **changes})
+
+
+_GRAPH_KEYS = (
+    ("resistor", "resistor_nodes", "conductance", "conductance"),
+    ("voltage source", "source_nodes", "source_volts", "volts"),
+    ("current source", "current_nodes", "current_amps", "amps"),
+    ("capacitor", "capacitor_nodes", "capacitance", "capacitance"),
+)
+
+
+def _column(name: str, value: ArrayLike, width: int, dtype: type[np.generic]) -> NDArray[Any]:
+    array = np.asarray(value)
+    if dtype is np.int64 and array.size and array.dtype.kind not in "iu":
+        raise InputError(f"{name} must hold node numbers, got {array.dtype}")
+    shape_ok = array.ndim == 2 and array.shape[1] == 2 if width else array.ndim == 1
+    if not shape_ok and array.size:
+        raise InputError(f"{name} has shape {array.shape}, expected {'(n, 2)' if width else '(n,)'}")
+    array = np.ascontiguousarray(array.reshape((-1, 2) if width else -1), dtype=dtype)
+    if array.flags.writeable:
+        array = array.view()
+        array.flags.writeable = False
+    return array
+
+
+def _cell_of_node(layout: Layout, node_count: int) -> NDArray[np.int64]:
+    from resgrid.space import Cell
+
+    node = layout.node.ravel()
+    own = node >= 0
+    if layout.rails == "merged":
+        own &= layout.space.cell.ravel() == Cell.FREE
+    cells = np.flatnonzero(own)
+    cell_of = np.full(node_count, -1, dtype=np.int64)
+    cell_of[node[cells]] = cells
+    return cell_of
+
+
+def _layout_names(layout: Layout, node_count: int, wanted: NDArray[np.int64]) -> list[str]:
+    cell = _cell_of_node(layout, node_count)[wanted]
+    coordinates = np.unravel_index(np.maximum(cell, 0), layout.space.shape)
+    template = "n" + "_%d" * layout.space.ndim
+    names = [template % index for index in zip(*(c.tolist() for c in coordinates), strict=True)]
+    rails = {GROUND: "0", layout.obstacle_node: "obstacle"}
+    rails.update({node: f"goal_{region}" for region, node in enumerate(layout.goal_nodes)})
+    for position in np.flatnonzero(cell < 0).tolist():
+        node = int(wanted[position])
+        names[position] = rails.get(node, f"node_{node}")
+    return names
+
+
+def _from_networkx(graph: nx.Graph[Any], ground: object) -> Netlist:
+    order = [ground, *(node for node in graph if node != ground)]
+    number = {node: i for i, node in enumerate(order)}
+    names = ["0", *(str(graph.nodes[node].get("name", node)) for node in order[1:])]
+    pairs: dict[str, list[tuple[int, int]]] = {kind: [] for kind, *_ in _GRAPH_KEYS}
+    values: dict[str, list[float]] = {kind: [] for kind, *_ in _GRAPH_KEYS}
+    keys = {kind: key for kind, _, _, key in _GRAPH_KEYS}
+    for a, b, data in graph.edges(data=True):
+        kind = data.get("kind", "resistor")
+        if kind not in keys:
+            raise InputError(f"edge {a!r} - {b!r} has kind {kind!r}; it may be one of {sorted(keys)}")
+        plus, minus = data.get("nodes", (a, b))
+        pairs[kind].append((number[plus], number[minus]))
+        values[kind].append(_edge_value(data, keys[kind], (a, b)))
+    columns = {
+        column: np.array(table[kind], dtype).reshape(shape)
+        for kind, nodes, value, _ in _GRAPH_KEYS
+        for column, table, dtype, shape in ((nodes, pairs, np.int64, (-1, 2)), (value, values, np.float64, (-1,)))
+    }
+    return Netlist(node_count=len(order), node_names=tuple(names), **columns)
+
+
+def _edge_value(data: Mapping[str, Any], key: str, edge: tuple[object, object]) -> float:
+    if key in data:
+        return float(data[key])
+    if key == "conductance" and data.get("resistance"):
+        return 1.0 / float(data["resistance"])
+    raise InputError(f"edge {edge[0]!r} - {edge[1]!r} lacks {key!r} (or a resistance that is not zero)")

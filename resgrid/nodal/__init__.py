@@ -1,0 +1,1 @@
+"""Nodal analysis: assemble, solve, read off the operating point."""

@@ -1,0 +1,1 @@
+"""From an operating point to a field, streamlines and their certificates."""

@@ -1,0 +1,1 @@
+"""Robots: which cells of a grid are free."""

@@ -1,0 +1,1 @@
+"""Decks: dialects, writer, electrical checks, and the outside simulator."""
