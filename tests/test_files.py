@@ -1,0 +1,61 @@
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import pytest
+
+from resgrid.errors import InputError
+from resgrid.files import atomic_path, write_bytes, write_text
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(path.name for path in folder.iterdir())
+
+
+def test_text_is_written_byte_for_byte(tmp_path: Path) -> None:
+    write_text(tmp_path / "a.txt", "é\n\r\n")
+    assert (tmp_path / "a.txt").read_bytes() == b"\xc3\xa9\n\r\n"
+    assert names(tmp_path) == ["a.txt"]
+
+
+def test_permissions_follow_the_umask(tmp_path: Path) -> None:
+    before = os.umask(0o027)
+    try:
+        path = write_bytes(tmp_path / "a", b"")
+    finally:
+        os.umask(before)
+    assert path.stat().st_mode & 0o777 == 0o640
+
+
+@pytest.mark.parametrize("failure", [ValueError, KeyboardInterrupt])
+def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path, failure: type[BaseException]) -> None:
+    path = write_text(tmp_path / "deck.cir", "old")
+    with pytest.raises(failure), atomic_path(path) as temporary:
+        assert temporary.suffix == ".cir"
+        temporary.write_text("half")
+        raise failure
+    assert path.read_text() == "old"
+    assert names(tmp_path) == ["deck.cir"]
+
+
+def test_a_link_is_followed_and_a_device_is_written_to(tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    write_text(tmp_path / "link", "x")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real").read_text() == "x"
+    write_text("/dev/null", "x")
+    assert Path("/dev/null").is_char_device()
+    reader, writer = os.pipe()
+    write_text(f"/dev/fd/{writer}", "x")
+    assert os.read(reader, 9) == b"x"
+    os.close(reader)
+    os.close(writer)
+
+
+@pytest.mark.parametrize("name", ["", "missing/a.txt", "a\0b", "x" * 300, "file/a.txt"])
+def test_a_wrong_place_is_one_clear_message(tmp_path: Path, name: str) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match="cannot write"):
+        write_text(f"{tmp_path}/{name}", "x")
+    assert names(tmp_path) == ["file"]
