@@ -290,7 +290,7 @@ _GRAPH_KEYS = (
 )
 
 
-def _column(name: str, value: ArrayLike, width: int, dtype: type[np.generic]) -> NDArray[Any]:
+def _column(name: str, value: ArrayLike, width: int, dtype: Any) -> NDArray[Any]:
     array = np.asarray(value)
     if dtype is np.int64 and array.size and array.dtype.kind not in "iu":
         raise InputError(f"{name} must hold node numbers, got {array.dtype}")
@@ -344,7 +344,7 @@ def _from_networkx(graph: nx.Graph[Any], ground: object) -> Netlist:
         plus, minus = data.get("nodes", (a, b))
         pairs[kind].append((number[plus], number[minus]))
         values[kind].append(_edge_value(data, keys[kind], (a, b)))
-    columns = {
+    columns: dict[str, Any] = {
         column: np.array(table[kind], dtype).reshape(shape)
         for kind, nodes, value, _ in _GRAPH_KEYS
         for column, table, dtype, shape in ((nodes, pairs, np.int64, (-1, 2)), (value, values, np.float64, (-1,)))

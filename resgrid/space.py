@@ -67,12 +67,12 @@ class Axis:
     @property
     def spacing(self) -> float:
         """Width of a cell, in ``unit``."""
-        return (self.upper - self.lower) / self.cells
+        return float((self.upper - self.lower) / self.cells)
 
     @property
     def centres(self) -> NDArray[np.float64]:
         """Cell centres, shape ``(cells,)``, in ``unit``."""
-        return self.lower + (np.arange(self.cells) + 0.5) * self.spacing
+        return np.asarray(self.lower + (np.arange(self.cells) + 0.5) * self.spacing, dtype=np.float64)
 
     @property
     def edges(self) -> NDArray[np.float64]:
@@ -165,6 +165,16 @@ class ConfigurationSpace:
     def goal_count(self) -> int:
         """Number of goal regions."""
         return int(self.goal_region.max(initial=-1)) + 1
+
+    @cached_property
+    def goal_connected(self) -> NDArray[np.bool_]:
+        """Free cells from which a chain of face neighbours leads to a goal through free cells alone."""
+        region = label_regions(self.cell != Cell.OBSTACLE, self.periodic)
+        served = np.zeros(region.max(initial=0) + 1, dtype=bool)
+        served[region[self.cell == Cell.GOAL]] = True
+        connected = np.asarray(served[region] & (self.cell == Cell.FREE))
+        connected.flags.writeable = False
+        return connected
 
     def centre(self, cell: ArrayLike) -> NDArray[np.float64]:
         """Centre of a cell, or of many.
@@ -288,7 +298,7 @@ def _checked_cells(axes: tuple[Axis, ...], cell: NDArray[np.generic]) -> NDArray
     names = [axis.name for axis in axes]
     if len(set(names)) < len(names):
         raise InputError(f"two axes share a name: {names}")
-    if not np.all(np.isin(cell, list(Cell))) if cell.dtype != np.uint8 else np.any(cell > max(Cell)):
+    if not np.all(np.isin(cell, list(Cell))):
         raise InputError("cell may hold only 0 (free), 1 (obstacle) and 2 (goal)")
     return _read_only(np.array(cell, dtype=np.uint8, order="C"))
 

@@ -64,4 +64,4 @@ class Field:
         ndarray of float64
             Shape of the space with one more along ``axis``; in units of supply / resistance; 0 where it underflows.
         """
-        return self.face_direction[axis] * np.exp(self.face_log_current[axis])
+        return np.asarray(self.face_direction[axis] * np.exp(self.face_log_current[axis]), dtype=np.float64)

@@ -1,0 +1,400 @@
+"""From a configuration space to a netlist: the only home of the boundary rules.
+
+Face neighbours are joined by resistors.  Along axis ``a`` the conductance is ``(h_ref / h_a)**2 / R`` times the series
+combination ``2 c_i c_j / (c_i + c_j)`` of the cells' conductivities, ``h_ref`` being the smallest spacing.  Kirchhoff's
+current law at a node is then the finite-volume form of ``div(c grad phi) = 0`` (Tarassenko & Blake 1991; Connolly &
+Grupen 1992, section 2).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import CircuitError, InputError
+from resgrid.netlist import GROUND, Layout, Netlist, face_shape
+from resgrid.space import Cell, ConfigurationSpace
+
+BOUNDARIES = ("dirichlet", "neumann", "wall")
+DRIVES = ("uniform", "start")
+EDGES = ("obstacle", "open")
+RAILS = ("merged", "cells")
+_NO_NODE = -1
+
+
+@dataclass(frozen=True)
+class _Rules:
+    """The checked options of a compilation."""
+
+    boundary: str
+    drive: str | None
+    edge: tuple[str, ...]
+    rails: str
+    resistance: float
+    supply: float
+    goal_voltage: float
+    wall_resistance: float
+    start: tuple[int, ...] | None
+
+
+@dataclass(frozen=True, eq=False)
+class _Nodes:
+    """Node numbers: of every cell (-1 for none), of the obstacle rail (-1 for none) and of the goal rails."""
+
+    cell: NDArray[np.int64]
+    obstacle: int
+    goals: tuple[int, ...]
+    count: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Resistors:
+    nodes: NDArray[np.int64]
+    conductance: NDArray[np.float64]
+    face: NDArray[np.int64]
+    upward: NDArray[np.bool_]
+
+
+def compile_space(
+    space: ConfigurationSpace,
+    *,
+    boundary: str = "dirichlet",
+    drive: str | None = None,
+    edge: str | Sequence[str] = "obstacle",
+    rails: str = "merged",
+    resistance: float = 10e3,
+    supply: float = 1.0,
+    goal_voltage: float = 0.0,
+    wall_resistance: float | None = None,
+    start: Sequence[int] | None = None,
+) -> Netlist:
+    """Compile a configuration space into a resistor netlist.
+
+    Parameters
+    ----------
+    space : ConfigurationSpace
+        One to four axes, with at least one goal cell.
+    boundary : {"dirichlet", "neumann", "wall"}
+        What an obstacle does: it is a rail, it is open, or it is a rail behind `wall_resistance`.
+    drive : {"uniform", "start"}, optional
+        With open obstacles: the same current into every goal-connected free node (default), or the start cell tied
+        to the high rail.
+    edge : {"obstacle", "open"} or a sequence of them
+        What the border of the grid is, for all axes or one by one; periodic axes have none.
+    rails : {"merged", "cells"}
+        Whether each rail is one node, or every obstacle and goal cell has a node and a source of its own.
+    resistance : float
+        Resistance between neighbours along the finest axis at conductivity 1, in ohms.
+    supply : float
+        Voltage of the obstacle rail, or of the driven start, above the goal rail, in volts; not zero.  With a uniform
+        drive the total current fed in is ``supply / resistance``.
+    goal_voltage : float
+        Voltage of the goal rail, in volts.
+    wall_resistance : float, optional
+        For ``boundary="wall"``: the resistance in series with every obstacle contact, in ohms; 0 is Dirichlet.
+    start : sequence of int, optional
+        For ``drive="start"``: the start cell.
+
+    Returns
+    -------
+    Netlist
+        Ground first, then the obstacle rail, the goal rails, and the cells in C order; with a `Layout`.
+
+    Raises
+    ------
+    InputError
+        If an option is unknown, missing or does not fit the others, or there is no goal cell.
+    CircuitError
+        If nothing can be driven.
+    """
+    rules = _checked_rules(
+        space, boundary, drive, edge, rails, resistance, supply, goal_voltage, wall_resistance, start
+    )
+    if not space.goal_count:
+        raise InputError("the space has no goal cell: add a goal, or make it at least one cell large")
+    nodes = _number_nodes(space, rules)
+    resistors = _join(space, rules, nodes)
+    source_nodes, source_volts = _voltage_sources(space, rules, nodes)
+    current_nodes, current_amps = _uniform_drive(space, rules, nodes)
+    free_node = nodes.cell[(space.cell == Cell.FREE) & (nodes.cell >= 0)]
+    layout = Layout(
+        space=space,
+        node=nodes.cell,
+        resistor_face=resistors.face,
+        resistor_upward=resistors.upward,
+        free_node=free_node,
+        obstacle_node=nodes.obstacle,
+        goal_nodes=nodes.goals,
+        boundary=rules.boundary,
+        drive=rules.drive,
+        edge=rules.edge,
+        rails=rules.rails,
+        resistance=rules.resistance,
+        supply=rules.supply,
+        goal_voltage=rules.goal_voltage,
+        start=rules.start,
+    )
+    return Netlist(
+        node_count=nodes.count,
+        resistor_nodes=resistors.nodes,
+        conductance=resistors.conductance,
+        source_nodes=source_nodes,
+        source_volts=source_volts,
+        current_nodes=current_nodes,
+        current_amps=current_amps,
+        layout=layout,
+    )
+
+
+def _checked_rules(
+    space: ConfigurationSpace,
+    boundary: str,
+    drive: str | None,
+    edge: str | Sequence[str],
+    rails: str,
+    resistance: float,
+    supply: float,
+    goal_voltage: float,
+    wall_resistance: float | None,
+    start: Sequence[int] | None,
+) -> _Rules:
+    _one_of("boundary", boundary, BOUNDARIES)
+    _one_of("rails", rails, RAILS)
+    if not (np.isfinite(resistance) and resistance > 0):
+        raise InputError(f"resistance = {resistance}, but it must be positive and finite, in ohms")
+    if not (np.isfinite(supply) and supply != 0 and np.isfinite(goal_voltage)):
+        raise InputError(
+            f"supply = {supply} V above goal_voltage = {goal_voltage} V: both must be finite, supply not 0"
+        )
+    return _Rules(
+        boundary=boundary,
+        drive=_checked_drive(boundary, drive, start),
+        edge=_checked_edges(space, edge),
+        rails=rails,
+        resistance=float(resistance),
+        supply=float(supply),
+        goal_voltage=float(goal_voltage),
+        wall_resistance=_checked_wall(boundary, wall_resistance),
+        start=_checked_start(space, start),
+    )
+
+
+def _one_of(name: str, value: object, allowed: tuple[str, ...]) -> None:
+    if value not in allowed:
+        raise InputError(f"{name} = {value!r} is unknown; it may be one of {', '.join(allowed)}")
+
+
+def _checked_drive(boundary: str, drive: str | None, start: Sequence[int] | None) -> str | None:
+    if boundary != "neumann":
+        if drive is not None or start is not None:
+            raise InputError(
+                f"a drive belongs to open obstacles: with boundary = {boundary!r} the obstacle rail drives the grid; "
+                "leave out drive and start, or choose boundary = 'neumann'"
+            )
+        return None
+    drive = "uniform" if drive is None else drive
+    _one_of("drive", drive, DRIVES)
+    if (drive == "start") != (start is not None):
+        raise InputError("drive = 'start' needs a start cell, and only drive = 'start' takes one")
+    return drive
+
+
+def _checked_edges(space: ConfigurationSpace, edge: str | Sequence[str]) -> tuple[str, ...]:
+    wanted = (edge,) * space.ndim if isinstance(edge, str) else tuple(edge)
+    if len(wanted) != space.ndim:
+        raise InputError(f"edge has {len(wanted)} entries, but the space has {space.ndim} axes")
+    for axis, rule in zip(space.axes, wanted, strict=True):
+        _one_of(f"edge of axis {axis.name!r}", rule, (*EDGES, "periodic") if axis.periodic else EDGES)
+    return tuple("periodic" if axis.periodic else rule for axis, rule in zip(space.axes, wanted, strict=True))
+
+
+def _checked_wall(boundary: str, wall_resistance: float | None) -> float:
+    if boundary != "wall":
+        if wall_resistance is not None:
+            raise InputError(f"wall_resistance belongs to boundary = 'wall', not to {boundary!r}")
+        return 0.0
+    if wall_resistance is None or not (np.isfinite(wall_resistance) and wall_resistance >= 0):
+        raise InputError(
+            f"boundary = 'wall' needs a finite wall_resistance of at least 0 ohm, got {wall_resistance} "
+            "(for an infinite one choose boundary = 'neumann')"
+        )
+    return float(wall_resistance)
+
+
+def _checked_start(space: ConfigurationSpace, start: Sequence[int] | None) -> tuple[int, ...] | None:
+    if start is None:
+        return None
+    cell = tuple(int(index) for index in start)
+    if len(cell) != space.ndim or not all(0 <= i < n for i, n in zip(cell, space.shape, strict=True)):
+        raise InputError(f"the start cell {cell} is not in the grid of {space.shape} cells")
+    if space.cell[cell] != Cell.FREE:
+        raise InputError(f"the start cell {cell} is an {Cell(space.cell[cell]).name.lower()} cell; it must be free")
+    if not space.goal_connected[cell]:
+        raise CircuitError(f"nothing is driven: no path of free cells joins the start cell {cell} to a goal")
+    return cell
+
+
+def _number_nodes(space: ConfigurationSpace, rules: _Rules) -> _Nodes:
+    obstacle = GROUND + 1 if _has_obstacle_rail(space, rules) else _NO_NODE
+    first = GROUND + 1 + (obstacle >= 0)
+    goals = tuple(range(first, first + space.goal_count)) if rules.rails == "merged" else ()
+    first += len(goals)
+    own = _cells_with_node(space, rules)
+    node = np.full(space.shape, _NO_NODE, dtype=np.int64)
+    count = int(np.count_nonzero(own))
+    node[own] = np.arange(first, first + count)
+    if goals:
+        node[space.cell == Cell.OBSTACLE] = obstacle
+        goal = space.cell == Cell.GOAL
+        node[goal] = np.array(goals)[space.goal_region[goal]]
+    return _Nodes(node, obstacle, goals, first + count)
+
+
+def _has_obstacle_rail(space: ConfigurationSpace, rules: _Rules) -> bool:
+    if rules.boundary == "neumann":
+        return False
+    return "obstacle" in rules.edge or (rules.rails == "merged" and bool(np.any(space.cell == Cell.OBSTACLE)))
+
+
+def _cells_with_node(space: ConfigurationSpace, rules: _Rules) -> NDArray[np.bool_]:
+    free = space.goal_connected if rules.boundary == "neumann" else space.cell == Cell.FREE
+    if rules.rails == "merged":
+        return free
+    tied = space.cell != Cell.FREE if rules.boundary != "neumann" else space.cell == Cell.GOAL
+    return np.asarray(free | tied)
+
+
+def _join(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes) -> _Resistors:
+    parts: list[_Resistors] = []
+    first_face = 0
+    for axis, size in enumerate(space.shape):
+        shape = face_shape(space.shape, axis)
+        faces = np.arange(first_face, first_face + np.prod(shape)).reshape(shape)
+        parts.append(_neighbours(space, rules, nodes, axis, _slab(faces, axis, 1, size), (0, size - 1), (1, size)))
+        if space.axes[axis].periodic and size > 1:
+            parts.append(_neighbours(space, rules, nodes, axis, _slab(faces, axis, 0, 1), (size - 1, size), (0, 1)))
+        elif rules.edge[axis] == "obstacle" and nodes.obstacle >= 0:
+            parts.append(_edge_contacts(space, rules, nodes, axis, _slab(faces, axis, 0, 1), (0, 1), upward=False))
+            end = (size - 1, size)
+            parts.append(
+                _edge_contacts(space, rules, nodes, axis, _slab(faces, axis, size, size + 1), end, upward=True)
+            )
+        first_face += int(np.prod(shape))
+    return _Resistors(
+        np.concatenate([part.nodes for part in parts]),
+        np.concatenate([part.conductance for part in parts]),
+        np.concatenate([part.face for part in parts]),
+        np.concatenate([part.upward for part in parts]),
+    )
+
+
+def _slab(array: NDArray[Any], axis: int, start: int, stop: int) -> NDArray[Any]:
+    return array[(slice(None),) * axis + (slice(start, stop),)]
+
+
+def _neighbours(
+    space: ConfigurationSpace,
+    rules: _Rules,
+    nodes: _Nodes,
+    axis: int,
+    faces: NDArray[np.int64],
+    lower: tuple[int, int],
+    upper: tuple[int, int],
+) -> _Resistors:
+    """Resistors from the cells in the slab ``lower`` to their neighbours in the slab ``upper``."""
+    node_pair = _slab(nodes.cell, axis, *lower), _slab(nodes.cell, axis, *upper)
+    cell_pair = _slab(space.cell, axis, *lower), _slab(space.cell, axis, *upper)
+    keep = (node_pair[0] >= 0) & (node_pair[1] >= 0)
+    if rules.rails == "merged":
+        keep &= (cell_pair[0] == Cell.FREE) | (cell_pair[1] == Cell.FREE)
+    ends = np.stack([node[keep] for node in node_pair], axis=1)
+    conductance = np.full(len(ends), _unit_conductance(space, rules, axis))
+    if space.conductivity is not None:
+        c = space.conductivity
+        pair = _slab(c, axis, *lower)[keep], _slab(c, axis, *upper)[keep]
+        conductance *= _series(*pair, *(cell[keep] == Cell.FREE for cell in cell_pair))
+    if rules.wall_resistance > 0:
+        codes = [cell[keep] for cell in cell_pair]
+        contact = np.minimum(*codes) == Cell.FREE
+        contact &= np.maximum(*codes) == Cell.OBSTACLE
+        conductance[contact] = _behind_wall(conductance[contact], rules)
+    return _Resistors(ends, conductance, faces[keep], np.ones(len(ends), dtype=np.bool_))
+
+
+def _edge_contacts(
+    space: ConfigurationSpace,
+    rules: _Rules,
+    nodes: _Nodes,
+    axis: int,
+    faces: NDArray[np.int64],
+    border: tuple[int, int],
+    *,
+    upward: bool,
+) -> _Resistors:
+    """Resistors from border cells to the obstacle rail beyond the edge of the grid."""
+    node = _slab(nodes.cell, axis, *border)
+    keep = _slab(space.cell, axis, *border) == Cell.FREE
+    if rules.rails == "cells":
+        keep = node >= 0
+    ends = np.stack([node[keep], np.full(np.count_nonzero(keep), nodes.obstacle)], axis=1)
+    conductance = np.full(len(ends), _unit_conductance(space, rules, axis))
+    if space.conductivity is not None:
+        conductance *= _slab(space.conductivity, axis, *border)[keep]
+    return _Resistors(ends, _behind_wall(conductance, rules), faces[keep], np.full(len(ends), upward))
+
+
+def _unit_conductance(space: ConfigurationSpace, rules: _Rules, axis: int) -> float:
+    spacing = space.spacing
+    return float((spacing.min() / spacing[axis]) ** 2 / rules.resistance)
+
+
+def _series(
+    lower: NDArray[np.float64], upper: NDArray[np.float64], lower_free: NDArray[np.bool_], upper_free: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Two half cells in series; against a rail the free cell's conductivity counts alone."""
+    lower = np.where(upper_free & ~lower_free, upper, lower)
+    upper = np.where(lower_free & ~upper_free, lower, upper)
+    return lower * (2.0 * upper / (lower + upper))
+
+
+def _behind_wall(conductance: NDArray[np.float64], rules: _Rules) -> NDArray[np.float64]:
+    return 1.0 / (1.0 / conductance + rules.wall_resistance) if rules.wall_resistance > 0 else conductance
+
+
+def _voltage_sources(
+    space: ConfigurationSpace, rules: _Rules, nodes: _Nodes
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    high = rules.goal_voltage + rules.supply
+    plus: list[NDArray[np.int64]] = []
+    volts: list[NDArray[np.float64]] = []
+
+    def tie(tied: NDArray[np.int64], level: float) -> None:
+        plus.append(tied)
+        volts.append(np.full(len(tied), level))
+
+    if nodes.obstacle >= 0:
+        tie(np.array([nodes.obstacle]), high)
+    tie(np.array(nodes.goals, dtype=np.int64), rules.goal_voltage)
+    if rules.start is not None:
+        tie(nodes.cell[rules.start].reshape(1), high)
+    if rules.rails == "cells":
+        tie(nodes.cell[(space.cell == Cell.OBSTACLE) & (nodes.cell >= 0)], high)
+        tie(nodes.cell[space.cell == Cell.GOAL], rules.goal_voltage)
+    tied = np.concatenate(plus)
+    return np.stack([tied, np.full(len(tied), GROUND)], axis=1), np.concatenate(volts)
+
+
+def _uniform_drive(
+    space: ConfigurationSpace, rules: _Rules, nodes: _Nodes
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    if rules.drive != "uniform":
+        return np.empty((0, 2), dtype=np.int64), np.empty(0)
+    fed = nodes.cell[space.goal_connected]
+    if not fed.size:
+        raise CircuitError("nothing is driven: no free cell is connected to a goal; move the goal or open a way to it")
+    amps = np.full(fed.size, rules.supply / (rules.resistance * fed.size))
+    return np.stack([np.full(fed.size, GROUND), fed], axis=1), amps

@@ -1,0 +1,261 @@
+"""Compiled loops of the direct solver, in numbers whose exponent never runs out.
+
+A *scaled* number is ``m * 2**(256 e)`` with a double ``m`` (canonical: ``2**-128 <= |m| < 2**128``, or 0) and a 64-bit
+integer ``e``.  A scaled double-double adds a second double, ``(hi + lo) * 2**(256 e)`` with ``|lo| <= ulp(hi) / 2``;
+its error-free sum and product are those of Knuth and Dekker (Ogita, Rump & Oishi 2005, algorithms 3.1 to 3.3).
+
+Numba takes seconds to import: only functions that are about to solve import this module.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+BITS = 256
+_BASE = 2.0**BITS
+_INVERSE = 2.0**-BITS
+_LARGE = 2.0 ** (BITS // 2)
+_SMALL = 2.0 ** -(BITS // 2)
+_SPLITTER = 2.0**27 + 1.0
+_LOG_BASE = BITS * math.log(2.0)
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Indices = NDArray[np.int32]
+
+
+@njit(cache=True, inline="always")
+def _canonical(m: float, e: int) -> tuple[float, int]:
+    if m == 0.0 or not math.isfinite(m):
+        return m, e
+    while abs(m) < _SMALL:
+        m *= _BASE
+        e -= 1
+    while abs(m) >= _LARGE:
+        m *= _INVERSE
+        e += 1
+    return m, e
+
+
+@njit(cache=True, inline="always")
+def _add(m: float, e: int, t: float, te: int) -> tuple[float, int]:
+    """Sum of two scaled numbers; what lies 2**256 below the other is dropped."""
+    if t == 0.0:
+        return m, e
+    if m == 0.0 or te > e + 1:
+        return t, te
+    if te == e:
+        return m + t, e
+    if te == e + 1:
+        return m * _INVERSE + t, te
+    if te == e - 1:
+        return m + t * _INVERSE, e
+    return m, e
+
+
+@njit(cache=True)
+def substitute(indptr: Indices, indices: Indices, lower: Floats, pivot: Floats, m: Floats, e: Integers) -> None:
+    """Solve ``L D L^T x = b`` in place, in scaled numbers.
+
+    ``L`` is unit lower triangular by columns, the diagonal entry first; ``D = diag(pivot)``; ``(m, e)`` is ``b`` on
+    entry, ``x`` on return.  With ``b >= 0`` and an M-matrix every term is non-negative, so that nothing cancels.
+    """
+    n = len(pivot)
+    for j in range(n):
+        v, ve = _canonical(m[j], e[j])
+        m[j], e[j] = v, ve
+        if v == 0.0:
+            continue
+        for k in range(indptr[j] + 1, indptr[j + 1]):
+            i = indices[k]
+            t, te = _canonical(-lower[k] * v, ve)
+            m[i], e[i] = _add(m[i], e[i], t, te)
+    for j in range(n - 1, -1, -1):
+        v, ve = _canonical(m[j] / pivot[j], e[j])
+        for k in range(indptr[j] + 1, indptr[j + 1]):
+            i = indices[k]
+            t, te = _canonical(-lower[k] * m[i], e[i])
+            v, ve = _add(v, ve, t, te)
+        m[j], e[j] = _canonical(v, ve)
+
+
+@njit(cache=True, inline="always")
+def _two_sum(a: float, b: float) -> tuple[float, float]:
+    s = a + b
+    t = s - a
+    return s, (a - (s - t)) + (b - t)
+
+
+@njit(cache=True, inline="always")
+def _two_product(a: float, b: float) -> tuple[float, float]:
+    p = a * b
+    t = _SPLITTER * a
+    a1 = t - (t - a)
+    a2 = a - a1
+    t = _SPLITTER * b
+    b1 = t - (t - b)
+    b2 = b - b1
+    return p, a2 * b2 - (((p - a1 * b1) - a2 * b1) - a1 * b2)
+
+
+@njit(cache=True, inline="always")
+def _sum(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
+    """Sum of two double-doubles."""
+    s, t = _two_sum(a, b)
+    u, v = _two_sum(a_low, b_low)
+    s, t = _two_sum(s, t + u)
+    return _two_sum(s, t + v)
+
+
+@njit(cache=True, inline="always")
+def _shift(value: float, steps: int) -> float:
+    """``value * 2**(256 steps)``: 0 or infinity beyond the range of a double."""
+    if steps == 0 or value == 0.0:
+        return value
+    if steps == 1:
+        return value * _BASE
+    if steps == -1:
+        return value * _INVERSE
+    return 0.0 if steps < 0 else math.copysign(np.inf, value)
+
+
+@njit(cache=True)
+def correct(hi: Floats, lo: Floats, e: Integers, m: Floats, me: Integers) -> None:
+    """Add the scaled numbers ``(m, me)`` to scaled double-doubles, in place."""
+    for i in range(len(hi)):
+        if m[i] == 0.0:
+            continue
+        if hi[i] == 0.0 or me[i] > e[i] + 1:
+            hi[i], e[i] = _canonical(m[i], me[i])
+            lo[i] = 0.0
+            continue
+        if me[i] == e[i] + 1:
+            hi[i], lo[i], e[i] = hi[i] * _INVERSE, lo[i] * _INVERSE, me[i]
+        hi[i], lo[i] = _sum(hi[i], lo[i], _shift(m[i], me[i] - e[i]), 0.0)
+        scaled, exponent = _canonical(hi[i], e[i])
+        lo[i] = _shift(lo[i], e[i] - exponent)
+        hi[i], e[i] = scaled, exponent
+
+
+@njit(cache=True)
+def residual(
+    indptr: Indices,
+    indices: Indices,
+    conductance: Floats,
+    excess: Floats,
+    injected: Floats,
+    hi: Floats,
+    lo: Floats,
+    e: Integers,
+    out: Floats,
+) -> float:
+    """Residual of KCL, each row scaled by its own node's exponent; returns its componentwise backward error.
+
+    Row ``i`` is ``b_i - s_i x_i + sum_j g_ij (x_j - x_i)``: differences come first, so that off-diagonals and row excess
+    never meet in a rounded diagonal.  The backward error is ``max |r_i| / (b + |A| |x|)_i`` (Oettli & Prager 1964),
+    infinite where a row has no finite value.
+    """
+    worst = 0.0
+    for i in range(len(hi)):
+        b = _shift(injected[i], -e[i])
+        p, q = _two_product(excess[i], hi[i])
+        r, r_low = _sum(b, 0.0, -p, -(q + excess[i] * lo[i]))
+        size = abs(b) + abs(p)
+        for k in range(indptr[i], indptr[i + 1]):
+            j = indices[k]
+            x = _shift(hi[j], e[j] - e[i])
+            d, d_low = _sum(x, _shift(lo[j], e[j] - e[i]), -hi[i], -lo[i])
+            p, q = _two_product(conductance[k], d)
+            r, r_low = _sum(r, r_low, p, q + conductance[k] * d_low)
+            size += conductance[k] * (abs(x) + abs(hi[i]))
+        out[i] = r + r_low
+        if not math.isfinite(out[i]):
+            return np.inf
+        if size > 0.0:
+            worst = max(worst, abs(out[i]) / size)
+        elif out[i] != 0.0:
+            return np.inf
+    return worst
+
+
+@njit(cache=True)
+def logarithm(m: Floats, e: Integers) -> Floats:
+    """Natural logarithm of scaled non-negative numbers; -inf for 0."""
+    out = np.empty(len(m))
+    for i in range(len(m)):
+        out[i] = math.log(m[i]) + e[i] * _LOG_BASE if m[i] > 0.0 else -np.inf
+    return out
+
+
+@njit(cache=True)
+def difference(
+    pairs: Integers,
+    hi: Floats,
+    lo: Floats,
+    e: Integers,
+    noise: float,
+    log_drop: Floats,
+    log_scale: Floats,
+) -> NDArray[np.int8]:
+    """Sign and logarithm of ``x[pairs[:, 0]] - x[pairs[:, 1]]`` of scaled double-doubles.
+
+    ``log_drop`` receives the logarithm of the magnitude, ``log_scale`` that of the larger of both magnitudes.  A
+    difference of at most ``noise`` times the larger magnitude counts as zero.
+    """
+    sign = np.zeros(len(pairs), dtype=np.int8)
+    for k in range(len(pairs)):
+        i, j = pairs[k]
+        top = max(e[i], e[j])
+        if hi[i] == 0.0:
+            top = e[j]
+        elif hi[j] == 0.0:
+            top = e[i]
+        a, a_low = _shift(hi[i], e[i] - top), _shift(lo[i], e[i] - top)
+        b, b_low = _shift(hi[j], e[j] - top), _shift(lo[j], e[j] - top)
+        d, d_low = _sum(a, a_low, -b, -b_low)
+        d += d_low
+        size = max(abs(a), abs(b))
+        log_scale[k] = math.log(size) + top * _LOG_BASE if size > 0.0 else -np.inf
+        log_drop[k] = -np.inf
+        if abs(d) > noise * size:
+            sign[k] = 1 if d > 0.0 else -1
+            log_drop[k] = math.log(abs(d)) + top * _LOG_BASE
+    return sign
+
+
+@njit(cache=True)
+def through_current(
+    pairs: Integers, direction: NDArray[np.int8], log_current: Floats, injected: Floats, largest: Floats, net: Floats
+) -> Floats:
+    """Half the sum of all current magnitudes at every node, and their net sum, relative to the node's largest one.
+
+    ``largest`` receives the logarithm of the largest current at every node (-inf for none), ``net`` the net current
+    into the node divided by it; the result is divided by it as well.
+    """
+    n = len(largest)
+    for i in range(n):
+        largest[i] = math.log(abs(injected[i])) if injected[i] != 0.0 else -np.inf
+        net[i] = 0.0
+    for k in range(len(pairs)):
+        for end in range(2):
+            largest[pairs[k, end]] = max(largest[pairs[k, end]], log_current[k])
+    total = np.zeros(n)
+    for i in range(n):
+        if injected[i] != 0.0:
+            net[i] = math.copysign(math.exp(math.log(abs(injected[i])) - largest[i]), injected[i])
+            total[i] = abs(net[i])
+    for k in range(len(pairs)):
+        if direction[k] == 0:
+            continue
+        i, j = pairs[k]
+        out = direction[k] * math.exp(log_current[k] - largest[i])
+        net[i] -= out
+        total[i] += abs(out)
+        into = direction[k] * math.exp(log_current[k] - largest[j])
+        net[j] += into
+        total[j] += abs(into)
+    return 0.5 * total
