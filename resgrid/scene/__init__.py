@@ -1,1 +1,28 @@
-"""What a person writes (scenes, maps), and its sampling into a configuration space."""
+"""Scenes: what a person writes, or a map says, about a robot, its surroundings and the chip."""
+
+from resgrid.scene.movingai import Query, read_queries
+from resgrid.scene.overrides import apply_overrides
+from resgrid.scene.quantities import parse_quantity
+from resgrid.scene.read import parse_scene, read_scene, scene_schema
+from resgrid.scene.ros import occupancy_grid
+from resgrid.scene.sampling import sample
+from resgrid.scene.scene import Chip, CostArea, Frame, GoalCell, GoalPoint, MapCells, Scene
+
+__all__ = [
+    "Chip",
+    "CostArea",
+    "Frame",
+    "GoalCell",
+    "GoalPoint",
+    "MapCells",
+    "Query",
+    "Scene",
+    "apply_overrides",
+    "occupancy_grid",
+    "parse_quantity",
+    "parse_scene",
+    "read_queries",
+    "read_scene",
+    "sample",
+    "scene_schema",
+]

@@ -1,0 +1,210 @@
+"""Shapes of the workspace: closed point sets, in the coordinates of the grid unless somebody says otherwise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, isfinite
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.space import Axis
+
+Point = tuple[float, ...]
+Bounds = tuple[Point, Point]
+
+
+@dataclass(frozen=True)
+class Box:
+    """A rectangle (two coordinates) or box (any number), sides along the axes.
+
+    Parameters
+    ----------
+    lower, upper : tuple of float
+        Opposite corners, in axis units; ``lower <= upper`` in every coordinate.
+    """
+
+    lower: Point
+    upper: Point
+
+    def __post_init__(self) -> None:
+        if len(self.lower) != len(self.upper) or not self.lower:
+            raise InputError(f"a box needs as many lower as upper coordinates, got {self.lower} and {self.upper}")
+        _require_finite("box", *self.lower, *self.upper)
+        if any(low > high for low, high in zip(self.lower, self.upper, strict=True)):
+            raise InputError(f"a box needs lower <= upper in every coordinate, got {self.lower} and {self.upper}")
+
+    @property
+    def ndim(self) -> int:
+        """Number of coordinates."""
+        return len(self.lower)
+
+    @property
+    def bounds(self) -> Bounds:
+        """Lower and upper corner of the smallest box around the shape."""
+        return self.lower, self.upper
+
+    def shifted(self, by: Point) -> Box:
+        """The same shape, moved."""
+        return Box(_add(self.lower, by), _add(self.upper, by))
+
+
+@dataclass(frozen=True)
+class Ball:
+    """A disc (two coordinates) or ball (any number).
+
+    Parameters
+    ----------
+    centre : tuple of float
+        In axis units.
+    radius : float
+        At least 0, in axis units.
+    """
+
+    centre: Point
+    radius: float
+
+    def __post_init__(self) -> None:
+        _require_finite("ball", *self.centre, self.radius)
+        if self.radius < 0:
+            raise InputError(f"a ball needs a radius of at least 0, got {self.radius}")
+
+    @property
+    def ndim(self) -> int:
+        """Number of coordinates."""
+        return len(self.centre)
+
+    @property
+    def bounds(self) -> Bounds:
+        """Lower and upper corner of the smallest box around the shape."""
+        return tuple(c - self.radius for c in self.centre), tuple(c + self.radius for c in self.centre)
+
+    def shifted(self, by: Point) -> Ball:
+        """The same shape, moved."""
+        return Ball(_add(self.centre, by), self.radius)
+
+
+@dataclass(frozen=True)
+class Polygon:
+    """A simple polygon in the plane, with holes if need be.
+
+    Parameters
+    ----------
+    vertices : tuple of (float, float)
+        The outer ring, at least three corners, in either sense; the last joins the first.
+    holes : tuple of rings
+        Rings inside the outer one that are not part of the polygon.
+
+    Raises
+    ------
+    InputError
+        If a ring has fewer than three corners, crosses itself, or a hole sticks out.
+    """
+
+    vertices: tuple[Point, ...]
+    holes: tuple[tuple[Point, ...], ...] = ()
+
+    def __post_init__(self) -> None:
+        for ring in self.rings:
+            if len(ring) < 3 or any(len(point) != 2 for point in ring):
+                raise InputError("a polygon needs at least three corners [x, y] in every ring")
+            _require_finite("polygon", *(c for point in ring for c in point))
+        _require_simple(self)
+
+    @property
+    def rings(self) -> tuple[tuple[Point, ...], ...]:
+        """The outer ring and the holes."""
+        return (self.vertices, *self.holes)
+
+    @property
+    def ndim(self) -> int:
+        """Number of coordinates."""
+        return 2
+
+    @property
+    def bounds(self) -> Bounds:
+        """Lower and upper corner of the smallest box around the shape."""
+        x, y = zip(*self.vertices, strict=True)
+        return (min(x), min(y)), (max(x), max(y))
+
+    def shifted(self, by: Point) -> Polygon:
+        """The same shape, moved."""
+        vertices, *holes = (tuple(_add(point, by) for point in ring) for ring in self.rings)
+        return Polygon(vertices, tuple(holes))
+
+
+@dataclass(frozen=True)
+class HalfSpace:
+    """All points with ``normal . x <= offset``: the normal points out of the solid, into the free side.
+
+    Parameters
+    ----------
+    normal : tuple of float
+        Not zero; need not have length 1.
+    offset : float
+        In the units of ``normal . x``.
+    """
+
+    normal: Point
+    offset: float
+
+    def __post_init__(self) -> None:
+        _require_finite("half-plane", *self.normal, self.offset)
+        if not any(self.normal):
+            raise InputError("a half-plane needs a normal that is not zero")
+
+    @property
+    def ndim(self) -> int:
+        """Number of coordinates."""
+        return len(self.normal)
+
+    @property
+    def bounds(self) -> Bounds:
+        """Lower and upper corner of the smallest box around the shape: infinite."""
+        return (-inf,) * self.ndim, (inf,) * self.ndim
+
+
+@dataclass(frozen=True, eq=False)
+class CellSet:
+    """The union of marked cells of a grid, each a closed box.
+
+    Parameters
+    ----------
+    axes : tuple of Axis
+        The grid.
+    mask : ndarray of bool
+        One entry per cell.
+    """
+
+    axes: tuple[Axis, ...]
+    mask: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        if self.mask.shape != tuple(axis.cells for axis in self.axes):
+            raise InputError(f"a mask of shape {self.mask.shape} does not fit its axes")
+
+    @property
+    def ndim(self) -> int:
+        """Number of coordinates."""
+        return len(self.axes)
+
+
+Shape = Box | Ball | Polygon | HalfSpace | CellSet
+
+
+def _add(point: Point, by: Point) -> Point:
+    return tuple(a + b for a, b in zip(point, by, strict=True))
+
+
+def _require_finite(what: str, *values: float) -> None:
+    if not all(isfinite(value) for value in values):
+        raise InputError(f"a {what} needs finite coordinates, got {list(values)}")
+
+
+def _require_simple(polygon: Polygon) -> None:
+    import shapely
+
+    outline = shapely.Polygon(polygon.vertices, polygon.holes)
+    if not outline.is_valid:
+        raise InputError(f"the polygon is not simple: {shapely.is_valid_reason(outline)}")

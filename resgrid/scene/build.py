@@ -1,0 +1,197 @@
+"""From a raw scene document to a `Scene`, and back."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from resgrid.errors import InputError
+from resgrid.robots import Ball, Box, HalfSpace, PointRobot, Polygon
+from resgrid.scene.maps import MapData, read_map
+from resgrid.scene.scene import Chip, CostArea, Frame, Goal, GoalCell, GoalPoint, MapCells, Scene
+from resgrid.scene.toml_lines import Path as KeyPath
+from resgrid.scene.validate import validate
+from resgrid.space import Axis
+
+if TYPE_CHECKING:
+    from resgrid.robots.shapes import Point
+    from resgrid.scene.document import SceneDocument
+
+PLAIN = ("title", "boundary", "drive", "sampling")
+
+
+def build_scene(
+    raw: Mapping[str, Any],
+    source: str,
+    folder: Path,
+    lines: dict[KeyPath, int] | None = None,
+    known: MapData | None = None,
+) -> Scene:
+    """Check a document and make the scene it describes.
+
+    Parameters
+    ----------
+    raw : mapping
+        The document.
+    source : str
+        File name, for messages.
+    folder : Path
+        Where relative file names start.
+    lines : dict, optional
+        From `toml_lines.key_lines`.
+    known : MapData, optional
+        The map, if it has been read already.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    InputError
+        If anything is wrong; one message lists it all.
+    BudgetError
+        If the map would not fit in memory.
+    """
+    document = validate(raw, source, lines, len(known.axes) if known else None)
+    if document.map is None:
+        return _scene(document, source, _grid_axes(document), Frame(), None)
+    table = {key: value for key, value in document.map.model_dump().items() if value is not None}
+    table["file"] = str((folder / document.map.file).resolve())
+    data = known or read_map(Path(table["file"]), table)
+    validate(raw, source, lines, len(data.axes))
+    return _scene(document, source, data.axes, data.frame, MapCells(data.cell, table))
+
+
+def rebuilt(scene: Scene) -> Scene:
+    """The same scene, checked like a file.
+
+    Parameters
+    ----------
+    scene : Scene
+        A scene that may hold anything.
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    InputError
+        If a value does not fit.
+    """
+    build_scene(document_of(scene), scene.source or "scene", Path(), known=map_data(scene))
+    return scene
+
+
+def map_data(scene: Scene) -> MapData | None:
+    """What a map's reader gave, taken from the scene made of it.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    MapData or None
+        None where the scene has no map.
+    """
+    return None if scene.map is None else MapData(scene.axes, scene.frame, scene.map.cell)
+
+
+def document_of(scene: Scene) -> dict[str, Any]:
+    """The document that describes a scene; the inverse of `build_scene`.
+
+    Parameters
+    ----------
+    scene : Scene
+
+    Returns
+    -------
+    dict
+        Plain values, as tomllib would give them.
+
+    Raises
+    ------
+    InputError
+        If the robot is of a kind that scenes cannot describe.
+    """
+    if not isinstance(scene.robot, PointRobot):
+        raise InputError(f"a scene file cannot describe a {type(scene.robot).__name__}")
+    document: dict[str, Any] = {"schema": 1}
+    document |= {key: getattr(scene, key) for key in PLAIN if getattr(scene, key) is not None}
+    document |= {"edge": list(scene.edge), "k": list(scene.k)}
+    document["robot"] = {"type": "point", "radius": scene.robot.radius}
+    if scene.map is None:
+        document["grid"] = {"axes": [dataclasses.asdict(axis) for axis in scene.axes]}
+    else:
+        document["map"] = dict(scene.map.table)
+    document["obstacle"] = [_table(shape) for shape in scene.obstacles]
+    document["goal"] = [_table(goal) for goal in scene.goals]
+    document["starts"] = [list(start) for start in scene.starts]
+    document["area"] = [_table(area.shape) | {"conductivity": area.conductivity} for area in scene.areas]
+    document["chip"] = {key: value for key, value in dataclasses.asdict(scene.chip).items() if value is not None}
+    return document
+
+
+def _scene(document: SceneDocument, source: str, axes: tuple[Axis, ...], frame: Frame, cells: MapCells | None) -> Scene:
+    wanted = document.edge * len(axes) if len(document.edge) == 1 else document.edge
+    return Scene(
+        axes=axes,
+        title=document.title,
+        robot=PointRobot(document.robot.radius),
+        obstacles=tuple(table.value() for table in document.obstacle),
+        goals=tuple(table.value() for table in document.goal),
+        starts=(*map(tuple, document.starts), *(_start(t.value(), axes, frame) for t in document.start)),
+        areas=tuple(CostArea(table.value(), table.conductivity) for table in document.area),
+        map=cells,
+        frame=frame,
+        boundary=document.boundary,
+        drive=document.drive,
+        edge=tuple("periodic" if axis.periodic else rule for axis, rule in zip(axes, wanted, strict=True)),
+        k=tuple(document.k),
+        chip=Chip(**document.chip.model_dump()),
+        sampling=document.sampling,
+        source=source,
+    )
+
+
+def _grid_axes(document: SceneDocument) -> tuple[Axis, ...]:
+    tables = document.grid.axes if document.grid else []
+    return tuple(
+        Axis(table.name, float(table.lower), float(table.upper), table.count(), table.periodic, table.unit)
+        for table in tables
+    )
+
+
+def _start(place: GoalPoint | GoalCell, axes: tuple[Axis, ...], frame: Frame) -> Point:
+    if isinstance(place, GoalPoint):
+        return place.point
+    if not all(0 <= index < axis.cells for index, axis in zip(place.cell, axes, strict=True)):
+        size = " x ".join(str(axis.cells) for axis in axes)
+        raise InputError(f"the start cell {list(place.cell)} is not in the grid of {size} cells (counted from 0)")
+    inside = [axis.lower + (index + 0.5) * axis.spacing for index, axis in zip(place.cell, axes, strict=True)]
+    return tuple(np.asarray(frame.to_world(inside)).tolist())
+
+
+def _table(shape: Goal) -> dict[str, Any]:
+    plane = not isinstance(shape, GoalPoint | GoalCell) and shape.ndim == 2
+    match shape:
+        case Box(lower, upper):
+            return {"shape": "rectangle" if plane else "box", "lower": list(lower), "upper": list(upper)}
+        case Ball(centre, radius):
+            return {"shape": "circle" if plane else "sphere", "centre": list(centre), "radius": radius}
+        case Polygon(vertices, holes):
+            rings = [[list(point) for point in ring] for ring in (vertices, *holes)]
+            return {"shape": "polygon", "vertices": rings[0], "holes": rings[1:]}
+        case HalfSpace(normal, offset):
+            return {"shape": "half_plane", "normal": list(normal), "offset": offset}
+        case GoalPoint(point):
+            return {"point": list(point)}
+        case GoalCell(cell):
+            return {"cell": list(cell)}
+    raise InputError(f"a scene file cannot describe a {type(shape).__name__}")

@@ -1,0 +1,131 @@
+"""Files read with errors that say what is wrong, and memory asked for before it is taken."""
+
+from __future__ import annotations
+
+import os
+import stat
+from math import prod
+from pathlib import Path
+
+from resgrid.errors import BudgetError, InputError
+
+BYTES_PER_CELL = 16
+MAX_TEXT_BYTES = 1 << 28
+
+
+def read_bytes(path: Path, limit: int | None = None) -> bytes:
+    """All bytes of a file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    limit : int, optional
+        Refuse a larger file, in bytes.
+
+    Returns
+    -------
+    bytes
+
+    Raises
+    ------
+    InputError
+        If there is no such file, it is a directory or too large, or it may not be read.
+    """
+    try:
+        status = path.stat()
+        if stat.S_ISDIR(status.st_mode):
+            raise InputError(f"{path}: this is a directory; give the file inside it")
+        if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode):
+            raise InputError(f"{path}: this is a device; give a file")
+        if limit is not None and status.st_size > limit:
+            raise InputError(f"{path}: {status.st_size} bytes are too many (at most {limit}); is it the right file?")
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file; check the name and the folder") from None
+    except PermissionError:
+        raise InputError(f"{path}: permission denied; make the file readable") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read ({error})") from None
+
+
+def read_text(path: Path) -> str:
+    """All text of a UTF-8 file, line ends turned into newlines.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        As `read_bytes`, or if it is not UTF-8.
+    """
+    return decode(read_bytes(path, MAX_TEXT_BYTES), path)
+
+
+def decode(data: bytes, path: Path) -> str:
+    """UTF-8 text of some bytes, a byte order mark dropped, line ends turned into newlines.
+
+    Parameters
+    ----------
+    data : bytes
+        The content of the file.
+    path : Path
+        Its name, for the message.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        If it is not UTF-8; the message names the line.
+    """
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise InputError(f"{path}: line {line}: this is not UTF-8 text; save the file as UTF-8") from None
+    return text.replace("\r\n", "\n")
+
+
+def require_memory(shape: tuple[int, ...], what: str, bytes_per_cell: int = BYTES_PER_CELL) -> None:
+    """Refuse a grid that would not fit in memory, before anything is allocated.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Number of cells along each axis.
+    what : str
+        What asks for it: a file, a key.
+    bytes_per_cell : int
+        Estimate of the memory each cell takes while the grid is made.
+
+    Raises
+    ------
+    BudgetError
+        If the estimate exceeds four fifths of the machine's memory.
+    """
+    cells = prod(shape)
+    estimate = cells * bytes_per_cell
+    if estimate > 0.8 * physical_memory():
+        size = " x ".join(map(str, shape))
+        raise BudgetError(
+            f"{what}: {size} = {cells:.3g} cells would take about {estimate:.3g} bytes, and this machine has "
+            f"{physical_memory():.3g} bytes of memory; take fewer, larger cells"
+        )
+
+
+def physical_memory() -> int:
+    """Memory of this machine in bytes; 4 GiB where the system does not say."""
+    try:
+        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
+    except (AttributeError, ValueError, OSError):
+        return 4 << 30

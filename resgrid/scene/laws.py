@@ -1,0 +1,127 @@
+"""What holds between the keys of a scene, checked on the raw document so that no other error hides it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from resgrid.scene.toml_lines import Path
+
+Problem = tuple[Path, str]
+PLANE_SHAPES = ("rectangle", "circle", "polygon")
+COORDINATES = ("lower", "upper", "centre", "normal", "point", "cell")
+
+
+def broken_laws(raw: Mapping[str, Any], ndim: int | None = None) -> list[Problem]:
+    """Everything in a document that does not fit together.
+
+    Parameters
+    ----------
+    raw : mapping
+        The document; whatever has the wrong type is left to the schema.
+    ndim : int, optional
+        Number of axes, where a map decides it.
+
+    Returns
+    -------
+    list of (key path, message)
+    """
+    axes = _axes(raw)
+    count = ndim if axes is None else len(axes)
+    return [
+        *_one_ground(raw),
+        *_unique_names(axes or []),
+        *_edges(raw, axes, count),
+        *_boundary(raw),
+        *(_coordinates(raw, count) if count else ()),
+        *_leaning(raw, axes or []),
+    ]
+
+
+def _axes(raw: Mapping[str, Any]) -> list[Any] | None:
+    grid = raw.get("grid")
+    axes = grid.get("axes") if isinstance(grid, Mapping) else None
+    return axes if isinstance(axes, list) and axes else None
+
+
+def _one_ground(raw: Mapping[str, Any]) -> Iterator[Problem]:
+    if "grid" in raw and "map" in raw:
+        yield ("map",), "a scene has either a [grid] or a [map]; remove one of them"
+    if "grid" not in raw and "map" not in raw:
+        yield (), 'a scene needs a [grid] with axes, or a [map] with file = "..."'
+
+
+def _unique_names(axes: list[Any]) -> Iterator[Problem]:
+    seen: set[str] = set()
+    for number, axis in enumerate(axes):
+        name = axis.get("name") if isinstance(axis, Mapping) else None
+        if isinstance(name, str) and name in seen:
+            yield ("grid", "axes", number, "name"), f"another axis is called {name!r} already; choose another name"
+        elif isinstance(name, str):
+            seen.add(name)
+
+
+def _edges(raw: Mapping[str, Any], axes: list[Any] | None, count: int | None) -> Iterator[Problem]:
+    edge = raw.get("edge")
+    if isinstance(edge, list) and count and len(edge) != count:
+        yield ("edge",), f"needs one entry for each of the {count} axes (or one text for all), got {len(edge)}"
+        return
+    wanted = edge if isinstance(edge, list) else [edge] * (count or 0)
+    for number, rule in enumerate(wanted):
+        axis = axes[number] if axes and number < len(axes) else {}
+        periodic = isinstance(axis, Mapping) and axis.get("periodic") is True
+        if rule == "periodic" and not periodic:
+            path: Path = ("edge", number) if isinstance(edge, list) else ("edge",)
+            yield path, f"axis {number} is not periodic; set periodic = true on the axis, or choose obstacle or open"
+            return
+
+
+def _boundary(raw: Mapping[str, Any]) -> Iterator[Problem]:
+    boundary = raw.get("boundary", "dirichlet")
+    chip = raw.get("chip")
+    if boundary == "wall" and not (isinstance(chip, Mapping) and "wall_resistance" in chip):
+        yield ("boundary",), 'boundary = "wall" needs wall_resistance in [chip], in ohms'
+    k = raw.get("k")
+    blends = [value for value in (k if isinstance(k, list) else [k]) if isinstance(value, int | float)]
+    if raw.get("drive") is not None and boundary in ("dirichlet", "wall") and not any(b < 1 for b in blends):
+        yield (
+            ("drive",),
+            f"a drive belongs to open obstacles, and here boundary = {boundary!r} drives the grid; "
+            'remove drive, or choose boundary = "neumann"',
+        )
+    if raw.get("drive") == "start" and boundary == "neumann" and not raw.get("start") and not raw.get("starts"):
+        yield ("drive",), 'drive = "start" needs a start; add starts = [[...]], or choose drive = "uniform"'
+
+
+def _coordinates(raw: Mapping[str, Any], count: int) -> Iterator[Problem]:
+    for key in ("obstacle", "goal", "area", "start"):
+        for number, table in enumerate(_tables(raw, key)):
+            shape = table.get("shape")
+            if shape in PLANE_SHAPES and count != 2:
+                other = {"rectangle": "box", "circle": "sphere"}.get(str(shape), "boxes")
+                yield (key, number, "shape"), f"a {shape} needs 2 axes, and there are {count}; use {other} instead"
+                continue
+            for name in COORDINATES:
+                value = table.get(name)
+                if isinstance(value, list) and len(value) != count and shape not in PLANE_SHAPES:
+                    yield (key, number, name), f"needs {count} coordinates, one for each axis, got {len(value)}"
+    starts = raw.get("starts")
+    for number, point in enumerate(starts if isinstance(starts, list) else []):
+        if isinstance(point, list) and len(point) != count:
+            yield ("starts", number), f"needs {count} coordinates, one for each axis, got {len(point)}"
+
+
+def _leaning(raw: Mapping[str, Any], axes: list[Any]) -> Iterator[Problem]:
+    periodic = [isinstance(axis, Mapping) and axis.get("periodic") is True for axis in axes]
+    for key in ("obstacle", "goal", "area"):
+        for number, table in enumerate(_tables(raw, key)):
+            normal = table.get("normal")
+            if not isinstance(normal, list) or len(normal) != len(periodic):
+                continue
+            if any(ring and component for ring, component in zip(periodic, normal, strict=True)):
+                yield (key, number, "normal"), "a half-plane cannot lean along a periodic axis; use a box instead"
+
+
+def _tables(raw: Mapping[str, Any], key: str) -> list[Mapping[str, Any]]:
+    value = raw.get(key)
+    return [table if isinstance(table, Mapping) else {} for table in value] if isinstance(value, list) else []

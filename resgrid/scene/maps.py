@@ -1,0 +1,210 @@
+"""Map files: which formats there are, and which reader and options belong to each."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.scene.files import read_bytes
+from resgrid.scene.scene import Frame
+from resgrid.space import Axis
+
+
+@dataclass(frozen=True, eq=False)
+class MapData:
+    """What a map file says.
+
+    Attributes
+    ----------
+    axes : tuple of Axis
+        The grid, in the map's own coordinates.
+    frame : Frame
+        From those to the world's.
+    cell : ndarray of uint8
+        `resgrid.space.Cell` codes on the grid.
+    """
+
+    axes: tuple[Axis, ...]
+    frame: Frame
+    cell: NDArray[np.uint8]
+
+
+Reader = Callable[..., MapData]
+
+
+@dataclass(frozen=True)
+class MapFormat:
+    """A kind of map file: how its files end, and the options its reader takes."""
+
+    suffixes: tuple[str, ...]
+    options: tuple[str, ...]
+
+
+PICTURES = (".png", ".pgm", ".pnm", ".ppm", ".pbm", ".bmp", ".gif", ".tif", ".tiff")
+PLACING = ("spacing", "origin", "unit")
+FORMATS: Mapping[str, MapFormat] = {
+    "ros": MapFormat((".yaml", ".yml"), ("dialect", "unknown", "lethal")),
+    "movingai": MapFormat((".map",), ("passable",)),
+    "image": MapFormat(PICTURES, ("threshold", *PLACING)),
+    "epic": MapFormat((), PLACING),
+    "npy": MapFormat((".npy",), PLACING),
+}
+MAP_OPTIONS = ("format", *dict.fromkeys(option for entry in FORMATS.values() for option in entry.options))
+_MAGIC = (
+    (b"\x93NUMPY", "npy"),
+    (b"type ", "movingai"),
+    (b"\x89PNG", "image"),
+    (b"P2", "image"),
+    (b"P5", "image"),
+    (b"BM", "image"),
+    (b"GIF8", "image"),
+)
+
+
+def read_map(path: Path, table: Mapping[str, Any]) -> MapData:
+    """Read a map file.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    table : mapping
+        ``format`` (or ``"auto"``) and the options of that format; others are refused.
+
+    Returns
+    -------
+    MapData
+
+    Raises
+    ------
+    InputError
+        If the file or an option is wrong.
+    BudgetError
+        If the grid would not fit in memory.
+    """
+    name = table.get("format", "auto")
+    name = guess_format(path) if name == "auto" else name
+    options = {key: value for key, value in table.items() if key not in ("file", "format")}
+    for key in options:
+        if key not in FORMATS[name].options:
+            known = FORMATS[name].options
+            near = get_close_matches(key, known, 1)
+            hint = f"did you mean {near[0]!r}?" if near else f"it takes {', '.join(known)}"
+            raise InputError(f"{path}: map.{key}: a map of format {name!r} takes no such option; {hint}")
+    return _reader(name)(path, **options)
+
+
+def is_map(path: Path) -> bool:
+    """Whether a file's name ends as map files do.
+
+    Parameters
+    ----------
+    path : Path
+
+    Returns
+    -------
+    bool
+    """
+    return any(path.suffix.lower() in entry.suffixes for entry in FORMATS.values())
+
+
+def guess_format(path: Path) -> str:
+    """The format of a map file, by the end of its name or else by its first bytes.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+
+    Returns
+    -------
+    str
+        A key of `FORMATS`.
+
+    Raises
+    ------
+    InputError
+        If neither is known.
+    """
+    for name, entry in FORMATS.items():
+        if path.suffix.lower() in entry.suffixes:
+            return name
+    start = read_bytes(path)[:16]
+    for magic, name in _MAGIC:
+        if start.startswith(magic):
+            return name
+    known = ", ".join(suffix for entry in FORMATS.values() for suffix in entry.suffixes)
+    raise InputError(f"{path}: this is no known kind of map; scenes end in .toml, maps in {known}, or give the format")
+
+
+def cells_from_rows(rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Picture rows, the top one first, turned into cells with x first and y upwards.
+
+    Parameters
+    ----------
+    rows : ndarray of uint8, shape (height, width)
+
+    Returns
+    -------
+    ndarray of uint8, shape (width, height)
+    """
+    return np.ascontiguousarray(rows[::-1].T)
+
+
+def placed_axes(
+    shape: tuple[int, ...],
+    spacing: float = 1.0,
+    origin: list[float] | None = None,
+    unit: str | None = None,
+) -> tuple[Axis, ...]:
+    """Axes of a map that does not say where it lies.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Number of cells along each axis.
+    spacing : float
+        Width of a cell, in ``unit``.
+    origin : list of float, optional
+        Lower corner; 0 by default.
+    unit : str, optional
+        ``"cell"`` by default, ``"m"`` where a spacing other than 1 is given.
+
+    Returns
+    -------
+    tuple of Axis
+
+    Raises
+    ------
+    InputError
+        If the origin has another number of coordinates.
+    """
+    corner = [0.0] * len(shape) if origin is None else origin
+    if len(corner) != len(shape):
+        raise InputError(f"map.origin: needs {len(shape)} coordinates, one for each axis, got {len(corner)}")
+    names = ("x", "y", "z", "w")
+    label = unit or ("cell" if spacing == 1 else "m")
+    return tuple(
+        Axis(name, float(low), low + cells * spacing, cells, unit=label)
+        for name, low, cells in zip(names, corner, shape, strict=False)
+    )
+
+
+def _reader(name: str) -> Reader:
+    from resgrid.scene import movingai, plain, ros
+
+    readers: Mapping[str, Reader] = {
+        "ros": ros.read_ros,
+        "movingai": movingai.read_movingai,
+        "image": plain.read_grey,
+        "epic": plain.read_epic,
+        "npy": plain.read_npy,
+    }
+    return readers[name]

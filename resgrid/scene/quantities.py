@@ -1,0 +1,88 @@
+"""Engineering values as people write them: ``10k``, ``4k7``, ``2.2meg``, ``100n``."""
+
+from __future__ import annotations
+
+import re
+from math import isfinite
+
+from resgrid.errors import InputError
+
+EXPONENTS = {
+    "T": 12,
+    "G": 9,
+    "M": 6,
+    "meg": 6,
+    "k": 3,
+    "m": -3,
+    "u": -6,
+    "µ": -6,
+    "μ": -6,
+    "n": -9,
+    "p": -12,
+    "f": -15,
+}
+PATTERN = r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+|meg|[TGMkmuµμnpf])?|[+-]?\d+[TGMkmuµμnpf]\d+"
+
+_NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
+_SCALED = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+))(meg|[TGMkmuµμnpf])", re.ASCII)
+_INFIX = re.compile(r"([+-]?\d+)([TGMkmuµμnpf])(\d+)", re.ASCII)
+
+
+def parse_quantity(value: object) -> float:
+    """Read a number, or a number with an engineering suffix.
+
+    The suffix is case-sensitive and stands for a power of ten: ``T G M k m u n p f``; ``M`` and ``meg`` are mega,
+    ``m`` is milli (unlike in a SPICE deck, where ``M`` is milli too).  It may take the place of the decimal point,
+    as in ``4k7`` (IEC 60062).  Units, blanks and everything else are refused.
+
+    Parameters
+    ----------
+    value : str, int or float
+        What was written.
+
+    Returns
+    -------
+    float
+        The nearest double to the decimal value; finite.
+
+    Raises
+    ------
+    InputError
+        If it is anything else.
+
+    Examples
+    --------
+    >>> parse_quantity("4k7"), parse_quantity("2.2meg"), parse_quantity("100n"), parse_quantity(3)
+    (4700.0, 2200000.0, 1e-07, 3.0)
+    """
+    number = _parsed(value)
+    if number is None or not isfinite(number):
+        raise InputError(
+            f"{_short(value)} is not a value: write a finite number such as 3.3 or 1e4, or one with a suffix out of "
+            "T G M (or meg) k m u n p f, such as 10k, 4k7, 2.2meg or 100n"
+        )
+    return number
+
+
+def _parsed(value: object) -> float | None:
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        try:
+            return float(value)
+        except OverflowError:
+            return None
+    return _parsed_text(value) if isinstance(value, str) and len(value) <= 64 else None
+
+
+def _parsed_text(text: str) -> float | None:
+    if _NUMBER.fullmatch(text):
+        return float(text)
+    if match := _SCALED.fullmatch(text):
+        return float(f"{match[1]}e{EXPONENTS[match[2]]}")
+    if match := _INFIX.fullmatch(text):
+        return float(f"{match[1]}.{match[3]}e{EXPONENTS[match[2]]}")
+    return None
+
+
+def _short(value: object) -> str:
+    text = repr(value) if isinstance(value, str | int | float) else f"a {type(value).__name__}"
+    return text if len(text) <= 70 else text[:60] + "..."

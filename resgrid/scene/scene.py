@@ -1,0 +1,261 @@
+"""The scene: everything a person says about a robot, its surroundings and the chip, before it is cut into cells."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from difflib import get_close_matches
+from math import cos, sin
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.errors import InputError
+from resgrid.robots import PointRobot, Robot, Sampling, Shape
+from resgrid.robots.shapes import Point
+from resgrid.space import Axis
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Where the coordinates of the space lie in the world.
+
+    A map with a turned origin has axes of its own, along its rows and columns; everything else shares the world's.
+
+    Parameters
+    ----------
+    x, y : float
+        World coordinates of the origin of the space.
+    yaw : float
+        Angle from the world's x axis to the space's, in radians, anticlockwise.
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+
+    @property
+    def is_world(self) -> bool:
+        """Whether space and world coordinates are the same."""
+        return self.x == 0 and self.y == 0 and self.yaw == 0
+
+    def to_world(self, points: ArrayLike) -> NDArray[np.float64]:
+        """World coordinates of points given in the space.
+
+        Parameters
+        ----------
+        points : array_like of float, shape (..., ndim)
+            In axis units.
+
+        Returns
+        -------
+        ndarray of float64, shape (..., ndim)
+
+        Raises
+        ------
+        InputError
+            If the frame is turned or moved and the points are not in the plane.
+        """
+        space = np.array(points, dtype=np.float64)
+        return space if self.is_world else self._planar(space) @ self._rotation.T + (self.x, self.y)
+
+    def from_world(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Space coordinates of points given in the world; the inverse of `to_world`.
+
+        Parameters
+        ----------
+        points : array_like of float, shape (..., ndim)
+            In axis units.
+
+        Returns
+        -------
+        ndarray of float64, shape (..., ndim)
+
+        Raises
+        ------
+        InputError
+            If the frame is turned or moved and the points are not in the plane.
+        """
+        world = np.array(points, dtype=np.float64)
+        return world if self.is_world else (self._planar(world) - (self.x, self.y)) @ self._rotation
+
+    @property
+    def _rotation(self) -> NDArray[np.float64]:
+        return np.array([[cos(self.yaw), -sin(self.yaw)], [sin(self.yaw), cos(self.yaw)]])
+
+    def _planar(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        if points.shape[-1:] != (2,):
+            raise InputError(f"this map lies in the plane: a point needs 2 coordinates, got shape {points.shape}")
+        return points
+
+
+@dataclass(frozen=True)
+class Chip:
+    """Component values, all in SI units; None where the scene does not say.
+
+    Attributes
+    ----------
+    resistance : float
+        Between neighbours along the finest axis at conductivity 1, in ohms.
+    supply : float
+        Obstacle rail (or driven start) above the goal rail, in volts; not 0.
+    wall_resistance : float or None
+        In series with every obstacle contact where ``boundary = "wall"``, in ohms, at least 0.
+    capacitance : float or None
+        From every node to ground, in farads.
+    goal_switch_on, goal_switch_off, obstacle_switch_on, obstacle_switch_off : float or None
+        Resistance of the switches to the rails, closed and open, in ohms.
+    internodal_switch_on, internodal_switch_off : float or None
+        Resistance of the switches between nodes, closed and open, in ohms.
+    """
+
+    resistance: float = 10e3
+    supply: float = 1.0
+    wall_resistance: float | None = None
+    capacitance: float | None = None
+    goal_switch_on: float | None = None
+    goal_switch_off: float | None = None
+    obstacle_switch_on: float | None = None
+    obstacle_switch_off: float | None = None
+    internodal_switch_on: float | None = None
+    internodal_switch_off: float | None = None
+
+
+@dataclass(frozen=True)
+class GoalPoint:
+    """A goal that is the cell around a point, in world coordinates."""
+
+    point: Point
+
+
+@dataclass(frozen=True)
+class GoalCell:
+    """A goal that is one cell, by its index."""
+
+    cell: tuple[int, ...]
+
+
+Goal = Shape | GoalPoint | GoalCell
+
+
+@dataclass(frozen=True)
+class CostArea:
+    """A region that conducts better (above 1) or worse (below 1): streamlines prefer what conducts."""
+
+    shape: Shape
+    conductivity: float
+
+
+@dataclass(frozen=True, eq=False)
+class MapCells:
+    """What was read from a map file.
+
+    Attributes
+    ----------
+    cell : ndarray of uint8
+        `resgrid.space.Cell` codes on the scene's axes, before obstacles grow by the robot's radius.
+    table : mapping
+        The ``[map]`` table it came from; ``file`` is an absolute path.
+    """
+
+    cell: NDArray[np.uint8]
+    table: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        self.cell.flags.writeable = False
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """A robot in its surroundings, and the chip that is to guide it.
+
+    Attributes
+    ----------
+    axes : tuple of Axis
+        The grid, one to four axes.
+    title : str
+        For pictures and decks.
+    robot : Robot
+        Says which cells are free.
+    obstacles : tuple of Shape
+        In world coordinates.
+    goals : tuple of Shape, GoalPoint or GoalCell
+        In world coordinates, or by cell.
+    starts : tuple of tuple of float
+        Start points, in world coordinates.
+    areas : tuple of CostArea
+        Regions with another conductivity, in world coordinates; later ones cover earlier ones.
+    map : MapCells or None
+        Cells read from a map file.
+    frame : Frame
+        From space to world coordinates.
+    boundary : {"dirichlet", "neumann", "wall"}
+        What obstacles are.
+    drive : {"uniform", "start"} or None
+        What drives the grid where obstacles are open; None means uniform there and nothing elsewhere.
+    edge : tuple of {"obstacle", "open", "periodic"}
+        What the border of the grid is, per axis.
+    k : tuple of float
+        Blends asked for, each in [0, 1]: the share of the Dirichlet field.  Empty: no blend, ``boundary`` decides.
+    chip : Chip
+        Component values.
+    sampling : {"conservative", "centre"}
+        Whether a cell is free when all of it is, or when its centre is.
+    source : str or None
+        The file it came from.
+    """
+
+    axes: tuple[Axis, ...]
+    title: str = ""
+    robot: Robot = field(default_factory=PointRobot)
+    obstacles: tuple[Shape, ...] = ()
+    goals: tuple[Goal, ...] = ()
+    starts: tuple[Point, ...] = ()
+    areas: tuple[CostArea, ...] = ()
+    map: MapCells | None = None
+    frame: Frame = field(default_factory=Frame)
+    boundary: str = "dirichlet"
+    drive: str | None = None
+    edge: tuple[str, ...] = ()
+    k: tuple[float, ...] = ()
+    chip: Chip = field(default_factory=Chip)
+    sampling: Sampling = "conservative"
+    source: str | None = None
+
+    def __post_init__(self) -> None:
+        if not self.edge:
+            object.__setattr__(self, "edge", tuple("periodic" if axis.periodic else "obstacle" for axis in self.axes))
+
+    @property
+    def ndim(self) -> int:
+        """Number of axes."""
+        return len(self.axes)
+
+    def replace(self, **changes: Any) -> Scene:
+        """The same scene with other values, checked like a scene file.
+
+        Parameters
+        ----------
+        **changes
+            New values of the attributes.
+
+        Returns
+        -------
+        Scene
+
+        Raises
+        ------
+        InputError
+            If there is no such attribute, or a value does not fit.
+        """
+        from resgrid.scene.build import rebuilt
+
+        names = [attribute.name for attribute in dataclasses.fields(self)]
+        for name in changes:
+            if name not in names:
+                near = get_close_matches(name, names, 1)
+                hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(names)}"
+                raise InputError(f"a scene has no {name!r}; {hint}")
+        return rebuilt(dataclasses.replace(self, **changes))
