@@ -155,9 +155,9 @@ def residual(
 ) -> float:
     """Residual of KCL, each row scaled by its own node's exponent; returns its componentwise backward error.
 
-    Row ``i`` is ``b_i - s_i x_i + sum_j g_ij (x_j - x_i)``: differences come first, so that off-diagonals and row excess
-    never meet in a rounded diagonal.  The backward error is ``max |r_i| / (b + |A| |x|)_i`` (Oettli & Prager 1964),
-    infinite where a row has no finite value.
+    Row ``i`` is ``b_i - s_i x_i + sum_j g_ij (x_j - x_i)``: differences come first, so that off-diagonals and row
+    excess never meet in a rounded diagonal.  The backward error is ``max |r_i| / (b + |A| |x|)_i`` (Oettli & Prager
+    1964), infinite where a row has no finite value.
     """
     worst = 0.0
     for i in range(len(hi)):

@@ -26,7 +26,8 @@ class OperatingPoint:
         where there is a layout), right to the last digits even where ``u`` itself underflows; 0 on the low rail,
         -inf on the high one and wherever nothing arrives.  None unless the circuit has exactly two rails.
     potential : ndarray of float64, shape (nodes,), or None
-        ``1 - u``, taken from whichever of both is smaller; None like ``log_drop``.
+        With two rails ``1 - u``, taken from whichever of both is smaller.  With one rail and currents of one sign the
+        height above (or below) that rail, scaled to a maximum of 1.  None otherwise.
     resistor_current : ndarray of float64, shape (resistors,)
         Current from a resistor's first node to its second, in amperes (0 where it underflows).
     resistor_log_current : ndarray of float64, shape (resistors,)

@@ -1,0 +1,51 @@
+"""What a job may take: memory is estimated and refused before it is taken."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from resgrid.errors import BudgetError
+
+
+def available_memory() -> int:
+    """Memory that this process may still take, in bytes, from the kernel's own estimate and the container's limit."""
+    free = _meminfo_available()
+    limit = _container_limit()
+    return min(free, limit) if limit is not None else free
+
+
+def require_memory(needed: float, job: str, remedy: str) -> None:
+    """Refuse a job that will not fit.
+
+    Parameters
+    ----------
+    needed : float
+        Estimate of its peak memory, in bytes.
+    job, remedy : str
+        What it is, and what can be done instead; for the message.
+
+    Raises
+    ------
+    BudgetError
+        If the estimate exceeds what is available; the message holds both numbers.
+    """
+    free = available_memory()
+    if needed > free:
+        raise BudgetError(f"{job} needs about {needed / 2**30:.3g} GiB, but {free / 2**30:.3g} GiB is free; {remedy}")
+
+
+def _meminfo_available() -> int:
+    meminfo = Path("/proc/meminfo")
+    if meminfo.exists():
+        for line in meminfo.read_text().splitlines():
+            if line.startswith("MemAvailable:"):
+                return int(line.split()[1]) * 1024
+    return int(os.sysconf("SC_PAGE_SIZE")) * int(os.sysconf("SC_PHYS_PAGES"))
+
+
+def _container_limit() -> int | None:
+    try:
+        return int(Path("/sys/fs/cgroup/memory.max").read_text())
+    except (OSError, ValueError):  # no cgroup v2, or no limit ("max")
+        return None

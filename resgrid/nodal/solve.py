@@ -1,0 +1,324 @@
+"""Solve a netlist: assemble, factor, substitute, read off, and refuse what is not as accurate as promised."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.budget import require_memory
+from resgrid.errors import AccuracyError, InputError
+from resgrid.netlist import Netlist
+from resgrid.nodal import readout
+from resgrid.nodal.direct import DirectFactor, Scaled, factor_direct
+from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.nodal.readout import Balance, Levels
+from resgrid.nodal.sources import source_currents
+from resgrid.nodal.system import NodalSystem, Rails, assemble
+
+METHODS: dict[str, Callable[[NodalSystem], DirectFactor]] = {"direct": factor_direct}
+ACCURACIES = ("direction", "normwise")
+
+DIRECTION_RESIDUAL = 1e-6
+"""Largest KCL violation of a direction-safe field, relative to the current through the node."""
+
+CONVERGED = 1e-12
+"""Componentwise backward error above which an entrywise answer is a failure."""
+
+_FLAT = 1e-12
+
+
+def solve(
+    netlist: Netlist,
+    *,
+    accuracy: str = "direction",
+    method: str = "auto",
+    rtol: float = 1e-10,
+    threads: int = 1,
+) -> OperatingPoint:
+    """Find the operating point of a netlist.
+
+    Parameters
+    ----------
+    netlist : Netlist
+        Resistors and sources; capacitors are open.
+    accuracy : {"direction", "normwise"}
+        ``"direction"``: at every driven node KCL holds to 1e-6 of the current through that same node, so that the way
+        down is right everywhere; entrywise accurate where the circuit has two rails, or one and currents of one sign.
+        ``"normwise"``: only the backward error is held below ``rtol``.
+    method : {"auto", "direct"}
+        How to solve; ``"auto"`` is ``"direct"``.
+    rtol : float
+        Backward error for ``"normwise"``.
+    threads : int
+        The direct method uses one.
+
+    Returns
+    -------
+    OperatingPoint
+
+    Raises
+    ------
+    InputError
+        If an option is unknown.
+    CircuitError
+        If sources contradict each other or nothing is driven.
+    AccuracyError
+        If the promised accuracy is not reached; it carries the best answer.
+    BudgetError
+        If the factors would not fit in memory.
+    """
+    _check_options(accuracy, rtol, threads)
+    seconds: dict[str, float] = {}
+    with _timed(seconds, "assemble"):
+        system = assemble(netlist)
+    factors = _factor(system, method, seconds)
+    with _timed(seconds, "substitute"):
+        if accuracy == "direction":
+            levels, error = _entrywise_levels(system, factors)
+        else:
+            levels, error = _normwise_levels(system, factors, rtol), 0.0
+    with _timed(seconds, "read"):
+        point, sums = _read_off(system, levels, factors.name if factors else "none", seconds)
+    if accuracy == "direction":
+        _check_direction(system, levels, point, sums, error)
+    return point
+
+
+def factor(netlist: Netlist, *, method: str = "auto") -> DirectFactor:
+    """Factor a netlist once, for many right-hand sides.
+
+    Parameters
+    ----------
+    netlist : Netlist
+    method : {"auto", "direct"}
+
+    Returns
+    -------
+    DirectFactor
+        With ``solve(rhs)`` for currents into the rows of its ``system``.
+    """
+    system = assemble(netlist)
+    factors = _factor(system, method, {})
+    if factors is None:
+        raise InputError("there is nothing to factor: the rails hold every node")
+    return factors
+
+
+def _check_options(accuracy: str, rtol: float, threads: int) -> None:
+    if accuracy not in ACCURACIES:
+        raise InputError(f"accuracy = {accuracy!r} is unknown; it may be one of {', '.join(ACCURACIES)}")
+    if not 0 < rtol < 1:
+        raise InputError(f"rtol = {rtol} must lie between 0 and 1")
+    if threads < 1:
+        raise InputError(f"threads = {threads} must be at least 1")
+
+
+@contextmanager
+def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
+    start = time.perf_counter()
+    yield
+    seconds[stage] = time.perf_counter() - start
+
+
+def _factor(system: NodalSystem, method: str, seconds: dict[str, float]) -> DirectFactor | None:
+    if method != "auto" and method not in METHODS:
+        raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
+    if not system.size:
+        return None
+    require_memory(
+        estimate_memory(system),
+        f"factoring {system.size:,} unknowns",
+        "use a coarser grid, or a machine with more memory",
+    )
+    with _timed(seconds, "factor"):
+        return METHODS["direct" if method == "auto" else method](system)
+
+
+def estimate_memory(system: NodalSystem) -> float:
+    """Estimate the peak memory of the direct method, in bytes.
+
+    Fill under minimum degree grows about as ``n log n`` on planar grids and ``n**(4/3)`` in space (George & Liu 1981);
+    the constants were measured on open grids, which fill most.
+    """
+    layout = system.netlist.layout
+    n = system.size
+    dimensions = sum(size > 2 for size in layout.space.shape) if layout is not None else 2
+    fill = {0: 2.0 * n, 1: 3.0 * n, 2: 2.6 * n * np.log2(n + 2)}.get(dimensions, 9.0 * n ** (4 / 3))
+    return float(60 * fill + 600 * n)
+
+
+def _entrywise_levels(system: NodalSystem, factors: DirectFactor | None) -> tuple[list[Levels], float]:
+    """Node values in the representations that the circuit allows, and their largest backward error."""
+    if system.rails is not None:
+        rails = system.rails
+        span = rails.high - rails.low
+        height, height_error = _solved(factors, rails.to_high)
+        drop, drop_error = _solved(factors, rails.to_low)
+        return [
+            readout.at_nodes(system, height, rails.low, span),
+            readout.at_nodes(system, drop, rails.high, -span),
+        ], max(height_error, drop_error)
+    drive = system.feed + system.injected
+    rising, rising_error = _solved(factors, np.maximum(drive, 0.0))
+    falling, falling_error = _solved(factors, np.maximum(-drive, 0.0))
+    if not np.any(drive < 0):
+        return [readout.at_nodes(system, rising, system.reference, 1.0)], rising_error
+    if not np.any(drive > 0):
+        return [readout.at_nodes(system, falling, system.reference, -1.0)], falling_error
+    return [readout.at_nodes(system, _minus(rising, falling), system.reference, 1.0)], max(rising_error, falling_error)
+
+
+def _solved(factors: DirectFactor | None, rhs: NDArray[np.float64]) -> tuple[Scaled, float]:
+    if factors is None or not rhs.any():
+        return Scaled(np.zeros(len(rhs)), np.zeros(len(rhs)), np.zeros(len(rhs), dtype=np.int64)), 0.0
+    return factors.solve_nonnegative(rhs)
+
+
+def _minus(a: Scaled, b: Scaled) -> Scaled:
+    from resgrid.nodal.kernels import correct
+
+    hi, lo, exponent = a.hi.copy(), a.lo.copy(), a.exponent.copy()
+    correct(hi, lo, exponent, -b.hi, b.exponent)
+    correct(hi, lo, exponent, -b.lo, b.exponent)
+    return Scaled(hi, lo, exponent)
+
+
+def _normwise_levels(system: NodalSystem, factors: DirectFactor | None, rtol: float) -> list[Levels]:
+    x = np.zeros(0) if factors is None else factors.solve(system.feed + system.injected, rtol=rtol)
+    rows = Scaled(x, np.zeros(len(x)), np.zeros(len(x), dtype=np.int64))
+    return [readout.at_nodes(system, rows, system.reference, 1.0)]
+
+
+def _read_off(
+    system: NodalSystem, levels: list[Levels], method: str, seconds: dict[str, float]
+) -> tuple[OperatingPoint, Balance]:
+    netlist = system.netlist
+    log_drop, potential = _stored(system, levels)
+    voltage = _voltage(system, levels)
+    flow = readout.currents(netlist, levels)
+    sums = readout.balance(netlist, flow)
+    if len(levels) == 2 or potential is not None:
+        flow = readout.drop_unresolved(netlist, flow, sums, _falling(levels[0].volts, log_drop, potential))
+        sums = readout.balance(netlist, flow)
+    amps = flow.amps
+    with np.errstate(under="ignore"):
+        power = float(np.sum(amps * amps / netlist.conductance))
+    point = OperatingPoint(
+        netlist=netlist,
+        voltage=voltage,
+        log_drop=log_drop,
+        potential=potential,
+        resistor_current=amps,
+        resistor_log_current=flow.log_amps,
+        resistor_direction=flow.direction,
+        source_current=source_currents(netlist, system.forest, _outflow(netlist, amps)),
+        power=power,
+        kcl_residual=float(np.max(_relative_residual(system, sums), initial=0.0)),
+        floating=system.floating,
+        undriven=system.undriven,
+        method=method,
+        seconds=seconds,
+    )
+    return point, sums
+
+
+def _stored(system: NodalSystem, levels: list[Levels]) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
+    """``log_drop`` and ``potential`` of every node, where they exist."""
+    undefined = np.zeros(system.netlist.node_count, dtype=np.bool_)
+    undefined[system.floating] = True
+    if len(levels) == 2:
+        phi, u = readout.plain(levels[0]), readout.plain(levels[1])
+        low = phi < 0.5
+        with np.errstate(divide="ignore", invalid="ignore"):
+            log_drop = np.where(low, np.log1p(-phi), readout.log_of(levels[1]))
+        undefined |= (phi < 0) | (phi > 1)
+        return np.where(undefined, np.nan, log_drop), np.where(undefined, np.nan, np.where(low, phi, 1.0 - u))
+    height = readout.plain(levels[0])
+    top = height[system.unknown >= 0].max(initial=0.0)
+    one_rail = not system.feed.any() and (np.all(system.injected >= 0) or np.all(system.injected <= 0))
+    if not (one_rail and top > 0):
+        return None, None
+    return None, np.where(undefined, np.nan, height / top)
+
+
+def _falling(
+    volts: float, log_drop: NDArray[np.float64] | None, potential: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
+    """A stored node value that falls along every current."""
+    if log_drop is not None:
+        return np.asarray(-np.sign(volts) * log_drop)
+    assert potential is not None
+    return np.asarray(np.sign(volts) * potential)
+
+
+def _voltage(system: NodalSystem, levels: list[Levels]) -> NDArray[np.float64]:
+    if system.rails is not None and len(levels) == 2:
+        rails: Rails = system.rails
+        phi, u = readout.plain(levels[0]), readout.plain(levels[1])
+        span = rails.high - rails.low
+        solved = np.where(phi < 0.5, rails.low + span * phi, rails.high - span * u)
+    else:
+        solved = system.reference + levels[0].volts * readout.plain(levels[0])
+    return np.where(system.unknown >= 0, solved, system.known)
+
+
+def _outflow(netlist: Netlist, amps: NDArray[np.float64]) -> NDArray[np.float64]:
+    count = netlist.node_count
+    a, b = netlist.resistor_nodes.T
+    taken, fed = netlist.current_nodes.T
+    flow = np.bincount(a, amps, count) - np.bincount(b, amps, count)
+    return np.asarray(
+        flow + np.bincount(taken, netlist.current_amps, count) - np.bincount(fed, netlist.current_amps, count)
+    )
+
+
+def _relative_residual(system: NodalSystem, sums: Balance) -> NDArray[np.float64]:
+    """Violation of KCL at every node that is solved for and tied by no source, relative to its through-current."""
+    own = system.unknown >= 0
+    own[system.forest.order] = False
+    residual = np.zeros(len(own))
+    carries = own & (sums.through > 0)
+    residual[carries] = np.abs(sums.net[carries]) / sums.through[carries]
+    return residual
+
+
+def _check_direction(
+    system: NodalSystem, levels: list[Levels], point: OperatingPoint, sums: Balance, error: float
+) -> None:
+    """Refuse an answer that is not direction-safe."""
+    netlist = system.netlist
+    if not error <= CONVERGED:
+        raise AccuracyError(
+            f"the direct solver reached a componentwise backward error of {error:.1e} only: the potential falls, or "
+            "the conductances differ, by more decades than its factors can hold; the answer is not returned",
+            point,
+        )
+    residual = _relative_residual(system, sums)
+    residual[_flat(system, levels, sums)] = 0.0
+    worst = int(np.argmax(residual)) if len(residual) else 0
+    if len(residual) and residual[worst] > DIRECTION_RESIDUAL:
+        raise AccuracyError(
+            f"the field is not direction-safe: at node {netlist.node_name(worst)} KCL is violated by "
+            f"{residual[worst]:.1e} of the current through it (at most {DIRECTION_RESIDUAL:g} is allowed)",
+            point,
+        )
+
+
+def _flat(system: NodalSystem, levels: list[Levels], sums: Balance) -> NDArray[np.bool_]:
+    """Nodes that no drive feeds and that carry less current than differences of their values can tell."""
+    size = np.full(len(sums.through), np.inf)
+    for level in levels:
+        size = np.minimum(size, readout.log_of(level) + np.log(abs(level.volts)))
+    degree = np.full(len(size), np.nan)
+    solved = system.unknown >= 0
+    rows = system.unknown[solved]
+    degree[solved] = (system.coupling.sum(axis=1) + system.excess)[rows]
+    fed = np.zeros(len(size), dtype=np.bool_)
+    fed[solved] = system.injected[rows] != 0
+    with np.errstate(divide="ignore", invalid="ignore"):
+        log_through = np.log(sums.through) + sums.log_largest
+        return np.asarray(~fed & (log_through <= np.log(_FLAT) + np.log(degree) + size))

@@ -1,0 +1,259 @@
+"""Nodal analysis: which voltages are unknown, and the equations that hold them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from resgrid.errors import CircuitError
+from resgrid.netlist import GROUND, Layout, Netlist
+from resgrid.nodal.sources import SourceForest, tie_sources
+
+
+@dataclass(frozen=True, eq=False)
+class Rails:
+    """The two voltages that a circuit with two rails hangs between.
+
+    Attributes
+    ----------
+    high, low : float
+        Voltages in volts; ``high`` is the obstacle rail (or the driven start) where there is a layout.
+    to_high, to_low : ndarray of float64, shape (n,)
+        Conductance from every row to either rail, in siemens.
+    """
+
+    high: float
+    low: float
+    to_high: NDArray[np.float64]
+    to_low: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class NodalSystem:
+    """The reduced nodal equations of a netlist, off-diagonals and row excess kept apart.
+
+    Row ``i`` says ``sum_j g_ij (x_i - x_j) + excess_i x_i = b_i``: a symmetric positive definite M-matrix
+    whenever every connected part holds a node of known voltage.
+
+    Attributes
+    ----------
+    forest : SourceForest
+        How the voltage sources tie the nodes.
+    unknown : ndarray of int64, shape (nodes,)
+        Row of every node that is solved for, -1 elsewhere; nodes tied by floating sources share a row.
+    coupling : scipy.sparse.csr_array, shape (n, n)
+        The positive conductances ``g_ij`` between rows, in siemens; symmetric, no diagonal.
+    excess : ndarray of float64, shape (n,)
+        Conductance from every row to nodes of known voltage, in siemens.
+    feed : ndarray of float64, shape (n,)
+        Current that the known voltages drive into every row, measured from `reference`, in amperes.
+    injected : ndarray of float64, shape (n,)
+        Current that current sources drive into every row, in amperes.
+    reference : float
+        The lowest known voltage in contact with the rows, in volts.
+    rails : Rails or None
+        The two rails, if the known voltages take just two values and nothing else drives the circuit.
+    known : ndarray of float64, shape (nodes,)
+        Voltages known beforehand, in volts: rails, and parts that a single rail holds; NaN elsewhere.
+    undriven : ndarray of int64
+        Nodes of those parts.
+    floating : ndarray of int64
+        Nodes that nothing ties to ground.
+    """
+
+    netlist: Netlist
+    forest: SourceForest
+    unknown: NDArray[np.int64]
+    coupling: sparse.csr_array
+    excess: NDArray[np.float64]
+    feed: NDArray[np.float64]
+    injected: NDArray[np.float64]
+    reference: float
+    rails: Rails | None
+    known: NDArray[np.float64]
+    undriven: NDArray[np.int64]
+    floating: NDArray[np.int64]
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return len(self.excess)
+
+
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """Connected parts of the unknown nodes, and what holds each."""
+
+    of_node: NDArray[np.int64]
+    lowest: NDArray[np.float64]
+    highest: NDArray[np.float64]
+    fed: NDArray[np.bool_]
+
+    @property
+    def floating(self) -> NDArray[np.bool_]:
+        return ~np.isfinite(self.lowest)
+
+    @property
+    def driven(self) -> NDArray[np.bool_]:
+        return ~self.floating & (self.fed | (self.highest > self.lowest))
+
+
+def assemble(netlist: Netlist) -> NodalSystem:
+    """Set up the nodal equations.
+
+    Sources are merged first; parts that nothing ties to ground, and parts that a single rail holds at its own voltage,
+    are set apart: only what is driven is left to be solved.
+
+    Parameters
+    ----------
+    netlist : Netlist
+
+    Returns
+    -------
+    NodalSystem
+
+    Raises
+    ------
+    CircuitError
+        If voltage sources contradict each other, a current source feeds a part that floats, or nothing is driven.
+    """
+    forest = tie_sources(netlist)
+    held = forest.root == forest.root[GROUND]
+    known = np.where(held, forest.offset, np.nan)
+    parts = _parts(netlist, forest, known)
+    _check_driven(netlist, known, parts)
+    driven_node = parts.driven[parts.of_node] & ~held
+    undriven_node = ~parts.driven[parts.of_node] & ~parts.floating[parts.of_node] & ~held
+    known[undriven_node] = parts.lowest[parts.of_node][undriven_node]
+    unknown = np.full(netlist.node_count, -1, dtype=np.int64)
+    _, unknown[driven_node] = np.unique(forest.root[driven_node], return_inverse=True)
+    offset = np.where(driven_node, forest.offset, 0.0)
+    contact = _contacts(netlist, unknown, known)
+    reference = float(contact.volts.min(initial=np.inf)) if contact.volts.size else 0.0
+    size = int(unknown.max(initial=-1)) + 1
+    coupling, internal_feed = _coupling(netlist, unknown, offset, size)
+    height = contact.volts - reference - offset[contact.node]
+    injected = _injected(netlist, unknown, size)
+    plain = not injected.any() and not offset.any()
+    return NodalSystem(
+        netlist=netlist,
+        forest=forest,
+        unknown=unknown,
+        coupling=coupling,
+        excess=_sum_by(contact.row, contact.conductance, size),
+        feed=internal_feed + _sum_by(contact.row, contact.conductance * height, size),
+        injected=injected,
+        reference=reference,
+        rails=_rails(netlist.layout, contact, size) if plain else None,
+        known=known,
+        undriven=np.flatnonzero(undriven_node),
+        floating=np.flatnonzero(parts.floating[parts.of_node] & ~held),
+    )
+
+
+def _parts(netlist: Netlist, forest: SourceForest, known: NDArray[np.float64]) -> _Parts:
+    ends = netlist.resistor_nodes
+    inner = np.isnan(known[ends]).all(axis=1)
+    rows, columns = np.concatenate([ends[inner], _floating_ties(netlist, known)]).T
+    count = netlist.node_count
+    graph = sparse.coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(count, count))
+    number, of_node = connected_components(graph, directed=False)
+    lowest, highest = np.full(number, np.inf), np.full(number, -np.inf)
+    fed = np.zeros(number, dtype=np.bool_)
+    for here, there in ((0, 1), (1, 0)):
+        contact = np.isnan(known[ends[:, here]]) & ~np.isnan(known[ends[:, there]])
+        part, volts = of_node[ends[contact, here]], known[ends[contact, there]]
+        np.minimum.at(lowest, part, volts)
+        np.maximum.at(highest, part, volts)
+    for column in (0, 1):
+        nodes = netlist.current_nodes[netlist.current_amps != 0, column]
+        fed[of_node[nodes[np.isnan(known[nodes])]]] = True
+    fed[of_node[np.flatnonzero((forest.offset != 0) & np.isnan(known))]] = True
+    return _Parts(of_node.astype(np.int64), lowest, highest, fed)
+
+
+def _floating_ties(netlist: Netlist, known: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Voltage sources between nodes of unknown voltage join them into one part."""
+    return netlist.source_nodes[np.isnan(known[netlist.source_nodes]).all(axis=1)]
+
+
+def _check_driven(netlist: Netlist, known: NDArray[np.float64], parts: _Parts) -> None:
+    fed = np.unique(netlist.current_nodes[netlist.current_amps != 0])
+    stuck = fed[np.isnan(known[fed]) & parts.floating[parts.of_node[fed]]]
+    if stuck.size:
+        raise CircuitError(
+            f"a current source feeds node {netlist.node_name(int(stuck[0]))}, which nothing ties to ground: "
+            "its voltage has no bound; add a resistor to a rail or remove the source"
+        )
+    ends = known[netlist.resistor_nodes]
+    if not parts.driven.any() and not np.any(np.abs(ends[:, 0] - ends[:, 1]) > 0):
+        raise CircuitError(
+            "nothing is driven: no part of the circuit touches two rails or is fed a current, so that nothing flows; "
+            "add a second rail (an obstacle, an edge that counts as one), open a way to the goal, or add a drive"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Contacts:
+    """Resistors from a row to a node of known voltage."""
+
+    row: NDArray[np.int64]
+    node: NDArray[np.int64]
+    conductance: NDArray[np.float64]
+    volts: NDArray[np.float64]
+
+
+def _contacts(netlist: Netlist, unknown: NDArray[np.int64], known: NDArray[np.float64]) -> _Contacts:
+    ends = netlist.resistor_nodes
+    solved = unknown[ends] >= 0
+    number = np.flatnonzero(solved[:, 0] != solved[:, 1])
+    inner = np.where(solved[number, 0], ends[number, 0], ends[number, 1])
+    outer = np.where(solved[number, 0], ends[number, 1], ends[number, 0])
+    return _Contacts(unknown[inner], inner, netlist.conductance[number], known[outer])
+
+
+def _coupling(
+    netlist: Netlist, unknown: NDArray[np.int64], offset: NDArray[np.float64], size: int
+) -> tuple[sparse.csr_array, NDArray[np.float64]]:
+    """Conductances between rows, and what the offsets of floating sources drive through them."""
+    rows = unknown[netlist.resistor_nodes]
+    inner = (rows >= 0).all(axis=1) & (rows[:, 0] != rows[:, 1])
+    a, b = rows[inner].astype(np.int32).T
+    g = netlist.conductance[inner]
+    entries = (np.concatenate([g, g]), (np.concatenate([a, b]), np.concatenate([b, a])))
+    coupling = sparse.coo_array(entries, shape=(size, size)).tocsr()
+    step = g * np.subtract(*offset[netlist.resistor_nodes[inner]].T)
+    return coupling, _sum_by(b, step, size) - _sum_by(a, step, size)
+
+
+def _injected(netlist: Netlist, unknown: NDArray[np.int64], size: int) -> NDArray[np.float64]:
+    injected = np.zeros(size)
+    for column, sign in ((0, -1.0), (1, 1.0)):
+        row = unknown[netlist.current_nodes[:, column]]
+        injected += sign * _sum_by(row[row >= 0], netlist.current_amps[row >= 0], size)
+    return injected
+
+
+def _rails(layout: Layout | None, contact: _Contacts, size: int) -> Rails | None:
+    levels = np.unique(contact.volts)
+    if len(levels) != 2:
+        return None
+    low, high = levels.tolist()
+    if layout is not None and layout.supply < 0:
+        low, high = high, low
+    at_high = contact.volts == high
+    return Rails(
+        high=high,
+        low=low,
+        to_high=_sum_by(contact.row, contact.conductance * at_high, size),
+        to_low=_sum_by(contact.row, contact.conductance * ~at_high, size),
+    )
+
+
+def _sum_by(row: NDArray[np.integer[Any]], amount: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    return np.asarray(np.bincount(row, amount, size), dtype=np.float64)
