@@ -1,0 +1,202 @@
+"""Occupancy against brute force: points drawn in cells, distances by shapely and by enumeration."""
+
+import itertools
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from resgrid.errors import InputError
+from resgrid.robots import Ball, Box, CellSet, HalfSpace, PointRobot, Polygon, Robot
+from resgrid.space import Axis
+
+AXES = (Axis("x", -1.0, 2.0, 12), Axis("y", 0.0, 2.0, 5))
+coordinate = st.floats(-2, 3, allow_nan=False).map(lambda value: round(value, 3))
+radius = st.sampled_from([0.0, 0.05, 0.25, 0.7])
+
+
+def boxes(axes):
+    cells = itertools.product(*(range(axis.cells) for axis in axes))
+    for cell in cells:
+        lower = np.array([axis.lower + i * axis.spacing for i, axis in zip(cell, axes, strict=True)])
+        yield cell, lower, lower + [axis.spacing for axis in axes]
+
+
+def inside(shape, points, reach):
+    """Whether points lie within a distance of a shape, written for points alone."""
+    match shape:
+        case Box(lower, upper):
+            return np.linalg.norm(points - np.clip(points, lower, upper), axis=1) <= reach
+        case Ball(centre, size):
+            return np.linalg.norm(points - np.array(centre), axis=1) <= reach + size
+        case HalfSpace(normal, offset):
+            return points @ np.array(normal) <= offset + reach * np.linalg.norm(normal)
+        case Polygon(vertices, holes):
+            polygon = shapely.Polygon(vertices, holes)
+            return shapely.distance(polygon, shapely.points(points)) <= reach
+    raise AssertionError
+
+
+@st.composite
+def shapes(draw, ndim=2):
+    kind = draw(st.sampled_from(["box", "ball", "half"] + ["polygon"] * (ndim == 2)))
+    if kind == "box":
+        corners = [sorted((draw(coordinate), draw(coordinate))) for _ in range(ndim)]
+        return Box(tuple(c[0] for c in corners), tuple(c[1] for c in corners))
+    centre = tuple(draw(coordinate) for _ in range(ndim))
+    if kind == "ball":
+        return Ball(centre, draw(st.sampled_from([0.0, 0.1, 0.6, 1.3])))
+    if kind == "half":
+        angle = draw(st.floats(0, 6.28))
+        normal = (np.cos(angle), np.sin(angle), 0.5)[:ndim]
+        return HalfSpace(tuple(map(float, normal)), draw(coordinate))
+    count = draw(st.integers(3, 8))
+    angles = np.sort(draw(st.lists(st.integers(0, 628), min_size=count, max_size=count, unique=True))) / 100
+    lengths = draw(st.lists(st.sampled_from([0.2, 0.7, 1.5]), min_size=count, max_size=count))
+    vertices = tuple(
+        (centre[0] + size * float(np.cos(a)), centre[1] + size * float(np.sin(a)))
+        for a, size in zip(angles, lengths, strict=True)
+    )
+    if not shapely.Polygon(vertices).is_valid or shapely.Polygon(vertices).area < 1e-3:
+        vertices = ((0.0, 0.0), (1.0, 0.3), (0.2, 1.1))
+    return Polygon(vertices)
+
+
+@settings(max_examples=150, deadline=None)
+@given(shape=shapes(), reach=radius, seed=st.integers(0, 1000))
+def test_no_point_of_a_free_cell_lies_in_a_grown_obstacle(shape, reach, seed):
+    blocked = PointRobot(reach).occupancy(AXES, [shape], "conservative")
+    rng = np.random.default_rng(seed)
+    for cell, lower, upper in boxes(AXES):
+        share = np.concatenate([rng.random((20, 2)), [[0, 0], [0, 1], [1, 0], [1, 1], [0.5, 0.5]]])
+        rim = 1e-7
+        points = lower + rim + share * (upper - lower - 2 * rim)
+        if not blocked[cell]:
+            assert not inside(shape, points, max(reach - 1e-7, 0.0)).any()
+
+
+@settings(max_examples=100, deadline=None)
+@given(shape=shapes(), reach=radius)
+def test_a_blocked_cell_comes_within_reach_by_shapely(shape, reach):
+    if isinstance(shape, Ball):
+        geometry, within = shapely.Point(shape.centre), reach + shape.radius
+    elif isinstance(shape, Box):
+        geometry, within = shapely.box(*shape.lower, *shape.upper), reach
+    elif isinstance(shape, Polygon):
+        geometry, within = shapely.Polygon(shape.vertices), reach
+    else:
+        return
+    blocked = PointRobot(reach).occupancy(AXES, [shape], "conservative")
+    for cell, lower, upper in boxes(AXES):
+        gap = shapely.distance(shapely.box(*(lower + 1e-7), *(upper - 1e-7)), geometry)
+        if abs(gap - within) > 1e-6:
+            assert blocked[cell] == (gap < within), (cell, gap, within)
+
+
+@settings(max_examples=60, deadline=None)
+@given(shape=shapes(), reach=radius)
+def test_centre_rule_judges_the_centre_alone(shape, reach):
+    blocked = PointRobot(reach).occupancy(AXES, [shape], "centre")
+    centres = np.array([(lower + upper) / 2 for _, lower, upper in boxes(AXES)])
+    sure = inside(shape, centres, max(reach - 1e-9, 0.0))
+    maybe = inside(shape, centres, reach + 1e-9)
+    assert (sure.reshape(blocked.shape) <= blocked).all()
+    assert (blocked <= maybe.reshape(blocked.shape)).all()
+
+
+@settings(max_examples=40, deadline=None)
+@given(shape=shapes(ndim=3), reach=radius)
+def test_three_dimensions(shape, reach):
+    axes = (Axis("x", -1, 2, 4), Axis("y", -1, 2, 5), Axis("z", 0, 1, 3))
+    blocked = PointRobot(reach).occupancy(axes, [shape], "conservative")
+    rng = np.random.default_rng(0)
+    for cell, lower, upper in boxes(axes):
+        points = lower + rng.random((40, 3)) * (upper - lower)
+        assert blocked[cell] >= inside(shape, points, max(reach - 1e-7, 0.0)).any()
+        if blocked[cell]:
+            dense = lower + np.array(list(itertools.product(np.linspace(0, 1, 9), repeat=3))) * (upper - lower)
+            assert inside(shape, dense, reach + 0.1).any()
+
+
+def test_an_edge_on_a_border_does_not_block_the_neighbour():
+    axes = (Axis("x", 0, 1, 10), Axis("y", 0, 1, 10))
+    blocked = PointRobot().occupancy(axes, [Box((0.3, 0.1), (0.6, 0.7))], "conservative")
+    expected = np.zeros((10, 10), dtype=bool)
+    expected[3:6, 1:7] = True
+    assert (blocked == expected).all()
+    grown = PointRobot(0.1).occupancy(axes, [Box((0.3, 0.3), (0.6, 0.6))], "conservative")
+    assert grown.sum() == 25 - 4 + 4  # the corners of the rounded square still meet their cells
+    assert (PointRobot(0.1).occupancy(axes, [Box((0.3, 0.3), (0.6, 0.6))], "centre").sum()) == 25
+
+
+def test_a_polygon_with_a_hole_leaves_the_hole_free():
+    axes = (Axis("x", 0, 9, 9), Axis("y", 0, 9, 9))
+    ring = Polygon(((1, 1), (8, 1), (8, 8), (1, 8)), (((3, 3), (6, 3), (6, 6), (3, 6)),))
+    blocked = PointRobot().occupancy(axes, [ring], "conservative")
+    expected = np.zeros((9, 9), dtype=bool)
+    expected[1:8, 1:8] = True
+    expected[3:6, 3:6] = False
+    assert (blocked == expected).all()
+    assert PointRobot(1.0).occupancy(axes, [ring], "conservative")[3:6, 3:6].sum() == 8
+
+
+def test_long_edges_cut_into_pieces_agree_with_shapely():
+    axes = (Axis("x", 0, 1, 300), Axis("y", 0, 2, 200))
+    polygon = Polygon(((-3.0, -0.1), (0.9, 0.2), (5.0, 9.0), (0.4, 1.7)))
+    blocked = PointRobot(0.013).occupancy(axes, [polygon], "conservative")
+    x, y = np.meshgrid(axes[0].edges[:-1], axes[1].edges[:-1], indexing="ij")
+    cells = shapely.box(x, y, x + axes[0].spacing, y + axes[1].spacing)
+    gap = shapely.distance(cells, shapely.Polygon(polygon.vertices))
+    clear = np.abs(gap - 0.013) > 1e-7
+    assert (blocked == (gap < 0.013))[clear].all()
+    assert clear.mean() > 0.99
+
+
+@pytest.mark.parametrize("rule", ["conservative", "centre"])
+@pytest.mark.parametrize("periodic", [False, True])
+@pytest.mark.parametrize("reach", [0.0, 0.2, 0.55, 1.0, 1.7])
+def test_cells_of_a_map_grow_by_the_exact_distance_between_boxes(rule, periodic, reach):
+    axes = (Axis("x", 0, 5.0, 10, periodic), Axis("y", 0, 4.2, 14))
+    mask = np.random.default_rng(3).random((10, 14)) < 0.03
+    blocked = PointRobot(reach).occupancy(axes, [CellSet(axes, mask)], rule)
+    slack = 1.0 if rule == "conservative" else 0.5
+    expected = mask.copy()
+    for i, j in itertools.product(range(10), range(14)):
+        for a, b in np.argwhere(mask):
+            apart = min(abs(i - a), 10 - abs(i - a)) if periodic else abs(i - a)
+            gap = np.hypot(max(apart - slack, 0) * 0.5, max(abs(j - b) - slack, 0) * 0.3)
+            expected[i, j] |= reach > 0 and (gap < reach - 1e-9 or (rule == "centre" and gap <= reach))
+    assert (blocked == expected).all()
+
+
+def test_shapes_wrap_around_periodic_axes():
+    axes = (Axis("x", 0, 8, 8, periodic=True), Axis("y", 0, 2, 2))
+    blocked = PointRobot().occupancy(axes, [Box((7, 0), (10, 1))], "conservative")
+    assert blocked[:, 0].tolist() == [True, True, False, False, False, False, False, True]
+    same = PointRobot().occupancy(axes, [Box((7 - 80, 0), (10 - 80, 1))], "conservative")
+    assert (same == blocked).all()
+    assert PointRobot(1.5).occupancy(axes, [Box((0, 0), (1, 2))], "conservative")[:, 0].sum() == 5
+    assert PointRobot().occupancy(axes, [Box((-3, 0), (40, 2))], "conservative").all()
+
+
+def test_impossible_shapes_are_refused():
+    ring = (Axis("x", 0, 8, 8, periodic=True), Axis("y", 0, 2, 2))
+    with pytest.raises(InputError, match="periodic axis 'x'"):
+        PointRobot().occupancy(ring, [HalfSpace((1, 0), 3)], "conservative")
+    with pytest.raises(InputError, match="winds around"):
+        PointRobot().occupancy(ring, [Box((0, 0), (1e12, 1))], "conservative")
+    with pytest.raises(InputError, match="3 coordinates"):
+        PointRobot().occupancy(ring, [Ball((0, 0, 0), 1)], "conservative")
+    with pytest.raises(InputError, match="not simple"):
+        Polygon(((0, 0), (1, 1), (1, 0), (0, 1)))
+    with pytest.raises(InputError, match="finite"):
+        Ball((0, float("nan")), 1)
+    with pytest.raises(InputError, match="at least 0"):
+        PointRobot(-1)
+    assert PointRobot().occupancy(ring, [HalfSpace((0, 1), 1)], "conservative")[:, 0].all()
+
+
+def test_the_protocol_fits():
+    assert isinstance(PointRobot(), Robot)
