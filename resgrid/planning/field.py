@@ -3,11 +3,42 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.space import ConfigurationSpace
+from resgrid.errors import InputError
+from resgrid.netlist import Layout, face_shape
+from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.space import Cell, ConfigurationSpace
+
+
+class Flow(NamedTuple):
+    """A field as the tracing kernels take it: flat arrays.
+
+    The lower face of cell ``c`` across axis ``a`` has number ``first_face[a] + sum_b c_b face_stride[a, b]``.
+
+    Attributes
+    ----------
+    code : ndarray of uint8, shape (cells,)
+    shape : ndarray of int64, shape (ndim,)
+    spacing : ndarray of float64, shape (ndim,)
+    first_face : ndarray of int64, shape (ndim,)
+    face_stride : ndarray of int64, shape (ndim, ndim)
+    direction : ndarray of int8, shape (faces,)
+    log_current : ndarray of float64, shape (faces,)
+    """
+
+    code: NDArray[np.uint8]
+    shape: NDArray[np.int64]
+    spacing: NDArray[np.float64]
+    first_face: NDArray[np.int64]
+    face_stride: NDArray[np.int64]
+    direction: NDArray[np.int8]
+    log_current: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,17 +54,20 @@ class Field:
         the goal rail, scaled to a maximum of 1.
     log_drop : ndarray of float64, shape of the space, or None
         Natural logarithm of ``u = 1 - phi``, right to the last digits where ``phi`` rounds to 1; -inf where nothing
-        arrives, NaN in a cell without a node.  None where no obstacle rail exists (uniform drive, blends).
+        arrives, NaN in a cell without a node.  None where no high rail exists (uniform drive, blends).
     face_direction : tuple of ndarray of int8
         Per axis ``a``, shape of the space with one more along ``a``: the sign of the current through the lower face of
-        every cell, positive in the direction of the axis, 0 where none flows.  On a periodic axis the last face
-        repeats the first.
+        every cell, positive in the direction of the axis, 0 where none flows.  It runs from high potential to low.  On
+        a periodic axis the last face repeats the first.
     face_log_current : tuple of ndarray of float64
-        Same shapes: natural logarithm of its magnitude in units of supply / resistance; -inf where none flows.
+        Same shapes: natural logarithm of its magnitude in units of supply / resistance, for the potential as scaled;
+        -inf where none flows.
     boundary : str
         ``"dirichlet"``, ``"neumann"``, ``"wall"`` or ``"blend"``.
     drive : str or None
         ``"uniform"``, ``"start"`` or None.
+    edge : tuple of str
+        Per axis ``"periodic"``, ``"obstacle"`` or ``"open"``.
     k : float
         Share of the Dirichlet field: 1 for Dirichlet and walls, 0 for Neumann.
     """
@@ -45,6 +79,7 @@ class Field:
     face_log_current: tuple[NDArray[np.float64], ...]
     boundary: str
     drive: str | None
+    edge: tuple[str, ...]
     k: float
 
     def __post_init__(self) -> None:
@@ -65,3 +100,124 @@ class Field:
             Shape of the space with one more along ``axis``; in units of supply / resistance; 0 where it underflows.
         """
         return np.asarray(self.face_direction[axis] * np.exp(self.face_log_current[axis]), dtype=np.float64)
+
+    @cached_property
+    def obstacle_reach(self) -> NDArray[np.float64] | None:
+        """Upper bound of the distance from any point of a cell to the nearest obstacle cell, in axis units.
+
+        Shape of the space; None where there is no obstacle cell.
+        """
+        return _obstacle_reach(self.space)
+
+    @cached_property
+    def flow(self) -> Flow:
+        """The field in flat arrays, as the tracing kernels take it."""
+        return _flow(self)
+
+
+def field_of(point: OperatingPoint) -> Field:
+    """Read the field of a configuration space off the operating point of its netlist.
+
+    Parameters
+    ----------
+    point : OperatingPoint
+        Of a netlist with a layout.
+
+    Returns
+    -------
+    Field
+
+    Raises
+    ------
+    InputError
+        If the netlist was not compiled from a space, or has neither two rails nor one rail and a drive.
+    """
+    layout = point.netlist.layout
+    if layout is None:
+        raise InputError("this netlist was not compiled from a space, so it has no field")
+    if point.potential is None:
+        raise InputError("this circuit has more rails or drives than a field is defined for")
+    direction, log_current = _face_currents(point, layout, _unit_volts(point, layout))
+    return Field(
+        space=layout.space,
+        potential=_per_cell(layout, point.potential),
+        log_drop=None if point.log_drop is None else _per_cell(layout, point.log_drop),
+        face_direction=direction,
+        face_log_current=log_current,
+        boundary=layout.boundary,
+        drive=layout.drive,
+        edge=layout.edge,
+        k=0.0 if layout.boundary == "neumann" else 1.0,
+    )
+
+
+def _unit_volts(point: OperatingPoint, layout: Layout) -> float:
+    """Volts between potential 0 and potential 1, with their sign."""
+    if layout.drive != "uniform":
+        return layout.supply
+    assert point.potential is not None
+    top = int(np.nanargmax(point.potential))
+    return float(point.voltage[top] - layout.goal_voltage)
+
+
+def _per_cell(layout: Layout, value: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.where(layout.node >= 0, value[layout.node], np.nan)
+
+
+def _face_currents(
+    point: OperatingPoint, layout: Layout, volts: float
+) -> tuple[tuple[NDArray[np.int8], ...], tuple[NDArray[np.float64], ...]]:
+    shapes = [face_shape(layout.space.shape, axis) for axis in range(layout.space.ndim)]
+    sizes = [int(np.prod(shape)) for shape in shapes]
+    direction = np.zeros(sum(sizes), dtype=np.int8)
+    log_current = np.full(sum(sizes), -np.inf)
+    along = np.where(layout.resistor_upward, 1, -1) * int(np.sign(volts))
+    direction[layout.resistor_face] = point.resistor_direction * along
+    log_current[layout.resistor_face] = point.resistor_log_current - np.log(abs(volts) / layout.resistance)
+    ends = np.cumsum([0, *sizes])
+    parts = [slice(first, last) for first, last in pairwise(ends.tolist())]
+    periodic = layout.space.periodic
+    return (
+        tuple(_seamless(direction[part].reshape(shapes[a]), a, periodic[a]) for a, part in enumerate(parts)),
+        tuple(_seamless(log_current[part].reshape(shapes[a]), a, periodic[a]) for a, part in enumerate(parts)),
+    )
+
+
+def _seamless(faces: NDArray[Any], axis: int, periodic: bool) -> NDArray[Any]:
+    """On a periodic axis the last face repeats the first."""
+    if periodic:
+        along = np.moveaxis(faces, axis, 0)
+        along[-1] = along[0]
+    return faces
+
+
+def _flow(field: Field) -> Flow:
+    space = field.space
+    shapes = [face_shape(space.shape, axis) for axis in range(space.ndim)]
+    sizes = [int(np.prod(shape)) for shape in shapes]
+    return Flow(
+        code=space.cell.ravel(),
+        shape=np.array(space.shape, dtype=np.int64),
+        spacing=space.spacing,
+        first_face=np.cumsum([0, *sizes[:-1]]).astype(np.int64),
+        face_stride=np.array([np.cumprod([1, *shape[:0:-1]])[::-1] for shape in shapes], dtype=np.int64),
+        direction=np.concatenate([part.ravel() for part in field.face_direction]),
+        log_current=np.concatenate([part.ravel() for part in field.face_log_current]),
+    )
+
+
+def _obstacle_reach(space: ConfigurationSpace) -> NDArray[np.float64] | None:
+    from scipy.ndimage import distance_transform_edt
+
+    clear = space.cell != Cell.OBSTACLE
+    if clear.all():
+        return None
+    margin = [(n // 2 + 1, n // 2 + 1) if ring else (0, 0) for n, ring in zip(space.shape, space.periodic, strict=True)]
+    inner = tuple(slice(before, before + n) for (before, _), n in zip(margin, space.shape, strict=True))
+    between_centres = distance_transform_edt(np.pad(clear, margin, mode="wrap"), sampling=space.spacing)[inner]
+    return np.asarray(between_centres + 0.5 * np.linalg.norm(space.spacing))
+
+
+def goal_blocked(space: ConfigurationSpace) -> bool:
+    """Whether no free cell at all is connected to a goal."""
+    return not space.goal_connected.any() and bool(np.any(space.cell == Cell.FREE))

@@ -1,0 +1,41 @@
+"""Scaling the drive of a linear circuit so that its highest node sits at the supply."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from resgrid.errors import InputError
+from resgrid.netlist import Netlist
+from resgrid.nodal.operating_point import OperatingPoint
+
+
+def scale_drive(netlist: Netlist, point: OperatingPoint) -> Netlist:
+    """Scale the uniform drive so that the highest node sits at the supply.
+
+    The circuit is linear: its voltages above the goal rail scale with the currents fed in.
+
+    Parameters
+    ----------
+    netlist : Netlist
+        Compiled with ``drive="uniform"``.
+    point : OperatingPoint
+        Its operating point.
+
+    Returns
+    -------
+    Netlist
+        The same circuit with other ``current_amps``.
+
+    Raises
+    ------
+    InputError
+        If the netlist has no uniform drive, or the operating point is of another netlist.
+    """
+    layout = netlist.layout
+    if layout is None or layout.drive != "uniform":
+        raise InputError("only a netlist compiled with drive = 'uniform' has a drive to scale")
+    if len(point.voltage) != netlist.node_count:
+        raise InputError("the operating point belongs to another netlist")
+    height = (point.voltage - layout.goal_voltage) * np.sign(layout.supply)
+    factor = abs(layout.supply) / float(np.nanmax(height[layout.free_node]))
+    return netlist.replace(current_amps=netlist.current_amps * factor)

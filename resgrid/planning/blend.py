@@ -1,0 +1,88 @@
+"""Blends of Dirichlet and Neumann behaviour (Connolly & Grupen 1992, section 3.3)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.planning.field import Field
+from resgrid.space import Cell
+
+_CANCELLED = 1e-12
+
+
+def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool = False) -> Field:
+    """Blend two fields of one space: ``phi = k phi_D + (1 - k) phi_N`` on free cells.
+
+    The sum of harmonic functions is harmonic, so its streamlines keep every promise.  Currents are blended face by face
+    and decide the order of neighbours; differences of the blended potential do not.
+
+    Parameters
+    ----------
+    dirichlet : Field
+        With obstacles at the high rail (``boundary`` ``"dirichlet"`` or ``"wall"``).
+    neumann : Field
+        With open obstacles, uniformly driven.
+    k : float
+        Share of the Dirichlet field, in [0, 1].
+    allow_start_drive : bool
+        Accept a start-driven Neumann field for 0 < k < 1, without a promise.
+
+    Returns
+    -------
+    Field
+        One of the two for k = 1 and k = 0; otherwise a new one, whose potential is NaN on obstacles and where either
+        field has none.
+
+    Raises
+    ------
+    InputError
+        If k is out of range, or the two fields do not go together.
+    """
+    if not 0.0 <= k <= 1.0:
+        raise InputError(f"k = {k}, but a blend needs 0 <= k <= 1 (1 is Dirichlet, 0 is Neumann)")
+    _check_pair(dirichlet, neumann)
+    if k in (0.0, 1.0):
+        return dirichlet if k == 1.0 else neumann
+    if neumann.drive == "start" and not allow_start_drive:
+        raise InputError("a start-driven Neumann field serves one start only: blend with drive = 'uniform'")
+    potential = k * dirichlet.potential + (1.0 - k) * neumann.potential
+    potential = np.where(dirichlet.space.cell == Cell.OBSTACLE, np.nan, potential)
+    parts = [_add_currents(dirichlet, neumann, axis, k) for axis in range(dirichlet.space.ndim)]
+    return Field(
+        space=dirichlet.space,
+        potential=potential,
+        log_drop=None,
+        face_direction=tuple(direction for direction, _ in parts),
+        face_log_current=tuple(log_current for _, log_current in parts),
+        boundary="blend",
+        drive=neumann.drive,
+        edge=dirichlet.edge,
+        k=float(k),
+    )
+
+
+def _check_pair(dirichlet: Field, neumann: Field) -> None:
+    if dirichlet.boundary not in {"dirichlet", "wall"} or neumann.boundary != "neumann":
+        raise InputError(
+            f"a blend takes a Dirichlet and a Neumann field, in this order; got {dirichlet.boundary!r} and "
+            f"{neumann.boundary!r}"
+        )
+    first, second = dirichlet.space, neumann.space
+    if first is not second and not (first.axes == second.axes and np.array_equal(first.cell, second.cell)):
+        raise InputError("the two fields belong to different spaces; compile both from one space")
+
+
+def _add_currents(
+    dirichlet: Field, neumann: Field, axis: int, k: float
+) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
+    """Sum of the scaled face currents; what cancels to within rounding is zero."""
+    log_d = dirichlet.face_log_current[axis] + np.log(k)
+    log_n = neumann.face_log_current[axis] + np.log1p(-k)
+    largest = np.maximum(log_d, log_n)
+    base = np.where(np.isfinite(largest), largest, 0.0)
+    total = dirichlet.face_direction[axis] * np.exp(log_d - base) + neumann.face_direction[axis] * np.exp(log_n - base)
+    total[np.abs(total) < _CANCELLED] = 0.0
+    with np.errstate(divide="ignore"):
+        return np.sign(total).astype(np.int8), np.log(np.abs(total)) + base

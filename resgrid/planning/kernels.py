@@ -1,0 +1,261 @@
+"""Compiled loops of the planner: Pollock's streamlines, and distances to obstacle cells.
+
+Numba takes seconds to import: only functions that are about to trace import this module.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from resgrid.planning.field import Flow
+
+REACHED, NO_CURRENT, ENDLESS = 0, 1, 2
+_GOAL = 2
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+
+@njit(cache=True, inline="always")
+def _face(flow: Flow, cell: Integers, axis: int) -> int:
+    """Number of the lower face of a cell across an axis."""
+    face: int = flow.first_face[axis]
+    for other in range(len(cell)):
+        face += cell[other] * flow.face_stride[axis, other]
+    return face
+
+
+@njit(cache=True, inline="always")
+def _velocity(flow: Flow, face: int, scale: float) -> float:
+    if flow.direction[face] == 0:
+        return 0.0
+    sign: int = flow.direction[face]
+    return sign * math.exp(flow.log_current[face] - scale)
+
+
+@njit(cache=True)
+def _velocities(flow: Flow, cell: Integers, lower: Floats, upper: Floats) -> float:
+    """Velocities on the lower and upper faces of a cell, scaled to a maximum of 1; returns the log of the scale."""
+    scale = -np.inf
+    for axis in range(len(cell)):
+        face = _face(flow, cell, axis)
+        scale = max(scale, flow.log_current[face], flow.log_current[face + flow.face_stride[axis, axis]])
+    for axis in range(len(cell)):
+        face = _face(flow, cell, axis)
+        lower[axis] = _velocity(flow, face, scale)
+        upper[axis] = _velocity(flow, face + flow.face_stride[axis, axis], scale)
+    return scale
+
+
+@njit(cache=True, inline="always")
+def _exit_time(x: float, lower: float, upper: float) -> tuple[float, int]:
+    """Time until a point at ``x`` in [0, 1] leaves by either face, and by which (-1, 1; 0 for never).
+
+    The velocity is linear between the faces, ``v(x) = lower (1 - x) + upper x`` (Pollock 1988, equations 4 to 8), so
+    the time over a distance ``d`` from velocity ``v`` to ``w`` is ``d log(w / v) / (w - v)``.
+    """
+    v = lower * (1.0 - x) + upper * x
+    if v > 0.0 and upper > 0.0:
+        distance, speed, final, side = 1.0 - x, v, upper, 1
+    elif v < 0.0 and lower < 0.0:
+        distance, speed, final, side = x, -v, -lower, -1
+    else:
+        return np.inf, 0
+    z = final / speed - 1.0
+    if abs(z) < 1e-8:
+        return distance / speed * (1.0 - 0.5 * z), side
+    return distance / speed * (math.log1p(z) / z), side
+
+
+@njit(cache=True, inline="always")
+def _moved(x: float, lower: float, upper: float, time: float) -> float:
+    """Where a point at ``x`` is after a time, within its cell."""
+    v = lower * (1.0 - x) + upper * x
+    rate = upper - lower
+    growth = rate * time
+    step = v * time * (1.0 + 0.5 * growth) if abs(growth) < 1e-8 else v * math.expm1(growth) / rate
+    return min(max(x + step, 0.0), 1.0)
+
+
+@njit(cache=True)
+def _first_exit(local: Floats, lower: Floats, upper: Floats) -> tuple[float, int, int]:
+    """Time, axis and side of the first exit in finite time; axis -1 for none."""
+    time, way, side = np.inf, -1, 0
+    for axis in range(len(local)):
+        axis_time, axis_side = _exit_time(local[axis], lower[axis], upper[axis])
+        if axis_time < time:
+            time, way, side = axis_time, axis, axis_side
+    return time, way, side
+
+
+@njit(cache=True)
+def _strongest_exit(lower: Floats, upper: Floats) -> tuple[float, int, int]:
+    """Speed, axis and side of the face with the largest outward current; axis -1 for none."""
+    speed, way, side = 0.0, -1, 0
+    for axis in range(len(lower)):
+        if upper[axis] > speed:
+            speed, way, side = upper[axis], axis, 1
+        if -lower[axis] > speed:
+            speed, way, side = -lower[axis], axis, -1
+    return speed, way, side
+
+
+@njit(cache=True)
+def _cross(local: Floats, lower: Floats, upper: Floats, spacing: Floats) -> tuple[float, float, int, int]:
+    """Move a point to where it leaves its cell; returns time, length, axis (-1: stuck) and side."""
+    time, way, side = _first_exit(local, lower, upper)
+    drifts = way >= 0
+    if not drifts:
+        # A stagnation point, or a line that leads to one: straight to the strongest way out.
+        speed, way, side = _strongest_exit(lower, upper)
+        if way < 0:
+            return 0.0, 0.0, way, side
+        time = (1.0 - local[way] if side > 0 else local[way]) / speed
+    squares = 0.0
+    for axis in range(len(local)):
+        there = local[axis]
+        if axis == way:
+            there = 1.0 if side > 0 else 0.0
+        elif drifts:
+            there = _moved(local[axis], lower[axis], upper[axis], time)
+        squares += ((there - local[axis]) * spacing[axis]) ** 2
+        local[axis] = there
+    return time, math.sqrt(squares), way, side
+
+
+@njit(cache=True, inline="always")
+def _log_add(a: float, b: float) -> float:
+    if a < b:
+        a, b = b, a
+    return a if b == -np.inf else a + math.log1p(math.exp(b - a))
+
+
+@njit(cache=True)
+def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: Floats) -> tuple[int, int, float, float]:
+    """Follow the current from one point until it enters a goal cell.
+
+    ``cell`` and ``local`` (position within the cell, each coordinate in [0, 1]) are the start, and on return the end.
+    The first ``len(cells)`` cells and positions visited are recorded in ``cells`` and ``locals_``.
+
+    Returns ``(outcome, steps, length, log of the time)``, the time in units where a velocity is a current.
+    """
+    ndim = len(cell)
+    lower, upper = np.empty(ndim), np.empty(ndim)
+    length, log_time = 0.0, -np.inf
+    limit = flow.code.size
+    for step in range(limit):
+        if step < len(cells):
+            cells[step], locals_[step] = cell, local
+        flat = 0
+        for axis in range(ndim):
+            flat = flat * flow.shape[axis] + cell[axis]
+        if flow.code[flat] == _GOAL:
+            return REACHED, step, length, log_time
+        scale = _velocities(flow, cell, lower, upper)
+        if scale == -np.inf:
+            return NO_CURRENT, step, length, log_time
+        time, distance, way, side = _cross(local, lower, upper, flow.spacing)
+        if way < 0:
+            return NO_CURRENT, step, length, log_time
+        length += distance
+        if time > 0.0:
+            log_time = _log_add(log_time, math.log(time) - scale)
+        cell[way] = (cell[way] + side) % flow.shape[way]
+        local[way] = 0.0 if side > 0 else 1.0
+    return ENDLESS, limit, length, log_time
+
+
+@njit(cache=True)
+def trace_many(
+    flow: Flow,
+    starts: Integers,
+    locals_: Floats,
+    outcome: Integers,
+    steps: Integers,
+    length: Floats,
+    log_time: Floats,
+) -> None:
+    """Trace many starts; ``starts`` and ``locals_`` end as the last cells and positions."""
+    no_cells, no_locals = np.empty((0, starts.shape[1]), np.int64), np.empty((0, starts.shape[1]))
+    for k in range(len(starts)):
+        outcome[k], steps[k], length[k], log_time[k] = trace(flow, starts[k], locals_[k], no_cells, no_locals)
+
+
+@njit(cache=True)
+def segment_to_box(start: Floats, end: Floats, lower: Floats, upper: Floats) -> float:
+    """Distance from a segment to an axis-parallel box, by bisection on the derivative of the (convex) square."""
+    a, b = 0.0, 1.0
+    for _ in range(54):
+        t = 0.5 * (a + b)
+        slope = 0.0
+        for axis in range(len(start)):
+            step = end[axis] - start[axis]
+            x = start[axis] + t * step
+            slope += step * (min(x - lower[axis], 0.0) + max(x - upper[axis], 0.0))
+        if slope > 0.0:
+            b = t
+        elif slope < 0.0:
+            a = t
+        else:
+            a = b = t
+            break
+    t = 0.5 * (a + b)
+    squares = 0.0
+    for axis in range(len(start)):
+        x = start[axis] + t * (end[axis] - start[axis])
+        squares += (min(x - lower[axis], 0.0) + max(x - upper[axis], 0.0)) ** 2
+    return math.sqrt(squares)
+
+
+@njit(cache=True)
+def clearance(
+    cells: Integers,
+    starts: Floats,
+    ends: Floats,
+    reach: Floats,
+    obstacle: NDArray[np.bool_],
+    shape: Integers,
+    spacing: Floats,
+    periodic: NDArray[np.bool_],
+) -> float:
+    """Smallest distance from segments, each within its cell, to obstacle cells.
+
+    ``starts`` and ``ends`` are in axis units from the cell's own lower corner; ``reach[k]`` bounds from above how far
+    the nearest obstacle box is from segment ``k``; segments come in ascending order of it.
+    """
+    ndim = len(shape)
+    best = np.inf
+    diagonal = math.sqrt(np.sum(spacing**2))
+    low, high, at = np.empty(ndim, np.int64), np.empty(ndim, np.int64), np.empty(ndim, np.int64)
+    box_low, box_high = np.empty(ndim), np.empty(ndim)
+    for k in range(len(cells)):
+        if reach[k] - 2.0 * diagonal > best:
+            break
+        within = min(best, reach[k])
+        total = 1
+        for axis in range(ndim):
+            cells_away = math.ceil(within / spacing[axis]) + 1
+            low[axis], high[axis] = -cells_away, cells_away
+            if not periodic[axis]:
+                low[axis] = max(low[axis], -cells[k, axis])
+                high[axis] = min(high[axis], shape[axis] - 1 - cells[k, axis])
+            total *= high[axis] - low[axis] + 1
+        for number in range(total):
+            rest, flat = number, 0
+            for axis in range(ndim - 1, -1, -1):
+                width = high[axis] - low[axis] + 1
+                at[axis] = low[axis] + rest % width
+                rest //= width
+            for axis in range(ndim):
+                flat = flat * shape[axis] + (cells[k, axis] + at[axis]) % shape[axis]
+            if not obstacle[flat]:
+                continue
+            for axis in range(ndim):
+                box_low[axis] = at[axis] * spacing[axis]
+                box_high[axis] = (at[axis] + 1) * spacing[axis]
+            best = min(best, segment_to_box(starts[k], ends[k], box_low, box_high))
+    return best

@@ -1,0 +1,257 @@
+"""Streamlines: from a start, along the current, to a goal.
+
+Pollock's semi-analytical method (D. W. Pollock, Ground Water 26(6), 1988): inside a cell every velocity component is
+linear between the two faces it crosses, so that exit face and time have a closed form.  No interpolated voltage is ever
+used: a wall face carries no, or inward, current, and each crossing strictly lowers the node potential.  A streamline
+therefore cannot enter an obstacle, cut a corner, loop, or stop short of a goal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.errors import AccuracyError, InputError
+from resgrid.planning.field import Field, goal_blocked
+from resgrid.planning.streamline import Outcome, Streamline
+from resgrid.space import Cell, ConfigurationSpace
+
+
+@dataclass(frozen=True, eq=False)
+class Traces:
+    """The ends of many streamlines.
+
+    Attributes
+    ----------
+    outcome : ndarray of str, shape (n,)
+        Values of `Outcome`.
+    goal : ndarray of int64, shape (n,)
+        Goal region reached, -1 for none.
+    length : ndarray of float64, shape (n,)
+        In axis units; NaN where the streamline does not reach a goal.
+    log_duration : ndarray of float64, shape (n,)
+        As in `Streamline`.
+    steps : ndarray of int64, shape (n,)
+        Faces crossed.
+    """
+
+    outcome: NDArray[np.str_]
+    goal: NDArray[np.int64]
+    length: NDArray[np.float64]
+    log_duration: NDArray[np.float64]
+    steps: NDArray[np.int64]
+
+
+def streamline(field: Field, start: ArrayLike | None = None, *, cell: Sequence[int] | None = None) -> Streamline:
+    """Follow the current from a start to a goal.
+
+    Where no axis leads out in finite time (stagnation points and the lines that lead to them, starts on a wall) the
+    streamline leaves straight through the face with the largest outward current.
+
+    Parameters
+    ----------
+    field : Field
+    start : array_like of float, shape (ndim,)
+        In axis units; any point of the grid.
+    cell : sequence of int, optional
+        Instead of `start`: a cell, whose centre is the start.
+
+    Returns
+    -------
+    Streamline
+        Typed by its outcome; certified by `resgrid.certify`.
+
+    Raises
+    ------
+    InputError
+        If the start lies outside the grid, or not exactly one of `start` and `cell` is given.
+    AccuracyError
+        If the streamline does not end, which a direction-safe field rules out.
+    """
+    point = _one_start(field.space, start, cell)
+    cells, local = start_cells(field.space, point[np.newaxis])
+    blocked = _static_outcomes(field, cells)[0]
+    if blocked:
+        here = field.space.centre(cells[0]) + (local[0] - 0.5) * field.space.spacing
+        return Streamline(here[np.newaxis], cells, Outcome(blocked), None, 0.0, np.nan, np.nan)
+    return _traced(field, cells[0], local[0])
+
+
+def streamlines(field: Field, starts: ArrayLike) -> Traces:
+    """Follow the current from many starts, and keep the ends only.
+
+    Parameters
+    ----------
+    field : Field
+    starts : array_like of float, shape (n, ndim)
+        In axis units.
+
+    Returns
+    -------
+    Traces
+
+    Raises
+    ------
+    InputError
+        If a start lies outside the grid.
+    AccuracyError
+        If a streamline does not end.
+    """
+    from resgrid.planning import kernels
+
+    points = np.asarray(starts, dtype=np.float64).reshape(-1, field.space.ndim)
+    cells, local = start_cells(field.space, points)
+    outcome = _static_outcomes(field, cells).astype("U16")
+    free = np.flatnonzero(outcome == "")
+    last, position = cells[free], local[free]
+    code, steps = np.empty(len(free), dtype=np.int64), np.empty(len(free), dtype=np.int64)
+    length, log_time = np.empty(len(free)), np.empty(len(free))
+    kernels.trace_many(field.flow, last, position, code, steps, length, log_time)
+    _check_ended(code)
+    reached = code == kernels.REACHED
+    outcome[free] = np.where(reached, Outcome.REACHED.value, Outcome.NO_CURRENT.value)
+    goal = np.full(len(points), -1, dtype=np.int64)
+    goal[free[reached]] = field.space.goal_region[tuple(last[reached].T)]
+    return Traces(
+        outcome=outcome,
+        goal=goal,
+        length=_spread(len(points), free, np.where(reached, length, np.nan)),
+        log_duration=_spread(len(points), free, _log_duration(field, log_time)),
+        steps=_spread(len(points), free, steps).astype(np.int64),
+    )
+
+
+def start_cells(
+    space: ConfigurationSpace, points: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Cell and position within it of every start; a point on a border belongs to a free cell if it touches one.
+
+    Parameters
+    ----------
+    space : ConfigurationSpace
+    points : ndarray of float64, shape (n, ndim)
+
+    Returns
+    -------
+    cells : ndarray of int64, shape (n, ndim)
+    local : ndarray of float64, shape (n, ndim)
+        In [0, 1].
+    """
+    cells, local = space.split(points)
+    size = np.array(space.shape)
+    for step in product((0, 1), repeat=space.ndim):
+        beyond = np.array(step)
+        touched = (space.cell[tuple(cells.T)] == Cell.OBSTACLE) & np.all((local == 0) | (beyond == 0), axis=1)
+        neighbour = cells - beyond
+        touched &= np.all((neighbour >= 0) | space.periodic, axis=1)
+        neighbour %= size
+        touched &= space.cell[tuple(neighbour.T)] != Cell.OBSTACLE
+        cells[touched] = neighbour[touched]
+        local[touched] = np.where(beyond == 1, 1.0, local[touched])
+    return cells, local
+
+
+def _one_start(space: ConfigurationSpace, start: ArrayLike | None, cell: Sequence[int] | None) -> NDArray[np.float64]:
+    if (start is None) == (cell is None):
+        raise InputError("give either a start point or a start cell")
+    if cell is None:
+        return np.asarray(start, dtype=np.float64)
+    index = np.asarray(cell)
+    if index.shape != (space.ndim,) or index.dtype.kind not in "iu":
+        raise InputError(f"a cell of this space has {space.ndim} whole indices, got {cell!r}")
+    if np.any(index < 0) or np.any(index >= space.shape):
+        raise InputError(f"the start cell {tuple(index.tolist())} is not in the grid of {space.shape} cells")
+    return space.centre(index)
+
+
+def _static_outcomes(field: Field, cells: NDArray[np.int64]) -> NDArray[np.str_]:
+    """Outcomes that the cells decide before anything flows; empty where there is something to trace."""
+    space = field.space
+    at = tuple(cells.T)
+    code = space.cell[at]
+    outcome = np.full(len(cells), "", dtype="U16")
+    cut_off = (code == Cell.FREE) & ~space.goal_connected[at]
+    outcome[cut_off] = (Outcome.GOAL_BLOCKED if goal_blocked(space) else Outcome.NO_PATH).value
+    outcome[code == Cell.OBSTACLE] = Outcome.START_BLOCKED.value
+    return outcome
+
+
+def _traced(field: Field, cell: NDArray[np.int64], local: NDArray[np.float64]) -> Streamline:
+    from resgrid.planning import kernels
+
+    space = field.space
+    none = np.empty((0, space.ndim))
+    code, steps, length, log_time = kernels.trace(field.flow, cell.copy(), local.copy(), none.astype(np.int64), none)
+    _check_ended(np.array([code]))
+    cells, locals_ = np.empty((steps + 1, space.ndim), dtype=np.int64), np.empty((steps + 1, space.ndim))
+    kernels.trace(field.flow, cell.copy(), local.copy(), cells, locals_)
+    reached = code == kernels.REACHED
+    return Streamline(
+        points=space.lower + (cells + locals_) * space.spacing,
+        cells=cells,
+        outcome=Outcome.REACHED if reached else Outcome.NO_CURRENT,
+        goal=int(space.goal_region[tuple(cells[-1])]) if reached else None,
+        length=float(length),
+        clearance=_clearance(field, cells, locals_),
+        log_duration=float(_log_duration(field, np.array([log_time]))[0]),
+    )
+
+
+def _check_ended(code: NDArray[np.int64]) -> None:
+    from resgrid.planning import kernels
+
+    if np.any(code == kernels.ENDLESS):
+        raise AccuracyError(
+            "a streamline visits more cells than there are: the field is not direction-safe; solve with "
+            "accuracy = 'direction'"
+        )
+
+
+def _log_duration(field: Field, log_time: NDArray[np.float64]) -> NDArray[np.float64]:
+    """From face currents to velocities: ``d xi / dt = I R / supply / h_ref**2`` in every axis; NaN where none moved."""
+    scaled = log_time + 2.0 * np.log(field.space.spacing.min())
+    return np.where(np.isneginf(log_time), np.nan, scaled)
+
+
+def _clearance(field: Field, cells: NDArray[np.int64], locals_: NDArray[np.float64]) -> float:
+    """Distance from the polyline to the nearest obstacle cell, or to an edge that counts as an obstacle."""
+    from resgrid.planning import kernels
+
+    space, reach = field.space, field.obstacle_reach
+    nearest = np.inf
+    if reach is not None:
+        starts = locals_ * space.spacing
+        ends = np.empty_like(starts)
+        # A segment ends where the next one starts, seen from its own cell.
+        ends[:-1] = starts[1:] + _steps(space, cells) * space.spacing
+        ends[-1] = starts[-1]
+        bound = reach[tuple(cells.T)]
+        order = np.argsort(bound, kind="stable")
+        nearest = kernels.clearance(
+            cells[order], starts[order], ends[order], bound[order], (space.cell == Cell.OBSTACLE).ravel(),
+            np.array(space.shape, dtype=np.int64), space.spacing, space.periodic,
+        )  # fmt: skip
+    position = (cells + locals_) * space.spacing
+    for axis, rule in enumerate(field.edge):
+        if rule == "obstacle":
+            extent = space.shape[axis] * space.spacing[axis]
+            nearest = min(nearest, position[:, axis].min(), extent - position[:, axis].max())
+    return float(max(nearest, 0.0))
+
+
+def _steps(space: ConfigurationSpace, cells: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Cell steps of a streamline, -1, 0 or 1 along each axis; across a seam the short way."""
+    step = np.diff(cells, axis=0)
+    size = np.array(space.shape)
+    ring = space.periodic & (np.abs(step) == size - 1) & (size > 2)
+    return np.where(ring, -np.sign(step), step)
+
+
+def _spread(count: int, where: NDArray[np.int64], values: NDArray[np.generic]) -> NDArray[np.float64]:
+    out = np.full(count, np.nan if values.dtype.kind == "f" else 0.0)
+    out[where] = values
+    return out
