@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +11,7 @@ from numpy.typing import NDArray
 from resgrid.errors import InputError
 from resgrid.robots.protocol import Sampling
 from resgrid.robots.reach import mark
-from resgrid.robots.shapes import Shape
+from resgrid.robots.shapes import LARGEST, Shape
 from resgrid.space import Axis
 
 
@@ -31,13 +30,13 @@ class PointRobot:
     Raises
     ------
     InputError
-        If the radius is negative or not finite.
+        If the radius is negative, not finite or above 1e60.
     """
 
     radius: float = 0.0
 
     def __post_init__(self) -> None:
-        if not (isfinite(self.radius) and self.radius >= 0):
+        if not 0 <= self.radius <= LARGEST:
             raise InputError(f"a robot's radius must be finite and at least 0, got {self.radius}")
 
     def occupancy(self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling) -> NDArray[np.bool_]:

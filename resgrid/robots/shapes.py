@@ -14,6 +14,9 @@ from resgrid.space import Axis
 Point = tuple[float, ...]
 Bounds = tuple[Point, Point]
 
+LARGEST = 1e60
+"""Largest coordinate: products of four of them do not overflow."""
+
 
 @dataclass(frozen=True)
 class Box:
@@ -151,7 +154,7 @@ class HalfSpace:
 
     def __post_init__(self) -> None:
         _require_finite("half-plane", *self.normal, self.offset)
-        if not any(self.normal):
+        if max(map(abs, self.normal)) < 1 / LARGEST:
             raise InputError("a half-plane needs a normal that is not zero")
 
     @property
@@ -198,8 +201,8 @@ def _add(point: Point, by: Point) -> Point:
 
 
 def _require_finite(what: str, *values: float) -> None:
-    if not all(isfinite(value) for value in values):
-        raise InputError(f"a {what} needs finite coordinates, got {list(values)}")
+    if not all(isfinite(value) and abs(value) <= LARGEST for value in values):
+        raise InputError(f"a {what} needs finite coordinates up to {LARGEST:g}, got {list(values)}")
 
 
 def _require_simple(polygon: Polygon) -> None:

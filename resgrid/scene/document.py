@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from math import ulp
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
 from resgrid.errors import InputError
 from resgrid.robots import Ball, Box, HalfSpace, Polygon, Shape
+from resgrid.robots.shapes import LARGEST
 from resgrid.scene.quantities import PATTERN, parse_quantity
 from resgrid.scene.scene import GoalCell, GoalPoint
 
@@ -240,6 +242,8 @@ class AxisTable(Table):
     def _is_possible(self) -> AxisTable:
         if not self.lower < self.upper:
             raise ValueError(f"lower = {self.lower} must lie below upper = {self.upper}")
+        if max(abs(self.lower), abs(self.upper)) > LARGEST:
+            raise ValueError(f"lower and upper must not exceed {LARGEST:g}")
         if (self.cells is None) == (self.spacing is None):
             raise ValueError("give either cells or spacing, not " + ("both" if self.cells else "neither"))
         if self.spacing is not None:
@@ -249,6 +253,8 @@ class AxisTable(Table):
                     f"spacing = {self.spacing} does not divide upper - lower = {self.upper - self.lower} into whole "
                     "cells; change one of them, or give cells"
                 )
+        if (self.upper - self.lower) / self.count() < 64 * ulp(max(abs(self.lower), abs(self.upper))):
+            raise ValueError("the cells are too narrow to be told apart in floating point; move the axis towards 0")
         return self
 
     def count(self) -> int:

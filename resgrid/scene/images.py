@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.errors import BudgetError, InputError
+from resgrid.errors import BudgetError, InputError, ResgridError
 from resgrid.scene.files import read_bytes, require_memory
 from resgrid.scene.pgm import read_pgm
 
@@ -85,6 +85,7 @@ def _read_with_pillow(data: bytes, path: Path) -> Raster:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
+            Image.open(BytesIO(data)).verify()  # the checksums of PNG, which decoding alone does not look at
             image = Image.open(BytesIO(data))
             require_memory(image.size, str(path))
             return _raster(image, path)
@@ -92,7 +93,9 @@ def _read_with_pillow(data: bytes, path: Path) -> Raster:
         raise InputError(f"{path}: this is not a picture of a known format (PNG, PGM, BMP, ...)") from None
     except Image.DecompressionBombError as error:
         raise BudgetError(f"{path}: the picture is too large ({error})") from None
-    except (OSError, SyntaxError, ValueError, EOFError, IndexError, TypeError, OverflowError) as error:
+    except ResgridError:
+        raise
+    except Exception as error:  # each of Pillow's decoders has its own ways to fail on damaged bytes
         raise InputError(f"{path}: the picture is damaged or cut short ({error}); copy it again") from None
 
 

@@ -42,6 +42,9 @@ def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     """
     document = document_of(scene)
     changes_by_key = {SHORT.get(key, key): value for key, value in changes.items()}
+    edge = changes_by_key.get("edge")
+    if isinstance(edge, str) and "," in edge and "[" not in edge:
+        changes_by_key["edge"] = [rule.strip() for rule in edge.split(",")]
     for key in ("goal", "start"):
         places = _places(key, changes_by_key)
         if places is not None:

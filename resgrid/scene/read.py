@@ -82,7 +82,9 @@ def parse_scene(text: str, source: str = "scene", folder: str | os.PathLike[str]
     try:
         raw = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{source}: this is not TOML: {error}") from None
+        last = text.rstrip("\n").split("\n")
+        end = f"at line {len(last)}, column {len(last[-1]) + 1}, the end of the document"
+        raise InputError(f"{source}: this is not TOML: {str(error).replace('at end of document', end)}") from None
     except (RecursionError, ValueError) as error:
         raise InputError(f"{source}: this is not TOML that can be read ({error})") from None
     return build_scene(raw, source, Path(folder), key_lines(text))

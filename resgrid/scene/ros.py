@@ -179,7 +179,7 @@ def read_header(path: Path, dialect: str = "nav2") -> RosHeader:
 
 def _occupancy(header: RosHeader, dialect: str) -> NDArray[np.int8]:
     raster = read_raster(header.image)
-    return (_as_ros1 if dialect == "ros1" else _as_nav2)(raster, header)[::-1]
+    return (_as_ros1 if dialect == "ros1" else _as_nav2)(raster, header)[::-1].copy()
 
 
 def _as_ros1(raster: Raster, header: RosHeader) -> NDArray[np.int8]:

@@ -1,0 +1,276 @@
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from resgrid.errors import InputError, ResgridError
+from resgrid.scene import read_queries, read_scene, sample
+from resgrid.scene.pgm import read_pgm
+
+MAP = "type octile\nheight 3\nwidth 4\nmap\n.G@O\nTSW.\n....\n"
+
+
+def write(path, content):
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    return path
+
+
+def cells(path, **options):
+    return sample(read_scene(path, **options), require_goal=False).cell
+
+
+def png(pixels, mode="L"):
+    stream = io.BytesIO()
+    Image.fromarray(np.array(pixels, dtype=np.uint8)).convert(mode).save(stream, "png")
+    return stream.getvalue()
+
+
+def test_movingai_letters(tmp_path):
+    file = write(tmp_path / "a.map", MAP)
+    assert cells(file).T[::-1].tolist() == [[0, 0, 1, 1], [1, 0, 1, 0], [0, 0, 0, 0]]
+    assert cells(file, passable=".").T[::-1].tolist() == [[0, 1, 1, 1], [1, 1, 1, 0], [0, 0, 0, 0]]
+    scene = read_scene(file, goal=(3.5, 1.5))
+    assert sample(scene).cell[3, 1] == 2
+    assert [(axis.lower, axis.upper, axis.unit) for axis in scene.axes] == [(0, 4, "cell"), (0, 3, "cell")]
+    assert (cells(write(tmp_path / "crlf.map", MAP.replace("\n", "\r\n"))) == cells(file)).all()
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (MAP.replace("TSW.", "TSW"), "line 6: the row has 3 letters, but the header says width 4"),
+        (MAP.replace("TSW.", "TSW.."), "line 6: the row has 5"),
+        (MAP.replace("TSW.", "TSx."), "line 6, column 3: 'x' is no terrain"),
+        (MAP.replace("height 3", "height 4"), "ends after 3 rows"),
+        (MAP.replace("height 3", "height 2"), "line 7: more rows"),
+        (MAP.replace("height 3", "height 0"), "'height N'"),
+        (MAP.replace("height 3", "height -1"), "'height N'"),
+        (MAP.replace("height 3\n", ""), "'height N'"),
+        (MAP.replace("height 3", "height 1000000000").replace("width 4", "width 1000000000"), "width"),
+        (MAP.replace("octile", "hex"), "line 1: type 'hex' is not square"),
+        (MAP.replace("\nmap\n", "\n"), "line 4: expected"),
+        ("type octile\n", "expected|does not end"),
+        ("", "expected|does not end"),
+        (b"\xff\xfe\x00", "UTF-8"),
+    ],
+)
+def test_movingai_errors_name_the_line(tmp_path, text, expected):
+    with pytest.raises(InputError, match=expected):
+        read_scene(write(tmp_path / "a.map", text))
+
+
+def test_movingai_options(tmp_path):
+    with pytest.raises(InputError, match="'x' is no terrain"):
+        read_scene(write(tmp_path / "a.map", MAP), passable=".x")
+
+
+def test_queries(tmp_path):
+    text = "version 1\n0\ta b.map\t4\t3\t0\t0\t3\t2\t3.82842712\n\n3 c.map 4 3 1 1 2 2 1.5\n"
+    first, second = read_queries(write(tmp_path / "a.scen", text))
+    assert (first.map, first.start, first.goal, first.optimal_length) == ("a b.map", (0, 2), (3, 0), 3.82842712)
+    assert (second.bucket, second.start, second.goal) == (3, (1, 1), (2, 0))
+    for bad, expected in (
+        ("version 2\n", "line 1"),
+        ("0\ta\n", "line 1"),
+        ("version 1\n0 a.map 4 3 0 0 3 2\n", "line 2: expected 9 fields"),
+        ("version 1\n0 a.map 4 3 0 0 3 3 1\n", r"line 2: the goal \(3, 3\) is outside"),
+        ("version 1\n0 a.map 4 3 0 0 3 2 nan\n", "line 2: expected 9 fields"),
+    ):
+        with pytest.raises(InputError, match=expected):
+            read_queries(write(tmp_path / "a.scen", bad))
+
+
+@pytest.mark.parametrize("name", ["arena", "den312d", "random-32-32-20", "room-32-32-4", "maze-32-32-2"])
+def test_the_ends_of_every_query_are_free_and_joined(cases, name):
+    from resgrid.space import label_regions
+
+    folder = cases / "movingai"
+    (queries,) = (read_queries(file) for file in folder.glob(f"{name}*.scen"))
+    cell = cells(folder / f"{name}.map")
+    region = label_regions(cell == 0, (False, False))
+    for query in queries:
+        assert cell.shape == (query.width, query.height)
+        assert region[query.start] == region[query.goal] > 0
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"P5\n3 2\n255\n" + bytes([0, 1, 2, 3, 4, 255]),
+        b"P5 # a comment\n# another\n3\t2\r\n255 " + bytes([0, 1, 2, 3, 4, 255]),
+        b"P2\n3 2 255\n0 1 2\n3 4\n255\n",
+        b"P2 3 2\n#c\n255\n0 1 2 # three 9 9\n3 4 255 77",
+        b"P5#x\n3#y\n2#z\n255\n" + bytes([0, 1, 2, 3, 4, 255]) + b"P5 trailing",
+    ],
+)
+def test_pgm_to_the_letter(tmp_path, data):
+    values, maxval = read_pgm(data, tmp_path)
+    assert (values.tolist(), maxval) == ([[0, 1, 2], [3, 4, 255]], 255)
+
+
+def test_pgm_with_two_bytes_a_value(tmp_path):
+    assert read_pgm(b"P5 2 1 65535\n\x01\x02\xff\xff", tmp_path)[0].tolist() == [[258, 65535]]
+    assert read_pgm(b"P2 2 1 1000\n7 1000", tmp_path)[0].tolist() == [[7, 1000]]
+    # a raster that starts with what looks like a comment or a blank
+    assert read_pgm(b"P5 2 1 255\n#\n", tmp_path)[0].tolist() == [[35, 10]]
+    assert cells(write(tmp_path / "a.pgm", b"P5 3 1 3\n\x00\x01\x02"))[:, 0].tolist() == [1, 1, 0]
+
+
+@pytest.mark.parametrize(
+    "data",
+    [
+        b"",
+        b"P5",
+        b"P5\n",
+        b"P5 3",
+        b"P5 3 2",
+        b"P5 3 2 255",
+        b"P5 3 2 255\n12345",
+        b"P5 0 2 255\n",
+        b"P5 3 2 0\n123456",
+        b"P5 3 2 65536\n" + b"1" * 12,
+        b"P5 3 2 100\n\xff23456",
+        b"P5 3 2 255x123456",
+        b"P5 1000000000 1000000000 255\n123",
+        b"P5 99999999999999999999 2 255\n123",
+        b"P2 1000000000 1000000000 255\n1 2 3",
+        b"P2 3 1 255\n1 2",
+        b"P2 3 1 255\n1 2 x",
+        b"P2 3 1 255\n1 2 -3",
+        b"P2 3 1 255\n1 2 256",
+        b"P2 3 1 255\n1 2 1.5",
+        b"P9 3 1 255\n",
+        b"\x89PNG\r\n\x1a\nrubbish",
+        png([[1, 2], [3, 4]])[:-20],
+        png([[1, 2], [3, 4]])[:40],
+        b"GIF89a",
+        bytes(100),
+    ],
+)
+def test_damaged_pictures_are_refused(tmp_path, data):
+    file = write(tmp_path / "a.pgm", data)
+    with pytest.raises(InputError, match=r"a\.pgm"):
+        read_scene(file)
+
+
+def test_pictures_of_absurd_size_are_refused(tmp_path):
+    data = bytearray(png([[1]]))
+    data[16:24] = (60000).to_bytes(4) + (60000).to_bytes(4)
+    import zlib
+
+    data[29:33] = zlib.crc32(bytes(data[12:29])).to_bytes(4)
+    with pytest.raises(ResgridError, match=r"too large|memory"):
+        read_scene(write(tmp_path / "a.png", bytes(data)))
+
+
+def test_thresholds_of_plain_pictures(tmp_path):
+    file = write(tmp_path / "a.png", png([[0, 127, 128, 255]]))
+    assert cells(file)[:, 0].tolist() == [1, 1, 0, 0]
+    assert cells(file, threshold=1)[:, 0].tolist() == [1, 0, 0, 0]
+    scene = read_scene(file, spacing=0.5, origin=(1, 2))
+    assert [(axis.lower, axis.upper, axis.unit) for axis in scene.axes] == [(1, 3, "m"), (2, 2.5, "m")]
+    for options, expected in (
+        ({"spacing": -1}, "greater than 0"),
+        ({"origin": (1, 2, 3)}, "needs 2 coordinates"),
+        ({"threshold": "x"}, "whole number"),
+        ({"treshold": 3}, "unknown key"),
+    ):
+        with pytest.raises(InputError, match=expected):
+            read_scene(file, **options)
+
+
+def test_epic_pictures(tmp_path):
+    colours = [[[0, 0, 0], [255, 255, 255], [150, 150, 150], [255, 0, 0], [0, 0, 1], [0, 0, 9]]]
+    file = write(tmp_path / "a.png", png(colours, "RGB"))
+    assert cells(file, format="epic")[:, 0].tolist() == [1, 2, 0, 0, 1, 0]
+    transparent = write(tmp_path / "b.png", png([[[0, 0, 0, 0], [255, 255, 255, 0], [9, 9, 9, 255]]], "RGBA"))
+    assert cells(transparent, format="epic")[:, 0].tolist() == [1, 2, 0]
+
+
+def test_deep_and_paletted_pictures(tmp_path):
+    stream = io.BytesIO()
+    Image.fromarray(np.array([[0, 32767, 32896, 65535]], dtype=np.uint16)).save(stream, "png")
+    assert cells(write(tmp_path / "deep.png", stream.getvalue()))[:, 0].tolist() == [1, 1, 0, 0]
+    assert cells(write(tmp_path / "p.png", png([[0, 255]], "P")))[:, 0].tolist() == [1, 0]
+    assert cells(write(tmp_path / "1.png", png([[0, 255]], "1")))[:, 0].tolist() == [1, 0]
+
+
+@pytest.mark.parametrize("name", ["maze_1", "umass_lpr", "c_space"])
+def test_real_epic_pictures(cases, name):
+    grey = np.asarray(Image.open(cases / "epic" / f"{name}.png").convert("L"))
+    cell = cells(cases / "epic" / f"{name}.png", format="epic")
+    assert ((cell == 1) == (grey == 0)[::-1].T).all()
+    assert ((cell == 2) == (grey == 255)[::-1].T).all()
+    assert (cell == 2).any()
+
+
+def test_arrays(tmp_path):
+    codes = np.array([[0, 1, 2], [0, 0, 1]])
+    for array in (codes, codes.astype(np.uint8), np.asfortranarray(codes)):
+        np.save(tmp_path / "a.npy", array)
+        assert cells(tmp_path / "a.npy").tolist() == codes.tolist()
+    np.save(tmp_path / "a.npy", np.zeros((2, 3, 4, 5), dtype=bool))
+    assert cells(tmp_path / "a.npy").shape == (2, 3, 4, 5)
+    assert read_scene(tmp_path / "a.npy", goal=(0.5, 1.5, 2.5, 3.5)).ndim == 4
+
+
+@pytest.mark.parametrize(
+    "array",
+    [
+        np.array([[0, 3]]),
+        np.array([[0.0, 1.0]]),
+        np.array([[0, -1]]),
+        np.zeros((0, 3), dtype=int),
+        np.zeros((1, 1, 1, 1, 1), dtype=int),
+        np.array(3),
+        np.array(["a"]),
+        np.array([{}], dtype=object),
+    ],
+)
+def test_arrays_that_are_no_cells(tmp_path, array):
+    np.save(tmp_path / "a.npy", array)
+    with pytest.raises(InputError, match=r"a\.npy"):
+        read_scene(tmp_path / "a.npy")
+
+
+def test_damaged_arrays(tmp_path):
+    stream = io.BytesIO()
+    np.save(stream, np.zeros((20, 20), dtype=np.uint8))
+    whole = stream.getvalue()
+    huge = whole.replace(b"(20, 20), }" + b" " * 20, b"(1000000000, 1000000000), }"[:27] + b" " * 4)
+    for data in (b"", whole[:5], whole[:40], whole[:-7], huge, b"\x93NUMPY\x09\x00" + whole[8:]):
+        with pytest.raises(ResgridError, match=r"a\.npy"):
+            read_scene(write(tmp_path / "a.npy", data))
+
+
+def test_a_scene_may_stand_on_a_map(tmp_path):
+    write(tmp_path / "floor.map", MAP)
+    scene = write(
+        tmp_path / "s.toml",
+        'schema = 1\n[map]\nfile = "floor.map"\n[[goal]]\ncell = [0, 0]\n'
+        '[[obstacle]]\nshape = "rectangle"\nlower = [1, 0]\nupper = [2, 1]\n',
+    )
+    space = sample(read_scene(scene))
+    assert (space.cell[0, 0], space.cell[1, 0], space.cell[2, 2]) == (2, 1, 1)
+    assert sample(read_scene(scene, passable=".")).cell[1, 1] == 1
+    for line, expected in (
+        ('file = "gone.map"', r"gone\.map: there is no such file"),
+        ('file = "floor.map"\npasable = "."', "did you mean 'passable'"),
+        ('file = "floor.map"\nthreshold = 3', "takes no such option"),
+        ('file = "."', "is a directory"),
+    ):
+        write(tmp_path / "t.toml", f"schema = 1\n[map]\n{line}\n")
+        with pytest.raises(InputError, match=expected):
+            read_scene(tmp_path / "t.toml")
+    write(tmp_path / "t.toml", 'schema = 1\nstarts = [[1, 2, 3]]\n[map]\nfile = "floor.map"\n')
+    with pytest.raises(InputError, match=r"line 2: starts\[0\]: needs 2 coordinates"):
+        read_scene(tmp_path / "t.toml")
+
+
+def test_goals_of_a_map_survive_the_radius_or_are_reported(tmp_path):
+    codes = np.array([[1, 2, 2, 2]])
+    np.save(tmp_path / "a.npy", codes)
+    assert cells(tmp_path / "a.npy", radius=0.5).tolist() == [[1, 1, 2, 2]]
+    with pytest.raises(InputError, match="goal cells"):
+        cells(tmp_path / "a.npy", radius=5.0)

@@ -1,0 +1,68 @@
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from resgrid.errors import InputError
+from resgrid.scene import parse_quantity
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("10k", 10e3),
+        ("4k7", 4.7e3),
+        ("2.2meg", 2.2e6),
+        ("1M", 1e6),
+        ("2M2", 2.2e6),
+        ("100n", 100e-9),
+        ("1u", 1e-6),
+        ("1µ", 1e-6),
+        ("3.3", 3.3),
+        ("3m", 3e-3),
+        ("1e4", 1e4),
+        ("-5", -5.0),
+        (".5k", 500.0),
+        (7, 7.0),
+        (0.25, 0.25),
+    ],
+)
+def test_values(text, value):
+    assert parse_quantity(text) == value
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "k",
+        "10K",
+        "10kohm",
+        "10 k",
+        " 10k",
+        "4k7k",
+        "4.0k7",
+        "1e3k",
+        "1_000",
+        "0x10",
+        "nan",
+        "inf",
+        "1e999",
+        "10Meg",
+        "٣k",
+        True,
+        None,
+        [1],
+        float("nan"),
+        float("inf"),
+        10**400,
+        "1" * 100,
+    ],
+)
+def test_everything_else_is_refused_with_a_remedy(text):
+    with pytest.raises(InputError, match="4k7"):
+        parse_quantity(text)
+
+
+@given(st.integers(0, 9999), st.integers(0, 999))
+def test_a_suffix_in_the_middle_is_the_decimal_point(whole, part):
+    assert parse_quantity(f"{whole}k{part}") == float(f"{whole}.{part}e3")
