@@ -1,0 +1,84 @@
+"""What a simulator should find in a deck."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from resgrid.errors import InputError
+from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.spice.deck import FlatDeck
+
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """Voltages and source currents that a deck should have.
+
+    Attributes
+    ----------
+    voltage : mapping of str to float
+        Per node of the deck, ground excluded, in volts.
+    source_current : mapping of str to float or None
+        Into the plus terminal of every voltage source of the deck, in amperes; None where it is undetermined.
+    supply : float
+        Largest voltage difference in the circuit, in volts: what tolerances are relative to.  With two rails it is the
+        difference of the rails, by the maximum principle.
+    current_scale : float
+        Largest source current, or the current of the largest conductance at the supply, in amperes.
+    """
+
+    voltage: Mapping[str, float]
+    source_current: Mapping[str, float | None]
+    supply: float
+    current_scale: float
+
+
+def expect(deck: FlatDeck, point: OperatingPoint) -> Expected:
+    """Tie an operating point to the names of a deck of the same netlist.
+
+    Parameters
+    ----------
+    deck : FlatDeck
+    point : OperatingPoint
+
+    Returns
+    -------
+    Expected
+
+    Raises
+    ------
+    InputError
+        If the operating point belongs to another netlist, or lacks a voltage that the deck needs.
+    """
+    count = max(int(deck.nodes.max(initial=0)), int(point.netlist.node_count) - 1) + 1
+    if len(point.voltage) != count or len(point.source_current) <= deck.sources.max(initial=-1):
+        raise InputError(
+            f"the operating point has {len(point.voltage)} nodes, the netlist {count}: it belongs to another netlist"
+        )
+    voltage = point.voltage[deck.nodes]
+    if not np.isfinite(voltage).all():
+        name = deck.node_names[int(np.flatnonzero(~np.isfinite(voltage))[0])]
+        raise InputError(f"the operating point has no voltage for node {name}; solve this netlist first")
+    supply = _supply(point)
+    current = point.source_current[deck.sources]
+    largest = float(np.max(np.abs(current[np.isfinite(current)]), initial=0.0))
+    return Expected(
+        voltage=dict(zip(deck.node_names, voltage.tolist(), strict=True)),
+        source_current={
+            name: value if np.isfinite(value) else None
+            for name, value in zip(deck.source_names, current.tolist(), strict=True)
+        },
+        supply=supply,
+        current_scale=max(largest, supply * float(np.max(point.netlist.conductance, initial=0.0))),
+    )
+
+
+def _supply(point: OperatingPoint) -> float:
+    netlist = point.netlist
+    ends = netlist.resistor_nodes if netlist.resistor_nodes.size else netlist.source_nodes
+    voltage = point.voltage[ends]
+    voltage = voltage[np.isfinite(voltage)]
+    span = float(np.ptp(voltage)) if voltage.size else 0.0
+    return span or float(np.max(np.abs(voltage), initial=0.0)) or 1.0

@@ -1,0 +1,263 @@
+"""The sidecar: what a deck may not hold, in JSON beside it.
+
+Hash of the deck and of every block of its lines, the cell and the expected voltage of every node, what was left out or
+renamed, and the versions that made it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import platform
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from resgrid.errors import InputError
+from resgrid.netlist import Netlist
+from resgrid.spice.deck import FlatDeck
+from resgrid.spice.expected import Expected
+
+SCHEMA = 1
+_BLOCK_LINES = 16
+_BLOCK_DIGITS = 16
+_MAX_BYTES = 2**31
+
+
+@dataclass(frozen=True, eq=False)
+class Sidecar:
+    """What was read from a sidecar.
+
+    Attributes
+    ----------
+    path : Path
+        Where it lies.
+    sha256 : str
+        Hash of the deck, hexadecimal.
+    block_lines : int
+        Number of lines per block.
+    blocks : tuple of str
+        Beginning of the hash of every block of lines.
+    dialect : str
+        Of the deck.
+    expected : Expected
+        What the simulator should find.
+    """
+
+    path: Path
+    sha256: str
+    block_lines: int
+    blocks: tuple[str, ...]
+    dialect: str
+    expected: Expected
+
+
+def sidecar_path(deck: Path) -> Path:
+    """Where the sidecar of a deck lies: ``room.cir.json`` beside ``room.cir``."""
+    return deck.with_name(deck.name + ".json")
+
+
+def format_sidecar(deck_name: str, deck: FlatDeck, netlist: Netlist, expected: Expected) -> str:
+    """Write a sidecar's JSON, one node a line.
+
+    Parameters
+    ----------
+    deck_name : str
+        Name of the deck's file.
+    deck : FlatDeck
+    netlist : Netlist
+    expected : Expected
+
+    Returns
+    -------
+    str
+        Without NaN or infinity; the same input gives the same text.
+    """
+    data = deck.text.encode("ascii")
+    head = {
+        "schema": SCHEMA,
+        "deck": deck_name,
+        "sha256": hashlib.sha256(data).hexdigest(),
+        "dialect": deck.dialect.name,
+        "title": deck.title,
+        "supply": expected.supply,
+        "current_scale": expected.current_scale,
+        "versions": _versions(),
+        "left_out": deck.left_out,
+        "renamed": {"elements": dict(deck.renamed_elements), "nodes": dict(deck.renamed_nodes)},
+        "blocks": {"lines": _BLOCK_LINES, "sha256": block_hashes(data, _BLOCK_LINES)},
+        "sources": dict(expected.source_current),
+    }
+    fields = [f"{json.dumps(key)}: {json.dumps(value, sort_keys=True, allow_nan=False)}" for key, value in head.items()]
+    fields.append('"nodes": {\n' + ",\n".join(_node_lines(deck, netlist, expected)) + "\n}")
+    return "{\n" + ",\n".join(fields) + "\n}\n"
+
+
+def read_sidecar(deck: Path) -> Sidecar:
+    """Read the sidecar of a deck.
+
+    Parameters
+    ----------
+    deck : Path
+        The deck, not the sidecar.
+
+    Returns
+    -------
+    Sidecar
+
+    Raises
+    ------
+    InputError
+        If there is none, or it is not what resgrid writes; the message names the file and the key.
+    """
+    path = sidecar_path(deck)
+    content = _read_json(path)
+    blocks = _entry(path, content, "blocks", dict)
+    expected = Expected(
+        voltage={
+            name: _number(path, f"nodes.{name}.voltage", node.get("voltage") if isinstance(node, dict) else None)
+            for name, node in _entry(path, content, "nodes", dict).items()
+        },
+        source_current={
+            name: None if value is None else _number(path, f"sources.{name}", value)
+            for name, value in _entry(path, content, "sources", dict).items()
+        },
+        supply=_positive(path, content, "supply"),
+        current_scale=_positive(path, content, "current_scale"),
+    )
+    lines, hashes = blocks.get("lines"), blocks.get("sha256")
+    if not isinstance(lines, int) or lines < 1 or not _is_strings(hashes):
+        raise _wrong(path, "blocks", "it must hold a number of lines and a list of hashes")
+    return Sidecar(
+        path=path,
+        sha256=_entry(path, content, "sha256", str),
+        block_lines=lines,
+        blocks=tuple(hashes),
+        dialect=_entry(path, content, "dialect", str),
+        expected=expected,
+    )
+
+
+def block_hashes(data: bytes, lines: int) -> list[str]:
+    """Beginnings of the SHA-256 of every ``lines`` lines of a text.
+
+    Parameters
+    ----------
+    data : bytes
+    lines : int
+
+    Returns
+    -------
+    list of str
+    """
+    rows = data.split(b"\n")
+    return [
+        hashlib.sha256(b"\n".join(rows[start : start + lines])).hexdigest()[:_BLOCK_DIGITS]
+        for start in range(0, len(rows), lines)
+    ]
+
+
+def altered_lines(data: bytes, sidecar: Sidecar) -> list[tuple[int, int]]:
+    """Ranges of lines, first and last, counted from 1, that differ from the deck that was written.
+
+    Parameters
+    ----------
+    data : bytes
+        The deck as it is now.
+    sidecar : Sidecar
+
+    Returns
+    -------
+    list of (int, int)
+        Neighbouring blocks are joined.
+    """
+    size = sidecar.block_lines
+    now = block_hashes(data, size)
+    longest = max(len(now), len(sidecar.blocks))
+    padded = [[*row, *[""] * (longest - len(row))] for row in (now, sidecar.blocks)]
+    ranges: list[tuple[int, int]] = []
+    for block in (i for i in range(longest) if padded[0][i] != padded[1][i]):
+        first, last = block * size + 1, (block + 1) * size
+        if ranges and ranges[-1][1] + 1 == first:
+            first = ranges.pop()[0]
+        ranges.append((first, last))
+    return ranges
+
+
+def _node_lines(deck: FlatDeck, netlist: Netlist, expected: Expected) -> list[str]:
+    voltages = [expected.voltage[name] for name in deck.node_names]
+    cells = ["null"] * len(deck.nodes)
+    if netlist.layout is not None:
+        flat = netlist.cell_of_node()[deck.nodes]
+        index = np.unravel_index(np.maximum(flat, 0), netlist.layout.space.shape)
+        places = zip(flat.tolist(), *(axis.tolist() for axis in index), strict=True)
+        cells = ["null" if cell < 0 else str(place) for cell, *place in places]
+    rows = zip(deck.node_names, cells, voltages, strict=True)
+    return [f'"{name}": {{"cell": {cell}, "voltage": {voltage!r}}}' for name, cell, voltage in rows]
+
+
+def _versions() -> dict[str, str]:
+    try:
+        own = version("resgrid")
+    except PackageNotFoundError:
+        own = "unknown"
+    return {"numpy": np.__version__, "python": platform.python_version(), "resgrid": own}
+
+
+def _read_json(path: Path) -> Mapping[str, Any]:
+    try:
+        if path.stat().st_size > _MAX_BYTES:
+            raise InputError(f"{path} is larger than {_MAX_BYTES} bytes, which no sidecar is")
+        content = json.loads(path.read_bytes())
+    except FileNotFoundError as error:
+        raise InputError(
+            f"there is no sidecar {path}: write the deck with resgrid, or compare it with a scene instead"
+        ) from error
+    except OSError as error:
+        raise InputError(f"cannot read the sidecar {path}: {error.strerror}") from error
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"the sidecar {path} is not JSON ({error}); write the deck again") from error
+    if not isinstance(content, dict):
+        raise _wrong(path, "schema", "the file must hold one object")
+    if content.get("schema") != SCHEMA:
+        raise _wrong(path, "schema", f"it must be {SCHEMA}, not {content.get('schema')!r}")
+    return content
+
+
+def _entry(path: Path, content: Mapping[str, Any], key: str, kind: type[Any]) -> Any:
+    if not isinstance(content.get(key), kind):
+        raise _wrong(path, key, f"it must be there and be a {kind.__name__}")
+    return content[key]
+
+
+def _number(path: Path, key: str, value: object) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not _is_finite(value):
+        raise _wrong(path, key, f"it must be a finite number, not {value!r}")
+    return float(value)
+
+
+def _is_finite(value: float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        return False
+
+
+def _positive(path: Path, content: Mapping[str, Any], key: str) -> float:
+    value = _number(path, key, content.get(key))
+    if value <= 0:
+        raise _wrong(path, key, f"it must be positive, not {value!r}")
+    return value
+
+
+def _is_strings(value: object) -> bool:
+    return isinstance(value, Sequence) and not isinstance(value, str) and all(isinstance(item, str) for item in value)
+
+
+def _wrong(path: Path, key: str, what: str) -> InputError:
+    return InputError(f"the sidecar {path} is damaged at {key}: {what}; write the deck again")
