@@ -43,7 +43,7 @@ def certify(path: Streamline, field: Field) -> None:
         _check_failure(path, field, cells)
     if path.outcome in {Outcome.REACHED, Outcome.NO_CURRENT}:
         _check_cells(path, field, cells)
-        axis, side = _check_crossings(field, cells)
+        axis, side = _check_crossings(path, field, cells)
         _check_fall(field, cells)
         _check_points(path, field, cells, axis, side)
 
@@ -92,35 +92,37 @@ def _check_cells(path: Streamline, field: Field, cells: NDArray[np.int64]) -> No
         raise CertificateError("a cell is visited twice")
 
 
-def _check_crossings(field: Field, cells: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _check_crossings(
+    path: Streamline, field: Field, cells: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Axis and side of every crossing, each between face neighbours and along the current."""
-    size = np.array(field.space.shape)
-    axes, sides = [], []
+    local = _local(path, field, cells)
+    ways = []
     for number, (here, there) in enumerate(pairwise(cells)):
-        found = [
-            (axis, side)
-            for axis in np.flatnonzero(here != there).tolist()
-            for side in (-1, 1)
-            if _joined(field, here, there, axis, side, size)
-        ]
-        if np.count_nonzero(here != there) != 1 or not found:
-            raise CertificateError(f"step {number}: cells {tuple(here)} and {tuple(there)} are no face neighbours")
-        along = [(axis, side) for axis, side in found if side * field.face_direction[axis][_face(here, axis, side)] > 0]
-        if not along:
+        changed = np.flatnonzero(here != there)
+        axis = int(changed[0]) if len(changed) else 0
+        # In a ring of two cells both faces join them: the point says which one was crossed.
+        side = 1 if local[number + 1, axis] < 0.5 else -1
+        target = here.copy()
+        target[axis] += side
+        if field.space.axes[axis].periodic:
+            target[axis] %= field.space.shape[axis]
+        if len(changed) != 1 or not np.array_equal(target, there):
+            raise CertificateError(
+                f"step {number}: the face crossed from cell {tuple(here)} does not lead to cell {tuple(there)}"
+            )
+        if not side * field.face_direction[axis][_face(here, axis, side)] > 0:
             raise CertificateError(f"step {number}: no current runs from cell {tuple(here)} to {tuple(there)}")
-        strongest = max(along, key=lambda way: field.face_log_current[way[0]][_face(here, *way)])
-        axes.append(strongest[0])
-        sides.append(strongest[1])
-    return np.array(axes, dtype=np.int64), np.array(sides, dtype=np.int64)
+        ways.append((axis, side))
+    axes, sides = np.array(ways, dtype=np.int64).reshape(-1, 2).T
+    return axes, sides
 
 
-def _joined(
-    field: Field, here: NDArray[np.int64], there: NDArray[np.int64], axis: int, side: int, size: NDArray[np.int64]
-) -> bool:
-    target = here[axis] + side
-    if field.space.axes[axis].periodic:
-        target %= size[axis]
-    return bool(target == there[axis])
+def _local(path: Streamline, field: Field, cells: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Position of every point within its cell, in [0, 1]."""
+    if path.points.shape != cells.shape:
+        raise CertificateError(f"points of shape {path.points.shape} for cells of shape {cells.shape}")
+    return np.asarray((path.points - field.space.lower) / field.space.spacing - cells)
 
 
 def _check_fall(field: Field, cells: NDArray[np.int64]) -> None:
@@ -139,9 +141,7 @@ def _check_points(
     path: Streamline, field: Field, cells: NDArray[np.int64], axis: NDArray[np.int64], side: NDArray[np.int64]
 ) -> None:
     space = field.space
-    if path.points.shape != cells.shape:
-        raise CertificateError(f"{len(path.points)} points for {len(cells)} cells")
-    local = (path.points - space.lower) / space.spacing - cells
+    local = _local(path, field, cells)
     if np.any(local < -_TOLERANCE) or np.any(local > 1 + _TOLERANCE):
         step = int(np.argmax(np.any((local < -_TOLERANCE) | (local > 1 + _TOLERANCE), axis=1)))
         raise CertificateError(f"point {step} lies outside its cell {tuple(cells[step])}")

@@ -227,7 +227,7 @@ def _clearance(field: Field, cells: NDArray[np.int64], locals_: NDArray[np.float
         starts = locals_ * space.spacing
         ends = np.empty_like(starts)
         # A segment ends where the next one starts, seen from its own cell.
-        ends[:-1] = starts[1:] + _steps(space, cells) * space.spacing
+        ends[:-1] = starts[1:] + _steps(cells, locals_) * space.spacing
         ends[-1] = starts[-1]
         bound = reach[tuple(cells.T)]
         order = np.argsort(bound, kind="stable")
@@ -243,12 +243,9 @@ def _clearance(field: Field, cells: NDArray[np.int64], locals_: NDArray[np.float
     return float(max(nearest, 0.0))
 
 
-def _steps(space: ConfigurationSpace, cells: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Cell steps of a streamline, -1, 0 or 1 along each axis; across a seam the short way."""
-    step = np.diff(cells, axis=0)
-    size = np.array(space.shape)
-    ring = space.periodic & (np.abs(step) == size - 1) & (size > 2)
-    return np.where(ring, -np.sign(step), step)
+def _steps(cells: NDArray[np.int64], locals_: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Cell steps of a streamline, -1, 0 or 1 along each axis: a point that enters at 0 came upward, at 1 downward."""
+    return np.where(np.diff(cells, axis=0) != 0, np.where(locals_[1:] == 0.0, 1, -1), 0)
 
 
 def _spread(count: int, where: NDArray[np.int64], values: NDArray[np.generic]) -> NDArray[np.float64]:
