@@ -1,0 +1,3 @@
+import click
+@click.command("compile")
+def command(): pass

@@ -1,0 +1,104 @@
+"""The group of verbs, loaded when they are called, and the one place that turns errors into exit codes."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import sys
+import traceback
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import click
+
+from resgrid.cli.failures import INTERRUPTED, LEFT, UNEXPECTED, Failure, failure_of
+from resgrid.cli.output import json_text
+
+VERBS = {
+    "run": "resgrid.cli.run",
+    "compile": "resgrid.cli.compile",
+    "solve": "resgrid.cli.solve",
+    "path": "resgrid.cli.path",
+    "plot": "resgrid.cli.plot",
+    "check": "resgrid.cli.check",
+    "info": "resgrid.cli.info",
+}
+
+
+class Verbs(click.Group):
+    """The verbs, each imported only when it is asked for."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Names of the verbs, in the order of the work."""
+        return list(VERBS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """The command behind a name."""
+        if cmd_name not in VERBS:
+            return None
+        command: click.Command = importlib.import_module(VERBS[cmd_name]).command
+        return command
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Call the verb; click would end a broken pipe and an interrupt with codes of its own."""
+        try:
+            with warnings.catch_warnings():
+                warnings.showwarning = _show_warning
+                result = super().invoke(ctx)
+            sys.stdout.flush()
+        except BrokenPipeError:
+            _drop_stdout()
+            ctx.exit(LEFT)
+        except KeyboardInterrupt:
+            click.echo("resgrid: interrupted; nothing half-written is left", err=True)
+            ctx.exit(INTERRUPTED)
+        return result
+
+    def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> Any:
+        """Run a command line and exit, with one message where something is wrong."""
+        words = list(sys.argv[1:] if args is None else args)
+        extra["standalone_mode"] = False
+        try:
+            code = super().main(words, *rest, **extra)
+        except Exception as error:  # the one place where every error ends
+            failure = failure_of(error)
+            if failure.code == UNEXPECTED and "--debug" in words:
+                click.echo(traceback.format_exc(), err=True, nl=False)
+            _complain(failure, as_json="--json" in words)
+            sys.exit(failure.code)
+        sys.exit(code if isinstance(code, int) else 0)
+
+
+def _complain(failure: Failure, *, as_json: bool) -> None:
+    colour = False if os.environ.get("NO_COLOR") else None
+    click.secho("resgrid: error: ", fg="red", nl=False, err=True, color=colour)
+    click.echo(failure.message, err=True, color=colour)
+    if as_json:
+        click.echo(json_text({"error": failure.message, "kind": failure.kind, "exit_code": failure.code}))
+
+
+def _show_warning(message: Warning | str, *_where: object, **_more: object) -> None:
+    click.echo(f"resgrid: warning: {message}", err=True)
+
+
+def _drop_stdout() -> None:
+    """Nobody reads any more: keep the interpreter from complaining when it flushes at its end."""
+    try:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except (OSError, ValueError):  # no real file behind it
+        pass
+
+
+@click.command(
+    cls=Verbs,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
+    epilog="Exit codes: 0 done; 1 ran, but the answer is negative (no path, decks disagree); 2 bad usage or input; "
+    "3 an outside tool is missing; 4 out of budget; 70 a fault of resgrid itself; 130 interrupted.",
+)
+@click.version_option(package_name="resgrid", message="%(prog)s %(version)s")
+def main() -> None:
+    """Compile robot maps into resistor grids, solve them, follow the current, and check it all in SPICE.
+
+    A SCENE is a TOML scene, a ROS map.yaml, a MovingAI .map, a picture or an array; '-' is standard input.
+    """

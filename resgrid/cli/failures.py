@@ -1,0 +1,64 @@
+"""Which exit code an error ends with, and what is said."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import click
+
+from resgrid import errors
+
+NEGATIVE, USAGE, TOOL_MISSING, OUT_OF_BUDGET, UNEXPECTED = 1, 2, 3, 4, 70
+INTERRUPTED, LEFT = 130, 141  # 128 + the number of the signal: SIGINT, SIGPIPE
+
+CODES: tuple[tuple[type[BaseException], int], ...] = (
+    (errors.InputError, USAGE),
+    (errors.CircuitError, USAGE),
+    (errors.AccuracyError, NEGATIVE),
+    (errors.CertificateError, NEGATIVE),
+    (errors.ToolMissingError, TOOL_MISSING),
+    (errors.BudgetError, OUT_OF_BUDGET),
+    (errors.ResgridError, USAGE),
+    (MemoryError, OUT_OF_BUDGET),
+)
+
+
+@dataclass(frozen=True)
+class Failure:
+    """How a command line ends that could not do its work."""
+
+    code: int
+    kind: str
+    message: str
+
+
+def failure_of(error: Exception) -> Failure:
+    """What an error means to the person at the terminal.
+
+    Parameters
+    ----------
+    error : Exception
+
+    Returns
+    -------
+    Failure
+    """
+    kind = type(error).__name__
+    if isinstance(error, click.Abort):
+        return Failure(INTERRUPTED, kind, "interrupted")
+    if isinstance(error, click.ClickException):
+        return Failure(USAGE, kind, _usage(error))
+    for class_, code in CODES:
+        if isinstance(error, class_):
+            return Failure(code, kind, str(error) or "out of memory; use a coarser grid")
+    if isinstance(error, OSError) and error.errno is not None:
+        place = f"{error.filename}: " if error.filename else ""
+        return Failure(USAGE, kind, f"{place}{error.strerror}; check the path, its permissions and the free space")
+    message = f"this is a fault of resgrid ({kind}: {error}); please report it with the output of the same command"
+    return Failure(UNEXPECTED, kind, f"{message} and --debug")
+
+
+def _usage(error: click.ClickException) -> str:
+    message = error.format_message().rstrip(".")
+    context = getattr(error, "ctx", None)
+    return f"{message}; see '{context.command_path} --help'" if context else message

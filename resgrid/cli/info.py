@@ -1,0 +1,144 @@
+"""``resgrid info``: what a scene holds, what a scene file may hold, and what is installed."""
+
+from __future__ import annotations
+
+import json
+from importlib import metadata
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from resgrid.cli.job import Job, compile_chip, only_boundary, open_job, size_of
+from resgrid.cli.options import SceneChoice, with_report, with_scene
+from resgrid.cli.report import Report
+from resgrid.errors import CircuitError, InputError, ToolMissingError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+PACKAGES = ("numpy", "scipy", "numba", "networkx", "shapely", "matplotlib", "pydantic", "click", "rich")
+
+
+@click.command("info", short_help="Describe a scene, the scene format, or the installation.")
+@with_scene(required=False, metavar="[SCENE]")
+@click.option("--schema", is_flag=True, help="Print the JSON Schema of scene files.")
+@click.option("--versions", is_flag=True, help="Print the versions of resgrid and what it uses.")
+@with_report
+def command(choice: SceneChoice | None, schema: bool, versions: bool, report: Report) -> int:
+    """Describe SCENE: its cells, goals and starts, what cannot be reached, and the memory a solution takes."""
+    if (choice is not None) + schema + versions != 1:
+        raise InputError("give a SCENE, or --schema, or --versions (one of them)")
+    if schema:
+        from resgrid.scene import scene_schema
+
+        click.echo(json.dumps(scene_schema(), indent=2))
+    elif versions:
+        data = installed_versions()
+        report.finish({"versions": data}, (f"{name:12} {version or 'not installed'}" for name, version in data.items()))
+    elif choice is not None:
+        job = open_job(choice, report, require_goal=False)
+        data = describe(job, report)
+        report.finish(data, _lines(data))
+    return 0
+
+
+def describe(job: Job, report: Report) -> dict[str, Any]:
+    """What there is in a scene, as ``--json`` gives it.
+
+    Parameters
+    ----------
+    job : Job
+    report : Report
+
+    Returns
+    -------
+    dict
+    """
+    from resgrid.space import Cell
+
+    scene, space = job.scene, job.space
+    free = space.cell == Cell.FREE
+    return {
+        "title": scene.title,
+        "source": scene.source,
+        "shape": list(space.shape),
+        "axes": [
+            {
+                "name": axis.name,
+                "lower": axis.lower,
+                "upper": axis.upper,
+                "cells": axis.cells,
+                "spacing": axis.spacing,
+                "periodic": axis.periodic,
+                "unit": axis.unit,
+            }
+            for axis in space.axes
+        ],
+        "frame": {"x": scene.frame.x, "y": scene.frame.y, "yaw": scene.frame.yaw},
+        "cells": space.cell.size,
+        "free_cells": int(free.sum()),
+        "obstacle_cells": int((space.cell == Cell.OBSTACLE).sum()),
+        "goal_cells": int((space.cell == Cell.GOAL).sum()),
+        "goals": space.goal_count,
+        "unreachable_cells": int((free & ~space.goal_connected).sum()),
+        "starts": [list(start) for start in scene.starts],
+        "boundary": scene.boundary,
+        "drive": scene.drive,
+        "edge": list(scene.edge),
+        "k": list(scene.k),
+        **_cost(job, report),
+    }
+
+
+def _cost(job: Job, report: Report) -> dict[str, Any]:
+    """Size of the circuit and memory of its solution; nothing where the scene has no circuit yet."""
+    from resgrid.nodal.solve import estimate_memory
+    from resgrid.nodal.system import assemble
+
+    try:
+        netlist = compile_chip(job, report, *only_boundary(job))
+        memory = estimate_memory(assemble(netlist))
+    except (CircuitError, InputError) as error:
+        return {"nodes": None, "resistors": None, "memory_bytes": None, "no_circuit": str(error)}
+    return {"nodes": netlist.node_count, "resistors": len(netlist.conductance), "memory_bytes": memory}
+
+
+def installed_versions() -> dict[str, str | None]:
+    """Versions of this package, Python, the packages it needs and the simulator; None for what is absent.
+
+    Returns
+    -------
+    dict of str to str or None
+    """
+    import platform
+
+    versions: dict[str, str | None] = {"resgrid": metadata.version("resgrid"), "python": platform.python_version()}
+    versions |= {name: metadata.version(name) for name in PACKAGES}
+    try:
+        from resgrid.spice import ngspice_version
+
+        versions["ngspice"] = ngspice_version()
+    except ToolMissingError:
+        versions["ngspice"] = None
+    return versions
+
+
+def _lines(data: dict[str, Any]) -> Iterable[str]:
+    yield f"{data['title'] or data['source']}: {size_of(data['shape'])} = {data['cells']:,} cells"
+    for axis in data["axes"]:
+        ring = ", periodic" if axis["periodic"] else ""
+        yield (
+            f"  {axis['name']}: {axis['lower']:g} to {axis['upper']:g} {axis['unit']}, "
+            f"{axis['cells']} cells of {axis['spacing']:.6g} {axis['unit']}{ring}"
+        )
+    yield f"  free          {data['free_cells']:,}, of which {data['unreachable_cells']:,} have no way to a goal"
+    yield f"  obstacle      {data['obstacle_cells']:,}"
+    yield f"  goal          {data['goal_cells']:,} in {data['goals']} regions"
+    yield f"  starts        {len(data['starts'])}"
+    drive = f", drive {data['drive']}" if data["drive"] else ""
+    yield f"  boundary      {data['boundary']}{drive}, edge {', '.join(data['edge'])}"
+    if data["memory_bytes"] is None:
+        yield f"  no circuit    {data['no_circuit']}"
+    else:
+        yield f"  circuit       {data['nodes']:,} nodes, {data['resistors']:,} resistors"
+        yield f"  memory        about {data['memory_bytes'] / 2**20:,.0f} MiB to solve"

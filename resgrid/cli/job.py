@@ -1,0 +1,318 @@
+"""The way that the verbs share: a scene is read and cut into cells, chips are compiled and solved, fields read off."""
+
+from __future__ import annotations
+
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from resgrid.budget import require_memory
+from resgrid.cli.options import SceneChoice
+from resgrid.cli.report import Report
+from resgrid.errors import InputError
+
+if TYPE_CHECKING:
+    from resgrid.netlist import Netlist
+    from resgrid.nodal.operating_point import OperatingPoint
+    from resgrid.planning.field import Field
+    from resgrid.scene import Scene
+    from resgrid.space import ConfigurationSpace
+
+DECK_SUFFIXES = (".cir", ".sp", ".spice", ".ckt", ".net", ".cdl")
+
+_COMPILE_BYTES = 400
+"""Peak memory of compiling, per cell and axis, measured on open grids."""
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A scene and the space that was cut from it."""
+
+    scene: Scene
+    space: ConfigurationSpace
+
+
+@dataclass(frozen=True, eq=False)
+class Chip:
+    """One circuit of a scene, and what its meters read.
+
+    Attributes
+    ----------
+    name : str
+        ``dirichlet``, ``neumann``, ``wall``, or ``neumann_start_0`` for one driven by the first start.
+    netlist : Netlist
+        A uniform drive is scaled so that the highest node sits at the supply.
+    point : OperatingPoint
+    """
+
+    name: str
+    netlist: Netlist
+    point: OperatingPoint
+
+
+def open_job(choice: SceneChoice, report: Report, *, require_goal: bool = True) -> Job:
+    """Read a scene with its changes, and cut it into cells.
+
+    Parameters
+    ----------
+    choice : SceneChoice
+    report : Report
+    require_goal : bool
+        Whether a scene without a goal is an error.
+
+    Returns
+    -------
+    Job
+
+    Raises
+    ------
+    InputError, BudgetError
+        As `read_scene` and `sample`.
+    """
+    from resgrid.scene import sample
+
+    with report.stage("read the scene"):
+        scene = load_scene(choice)
+    cells = math.prod(axis.cells for axis in scene.axes)
+    with report.stage("cut it into cells", seconds=3e-7 * cells):
+        return Job(scene, sample(scene, require_goal=require_goal))
+
+
+def load_scene(choice: SceneChoice) -> Scene:
+    """Read a scene and change the keys that the command line names.
+
+    Parameters
+    ----------
+    choice : SceneChoice
+
+    Returns
+    -------
+    Scene
+
+    Raises
+    ------
+    InputError
+        If anything is wrong with the file or a change.
+    """
+    from resgrid.scene import apply_overrides, read_scene
+
+    if Path(choice.source).suffix.lower() in DECK_SUFFIXES:
+        raise InputError(f"{choice.source}: this is a deck, and a scene or a map is needed; decks go to 'resgrid check'")
+    scene = _piped_scene(choice) if choice.source == "-" else read_scene(choice.source, **choice.map_options)
+    return apply_overrides(scene, choice.changes) if choice.changes else scene
+
+
+def _piped_scene(choice: SceneChoice) -> Scene:
+    """A scene from standard input: TOML, or a map known by its first bytes."""
+    import tempfile
+
+    from resgrid.scene import parse_scene, read_scene
+    from resgrid.scene.files import decode
+
+    data = sys.stdin.buffer.read()
+    if not data.strip():
+        raise InputError("standard input: nothing was piped in; give a scene file, or pipe one")
+    if _is_toml(data) and choice.map_options.get("format") is None:
+        return parse_scene(decode(data, Path("standard input")), "standard input")
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "standard_input"
+        file.write_bytes(data)
+        return read_scene(file, **choice.map_options)
+
+
+def _is_toml(data: bytes) -> bool:
+    magic = (b"\x93NUMPY", b"type ", b"\x89PNG", b"P2", b"P5", b"BM", b"GIF8")
+    return not data.startswith(magic)
+
+
+def solve_chip(job: Job, report: Report, boundary: str | None = None, start: int | None = None) -> Chip:
+    """Compile one circuit of a scene and solve it.
+
+    Parameters
+    ----------
+    job : Job
+    report : Report
+    boundary : str, optional
+        Instead of the scene's.
+    start : int, optional
+        Number of the start that drives it, where a start is to.
+
+    Returns
+    -------
+    Chip
+
+    Raises
+    ------
+    InputError, CircuitError, AccuracyError, BudgetError
+        As `compile_space` and `solve`.
+    """
+    from resgrid.nodal.drive import scale_drive
+    from resgrid.nodal.solve import solve
+
+    boundary = boundary or job.scene.boundary
+    name = boundary if start is None else f"{boundary}_start_{start}"
+    netlist = compile_chip(job, report, boundary, start)
+    estimate = solve_seconds(netlist.node_count, job.space.ndim)
+    with report.stage(f"solve the {name} chip", seconds=estimate):
+        point = solve(netlist)
+    if netlist.current_nodes.size:
+        with report.stage("scale its drive to the supply", seconds=estimate):
+            netlist = scale_drive(netlist, point)
+            point = solve(netlist)
+    return Chip(name, netlist, point)
+
+
+def compile_chip(job: Job, report: Report, boundary: str, start: int | None = None) -> Netlist:
+    """Compile one circuit of a scene; as `solve_chip` otherwise."""
+    from resgrid.compiler import compile_space
+
+    scene, space = job.scene, job.space
+    require_memory(
+        _COMPILE_BYTES * space.cell.size * space.ndim,
+        f"compiling {space.cell.size:,} cells",
+        "use a coarser grid, or a machine with more memory",
+    )
+    drive = scene.drive if boundary == "neumann" else None
+    with report.stage(f"compile the {boundary} chip", seconds=1e-6 * space.cell.size * space.ndim):
+        return compile_space(
+            space,
+            boundary=boundary,
+            drive=drive,
+            edge=scene.edge,
+            resistance=scene.chip.resistance,
+            supply=scene.chip.supply,
+            wall_resistance=scene.chip.wall_resistance if boundary == "wall" else None,
+            start=start_cell(job, start) if drive == "start" and start is not None else None,
+        )
+
+
+def only_boundary(job: Job) -> tuple[str, int | None]:
+    """The boundary, and the start that drives it, of a scene that is asked for one chip.
+
+    Returns
+    -------
+    boundary : str
+    start : int or None
+
+    Raises
+    ------
+    InputError
+        If it is not clear which.
+    """
+    scene = job.scene
+    boundary = scene.boundary
+    if len(scene.k) == 1:
+        boundary = {1.0: _driven_boundary(scene), 0.0: "neumann"}.get(scene.k[0], "")
+        if not boundary:
+            raise InputError(
+                f"k = {scene.k[0]} blends two chips, and this makes one: choose --boundary dirichlet or "
+                "--boundary neumann ('resgrid run' makes both and blends them)"
+            )
+    if boundary != "neumann" or scene.drive != "start":
+        return boundary, None
+    if len(scene.starts) != 1:
+        raise InputError(
+            f"drive = 'start' ties one start to the supply, and the scene has {len(scene.starts)}; "
+            "choose one with --start X,Y"
+        )
+    return boundary, 0
+
+
+def blend_fields(job: Job, chips: dict[str, Chip], report: Report) -> list[Field]:
+    """The fields that a scene asks for: of its boundary, or one for each k.
+
+    Parameters
+    ----------
+    job : Job
+    chips : dict of str to Chip
+        Solved so far, by name; what is missing is added.
+    report : Report
+
+    Returns
+    -------
+    list of Field
+        In the order of ``k``.
+
+    Raises
+    ------
+    InputError, CircuitError, AccuracyError, BudgetError
+        As `solve_chip` and `blend`.
+    """
+    from resgrid.planning.blend import blend
+    from resgrid.planning.field import field_of
+
+    scene = job.scene
+    fields: dict[str, Field] = {}
+
+    def field(boundary: str) -> Field:
+        if boundary not in fields:
+            chips[boundary] = solve_chip(job, report, boundary)
+            fields[boundary] = field_of(chips[boundary].point)
+        return fields[boundary]
+
+    if not scene.k:
+        return [field(scene.boundary)]
+    driven = _driven_boundary(scene)
+    pure = {1.0: driven, 0.0: "neumann"}
+    return [field(pure[k]) if k in pure else blend(field(driven), field("neumann"), k) for k in scene.k]
+
+
+def _driven_boundary(scene: Scene) -> str:
+    """What k = 1 means: the obstacle rail, behind its wall where the scene has one."""
+    return "wall" if scene.boundary == "wall" else "dirichlet"
+
+
+def start_cell(job: Job, number: int) -> tuple[int, ...]:
+    """Cell of a start, free if it touches a free one.
+
+    Parameters
+    ----------
+    job : Job
+    number : int
+        Which of the scene's starts.
+
+    Returns
+    -------
+    tuple of int
+    """
+    from resgrid.planning.trace import start_cells
+
+    point = job.scene.frame.from_world(job.scene.starts[number])
+    cells, _ = start_cells(job.space, point.reshape(1, -1))
+    return tuple(int(index) for index in cells[0])
+
+
+def solve_seconds(nodes: int, dimensions: int) -> float:
+    """Rough time of the direct method, in seconds, for the bar; measured on open grids."""
+    return 1.0 + (2e-7 * nodes**1.5 if dimensions <= 2 else 2e-8 * nodes**2)
+
+
+def size_of(shape: Sequence[int]) -> str:
+    """A grid's size, for people."""
+    return " x ".join(str(size) for size in shape)
+
+
+def place_of(point: Sequence[float]) -> str:
+    """A point, for people."""
+    return "(" + ", ".join(f"{value:.6g}" for value in point) + ")"
+
+
+def solution_summary(chip: Chip, space: ConfigurationSpace) -> dict[str, Any]:
+    """The figures of a solved chip, as ``--json`` gives them."""
+    from resgrid.space import Cell
+
+    free = space.cell == Cell.FREE
+    return {
+        "chip": chip.name,
+        "nodes": chip.netlist.node_count,
+        "resistors": len(chip.netlist.conductance),
+        "free_cells": int(free.sum()),
+        "unreachable_cells": int((free & ~space.goal_connected).sum()),
+        "kcl_residual": chip.point.kcl_residual,
+        "power": chip.point.power,
+        "solver": chip.point.method,
+        "seconds": dict(chip.point.seconds),
+    }

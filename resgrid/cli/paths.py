@@ -1,0 +1,249 @@
+"""Paths for every start and every blend of a scene, and how they are told."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from resgrid.cli.job import Chip, Job, blend_fields, place_of, solve_chip, start_cell
+from resgrid.cli.output import emit_file, emit_text, json_text
+from resgrid.cli.report import Report
+from resgrid.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from resgrid.planning.field import Field
+    from resgrid.planning.streamline import Streamline
+    from resgrid.space import ConfigurationSpace
+
+ADVICE = {
+    "reached": "",
+    "no_path": "obstacles part it from every goal: open a way, make the robot smaller, or refine the grid",
+    "no_current": "the current here is too small to tell a direction: use --drive uniform",
+    "start_blocked": "the start lies in an obstacle: move it, make the robot smaller, or refine the grid",
+    "goal_blocked": "no free cell touches a goal: move the goal or open a way to it",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """A streamline, the blend it follows, and its start in world coordinates."""
+
+    streamline: Streamline
+    k: float
+    start: tuple[float, ...]
+    points: NDArray[np.float64]
+    """World coordinates, shape (n, ndim)."""
+    certified: bool
+
+    @property
+    def reached(self) -> bool:
+        """Whether it ends in a goal."""
+        return str(self.streamline.outcome) == "reached"
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """The chips, fields and routes of a scene."""
+
+    chips: dict[str, Chip]
+    fields: list[Field]
+    routes: list[Route]
+
+    @property
+    def complete(self) -> bool:
+        """Whether every route ends in a goal."""
+        return all(route.reached for route in self.routes)
+
+
+def plan_routes(job: Job, report: Report) -> Plan:
+    """Follow the current from every start, in every field that the scene asks for; each route is certified.
+
+    Parameters
+    ----------
+    job : Job
+    report : Report
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    CertificateError
+        If a route breaks a promise.
+    InputError, CircuitError, AccuracyError, BudgetError
+        As `solve_chip`.
+    """
+    scene = job.scene
+    chips: dict[str, Chip] = {}
+    if scene.drive == "start" and (scene.boundary == "neumann" and not scene.k):
+        return _start_driven(job, report, chips)
+    fields = blend_fields(job, chips, report)
+    routes = []
+    with report.stage("follow the current", steps=max(1, len(fields) * len(scene.starts))) as progress:
+        for field in fields:
+            for number in range(len(scene.starts)):
+                routes.append(_route(job, field, number))
+                progress.advance()
+    return Plan(chips, fields, routes)
+
+
+def _start_driven(job: Job, report: Report, chips: dict[str, Chip]) -> Plan:
+    """Each start is tied to the supply in turn, by a chip of its own."""
+    from resgrid.planning.field import field_of
+    from resgrid.space import Cell
+
+    fields, routes = [], []
+    for number in range(len(job.scene.starts)):
+        cell = start_cell(job, number)
+        if job.space.cell[cell] != Cell.FREE or not job.space.goal_connected[cell]:
+            routes.append(_as_route(job, number, 0.0, _undriven(job.space, cell), certified=False))
+            continue
+        chip = solve_chip(job, report, "neumann", number)
+        chips[chip.name] = chip
+        fields.append(field_of(chip.point))
+        routes.append(_route(job, fields[-1], number))
+    return Plan(chips, fields, routes)
+
+
+def _undriven(space: ConfigurationSpace, cell: tuple[int, ...]) -> Streamline:
+    """What a start that nothing can be driven from has for a streamline."""
+    import numpy as np
+
+    from resgrid.planning.streamline import Outcome, Streamline
+    from resgrid.space import Cell
+
+    goal = int(space.goal_region[cell])
+    outcome = Outcome.NO_PATH if space.goal_connected.any() else Outcome.GOAL_BLOCKED
+    if space.cell[cell] == Cell.OBSTACLE:
+        outcome = Outcome.START_BLOCKED
+    elif goal >= 0:
+        outcome = Outcome.REACHED
+    index = np.array([cell])
+    return Streamline(space.centre(index), index, outcome, goal if goal >= 0 else None, 0.0, np.nan, np.nan)
+
+
+def _route(job: Job, field: Field, number: int) -> Route:
+    from resgrid.planning.certify import certify
+    from resgrid.planning.trace import streamline
+
+    path = streamline(field, job.scene.frame.from_world(job.scene.starts[number]))
+    certify(path, field)
+    return _as_route(job, number, field.k, path, certified=True)
+
+
+def _as_route(job: Job, number: int, k: float, path: Streamline, *, certified: bool) -> Route:
+    return Route(path, k, job.scene.starts[number], job.scene.frame.to_world(path.points), certified)
+
+
+def require_starts(job: Job) -> None:
+    """Refuse a scene without a start.
+
+    Raises
+    ------
+    InputError
+        If there is none; the message says how to give one.
+    """
+    if not job.scene.starts:
+        where = job.scene.source or "scene"
+        raise InputError(f"{where}: there is no start; add starts = [[...]] to the scene, or say --start X,Y")
+
+
+def route_data(route: Route, *, points: bool = True) -> dict[str, Any]:
+    """A route as ``--json`` gives it; lengths and points in axis units, points in world coordinates."""
+    path = route.streamline
+    data: dict[str, Any] = {
+        "outcome": str(path.outcome),
+        "goal": path.goal,
+        "length": path.length,
+        "clearance": path.clearance,
+        "log_duration": path.log_duration,
+        "start": list(route.start),
+        "k": route.k,
+        "certified": route.certified,
+    }
+    if not route.reached:
+        data["message"] = ADVICE[str(path.outcome)]
+    if points:
+        data |= {"points": route.points, "cells": path.cells}
+    return data
+
+
+def route_line(route: Route, unit: str) -> str:
+    """A route in one line, for people."""
+    path = route.streamline
+    head = f"start {place_of(route.start)}, k = {route.k:g}: "
+    if not route.reached:
+        return f"{head}{path.outcome}: {ADVICE[str(path.outcome)]}"
+    clearance = f", clearance {path.clearance:.4g}{unit}" if path.clearance < float("inf") else ""
+    return f"{head}reached goal {path.goal}, length {path.length:.6g}{unit}{clearance}, {len(path.cells)} cells"
+
+
+def unit_of(space: ConfigurationSpace) -> str:
+    """The unit of lengths with a blank before it, where all axes share one."""
+    units = {axis.unit for axis in space.axes}
+    return f" {units.pop()}" if len(units) == 1 else ""
+
+
+def write_routes(target: str, routes: Sequence[Route], names: Sequence[str]) -> None:
+    """Write routes as the target's suffix says: ``.json``, ``.npz`` or ``.csv`` (also ``-``).
+
+    Parameters
+    ----------
+    target : str
+        File, or ``-`` for standard output.
+    routes : sequence of Route
+    names : sequence of str
+        Names of the axes.
+
+    Raises
+    ------
+    InputError
+        If the suffix is none of these.
+    """
+    suffix = Path(target).suffix.lower()
+    if target == "-" or suffix == ".csv":
+        emit_text(target, csv_text(routes, names))
+    elif suffix == ".json":
+        emit_text(target, json_text({"paths": [route_data(route) for route in routes]}) + "\n")
+    elif suffix == ".npz":
+        emit_file(target, suffix, lambda path: _write_npz(path, routes))
+    else:
+        raise InputError(f"-o {target}: paths are written as .csv, .json or .npz, not as {suffix or 'this'!r}")
+
+
+def csv_text(routes: Sequence[Route], names: Sequence[str]) -> str:
+    """Routes as a table, one point a line, in world coordinates."""
+    import csv
+
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(["path", "k", "outcome", *names])
+    for number, route in enumerate(routes):
+        head = (number, repr(route.k), str(route.streamline.outcome))
+        table.writerows((*head, *map(repr, point)) for point in route.points.tolist())
+    return text.getvalue()
+
+
+def _write_npz(path: Path, routes: Sequence[Route]) -> None:
+    import numpy as np
+
+    arrays: dict[str, Any] = {
+        "outcome": np.array([str(route.streamline.outcome) for route in routes]),
+        "goal": np.array([-1 if route.streamline.goal is None else route.streamline.goal for route in routes]),
+        "length": np.array([route.streamline.length for route in routes]),
+        "clearance": np.array([route.streamline.clearance for route in routes]),
+        "k": np.array([route.k for route in routes]),
+        "start": np.array([route.start for route in routes]),
+    }
+    for number, route in enumerate(routes):
+        arrays[f"points_{number}"] = route.points
+        arrays[f"cells_{number}"] = route.streamline.cells
+    with path.open("wb") as file:
+        np.savez(file, **arrays)

@@ -1,0 +1,85 @@
+"""Benchmark queries: each has a goal of its own, hence a chip of its own."""
+
+from __future__ import annotations
+
+from itertools import islice
+from typing import TYPE_CHECKING, Any
+
+from resgrid.cli.failures import NEGATIVE
+from resgrid.cli.job import Job, blend_fields
+from resgrid.cli.output import emit_text, json_text
+from resgrid.cli.report import Report
+from resgrid.errors import InputError
+
+if TYPE_CHECKING:
+    from resgrid.scene import Query
+
+
+def answer_queries(job: Job, file: str, limit: int | None, output: str | None, report: Report) -> int:
+    """Answer the queries of a MovingAI scenario file on one map.
+
+    Parameters
+    ----------
+    job : Job
+        The map.
+    file : str
+        The ``.scen`` file.
+    limit : int or None
+        Answer only the first so many.
+    output : str or None
+        ``.json`` file for the answers, or ``-``.
+    report : Report
+
+    Returns
+    -------
+    int
+        Exit code.
+
+    Raises
+    ------
+    InputError
+        If the file is wrong or belongs to a map of another size.
+    """
+    from resgrid.scene import read_queries
+
+    if output not in (None, "-") and not str(output).endswith(".json"):
+        raise InputError(f"-o {output}: answers to queries are written as .json")
+    queries = list(islice(read_queries(file), limit))
+    quiet = Report(quiet=True)
+    answers = []
+    with report.stage(f"answer {len(queries)} queries", steps=len(queries)) as progress:
+        for query in queries:
+            answers.extend(_answer(job, query, file, quiet))
+            progress.advance()
+    data = {"scene": job.scene.title, "queries": file, "paths": answers}
+    if output is not None:
+        emit_text(output, json_text(data) + "\n")
+    reached = sum(answer["outcome"] == "reached" for answer in answers)
+    if output != "-":
+        report.finish(data, [f"{reached} of {len(answers)} paths reach their goal"])
+    return 0 if reached == len(answers) else NEGATIVE
+
+
+def _answer(job: Job, query: Query, file: str, quiet: Report) -> list[dict[str, Any]]:
+    from resgrid.planning.certify import certify
+    from resgrid.planning.trace import streamline
+    from resgrid.space import Cell, ConfigurationSpace
+
+    if job.space.shape != (query.width, query.height):
+        raise InputError(
+            f"{file}: the queries are for a map of {query.width} x {query.height} cells, and this one has {job.space.shape}"
+        )
+    common = {"start": query.start, "goal_cell": query.goal, "optimal_length": query.optimal_length}
+    if job.space.cell[query.goal] == Cell.OBSTACLE:
+        return [{"outcome": "goal_blocked", "k": None, "length": None, **common}]
+    cell = job.space.cell.copy()
+    cell[cell == Cell.GOAL] = Cell.FREE
+    cell[query.goal] = Cell.GOAL
+    own = Job(job.scene, ConfigurationSpace(job.space.axes, cell, job.space.conductivity))
+    answers = []
+    for field in blend_fields(own, {}, quiet):
+        path = streamline(field, cell=query.start)
+        certify(path, field)
+        figures = {"outcome": str(path.outcome), "k": field.k, "length": path.length, "clearance": path.clearance}
+        answers.append({**figures, **common})
+    return answers

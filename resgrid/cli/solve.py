@@ -1,0 +1,76 @@
+"""``resgrid solve``: the operating point of a scene's chip."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from resgrid.cli.job import only_boundary, open_job, size_of, solution_summary, solve_chip
+from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
+from resgrid.cli.output import emit_file
+from resgrid.cli.report import Report
+from resgrid.errors import InputError
+
+if TYPE_CHECKING:
+    from resgrid.planning.field import Field
+
+
+@click.command("solve", short_help="Solve a scene's resistor grid.")
+@with_scene()
+@output_option("Write potential, log_drop and cell to FILE.npz.")
+@with_report
+def command(choice: SceneChoice, output: str | None, report: Report) -> int:
+    """Solve the resistor grid of SCENE and tell what its meters read.
+
+    FILE.npz holds potential (1 on obstacles, 0 on goals; NaN where there is no node), log_drop (the natural logarithm
+    of 1 - potential, right where float64 rounds; -inf where nothing arrives) and cell (0 free, 1 obstacle, 2 goal),
+    one dimension per axis.
+    """
+    from resgrid.planning.field import field_of
+
+    _check_target(output, report)
+    job = open_job(choice, report)
+    chip = solve_chip(job, report, *only_boundary(job))
+    data = solution_summary(chip, job.space)
+    if output is not None:
+        field = field_of(chip.point)
+        emit_file(output, ".npz", lambda path: write_field(path, field))
+        report.say(f"wrote {output}") if output != "-" else None
+        data["file"] = output
+    if output != "-":
+        report.finish(data, _lines(data, job.space.shape))
+    return 0
+
+
+def write_field(path: Path, field: Field) -> None:
+    """Write a field as NumPy arrays: ``potential``, ``log_drop`` (where there is one) and ``cell``."""
+    import numpy as np
+
+    arrays = {"potential": field.potential, "cell": field.space.cell}
+    if field.log_drop is not None:
+        arrays["log_drop"] = field.log_drop
+    with path.open("wb") as file:
+        np.savez_compressed(file, **arrays)
+
+
+def _check_target(output: str | None, report: Report) -> None:
+    if output is None:
+        return
+    if output != "-" and Path(output).suffix.lower() != ".npz":
+        raise InputError(f"-o {output}: a field is written as .npz; name the file so")
+    if output == "-" and report.json:
+        raise InputError("-o - and --json both want standard output; write the field to a file")
+
+
+def _lines(data: dict[str, object], shape: tuple[int, ...]) -> list[str]:
+    return [
+        f"{data['chip']} chip of {size_of(shape)} cells, {data['free_cells']:,} free",
+        f"  nodes               {data['nodes']:,}",
+        f"  resistors           {data['resistors']:,}",
+        f"  unreachable cells   {data['unreachable_cells']:,}",
+        f"  KCL residual        {data['kcl_residual']:.1e} of the current through the node",
+        f"  power               {data['power']:.6g} W",
+        f"  solver              {data['solver']}",
+    ]
