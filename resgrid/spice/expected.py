@@ -27,12 +27,16 @@ class Expected:
         difference of the rails, by the maximum principle.
     current_scale : float
         Largest source current, or the current of the largest conductance at the supply, in amperes.
+    kcl_residual : float
+        What the voltages are worth: largest violation of Kirchhoff's current law, relative to the current through the
+        same node.
     """
 
     voltage: Mapping[str, float]
     source_current: Mapping[str, float | None]
     supply: float
     current_scale: float
+    kcl_residual: float
 
 
 def expect(deck: FlatDeck, point: OperatingPoint) -> Expected:
@@ -72,6 +76,7 @@ def expect(deck: FlatDeck, point: OperatingPoint) -> Expected:
         },
         supply=supply,
         current_scale=max(largest, supply * float(np.max(point.netlist.conductance, initial=0.0))),
+        kcl_residual=point.kcl_residual if np.isfinite(point.kcl_residual) else 0.0,
     )
 
 

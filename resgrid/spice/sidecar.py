@@ -87,6 +87,7 @@ def format_sidecar(deck_name: str, deck: FlatDeck, netlist: Netlist, expected: E
         "title": deck.title,
         "supply": expected.supply,
         "current_scale": expected.current_scale,
+        "kcl_residual": expected.kcl_residual,
         "versions": _versions(),
         "left_out": deck.left_out,
         "renamed": {"elements": dict(deck.renamed_elements), "nodes": dict(deck.renamed_nodes)},
@@ -129,6 +130,7 @@ def read_sidecar(deck: Path) -> Sidecar:
         },
         supply=_positive(path, content, "supply"),
         current_scale=_positive(path, content, "current_scale"),
+        kcl_residual=_number(path, "kcl_residual", content.get("kcl_residual")),
     )
     lines, hashes = blocks.get("lines"), blocks.get("sha256")
     if not isinstance(lines, int) or lines < 1 or not _is_strings(hashes):

@@ -1,0 +1,267 @@
+"""Running ngspice on a deck, and believing neither its exit status nor its silence."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from resgrid.errors import BudgetError, InputError, ToolMissingError
+from resgrid.spice.dialects import dialect_named
+from resgrid.spice.rawfile import RawFile, read_rawfile
+
+EXECUTABLE_VARIABLE = "RESGRID_NGSPICE"
+_DECK, _RAW, _LOG = "deck.cir", "operating_point.raw", "log.txt"
+_PLOT = "Operating Point"
+_MAX_LOG = 2**20
+_MAX_COMPLAINTS = 10
+_VERSION = re.compile(r"ngspice-(\d[\w.+-]*)")
+_COMPLAINT = re.compile(
+    r"warning|error|fatal|singular|gmin|source step|transient op|no convergence|timestep|abort|fail|unable|cannot|"
+    r"can't|could not|not found|unknown|unrecognized|undefined|missing|floating|short|too (few|many|low|small)|"
+    r"already exists|not parsed|illegal|invalid|ignored|set to",
+    re.IGNORECASE,
+)
+_HARMLESS = re.compile(
+    r"no compatibility mode|initialization file spinit|spinit|no \"\.plot\"|direct linear solver|klu|"
+    r"no resource usage|no active circuit|^trying gmin|^supplies reduced|further gmin|^note: one successful",
+    re.IGNORECASE,
+)
+_FORBIDDEN = re.compile(
+    rb"^\s*(\*#|\.(control|include|inc|lib|exec|csparam|model|func)\b)", re.IGNORECASE | re.MULTILINE
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """What the simulator said.
+
+    Attributes
+    ----------
+    voltage : mapping of str to float
+        Per node, in volts; empty if there is no operating point.
+    source_current : mapping of str to float
+        Into the plus terminal of every voltage source, in amperes.
+    simulator : str
+        ``"ngspice"``.
+    version : str
+        Its version, ``"unknown"`` if it does not tell.
+    complaints : tuple of str
+        What is wrong with the run, if only by its own messages; empty if it can be trusted.
+    """
+
+    voltage: Mapping[str, float]
+    source_current: Mapping[str, float]
+    simulator: str
+    version: str
+    complaints: tuple[str, ...]
+
+
+def run_ngspice(
+    deck: str | os.PathLike[str], *, timeout: float = 600.0, executable: str | os.PathLike[str] | None = None
+) -> Simulation:
+    """Find the operating point of a deck with ngspice.
+
+    The deck is copied into a private folder first.  A deck at fault is not an exception: see ``complaints``.
+
+    Parameters
+    ----------
+    deck : path-like
+        A portable deck: no control block, no further files.
+    timeout : float
+        How long to wait, in seconds (64 x 64 cells take 0.4 s, 128 x 128 11 s, 256 x 256 4 min).
+    executable : path-like, optional
+        Program to run; by default what the environment variable ``RESGRID_NGSPICE`` names, otherwise ``ngspice``.
+
+    Returns
+    -------
+    Simulation
+
+    Raises
+    ------
+    InputError
+        If the deck cannot be read, or could run commands.
+    ToolMissingError
+        If ngspice is not installed.
+    BudgetError
+        If it does not end in time.
+    """
+    return simulate(read_deck(Path(deck)), source=str(deck), timeout=timeout, executable=executable)
+
+
+def read_deck(path: Path) -> bytes:
+    """Content of a deck's file.
+
+    Raises
+    ------
+    InputError
+        If it cannot be read.
+    """
+    try:
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"cannot read the deck {str(path)!r}: {reason}; name a deck file") from error
+
+
+def simulate(
+    data: bytes,
+    *,
+    source: str = "deck",
+    timeout: float = 600.0,
+    executable: str | os.PathLike[str] | None = None,
+) -> Simulation:
+    """Find the operating point of a deck's content; as `run_ngspice`.
+
+    Parameters
+    ----------
+    data : bytes
+        The deck.
+    source : str
+        What to call it in messages.
+    timeout : float
+        In seconds.
+    executable : path-like, optional
+
+    Returns
+    -------
+    Simulation
+
+    Raises
+    ------
+    InputError, ToolMissingError, BudgetError
+        As `run_ngspice`.
+    """
+    program = _find(executable)
+    _refuse_commands(data, source)
+    with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
+        folder = Path(name)
+        version = _version(program, folder)
+        (folder / _DECK).write_bytes(data)
+        (folder / "run.cir").write_text(dialect_named("ngspice").commands.format(deck=_DECK), encoding="ascii")
+        status = _run([program, "-n", "-b", "-r", _RAW, "run.cir"], folder, timeout, source)
+        complaints = _complaints(_read_log(folder))
+        try:
+            raw = _operating_point(folder / _RAW)
+        except InputError as error:
+            return Simulation({}, {}, "ngspice", version, (f"{error} (exit status {status})", *complaints))
+    voltage, current = _readings(raw)
+    return Simulation(voltage, current, "ngspice", version, complaints)
+
+
+def ngspice_version(executable: str | os.PathLike[str] | None = None) -> str:
+    """Version of the installed ngspice, e.g. ``"39"``; ``"unknown"`` if it does not tell.
+
+    Raises
+    ------
+    ToolMissingError
+        If ngspice is not installed.
+    """
+    program = _find(executable)
+    with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
+        return _version(program, Path(name))
+
+
+def _find(executable: str | os.PathLike[str] | None) -> str:
+    wanted = os.fspath(executable) if executable is not None else os.environ.get(EXECUTABLE_VARIABLE) or "ngspice"
+    found = shutil.which(wanted)
+    if found is None:
+        raise ToolMissingError(
+            f"the circuit simulator {wanted!r} is not installed: 'sudo apt-get install ngspice' (Debian, Ubuntu), "
+            f"'brew install ngspice' (macOS), or set {EXECUTABLE_VARIABLE} to the program"
+        )
+    return str(Path(found).absolute())
+
+
+def _refuse_commands(data: bytes, source: str) -> None:
+    match = _FORBIDDEN.search(data.replace(b"\r", b"\n"))
+    if match:
+        line = data.replace(b"\r", b"\n").count(b"\n", 0, match.start()) + 1
+        word = match.group(1).decode("ascii")
+        raise InputError(
+            f"{source}, line {line}: {word!r} is not simulated, for it could run commands or read other files; "
+            "remove it"
+        )
+
+
+def _version(program: str, folder: Path) -> str:
+    try:
+        _run([program, "--version"], folder, 10.0, "--version")
+    except BudgetError:
+        return "unknown"
+    match = _VERSION.search(_read_log(folder))
+    return match.group(1) if match else "unknown"
+
+
+def _run(command: list[str], folder: Path, timeout: float, source: str) -> int:
+    environment = {key: value for key, value in os.environ.items() if not key.startswith(("SPICE", "NGSPICE"))}
+    with (folder / _LOG).open("wb") as log:
+        try:
+            process = subprocess.Popen(
+                command,
+                cwd=folder,
+                env={**environment, "LC_ALL": "C"},
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+        except OSError as error:
+            raise ToolMissingError(f"cannot run {command[0]}: {error.strerror}; install ngspice anew") from error
+        try:
+            return process.wait(timeout)
+        except subprocess.TimeoutExpired as error:
+            raise BudgetError(
+                f"ngspice did not finish {source} within {timeout:g} s; allow more time or check a smaller grid"
+            ) from error
+        finally:  # a time-out and Ctrl-C alike leave no process behind
+            if process.poll() is None:
+                os.killpg(process.pid, signal.SIGKILL)
+                process.wait()
+
+
+def _read_log(folder: Path) -> str:
+    with (folder / _LOG).open("rb") as log:
+        return log.read(_MAX_LOG).decode("utf-8", "replace")
+
+
+def _complaints(log: str) -> tuple[str, ...]:
+    lines = (re.sub(r"\s+", " ", line).strip() for line in re.split(r"[\r\n]+", log))
+    bad = dict.fromkeys(line for line in lines if _COMPLAINT.search(line) and not _HARMLESS.search(line))
+    return tuple(f"ngspice says: {line[:200]}" for line in list(bad)[:_MAX_COMPLAINTS])
+
+
+def _operating_point(path: Path) -> RawFile:
+    if not path.is_file():
+        raise InputError("ngspice left no raw file")
+    raw = read_rawfile(path.read_bytes(), "ngspice's raw file")
+    if raw.plot != _PLOT:
+        raise InputError(f"ngspice computed {raw.plot!r} instead of an operating point")
+    if raw.values.shape[0] != 1 or np.iscomplexobj(raw.values):
+        raise InputError(
+            f"ngspice left {raw.values.shape[0]} points of kind {raw.values.dtype}, not one of real numbers"
+        )
+    return raw
+
+
+def _readings(raw: RawFile) -> tuple[Mapping[str, float], Mapping[str, float]]:
+    readings: dict[str, dict[str, float]] = {"voltage": {}, "current": {}}
+    for name, kind, value in zip(raw.names, raw.kinds, raw.values[0].tolist(), strict=True):
+        if kind in readings:
+            readings[kind][_bare(name)] = value
+    return MappingProxyType(readings["voltage"]), MappingProxyType(readings["current"])
+
+
+def _bare(name: str) -> str:
+    """``n_0_0`` from ``v(n_0_0)``, ``v_obstacle`` from ``i(v_obstacle)`` or ``v_obstacle#branch``."""
+    inner = name[2:-1] if name[1:2] == "(" and name.endswith(")") else name
+    return inner.removesuffix("#branch")

@@ -1,0 +1,95 @@
+"""Reading the binary raw file in which a SPICE simulator leaves its voltages."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+
+_BINARY = b"Binary:\n"
+_COUNTED = ("no. variables", "no. points")
+
+
+@dataclass(frozen=True, eq=False)
+class RawFile:
+    """One plot of a raw file.
+
+    Attributes
+    ----------
+    plot : str
+        What was computed, e.g. ``"Operating Point"``.
+    names : tuple of str
+        One per variable, e.g. ``v(n_0_0)`` or ``i(v_obstacle)``.
+    kinds : tuple of str
+        ``"voltage"``, ``"current"``, ...
+    values : ndarray of float64 or complex128, shape (points, variables)
+        In SI units.
+    """
+
+    plot: str
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    values: NDArray[np.float64] | NDArray[np.complex128]
+
+
+def read_rawfile(data: bytes, source: str = "raw file") -> RawFile:
+    """Read a binary raw file that holds one plot.
+
+    Parameters
+    ----------
+    data : bytes
+        The file's content: header lines, the word ``Binary:``, little-endian doubles point by point.
+    source : str
+        What to call it in messages.
+
+    Returns
+    -------
+    RawFile
+
+    Raises
+    ------
+    InputError
+        If it is truncated, damaged, in text form, or holds several plots.
+    """
+    head, found, body = data.partition(_BINARY)
+    if not found:
+        if b"\nValues:\n" in data:
+            raise InputError(f"{source} is a text raw file, which rounds its numbers; ask for a binary one")
+        raise InputError(f"{source} ends before its data ({len(data)} bytes)")
+    lines = head.decode("utf-8", "replace").split("\n")
+    fields = dict(_fields(lines))
+    variables, points = (_count(fields, key, source) for key in _COUNTED)
+    complex_numbers = "complex" in fields.get("flags", "").lower()
+    dtype = np.dtype("<c16" if complex_numbers else "<f8")
+    needed = variables * points * dtype.itemsize
+    if len(body) != needed:
+        problem = "ends too early" if len(body) < needed else "holds more than one plot"
+        raise InputError(f"{source} {problem}: {len(body)} bytes of data where {needed} were announced")
+    names, kinds = _variables(lines, variables, source)
+    values = np.frombuffer(body, dtype=dtype).reshape(points, variables)
+    return RawFile(fields.get("plotname", ""), names, kinds, values)
+
+
+def _fields(lines: list[str]) -> Iterator[tuple[str, str]]:
+    for line in lines:
+        key, colon, value = line.partition(":")
+        if colon and not line.startswith("\t"):
+            yield key.strip().lower(), value.strip()
+
+
+def _count(fields: Mapping[str, str], key: str, source: str) -> int:
+    text = fields.get(key, "")
+    if not (text.isascii() and text.isdigit() and len(text) < 12):
+        raise InputError(f"{source} is damaged: {key!r} is {text!r}, not a number")
+    return int(text)
+
+
+def _variables(lines: list[str], count: int, source: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    rows = [line.split() for line in lines if line.startswith("\t")]
+    if len(rows) != count or any(len(row) < 3 or row[0] != str(i) for i, row in enumerate(rows)):
+        raise InputError(f"{source} is damaged: its list of {count} variables has {len(rows)} lines or is out of order")
+    return tuple(row[1] for row in rows), tuple(row[2] for row in rows)
