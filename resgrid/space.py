@@ -237,7 +237,8 @@ class ConfigurationSpace:
             raise InputError(f"a point of this space has {self.ndim} coordinates, got {points.tolist()!r}")
         scaled = (points - self.lower) / self.spacing
         size = np.array(self.shape)
-        scaled = np.where(self.periodic, np.mod(scaled, size), scaled)
+        with np.errstate(invalid="ignore"):
+            scaled = np.where(self.periodic, np.mod(scaled, size), scaled)
         inside = np.all((scaled >= 0) & (scaled <= size), axis=-1)
         if not np.all(inside):
             wrong = np.atleast_2d(points)[~np.atleast_1d(inside)][0]

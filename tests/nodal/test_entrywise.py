@@ -1,0 +1,92 @@
+"""Entrywise accuracy, against arithmetic of sixty digits."""
+
+import mpmath
+import numpy as np
+import pytest
+from scipy.sparse.csgraph import breadth_first_order
+from spaces import serpentine, space_of
+
+from resgrid.compiler import compile_space
+from resgrid.errors import AccuracyError
+from resgrid.netlist import Netlist
+from resgrid.nodal.solve import solve
+from resgrid.nodal.system import NodalSystem, assemble
+from resgrid.planning.field import field_of
+
+
+def reference_log(system: NodalSystem, rhs: np.ndarray) -> np.ndarray:
+    """Logarithms of the solution, by elimination in 60 digits along the corridor."""
+    order = breadth_first_order(system.coupling, int(np.argmax(rhs > 0)), directed=False, return_predecessors=False)
+    place = np.argsort(order)
+    coupling = system.coupling.tocsr()
+    with mpmath.workdps(60):
+        rows = []
+        for i in order:
+            entries = range(coupling.indptr[i], coupling.indptr[i + 1])
+            row = {int(place[coupling.indices[k]]): -mpmath.mpf(float(coupling.data[k])) for k in entries}
+            row[int(place[i])] = -sum(row.values()) + mpmath.mpf(float(system.excess[i]))
+            rows.append(row)
+        b = [mpmath.mpf(float(rhs[i])) for i in order]
+        for i, row in enumerate(rows):
+            later = [j for j in row if j > i]
+            for j in later:
+                factor = rows[j].pop(i) / row[i]
+                b[j] -= factor * b[i]
+                for k in later:
+                    rows[j][k] = rows[j].get(k, mpmath.mpf(0)) - factor * row[k]
+        for i in range(len(rows) - 1, -1, -1):
+            b[i] = (b[i] - sum(value * b[j] for j, value in rows[i].items() if j > i)) / rows[i][i]
+        logs = np.array([float(mpmath.log(value)) for value in b])
+    return logs[place]
+
+
+@pytest.mark.parametrize(("legs", "leg", "width", "decades"), [(4, 60, 5, -50), (27, 120, 3, -1000)])
+def test_the_drop_along_a_serpentine_is_right_to_the_last_digits(legs: int, leg: int, width: int, decades: int) -> None:
+    netlist = compile_space(space_of(serpentine(legs, leg, width)))
+    system = assemble(netlist)
+    assert system.rails is not None
+    expected = reference_log(system, system.rails.to_low)
+    point = solve(netlist)
+    assert point.log_drop is not None
+    solved = system.unknown >= 0
+    error = np.abs(point.log_drop[solved] - expected[system.unknown[solved]])
+    assert expected.min() / np.log(10) < decades
+    assert error.max() < 1e-8 / 100  # the promise is 1e-8
+    assert point.kcl_residual < 1e-11
+
+
+def test_a_goal_all_around_keeps_the_small_potential() -> None:
+    """The mirror image: far from the obstacle it is phi that underflows, and u that rounds to 1."""
+    cell = np.full((5, 1500), 2)
+    cell[1:4, 1:-1] = 0
+    cell[1:4, 0] = 1
+    point = solve(compile_space(space_of(cell), edge="open"))
+    assert point.kcl_residual < 1e-11
+    field = field_of(point)
+    assert field.potential[2, 5] < 0.1
+    # Currents still run from the obstacle outwards where phi is far below 1e-308.
+    assert np.all(field.face_direction[1][2, 1:1400] == 1)
+    assert field.face_log_current[1][2, 1399] < -1000
+
+
+def test_conductances_of_24_decades_in_one_circuit() -> None:
+    count = 50
+    pairs = np.array([(i, i + 1) for i in range(1, count)] + [(count, 0)])
+    conductance = np.append(np.full(count - 1, 1e12), 1e-12)
+    point = solve(Netlist(count + 1, pairs, conductance, np.array([[1, 0]]), np.array([1.0])))
+    assert np.allclose(point.voltage[1:], 1.0, rtol=1e-15)
+    assert point.resistor_current[-1] == pytest.approx(1e-12, rel=1e-14)
+
+
+def test_what_the_factors_cannot_hold_is_refused() -> None:
+    count = 50
+    pairs = np.array([(i, i + 1) for i in range(1, count)] + [(count, 0)])
+    netlist = Netlist(
+        count + 1,
+        pairs,
+        np.append(np.full(count - 1, 1e12), 1e-12),
+        current_nodes=np.array([[0, 1]]),
+        current_amps=np.array([1e-12]),
+    )
+    with pytest.raises(AccuracyError, match="decades"):
+        solve(netlist)

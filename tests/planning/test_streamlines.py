@@ -1,0 +1,249 @@
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from spaces import space_of, spaces
+
+from resgrid.compiler import compile_space
+from resgrid.errors import CertificateError, CircuitError, InputError
+from resgrid.nodal.solve import solve
+from resgrid.planning.blend import blend
+from resgrid.planning.certify import certify
+from resgrid.planning.field import Field, field_of
+from resgrid.planning.streamline import Outcome, Streamline
+from resgrid.planning.trace import streamline, streamlines
+from resgrid.space import Cell, ConfigurationSpace
+
+BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}]
+
+
+def field(space: ConfigurationSpace, **options: object) -> Field:
+    try:
+        return field_of(solve(compile_space(space, resistance=1.0, **options)))
+    except CircuitError:
+        assume(False)
+        raise
+
+
+def room() -> ConfigurationSpace:
+    cell = np.zeros((12, 9))
+    cell[5, :7] = 1
+    cell[1, 2] = cell[10, 1] = 2
+    return space_of(cell, spacing=(0.5, 0.25))
+
+
+@settings(max_examples=80, deadline=None)
+@given(spaces(), st.sampled_from(BOUNDARIES), st.integers(0, 2**32 - 1))
+def test_every_start_arrives_certified_or_says_why(
+    space: ConfigurationSpace, options: dict[str, object], seed: int
+) -> None:
+    flow = field(space, **options)
+    rng = np.random.default_rng(seed)
+    points = space.lower + rng.random((20, space.ndim)) * (space.upper - space.lower)
+    for point in points:
+        path = streamline(flow, point)
+        certify(path, flow)
+        code = space.cell[tuple(space.locate(point))]
+        if code == Cell.OBSTACLE:
+            assert path.outcome is Outcome.START_BLOCKED
+        elif code == Cell.GOAL:
+            assert path.outcome is Outcome.REACHED and path.length == 0.0
+        elif not space.goal_connected[tuple(space.locate(point))]:
+            assert path.outcome in {Outcome.NO_PATH, Outcome.GOAL_BLOCKED}
+        else:
+            # A component that touches goals only is flat; a scene's symmetry can make a cell flat.
+            assert path.outcome in {Outcome.REACHED, Outcome.NO_CURRENT}
+
+
+@settings(max_examples=60, deadline=None)
+@given(spaces(), st.sampled_from([0.0, 0.01, 0.5, 0.99, 1.0]))
+def test_blends_arrive_from_everywhere(space: ConfigurationSpace, k: float) -> None:
+    dirichlet, neumann = field(space), field(space, boundary="neumann")
+    mixed = blend(dirichlet, neumann, k)
+    starts = np.argwhere(space.goal_connected)[:60]
+    for cell in starts:
+        path = streamline(mixed, cell=cell.tolist())
+        certify(path, mixed)
+        if k < 1.0:
+            assert path.outcome is Outcome.REACHED
+
+
+def test_an_open_channel_runs_straight() -> None:
+    """Between a driven and a goal end the field is uniform: the streamline is a straight line of known duration."""
+    cell = np.zeros((11, 3))
+    cell[-1] = 2
+    cell[0] = 1
+    space = space_of(cell, spacing=(2.0, 2.0))
+    flow = field_of(solve(compile_space(space, edge="open", resistance=7.0)))
+    path = streamline(flow, (2.0, 1.3))
+    certify(path, flow)
+    assert np.allclose(path.points[:, 1], 1.3)
+    assert path.length == pytest.approx(18.0)
+    # grad phi = 1 / (10 spacings of 2): the velocity is 1 / 20.
+    assert path.log_duration == pytest.approx(np.log(18.0 * 20.0))
+    assert path.clearance == pytest.approx(0.0)
+    assert path.goal == 0
+
+
+def test_many_starts_are_the_single_ones() -> None:
+    space = room()
+    flow = field(space)
+    rng = np.random.default_rng(0)
+    points = space.lower + rng.random((50, 2)) * (space.upper - space.lower)
+    many = streamlines(flow, points)
+    for k, point in enumerate(points):
+        one = streamline(flow, point)
+        assert many.outcome[k] == one.outcome
+        assert many.goal[k] == (-1 if one.goal is None else one.goal)
+        if one.outcome is Outcome.REACHED:
+            assert many.length[k] == pytest.approx(one.length)
+            assert many.steps[k] == len(one.cells) - 1
+
+
+def test_clearance_agrees_with_brute_force() -> None:
+    rng = np.random.default_rng(4)
+    for periodic in ((False, False), (True, False), (True, True)):
+        cell = (rng.random((14, 11)) < 0.15).astype(int)
+        cell[7, 5] = 2
+        space = space_of(cell, periodic=periodic, spacing=(1.0, 0.5))
+        flow = field(space, edge="open")
+        boxes = np.argwhere(space.cell == Cell.OBSTACLE) * space.spacing
+        extent = space.upper - space.lower
+        for start in np.argwhere(space.goal_connected)[::9]:
+            path = streamline(flow, cell=start.tolist())
+            if path.outcome is not Outcome.REACHED:
+                continue
+            expected = np.inf
+            local = path.points / space.spacing - path.cells
+            for k in range(len(path.cells) - 1):
+                moved = path.cells[k + 1] != path.cells[k]
+                end = np.where(moved, 1.0 - local[k + 1], local[k + 1])
+                for t in np.linspace(0, 1, 41):
+                    p = (path.cells[k] + (1 - t) * local[k] + t * end) * space.spacing
+                    d = p - boxes
+                    shift = np.where(periodic, extent, np.inf)
+                    gap = np.min([np.abs(_outside(d + s * extent, space.spacing)) for s in (-1, 0, 1)], axis=0)
+                    plain = np.abs(_outside(d, space.spacing))
+                    gap = np.where(np.isfinite(shift), gap, plain)
+                    expected = min(expected, np.linalg.norm(gap, axis=1).min())
+            assert path.clearance == pytest.approx(expected, abs=0.02)
+            assert path.clearance <= expected + 1e-12
+
+
+def _outside(offset: np.ndarray, size: np.ndarray) -> np.ndarray:
+    return np.minimum(offset, 0) + np.maximum(offset - size, 0)
+
+
+def test_outcomes_are_typed() -> None:
+    cell = np.zeros((7, 7))
+    cell[1, 1] = 2
+    cell[4, :] = 1
+    space = space_of(cell)
+    flow = field(space)
+    assert streamline(flow, cell=(4, 3)).outcome is Outcome.START_BLOCKED
+    assert streamline(flow, cell=(6, 6)).outcome is Outcome.NO_PATH
+    assert streamline(flow, cell=(3, 3)).outcome is Outcome.REACHED
+    assert streamline(flow, (4.0, 2.5)).outcome is Outcome.REACHED  # on the wall's face: the free side counts
+    with pytest.raises(InputError, match="outside the grid"):
+        streamline(flow, (9.0, 1.0))
+    with pytest.raises(InputError):
+        streamline(flow)
+
+
+def test_a_walled_goal_is_blocked() -> None:
+    cell = np.zeros((7, 7))
+    cell[1:4, 1:4] = 1
+    cell[2, 2] = 2
+    space = space_of(cell)
+    # Nothing flows in such a circuit, so there is no field to read: the outcome rests on the cells alone.
+    silent = Field(
+        space,
+        np.ones(space.shape),
+        None,
+        tuple(np.zeros((8, 7) if a == 0 else (7, 8), dtype=np.int8) for a in range(2)),
+        tuple(np.full((8, 7) if a == 0 else (7, 8), -np.inf) for a in range(2)),
+        "dirichlet",
+        None,
+        ("obstacle", "obstacle"),
+        1.0,
+    )
+    path = streamline(silent, cell=(0, 0))
+    assert path.outcome is Outcome.GOAL_BLOCKED
+    certify(path, silent)
+
+
+def test_the_start_drive_serves_its_start_and_names_the_rest() -> None:
+    cell = np.zeros((9, 9))
+    cell[0, 4] = 2
+    cell[4, :] = 1
+    cell[4, 4] = 0
+    cell[5:, 6] = 1
+    cell[7, 6] = 0  # a side room, joined at one cell
+    space = space_of(cell)
+    flow = field_of(solve(compile_space(space, boundary="neumann", drive="start", start=(8, 2))))
+    path = streamline(flow, cell=(8, 2))
+    assert path.outcome is Outcome.REACHED
+    certify(path, flow)
+    side = streamline(flow, cell=(8, 8))
+    assert side.outcome is Outcome.NO_CURRENT
+    certify(side, flow)
+
+
+def test_a_forged_path_is_refused() -> None:
+    space = room()
+    flow = field(space)
+    path = streamline(flow, cell=(9, 7))
+    certify(path, flow)
+
+    def forged(**changes: object) -> Streamline:
+        values = {name: getattr(path, name) for name in path.__dataclass_fields__}
+        return Streamline(**{**values, **changes})
+
+    cells = path.cells.copy()
+    cells[2] = cells[1] + [1, 1]
+    points = path.points.copy()
+    points[3] += 1e-3
+    for broken in (
+        {"cells": cells},
+        {"points": points},
+        {"length": path.length * 1.001},
+        {"goal": 1 - path.goal},
+        {"cells": path.cells[:-1].copy(), "points": path.points[:-1].copy()},
+        {"cells": path.cells[::-1].copy(), "points": path.points[::-1].copy()},
+        {"outcome": Outcome.NO_PATH},
+        {"outcome": Outcome.NO_CURRENT},
+        {"outcome": Outcome.START_BLOCKED},
+    ):
+        with pytest.raises(CertificateError):
+            certify(forged(**broken), flow)
+
+
+def test_blends_that_do_not_go_together_are_refused() -> None:
+    space = room()
+    dirichlet, neumann = field(space), field(space, boundary="neumann")
+    started = field(space, boundary="neumann", drive="start", start=(9, 7))
+    with pytest.raises(InputError, match="k = 2"):
+        blend(dirichlet, neumann, 2.0)
+    with pytest.raises(InputError, match="order"):
+        blend(neumann, dirichlet, 0.5)
+    with pytest.raises(InputError, match="start-driven"):
+        blend(dirichlet, started, 0.5)
+    assert blend(dirichlet, started, 0.5, allow_start_drive=True).drive == "start"
+    with pytest.raises(InputError, match="different spaces"):
+        blend(dirichlet, field(space_of(np.where(space.cell == 1, 0, space.cell)), boundary="neumann"), 0.5)
+
+
+def test_blended_currents_are_the_sum_on_the_grid() -> None:
+    space = room()
+    dirichlet, neumann = field(space), field(space, boundary="neumann")
+    mixed = blend(dirichlet, neumann, 0.3)
+    for axis in range(2):
+        expected = 0.3 * dirichlet.face_current(axis) + 0.7 * neumann.face_current(axis)
+        assert np.allclose(mixed.face_current(axis), expected, rtol=1e-9, atol=1e-15)
+    free = space.goal_connected
+    assert np.allclose(mixed.potential[free], 0.3 * dirichlet.potential[free] + 0.7 * neumann.potential[free])
+    # Inside, currents are differences of the normalised potential.
+    inner = free[:-1] & free[1:]
+    drop = (neumann.potential[:-1] - neumann.potential[1:])[inner]
+    scale = (space.spacing.min() / space.spacing[0]) ** 2
+    assert np.allclose(neumann.face_current(0)[1:-1][inner], drop * scale, rtol=1e-9, atol=1e-14)

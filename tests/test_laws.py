@@ -1,0 +1,187 @@
+"""Laws of the physics, on random scenes."""
+
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from spaces import space_of, spaces
+
+from resgrid.compiler import compile_space
+from resgrid.errors import CircuitError
+from resgrid.netlist import Netlist
+from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.nodal.solve import factor, solve
+from resgrid.space import ConfigurationSpace
+
+BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}]
+
+
+def solved(space: ConfigurationSpace, **options: object) -> OperatingPoint:
+    try:
+        return solve(compile_space(space, resistance=1.0, **options))
+    except CircuitError:
+        assume(False)
+        raise
+
+
+@pytest.mark.parametrize("shape", [(20, 17), (6, 7, 5)])
+def test_a_harmonic_polynomial_is_reproduced(shape: tuple[int, ...]) -> None:
+    """x^2 - y^2 is harmonic on the grid as well: pinned on the border it comes back everywhere."""
+    index = np.indices(shape)
+    value = (index[0] ** 2 - index[1] ** 2).astype(float)
+    border = np.zeros(shape, dtype=bool)
+    for axis, size in enumerate(shape):
+        border |= (index[axis] == 0) | (index[axis] == size - 1)
+    if len(shape) == 3:
+        value = value + 3.0 * index[2]
+    node = 1 + np.arange(value.size).reshape(shape)
+    pairs = [np.stack([node.take(range(n - 1), a).ravel(), node.take(range(1, n), a).ravel()], 1)
+             for a, n in enumerate(shape)]  # fmt: skip
+    pairs = np.concatenate(pairs)
+    pinned = node[border]
+    netlist = Netlist(
+        value.size + 1,
+        pairs,
+        np.full(len(pairs), 1e-4),
+        np.stack([pinned, np.zeros_like(pinned)], 1),
+        value[border],
+    )
+    point = solve(netlist)
+    assert np.abs(point.voltage[1:] - value.ravel()).max() < 1e-11
+
+
+@settings(max_examples=60, deadline=None)
+@given(spaces(), st.sampled_from(BOUNDARIES))
+def test_maximum_principle_and_no_local_minimum(space: ConfigurationSpace, options: dict[str, object]) -> None:
+    point = solved(space, **options)
+    volts = point.voltage
+    assert np.nanmin(volts) >= 0.0
+    if "boundary" not in options or options["boundary"] == "wall":
+        assert np.nanmax(volts) <= 1.0
+    outflow = np.zeros(len(volts), dtype=bool)
+    a, b = point.netlist.resistor_nodes.T
+    outflow[a[point.resistor_direction > 0]] = True
+    outflow[b[point.resistor_direction < 0]] = True
+    layout = point.netlist.layout
+    driven = np.setdiff1d(layout.free_node, np.concatenate([point.undriven, point.floating]))
+    carries = np.zeros(len(volts), dtype=bool)
+    carries[np.concatenate([a[point.resistor_direction != 0], b[point.resistor_direction != 0]])] = True
+    assert np.all(outflow[driven] | ~carries[driven])
+
+
+@settings(max_examples=40, deadline=None)
+@given(spaces(), st.sampled_from(BOUNDARIES), st.floats(1e-3, 1e6))
+def test_scaling_every_resistance_leaves_voltages_alone(
+    space: ConfigurationSpace, options: dict[str, object], factor_: float
+) -> None:
+    one = solved(space, **options)
+    scaled = dict(options)
+    if "wall_resistance" in scaled:
+        scaled["wall_resistance"] = float(scaled["wall_resistance"]) * factor_
+    other = solve(compile_space(space, resistance=factor_, **scaled))
+    assert np.allclose(one.voltage, other.voltage, rtol=1e-9, atol=0.0, equal_nan=True)
+    assert one.power == pytest.approx(other.power * factor_, rel=1e-9)
+
+
+@settings(max_examples=40, deadline=None)
+@given(spaces(), st.integers(0, 2**32 - 1))
+def test_superposition(space: ConfigurationSpace, seed: int) -> None:
+    netlist = compile_space(space, resistance=1.0)
+    try:
+        factors = factor(netlist)
+    except Exception:
+        assume(False)
+    rng = np.random.default_rng(seed)
+    n = factors.system.size
+    p, q = rng.random(n), rng.random(n)
+    together = factors.solve(2.0 * p - 3.0 * q)
+    assert np.allclose(together, 2.0 * factors.solve(p) - 3.0 * factors.solve(q), atol=1e-9)
+
+
+@settings(max_examples=40, deadline=None)
+@given(spaces(), st.sampled_from(BOUNDARIES))
+def test_currents_into_all_rails_sum_to_the_drive_and_power_balances(
+    space: ConfigurationSpace, options: dict[str, object]
+) -> None:
+    point = solved(space, **options)
+    netlist = point.netlist
+    fed = netlist.current_amps.sum()
+    assert point.source_current.sum() == pytest.approx(fed, abs=1e-12 * (1 + np.abs(point.source_current).max()))
+    delivered = -np.sum(netlist.source_volts * point.source_current)
+    delivered += np.sum(netlist.current_amps * point.voltage[netlist.current_nodes[:, 1]])
+    assert point.power == pytest.approx(delivered, rel=1e-9)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.integers(2, 25), st.integers(0, 2**32 - 1))
+def test_networkx_resistance_distance_agrees(count: int, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    graph = nx.gnp_random_graph(count, 0.4, seed=int(seed % 2**31))
+    graph.add_edges_from((i, i + 1) for i in range(count - 1))
+    for a, b in graph.edges:
+        graph.edges[a, b]["resistance"] = float(10 ** rng.uniform(-2, 2))
+    expected = nx.resistance_distance(graph, 0, count - 1, weight="resistance")
+    netlist = Netlist.from_networkx(graph)
+    point = solve(netlist.replace(current_nodes=np.array([[0, count - 1]]), current_amps=np.ones(1)))
+    assert point.voltage[count - 1] == pytest.approx(expected, rel=1e-9)
+
+
+@settings(max_examples=30, deadline=None)
+@given(spaces(), st.sampled_from(BOUNDARIES))
+def test_merged_and_single_rails_are_the_same_circuit(space: ConfigurationSpace, options: dict[str, object]) -> None:
+    merged = solved(space, **options)
+    single = solved(space, rails="cells", **options)
+    first, second = merged.netlist.layout.node, single.netlist.layout.node
+    both = (first >= 0) & (second >= 0)
+    assert np.allclose(merged.voltage[first[both]], single.voltage[second[both]], atol=1e-12, equal_nan=True)
+
+
+@settings(max_examples=30, deadline=None)
+@given(spaces(), st.sampled_from(BOUNDARIES))
+def test_both_accuracies_agree_with_a_dense_solution(space: ConfigurationSpace, options: dict[str, object]) -> None:
+    point = solved(space, **options)
+    normwise = solve(point.netlist, accuracy="normwise")
+    assert np.allclose(point.voltage, normwise.voltage, atol=1e-8, equal_nan=True)
+    assert np.allclose(point.voltage, dense(point.netlist, point.voltage), atol=1e-9, equal_nan=True)
+
+
+def dense(netlist: Netlist, voltage: np.ndarray) -> np.ndarray:
+    """Modified nodal analysis with a dense matrix, floating nodes left out."""
+    keep = np.flatnonzero(~np.isnan(voltage) & (np.arange(len(voltage)) > 0))
+    place = np.full(len(voltage), -1)
+    place[keep] = np.arange(len(keep))
+    n, s = len(keep), len(netlist.source_volts)
+    matrix, rhs = np.zeros((n + s, n + s)), np.zeros(n + s)
+    for (a, b), g in zip(place[netlist.resistor_nodes], netlist.conductance, strict=True):
+        for i, j in ((a, b), (b, a)):
+            if i >= 0:
+                matrix[i, i] += g
+                if j >= 0:
+                    matrix[i, j] -= g
+    for k, ((a, b), volts) in enumerate(zip(place[netlist.source_nodes], netlist.source_volts, strict=True)):
+        for i, sign in ((a, 1.0), (b, -1.0)):
+            if i >= 0:
+                matrix[i, n + k] += sign
+                matrix[n + k, i] += sign
+        rhs[n + k] = volts
+    for (a, b), amps in zip(place[netlist.current_nodes], netlist.current_amps, strict=True):
+        if a >= 0:
+            rhs[a] -= amps
+        if b >= 0:
+            rhs[b] += amps
+    solution = np.linalg.lstsq(matrix, rhs, rcond=None)[0]
+    full = np.full(len(voltage), np.nan)
+    full[0] = 0.0
+    full[keep] = solution[:n]
+    return full
+
+
+def test_the_drive_scales_to_the_supply() -> None:
+    from resgrid.nodal.drive import scale_drive
+
+    cell = np.zeros((9, 5))
+    cell[0, 0] = 2
+    netlist = compile_space(space_of(cell), boundary="neumann", supply=3.0, goal_voltage=1.0)
+    scaled = solve(scale_drive(netlist, solve(netlist)))
+    assert np.nanmax(scaled.voltage) == pytest.approx(4.0)

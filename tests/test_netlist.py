@@ -1,0 +1,83 @@
+import networkx as nx
+import numpy as np
+import pytest
+from spaces import space_of
+
+from resgrid.compiler import compile_space
+from resgrid.errors import InputError
+from resgrid.netlist import Netlist
+
+
+def ladder() -> Netlist:
+    return Netlist(
+        3,
+        np.array([[1, 2], [2, 0]]),
+        np.array([1.0, 0.5]),
+        source_nodes=np.array([[1, 0]]),
+        source_volts=np.array([3.0]),
+        current_nodes=np.array([[0, 2]]),
+        current_amps=np.array([1.0]),
+        capacitor_nodes=np.array([[2, 0]]),
+        capacitance=np.array([1e-12]),
+    )
+
+
+def test_a_graph_goes_there_and_back() -> None:
+    netlist = ladder()
+    back = Netlist.from_networkx(netlist.to_networkx())
+    for nodes, value in (
+        ("resistor_nodes", "conductance"),
+        ("source_nodes", "source_volts"),
+        ("current_nodes", "current_amps"),
+        ("capacitor_nodes", "capacitance"),
+    ):
+        sides = [
+            sorted(zip(getattr(side, nodes).tolist(), getattr(side, value).tolist(), strict=True))
+            for side in (netlist, back)
+        ]
+        assert sides[0] == sides[1], nodes
+
+
+def test_a_plain_graph_becomes_resistors() -> None:
+    graph = nx.Graph()
+    graph.add_edge("a", "b", resistance=2.0)
+    graph.add_edge("b", "gnd", conductance=3.0)
+    netlist = Netlist.from_networkx(graph, ground="gnd")
+    assert netlist.conductance.tolist() == [0.5, 3.0]
+    assert netlist.names_of([0, 1, 2]) == ["0", "a", "b"]
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"conductance": np.array([1.0, 0.0])},
+        {"conductance": np.array([1.0, np.inf])},
+        {"conductance": np.array([1.0])},
+        {"resistor_nodes": np.array([[0, 3], [0, 1]])},
+        {"resistor_nodes": np.array([[0.5, 1], [0, 1]])},
+        {"source_volts": np.array([np.nan])},
+        {"node_names": ("0", "a")},
+        {"colour": 1},
+    ],
+)
+def test_wrong_values_are_refused(changes: dict[str, object]) -> None:
+    with pytest.raises(InputError):
+        ladder().replace(**changes)
+
+
+def test_edges_without_a_value_or_of_no_known_kind_are_refused() -> None:
+    graph = nx.Graph([(0, 1)])
+    with pytest.raises(InputError, match="conductance"):
+        Netlist.from_networkx(graph)
+    graph.edges[0, 1]["kind"] = "diode"
+    with pytest.raises(InputError, match="diode"):
+        Netlist.from_networkx(graph)
+
+
+def test_names_come_from_cells() -> None:
+    cell = np.zeros((3, 2))
+    cell[1, 1], cell[2, 0] = 2, 1
+    netlist = compile_space(space_of(cell))
+    names = netlist.names_of(np.arange(netlist.node_count))
+    assert names == ["0", "obstacle", "goal_0", "n_0_0", "n_0_1", "n_1_0", "n_2_1"]
+    assert netlist.cell_of_node().tolist() == [-1, -1, -1, 0, 1, 2, 5]

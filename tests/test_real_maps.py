@@ -1,0 +1,132 @@
+"""Real maps that no one in this project wrote: every promise, on every cell."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from resgrid.compiler import compile_space
+from resgrid.nodal.solve import solve
+from resgrid.planning.certify import certify
+from resgrid.planning.field import Field, field_of
+from resgrid.planning.trace import streamline, streamlines
+from resgrid.scene import apply_overrides, read_queries, read_scene, sample
+from resgrid.space import Cell, ConfigurationSpace
+
+MAPS = {
+    "nav2/turtlebot3/map.yaml": {},
+    "nav2/depot.yaml": {},
+    "movingai/den312d.map": {},
+    "movingai/lak303d.map": {},
+    "movingai/Boston_0_256.map": {},
+    "movingai/maze-32-32-2.map": {},
+    "movingai/random-32-32-20.map": {},
+    "movingai/room-32-32-4.map": {},
+    "movingai/arena.map": {},
+    "epic/c_space.png": {"format": "epic"},
+    "epic/maze_1.png": {"format": "epic"},
+    "epic/umass_lpr.png": {"format": "epic"},
+}
+SCENARIOS = ["arena.map", "den312d.map", "lak303d.map", "Boston_0_256.map"]
+SCENARIOS_EVEN = ["maze-32-32-2", "random-32-32-20", "room-32-32-4"]
+
+
+def with_goal(path: Path, **options: str) -> ConfigurationSpace:
+    """The map's own goals, or a goal in the far corner of its largest free part."""
+    scene = read_scene(path, **options)
+    space = sample(scene, require_goal=False)
+    if space.goal_count:
+        return space
+    labels, _ = ndimage.label(space.cell == Cell.FREE)
+    largest = np.argwhere(labels == np.argmax(np.bincount(labels[labels > 0])))
+    cell = space.cell.copy()
+    cell[tuple(largest[np.argmin(largest.sum(axis=1))])] = Cell.GOAL
+    return ConfigurationSpace(space.axes, cell)
+
+
+def connected(space: ConfigurationSpace) -> np.ndarray:
+    """Free cells joined to a goal, by flooding from the goals."""
+    free = space.cell != Cell.OBSTACLE
+    return ndimage.binary_propagation(space.cell == Cell.GOAL, mask=free) & (space.cell == Cell.FREE)
+
+
+def lowest_neighbour(height: np.ndarray) -> np.ndarray:
+    padded = np.pad(np.where(np.isnan(height), np.inf, height), 1, constant_values=np.inf)
+    sides = [np.roll(padded, shift, axis)[1:-1, 1:-1] for axis in (0, 1) for shift in (1, -1)]
+    return np.min(sides, axis=0)
+
+
+def kcl_violation(field: Field, cells: np.ndarray) -> np.ndarray:
+    """Net current of every cell over its through-current, from the face currents in log form."""
+    logs, signs = [], []
+    for axis in range(2):
+        for side in (0, 1):
+            window = tuple(slice(side, side + n) if a == axis else slice(None) for a, n in enumerate(cells.shape))
+            logs.append(field.face_log_current[axis][window])
+            signs.append(field.face_direction[axis][window] * (1 if side else -1))
+    scale = np.max(logs, axis=0)
+    scaled = np.array(signs) * np.exp(np.array(logs) - np.where(np.isfinite(scale), scale, 0.0))
+    net, through = scaled.sum(axis=0), np.abs(scaled).sum(axis=0) / 2
+    if field.drive == "uniform":
+        drive = (net * np.exp(scale))[cells]
+        per_cell = np.median(drive)
+        assert per_cell > 0
+        net -= per_cell * np.exp(-scale)
+    return np.abs(net[cells]) / through[cells]
+
+
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+@pytest.mark.parametrize("name", MAPS)
+def test_every_cell_leads_to_a_goal(cases: Path, name: str, boundary: str) -> None:
+    space = with_goal(cases / name, **MAPS[name])
+    field = field_of(solve(compile_space(space, boundary=boundary)))
+    served = connected(space)
+    assert np.array_equal(served, space.goal_connected)
+    height = -field.log_drop if field.log_drop is not None else field.potential
+    assert np.all(lowest_neighbour(height)[served] < height[served])
+    assert kcl_violation(field, served).max() <= 1e-6
+    rng = np.random.default_rng(7)
+    cells = np.argwhere(served)
+    if len(cells) > 15_000:
+        cells = cells[rng.choice(len(cells), 5_000)]
+        starts = space.lower + (cells + rng.random(cells.shape)) * space.spacing
+    else:
+        starts = space.centre(cells)
+    traces = streamlines(field, starts)
+    assert np.all(traces.outcome == "reached")
+    for start in starts[rng.choice(len(starts), 40)]:
+        path = streamline(field, start)
+        certify(path, field)
+        assert np.all(np.diff(height[tuple(path.cells.T)]) < 0)
+
+
+def _scenario(folder: Path, name: str) -> tuple[Path, Path]:
+    return (
+        (folder / name, folder / f"{name}.scen")
+        if name.endswith(".map")
+        else (folder / f"{name}.map", folder / f"{name}-even-1.scen")
+    )
+
+
+@pytest.mark.parametrize("name", SCENARIOS + SCENARIOS_EVEN)
+def test_scenario_ends_are_reachable_and_no_path_is_too_short(cases: Path, name: str) -> None:
+    map_file, scenario = _scenario(cases / "movingai", name)
+    queries = read_queries(scenario)
+    scene = read_scene(map_file)
+    space_at: Callable[[tuple[int, ...]], ConfigurationSpace] = lambda cell: sample(  # noqa: E731
+        apply_overrides(scene, {"goal_cell": cell})
+    )
+    first = space_at(queries[0].goal)
+    parts, _ = ndimage.label(first.cell != Cell.OBSTACLE)
+    for query in queries:
+        assert parts[query.start] == parts[query.goal] != 0
+    for query in queries[:: max(1, len(queries) // 8)]:
+        space = space_at(query.goal)
+        if query.start == query.goal:
+            continue
+        field = field_of(solve(compile_space(space)))
+        path = streamline(field, cell=query.start)
+        certify(path, field)
+        assert path.length >= query.optimal_length / 1.0824 - 2.0

@@ -1,0 +1,72 @@
+import numpy as np
+import pytest
+from scipy import ndimage
+from spaces import space_of
+
+from resgrid.errors import InputError
+from resgrid.space import Axis, ConfigurationSpace, label_regions
+
+
+def test_a_point_is_located_and_split() -> None:
+    space = ConfigurationSpace([Axis("x", -1, 3, 8), Axis("t", 0, 6, 3, periodic=True)], np.zeros((8, 3)))
+    cells, local = space.split([[-1, 0], [3, 7], [0.1, -0.5]])
+    assert cells.tolist() == [[0, 0], [7, 0], [2, 2]]
+    assert np.allclose(local, [[0, 0], [1, 0.5], [0.2, 0.75]])
+    assert space.locate(space.centre([4, 2])).tolist() == [4, 2]
+
+
+@pytest.mark.parametrize("point", [[4.0, 0.0], [np.nan, 0.0], [-np.inf, 1.0], [0.0]])
+def test_a_point_outside_is_refused(point: list[float]) -> None:
+    space = ConfigurationSpace([Axis("x", 0, 3, 3), Axis("y", 0, 3, 3)], np.zeros((3, 3)))
+    with pytest.raises(InputError):
+        space.locate(point)
+
+
+@pytest.mark.parametrize(
+    ("cell", "conductivity", "words"),
+    [
+        (np.zeros((2, 3)), None, "shape"),
+        (np.full((3, 3), 3), None, "0 \\(free\\)"),
+        (np.zeros((3, 3)), np.zeros((3, 3)), "positive"),
+        (np.zeros((3, 3)), np.ones(3), "shape"),
+    ],
+)
+def test_wrong_arrays_are_refused(cell: np.ndarray, conductivity: np.ndarray | None, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        ConfigurationSpace([Axis("x", 0, 3, 3), Axis("y", 0, 3, 3)], cell, conductivity)
+
+
+@pytest.mark.parametrize(("lower", "upper", "cells"), [(1, 1, 2), (0, np.inf, 2), (0, 1, 0), (np.nan, 1, 1)])
+def test_wrong_axes_are_refused(lower: float, upper: float, cells: int) -> None:
+    with pytest.raises(InputError, match="'x'"):
+        Axis("x", lower, upper, cells)
+
+
+def test_goal_regions_are_numbered_in_order_of_their_first_cell_across_seams() -> None:
+    cell = np.zeros((5, 6))
+    cell[0, 5] = cell[0, 0] = cell[2, 2] = cell[2, 3] = cell[4, 4] = 2
+    assert space_of(cell).goal_count == 4
+    ring = space_of(cell, periodic=(False, True))
+    assert ring.goal_count == 3
+    assert ring.goal_region[0, 0] == ring.goal_region[0, 5] == 0
+    assert ring.goal_region[2, 3] == 1
+    assert ring.goal_region[4, 4] == 2
+
+
+def test_labels_agree_with_tiling_the_ring() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        mask = rng.random((7, 6)) < 0.5
+        labels = label_regions(mask, [True, False])
+        tiled = ndimage.label(np.tile(mask, (3, 1)))[0][7:14]
+        middle_pairs = {(a, b) for a, b in zip(labels[mask], tiled[mask], strict=True)}
+        # Two cells joined in three turns of the ring are joined in it; cells joined in the ring may need more turns.
+        assert len({b for _, b in middle_pairs}) == len(middle_pairs)
+        firsts = [int(np.flatnonzero(labels.ravel() == k)[0]) for k in range(1, labels.max() + 1)]
+        assert firsts == sorted(firsts)
+
+
+def test_values_are_read_only() -> None:
+    space = space_of(np.zeros((2, 2)))
+    with pytest.raises(ValueError, match="read-only"):
+        space.cell[0, 0] = 1
