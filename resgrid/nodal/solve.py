@@ -141,14 +141,20 @@ def _factor(system: NodalSystem, method: str, seconds: dict[str, float]) -> Dire
 def estimate_memory(system: NodalSystem) -> float:
     """Estimate the peak memory of the direct method, in bytes.
 
-    Fill under minimum degree grows about as ``n log n`` on planar grids and ``n**(4/3)`` in space (George & Liu 1981);
-    the constants were measured on open grids, which fill most.
+    Fill grows about as ``n log n`` on planar grids, ``n**(4/3)`` in three and ``n**(3/2)`` in four dimensions (George &
+    Liu 1981); the constants were measured under minimum degree on open grids, which fill most.
     """
     layout = system.netlist.layout
     n = system.size
     dimensions = sum(size > 2 for size in layout.space.shape) if layout is not None else 2
-    fill = {0: 2.0 * n, 1: 3.0 * n, 2: 2.6 * n * np.log2(n + 2)}.get(dimensions, 9.0 * n ** (4 / 3))
-    return float(60 * fill + 600 * n)
+    fill = {
+        0: 3.0 * n,
+        1: 3.0 * n,
+        2: 2.6 * n * np.log2(n + 2),
+        3: 10.0 * n ** (4 / 3),
+        4: 4.5 * n ** (3 / 2),
+    }[dimensions]
+    return float(50 * fill + 600 * n)
 
 
 def _entrywise_levels(system: NodalSystem, factors: DirectFactor | None) -> tuple[list[Levels], float]:
