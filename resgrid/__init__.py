@@ -1,1 +1,205 @@
-"""resgrid: a robot's surroundings compiled into a resistor grid, solved, and driven along its currents."""
+"""Plan robot motions with a grid of resistors.
+
+    a robot and its surroundings -> configuration space -> resistor netlist -> operating point -> field -> path
+
+>>> import numpy as np
+>>> import resgrid as rg
+>>> cell = np.zeros((8, 8), dtype=np.uint8)
+>>> cell[1:5, 4], cell[6, 1] = rg.Cell.OBSTACLE, rg.Cell.GOAL
+>>> space = rg.ConfigurationSpace([rg.Axis("x", 0, 8, 8), rg.Axis("y", 0, 8, 8)], cell)
+>>> field = rg.field(rg.solve(rg.compile_space(space)))
+>>> str(rg.streamline(field, start=(0.5, 6.5)).outcome)
+'reached'
+
+Names are imported when they are first used, so that ``import resgrid`` costs nothing.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from resgrid.compiler import compile_space
+    from resgrid.errors import (
+        AccuracyError,
+        BudgetError,
+        CertificateError,
+        CircuitError,
+        InputError,
+        ResgridError,
+        ToolMissingError,
+    )
+    from resgrid.netlist import Layout, Netlist
+    from resgrid.nodal.drive import scale_drive
+    from resgrid.nodal.operating_point import OperatingPoint
+    from resgrid.nodal.solve import factor, solve
+    from resgrid.planning.blend import blend
+    from resgrid.planning.certify import certify
+    from resgrid.planning.field import Field
+    from resgrid.planning.field import field_of as field
+    from resgrid.planning.streamline import Outcome, Streamline
+    from resgrid.planning.trace import Traces, streamline, streamlines
+    from resgrid.plot import (
+        plot_circuit,
+        plot_currents,
+        plot_path,
+        plot_potential,
+        plot_scene_page,
+        plot_slices,
+        plot_space,
+        plot_streamlines,
+        save_figure,
+    )
+    from resgrid.scene import (
+        Scene,
+        apply_overrides,
+        occupancy_grid,
+        parse_quantity,
+        parse_scene,
+        read_queries,
+        read_scene,
+        sample,
+        scene_schema,
+    )
+    from resgrid.space import Axis, Cell, ConfigurationSpace
+    from resgrid.spice.agreement import Agreement, check_deck, check_spice
+    from resgrid.spice.deck import format_deck
+    from resgrid.spice.ngspice import run_ngspice
+    from resgrid.spice.rules import check_rules
+    from resgrid.spice.writer import write_spice
+
+_HOME = {
+    "compile_space": "resgrid.compiler",
+    "AccuracyError": "resgrid.errors",
+    "BudgetError": "resgrid.errors",
+    "CertificateError": "resgrid.errors",
+    "CircuitError": "resgrid.errors",
+    "InputError": "resgrid.errors",
+    "ResgridError": "resgrid.errors",
+    "ToolMissingError": "resgrid.errors",
+    "Layout": "resgrid.netlist",
+    "Netlist": "resgrid.netlist",
+    "scale_drive": "resgrid.nodal.drive",
+    "OperatingPoint": "resgrid.nodal.operating_point",
+    "factor": "resgrid.nodal.solve",
+    "solve": "resgrid.nodal.solve",
+    "blend": "resgrid.planning.blend",
+    "certify": "resgrid.planning.certify",
+    "Field": "resgrid.planning.field",
+    "field": "resgrid.planning.field",
+    "Outcome": "resgrid.planning.streamline",
+    "Streamline": "resgrid.planning.streamline",
+    "Traces": "resgrid.planning.trace",
+    "streamline": "resgrid.planning.trace",
+    "streamlines": "resgrid.planning.trace",
+    "plot_circuit": "resgrid.plot",
+    "plot_currents": "resgrid.plot",
+    "plot_path": "resgrid.plot",
+    "plot_potential": "resgrid.plot",
+    "plot_scene_page": "resgrid.plot",
+    "plot_slices": "resgrid.plot",
+    "plot_space": "resgrid.plot",
+    "plot_streamlines": "resgrid.plot",
+    "save_figure": "resgrid.plot",
+    "Scene": "resgrid.scene",
+    "apply_overrides": "resgrid.scene",
+    "occupancy_grid": "resgrid.scene",
+    "parse_quantity": "resgrid.scene",
+    "parse_scene": "resgrid.scene",
+    "read_queries": "resgrid.scene",
+    "read_scene": "resgrid.scene",
+    "sample": "resgrid.scene",
+    "scene_schema": "resgrid.scene",
+    "Axis": "resgrid.space",
+    "Cell": "resgrid.space",
+    "ConfigurationSpace": "resgrid.space",
+    "Agreement": "resgrid.spice.agreement",
+    "check_deck": "resgrid.spice.agreement",
+    "check_spice": "resgrid.spice.agreement",
+    "format_deck": "resgrid.spice.deck",
+    "run_ngspice": "resgrid.spice.ngspice",
+    "check_rules": "resgrid.spice.rules",
+    "write_spice": "resgrid.spice.writer",
+}
+"""Where every public name lives."""
+
+_OTHER_NAME = {"field": "field_of"}
+
+__all__ = [
+    "AccuracyError",
+    "Agreement",
+    "Axis",
+    "BudgetError",
+    "Cell",
+    "CertificateError",
+    "CircuitError",
+    "ConfigurationSpace",
+    "Field",
+    "InputError",
+    "Layout",
+    "Netlist",
+    "OperatingPoint",
+    "Outcome",
+    "ResgridError",
+    "Scene",
+    "Streamline",
+    "ToolMissingError",
+    "Traces",
+    "__version__",
+    "apply_overrides",
+    "blend",
+    "certify",
+    "check_deck",
+    "check_rules",
+    "check_spice",
+    "compile_space",
+    "factor",
+    "field",
+    "format_deck",
+    "occupancy_grid",
+    "parse_quantity",
+    "parse_scene",
+    "plot_circuit",
+    "plot_currents",
+    "plot_path",
+    "plot_potential",
+    "plot_scene_page",
+    "plot_slices",
+    "plot_space",
+    "plot_streamlines",
+    "read_queries",
+    "read_scene",
+    "run_ngspice",
+    "sample",
+    "save_figure",
+    "scale_drive",
+    "scene_schema",
+    "solve",
+    "streamline",
+    "streamlines",
+    "write_spice",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name == "__version__":
+        return _version()
+    if name not in _HOME:
+        raise AttributeError(f"module 'resgrid' has no attribute {name!r}; it has {', '.join(sorted(_HOME))}")
+    value = getattr(import_module(_HOME[name]), _OTHER_NAME.get(name, name))
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__
+
+
+def _version() -> str:
+    from importlib.metadata import PackageNotFoundError, version
+
+    try:
+        return version("resgrid")
+    except PackageNotFoundError:  # used from a source tree that was never installed
+        return "0+unknown"

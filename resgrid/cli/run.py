@@ -1,3 +1,138 @@
+"""``resgrid run``: the main job, from a scene or a map to a folder of paths, pictures and checked decks."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
 import click
-@click.command("run")
-def command(): pass
+
+from resgrid.cli.check import agreement_data, agreement_lines
+from resgrid.cli.compile import dialect_option, write_deck
+from resgrid.cli.failures import NEGATIVE
+from resgrid.cli.folder import SUMMARY, whole_folder
+from resgrid.cli.job import Chip, Job, open_job, size_of, solution_summary
+from resgrid.cli.options import SceneChoice, with_report, with_scene
+from resgrid.cli.output import json_text
+from resgrid.cli.paths import Plan, plan_routes, route_data, route_line, unit_of, write_routes
+from resgrid.cli.pictures import draw_all
+from resgrid.cli.report import Report
+from resgrid.cli.solve import write_field
+from resgrid.errors import InputError, ToolMissingError
+
+if TYPE_CHECKING:
+    from resgrid.spice.agreement import Agreement
+
+CHECKED_RESISTORS = 50_000
+"""Decks up to this size are simulated unasked: about 20 s with ngspice 39."""
+
+
+@click.command("run", short_help="Do it all: paths, pictures, and decks checked in SPICE.")
+@with_scene()
+@click.option("-o", "--output", metavar="DIR", type=click.Path(), help="Folder for the results.  [default: out/SCENE]")
+@click.option("--check/--no-check", "wanted", default=None, help="Simulate the decks, whatever their size; or do not.")
+@dialect_option
+@with_report
+def command(choice: SceneChoice, output: str | None, wanted: bool | None, dialect: str, report: Report) -> int:
+    """Take SCENE the whole way: compile, solve, follow the current, draw, write decks and have them simulated.
+
+    Everything goes into one folder, which is there when the work is done and not before; a folder that exists keeps
+    its other files. Exits with 1 if a start has no path or the simulator disagrees.
+    """
+    if output == "-":
+        raise InputError("-o -: the results are many files; name a folder")
+    folder = Path(output or Path("out") / _stem(choice.source))
+    with whole_folder(folder) as made:
+        job = open_job(choice, report)
+        plan = plan_routes(job, report)
+        files = _write_all(made, job, plan, dialect, report)
+        checks = {name: _checked(chip, dialect, wanted, report) for name, chip in plan.chips.items()}
+        data = _summary(job, plan, files, checks)
+        (made / SUMMARY).write_text(json_text(data) + "\n", encoding="utf-8")
+    report.finish({"folder": folder, **data}, _lines(job, plan, folder, files, checks))
+    agreed = all(check is None or isinstance(check, str) or check.agrees for check in checks.values())
+    return 0 if plan.complete and agreed else NEGATIVE
+
+
+def _stem(source: str) -> str:
+    name = "scene" if source == "-" else Path(source).stem
+    return re.sub(r"[^\w.-]+", "_", name).strip(".") or "scene"
+
+
+def _write_all(made: Path, job: Job, plan: Plan, dialect: str, report: Report) -> dict[str, str]:
+    """Write everything but the summary; what each file is, by its name."""
+    from resgrid.planning.field import field_of
+
+    files: dict[str, str] = {}
+    with report.stage("draw the pictures"):
+        files |= draw_all(made, job, plan)
+    if plan.routes:
+        write_routes(str(made / "paths.csv"), plan.routes, [axis.name for axis in job.space.axes])
+        write_routes(str(made / "paths.json"), plan.routes, ())
+        files |= {"paths.csv": "points of the paths, world coordinates", "paths.json": "the paths with all figures"}
+    for name, chip in plan.chips.items():
+        deck = write_deck(made / f"{name}.cir", job, chip, dialect, report)
+        files[deck.path.name] = f"the {name.replace('_', ' ')} chip as a SPICE deck"
+        files[deck.sidecar.name] = "its nodes, cells and expected voltages"
+        files[deck.commands.name] = "commands for the simulator"
+        write_field(made / f"{name}.npz", field_of(chip.point))
+        files[f"{name}.npz"] = "its potential, log_drop and cells as arrays"
+    files[SUMMARY] = "this summary as JSON"
+    return files
+
+
+def _checked(chip: Chip, dialect: str, wanted: bool | None, report: Report) -> Agreement | str:
+    """The simulator's verdict, or why there is none."""
+    from resgrid.spice.agreement import check_spice
+
+    resistors = len(chip.netlist.conductance)
+    if wanted is False:
+        return "not checked: --no-check"
+    if wanted is None and resistors > CHECKED_RESISTORS:
+        return f"not checked: {resistors:,} resistors take the simulator long; 'resgrid run --check' waits for it"
+    try:
+        with report.stage(f"simulate the {chip.name} deck", seconds=1 + 1e-8 * resistors**2):
+            return check_spice(chip.netlist, chip.point, dialect=dialect)
+    except ToolMissingError as error:
+        if wanted:
+            raise
+        return f"not checked: {error}"
+
+
+def _summary(
+    job: Job, plan: Plan, files: Mapping[str, str], checks: Mapping[str, Agreement | str]
+) -> dict[str, Any]:
+    chips = []
+    for name, chip in plan.chips.items():
+        check = checks[name]
+        verdict = {"agrees": None, "reason": check} if isinstance(check, str) else agreement_data(check)
+        chips.append({**solution_summary(chip, job.space), "deck": f"{name}.cir", "check": verdict})
+    return {
+        "title": job.scene.title,
+        "scene": job.scene.source,
+        "shape": job.space.shape,
+        "chips": chips,
+        "paths": [route_data(route, points=False) for route in plan.routes],
+        "files": dict(files),
+    }
+
+
+def _lines(
+    job: Job, plan: Plan, folder: Path, files: Mapping[str, str], checks: Mapping[str, Agreement | str]
+) -> Iterator[str]:
+    space = job.space
+    yield f"{job.scene.title or job.scene.source}: {size_of(space.shape)} cells, {space.goal_count} goal regions"
+    yield "paths"
+    if not plan.routes:
+        yield "  none: the scene has no start; add one with --start X,Y"
+    for route in plan.routes:
+        yield f"  {route_line(route, unit_of(space))}"
+    yield "decks"
+    for name, check in checks.items():
+        lines = [check] if isinstance(check, str) else agreement_lines(check)
+        yield from (f"  {name}.cir: {line}" if not line.startswith(" ") else f"  {line}" for line in lines)
+    yield f"files in {folder}"
+    width = max(map(len, files))
+    yield from (f"  {name:{width}}  {what}" for name, what in files.items())
