@@ -1,0 +1,111 @@
+"""Figures without a screen: making them, and writing them whole, the same bytes every time."""
+
+from __future__ import annotations
+
+import io
+import os
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from resgrid.errors import InputError
+from resgrid.files import write_bytes
+from resgrid.plot.style import DPI
+
+FORMATS = ("png", "pdf", "svg")
+
+# What would otherwise hold the date or the version of matplotlib.
+_NO_METADATA: dict[str, dict[str, None]] = {
+    "png": {"Software": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+    "svg": {"Date": None, "Creator": None},
+}
+_SETTINGS: Any = {"svg.hashsalt": "resgrid", "pdf.fonttype": 42}
+
+
+def new_figure(width: float, height: float) -> Figure:
+    """Make a figure that no window knows of.
+
+    Parameters
+    ----------
+    width, height : float
+        In inches.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        With constrained layout and an Agg canvas.
+    """
+    figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def axes_or_new(axes: Axes | None, aspect: float = 1.0) -> Axes:
+    """Return the axes given, or those of a new figure for a drawing of the given height over width."""
+    return new_figure(4.8, panel_height(3.6, aspect)).add_subplot() if axes is None else axes
+
+
+def panel_height(width: float, aspect: float) -> float:
+    """Height in inches of a figure whose drawing is so wide, with labels and a legend below."""
+    return min(max(width * aspect, 1.0), 2.2 * width) + 1.1
+
+
+def render_figure(figure: Figure, file_format: str, *, dpi: float = DPI) -> bytes:
+    """Render a figure as a file's content.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    file_format : {"png", "pdf", "svg"}
+    dpi : float
+        Dots per inch of PNG, and of images inside the others.
+
+    Returns
+    -------
+    bytes
+        Without date or version: the same figure gives the same bytes.
+
+    Raises
+    ------
+    InputError
+        If the format is unknown.
+    """
+    if file_format not in FORMATS:
+        raise InputError(f"the picture format {file_format!r} is unknown; it may be one of {', '.join(FORMATS)}")
+    buffer = io.BytesIO()
+    with mpl.rc_context(_SETTINGS):
+        figure.savefig(buffer, format=file_format, dpi=dpi, metadata=_NO_METADATA[file_format])
+    return buffer.getvalue()
+
+
+def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: float = DPI) -> Path:
+    """Write a figure, whole or not at all.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+    path : path-like
+        Its suffix, ``.png``, ``.pdf`` or ``.svg``, says the format.
+    dpi : float
+        Dots per inch of PNG, and of images inside the others.
+
+    Returns
+    -------
+    Path
+        The path.
+
+    Raises
+    ------
+    InputError
+        If the suffix is unknown or the path cannot be written.
+    """
+    suffix = Path(path).suffix.lower().lstrip(".")
+    if suffix not in FORMATS:
+        allowed = ", ".join("." + name for name in FORMATS)
+        raise InputError(f"cannot save a picture as {str(path)!r}: its suffix must be one of {allowed}")
+    return write_bytes(path, render_figure(figure, suffix, dpi=dpi))

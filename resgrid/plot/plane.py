@@ -1,0 +1,172 @@
+"""The plane a picture shows: a space of two axes, or a slice of one with three, and where it lies on paper."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
+from matplotlib.image import AxesImage
+from matplotlib.transforms import Affine2D
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.errors import InputError
+from resgrid.plot.style import GOAL, OBSTACLE, UNREACHABLE, add_swatch, axis_label, dress
+from resgrid.space import Axis, Cell, ConfigurationSpace
+
+PICTURES = (
+    "one axis: plot_profile; two axes: plot_space, plot_potential, plot_currents, plot_streamlines, plot_circuit; "
+    "three axes: plot_slices"
+)
+
+
+class Placement(Protocol):
+    """Where the coordinates of a space lie in the world, e.g. `resgrid.scene.Frame`."""
+
+    def to_world(self, points: ArrayLike) -> NDArray[np.float64]:
+        """World coordinates of points given in the space, shape ``(..., 2)``; affine."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """Two axes, the cells between them, and the affine map from there to the picture.
+
+    Attributes
+    ----------
+    x, y : Axis
+        Across and up.
+    cell : ndarray of uint8, shape (x.cells, y.cells)
+        `Cell` codes.
+    connected : ndarray of bool, same shape
+        Free cells that lead to a goal (in the whole space, if this is a slice).
+    matrix : ndarray of float64, shape (3, 3)
+        Homogeneous matrix from axis units to the picture's coordinates.
+    """
+
+    x: Axis
+    y: Axis
+    cell: NDArray[np.uint8]
+    connected: NDArray[np.bool_]
+    matrix: NDArray[np.float64]
+
+    @property
+    def is_world(self) -> bool:
+        """Whether the picture's coordinates are not the axes' own."""
+        return not np.array_equal(self.matrix, np.eye(3))
+
+    @property
+    def extent(self) -> tuple[float, float, float, float]:
+        """Left, right, bottom, top in axis units."""
+        return self.x.lower, self.x.upper, self.y.lower, self.y.upper
+
+    @property
+    def aspect(self) -> float:
+        """Height of the picture over its width; 1 where the axes have different units."""
+        if self.x.unit != self.y.unit:
+            return 1.0
+        left, right, bottom, top = self.extent
+        corners = self.place([(left, bottom), (right, bottom), (right, top), (left, top)])
+        width, height = np.ptp(corners, axis=0)
+        return float(height / width)
+
+    def place(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Picture coordinates of points in axis units, shape ``(..., 2)``."""
+        return np.asarray(np.asarray(points) @ self.matrix[:2, :2].T + self.matrix[:2, 2])
+
+    def turn(self, vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Picture components of vectors in axis units, shape ``(..., 2)``."""
+        return np.asarray(vectors @ self.matrix[:2, :2].T)
+
+    def unreachable(self) -> NDArray[np.bool_]:
+        """Free cells from which no goal can be reached."""
+        return np.asarray((self.cell == Cell.FREE) & ~self.connected)
+
+
+def plane_of(space: ConfigurationSpace, frame: Placement | None = None) -> Plane:
+    """Plane of a space with two axes.
+
+    Parameters
+    ----------
+    space : ConfigurationSpace
+    frame : Placement, optional
+        Draw in world coordinates; otherwise in the space's own.
+
+    Returns
+    -------
+    Plane
+
+    Raises
+    ------
+    InputError
+        If the space does not have two axes; the message says which pictures there are.
+    """
+    if space.ndim != 2:
+        raise InputError(f"this picture needs a space of two axes, this one has {space.ndim} ({PICTURES})")
+    x, y = space.axes
+    return Plane(x, y, space.cell, space.goal_connected, _matrix(frame))
+
+
+def plane_slice(space: ConfigurationSpace, axis: int, index: int) -> Plane:
+    """Plane through the cells ``index`` along ``axis`` of a space with three axes."""
+    x, y = (a for number, a in enumerate(space.axes) if number != axis)
+    cell, connected = np.moveaxis(space.cell, axis, 0)[index], np.moveaxis(space.goal_connected, axis, 0)[index]
+    return Plane(x, y, cell, connected, np.eye(3))
+
+
+def draw_image(plane: Plane, values: NDArray[Any], axes: Axes, **style: Any) -> AxesImage:
+    """Draw one value or colour a cell, first axis to the right and second one upwards.
+
+    Parameters
+    ----------
+    plane : Plane
+    values : ndarray, shape (x.cells, y.cells) or (x.cells, y.cells, 4)
+    axes : matplotlib.axes.Axes
+    **style
+        Handed to ``imshow``.
+
+    Returns
+    -------
+    matplotlib.image.AxesImage
+    """
+    image = axes.imshow(values.swapaxes(0, 1), origin="lower", extent=plane.extent, aspect="auto", **style)
+    if plane.is_world:
+        image.set_transform(Affine2D(plane.matrix) + axes.transData)
+    return image
+
+
+def draw_cells(plane: Plane, axes: Axes, **style: Any) -> AxesImage:
+    """Draw obstacles, goals and unreachable cells over whatever else there is, and put them into the legend."""
+    colours = np.zeros((*plane.cell.shape, 4), dtype=np.uint8)
+    kinds = (
+        ("obstacle", OBSTACLE, plane.cell == Cell.OBSTACLE),
+        ("goal", GOAL, plane.cell == Cell.GOAL),
+        ("no way to a goal", UNREACHABLE, plane.unreachable()),
+    )
+    for label, colour, where in kinds:
+        if where.any():
+            colours[where] = np.round(255 * np.array(to_rgba(colour)))
+            add_swatch(axes, label, colour)
+    return draw_image(plane, colours, axes, zorder=2.0, **style)
+
+
+def finish(plane: Plane, axes: Axes) -> Axes:
+    """Set limits, aspect and labels: equal aspect where both axes have the same unit."""
+    left, right, bottom, top = plane.extent
+    corners = plane.place([(left, bottom), (right, bottom), (right, top), (left, top)])
+    (left, bottom), (right, top) = corners.min(axis=0), corners.max(axis=0)
+    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal" if plane.x.unit == plane.y.unit else "auto")
+    axes.set_xlabel(axis_label(plane.x, world=plane.is_world))
+    axes.set_ylabel(axis_label(plane.y, world=plane.is_world))
+    dress(axes)
+    return axes
+
+
+def _matrix(frame: Placement | None) -> NDArray[np.float64]:
+    matrix = np.eye(3)
+    if frame is not None:
+        origin, right, up = np.asarray(frame.to_world(np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])))
+        matrix[:2] = np.stack([right - origin, up - origin, origin], axis=1)
+    return matrix

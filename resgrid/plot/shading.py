@@ -1,0 +1,180 @@
+"""What number a picture of a field shows: the potential, or the decades of the drop where it spans many."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.colors import Colormap
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.planning.field import Field
+from resgrid.plot.style import height_map
+from resgrid.space import Cell
+
+SCALES = ("auto", "linear", "log")
+_DECADES_WORTH_A_LOG = 2.0
+_LINES = 16
+
+
+@dataclass(frozen=True, eq=False)
+class Shading:
+    """Values of a field as they are shown.
+
+    Attributes
+    ----------
+    values : ndarray of float64, shape of the space
+        The potential, or log10 of the drop ``u = 1 - phi``; NaN where there is nothing to show.
+    lower, upper : float
+        Ends of the colour scale.
+    levels : ndarray of float64
+        Equipotentials, strictly between the ends.
+    label : str
+        What the values are.
+    lines : str
+        What the equipotentials are, for the legend.
+    is_log : bool
+        Whether the values are decades of the drop.
+    wall : float or None
+        Value of an obstacle, NaN where it has none on this scale; None where obstacles are open.
+    edge : tuple of str
+        Per axis ``"periodic"``, ``"obstacle"`` or ``"open"``.
+    """
+
+    values: NDArray[np.float64]
+    lower: float
+    upper: float
+    levels: NDArray[np.float64]
+    label: str
+    lines: str
+    is_log: bool
+    wall: float | None
+    edge: tuple[str, ...]
+
+    @property
+    def colours(self) -> Colormap:
+        """Colour map: dark at the goal whichever way the values run."""
+        return height_map().reversed() if self.is_log else height_map()
+
+
+def shading_of(field: Field, scale: str = "auto") -> Shading:
+    """Choose what to show of a field.
+
+    Parameters
+    ----------
+    field : Field
+        Of any dimension.
+    scale : {"auto", "linear", "log"}
+        The potential, or log10 of the drop; ``"auto"`` takes decades where the drop spans more than two.
+
+    Returns
+    -------
+    Shading
+
+    Raises
+    ------
+    InputError
+        If the scale is unknown, or the field has no drop to take the logarithm of.
+    """
+    if scale not in SCALES:
+        raise InputError(f"scale = {scale!r} is unknown; it may be one of {', '.join(SCALES)}")
+    if field.log_drop is None:
+        if scale == "log":
+            raise InputError(
+                "scale = 'log' needs a drop from a high rail, and this field "
+                f"({'a blend' if field.boundary == 'blend' else f'drive = {field.drive!r}'}) has none; use 'linear'"
+            )
+        return _linear(field)
+    decades = np.where(np.isfinite(field.log_drop), field.log_drop / np.log(10.0), np.nan)
+    shown = decades[field.space.goal_connected]
+    smallest = float(np.nanmin(shown)) if np.isfinite(shown).any() else 0.0
+    if scale == "linear" or (scale == "auto" and smallest > -_DECADES_WORTH_A_LOG):
+        return _linear(field)
+    return _logarithmic(field, decades, smallest)
+
+
+def no_drop(field: Field) -> NDArray[np.bool_]:
+    """Free cells that a goal can be reached from, yet at the very voltage of the high rail: nothing arrives there."""
+    if field.log_drop is None:
+        return np.zeros(field.space.shape, dtype=np.bool_)
+    return np.asarray(field.space.goal_connected & np.isneginf(field.log_drop))
+
+
+def _linear(field: Field) -> Shading:
+    step = 0.05 if max(field.space.shape) > 24 else 0.1
+    return Shading(
+        values=field.potential,
+        lower=0.0,
+        upper=1.0,
+        levels=np.linspace(0.0, 1.0, round(1 / step) + 1)[1:-1],
+        label=_potential_label(field),
+        lines=rf"equipotential, every {step:g}",
+        is_log=False,
+        wall=1.0 if field.boundary == "dirichlet" else None if field.boundary == "neumann" else np.nan,
+        edge=field.edge,
+    )
+
+
+def _potential_label(field: Field) -> str:
+    if field.boundary == "blend":
+        return rf"potential $\phi$ of the blend, $k$ = {field.k:g}"
+    if field.drive == "uniform":
+        return r"$\phi$: height above the goal rail, scaled to 1"
+    high = "start" if field.drive == "start" else "obstacles"
+    return rf"potential $\phi$ (1: {high}, 0: goals)"
+
+
+def _logarithmic(field: Field, decades: NDArray[np.float64], smallest: float) -> Shading:
+    step = nice_step(-smallest / _LINES)
+    lower = min(np.floor(smallest / step) * step, -step)
+    rail = "start" if field.drive == "start" else "obstacle"
+    return Shading(
+        values=np.where(field.space.cell == Cell.OBSTACLE, np.nan, decades),
+        lower=lower,
+        upper=0.0,
+        levels=np.arange(round(lower / step) + 1, 0) * step,
+        label=rf"$\log_{{10}}\,u$,  $u = 1 - \phi$: drop from the {rail} rail",
+        lines=f"equipotential, every {_decades(step)}",
+        is_log=True,
+        wall=None if field.boundary == "neumann" else np.nan,
+        edge=field.edge,
+    )
+
+
+def _decades(step: float) -> str:
+    return "decade" if step == 1 else f"{step:g} decades" if step > 1 else f"{step:g} decade"
+
+
+def nice_step(smallest: float) -> float:
+    """Smallest of 1, 2 or 5 times a power of ten that is at least ``smallest``."""
+    power = 10.0 ** np.floor(np.log10(smallest))
+    return float(next(factor * power for factor in (1, 2, 5, 10) if factor * power >= smallest * (1 - 1e-9)))
+
+
+def coarsened(values: NDArray[np.float64], most: int) -> tuple[NDArray[np.float64], int]:
+    """Means over square blocks of cells, so that no side is longer than ``most``.
+
+    Parameters
+    ----------
+    values : ndarray of float64, two-dimensional
+        NaN counts for nothing.
+    most : int
+
+    Returns
+    -------
+    means : ndarray of float64
+        NaN where all of a block is.
+    block : int
+        Cells along each side of a block; the last row and column may cover fewer.
+    """
+    block = -(-max(values.shape) // most)
+    if block == 1:
+        return values, 1
+    padding = [(0, -size % block) for size in values.shape]
+    padded = np.pad(values, padding, constant_values=np.nan)
+    shape = (padded.shape[0] // block, block, padded.shape[1] // block, block)
+    known = np.isfinite(padded)
+    count = known.reshape(shape).sum(axis=(1, 3))
+    total = np.where(known, padded, 0.0).reshape(shape).sum(axis=(1, 3))
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan), block

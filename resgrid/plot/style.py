@@ -1,0 +1,99 @@
+"""Colours, sizes, labels and legends shared by all pictures.
+
+The categorical colours are those of Okabe & Ito (2008), which stay apart for every kind of colour vision; line styles
+repeat what colours say.
+"""
+
+from __future__ import annotations
+
+import re
+
+from matplotlib.axes import Axes
+from matplotlib.colors import Colormap, LinearSegmentedColormap
+from matplotlib.lines import Line2D
+
+from resgrid.space import Axis
+
+OBSTACLE = "#3d3d3d"
+GOAL = "#E69F00"
+UNREACHABLE = "#c4c4c4"
+NO_DROP = "#e8d3e4"
+FAILURE = "#B2182B"
+PATHS = ("#D55E00", "#000000", "#CC79A7", "#0072B2", "#009E73", "#F0E442")
+LINE_STYLES: tuple[str | tuple[int, tuple[float, ...]], ...] = (
+    "-",
+    (0, (4, 1.5)),
+    (0, (6, 1.5, 1, 1.5)),
+    (0, (1, 1)),
+    (0, (8, 2)),
+    (0, (2, 1)),
+)
+
+TEXT = 8.0
+SMALL = 7.0
+DPI = 200
+
+_GREEK = re.compile(r"(alpha|beta|gamma|theta|phi|psi|omega)(?:_(\w+))?")
+
+
+def height_map() -> Colormap:
+    """Colours of a height: dark at the goal, pale where it is highest; light enough to draw on."""
+    import matplotlib as mpl
+
+    base = mpl.colormaps["YlGnBu_r"]
+    return LinearSegmentedColormap.from_list("height", [base(0.08 + 0.92 * i / 63) for i in range(64)], N=256)
+
+
+def strength_map() -> Colormap:
+    """Colours of a current on white paper: dark where it is strong, still visible where it is weak."""
+    import matplotlib as mpl
+
+    base = mpl.colormaps["YlGnBu"]
+    return LinearSegmentedColormap.from_list("strength", [base(0.35 + 0.65 * i / 63) for i in range(64)], N=256)
+
+
+def axis_label(axis: Axis, *, world: bool = False) -> str:
+    """Label of an axis: its name, Greek where it is a Greek letter, and its unit."""
+    greek = _GREEK.fullmatch(axis.name)
+    name = axis.name
+    if greek:
+        name = f"$\\{greek[1]}$" if greek[2] is None else f"$\\{greek[1]}_{{{greek[2]}}}$"
+    unit = f" ({axis.unit})" if axis.unit else ""
+    return f"{name}{', world' if world else ''}{unit}"
+
+
+def dress(axes: Axes) -> None:
+    """Set tick and label sizes."""
+    axes.tick_params(labelsize=SMALL, width=0.6, length=2.5)
+    for label in (axes.xaxis.label, axes.yaxis.label):
+        label.set_fontsize(TEXT)
+    for spine in axes.spines.values():
+        spine.set_linewidth(0.6)
+
+
+def add_swatch(axes: Axes, label: str, colour: str, *, edge: str = "#00000080") -> None:
+    """Add a square to the legend for something that is drawn as part of an image."""
+    axes.add_line(
+        Line2D([], [], linestyle="", marker="s", markersize=6, color=colour, markeredgecolor=edge, label=label)
+    )
+
+
+def refresh_legend(axes: Axes, columns: int = 3, gap: float = 4.6) -> None:
+    """Draw one legend, ``gap`` text heights below the axes, of everything labelled so far, each label once."""
+    handles, labels = axes.get_legend_handles_labels()
+    unique = dict(zip(reversed(labels), reversed(handles), strict=True))
+    if not unique:
+        return
+    names = list(dict.fromkeys(labels))
+    axes.legend(
+        [unique[name] for name in names],
+        names,
+        loc="upper center",
+        bbox_to_anchor=(0.5, 0.0),
+        ncols=min(len(names), columns),
+        fontsize=SMALL,
+        frameon=False,
+        handlelength=1.8,
+        columnspacing=1.0,
+        borderaxespad=gap,
+    )
