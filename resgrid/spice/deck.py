@@ -24,6 +24,8 @@ class FlatDeck:
 
     Attributes
     ----------
+    netlist : Netlist
+        What was written.
     text : str
         The deck, LF line ends.
     dialect : Dialect
@@ -44,6 +46,7 @@ class FlatDeck:
         Name in the deck to name in the netlist, where they differ.
     """
 
+    netlist: Netlist
     text: str
     dialect: Dialect
     title: str
@@ -117,6 +120,7 @@ def flatten(netlist: Netlist, *, dialect: str = "ngspice", title: str | None = N
         rules.end,
     ]
     return FlatDeck(
+        netlist=netlist,
         text="\n".join(lines) + "\n",
         dialect=rules,
         title=heading,

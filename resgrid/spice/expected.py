@@ -56,10 +56,11 @@ def expect(deck: FlatDeck, point: OperatingPoint) -> Expected:
     InputError
         If the operating point belongs to another netlist, or lacks a voltage that the deck needs.
     """
-    count = max(int(deck.nodes.max(initial=0)), int(point.netlist.node_count) - 1) + 1
-    if len(point.voltage) != count or len(point.source_current) <= deck.sources.max(initial=-1):
+    counts = (deck.netlist.node_count, len(deck.netlist.source_volts))
+    if (len(point.voltage), len(point.source_current)) != counts:
         raise InputError(
-            f"the operating point has {len(point.voltage)} nodes, the netlist {count}: it belongs to another netlist"
+            f"the operating point has {len(point.voltage)} nodes and {len(point.source_current)} voltage sources, the "
+            f"netlist {counts[0]} and {counts[1]}: it belongs to another netlist"
         )
     voltage = point.voltage[deck.nodes]
     if not np.isfinite(voltage).all():

@@ -250,6 +250,8 @@ def _operating_point(path: Path) -> RawFile:
         raise InputError(
             f"ngspice left {raw.values.shape[0]} points of kind {raw.values.dtype}, not one of real numbers"
         )
+    if "voltage" not in raw.kinds:
+        raise InputError("ngspice found no node in the deck")
     return raw
 
 

@@ -19,7 +19,6 @@ from typing import Any
 import numpy as np
 
 from resgrid.errors import InputError
-from resgrid.netlist import Netlist
 from resgrid.spice.deck import FlatDeck
 from resgrid.spice.expected import Expected
 
@@ -62,7 +61,7 @@ def sidecar_path(deck: Path) -> Path:
     return deck.with_name(deck.name + ".json")
 
 
-def format_sidecar(deck_name: str, deck: FlatDeck, netlist: Netlist, expected: Expected) -> str:
+def format_sidecar(deck_name: str, deck: FlatDeck, expected: Expected) -> str:
     """Write a sidecar's JSON, one node a line.
 
     Parameters
@@ -70,7 +69,6 @@ def format_sidecar(deck_name: str, deck: FlatDeck, netlist: Netlist, expected: E
     deck_name : str
         Name of the deck's file.
     deck : FlatDeck
-    netlist : Netlist
     expected : Expected
 
     Returns
@@ -95,7 +93,7 @@ def format_sidecar(deck_name: str, deck: FlatDeck, netlist: Netlist, expected: E
         "sources": dict(expected.source_current),
     }
     fields = [f"{json.dumps(key)}: {json.dumps(value, sort_keys=True, allow_nan=False)}" for key, value in head.items()]
-    fields.append('"nodes": {\n' + ",\n".join(_node_lines(deck, netlist, expected)) + "\n}")
+    fields.append('"nodes": {\n' + ",\n".join(_node_lines(deck, expected)) + "\n}")
     return "{\n" + ",\n".join(fields) + "\n}\n"
 
 
@@ -191,9 +189,10 @@ def altered_lines(data: bytes, sidecar: Sidecar) -> list[tuple[int, int]]:
     return ranges
 
 
-def _node_lines(deck: FlatDeck, netlist: Netlist, expected: Expected) -> list[str]:
+def _node_lines(deck: FlatDeck, expected: Expected) -> list[str]:
     voltages = [expected.voltage[name] for name in deck.node_names]
     cells = ["null"] * len(deck.nodes)
+    netlist = deck.netlist
     if netlist.layout is not None:
         flat = netlist.cell_of_node()[deck.nodes]
         index = np.unravel_index(np.maximum(flat, 0), netlist.layout.space.shape)

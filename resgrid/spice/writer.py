@@ -81,7 +81,7 @@ def write_spice(
     expected = expect(deck, _solution(netlist) if operating_point is None else operating_point)
     contents = {
         target.with_name(f"{target.name}.{deck.dialect.name}"): deck.dialect.commands.format(deck=target.name),
-        sidecar_path(target): format_sidecar(target.name, deck, netlist, expected),
+        sidecar_path(target): format_sidecar(target.name, deck, expected),
         target: deck.text,
     }
     with ExitStack() as stack:

@@ -1,0 +1,81 @@
+"""Small circuits by hand, and a dense nodal analysis that shares no code with the package."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from resgrid.netlist import Netlist
+from resgrid.nodal.operating_point import OperatingPoint
+
+
+def ladder(rungs: int = 4) -> Netlist:
+    """1 V at node 1, a chain of 1 kohm down to ground with 10 uA fed into its middle."""
+    nodes = np.arange(1, rungs + 2)
+    pairs = np.stack([nodes, np.append(nodes[1:], 0)], axis=1)
+    return Netlist(
+        rungs + 2,
+        pairs,
+        np.full(len(pairs), 1e-3),
+        source_nodes=[[1, 0]],
+        source_volts=[1.0],
+        current_nodes=[[0, 1 + rungs // 2]],
+        current_amps=[1e-5],
+    )
+
+
+def random_grid(seed: int, side: int = 6, decades: float = 2.0, drive: bool = True) -> Netlist:
+    """A square of random resistors between a rail of 1 V (node 1) and two goals of 0 V, with random currents."""
+    rng = np.random.default_rng(seed)
+    grid = 4 + np.arange(side * side).reshape(side, side)
+    rails = np.stack([np.repeat([1, 2, 3], side), grid[[0, -1, side // 2]].ravel()], axis=1)
+    down = np.stack([grid[:-1].ravel(), grid[1:].ravel()], axis=1)
+    across = np.stack([grid[:, :-1].ravel(), grid[:, 1:].ravel()], axis=1)
+    pairs = rng.permutation(np.concatenate([rails, down, across]))
+    fed = grid[1:3].ravel() if drive else np.empty(0, dtype=np.int64)
+    return Netlist(
+        int(grid.max()) + 1,
+        pairs,
+        1e-4 * 10.0 ** rng.uniform(-decades / 2, decades / 2, len(pairs)),
+        source_nodes=[[1, 0], [0, 2], [3, 0]],
+        source_volts=[1.0, 0.0, 0.0],
+        current_nodes=np.stack([np.zeros(len(fed), dtype=np.int64), fed], axis=1),
+        current_amps=rng.uniform(-1e-5, 1e-5, len(fed)),
+    )
+
+
+def dense_solution(netlist: Netlist) -> OperatingPoint:
+    """Modified nodal analysis, dense, for circuits where nothing floats."""
+    n, s = netlist.node_count, len(netlist.source_volts)
+    A, b = np.zeros((n + s, n + s)), np.zeros(n + s)
+    for (i, j), g in zip(netlist.resistor_nodes, netlist.conductance, strict=True):
+        A[[i, j], [i, j]] += g
+        A[[i, j], [j, i]] -= g
+    for (i, j), amps in zip(netlist.current_nodes, netlist.current_amps, strict=True):
+        b[i] -= amps
+        b[j] += amps
+    for k, ((plus, minus), volts) in enumerate(zip(netlist.source_nodes, netlist.source_volts, strict=True)):
+        A[[plus, n + k], [n + k, plus]] += 1
+        A[[minus, n + k], [n + k, minus]] -= 1
+        b[n + k] = volts
+    scale = np.append(np.ones(n), np.full(s, np.abs(A[:n, :n]).max()))
+    A, b = A * scale[:, None] * scale, b * scale
+    x = np.append(0.0, np.linalg.solve(A[1:, 1:], b[1:])) * scale
+    voltage, current = x[:n], x[n:]
+    first, second = voltage[netlist.resistor_nodes].T
+    through = netlist.conductance * (first - second)
+    return OperatingPoint(
+        netlist=netlist,
+        voltage=voltage,
+        log_drop=None,
+        potential=None,
+        resistor_current=through,
+        resistor_log_current=np.log(np.abs(through) + 1e-300),
+        resistor_direction=np.sign(through).astype(np.int8),
+        source_current=current,
+        power=float(np.sum(through * (first - second))),
+        kcl_residual=0.0,
+        floating=np.empty(0, dtype=np.int64),
+        undriven=np.empty(0, dtype=np.int64),
+        method="dense",
+        seconds={},
+    )

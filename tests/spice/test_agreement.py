@@ -1,0 +1,253 @@
+from __future__ import annotations
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from circuits import dense_solution, ladder, random_grid
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from spaces import space_of
+
+from resgrid.compiler import compile_space
+from resgrid.errors import InputError, ToolMissingError
+from resgrid.nodal.solve import solve
+from resgrid.spice.agreement import check_deck, check_spice, compare
+from resgrid.spice.deck import flatten
+from resgrid.spice.expected import expect
+from resgrid.spice.locate import inspect_deck
+from resgrid.spice.ngspice import Simulation
+from resgrid.spice.sidecar import altered_lines, read_sidecar
+from resgrid.spice.writer import write_spice
+
+
+@pytest.fixture(scope="module")
+def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    netlist = random_grid(3)
+    path = tmp_path_factory.mktemp("deck") / "grid.cir"
+    write_spice(netlist, path, operating_point=dense_solution(netlist))
+    return path
+
+
+@pytest.fixture
+def deck(original: Path, tmp_path: Path) -> Path:
+    for file in original.parent.iterdir():
+        shutil.copy(file, tmp_path)
+    return tmp_path / original.name
+
+
+def lines_of(deck: Path) -> list[str]:
+    return deck.read_text().split("\n")
+
+
+@settings(max_examples=8, deadline=None)
+@given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 2.0, 6.0]), st.booleans())
+def test_ngspice_agrees_with_a_dense_solution(seed: int, decades: float, drive: bool) -> None:
+    netlist = random_grid(seed, decades=decades, drive=drive)
+    agreement = check_spice(netlist, dense_solution(netlist))
+    assert agreement.findings == ()
+    assert agreement.agrees
+    assert agreement.nodes == netlist.node_count - 1
+    assert agreement.max_relative_error is not None
+    assert agreement.max_relative_error < 1e-11
+
+
+@pytest.mark.parametrize("rules", [{"boundary": "dirichlet"}, {"boundary": "neumann"}])
+@pytest.mark.parametrize("seed", range(3))
+def test_ngspice_agrees_on_compiled_spaces(rules: dict[str, str], seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    cell = (rng.random((12, 12)) < 0.3).astype(np.uint8)
+    cell[2:4, 5], cell[9, 9] = 2, 2
+    netlist = compile_space(space_of(cell), resistance=10e3, **rules)
+    agreement = check_spice(netlist, solve(netlist))
+    assert agreement.findings == ()
+    assert agreement.agrees
+
+
+def test_a_wrong_solution_is_told_with_its_worst_node() -> None:
+    netlist = ladder(4)
+    point = dense_solution(netlist)
+    voltage = point.voltage.copy()
+    voltage[3] += 1e-6
+    agreement = check_spice(netlist, replace(point, voltage=voltage))
+    assert not agreement.agrees
+    assert agreement.worst[0][0] == "node_3"
+    assert agreement.max_abs_error == pytest.approx(1e-6, rel=1e-6)
+    assert agreement.max_relative_error == pytest.approx(1e-6, rel=1e-3)
+    assert "node node_3" in agreement.findings[0]
+
+
+def test_an_untouched_deck_agrees(deck: Path) -> None:
+    agreement = check_deck(deck)
+    assert agreement.findings == ()
+    assert agreement.agrees
+    assert (agreement.reference, agreement.simulator, agreement.nodes) == ("sidecar", "ngspice", 39)
+
+
+@settings(max_examples=25, deadline=None)
+@given(st.data())
+def test_any_byte_that_changes_fails_the_check(original: Path, data: st.DataObject) -> None:
+    text = original.read_bytes()
+    place = data.draw(st.integers(0, len(text) - 1))
+    byte = data.draw(st.integers(0, 255).filter(lambda value: value != text[place]))
+    folder = original.parent.parent / "tampered"
+    folder.mkdir(exist_ok=True)
+    shutil.copy(original.parent / "grid.cir.json", folder)
+    (folder / "grid.cir").write_bytes(text[:place] + bytes([byte]) + text[place + 1 :])
+    agreement = check_deck(folder / "grid.cir", timeout=30)
+    assert not agreement.agrees
+    line = text.count(b"\n", 0, place) + 1
+    ranges = altered_lines((folder / "grid.cir").read_bytes(), read_sidecar(folder / "grid.cir"))
+    assert any(first <= line <= last for first, last in ranges)
+    assert f"lines {ranges[0][0]}-" in agreement.findings[0]
+
+
+@pytest.mark.parametrize("cut", [0, 1, 100, -1, -5, -200])
+def test_a_truncated_deck_fails_the_check(deck: Path, cut: int) -> None:
+    deck.write_bytes(deck.read_bytes()[:cut])
+    agreement = check_deck(deck)
+    assert not agreement.agrees
+    assert "differ from the deck that resgrid wrote" in agreement.findings[0]
+
+
+def test_every_changed_resistor_is_found_without_the_hash(original: Path) -> None:
+    expected = read_sidecar(original).expected
+    text = original.read_text()
+    assert inspect_deck(text.encode(), expected, 1e-9) == []
+    rows = text.split("\n")
+    for number, line in enumerate(rows):
+        if line.startswith("r_"):
+            name, first, second, value = line.split()
+            changed = [*rows[:number], f"{name} {first} {second} {1.01 * float(value)!r}", *rows[number + 1 :]]
+            findings = inspect_deck("\n".join(changed).encode(), expected, 1e-9)
+            # The two ends of the changed resistor stick out, unless they are rails.
+            assert findings, line
+            assert all(f"node {first} " in finding or f"node {second} " in finding for finding in findings)
+            assert str(number + 1) in findings[0]
+
+
+def test_a_hash_made_to_fit_does_not_hide_a_change(deck: Path) -> None:
+    import hashlib
+
+    rows = lines_of(deck)
+    number = next(i for i, line in enumerate(rows) if line.startswith("r_node_10_"))
+    name, first, second, value = rows[number].split()
+    rows[number] = f"{name} {first} {second} {1.01 * float(value)!r}"
+    deck.write_text("\n".join(rows))
+    sidecar = deck.with_name("grid.cir.json")
+    content = json.loads(sidecar.read_text())
+    content["sha256"] = hashlib.sha256(deck.read_bytes()).hexdigest()
+    sidecar.write_text(json.dumps(content))
+    agreement = check_deck(deck)
+    assert not agreement.agrees
+    assert any(f"node {first} " in finding and str(number + 1) in finding for finding in agreement.findings)
+    assert any(finding.startswith("node ") and "ngspice finds" in finding for finding in agreement.findings)
+
+
+def test_a_floated_node_fails_the_check_and_is_named(deck: Path) -> None:
+    rows = [line for line in lines_of(deck) if not (line.startswith("r_") and "node_20" in line.split()[1:3])]
+    deck.write_text("\n".join(rows).replace("i_node_20 ", "* i_node_20 "))
+    findings = check_deck(deck).findings
+    assert any("node node_20 has no element" in finding for finding in findings)
+    assert any("absent from the simulation: node_20" in finding for finding in findings)
+
+
+def test_an_island_that_was_added_is_named(deck: Path) -> None:
+    deck.write_text(deck.read_text().replace(".end", "r_x x y 1000.0\n.end"))
+    findings = "\n".join(check_deck(deck).findings)
+    assert "names the node x, which is not expected" in findings
+    assert "singular" in findings
+    assert "simulated but not expected: x, y" in findings
+
+
+def test_a_deck_with_commands_fails_without_being_run(deck: Path) -> None:
+    deck.write_text(deck.read_text().replace(".end", f".control\nshell touch {deck.parent}/ran\n.endc\n.end"))
+    agreement = check_deck(deck)
+    assert not agreement.agrees
+    assert agreement.nodes == 0
+    assert agreement.max_abs_error is None
+    assert any("'.control' is not simulated" in finding for finding in agreement.findings)
+    assert not (deck.parent / "ran").exists()
+
+
+def test_a_scene_is_compared_with_a_deck_of_its_own_and_of_another(deck: Path) -> None:
+    own = check_deck(deck, reference=dense_solution(random_grid(3)))
+    assert own.findings == ()
+    assert own.reference == "scene"
+    deck.with_name("grid.cir.json").unlink()
+    assert check_deck(deck, reference=dense_solution(random_grid(3))).agrees
+    other = check_deck(deck, reference=dense_solution(random_grid(4)))
+    assert not other.agrees
+    assert other.worst
+
+
+def test_nan_is_the_largest_difference() -> None:
+    flat = flatten(ladder(2))
+    expected = expect(flat, dense_solution(ladder(2)))
+    good = Simulation(expected.voltage, {"v_node_1": expected.source_current["v_node_1"] or 0.0}, "x", "1", ())
+    assert compare(expected, good).agrees
+    for value in (float("nan"), float("inf")):
+        bad = replace(good, voltage={**expected.voltage, "node_2": value})
+        agreement = compare(expected, bad)
+        assert not agreement.agrees
+        assert agreement.max_abs_error is None
+        assert agreement.worst[0][0] == "node_2"
+    current = replace(good, source_current={"v_node_1": -1.0})
+    assert "voltage source v_node_1" in compare(expected, current).findings[0]
+    assert not compare(expected, replace(good, complaints=("Warning",))).agrees
+    assert not compare(expected, replace(good, voltage={})).agrees
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (None, "no sidecar"),
+        (b"{", "is not JSON"),
+        (b"[]", "one object"),
+        (b'{"schema": 2}', "must be 1"),
+        (b"[" * 100_000, "is not JSON"),
+        (b"\xff\xfe", "is not JSON"),
+        ({"sha256": 5}, "sha256"),
+        ({"supply": 0}, "supply"),
+        ({"supply": 10**400}, "supply"),
+        ({"nodes": {"a": {"voltage": None}}}, r"nodes\.a\.voltage"),
+        ({"nodes": {"a": 3}}, r"nodes\.a\.voltage"),
+        ({"blocks": {"lines": 0, "sha256": []}}, "blocks"),
+        ({"dialect": "ngspize"}, "choose one of"),
+    ],
+)
+def test_a_damaged_sidecar_is_one_message(deck: Path, change: object, message: str) -> None:
+    sidecar = deck.with_name("grid.cir.json")
+    content = json.loads(sidecar.read_text())
+    sidecar.unlink()
+    if isinstance(change, bytes):
+        sidecar.write_bytes(change)
+    elif isinstance(change, dict):
+        sidecar.write_text(json.dumps(content | change))
+    with pytest.raises(InputError, match=message):
+        check_deck(deck)
+
+
+def test_a_changed_voltage_in_the_sidecar_fails_the_check(deck: Path) -> None:
+    sidecar = deck.with_name("grid.cir.json")
+    content = json.loads(sidecar.read_text())
+    content["nodes"]["node_12"]["voltage"] += 1e-6
+    sidecar.write_text(json.dumps(content))
+    agreement = check_deck(deck)
+    assert not agreement.agrees
+    assert agreement.worst[0][0] == "node_12"
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1.0, float("nan"), 2.0])
+def test_a_tolerance_out_of_range_is_refused(deck: Path, tolerance: float) -> None:
+    with pytest.raises(InputError, match="tolerance"):
+        check_deck(deck, tolerance=tolerance)
+
+
+def test_a_missing_simulator_is_no_agreement(deck: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RESGRID_NGSPICE", "no-such-program")
+    with pytest.raises(ToolMissingError):
+        check_deck(deck)

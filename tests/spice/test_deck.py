@@ -1,0 +1,180 @@
+from __future__ import annotations
+
+import json
+import re
+import time
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+import pytest
+from circuits import dense_solution, ladder, random_grid
+from hypothesis import given
+from hypothesis import strategies as st
+from spaces import space_of
+
+from resgrid.compiler import compile_space
+from resgrid.errors import CircuitError, InputError
+from resgrid.netlist import Netlist
+from resgrid.spice.deck import flatten, format_deck, resistances
+from resgrid.spice.writer import write_spice
+
+
+def test_a_ladder_is_written_as_by_hand() -> None:
+    assert format_deck(ladder(3), title="ladder") == (
+        "* ladder\n"
+        "* ngspice dialect: 4 nodes besides ground, 1 voltage sources, 1 current sources, 4 resistors\n"
+        "* voltage sources\n"
+        "v_node_1 node_1 0 1.0\n"
+        "* current sources\n"
+        "i_node_2 0 node_2 1e-05\n"
+        "* resistors\n"
+        "r_node_1_node_2 node_1 node_2 1000.0\n"
+        "r_node_2_node_3 node_2 node_3 1000.0\n"
+        "r_node_3_node_4 node_3 node_4 1000.0\n"
+        "r_node_4 node_4 0 1000.0\n"
+        ".end\n"
+    )
+
+
+def test_names_come_from_cells_and_rails() -> None:
+    netlist = compile_space(space_of([[1, 0, 2], [0, 0, 0]]), edge="open", resistance=10e3)
+    lines = format_deck(netlist).splitlines()
+    assert lines[0] == "* resistor grid of 2 x 3 cells, dirichlet boundary"
+    assert {"v_obstacle obstacle 0 1.0", "v_goal_0 goal_0 0 0.0"} <= set(lines)
+    assert any(re.fullmatch(r"r_1_0_1_1 n_1_0 n_1_1 10000\.0", line) for line in lines)
+
+
+def test_the_order_of_elements_does_not_matter() -> None:
+    netlist = random_grid(1)
+    order = np.random.default_rng(0).permutation(len(netlist.conductance))
+    shuffled = netlist.replace(
+        resistor_nodes=netlist.resistor_nodes[order], conductance=netlist.conductance[order], source_volts=[1.0, 0, 0]
+    )
+    assert format_deck(shuffled) == format_deck(netlist)
+
+
+@given(st.lists(st.floats(1e-300, 1e300), min_size=1, max_size=20))
+def test_a_resistance_is_the_best_reciprocal(values: list[float]) -> None:
+    for conductance, resistance in zip(values, resistances(np.array(values)).tolist(), strict=True):
+        error = abs(1 / resistance - conductance)
+        neighbours = [np.nextafter(1 / conductance, 0), 1 / conductance, np.nextafter(1 / conductance, np.inf)]
+        assert error <= min(abs(1 / float(x) - conductance) for x in neighbours)
+        assert abs(Fraction(resistance) * Fraction(conductance) - 1) < Fraction(1, 10**15)
+
+
+def test_a_resistance_meant_round_is_written_round() -> None:
+    meant = np.array([3300.0, 10e3, 47e3, 1.2345678e5, 99e-3])
+    np.testing.assert_array_equal(resistances(1 / meant), meant)
+
+
+def test_temperature_coefficients_and_capacitors() -> None:
+    netlist = ladder(2).replace(
+        tc1=[1e-3, 0.0, -0.0], tc2=[0.0, 1e-6, 0.0], capacitor_nodes=[[2, 0], [2, 3]], capacitance=[1e-12, 2e-12]
+    )
+    lines = format_deck(netlist).splitlines()
+    assert "r_node_1_node_2 node_1 node_2 1000.0 tc1=0.001 tc2=0.0" in lines
+    assert "r_node_3 node_3 0 1000.0 tc1=0.0 tc2=0.0" in lines
+    assert {"c_node_2 node_2 0 1e-12", "c_node_2_node_3 node_2 node_3 2e-12"} <= set(lines)
+
+
+def test_floating_parts_and_closing_sources_are_left_out() -> None:
+    netlist = ladder(2).replace(
+        node_count=7,
+        resistor_nodes=[*ladder(2).resistor_nodes.tolist(), [4, 5]],
+        conductance=[1e-3] * 4,
+        source_nodes=[[1, 0], [0, 1]],
+        source_volts=[1.0, -1.0],
+        current_nodes=[[4, 5]],
+        current_amps=[1.0],
+        capacitor_nodes=[[3, 6]],
+        capacitance=[1e-12],
+    )
+    deck = flatten(netlist)
+    assert deck.left_out == ["node_4", "node_5", "node_6"]
+    assert not re.search(r"node_[456]", deck.text)
+    assert "* left out: 3 floating nodes (listed in the sidecar), 4 elements" in deck.text
+    assert deck.text.count("\nv_") == 1
+
+
+def test_foreign_names_are_mapped_and_recorded(tmp_path: Path) -> None:
+    netlist = ladder(2).replace(
+        node_names=("gnd!", "VDD", "vdd", "gnd"),
+        element_names={
+            "resistor": ("R1", "r1", "X.7"),
+            "voltage source": ("Vsup",),
+            "current source": ("feed",),
+            "capacitor": (),
+        },
+    )
+    deck = flatten(netlist)
+    assert deck.node_names == ["vdd_2", "vdd", "gnd_2"]
+    assert deck.renamed_nodes == {"vdd_2": "VDD", "gnd_2": "gnd"}
+    assert deck.renamed_elements == {"r1_2": "R1", "r_x_7": "X.7", "vsup": "Vsup", "i_feed": "feed"}
+    written = write_spice(netlist, tmp_path / "a.cir", operating_point=dense_solution(netlist))
+    sidecar = json.loads(written.sidecar.read_text())
+    assert sidecar["renamed"] == {"nodes": deck.renamed_nodes, "elements": deck.renamed_elements}
+
+
+@pytest.mark.parametrize("title", ["a\nr1 a 0 1", "*#quit", ".control", "é\x00\x1b", "", "x" * 1000])
+def test_a_title_stays_one_comment_line(title: str) -> None:
+    lines = format_deck(ladder(), title=title).splitlines()
+    assert lines[0].startswith("* ")
+    assert lines[0].isascii()
+    assert lines[0].isprintable()
+    assert lines[1:] == format_deck(ladder()).splitlines()[1:]
+
+
+@pytest.mark.parametrize(
+    ("netlist", "error", "message"),
+    [
+        (ladder().replace(source_nodes=[[1, 0], [1, 0]], source_volts=[1.0, 2.0]), CircuitError, "contradicts"),
+        (ladder().replace(node_count=9, current_nodes=[[0, 8]], current_amps=[1.0]), CircuitError, "floating part"),
+        (ladder().replace(conductance=[1e-310] * 5), InputError, "open"),
+        (Netlist(2, [], []), InputError, "nothing is left"),
+    ],
+)
+def test_a_netlist_without_a_deck_is_refused(netlist: Netlist, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        format_deck(netlist)
+
+
+def test_an_unknown_dialect_is_refused_with_the_list() -> None:
+    with pytest.raises(InputError, match=r"choose one of .*ngspice"):
+        format_deck(ladder(), dialect="ngspize")
+
+
+def test_the_sidecar_holds_cells_voltages_and_no_nan(tmp_path: Path) -> None:
+    netlist = compile_space(space_of([[1, 0, 0, 2]]), edge="open", resistance=10e3)
+    written = write_spice(netlist, tmp_path / "a.cir", title="t")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.cir", "a.cir.json", "a.cir.ngspice"]
+    sidecar = json.loads(written.sidecar.read_text(), parse_constant=pytest.fail)
+    assert sidecar["schema"] == 1
+    assert sidecar["sha256"] == written.sha256
+    assert sidecar["supply"] == 1.0
+    assert sidecar["nodes"]["n_0_1"] == {"cell": [0, 1], "voltage": pytest.approx(2 / 3, abs=1e-15)}
+    assert sidecar["nodes"]["obstacle"] == {"cell": None, "voltage": 1.0}
+    assert sidecar["sources"]["v_goal_0"] == pytest.approx(1 / 30e3)
+    before = [path.read_bytes() for path in sorted(tmp_path.iterdir())]
+    write_spice(netlist, tmp_path / "a.cir", title="t")
+    assert [path.read_bytes() for path in sorted(tmp_path.iterdir())] == before
+
+
+@pytest.mark.parametrize("name", [".", "missing/a.cir", 'a".cir', "/dev/null"])
+def test_a_wrong_place_leaves_nothing(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match="cannot write"):
+        write_spice(ladder(), tmp_path / name, operating_point=dense_solution(ladder()))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_operating_point_of_another_netlist_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="another netlist"):
+        write_spice(ladder(3), tmp_path / "a.cir", operating_point=dense_solution(ladder(9)))
+
+
+def test_a_large_deck_is_written_fast() -> None:
+    netlist = compile_space(space_of(np.pad(np.zeros((255, 255)), ((0, 1), (0, 1)), constant_values=2)))
+    started = time.perf_counter()
+    text = format_deck(netlist)
+    assert time.perf_counter() - started < 3  # 0.3 s on a quiet machine
+    assert text.count("\nr_") == len(netlist.conductance) > 130_000

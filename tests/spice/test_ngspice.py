@@ -1,0 +1,143 @@
+from __future__ import annotations
+
+import os
+import re
+import signal
+import stat
+import sys
+import threading
+import time
+from pathlib import Path
+
+import pytest
+from circuits import ladder
+
+from resgrid.errors import BudgetError, InputError, ToolMissingError
+from resgrid.spice.deck import format_deck
+from resgrid.spice.ngspice import run_ngspice, simulate
+
+FLOATING = b"* floating\nv_a a 0 1.0\nr_a_b a b 1e8\nr_b b 0 1e8\nr_x_y x y 1e8\n.end\n"
+
+
+def program(folder: Path, body: str) -> Path:
+    """A stand-in for ngspice."""
+    path = folder / "fake"
+    path.write_text(f"#!{sys.executable}\nimport sys, time, pathlib\n{body}\n")
+    path.chmod(path.stat().st_mode | stat.S_IXUSR)
+    return path
+
+
+def test_a_current_source_feeds_its_second_node(tmp_path: Path) -> None:
+    deck = tmp_path / "a deck.cir"
+    deck.write_text("* signs\nv_a a 0 1.0\ni_b 0 b 1e-05\nr_a_b a b 10000.0\nr_b b 0 10000.0\n.end\n")
+    simulation = run_ngspice(deck)
+    assert simulation.complaints == ()
+    assert simulation.voltage == pytest.approx({"a": 1.0, "b": 0.55}, abs=1e-15)
+    assert simulation.source_current == pytest.approx({"v_a": -4.5e-5}, abs=1e-18)
+    assert simulation.version[0].isdigit()
+
+
+def test_temperature_coefficients_do_nothing_at_the_nominal_temperature() -> None:
+    netlist = ladder(2).replace(tc1=[1e-2, 0, 0], tc2=[1e-4, 0, 0])
+    assert simulate(format_deck(netlist).encode()).voltage == simulate(format_deck(ladder(2)).encode()).voltage
+
+
+def test_a_floating_node_poisons_ngspice_and_is_told() -> None:
+    simulation = simulate(FLOATING)
+    assert any("singular matrix" in line for line in simulation.complaints)
+    assert abs(simulation.voltage["b"] - 0.5) > 1e-6  # what is believed by whoever looks at the exit status, 0
+
+
+@pytest.mark.parametrize(
+    ("deck", "message"),
+    [
+        (b"* a\nv_a a 0 1.0\nv_b a 0 1.0\nr_a a 0 1.0\n.end\n", "singular"),
+        (b"* a\nv_a a 0 1.0\nr_a a 0 1.0\nq_a a 0 1.0\n.end\n", "could not find"),
+        (b"* a\nv_a a 0 1.0\nr_a a 0 1.0\nr_a a 0 1.0\n.end\n", "already exists"),
+        (b"", "found no node"),
+        (b"\x00\xff\n" * 50, "found no node"),
+    ],
+)
+def test_a_broken_deck_is_complained_about(deck: bytes, message: str) -> None:
+    simulation = simulate(deck)
+    assert re.search(message, "\n".join(simulation.complaints))
+
+
+@pytest.mark.parametrize(
+    "line", [b".control", b"  .CONTROL", b"*#quit", b".include /etc/passwd", b".lib x", b"\r.control", b"\x0b.inc x"]
+)
+def test_a_deck_with_commands_is_not_run(line: bytes) -> None:
+    with pytest.raises(InputError, match=r"line 2.*is not simulated"):
+        simulate(b"* a\n" + line + b"\n.end\n")
+
+
+@pytest.mark.parametrize(
+    ("body", "message"),
+    [
+        ("print('all is well'); sys.exit(0)", r"left no raw file \(exit status 0\)"),
+        ("sys.exit(1)", r"left no raw file \(exit status 1\)"),
+        ("pathlib.Path('operating_point.raw').write_bytes(bytes(range(256)))", "ends before its data"),
+        ("pathlib.Path('operating_point.raw').mkdir()", "left no raw file"),
+    ],
+)
+def test_neither_status_nor_silence_is_believed(tmp_path: Path, body: str, message: str) -> None:
+    simulation = simulate(FLOATING, executable=program(tmp_path, body))
+    assert simulation.voltage == {}
+    assert simulation.version == "unknown"
+    assert re.search(message, "\n".join(simulation.complaints))
+
+
+def test_a_hanging_simulator_is_ended(tmp_path: Path) -> None:
+    pid = tmp_path / "pid"
+    hang = program(
+        tmp_path,
+        "import os\nif '--version' in sys.argv: sys.exit()\n"
+        f"pathlib.Path({str(pid)!r}).write_text(str(os.getpid()))\ntime.sleep(60)",
+    )
+    started = time.perf_counter()
+    with pytest.raises(BudgetError, match="did not finish deck within 1 s"):
+        simulate(FLOATING, executable=hang, timeout=1.0)
+    assert time.perf_counter() - started < 20
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(pid.read_text()), 0)
+
+
+def test_ctrl_c_ends_the_simulator(tmp_path: Path) -> None:
+    pid = tmp_path / "pid"
+    hang = program(
+        tmp_path,
+        "import os\nif '--version' in sys.argv: sys.exit()\n"
+        f"pathlib.Path({str(pid)!r}).write_text(str(os.getpid()))\ntime.sleep(60)",
+    )
+
+    def interrupt_when_running() -> None:
+        while not (pid.exists() and pid.read_text()):
+            time.sleep(0.01)
+        signal.raise_signal(signal.SIGINT)
+
+    threading.Thread(target=interrupt_when_running, daemon=True).start()
+    with pytest.raises(KeyboardInterrupt):
+        simulate(FLOATING, executable=hang)
+    with pytest.raises(ProcessLookupError):
+        os.kill(int(pid.read_text()), 0)
+
+
+def test_a_missing_ngspice_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    with pytest.raises(ToolMissingError, match="apt-get install ngspice"):
+        simulate(FLOATING, executable="/nowhere/ngspice")
+    monkeypatch.setenv("RESGRID_NGSPICE", "no-such-program")
+    with pytest.raises(ToolMissingError, match="no-such-program"):
+        simulate(FLOATING)
+
+
+def test_settings_of_the_user_do_not_reach_the_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    (tmp_path / ".spiceinit").write_text("set filetype=ascii\nquit\n")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.setenv("SPICE_ASCIIRAWFILE", "1")
+    assert simulate(format_deck(ladder()).encode()).complaints == ()
+
+
+@pytest.mark.parametrize("name", ["missing.cir", ".", "a\0b"])
+def test_an_unreadable_deck_is_one_message(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match="cannot read the deck"):
+        run_ngspice(f"{tmp_path}/{name}")
