@@ -1,1 +1,24 @@
-"""Pictures: every function takes values and an axes, draws, and returns the axes."""
+"""Pictures: every function takes values and an axes, draws, and returns the axes; only `save_figure` writes."""
+
+from resgrid.plot.circuits import plot_circuit
+from resgrid.plot.fields import plot_currents, plot_potential, plot_space
+from resgrid.plot.figures import new_figure, render_figure, save_figure
+from resgrid.plot.pages import plot_scene_page
+from resgrid.plot.paths import plot_path, plot_streamlines
+from resgrid.plot.profiles import plot_profile
+from resgrid.plot.slices import plot_slices
+
+__all__ = [
+    "new_figure",
+    "plot_circuit",
+    "plot_currents",
+    "plot_path",
+    "plot_potential",
+    "plot_profile",
+    "plot_scene_page",
+    "plot_slices",
+    "plot_space",
+    "plot_streamlines",
+    "render_figure",
+    "save_figure",
+]

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from resgrid.planning.field import Field
 from resgrid.plot.arrows import current_arrows
+from resgrid.plot.blocks import block_means, block_size
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.ghosts import add_border, fill_open_walls
-from resgrid.plot.plane import Placement, Plane, draw_cells, draw_image, finish, plane_of
-from resgrid.plot.shading import Shading, coarsened, no_drop, shading_of
+from resgrid.plot.plane import MOST_CELLS, Placement, Plane, draw_cells, draw_image, finish, plane_of
+from resgrid.plot.shading import Shading, no_drop, shading_of
 from resgrid.plot.style import NO_DROP, SMALL, add_swatch, height_map, refresh_legend, strength_map
 from resgrid.space import ConfigurationSpace
 
-_CONTOUR_CELLS = 1000
 _ARROWS = 26
 
 
@@ -92,7 +92,7 @@ def plot_potential(
     shading = shading_of(field, scale)
     axes = axes_or_new(ax, plane.aspect)
     image = draw_shading(plane, shading, shading.values, axes, contours=contours)
-    draw_no_drop(plane, no_drop(field), axes)
+    draw_no_drop(plane, no_drop(field, shading), axes)
     draw_cells(plane, axes)
     finish(plane, axes)
     add_colour_bar(image, axes, shading.label)
@@ -142,7 +142,7 @@ def plot_currents(field: Field, ax: Axes | None = None, *, frame: Placement | No
             width=_shaft_width(axes, max(plane.cell.shape)),
             zorder=3,
         )
-        add_colour_bar(quiver, axes, r"$\log_{10}$ of the cell's current, in supply / $R$")
+        add_colour_bar(quiver, axes, r"$\log_{10}$ of current, in supply / $R$")
     finish(plane, axes)
     refresh_legend(axes)
     return axes
@@ -153,7 +153,7 @@ def draw_shading(
 ) -> AxesImage:
     """Draw values of a field in a plane, with equipotentials."""
     image = draw_image(
-        plane, np.ma.masked_invalid(values), axes, cmap=shading.colours, vmin=shading.lower, vmax=shading.upper,
+        plane, values, axes, cmap=shading.colours, vmin=shading.lower, vmax=shading.upper,
         zorder=0.5,
     )  # fmt: skip
     if contours:
@@ -162,11 +162,10 @@ def draw_shading(
 
 
 def draw_no_drop(plane: Plane, where: NDArray[np.bool_], axes: Axes) -> None:
-    """Colour the cells where nothing of the drop arrives."""
+    """Colour the cells that stay at the high rail."""
     if where.any():
-        colour = np.where(where, 1.0, np.nan)
-        draw_image(plane, np.ma.masked_invalid(colour), axes, cmap=ListedColormap([NO_DROP]), zorder=1.0)
-        add_swatch(axes, "no current", NO_DROP)
+        draw_image(plane, np.where(where, 1.0, np.nan), axes, cmap=ListedColormap([NO_DROP]), zorder=1.0)
+        add_swatch(axes, "at the high rail", NO_DROP)
 
 
 def add_colour_bar(mappable: ScalarMappable, axes: Axes, label: str) -> None:
@@ -178,7 +177,8 @@ def add_colour_bar(mappable: ScalarMappable, axes: Axes, label: str) -> None:
 
 
 def _draw_contours(plane: Plane, shading: Shading, values: NDArray[np.float64], axes: Axes) -> None:
-    coarse, block = coarsened(values, _CONTOUR_CELLS)
+    block = block_size(values.shape, MOST_CELLS)
+    coarse = block_means(values, block)
     if shading.wall is None:
         coarse = fill_open_walls(coarse)
     coarse = add_border(coarse, shading.edge, shading.wall)

@@ -83,7 +83,7 @@ def plot_graph(netlist: Netlist, op: OperatingPoint | None = None, ax: Axes | No
         )
     for branch in branches:
         _draw_branch(axes, branch)
-    _draw_nodes(netlist, op, place, axes)
+    _draw_nodes(netlist, op, place, branches, axes)
     _finish(axes, corners)
     return axes
 
@@ -181,13 +181,31 @@ def _draw_branch(axes: Axes, branch: Branch) -> None:
     )  # fmt: skip
 
 
-def _draw_nodes(netlist: Netlist, op: OperatingPoint | None, place: NDArray[np.float64], axes: Axes) -> None:
+def _draw_nodes(
+    netlist: Netlist, op: OperatingPoint | None, place: NDArray[np.float64], branches: list[Branch], axes: Axes
+) -> None:
     nodes = np.arange(1, netlist.node_count)
     axes.scatter(place[1:, 0], place[1:, 1], s=20, color=INK, zorder=4)
     texts, unit = voltage_texts(op, nodes)
-    for (x, y), name, text in zip(place[1:].tolist(), netlist.names_of(nodes), texts, strict=True):
-        label = f"{name}, {text} {unit}" if text else name
-        axes.text(x, y + 0.14, label, ha="center", va="bottom", fontsize=SMALL, path_effects=_HALO, zorder=6)
+    for at, name, text in zip(place[1:], netlist.names_of(nodes), texts, strict=True):
+        label = f"{name}\n{text} {unit}" if text else name
+        x, y = _free_side(at, branches)
+        axes.text(
+            float(at[0] + 0.15 * x), float(at[1] + 0.12 * y), label, fontsize=SMALL, path_effects=_HALO, zorder=6,
+            ha="left" if x > 0 else "right", va="bottom" if y > 0 else "top",
+        )  # fmt: skip
+
+
+def _free_side(at: NDArray[np.float64], branches: list[Branch]) -> tuple[int, int]:
+    """The quadrant around a node, as signs, that is farthest from what is joined to it."""
+    ends = [
+        (far - at) / max(float(np.linalg.norm(far - at)), 1e-9)
+        for branch in branches
+        for near, far in ((branch.start, branch.end), (branch.end, branch.start), *branch.wires)
+        if np.allclose(near, at)
+    ]
+    quadrants = [(1, 1), (-1, 1), (1, -1), (-1, -1)]
+    return min(quadrants, key=lambda sign: max((float(np.dot(sign, end)) for end in ends), default=0.0))
 
 
 def _finish(axes: Axes, corners: NDArray[np.float64]) -> None:
@@ -198,7 +216,7 @@ def _finish(axes: Axes, corners: NDArray[np.float64]) -> None:
 
 def _limits(corners: NDArray[np.float64]) -> tuple[float, float, float, float]:
     (left, bottom), (right, top) = corners.min(axis=0), corners.max(axis=0)
-    return left - 0.5, right + 1.0, bottom - 0.4, top + 0.6
+    return left - 1.0, right + 1.1, bottom - 0.4, top + 0.6
 
 
 def _new_axes(corners: NDArray[np.float64]) -> Axes:

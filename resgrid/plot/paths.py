@@ -95,9 +95,7 @@ def draw_streamlines(
 ) -> None:
     """Draw streamlines of a space with two axes, without touching limits or legend."""
     reached = [number for number, path in enumerate(paths) if path.outcome == Outcome.REACHED]
-    kinds: list[float | None] = [None]
-    if k is not None:
-        kinds = sorted(set(k))
+    kinds: Sequence[float | None] = [None] if k is None else sorted(set(k))
     for rank, kind in enumerate(kinds):
         mine = [paths[number] for number in reached if k is None or k[number] == kind]
         if mine:

@@ -13,8 +13,12 @@ from matplotlib.transforms import Affine2D
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
+from resgrid.plot.blocks import block_colours, block_means, block_size
 from resgrid.plot.style import GOAL, OBSTACLE, UNREACHABLE, add_swatch, axis_label, dress
 from resgrid.space import Axis, Cell, ConfigurationSpace
+
+MOST_CELLS = 1024
+"""Cells along an axis above which pictures show means over blocks."""
 
 PICTURES = (
     "one axis: plot_profile; two axes: plot_space, plot_potential, plot_currents, plot_streamlines, plot_circuit; "
@@ -122,7 +126,8 @@ def draw_image(plane: Plane, values: NDArray[Any], axes: Axes, **style: Any) -> 
     Parameters
     ----------
     plane : Plane
-    values : ndarray, shape (x.cells, y.cells) or (x.cells, y.cells, 4)
+    values : ndarray of float64, shape (x.cells, y.cells), or of uint8, shape (x.cells, y.cells, 4)
+        NaN stays blank.  More than 1024 cells along an axis are drawn as means over blocks.
     axes : matplotlib.axes.Axes
     **style
         Handed to ``imshow``.
@@ -131,7 +136,18 @@ def draw_image(plane: Plane, values: NDArray[Any], axes: Axes, **style: Any) -> 
     -------
     matplotlib.image.AxesImage
     """
-    image = axes.imshow(values.swapaxes(0, 1), origin="lower", extent=plane.extent, aspect="auto", **style)
+    block = block_size(values.shape, MOST_CELLS)
+    if values.ndim == 3:
+        pixels = block_colours(values, block)
+    else:
+        pixels = np.ma.masked_invalid(block_means(values, block))
+    left, _, bottom, _ = plane.extent
+    right, top = (
+        axis.lower + count * block * axis.spacing for axis, count in zip((plane.x, plane.y), pixels.shape, strict=False)
+    )
+    image = axes.imshow(
+        pixels.swapaxes(0, 1), origin="lower", extent=(left, right, bottom, top), aspect="auto", **style
+    )
     if plane.is_world:
         image.set_transform(Affine2D(plane.matrix) + axes.transData)
     return image

@@ -77,7 +77,7 @@ def schematic_of(layout: Layout) -> Schematic:
         across=cell.shape[0],
         up=cell.shape[1],
         dot_node=node[tuple(dots.T)],
-        dot=dots + 0.5,
+        dot=np.asarray(dots + 0.5, dtype=np.float64),
         start=start,
         end=end,
         seam=seam,

@@ -94,9 +94,9 @@ def shading_of(field: Field, scale: str = "auto") -> Shading:
     return _logarithmic(field, decades, smallest)
 
 
-def no_drop(field: Field) -> NDArray[np.bool_]:
-    """Free cells that a goal can be reached from, yet at the very voltage of the high rail: nothing arrives there."""
-    if field.log_drop is None:
+def no_drop(field: Field, shading: Shading) -> NDArray[np.bool_]:
+    """Free cells with a way to a goal, yet at the very voltage of the high rail: they have no place in decades."""
+    if field.log_drop is None or not shading.is_log:
         return np.zeros(field.space.shape, dtype=np.bool_)
     return np.asarray(field.space.goal_connected & np.isneginf(field.log_drop))
 
@@ -134,7 +134,7 @@ def _logarithmic(field: Field, decades: NDArray[np.float64], smallest: float) ->
         lower=lower,
         upper=0.0,
         levels=np.arange(round(lower / step) + 1, 0) * step,
-        label=rf"$\log_{{10}}\,u$,  $u = 1 - \phi$: drop from the {rail} rail",
+        label=rf"$\log_{{10}}\,u$, drop from the {rail} rail",
         lines=f"equipotential, every {_decades(step)}",
         is_log=True,
         wall=None if field.boundary == "neumann" else np.nan,
@@ -150,31 +150,3 @@ def nice_step(smallest: float) -> float:
     """Smallest of 1, 2 or 5 times a power of ten that is at least ``smallest``."""
     power = 10.0 ** np.floor(np.log10(smallest))
     return float(next(factor * power for factor in (1, 2, 5, 10) if factor * power >= smallest * (1 - 1e-9)))
-
-
-def coarsened(values: NDArray[np.float64], most: int) -> tuple[NDArray[np.float64], int]:
-    """Means over square blocks of cells, so that no side is longer than ``most``.
-
-    Parameters
-    ----------
-    values : ndarray of float64, two-dimensional
-        NaN counts for nothing.
-    most : int
-
-    Returns
-    -------
-    means : ndarray of float64
-        NaN where all of a block is.
-    block : int
-        Cells along each side of a block; the last row and column may cover fewer.
-    """
-    block = -(-max(values.shape) // most)
-    if block == 1:
-        return values, 1
-    padding = [(0, -size % block) for size in values.shape]
-    padded = np.pad(values, padding, constant_values=np.nan)
-    shape = (padded.shape[0] // block, block, padded.shape[1] // block, block)
-    known = np.isfinite(padded)
-    count = known.reshape(shape).sum(axis=(1, 3))
-    total = np.where(known, padded, 0.0).reshape(shape).sum(axis=(1, 3))
-    return np.where(count > 0, total / np.maximum(count, 1), np.nan), block

@@ -53,7 +53,7 @@ def draw_supply(axes: Axes, top: ArrayLike, bottom: ArrayLike) -> None:
     first, last = np.asarray(top, dtype=np.float64), np.asarray(bottom, dtype=np.float64)
     middle, unit = _draw_round(axes, first, last)
     for sign, where in (("+", middle - 0.45 * _RADIUS * unit), ("\N{MINUS SIGN}", middle + 0.45 * _RADIUS * unit)):
-        axes.text(*where, sign, ha="center", va="center", fontsize=7, color=INK, zorder=5)
+        axes.text(float(where[0]), float(where[1]), sign, ha="center", va="center", fontsize=7, color=INK, zorder=5)
 
 
 def draw_current_source(axes: Axes, start: ArrayLike, end: ArrayLike) -> None:
@@ -62,7 +62,7 @@ def draw_current_source(axes: Axes, start: ArrayLike, end: ArrayLike) -> None:
     middle, unit = _draw_round(axes, first, last)
     arrow = {"arrowstyle": "-|>", "color": INK, "linewidth": 1.0, "shrinkA": 0, "shrinkB": 0, "mutation_scale": 7}
     tail, head = middle - 0.7 * _RADIUS * unit, middle + 0.7 * _RADIUS * unit
-    axes.annotate("", head, tail, arrowprops=arrow, zorder=5)
+    axes.annotate("", (float(head[0]), float(head[1])), (float(tail[0]), float(tail[1])), arrowprops=arrow, zorder=5)
 
 
 def draw_capacitor(axes: Axes, start: ArrayLike, end: ArrayLike) -> None:
