@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 import stat
 from math import prod
 from pathlib import Path
 
-from resgrid.errors import BudgetError, InputError
+from resgrid.budget import require_memory as require_bytes
+from resgrid.errors import InputError
 
 BYTES_PER_CELL = 16
 MAX_TEXT_BYTES = 1 << 28
@@ -111,21 +111,7 @@ def require_memory(shape: tuple[int, ...], what: str, bytes_per_cell: int = BYTE
     Raises
     ------
     BudgetError
-        If the estimate exceeds four fifths of the machine's memory.
+        If the estimate exceeds the memory that is free.
     """
-    cells = prod(shape)
-    estimate = cells * bytes_per_cell
-    if estimate > 0.8 * physical_memory():
-        size = " x ".join(map(str, shape))
-        raise BudgetError(
-            f"{what}: {size} = {cells:.3g} cells would take about {estimate:.3g} bytes, and this machine has "
-            f"{physical_memory():.3g} bytes of memory; take fewer, larger cells"
-        )
-
-
-def physical_memory() -> int:
-    """Memory of this machine in bytes; 4 GiB where the system does not say."""
-    try:
-        return os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE")
-    except (AttributeError, ValueError, OSError):
-        return 4 << 30
+    size = " x ".join(map(str, shape))
+    require_bytes(prod(shape) * bytes_per_cell, f"{what}: {size} = {prod(shape):.3g} cells", "take fewer, larger cells")
