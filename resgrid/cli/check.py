@@ -1,4 +1,4 @@
-"""``resgrid check``: does an outside simulator agree?"""
+"""``resgrid check``: ask an outside simulator whether it agrees."""
 
 from __future__ import annotations
 
@@ -20,11 +20,13 @@ if TYPE_CHECKING:
 
     from resgrid.spice.agreement import Agreement
 
+_WORDS = {"sidecar": "the sidecar", "scene": "the scene's solution", "solve": "our solution"}
+
 
 @click.command("check", short_help="Ask the circuit simulator whether it agrees.")
 @with_scene(metavar="SCENE|DECK")
 @click.option("--deck", metavar="FILE", type=click.Path(), help="Simulate this deck, and compare it with SCENE.")
-@click.option("--tolerance", metavar="T", default=1e-9, show_default=True, help="Largest error, relative to the supply.")
+@click.option("--tolerance", metavar="T", default=1e-9, show_default=True, help="Largest error, over the supply.")
 @click.option("--timeout", metavar="S", default=600.0, show_default=True, help="Time for the simulator, in seconds.")
 @dialect_option
 @with_report
@@ -36,17 +38,17 @@ def command(
     A DECK is compared with its sidecar DECK.json: first its hash, then the voltages. A SCENE is solved, and compared
     with the simulator's answer to its own deck, or to the one given by --deck. Exits with 1 where they disagree.
     """
-    limits = {"tolerance": tolerance, "timeout": timeout}
+    limits: dict[str, Any] = {"tolerance": tolerance, "timeout": timeout, "dialect": dialect}
     if is_deck(choice.source):
         if deck is not None:
             raise InputError(f"{choice.source} is a deck already; --deck goes with a scene")
         if choice.changes or choice.map_options:
             raise InputError(f"{choice.source} is a deck: options that change a scene do nothing to it; remove them")
-        agreement = _simulated(report, None, choice.source, dialect, limits)
+        agreement = _simulated(None, choice.source, limits, report)
     else:
         job = open_job(choice, report)
         chip = solve_chip(job, report, *only_boundary(job))
-        agreement = _simulated(report, chip, deck, dialect, limits)
+        agreement = _simulated(chip, deck, limits, report)
     report.finish(agreement_data(agreement), agreement_lines(agreement))
     return 0 if agreement.agrees else NEGATIVE
 
@@ -57,18 +59,16 @@ def is_deck(source: str) -> bool:
     return path.suffix.lower() in DECK_SUFFIXES or (source != "-" and path.with_name(path.name + ".json").is_file())
 
 
-def _simulated(
-    report: Report, chip: Chip | None, deck: str | None, dialect: str, limits: dict[str, float]
-) -> Agreement:
+def _simulated(chip: Chip | None, deck: str | None, limits: dict[str, Any], report: Report) -> Agreement:
     from resgrid.spice.agreement import check_deck, check_spice
 
-    with report.stage(f"simulate with {dialect}"):
+    with report.stage("simulate"):
         if chip is None and deck is not None:
-            return check_deck(deck, dialect=dialect, **limits)
+            return check_deck(deck, **limits)
         if chip is not None and deck is not None:
-            return check_deck(deck, reference=chip.point, dialect=dialect, **limits)
+            return check_deck(deck, reference=chip.point, **limits)
         assert chip is not None
-        return check_spice(chip.netlist, chip.point, dialect=dialect, **limits)
+        return check_spice(chip.netlist, chip.point, **limits)
 
 
 def agreement_data(agreement: Agreement) -> dict[str, Any]:
@@ -84,8 +84,8 @@ def agreement_lines(agreement: Agreement) -> Iterable[str]:
     error = agreement.max_relative_error
     largest = "" if error is None else f"; the largest error is {error:.1e} of the supply"
     if agreement.agrees:
-        yield f"{simulator} agrees with the {agreement.reference} on all {agreement.nodes:,} nodes{largest}"
+        yield f"{simulator} agrees with {_WORDS[agreement.reference]} on all {agreement.nodes:,} nodes{largest}"
         return
-    yield f"{simulator} DISAGREES with the {agreement.reference} ({agreement.nodes:,} nodes compared{largest})"
+    yield f"{simulator} DISAGREES with {_WORDS[agreement.reference]} ({agreement.nodes:,} nodes compared{largest})"
     for finding in agreement.findings:
         yield f"  {finding}"

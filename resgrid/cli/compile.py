@@ -73,9 +73,7 @@ def write_deck(target: str | Path, job: Job, chip: Chip, dialect: str, report: R
     from resgrid.spice.writer import write_spice
 
     with report.stage("write the deck", seconds=5e-6 * len(chip.netlist.conductance)):
-        return write_spice(
-            chip.netlist, target, dialect, title=_title(job, chip.name), operating_point=chip.point
-        )
+        return write_spice(chip.netlist, target, dialect, title=_title(job, chip.name), operating_point=chip.point)
 
 
 def _deck_text(job: Job, boundary: str, start: int | None, dialect: str, report: Report) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib
 import os
 import sys
@@ -29,11 +30,11 @@ VERBS = {
 class Verbs(click.Group):
     """The verbs, each imported only when it is asked for."""
 
-    def list_commands(self, ctx: click.Context) -> list[str]:
+    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
         """Names of the verbs, in the order of the work."""
         return list(VERBS)
 
-    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
         """The command behind a name."""
         if cmd_name not in VERBS:
             return None
@@ -84,10 +85,8 @@ def _show_warning(message: Warning | str, *_where: object, **_more: object) -> N
 
 def _drop_stdout() -> None:
     """Nobody reads any more: keep the interpreter from complaining when it flushes at its end."""
-    try:
+    with contextlib.suppress(OSError, ValueError):  # where no real file is behind it
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-    except (OSError, ValueError):  # no real file behind it
-        pass
 
 
 @click.command(

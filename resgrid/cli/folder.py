@@ -95,4 +95,6 @@ def _remove_empty(folder: Path) -> None:
 
 def _unwritable(target: Path, error: Exception) -> InputError:
     reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
-    return InputError(f"cannot write into {str(target)!r}: {reason}; check the path, its permissions and the free space")
+    return InputError(
+        f"cannot write into {str(target)!r}: {reason}; check the path, its permissions and the free space"
+    )

@@ -100,7 +100,9 @@ def load_scene(choice: SceneChoice) -> Scene:
     from resgrid.scene import apply_overrides, read_scene
 
     if Path(choice.source).suffix.lower() in DECK_SUFFIXES:
-        raise InputError(f"{choice.source}: this is a deck, and a scene or a map is needed; decks go to 'resgrid check'")
+        raise InputError(
+            f"{choice.source}: this is a deck, and a scene or a map is needed; decks go to 'resgrid check'"
+        )
     scene = _piped_scene(choice) if choice.source == "-" else read_scene(choice.source, **choice.map_options)
     return apply_overrides(scene, choice.changes) if choice.changes else scene
 

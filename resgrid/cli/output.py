@@ -65,4 +65,4 @@ def emit_file(target: str, suffix: str, write: Callable[[Path], object]) -> None
         path = Path(folder) / f"output{suffix}"
         write(path)
         sys.stdout.flush()
-        click.get_binary_stream("stdout").write(path.read_bytes())
+        sys.stdout.buffer.write(path.read_bytes())

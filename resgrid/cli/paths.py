@@ -32,14 +32,27 @@ ADVICE = {
 
 @dataclass(frozen=True, eq=False)
 class Route:
-    """A streamline, the blend it follows, and its start in world coordinates."""
+    """A streamline on its way through the world.
+
+    Attributes
+    ----------
+    streamline : Streamline
+        In the coordinates of the space.
+    start : tuple of float
+        World coordinates.
+    points : ndarray of float64, shape (n, ndim)
+        World coordinates.
+    field : int or None
+        Number of the field it was traced in, and certified against; None where there is none to trace.
+    k : float
+        Of that field.
+    """
 
     streamline: Streamline
-    k: float
     start: tuple[float, ...]
     points: NDArray[np.float64]
-    """World coordinates, shape (n, ndim)."""
-    certified: bool
+    field: int | None
+    k: float
 
     @property
     def reached(self) -> bool:
@@ -86,10 +99,10 @@ def plan_routes(job: Job, report: Report) -> Plan:
         return _start_driven(job, report, chips)
     fields = blend_fields(job, chips, report)
     routes = []
-    with report.stage("follow the current", steps=max(1, len(fields) * len(scene.starts))) as progress:
-        for field in fields:
+    with report.stage("follow the current", steps=len(fields) * len(scene.starts)) as progress:
+        for index in range(len(fields)):
             for number in range(len(scene.starts)):
-                routes.append(_route(job, field, number))
+                routes.append(_route(job, fields, index, number))
                 progress.advance()
     return Plan(chips, fields, routes)
 
@@ -99,16 +112,17 @@ def _start_driven(job: Job, report: Report, chips: dict[str, Chip]) -> Plan:
     from resgrid.planning.field import field_of
     from resgrid.space import Cell
 
-    fields, routes = [], []
+    fields: list[Field] = []
+    routes = []
     for number in range(len(job.scene.starts)):
         cell = start_cell(job, number)
         if job.space.cell[cell] != Cell.FREE or not job.space.goal_connected[cell]:
-            routes.append(_as_route(job, number, 0.0, _undriven(job.space, cell), certified=False))
+            routes.append(_placed(job, number, _undriven(job.space, cell), None, 0.0))
             continue
         chip = solve_chip(job, report, "neumann", number)
         chips[chip.name] = chip
         fields.append(field_of(chip.point))
-        routes.append(_route(job, fields[-1], number))
+        routes.append(_route(job, fields, -1, number))
     return Plan(chips, fields, routes)
 
 
@@ -129,17 +143,18 @@ def _undriven(space: ConfigurationSpace, cell: tuple[int, ...]) -> Streamline:
     return Streamline(space.centre(index), index, outcome, goal if goal >= 0 else None, 0.0, np.nan, np.nan)
 
 
-def _route(job: Job, field: Field, number: int) -> Route:
+def _route(job: Job, fields: list[Field], index: int, number: int) -> Route:
     from resgrid.planning.certify import certify
     from resgrid.planning.trace import streamline
 
+    field = fields[index]
     path = streamline(field, job.scene.frame.from_world(job.scene.starts[number]))
     certify(path, field)
-    return _as_route(job, number, field.k, path, certified=True)
+    return _placed(job, number, path, index % len(fields), field.k)
 
 
-def _as_route(job: Job, number: int, k: float, path: Streamline, *, certified: bool) -> Route:
-    return Route(path, k, job.scene.starts[number], job.scene.frame.to_world(path.points), certified)
+def _placed(job: Job, number: int, path: Streamline, field: int | None, k: float) -> Route:
+    return Route(path, job.scene.starts[number], job.scene.frame.to_world(path.points), field, k)
 
 
 def require_starts(job: Job) -> None:
@@ -166,7 +181,7 @@ def route_data(route: Route, *, points: bool = True) -> dict[str, Any]:
         "log_duration": path.log_duration,
         "start": list(route.start),
         "k": route.k,
-        "certified": route.certified,
+        "certified": route.field is not None,
     }
     if not route.reached:
         data["message"] = ADVICE[str(path.outcome)]

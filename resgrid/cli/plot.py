@@ -1,3 +1,47 @@
+"""``resgrid plot``: one picture of a scene."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
 import click
-@click.command("plot")
-def command(): pass
+
+from resgrid.cli.job import open_job
+from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
+from resgrid.cli.output import emit_file
+from resgrid.cli.paths import Plan, plan_routes
+from resgrid.cli.pictures import PICTURES, draw_picture
+from resgrid.cli.report import Report
+from resgrid.errors import InputError
+
+SUFFIXES = (".png", ".pdf", ".svg")
+
+
+@click.command("plot", short_help="Draw a scene, its potential, currents, paths or circuit.")
+@with_scene()
+@output_option("The picture: FILE.png, .pdf or .svg; - prints a PNG.", required=True)
+@click.option("--what", default="page", show_default=True, metavar="PICTURE", help=f"One of {', '.join(PICTURES)}.")
+@with_report
+def command(choice: SceneChoice, output: str, what: str, report: Report) -> int:
+    """Draw one picture of SCENE.
+
+    A page shows potential, currents and paths together; a space of three axes is drawn in slices.
+    """
+    if what not in PICTURES:
+        raise InputError(f"--what {what}: there is no such picture; there are {', '.join(PICTURES)}")
+    suffix = ".png" if output == "-" else Path(output).suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InputError(f"-o {output}: a picture is written as {', '.join(SUFFIXES)}; name the file so")
+    if output == "-" and report.json:
+        raise InputError("-o - and --json both want standard output; write the picture to a file")
+    job = open_job(choice, report)
+    plan = Plan({}, [], []) if what == "space" else plan_routes(job, report)
+    with report.stage("draw the picture"):
+        from resgrid.plot import save_figure
+
+        figure = draw_picture(what, job, plan)
+        emit_file(output, suffix, lambda path: save_figure(figure, path))
+    if output != "-":
+        report.say(f"wrote {output}")
+        report.finish({"file": output, "what": what}, ())
+    return 0

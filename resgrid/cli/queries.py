@@ -6,7 +6,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from resgrid.cli.failures import NEGATIVE
-from resgrid.cli.job import Job, blend_fields
+from resgrid.cli.job import Job, blend_fields, size_of
 from resgrid.cli.output import emit_text, json_text
 from resgrid.cli.report import Report
 from resgrid.errors import InputError
@@ -66,18 +66,17 @@ def _answer(job: Job, query: Query, file: str, quiet: Report) -> list[dict[str, 
     from resgrid.space import Cell, ConfigurationSpace
 
     if job.space.shape != (query.width, query.height):
-        raise InputError(
-            f"{file}: the queries are for a map of {query.width} x {query.height} cells, and this one has {job.space.shape}"
-        )
+        own = size_of(job.space.shape)
+        raise InputError(f"{file}: these queries are for a map of {query.width} x {query.height} cells, this has {own}")
     common = {"start": query.start, "goal_cell": query.goal, "optimal_length": query.optimal_length}
     if job.space.cell[query.goal] == Cell.OBSTACLE:
         return [{"outcome": "goal_blocked", "k": None, "length": None, **common}]
     cell = job.space.cell.copy()
     cell[cell == Cell.GOAL] = Cell.FREE
     cell[query.goal] = Cell.GOAL
-    own = Job(job.scene, ConfigurationSpace(job.space.axes, cell, job.space.conductivity))
+    posed = Job(job.scene, ConfigurationSpace(job.space.axes, cell, job.space.conductivity))
     answers = []
-    for field in blend_fields(own, {}, quiet):
+    for field in blend_fields(posed, {}, quiet):
         path = streamline(field, cell=query.start)
         certify(path, field)
         figures = {"outcome": str(path.outcome), "k": field.k, "length": path.length, "clearance": path.clearance}

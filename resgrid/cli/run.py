@@ -48,7 +48,7 @@ def command(choice: SceneChoice, output: str | None, wanted: bool | None, dialec
         job = open_job(choice, report)
         plan = plan_routes(job, report)
         files = _write_all(made, job, plan, dialect, report)
-        checks = {name: _checked(chip, dialect, wanted, report) for name, chip in plan.chips.items()}
+        checks = {name: _checked(made / f"{name}.cir", chip, wanted, report) for name, chip in plan.chips.items()}
         data = _summary(job, plan, files, checks)
         (made / SUMMARY).write_text(json_text(data) + "\n", encoding="utf-8")
     report.finish({"folder": folder, **data}, _lines(job, plan, folder, files, checks))
@@ -83,9 +83,9 @@ def _write_all(made: Path, job: Job, plan: Plan, dialect: str, report: Report) -
     return files
 
 
-def _checked(chip: Chip, dialect: str, wanted: bool | None, report: Report) -> Agreement | str:
+def _checked(deck: Path, chip: Chip, wanted: bool | None, report: Report) -> Agreement | str:
     """The simulator's verdict, or why there is none."""
-    from resgrid.spice.agreement import check_spice
+    from resgrid.spice.agreement import check_deck
 
     resistors = len(chip.netlist.conductance)
     if wanted is False:
@@ -93,17 +93,15 @@ def _checked(chip: Chip, dialect: str, wanted: bool | None, report: Report) -> A
     if wanted is None and resistors > CHECKED_RESISTORS:
         return f"not checked: {resistors:,} resistors take the simulator long; 'resgrid run --check' waits for it"
     try:
-        with report.stage(f"simulate the {chip.name} deck", seconds=1 + 1e-8 * resistors**2):
-            return check_spice(chip.netlist, chip.point, dialect=dialect)
+        with report.stage(f"simulate {deck.name}", seconds=1 + 1e-8 * resistors**2):
+            return check_deck(deck)
     except ToolMissingError as error:
         if wanted:
             raise
         return f"not checked: {error}"
 
 
-def _summary(
-    job: Job, plan: Plan, files: Mapping[str, str], checks: Mapping[str, Agreement | str]
-) -> dict[str, Any]:
+def _summary(job: Job, plan: Plan, files: Mapping[str, str], checks: Mapping[str, Agreement | str]) -> dict[str, Any]:
     chips = []
     for name, chip in plan.chips.items():
         check = checks[name]

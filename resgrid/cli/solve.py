@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -48,7 +48,7 @@ def write_field(path: Path, field: Field) -> None:
     """Write a field as NumPy arrays: ``potential``, ``log_drop`` (where there is one) and ``cell``."""
     import numpy as np
 
-    arrays = {"potential": field.potential, "cell": field.space.cell}
+    arrays: dict[str, Any] = {"potential": field.potential, "cell": field.space.cell}
     if field.log_drop is not None:
         arrays["log_drop"] = field.log_drop
     with path.open("wb") as file:

@@ -1,0 +1,166 @@
+"""Which pictures a scene has, and how each is drawn from its plan."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from resgrid.cli.job import Job
+from resgrid.cli.paths import Plan
+from resgrid.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure  # noqa: TID251
+
+    from resgrid.planning.field import Field
+    from resgrid.scene import Frame
+
+PAGE_AXES = 3
+"""Most axes of a space that is drawn."""
+
+CIRCUIT_CELLS = 8
+"""Longest side of a grid that is drawn as a circuit."""
+
+
+def draw_all(folder: Path, job: Job, plan: Plan) -> dict[str, str]:
+    """Draw every picture that a scene of this kind has.
+
+    Parameters
+    ----------
+    folder : Path
+        Where the PNG files go.
+    job : Job
+    plan : Plan
+
+    Returns
+    -------
+    dict of str to str
+        What each file shows, by its name.
+    """
+    from resgrid.plot import save_figure
+
+    files = {}
+    for name, (what, draw) in _album(job, plan).items():
+        save_figure(draw(), folder / f"{name}.png")
+        files[f"{name}.png"] = what
+    return files
+
+
+def draw_picture(what: str, job: Job, plan: Plan) -> Figure:
+    """Draw one picture.
+
+    Parameters
+    ----------
+    what : str
+        One of `PICTURES`.
+    job : Job
+    plan : Plan
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        If there is no such picture, or not of a space with so many axes.
+    """
+    if what not in PICTURES:
+        raise InputError(f"--what {what}: there is no such picture; there are {', '.join(PICTURES)}")
+    if not plan.fields and what != "space":
+        raise InputError("no start can be driven, so there is no field to draw: use --drive uniform, or move the start")
+    return PICTURES[what](job, plan, plan.fields[0] if plan.fields else None)
+
+
+def _album(job: Job, plan: Plan) -> dict[str, tuple[str, Callable[[], Figure]]]:
+    """Pictures of a plan: file name, what it shows, and how it is drawn."""
+    album: dict[str, tuple[str, Callable[[], Figure]]] = {}
+    several = len(plan.fields) > 1
+    for number, field in enumerate(plan.fields if job.space.ndim <= PAGE_AXES else ()):
+        mark = f"chip_{number}" if job.scene.drive == "start" else f"k_{field.k:g}"
+        what = "potential, currents and paths" + (f", {mark.replace('_', ' ')}" if several else "")
+        album[f"page_{mark}" if several else "page"] = what, partial(_page, job, plan, field)
+    if job.space.ndim == 2 and (several or not plan.fields):
+        album["paths"] = "map and all paths", partial(_paths, job, plan)
+    if job.space.ndim <= 2 and max(job.space.shape) <= CIRCUIT_CELLS and len(plan.chips) == 1:
+        album["circuit"] = "the chip as a circuit, with its voltages", partial(_circuit, job, plan)
+    return album
+
+
+def _page(job: Job, plan: Plan, field: Field | None) -> Figure:
+    from resgrid.plot import plot_scene_page
+
+    assert field is not None
+    own = [route for route in plan.routes if route.field is None or plan.fields[route.field] is field]
+    return plot_scene_page(
+        field, [route.streamline for route in own], title=_title(job, plan, field), frame=_frame(job)
+    )
+
+
+def _title(job: Job, plan: Plan, field: Field) -> str:
+    mark = f"k = {field.k:g}" if len(plan.fields) > 1 and job.scene.drive != "start" else ""
+    return ", ".join(part for part in (job.scene.title, mark) if part)
+
+
+def _frame(job: Job) -> Frame | None:
+    return None if job.scene.frame.is_world else job.scene.frame
+
+
+def _space(job: Job, _plan: Plan, _field: Field | None = None) -> Figure:
+    from resgrid.plot import plot_space
+
+    return _figure(plot_space(job.space, frame=_frame(job)))
+
+
+def _potential(job: Job, _plan: Plan, field: Field | None) -> Figure:
+    from resgrid.plot import plot_potential
+
+    assert field is not None
+    return _figure(plot_potential(field, frame=_frame(job)))
+
+
+def _currents(job: Job, _plan: Plan, field: Field | None) -> Figure:
+    from resgrid.plot import plot_currents
+
+    assert field is not None
+    return _figure(plot_currents(field, frame=_frame(job)))
+
+
+def _paths(job: Job, plan: Plan, _field: Field | None = None) -> Figure:
+    from resgrid.plot import plot_space, plot_streamlines
+
+    axes = plot_space(job.space, frame=_frame(job))
+    lines, shares = [route.streamline for route in plan.routes], [route.k for route in plan.routes]
+    return _figure(plot_streamlines(lines, job.space, axes, k=shares, frame=_frame(job)))
+
+
+def _circuit(_job: Job, plan: Plan, _field: Field | None = None) -> Figure:
+    from resgrid.plot import plot_circuit
+
+    chip = next(iter(plan.chips.values()))
+    return _figure(plot_circuit(chip.netlist, chip.point))
+
+
+def _slices(_job: Job, plan: Plan, field: Field | None) -> Figure:
+    from resgrid.plot import plot_slices
+
+    assert field is not None
+    return plot_slices(field, paths=[route.streamline for route in plan.routes if route.field is not None])
+
+
+def _figure(axes: object) -> Figure:
+    figure: Figure = axes.figure  # type: ignore[attr-defined]
+    return figure
+
+
+PICTURES: dict[str, Callable[..., Figure]] = {
+    "page": _page,
+    "space": _space,
+    "potential": _potential,
+    "currents": _currents,
+    "paths": _paths,
+    "circuit": _circuit,
+    "slices": _slices,
+}

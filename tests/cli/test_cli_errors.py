@@ -1,0 +1,221 @@
+"""Bad input gives one message with the right exit code, and nothing half-written."""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+VERBS = {
+    "run": ("-o", "out"),
+    "compile": ("-o", "deck.cir"),
+    "solve": ("-o", "field.npz"),
+    "path": ("-o", "paths.csv"),
+    "plot": ("-o", "picture.png"),
+    "check": (),
+    "info": (),
+}
+AXIS = '{ name = "%s", lower = 0, upper = 4, cells = 4 }'
+GRID = f"grid = {{ axes = [{AXIS % 'x'}, {AXIS % 'y'}] }}\n"
+GOAL = "[[goal]]\ncell = [3, 3]\n"
+START = "starts = [[0.5, 0.5]]\n"
+HEAD = "schema = 1\n"
+
+BAD_SCENES = {
+    "typo": (HEAD + "boundery = 'dirichlet'\n" + START + GRID + GOAL, 2, ["line 2", "boundery", "did you mean"]),
+    "no_toml": (HEAD + "title = \n", 2, ["not TOML", "line 2"]),
+    "empty": ("", 2, ["schema"]),
+    "nan": (HEAD + "starts = [[nan, 1]]\n" + GRID + GOAL, 2, ["starts", "finite"]),
+    "start_outside": (HEAD + "starts = [[9, 9]]\n" + GRID + GOAL, 2, ["starts[0]", "outside the grid"]),
+    "no_goal": (HEAD + START + GRID, 2, ["no goal", "[[goal]]"]),
+    "goal_in_obstacle": (
+        HEAD + START + GRID + "[[obstacle]]\nshape = 'rectangle'\nlower = [2, 2]\nupper = [4, 4]\n" + GOAL,
+        2,
+        ["goal[0]", "obstacle"],
+    ),
+    "goal_outside": (HEAD + START + GRID + "[[goal]]\ncell = [9, 9]\n", 2, ["goal[0]"]),
+    "huge": (
+        HEAD + START + GRID.replace("cells = 4", "cells = 1000000") + GOAL,
+        4,
+        ["cells", "memory"],
+    ),
+    "absent_map": (HEAD + START + "[[goal]]\ncell = [0, 0]\n[map]\nfile = 'nowhere.png'\n", 2, ["nowhere.png"]),
+    "drive_on_rails": (HEAD + "drive = 'uniform'\n" + START + GRID + GOAL, 2, ["drive", "neumann"]),
+    "wall_without_value": (HEAD + "boundary = 'wall'\n" + START + GRID + GOAL, 2, ["wall_resistance"]),
+    "nothing_driven": (
+        HEAD
+        + "boundary = 'neumann'\n"
+        + START
+        + GRID
+        + "[[obstacle]]\nshape = 'rectangle'\nlower = [0, 0]\nupper = [3, 4]\n[[obstacle]]\nshape = 'rectangle'\n"
+        + "lower = [3, 0]\nupper = [4, 3]\n"
+        + GOAL,
+        2,
+        ["nothing is driven"],
+    ),
+}
+
+
+def check_refusal(result, code, words):
+    assert result.exit_code == code, (result.stdout, result.stderr)
+    assert result.stdout == ""
+    assert result.stderr.startswith("resgrid: error: ")
+    assert "Traceback" not in result.stderr
+    for word in words:
+        assert word in result.stderr
+
+
+@pytest.mark.parametrize("verb", VERBS)
+@pytest.mark.parametrize("name", BAD_SCENES)
+def test_bad_scenes_are_refused_by_every_verb(call, tmp_path, monkeypatch, verb, name):
+    text, code, words = BAD_SCENES[name]
+    if verb == "info" and name in ("no_goal", "nothing_driven"):
+        pytest.skip("info describes scenes that are not complete")
+    monkeypatch.chdir(tmp_path)
+    Path("scene.toml").write_text(text)
+    check_refusal(call(verb, "scene.toml", *VERBS[verb]), code, words)
+    assert [file.name for file in Path().iterdir()] == ["scene.toml"], "something half-written is left"
+
+
+def test_a_broken_scene_lists_all_its_errors(call, tmp_path):
+    file = tmp_path / "scene.toml"
+    file.write_text(HEAD + "k = 7\nboundery = 1\n" + GRID)
+    message = call("path", file).stderr
+    assert "k" in message and "boundery" in message and "line 2" in message and "line 3" in message
+
+
+FILES = {
+    "truncated.pgm": (b"P5\n100 100\n255\n" + bytes(50), ["truncated.pgm"]),
+    "absurd.pgm": (b"P5\n1000000000 1000000000\n255\n", ["absurd.pgm"]),
+    "garbage.png": (bytes(range(256)) * 9, ["garbage.png"]),
+    "garbage.toml": (bytes(range(128, 256)) * 9, ["garbage.toml", "UTF-8"]),
+    "garbage": (bytes(range(128, 256)), ["garbage"]),
+    "empty.map": (b"", ["empty.map"]),
+    "short.map": (b"type octile\nheight 3\nwidth 3\nmap\n...\n", ["short.map", "rows"]),
+    "list.yaml": (b"- 1\n- 2\n", ["list.yaml"]),
+    "lost.yaml": (
+        b"image: lost.pgm\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n",
+        ["lost.pgm"],
+    ),
+    "empty.npy": (b"", ["empty.npy"]),
+    "pickle.npy": (b"\x93NUMPY\x01\x00v\x00{'descr': '|O'", ["pickle.npy"]),
+}
+
+
+@pytest.mark.parametrize("name", FILES)
+@pytest.mark.parametrize("verb", ["run", "path"])
+def test_damaged_maps_are_refused(call, tmp_path, monkeypatch, verb, name):
+    monkeypatch.chdir(tmp_path)
+    data, words = FILES[name]
+    Path(name).write_bytes(data)
+    result = call(verb, name, "--goal", "1,1", "--start", "2,2", *VERBS[verb])
+    check_refusal(result, 2, words)
+    assert [file.name for file in Path().iterdir()] == [name]
+
+
+def test_directories_and_absent_files_are_named(call, tmp_path):
+    for verb in ("path", "info", "compile"):
+        check_refusal(call(verb, tmp_path), 2, [str(tmp_path)])
+        check_refusal(call(verb, tmp_path / "no.toml"), 2, ["no.toml", "no such file"])
+    check_refusal(call("check", tmp_path / "no.cir"), 2, ["no.cir"])
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may read and write everything")
+def test_permissions_are_named(call, room, tmp_path):
+    room.chmod(0)
+    check_refusal(call("path", room), 2, ["permission denied"])
+    room.chmod(0o600)
+    closed = tmp_path / "closed"
+    closed.mkdir(mode=0o500)
+    for verb, target in (("compile", "a.cir"), ("run", "out"), ("solve", "a.npz")):
+        check_refusal(call(verb, room, "-o", closed / target), 2, ["closed"])
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["--start", "abc"], ["--start", "numbers"]),
+        (["--start", "nan,1"], ["finite"]),
+        (["--start", "1"], ["start[0]", "2 coordinates"]),
+        (["--start", "1e400,1"], ["finite"]),
+        (["--start", "0.5,0.5", "--cells"], ["whole numbers"]),
+        (["--start", "99,0", "--cells"], ["[99, 0]"]),
+        (["--goal", "4.5,2.5"], ["goal[0]", "obstacle"]),
+        (["--goal", ""], ["--goal"]),
+        (["--k", "2"], ["k[0]"]),
+        (["--k", "x"], ["--k"]),
+        (["--k", "nan"], ["--k"]),
+        (["--boundary", "dirichle"], ["did you mean 'dirichlet'"]),
+        (["--drive", "strat", "--boundary", "neumann"], ["did you mean 'start'"]),
+        (["--edge", "shut"], ["edge"]),
+        (["--edge", "open,open,open"], ["edge"]),
+        (["--resistance", "0"], ["chip.resistance"]),
+        (["--resistance", "10 kilo"], ["chip.resistance"]),
+        (["--set", "garbage"], ["KEY=VALUE"]),
+        (["--set", "=3"], ["KEY=VALUE"]),
+        (["--set", "chip.resistence=3"], ["did you mean 'resistance'"]),
+        (["--set", "path=3"], ["path"]),
+        (["--set", "chip=3"], ["chip"]),
+        (["--set", "obstacle.7.lower=[1, 2]"], ["obstacle"]),
+        (["--set", "a.b.c=\x00"], ["a"]),
+        (["--set", "title.x=1"], ["title"]),
+        (["--set", "grid.axes=[]"], ["grid.axes"]),
+        (["--format", "jpeg2000"], ["format"]),
+        (["--threshold", "many"], ["--threshold"]),
+        (["--nonsense"], ["--nonsense"]),
+        (["extra"], ["extra"]),
+        (["-o", "paths.xls"], [".csv"]),
+        (["-o", "-", "--json"], ["--json"]),
+    ],
+)
+def test_bad_options_are_refused(call, room, words, expected):
+    result = call("path", room, *words)
+    assert result.exit_code == 2
+    assert "Traceback" not in result.stderr and "fault of resgrid" not in result.stderr
+    for word in expected:
+        assert word in result.stderr
+
+
+@pytest.mark.parametrize("verb", [verb for verb in VERBS if verb not in ("check", "info")])
+def test_targets_that_cannot_be_written(call, room, tmp_path, verb):
+    suffix = {"compile": ".cir", "solve": ".npz", "path": ".csv", "plot": ".png", "run": ""}[verb]
+    folder = tmp_path / f"folder{suffix}"
+    if verb == "run":
+        folder.write_text("a file")
+    else:
+        folder.mkdir()
+    before = sorted(tmp_path.rglob("*"))
+    result = call(verb, room, "-o", folder)
+    assert result.exit_code == 2
+    assert folder.name in result.stderr
+    assert sorted(tmp_path.rglob("*")) == before
+    if verb != "run":
+        result = call(verb, room, "-o", tmp_path / "absent" / f"x{suffix}")
+        assert result.exit_code == 2 and "absent" in result.stderr
+
+
+def test_an_error_is_an_object_where_json_is_asked_for(call, tmp_path):
+    result = call("path", tmp_path / "no.toml", "--json")
+    data = json.loads(result.stdout)
+    assert result.exit_code == 2 == data["exit_code"]
+    assert data["schema"] == 1 and "no.toml" in data["error"] and data["kind"] == "InputError"
+
+
+def test_a_fault_of_our_own_asks_for_a_report(call, room, monkeypatch):
+    def broken(*_args, **_more):
+        raise ZeroDivisionError("oops")
+
+    monkeypatch.setattr("resgrid.scene.sampling.sample", broken)
+    monkeypatch.setattr("resgrid.scene.sample", broken)
+    plain, debug = call("path", room), call("path", room, "--debug")
+    assert plain.exit_code == debug.exit_code == 70
+    assert "Traceback" not in plain.stderr and "ZeroDivisionError: oops" in plain.stderr and "--debug" in plain.stderr
+    assert "Traceback" in debug.stderr
+
+
+def test_an_array_of_nan_is_refused(call, tmp_path):
+    np.save(tmp_path / "map.npy", np.full((3, 3), np.nan))
+    check_refusal(call("path", tmp_path / "map.npy", "--goal", "1,1", "--start", "2,2"), 2, ["map.npy"])
