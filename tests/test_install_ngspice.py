@@ -1,0 +1,76 @@
+"""The script that gets ngspice, in a world of stand-in programs."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import pytest
+from conftest import PROJECT
+
+INSTALLS = """echo "$@" >> {log}
+case "$*" in *install*) echo "#!/bin/sh" > {bin}/ngspice; /bin/chmod +x {bin}/ngspice;; esac"""
+
+
+def run_script(folder: Path, programs: dict[str, str], **environment: str) -> tuple[int, str, str]:
+    """Exit status, messages, and what the installers were asked, with only the given programs on PATH."""
+    bin_, log = folder / "bin", folder / "log"
+    bin_.mkdir()
+    log.touch()
+    for name, body in programs.items():
+        (bin_ / name).write_text("#!/bin/sh\n" + body.replace("{log}", str(log)).replace("{bin}", str(bin_)) + "\n")
+        (bin_ / name).chmod(0o755)
+    run = subprocess.run(
+        ["/bin/sh", PROJECT / "scripts" / "install_ngspice.sh"],
+        env={"PATH": str(bin_), **environment},
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=False,
+    )
+    return run.returncode, run.stderr, log.read_text()
+
+
+ENV = 'while case "$1" in *=*) true;; *) false;; esac; do shift; done; exec "$@"'
+ROOT = {"id": "echo 0", "env": ENV, "apt-get": INSTALLS}
+USER = {"id": "echo 1000", "env": ENV, "apt-get": INSTALLS}
+
+
+@pytest.mark.parametrize(
+    ("programs", "asked"),
+    [
+        ({"ngspice": "", **USER}, ""),
+        (ROOT, "update -qq\ninstall -y -qq --no-install-recommends ngspice\n"),
+        ({**ROOT, "sudo": "exit 1"}, "update -qq\ninstall -y -qq --no-install-recommends ngspice\n"),
+        (
+            {**USER, "sudo": 'shift; exec "$@"', "true": ""},
+            "update -qq\ninstall -y -qq --no-install-recommends ngspice\n",
+        ),
+        ({"brew": INSTALLS}, "install ngspice\n"),
+    ],
+    ids=["present", "root", "root without sudo", "passwordless sudo", "brew"],
+)
+def test_it_is_installed(tmp_path: Path, programs: dict[str, str], asked: str) -> None:
+    status, messages, log = run_script(tmp_path, programs)
+    assert (status, messages) == (0, "")
+    assert log == asked
+
+
+@pytest.mark.parametrize(
+    ("programs", "environment", "command"),
+    [
+        (USER, {}, "sudo apt-get update && sudo apt-get install -y ngspice"),
+        ({**USER, "sudo": "exit 1"}, {}, "sudo apt-get update && sudo apt-get install -y ngspice"),
+        ({**ROOT, "apt-get": "exit 100"}, {}, "sudo apt-get update && sudo apt-get install -y ngspice"),
+        ({**ROOT, "apt-get": "exit 0"}, {}, "not on PATH"),
+        ({"brew": "exit 1"}, {}, "brew install ngspice"),
+        ({}, {}, "sudo dnf install ngspice"),
+        (ROOT, {"RESGRID_NGSPICE": "/nowhere/ngspice"}, "correct or unset it"),
+    ],
+)
+def test_it_stops_with_the_command_to_type(
+    tmp_path: Path, programs: dict[str, str], environment: dict[str, str], command: str
+) -> None:
+    status, messages, _ = run_script(tmp_path, programs, **environment)
+    assert status == 1
+    assert command in messages
