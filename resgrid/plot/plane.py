@@ -15,10 +15,13 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.errors import InputError
 from resgrid.plot.blocks import block_colours, block_means, block_size
 from resgrid.plot.style import GOAL, OBSTACLE, UNREACHABLE, add_swatch, axis_label, dress
-from resgrid.space import Axis, Cell, ConfigurationSpace
+from resgrid.space import Axis, Cell, ConfigurationSpace, label_regions
 
 MOST_CELLS = 1024
 """Cells along an axis above which pictures show means over blocks."""
+
+_VISIBLE = 0.015
+_MOST_RINGS = 30
 
 PICTURES = (
     "one axis: plot_profile; two axes: plot_space, plot_potential, plot_currents, plot_streamlines, plot_circuit; "
@@ -137,10 +140,8 @@ def draw_image(plane: Plane, values: NDArray[Any], axes: Axes, **style: Any) -> 
     matplotlib.image.AxesImage
     """
     block = block_size(values.shape, MOST_CELLS)
-    if values.ndim == 3:
-        pixels = block_colours(values, block)
-    else:
-        pixels = np.ma.masked_invalid(block_means(values, block))
+    coloured = values.ndim == 3
+    pixels = block_colours(values, block) if coloured else np.ma.masked_invalid(block_means(values, block))
     left, _, bottom, _ = plane.extent
     right, top = (
         axis.lower + count * block * axis.spacing for axis, count in zip((plane.x, plane.y), pixels.shape, strict=False)
@@ -165,7 +166,27 @@ def draw_cells(plane: Plane, axes: Axes, **style: Any) -> AxesImage:
         if where.any():
             colours[where] = np.round(255 * np.array(to_rgba(colour)))
             add_swatch(axes, label, colour)
+    _ring_small_goals(plane, axes)
     return draw_image(plane, colours, axes, zorder=2.0, **style)
+
+
+def _ring_small_goals(plane: Plane, axes: Axes) -> None:
+    """Draw a ring around goals too small to be seen."""
+    from scipy.ndimage import find_objects
+
+    boxes = find_objects(label_regions(plane.cell == Cell.GOAL, (False, False)))
+    small = [
+        box for box in boxes if box and max(part.stop - part.start for part in box) < _VISIBLE * max(plane.cell.shape)
+    ]
+    if not small or len(small) > _MOST_RINGS:
+        return
+    middle = np.array([[(part.start + part.stop) / 2 for part in box] for box in small])
+    centres = plane.place((plane.x.lower, plane.y.lower) + middle * (plane.x.spacing, plane.y.spacing))
+    for width, colour in ((2.6, "white"), (1.4, GOAL)):
+        axes.scatter(
+            centres[:, 0], centres[:, 1], s=70, marker="o", facecolor="none", edgecolor=colour, linewidth=width,
+            zorder=3.5,
+        )  # fmt: skip
 
 
 def finish(plane: Plane, axes: Axes) -> Axes:
