@@ -3,12 +3,14 @@
 # make check   lint, formatting, types, import order
 # make format  apply the formatter and the safe fixes
 # make bench   run the benchmarks
+# make golden  write the decks in netlists/ anew
 # make clean   remove what was made here
 
 PYTHON ?= python3
 JOBS ?= 2
 SCENE ?= examples/scenes/rooms.toml
 OUT ?= out/$(basename $(notdir $(SCENE)))
+GOLDEN ?= netlists
 
 VENV := .venv
 BIN := $(VENV)/bin
@@ -16,7 +18,7 @@ CREATED := $(VENV)/.created
 INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
 
-.PHONY: demo test check format bench clean
+.PHONY: demo test check format bench golden clean
 .DELETE_ON_ERROR:
 
 demo: $(INSTALLED)
@@ -39,6 +41,14 @@ format: $(INSTALLED_DEV)
 bench: $(INSTALLED_DEV)
 	@if [ -f benchmarks/__main__.py ]; then $(BIN)/python -m benchmarks; \
 	else echo "there are no benchmarks yet"; fi
+
+golden: $(INSTALLED)
+	$(BIN)/resgrid compile examples/scenes/lesson.toml -o $(GOLDEN)/lesson_dirichlet.cir
+	$(BIN)/resgrid compile examples/scenes/lesson.toml --boundary neumann -o $(GOLDEN)/lesson_neumann.cir
+	$(BIN)/resgrid compile examples/scenes/lesson.toml --boundary neumann --drive start -o $(GOLDEN)/lesson_start.cir
+	$(BIN)/resgrid compile examples/scenes/lesson.toml --boundary wall --set chip.wall_resistance=33k -o $(GOLDEN)/lesson_wall.cir
+	$(BIN)/resgrid compile examples/scenes/ring.toml --set grid.axes.0.cells=16 --set grid.axes.1.cells=6 -o $(GOLDEN)/ring.cir
+	$(BIN)/resgrid compile examples/scenes/voxels.toml --set grid.axes.0.cells=4 --set grid.axes.1.cells=4 --set grid.axes.2.cells=4 -o $(GOLDEN)/voxels.cir
 
 clean:
 	rm -rf $(VENV) out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -40,7 +40,7 @@ BAD_SCENES = {
     "huge": (
         HEAD + START + GRID.replace("cells = 4", "cells = 1000000") + GOAL,
         4,
-        ["cells", "memory"],
+        ["1e+12 cells", "GiB"],
     ),
     "absent_map": (HEAD + START + "[[goal]]\ncell = [0, 0]\n[map]\nfile = 'nowhere.png'\n", 2, ["nowhere.png"]),
     "drive_on_rails": (HEAD + "drive = 'uniform'\n" + START + GRID + GOAL, 2, ["drive", "neumann"]),
