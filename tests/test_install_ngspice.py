@@ -6,7 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
-from conftest import PROJECT
+PROJECT = Path(__file__).resolve().parents[1]
 
 INSTALLS = """echo "$@" >> {log}
 case "$*" in *install*) echo "#!/bin/sh" > {bin}/ngspice; /bin/chmod +x {bin}/ngspice;; esac"""

@@ -7,7 +7,7 @@ import sys
 import tomllib
 from pathlib import Path
 
-from conftest import PROJECT
+PROJECT = Path(__file__).resolve().parents[1]
 
 
 def test_imports_only_point_downwards(tmp_path: Path) -> None:
