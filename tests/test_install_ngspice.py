@@ -6,6 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+
 PROJECT = Path(__file__).resolve().parents[1]
 
 INSTALLS = """echo "$@" >> {log}
