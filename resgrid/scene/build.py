@@ -11,7 +11,8 @@ import numpy as np
 
 from resgrid.errors import InputError
 from resgrid.robots import Ball, Box, HalfSpace, PointRobot, Polygon
-from resgrid.scene.maps import MapData, read_map
+from resgrid.scene.map_data import MapData
+from resgrid.scene.maps import read_map
 from resgrid.scene.scene import Chip, CostArea, Frame, Goal, GoalCell, GoalPoint, MapCells, Scene
 from resgrid.scene.toml_lines import Path as KeyPath
 from resgrid.scene.validate import validate

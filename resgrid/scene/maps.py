@@ -8,33 +8,10 @@ from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from resgrid.errors import InputError
+from resgrid.scene import movingai, plain, ros
 from resgrid.scene.files import read_bytes
-from resgrid.scene.scene import Frame
-from resgrid.space import Axis
-
-
-@dataclass(frozen=True, eq=False)
-class MapData:
-    """What a map file says.
-
-    Attributes
-    ----------
-    axes : tuple of Axis
-        The grid, in the map's own coordinates.
-    frame : Frame
-        From those to the world's.
-    cell : ndarray of uint8
-        `resgrid.space.Cell` codes on the grid.
-    """
-
-    axes: tuple[Axis, ...]
-    frame: Frame
-    cell: NDArray[np.uint8]
-
+from resgrid.scene.map_data import MapData
 
 Reader = Callable[..., MapData]
 
@@ -144,62 +121,7 @@ def guess_format(path: Path) -> str:
     raise InputError(f"{path}: this is no known kind of map; scenes end in .toml, maps in {known}, or give the format")
 
 
-def cells_from_rows(rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Picture rows, the top one first, turned into cells with x first and y upwards.
-
-    Parameters
-    ----------
-    rows : ndarray of uint8, shape (height, width)
-
-    Returns
-    -------
-    ndarray of uint8, shape (width, height)
-    """
-    return np.ascontiguousarray(rows[::-1].T)
-
-
-def placed_axes(
-    shape: tuple[int, ...],
-    spacing: float = 1.0,
-    origin: list[float] | None = None,
-    unit: str | None = None,
-) -> tuple[Axis, ...]:
-    """Axes of a map that does not say where it lies.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Number of cells along each axis.
-    spacing : float
-        Width of a cell, in ``unit``.
-    origin : list of float, optional
-        Lower corner; 0 by default.
-    unit : str, optional
-        ``"cell"`` by default, ``"m"`` where a spacing other than 1 is given.
-
-    Returns
-    -------
-    tuple of Axis
-
-    Raises
-    ------
-    InputError
-        If the origin has another number of coordinates.
-    """
-    corner = [0.0] * len(shape) if origin is None else origin
-    if len(corner) != len(shape):
-        raise InputError(f"map.origin: needs {len(shape)} coordinates, one for each axis, got {len(corner)}")
-    names = ("x", "y", "z", "w")
-    label = unit or ("cell" if spacing == 1 else "m")
-    return tuple(
-        Axis(name, float(low), low + cells * spacing, cells, unit=label)
-        for name, low, cells in zip(names, corner, shape, strict=False)
-    )
-
-
 def _reader(name: str) -> Reader:
-    from resgrid.scene import movingai, plain, ros
-
     readers: Mapping[str, Reader] = {
         "ros": ros.read_ros,
         "movingai": movingai.read_movingai,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from resgrid.errors import InputError
 from resgrid.scene.files import read_bytes, require_memory
 from resgrid.scene.images import read_raster
-from resgrid.scene.maps import MapData, cells_from_rows, placed_axes
+from resgrid.scene.map_data import MapData, cells_from_rows, placed_axes
 from resgrid.scene.scene import Frame
 from resgrid.space import MAX_DIMENSIONS, Cell
 

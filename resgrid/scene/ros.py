@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from resgrid.errors import InputError
 from resgrid.scene.files import read_text
 from resgrid.scene.images import Raster, read_raster
-from resgrid.scene.maps import MapData
+from resgrid.scene.map_data import MapData
 from resgrid.scene.scene import Frame
 from resgrid.space import Axis, Cell
 
