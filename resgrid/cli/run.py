@@ -121,7 +121,8 @@ def _lines(
     job: Job, plan: Plan, folder: Path, files: Mapping[str, str], checks: Mapping[str, Agreement | str]
 ) -> Iterator[str]:
     space = job.space
-    yield f"{job.scene.title or job.scene.source}: {size_of(space.shape)} cells, {space.goal_count} goal regions"
+    goals = "1 goal" if space.goal_count == 1 else f"{space.goal_count} goals"
+    yield f"{job.scene.title or job.scene.source}: {size_of(space.shape)} cells, {goals}"
     yield "paths"
     if not plan.routes:
         yield "  none: the scene has no start; add one with --start X,Y"

@@ -1,0 +1,155 @@
+"""What only a real process shows: how fast it starts, how it ends, what it says to a terminal."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import re
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+import resgrid
+
+COMMAND = [sys.executable, "-c", "from resgrid.cli import main; main(prog_name='resgrid')"]
+HEAVY = ("numpy", "scipy", "numba", "matplotlib", "pydantic", "rich", "shapely", "PIL", "networkx")
+
+
+def modules_after(code: str) -> list[str]:
+    script = f"import sys\ntry:\n    {code}\nexcept SystemExit:\n    pass\nprint(*sys.modules, file=sys.stderr)"
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    return done.stderr.split()
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import resgrid",
+        "from resgrid.cli import main; main(['--help'])",
+        "from resgrid.cli import main; main(['run', '--help'])",
+        "from resgrid.cli import main; main(['--version'])",
+    ],
+)
+def test_nothing_heavy_is_loaded_before_there_is_work(code):
+    loaded = modules_after(code)
+    assert [name for name in HEAVY if name in loaded] == []
+
+
+def test_importing_and_asking_for_help_are_quick():
+    def best(words: list[str]) -> float:
+        times = []
+        for _ in range(3):
+            begin = time.perf_counter()
+            subprocess.run(words, capture_output=True, check=True)
+            times.append(time.perf_counter() - begin)
+        return min(times)
+
+    python = best([sys.executable, "-c", "pass"])
+    assert best([sys.executable, "-c", "import resgrid"]) - python < 0.05
+    assert best([*COMMAND, "--help"]) < 1 / 3
+
+
+def test_public_names_are_real_and_documented():
+    source = Path(resgrid.__file__).read_text()
+    promised = source[source.index("if TYPE_CHECKING:") : source.index("_HOME")]
+    for name in resgrid.__all__:
+        value = getattr(resgrid, name)
+        if name != "__version__":
+            assert value.__doc__, name
+            assert re.search(rf"\b{name}\b", promised), f"{name} is hidden from type checkers"
+    assert dir(resgrid) == resgrid.__all__
+    with pytest.raises(AttributeError, match="no attribute 'solv'"):
+        _ = resgrid.solv
+
+
+def test_every_verb_has_help_and_completion():
+    done = subprocess.run([*COMMAND, "--help"], capture_output=True, text=True, check=True)
+    verbs = ["run", "compile", "solve", "path", "plot", "check", "info"]
+    commands = done.stdout[done.stdout.index("Commands:") :]
+    positions = [commands.index(f"\n  {verb} ") for verb in verbs]
+    assert positions == sorted(positions)
+    environment = {**os.environ, "_RESGRID_COMPLETE": "bash_complete", "COMP_WORDS": "resgrid com", "COMP_CWORD": "1"}
+    done = subprocess.run(COMMAND, capture_output=True, text=True, check=True, env=environment)
+    assert done.stdout.split() == ["plain,compile"]
+
+
+def test_a_reader_that_leaves_is_no_error(scenes):
+    # Far more than a pipe holds, so that writing meets the closed end; unbuffered, Python would not notice.
+    words = [*COMMAND, "compile", str(scenes / "rooms.toml")]
+    environment = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment) as process:
+        assert process.stdout is not None and process.stderr is not None
+        assert process.stdout.readline() == b"* Rooms, dirichlet\n"
+        process.stdout.close()
+        assert process.stderr.read() == b""
+        assert process.wait(timeout=60) == 141
+
+
+def test_an_interrupt_leaves_nothing_half_written(scenes, tmp_path):
+    words = [*COMMAND, "run", str(scenes / "rooms.toml"), "-o", str(tmp_path / "out"), "-v"]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stderr is not None
+        while not process.stderr.readline().startswith("cut it into cells"):
+            assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        assert process.wait(timeout=60) == 130
+        assert process.stderr.read().splitlines()[-1] == "resgrid: interrupted; nothing half-written is left"
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_json_in_a_real_process_is_alone_on_standard_output(scenes):
+    words = [*COMMAND, "path", str(scenes / "lesson.toml"), "--json", "-v"]
+    done = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert json.loads(done.stdout)["paths"][0]["outcome"] == "reached"
+    assert "solve the dirichlet chip" in done.stderr
+
+
+@pytest.mark.parametrize("colourless", [False, True])
+def test_errors_are_coloured_on_a_terminal_only(tmp_path, colourless):
+    environment = {key: value for key, value in os.environ.items() if key != "NO_COLOR"}
+    environment |= {"NO_COLOR": "1"} if colourless else {}
+    said = on_terminal(["path", str(tmp_path / "no.toml")], environment)
+    assert "no such file" in said
+    assert ("\x1b[" in said) is not colourless
+    done = subprocess.run([*COMMAND, "path", "no.toml"], capture_output=True, text=True, check=False, env=environment)
+    assert "\x1b[" not in done.stderr
+
+
+def test_a_bar_tells_the_time_left_on_a_terminal(tmp_path):
+    script = (
+        "import time\nfrom resgrid.cli.report import Report\n"
+        "with Report().stage('follow the current', steps=4) as progress:\n"
+        "    for _ in range(4):\n        time.sleep(0.4); progress.advance()\n"
+        "with Report().stage('solve the chip', seconds=9.0):\n    time.sleep(1.3)\n"
+    )
+    said = on_terminal([], {**os.environ, "TERM": "xterm"}, [sys.executable, "-c", script])
+    assert "follow the current" in said and "solve the chip" in said
+    assert re.search(r"about \d+ s left", said)
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout == done.stderr == ""
+
+
+def on_terminal(words: list[str], environment: dict[str, str], command: list[str] | None = None) -> str:
+    """What a process says on standard error, where that is a terminal."""
+    leader, follower = pty.openpty()
+    process = subprocess.Popen(
+        [*(command or COMMAND), *words], stdout=subprocess.DEVNULL, stderr=follower, env=environment
+    )
+    os.close(follower)
+    said = b""
+    while True:
+        try:
+            part = os.read(leader, 4096)
+        except OSError:  # the other end is closed
+            break
+        if not part:
+            break
+        said += part
+    process.wait(timeout=60)
+    os.close(leader)
+    return said.decode()

@@ -1,0 +1,145 @@
+"""The main job: one folder with paths, pictures and checked decks, whole or not there."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from resgrid.cli.folder import whole_folder
+from resgrid.errors import InputError
+
+
+def names(folder: Path) -> set[str]:
+    return {file.name for file in folder.iterdir()}
+
+
+def test_everything_is_in_one_folder(answer, lesson, tmp_path):
+    folder = tmp_path / "deep" / "out"
+    data = answer("run", lesson, "-o", folder)
+    deck = {"dirichlet.cir", "dirichlet.cir.json", "dirichlet.cir.ngspice", "dirichlet.npz"}
+    assert names(folder) == {"page.png", "circuit.png", "paths.csv", "paths.json", "summary.json"} | deck
+    assert set(data["files"]) == names(folder)
+    assert names(tmp_path / "deep") == {"out"}
+    assert [path["outcome"] for path in data["paths"]] == ["reached"]
+    assert data["chips"][0]["check"]["agrees"] is True and data["chips"][0]["check"]["nodes"] == 58
+    summary = json.loads((folder / "summary.json").read_text())
+    assert summary == {key: value for key, value in data.items() if key != "folder"}
+    with np.load(folder / "dirichlet.npz") as arrays:
+        assert arrays["cell"].shape == (8, 8)
+    assert (folder / "page.png").read_bytes().startswith(b"\x89PNG")
+    assert answer("check", folder / "dirichlet.cir")["agrees"]
+
+
+def test_blends_need_two_chips_and_a_page_each(call, lesson, tmp_path):
+    folder = tmp_path / "out"
+    result = call("run", lesson, "--k", "0,0.5,1", "--no-check", "-o", folder)
+    assert result.exit_code == 0, result.stderr
+    assert {"page_k_0.png", "page_k_0.5.png", "page_k_1.png", "paths.png"} <= names(folder)
+    assert {"dirichlet.cir", "neumann.cir"} <= names(folder)
+    assert "not checked: --no-check" in result.stdout and str(folder) in result.stdout
+    assert result.stdout.count("reached goal 0") == 3
+
+
+def test_a_second_run_replaces_its_own_files_and_keeps_others(call, lesson, tmp_path):
+    folder = tmp_path / "out"
+    assert call("run", lesson, "--k", "0,1", "--no-check", "-o", folder).exit_code == 0
+    (folder / "notes.txt").write_text("mine")
+    assert call("run", lesson, "--no-check", "-o", folder).exit_code == 0
+    assert "page_k_0.png" not in names(folder) and "neumann.cir" not in names(folder)
+    assert (folder / "notes.txt").read_text() == "mine"
+    assert {"page.png", "dirichlet.cir"} <= names(folder)
+
+
+def test_a_summary_that_lies_removes_nothing_else(call, lesson, tmp_path):
+    folder = tmp_path / "out"
+    folder.mkdir()
+    (tmp_path / "precious.txt").write_text("mine")
+    (folder / "summary.json").write_text('{"files": ["../precious.txt", "..", "", 3]}')
+    assert call("run", lesson, "--no-check", "-o", folder).exit_code == 0
+    assert (tmp_path / "precious.txt").exists()
+
+
+def test_a_start_without_a_path_ends_with_one_and_still_writes(call, room, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    result = call("run", room)
+    assert result.exit_code == 1
+    assert "no_path" in result.stdout and (tmp_path / "out" / "room" / "page.png").exists()
+
+
+def test_starts_that_cannot_drive_leave_a_map(call, room, tmp_path):
+    words = ("--boundary", "neumann", "--drive", "start", "--start", "5.5,0.5", "-o", tmp_path / "out")
+    assert call("run", room, *words).exit_code == 1
+    assert names(tmp_path / "out") == {"paths.png", "paths.csv", "paths.json", "summary.json"}
+
+
+def test_a_scene_without_starts_is_no_failure(call, lesson, tmp_path):
+    result = call("run", lesson, "--set", "starts=[]", "--no-check", "-o", tmp_path / "out")
+    assert result.exit_code == 0 and "--start X,Y" in result.stdout
+    assert "paths.csv" not in names(tmp_path / "out")
+
+
+@pytest.mark.parametrize("scene", ["ring", "voxels"])
+def test_rings_and_rooms_in_space(call, scenes, tmp_path, scene):
+    words = [f"--set=grid.axes.{axis}.cells=12" for axis in range(2 + (scene == "voxels"))]
+    result = call("run", scenes / f"{scene}.toml", *words, "-o", tmp_path / "out")
+    assert result.exit_code == 0, result.stdout + result.stderr
+    assert "page.png" in names(tmp_path / "out") and "agrees" in result.stdout
+
+
+def test_one_and_four_axes_run(call, tmp_path):
+    for ndim in (1, 4):
+        cell = np.zeros((4,) * ndim, dtype=np.uint8)
+        np.save(tmp_path / "map.npy", cell)
+        far, near = (",".join([value] * ndim) for value in ("3.5", "0.5"))
+        folder = tmp_path / f"out_{ndim}"
+        result = call("run", tmp_path / "map.npy", "--goal", near, "--start", far, "-o", folder)
+        assert result.exit_code == 0, result.stdout + result.stderr
+        assert ("page.png" in names(folder)) == (ndim == 1)
+
+
+def test_a_big_deck_is_written_but_not_simulated(call, lesson, tmp_path, monkeypatch):
+    monkeypatch.setattr("resgrid.cli.run.CHECKED_RESISTORS", 100)
+    result = call("run", lesson, "-o", tmp_path / "out")
+    assert result.exit_code == 0 and "140 resistors" in result.stdout and "--check" in result.stdout
+    assert "dirichlet.cir" in names(tmp_path / "out")
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])
+def test_a_folder_is_whole_or_not_there(tmp_path, error):
+    def fill() -> None:
+        with whole_folder(tmp_path / "a" / "b") as made:
+            (made / "x").write_text("half")
+            raise error
+
+    with pytest.raises(error):
+        fill()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_replaces_a_folder_of_that_name_never(tmp_path):
+    (tmp_path / "out" / "x").mkdir(parents=True)
+    with pytest.raises(InputError, match="out"), whole_folder(tmp_path / "out") as made:
+        (made / "x").write_text("a file")
+    assert (tmp_path / "out" / "x").is_dir() and names(tmp_path) == {"out"}
+
+
+@pytest.mark.parametrize("what", ["page", "space", "potential", "currents", "paths", "circuit"])
+def test_every_picture_is_drawn(call, lesson, tmp_path, what):
+    file = tmp_path / "picture.png"
+    assert call("plot", lesson, "--what", what, "-o", file).exit_code == 0
+    assert file.read_bytes().startswith(b"\x89PNG")
+
+
+def test_pictures_have_other_formats_and_refusals(call, answer, lesson, scenes, tmp_path):
+    assert call("plot", lesson, "--what", "space", "-o", "-").stdout_bytes.startswith(b"\x89PNG")
+    assert answer("plot", lesson, "-o", tmp_path / "a.svg")["what"] == "page"
+    assert "<svg" in (tmp_path / "a.svg").read_text()
+    words = [f"--set=grid.axes.{axis}.cells=6" for axis in range(3)]
+    assert call("plot", scenes / "voxels.toml", *words, "--what", "slices", "-o", tmp_path / "s.pdf").exit_code == 0
+    assert "axes" in call("plot", lesson, "--what", "slices", "-o", tmp_path / "x.png").stderr
+    assert "there are page" in call("plot", lesson, "--what", "pag", "-o", tmp_path / "x.png").stderr
+    assert ".svg" in call("plot", lesson, "-o", tmp_path / "x.bmp").stderr
+    assert not (tmp_path / "x.png").exists()

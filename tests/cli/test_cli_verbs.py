@@ -1,0 +1,251 @@
+"""What each verb answers, against numbers from the library and by hand."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import resgrid as rg
+
+
+def read(file: Path) -> dict[str, np.ndarray]:
+    with np.load(file) as arrays:
+        return dict(arrays)
+
+
+def test_solve_tells_what_its_meters_read(answer, room, tmp_path):
+    data = answer("solve", room, "-o", tmp_path / "field.npz")
+    # 6 x 5 cells, less a column of five obstacles and one goal; five more lie behind the wall.
+    assert data["free_cells"] == 24
+    assert data["unreachable_cells"] == 5
+    assert data["nodes"] == 24 + 3  # ground and both rails
+    assert data["kcl_residual"] < 1e-12
+    assert set(data["seconds"]) >= {"assemble", "factor", "substitute", "read"}
+    assert data["solver"] == "direct"
+    op = rg.solve(rg.compile_space(rg.sample(rg.read_scene(room))))
+    assert data["power"] == pytest.approx(op.power)
+    arrays = read(tmp_path / "field.npz")
+    field = rg.field(op)
+    for key in ("potential", "log_drop", "cell"):
+        expected = field.space.cell if key == "cell" else getattr(field, key)
+        np.testing.assert_array_equal(arrays[key], expected)
+    assert np.all(arrays["log_drop"][5] == -np.inf)
+
+
+def test_path_names_every_outcome_and_what_to_do(answer, call, room):
+    data = answer("path", room, code=1)
+    reached, lost = data["paths"]
+    assert reached["outcome"] == "reached" and reached["goal"] == 0 and reached["k"] == 1
+    assert reached["start"] == [0.5, 0.5] == reached["points"][0]
+    steps = np.diff(reached["points"], axis=0)
+    assert reached["length"] == pytest.approx(np.linalg.norm(steps, axis=1).sum())
+    assert np.all(np.abs(np.diff(reached["cells"], axis=0)).sum(axis=1) == 1)
+    assert lost["outcome"] == "no_path" and lost["goal"] is None and "open a way" in lost["message"]
+    assert lost["log_duration"] is None  # NaN in Python
+    assert "no_path" in call("path", room).stdout
+    blocked = answer("path", room, "--start", "4.5,2.5", code=1)["paths"][0]
+    assert blocked["outcome"] == "start_blocked"
+    walled = answer("path", room, "--goal", "5.5,2.5", "--start", "0.5,0.5", code=1)["paths"][0]
+    assert walled["outcome"] == "no_path"
+
+
+def test_dead_ends_are_served_by_either_drive(answer, tmp_path):
+    cell = np.zeros((3, 40), dtype=np.uint8)
+    cell[0, 1:] = 1  # an L: the goal in one corner, the long dead end behind the other
+    cell[1, 3:] = 1
+    np.save(tmp_path / "branch.npy", cell)
+    words = ("path", tmp_path / "branch.npy", "--goal", "0.5,0.5", "--boundary", "neumann")
+    starts = ("--start", "2.5,0.5", "--start", "2.5,39.5")
+    for drive in ("start", "uniform"):
+        outcomes = [path["outcome"] for path in answer(*words, "--drive", drive, *starts)["paths"]]
+        assert outcomes == ["reached", "reached"]
+
+
+def test_starts_drive_one_chip_each(answer, room):
+    words = ("path", room, "--boundary", "neumann", "--drive", "start")
+    data = answer(*words, "--start", "0.5,0.5", "--start", "2.5,4.5", "--start", "3.5,3.5")
+    assert [path["outcome"] for path in data["paths"]] == ["reached"] * 3
+    assert data["paths"][2]["length"] == 0
+    data = answer(*words, "--start", "5.5,0.5", "--start", "4.5,0.5", code=1)
+    assert [path["outcome"] for path in data["paths"]] == ["no_path", "start_blocked"]
+
+
+def test_blends_share_a_start(answer, lesson):
+    paths = answer("path", lesson, "--k", "0,0.5", "--k", "1")["paths"]
+    assert [path["k"] for path in paths] == [0, 0.5, 1]
+    scene = rg.read_scene(lesson)
+    space = rg.sample(scene)
+    fields = [rg.field(rg.solve(rg.compile_space(space, boundary=b))) for b in ("dirichlet", "neumann")]
+    for path in paths:
+        line = rg.streamline(rg.blend(*fields, path["k"]), start=scene.starts[0])
+        assert path["length"] == pytest.approx(line.length, rel=1e-12)
+
+
+@pytest.mark.parametrize(("place", "cells"), [("2.5,3.5", False), ("2,3", True)])
+def test_places_are_points_or_cells(answer, room, place, cells):
+    words = ("path", room, "--start", place, *(["--cells"] if cells else []))
+    path = answer(*words)["paths"][0]
+    assert path["start"] == [2.5, 3.5] and path["cells"][0] == [2, 3]
+
+
+def test_world_coordinates_hold_on_a_turned_map(answer, tmp_path):
+    pixels = np.full((4, 6), 254, dtype=np.uint8)
+    (tmp_path / "map.pgm").write_bytes(b"P5\n6 4\n255\n" + pixels.tobytes())
+    (tmp_path / "map.yaml").write_text(
+        "image: map.pgm\nresolution: 1\norigin: [10, 20, 1.5707963267948966]\n"
+        "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n"
+    )
+    # A quarter turn: the map's x runs along the world's y, its y against the world's x.
+    path = answer("path", tmp_path / "map.yaml", "--start", "9.5,20.5", "--goal", "6.5,25.5")["paths"][0]
+    assert path["outcome"] == "reached"
+    assert path["cells"][0] == [0, 0]
+    np.testing.assert_allclose(path["points"][0], [9.5, 20.5], atol=1e-12)
+    goal = np.array(path["points"][-1])
+    assert np.all(np.abs(goal - [6.5, 25.5]) <= 0.5 + 1e-9)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".json", ".npz"])
+def test_paths_are_written_as_the_suffix_says(call, room, tmp_path, suffix):
+    file = tmp_path / f"paths{suffix}"
+    assert call("path", room, "-o", file).exit_code == 1  # the second start has no path
+    if suffix == ".csv":
+        rows = list(csv.DictReader(io.StringIO(file.read_text())))
+        assert set(rows[0]) == {"path", "k", "outcome", "x", "y"}
+        points = [(float(row["x"]), float(row["y"])) for row in rows if row["path"] == "0"]
+        assert rows[-1]["outcome"] == "no_path"
+    elif suffix == ".json":
+        points = json.loads(file.read_text())["paths"][0]["points"]
+    else:
+        points = read(file)["points_0"]
+    line = rg.streamline(rg.field(rg.solve(rg.compile_space(rg.sample(rg.read_scene(room))))), start=(0.5, 0.5))
+    np.testing.assert_array_equal(points, line.points)
+    assert call("path", room, "-o", "-").stdout.startswith("path,k,outcome,x,y\n0,1.0,reached,0.5,0.5\n")
+
+
+def test_scenes_and_maps_come_through_a_pipe(answer, room, tmp_path):
+    expected = answer("path", room, code=1)["paths"]
+    assert answer("path", "-", code=1, piped=room.read_text())["paths"] == expected
+    np.save(tmp_path / "map.npy", np.zeros((3, 3), dtype=np.uint8))
+    words = ("path", "-", "--goal", "0.5,0.5", "--start", "2.5,2.5")
+    assert answer(*words, piped=(tmp_path / "map.npy").read_bytes())["paths"][0]["outcome"] == "reached"
+
+
+def test_map_options_reach_the_reader(answer, tmp_path):
+    (tmp_path / "swamp.map").write_text("type octile\nheight 1\nwidth 3\nmap\n.S.\n")
+    words = ("info", tmp_path / "swamp.map")
+    assert answer(*words)["obstacle_cells"] == 0
+    assert answer(*words, "--passable", ".")["obstacle_cells"] == 1
+    grey = bytes([0, 255, 128])
+    (tmp_path / "grey.pgm").write_bytes(b"P5\n3 1\n255\n" + grey)
+    assert answer("info", tmp_path / "grey.pgm", "--threshold", "200")["obstacle_cells"] == 2
+    epic = answer("info", tmp_path / "grey.pgm", "--format", "epic", "--spacing", "0.5", "--origin", "1,2")
+    assert (epic["obstacle_cells"], epic["goal_cells"], epic["free_cells"]) == (1, 1, 1)
+    assert [axis["lower"] for axis in epic["axes"]] == [1, 2] and epic["axes"][0]["upper"] == 2.5
+    yaml = "image: grey.pgm\nresolution: 1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.2\n"
+    (tmp_path / "map.yaml").write_text(yaml)
+    assert answer("info", tmp_path / "map.yaml")["obstacle_cells"] == 2
+    assert answer("info", tmp_path / "map.yaml", "--unknown", "free")["obstacle_cells"] == 1
+    assert answer("info", tmp_path / "map.yaml", "--map-dialect", "ros1", "--lethal", "90")["free_cells"] == 1
+
+
+def test_options_stand_in_for_keys(answer, call, lesson):
+    assert answer("solve", lesson, "--boundary", "neumann")["chip"] == "neumann"
+    assert answer("solve", lesson, "--k", "0")["chip"] == "neumann"
+    walls = answer("solve", lesson, "--boundary", "wall", "--set", "chip.wall_resistance=33k")
+    rails = answer("solve", lesson)
+    assert walls["power"] < rails["power"]
+    assert answer("solve", lesson, "--resistance", "20k")["power"] == pytest.approx(rails["power"] / 2)
+    assert answer("solve", lesson, "--set", "supply=2")["power"] == pytest.approx(rails["power"] * 4)
+    # An open edge leaves out the 32 contacts around the grid.
+    assert rails["resistors"] - answer("solve", lesson, "--edge", "open")["resistors"] == 32
+    assert rails["resistors"] - answer("solve", lesson, "--edge", "open,obstacle")["resistors"] == 16
+    assert "two chips" in call("solve", lesson, "--k", "0.5").stderr
+
+
+def test_a_boundary_asked_for_overrides_blends_and_drives_of_the_scene(answer, scenes, tmp_path):
+    file = tmp_path / "driven.toml"
+    text = (scenes / "lesson.toml").read_text()
+    file.write_text(text.replace('boundary = "dirichlet"', 'boundary = "neumann"\ndrive = "uniform"\nk = [0, 1]'))
+    assert len(answer("path", file)["paths"]) == 2
+    assert len(answer("path", file, "--boundary", "dirichlet")["paths"]) == 1
+
+
+def test_compile_prints_or_writes_the_same_deck(answer, call, lesson, tmp_path):
+    deck = tmp_path / "chip.cir"
+    data = answer("compile", lesson, "--boundary", "neumann", "-o", deck)
+    assert data["deck"] == str(deck) and data["current_sources"] == 56 and data["resistors"] == 88
+    assert call("compile", lesson, "--boundary", "neumann").stdout_bytes == deck.read_bytes()
+    assert call("compile", lesson, "--boundary", "neumann", "-o", "-").stdout_bytes == deck.read_bytes()
+    nodes = json.loads(Path(data["sidecar"]).read_text())["nodes"]
+    assert max(node["voltage"] for node in nodes.values()) == pytest.approx(1.0, abs=1e-12)  # the drive is scaled
+    assert "no SPICE dialect" in call("compile", lesson, "--dialect", "spike").stderr
+
+
+def test_check_compares_deck_scene_and_simulator(answer, call, lesson, tmp_path):
+    deck = tmp_path / "chip.cir"
+    assert call("compile", lesson, "-o", deck).exit_code == 0
+    assert answer("check", deck)["reference"] == "sidecar"
+    data = answer("check", lesson)
+    assert data["reference"] == "solve" and data["agrees"] and data["simulator"] == "ngspice" and data["nodes"] == 58
+    assert answer("check", lesson, "--deck", deck)["reference"] == "scene"
+    text = deck.read_text()
+    line = next(line for line in text.splitlines() if line.startswith("r_2_0_3_0 "))
+    deck.write_text(text.replace(line, line.replace("10000.0", "10100.0")))
+    data = answer("check", deck, code=1)
+    assert not data["agrees"] and any("lines" in finding for finding in data["findings"])
+    assert data["worst"][0].keys() == {"node", "expected", "got"}
+    assert answer("check", lesson, "--deck", deck, code=1)["agrees"] is False
+    assert "DISAGREES" in call("check", deck).stdout
+    assert call("check", deck, "--deck", deck).exit_code == 2
+    assert call("check", deck, "--k", "1").exit_code == 2
+    assert call("check", lesson, "--tolerance", "7").exit_code == 2
+    (tmp_path / "chip.cir.json").unlink()
+    assert "sidecar" in call("check", deck).stderr
+
+
+def test_a_missing_simulator_ends_with_three(call, lesson, monkeypatch, tmp_path):
+    monkeypatch.setenv("RESGRID_NGSPICE", "no-such-ngspice")
+    result = call("check", lesson)
+    assert result.exit_code == 3 and "apt-get install ngspice" in result.stderr
+    result = call("run", lesson, "-o", tmp_path / "out")
+    assert result.exit_code == 0 and "not checked" in result.stdout
+    assert call("run", lesson, "-o", tmp_path / "out", "--check").exit_code == 3
+    assert call("info", "--versions").exit_code == 0
+
+
+def test_info_describes_scene_schema_and_versions(answer, call, room):
+    data = answer("info", room)
+    assert data["shape"] == [6, 5] and data["cells"] == 30 and data["goals"] == 1
+    assert (data["free_cells"], data["obstacle_cells"], data["unreachable_cells"]) == (24, 5, 5)
+    assert data["memory_bytes"] > 0 and data["nodes"] == 27
+    assert "Room: 6 x 5 = 30 cells" in call("info", room).stdout
+    schema = json.loads(call("info", "--schema").stdout)
+    assert schema["properties"]["boundary"]
+    assert answer("info", "--versions")["versions"]["numpy"] == np.__version__
+    assert call("info").exit_code == 2 and call("info", room, "--schema").exit_code == 2
+
+
+def test_queries_of_a_benchmark_are_answered(answer, call, tmp_path):
+    (tmp_path / "a.map").write_text("type octile\nheight 2\nwidth 4\nmap\n..@.\n..@.\n")
+    rows = ["0\ta.map\t4\t2\t0\t0\t1\t1\t1.4", "0\ta.map\t4\t2\t0\t0\t3\t0\t9", "0\ta.map\t4\t2\t0\t0\t2\t0\t9"]
+    (tmp_path / "a.scen").write_text("version 1\n" + "\n".join(rows) + "\n")
+    words = ("path", tmp_path / "a.map", "--queries", tmp_path / "a.scen")
+    data = answer(*words, code=1)
+    assert [path["outcome"] for path in data["paths"]] == ["reached", "no_path", "goal_blocked"]
+    assert answer(*words, "--limit", "1")["paths"][0]["length"] == pytest.approx(0.5**0.5)
+    assert "1 of 3 paths" in call(*words).stdout
+    (tmp_path / "b.map").write_text("type octile\nheight 1\nwidth 1\nmap\n.\n")
+    assert call("path", tmp_path / "b.map", "--queries", tmp_path / "a.scen").exit_code == 2
+
+
+def test_messages_keep_off_standard_output(call, room, tmp_path):
+    loud = call("solve", room, "-v", "-o", tmp_path / "a.npz")
+    quiet = call("solve", room, "-q", "-o", tmp_path / "b.npz")
+    assert loud.stdout == quiet.stdout != ""
+    assert "solve the dirichlet chip: " in loud.stderr and "wrote" in loud.stderr
+    assert quiet.stderr == ""
