@@ -73,10 +73,12 @@ def render_figure(figure: Figure, file_format: str, *, dpi: float = DPI) -> byte
     Raises
     ------
     InputError
-        If the format is unknown.
+        If the format is unknown or the resolution absurd.
     """
     if file_format not in FORMATS:
         raise InputError(f"the picture format {file_format!r} is unknown; it may be one of {', '.join(FORMATS)}")
+    if not 10 <= dpi <= 2400:
+        raise InputError(f"dpi = {dpi}, but a picture has 10 to 2400 dots per inch")
     buffer = io.BytesIO()
     with mpl.rc_context(_SETTINGS):
         figure.savefig(buffer, format=file_format, dpi=dpi, metadata=_NO_METADATA[file_format])
@@ -102,7 +104,7 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: float = DP
     Raises
     ------
     InputError
-        If the suffix is unknown or the path cannot be written.
+        If the suffix is unknown, the resolution absurd, or the path cannot be written.
     """
     suffix = Path(path).suffix.lower().lstrip(".")
     if suffix not in FORMATS:

@@ -204,7 +204,7 @@ def _free_side(at: NDArray[np.float64], branches: list[Branch]) -> tuple[int, in
         for near, far in ((branch.start, branch.end), (branch.end, branch.start), *branch.wires)
         if np.allclose(near, at)
     ]
-    quadrants = [(1, 1), (-1, 1), (1, -1), (-1, -1)]
+    quadrants = [(-1, 1), (-1, -1), (1, 1), (1, -1)]  # the left first: values are written on the right
     return min(quadrants, key=lambda sign: max((float(np.dot(sign, end)) for end in ends), default=0.0))
 
 

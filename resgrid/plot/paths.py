@@ -52,11 +52,12 @@ def plot_streamlines(
     Raises
     ------
     InputError
-        If the space does not have two axes, or ``k`` does not match the paths.
+        If the space does not have two axes, or ``k`` or the paths do not match.
     """
     plane = plane_of(space, frame)
     if k is not None and len(k) != len(paths):
         raise InputError(f"{len(k)} values of k for {len(paths)} paths; give one for each")
+    require_paths(paths, space)
     axes = axes_or_new(ax, plane.aspect)
     draw_streamlines(paths, space, plane, axes, k)
     finish(plane, axes)
@@ -84,6 +85,13 @@ def plot_path(
     matplotlib.axes.Axes
     """
     return plot_streamlines([path], space, ax, frame=frame)
+
+
+def require_paths(paths: Sequence[Streamline], space: ConfigurationSpace) -> None:
+    """Refuse streamlines of a space with another number of axes."""
+    for number, path in enumerate(paths):
+        if path.points.shape[1:] != (space.ndim,):
+            raise InputError(f"path {number} has {path.points.shape[-1]} coordinates, the space {space.ndim} axes")
 
 
 def draw_streamlines(

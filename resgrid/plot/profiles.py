@@ -11,6 +11,7 @@ from resgrid.errors import InputError
 from resgrid.planning.field import Field
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.plot.figures import new_figure
+from resgrid.plot.paths import require_paths
 from resgrid.plot.plane import PICTURES
 from resgrid.plot.shading import shading_of
 from resgrid.plot.style import FAILURE, GOAL, OBSTACLE, PATHS, TEXT, UNREACHABLE, axis_label, dress, refresh_legend
@@ -45,6 +46,7 @@ def plot_profile(
     space = field.space
     if space.ndim != 1:
         raise InputError(f"a profile needs a space of one axis, this one has {space.ndim} ({PICTURES})")
+    require_paths(paths, space)
     shading = shading_of(field, scale)
     axes = new_figure(4.8, 3.2).add_subplot() if ax is None else ax
     axis = space.axes[0]

@@ -19,7 +19,7 @@ from resgrid.planning.field import Field
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.plot.fields import draw_no_drop, draw_shading
 from resgrid.plot.figures import new_figure, panel_height
-from resgrid.plot.paths import pieces
+from resgrid.plot.paths import pieces, require_paths
 from resgrid.plot.plane import PICTURES, draw_cells, finish, plane_slice
 from resgrid.plot.shading import Shading, no_drop, shading_of
 from resgrid.plot.style import FAILURE, PATHS, SMALL, TEXT, axis_label
@@ -65,6 +65,7 @@ def plot_slices(
     if field.space.ndim != 3:
         raise InputError(f"slices need a space of three axes, this one has {field.space.ndim} ({PICTURES})")
     cuts = _cuts(field.space, axis, indices)
+    require_paths(paths, field.space)
     shading = shading_of(field, scale)
     columns = min(3, len(cuts))
     rows = -(-len(cuts) // columns)
