@@ -31,7 +31,7 @@ class Arrows:
     decades: NDArray[np.float64]
 
 
-def current_arrows(field: Field, most: int) -> Arrows:
+def current_arrows(field: Field, block: int) -> Arrows:
     """Choose cells and find the direction of their current.
 
     The direction is that of the velocity at the cell's centre, the mean of opposite faces (Pollock 1988); it is
@@ -41,14 +41,13 @@ def current_arrows(field: Field, most: int) -> Arrows:
     ----------
     field : Field
         Of two axes.
-    most : int
-        Arrows along the longer side; each block of cells shows the one nearest to its middle that can.
+    block : int
+        Each square block of so many cells a side shows one arrow, in the cell nearest to its middle that can.
 
     Returns
     -------
     Arrows
     """
-    block = -(-max(field.space.shape) // most)
     cells = nearest_to_middles(field.space.goal_connected, block)
     log_face, sign = _faces_of(field, cells)
     largest = log_face.max(axis=(1, 2))

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Literal
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -17,7 +19,7 @@ from resgrid.plot.blocks import block_means, block_size
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.ghosts import add_border, fill_open_walls
 from resgrid.plot.plane import MOST_CELLS, Placement, Plane, draw_cells, draw_image, finish, plane_of
-from resgrid.plot.shading import Shading, no_drop, shading_of
+from resgrid.plot.shading import Shading, no_drop, shading_of, span
 from resgrid.plot.style import NO_DROP, SMALL, add_swatch, height_map, refresh_legend, strength_map
 from resgrid.space import ConfigurationSpace
 
@@ -124,7 +126,7 @@ def plot_currents(field: Field, ax: Axes | None = None, *, frame: Placement | No
     plane = plane_of(field.space, frame)
     axes = axes_or_new(ax, plane.aspect)
     draw_cells(plane, axes)
-    arrows = current_arrows(field, _ARROWS)
+    arrows = current_arrows(field, -(-plane.cells_shown // _ARROWS))
     if len(arrows.tail):
         position = plane.place(field.space.centre(arrows.tail))
         vector = plane.turn(arrows.vector)
@@ -139,7 +141,7 @@ def plot_currents(field: Field, ax: Axes | None = None, *, frame: Placement | No
             scale=1.0,
             pivot="mid",
             units="dots",
-            width=_shaft_width(axes, max(plane.cell.shape)),
+            width=_shaft_width(axes, plane.cells_shown),
             zorder=3,
         )
         add_colour_bar(quiver, axes, r"$\log_{10}$ of current, in supply / $R$")
@@ -170,10 +172,16 @@ def draw_no_drop(plane: Plane, where: NDArray[np.bool_], axes: Axes) -> None:
 
 def add_colour_bar(mappable: ScalarMappable, axes: Axes, label: str) -> None:
     """Add a colour bar beside the axes, as tall as they are."""
-    bar = axes.figure.colorbar(mappable, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)))
+    bar = axes.figure.colorbar(mappable, cax=axes.inset_axes((1.03, 0.0, 0.035, 1.0)), extend=_beyond(mappable))
     bar.set_label(label, fontsize=SMALL)
     bar.ax.tick_params(labelsize=SMALL, width=0.6, length=2.5)
     bar.ax.yaxis.get_offset_text().set_fontsize(SMALL)
+
+
+def _beyond(mappable: ScalarMappable) -> Literal["min", "neither"]:
+    """Whether values lie below the colour scale."""
+    values, lowest = mappable.get_array(), mappable.norm.vmin
+    return "min" if values is not None and lowest is not None and np.min(values) < lowest else "neither"
 
 
 def _draw_contours(plane: Plane, shading: Shading, values: NDArray[np.float64], axes: Axes) -> None:
@@ -210,7 +218,7 @@ def _draw_conductivity(plane: Plane, conductivity: NDArray[np.float64], axes: Ax
 
 
 def _spanning(values: NDArray[np.float64]) -> Normalize:
-    low, high = float(values.min()), float(values.max())
+    low, high = span(values)
     return Normalize(low, high if high > low else low + 1.0)
 
 

@@ -18,7 +18,7 @@ from resgrid.plot.slices import plot_slices
 from resgrid.plot.style import TEXT
 
 _PAGE = 7.4
-_WIDE = 0.45
+_WIDE = 0.55
 
 
 def plot_scene_page(

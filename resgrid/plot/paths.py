@@ -60,7 +60,7 @@ def plot_streamlines(
     require_paths(paths, space)
     axes = axes_or_new(ax, plane.aspect)
     draw_streamlines(paths, space, plane, axes, k)
-    finish(plane, axes)
+    finish(plane, axes, [path.points for path in paths])
     refresh_legend(axes)
     return axes
 

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -21,6 +23,7 @@ MOST_CELLS = 1024
 """Cells along an axis above which pictures show means over blocks."""
 
 _VISIBLE = 0.015
+_SMALL_PART = 0.6
 _MOST_RINGS = 30
 
 PICTURES = (
@@ -74,10 +77,32 @@ class Plane:
         """Height of the picture over its width; 1 where the axes have different units."""
         if self.x.unit != self.y.unit:
             return 1.0
-        left, right, bottom, top = self.extent
-        corners = self.place([(left, bottom), (right, bottom), (right, top), (left, top)])
-        width, height = np.ptp(corners, axis=0)
+        width, height = np.ptp(self.view, axis=0)
         return float(height / width)
+
+    @cached_property
+    def window(self) -> tuple[slice, slice]:
+        """Cells worth showing: all, unless whatever is not obstacle keeps to a small part of the grid."""
+        inside = self.cell != Cell.OBSTACLE
+        slices = []
+        for axis, size in enumerate(self.cell.shape):
+            used = np.flatnonzero(inside.any(axis=1 - axis))
+            first, last = (int(used[0]), int(used[-1]) + 1) if used.size else (0, size)
+            margin = max((last - first) // 12, 2)
+            slices.append(slice(max(first - margin, 0), min(last + margin, size)))
+        shown = max((part.stop - part.start) / size for part, size in zip(slices, self.cell.shape, strict=True))
+        return (slices[0], slices[1]) if shown < _SMALL_PART else (slice(0, len(inside)), slice(0, inside.shape[1]))
+
+    @property
+    def view(self) -> NDArray[np.float64]:
+        """Corners of the window in the picture, shape (4, 2)."""
+        x, y = (axis.edges[[part.start, part.stop]] for axis, part in zip((self.x, self.y), self.window, strict=True))
+        return self.place([(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])])
+
+    @property
+    def cells_shown(self) -> int:
+        """Cells along the longer side of the window."""
+        return max(int(part.stop - part.start) for part in self.window)
 
     def place(self, points: ArrayLike) -> NDArray[np.float64]:
         """Picture coordinates of points in axis units, shape ``(..., 2)``."""
@@ -175,9 +200,7 @@ def _ring_small_goals(plane: Plane, axes: Axes) -> None:
     from scipy.ndimage import find_objects
 
     boxes = find_objects(label_regions(plane.cell == Cell.GOAL, (False, False)))
-    small = [
-        box for box in boxes if box and max(part.stop - part.start for part in box) < _VISIBLE * max(plane.cell.shape)
-    ]
+    small = [box for box in boxes if box and max(part.stop - part.start for part in box) < _VISIBLE * plane.cells_shown]
     if not small or len(small) > _MOST_RINGS:
         return
     middle = np.array([[(part.start + part.stop) / 2 for part in box] for box in small])
@@ -189,11 +212,10 @@ def _ring_small_goals(plane: Plane, axes: Axes) -> None:
         )  # fmt: skip
 
 
-def finish(plane: Plane, axes: Axes) -> Axes:
-    """Set limits, aspect and labels: equal aspect where both axes have the same unit."""
-    left, right, bottom, top = plane.extent
-    corners = plane.place([(left, bottom), (right, bottom), (right, top), (left, top)])
-    (left, bottom), (right, top) = corners.min(axis=0), corners.max(axis=0)
+def finish(plane: Plane, axes: Axes, points: Sequence[NDArray[np.float64]] = ()) -> Axes:
+    """Set limits that hold the given points, aspect and labels: equal aspect where both axes have the same unit."""
+    shown = np.concatenate([plane.view, *(plane.place(part) for part in points)])
+    (left, bottom), (right, top) = shown.min(axis=0), shown.max(axis=0)
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal" if plane.x.unit == plane.y.unit else "auto")
     axes.set_xlabel(axis_label(plane.x, world=plane.is_world))
     axes.set_ylabel(axis_label(plane.y, world=plane.is_world))

@@ -16,6 +16,7 @@ from resgrid.space import Cell
 SCALES = ("auto", "linear", "log")
 _DECADES_WORTH_A_LOG = 2.0
 _LINES = 16
+_TAIL = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,7 +89,7 @@ def shading_of(field: Field, scale: str = "auto") -> Shading:
         return _linear(field)
     decades = np.where(np.isfinite(field.log_drop), field.log_drop / np.log(10.0), np.nan)
     shown = decades[field.space.goal_connected]
-    smallest = float(np.nanmin(shown)) if np.isfinite(shown).any() else 0.0
+    smallest = span(shown)[0] if np.isfinite(shown).any() else 0.0
     if scale == "linear" or (scale == "auto" and smallest > -_DECADES_WORTH_A_LOG):
         return _linear(field)
     return _logarithmic(field, decades, smallest)
@@ -144,6 +145,24 @@ def _logarithmic(field: Field, decades: NDArray[np.float64], smallest: float) ->
 
 def _decades(step: float) -> str:
     return "decade" if step == 1 else f"{step:g} decades" if step > 1 else f"{step:g} decade"
+
+
+def span(values: NDArray[np.float64]) -> tuple[float, float]:
+    """Smallest and largest value worth a colour: a far tail of few cells gets no share of the scale.
+
+    Parameters
+    ----------
+    values : ndarray of float64
+        With at least one that is finite.
+
+    Returns
+    -------
+    lower, upper : float
+        The lower one is the smallest value, or the second percentile where the range reaches twice as far below it.
+    """
+    finite = values[np.isfinite(values)]
+    lowest, low, high = (float(value) for value in (finite.min(), np.quantile(finite, _TAIL), finite.max()))
+    return (low if high - lowest > 2 * (high - low) > 0 else lowest), high
 
 
 def nice_step(smallest: float) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -156,7 +156,8 @@ def _draw_path(path: Streamline, space: ConfigurationSpace, normal: int, index: 
 
 def _add_scale(figure: Figure, panels: NDArray[np.object_], shading: Shading) -> None:
     colours = ScalarMappable(Normalize(shading.lower, shading.upper), shading.colours)
-    bar = figure.colorbar(colours, ax=list(panels), fraction=0.03, pad=0.02, aspect=30)
+    below: Literal["min", "neither"] = "min" if np.nanmin(shading.values) < shading.lower else "neither"
+    bar = figure.colorbar(colours, ax=list(panels), fraction=0.03, pad=0.02, aspect=30, extend=below)
     bar.set_label(shading.label, fontsize=SMALL)
     bar.ax.tick_params(labelsize=SMALL, width=0.6, length=2.5)
 

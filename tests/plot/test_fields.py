@@ -10,11 +10,12 @@ from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
 from resgrid.planning.field import Field, field_of
-from resgrid.plot import plot_currents, plot_potential, plot_scene_page, plot_space
+from resgrid.planning.trace import streamline
+from resgrid.plot import plot_currents, plot_path, plot_potential, plot_scene_page, plot_space
 from resgrid.plot.arrows import current_arrows, nearest_to_middles
 from resgrid.plot.blocks import block_colours, block_means
 from resgrid.plot.ghosts import add_border, fill_open_walls
-from resgrid.plot.shading import nice_step, shading_of
+from resgrid.plot.shading import nice_step, shading_of, span
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
 
@@ -122,7 +123,7 @@ def test_equipotentials_lie_where_the_potential_says() -> None:
 
 
 def test_arrows_point_along_the_current(field: Field) -> None:
-    arrows = current_arrows(field, 26)
+    arrows = current_arrows(field, 1)
     assert len(arrows.tail) == field.space.goal_connected.sum()
     for (i, j), vector, decades in zip(arrows.tail, arrows.vector, arrows.decades, strict=True):
         x, y = field.face_current(0), field.face_current(1)
@@ -137,7 +138,7 @@ def test_arrows_point_along_the_current(field: Field) -> None:
 
 def test_currents_below_float64_still_have_arrows(field: Field) -> None:
     faint = replace(field, face_log_current=tuple(part - 2000.0 for part in field.face_log_current))
-    strong, weak = current_arrows(field, 26), current_arrows(faint, 26)
+    strong, weak = current_arrows(field, 1), current_arrows(faint, 1)
     assert np.allclose(strong.vector, weak.vector)
     assert np.allclose(strong.decades - 2000 / np.log(10), weak.decades)
 
@@ -228,3 +229,28 @@ def test_a_large_map_is_drawn_from_block_means() -> None:
     assert images(axes)[0].get_array().shape == (750, 750, 4)
     assert coloured(axes, (750.0, 750.0)) == (0x3D, 0x3D, 0x3D)
     assert coloured(axes, (750.0, 50.0)) == (255, 255, 255)
+
+
+def test_a_thin_tail_does_not_swallow_the_colours(field: Field) -> None:
+    values = np.append(np.linspace(-3.0, 0.0, 1000), [-900.0, np.nan])
+    assert span(values)[0] == pytest.approx(-2.94, abs=0.01)
+    assert span(values[:1000]) == (-3.0, 0.0)
+    assert span(np.array([2.0])) == (2.0, 2.0)
+
+
+def test_a_small_room_in_a_large_map_fills_the_picture() -> None:
+    cell = np.full((100, 80), Cell.OBSTACLE, dtype=np.uint8)
+    cell[40:64, 20:32], cell[50, 25] = Cell.FREE, Cell.GOAL
+    axes = plot_space(ConfigurationSpace([Axis("x", 0, 100, 100), Axis("y", 0, 80, 80)], cell))
+    assert axes.get_xlim() == (38, 66)
+    assert axes.get_ylim() == (18, 34)
+    assert coloured(axes, (50.5, 25.5)) == (0xE6, 0x9F, 0x00)
+
+
+def test_a_blocked_start_outside_the_room_is_still_shown() -> None:
+    cell = np.full((100, 80), Cell.OBSTACLE, dtype=np.uint8)
+    cell[40:64, 20:32], cell[50, 25] = Cell.FREE, Cell.GOAL
+    field = field_of(solve(compile_space(ConfigurationSpace([Axis("x", 0, 100, 100), Axis("y", 0, 80, 80)], cell))))
+    axes = plot_path(streamline(field, cell=(90, 70)), field.space)
+    assert axes.get_xlim() == (38, 90.5)
+    assert axes.get_ylim() == (18, 70.5)
