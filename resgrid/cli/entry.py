@@ -5,15 +5,17 @@ from __future__ import annotations
 import contextlib
 import importlib
 import os
+import signal
 import sys
+import threading
 import traceback
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import click
 
-from resgrid.cli.failures import INTERRUPTED, LEFT, UNEXPECTED, Failure, failure_of
+from resgrid.cli.failures import INTERRUPTED, LEFT, TERMINATED, UNEXPECTED, Failure, failure_of
 from resgrid.cli.output import json_text
 
 VERBS = {
@@ -44,16 +46,16 @@ class Verbs(click.Group):
     def invoke(self, ctx: click.Context) -> Any:
         """Call the verb; click would end a broken pipe and an interrupt with codes of its own."""
         try:
-            with warnings.catch_warnings():
+            with warnings.catch_warnings(), _terminable():
                 warnings.showwarning = _show_warning
                 result = super().invoke(ctx)
             sys.stdout.flush()
         except BrokenPipeError:
             _drop_stdout()
             ctx.exit(LEFT)
-        except KeyboardInterrupt:
+        except KeyboardInterrupt as interrupt:
             click.echo("resgrid: interrupted; nothing half-written is left", err=True)
-            ctx.exit(INTERRUPTED)
+            ctx.exit(TERMINATED if interrupt.args == (signal.SIGTERM,) else INTERRUPTED)
         return result
 
     def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> Any:
@@ -69,6 +71,23 @@ class Verbs(click.Group):
             _complain(failure, as_json="--json" in words)
             sys.exit(failure.code)
         sys.exit(code if isinstance(code, int) else 0)
+
+
+@contextlib.contextmanager
+def _terminable() -> Iterator[None]:
+    """Let a request to terminate clean up as an interrupt does."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+
+    def interrupt(number: int, _frame: object) -> None:
+        raise KeyboardInterrupt(signal.Signals(number))
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
 
 
 def _complain(failure: Failure, *, as_json: bool) -> None:

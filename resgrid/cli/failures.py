@@ -9,7 +9,7 @@ import click
 from resgrid import errors
 
 NEGATIVE, USAGE, TOOL_MISSING, OUT_OF_BUDGET, UNEXPECTED = 1, 2, 3, 4, 70
-INTERRUPTED, LEFT = 130, 141  # 128 + the number of the signal: SIGINT, SIGPIPE
+INTERRUPTED, LEFT, TERMINATED = 130, 141, 143  # 128 + the number of the signal: SIGINT, SIGPIPE, SIGTERM
 
 CODES: tuple[tuple[type[BaseException], int], ...] = (
     (errors.InputError, USAGE),

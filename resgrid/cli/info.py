@@ -131,9 +131,11 @@ def _lines(data: dict[str, Any]) -> Iterable[str]:
             f"  {axis['name']}: {axis['lower']:g} to {axis['upper']:g} {axis['unit']}, "
             f"{axis['cells']} cells of {axis['spacing']:.6g} {axis['unit']}{ring}"
         )
-    yield f"  free          {data['free_cells']:,}, of which {data['unreachable_cells']:,} have no way to a goal"
+    lost = f", of which {data['unreachable_cells']:,} have no way to a goal" if data["goals"] else ""
+    yield f"  free          {data['free_cells']:,}{lost}"
     yield f"  obstacle      {data['obstacle_cells']:,}"
-    yield f"  goal          {data['goal_cells']:,} in {data['goals']} regions"
+    regions = f" in {data['goals']} region{'s' if data['goals'] > 1 else ''}" if data["goals"] else ""
+    yield f"  goal          {data['goal_cells']:,}{regions}"
     yield f"  starts        {len(data['starts'])}"
     drive = f", drive {data['drive']}" if data["drive"] else ""
     yield f"  boundary      {data['boundary']}{drive}, edge {', '.join(data['edge'])}"

@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+import threading
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar, cast
 
 import click
 
 from resgrid.cli.output import json_text
 from resgrid.cli.progress import Progress, progress_bar
+
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True)
@@ -71,3 +74,38 @@ class Report:
         with progress_bar(name, seconds=seconds, steps=steps, hidden=self.quiet) as progress:
             yield progress
         self.detail(f"{name}: {time.perf_counter() - begin:.2f} s")
+
+    def compute(self, name: str, function: Callable[..., Value], *arguments: Any, seconds: float) -> Value:
+        """A stage that is one long call of the library, which an interrupt need not wait for.
+
+        Parameters
+        ----------
+        name : str
+            What is being done.
+        function : callable
+            Called with the arguments, in a thread that ends with the process.
+        *arguments
+        seconds : float
+            Estimate of the time it takes.
+
+        Returns
+        -------
+        object
+            What the function returns.
+        """
+        outcome: list[tuple[Value | None, BaseException | None]] = []
+
+        def work() -> None:
+            try:
+                outcome.append((function(*arguments), None))
+            except BaseException as error:  # carried over to the thread that waits
+                outcome.append((None, error))
+
+        with self.stage(name, seconds=seconds):
+            worker = threading.Thread(target=work, daemon=True)
+            worker.start()
+            worker.join()
+        value, error = outcome[0]
+        if error is not None:
+            raise error
+        return cast("Value", value)

@@ -90,14 +90,15 @@ def test_a_reader_that_leaves_is_no_error(scenes):
         assert process.wait(timeout=60) == 141
 
 
-def test_an_interrupt_leaves_nothing_half_written(scenes, tmp_path):
+@pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupt_leaves_nothing_half_written(scenes, tmp_path, sent, code):
     words = [*COMMAND, "run", str(scenes / "rooms.toml"), "-o", str(tmp_path / "out"), "-v"]
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         while not process.stderr.readline().startswith("cut it into cells"):
             assert process.poll() is None
-        process.send_signal(signal.SIGINT)
-        assert process.wait(timeout=60) == 130
+        process.send_signal(sent)
+        assert process.wait(timeout=60) == code
         assert process.stderr.read().splitlines()[-1] == "resgrid: interrupted; nothing half-written is left"
     assert list(tmp_path.iterdir()) == []
 
