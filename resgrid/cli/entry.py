@@ -17,6 +17,7 @@ import click
 
 from resgrid.cli.failures import INTERRUPTED, LEFT, TERMINATED, UNEXPECTED, Failure, failure_of
 from resgrid.cli.output import json_text
+from resgrid.cli.report import is_computing
 
 VERBS = {
     "run": "resgrid.cli.run",
@@ -55,7 +56,10 @@ class Verbs(click.Group):
             ctx.exit(LEFT)
         except KeyboardInterrupt as interrupt:
             click.echo("resgrid: interrupted; nothing half-written is left", err=True)
-            ctx.exit(TERMINATED if interrupt.args == (signal.SIGTERM,) else INTERRUPTED)
+            code = TERMINATED if interrupt.args == (signal.SIGTERM,) else INTERRUPTED
+            if is_computing():  # the interpreter cannot shut down beside a thread that is busy in compiled code
+                os._exit(code)
+            ctx.exit(code)
         return result
 
     def main(self, args: Sequence[str] | None = None, *rest: Any, **extra: Any) -> Any:

@@ -15,6 +15,7 @@ from resgrid.cli.output import json_text
 from resgrid.cli.progress import Progress, progress_bar
 
 Value = TypeVar("Value")
+_WORKER = "resgrid computes"
 
 
 @dataclass(frozen=True)
@@ -102,10 +103,15 @@ class Report:
                 outcome.append((None, error))
 
         with self.stage(name, seconds=seconds):
-            worker = threading.Thread(target=work, daemon=True)
+            worker = threading.Thread(target=work, name=_WORKER, daemon=True)
             worker.start()
             worker.join()
         value, error = outcome[0]
         if error is not None:
             raise error
         return cast("Value", value)
+
+
+def is_computing() -> bool:
+    """Whether a call made by `Report.compute` has been left behind, still busy."""
+    return any(thread.name == _WORKER for thread in threading.enumerate())
