@@ -185,3 +185,17 @@ def test_the_drive_scales_to_the_supply() -> None:
     netlist = compile_space(space_of(cell), boundary="neumann", supply=3.0, goal_voltage=1.0)
     scaled = solve(scale_drive(netlist, solve(netlist)))
     assert np.nanmax(scaled.voltage) == pytest.approx(4.0)
+
+
+@pytest.mark.parametrize("supply", [1.0, -2.0])
+def test_a_normwise_answer_has_a_field_too(supply: float) -> None:
+    from resgrid.planning.field import field_of
+
+    cell = np.zeros((7, 6))
+    cell[1, 1], cell[4, 2:5] = 2, 1
+    netlist = compile_space(space_of(cell), supply=supply, goal_voltage=0.5)
+    exact, rough = field_of(solve(netlist)), field_of(solve(netlist, accuracy="normwise"))
+    assert rough.log_drop is None
+    assert np.allclose(exact.potential, rough.potential, atol=1e-9)
+    for axis in range(2):
+        assert np.allclose(exact.face_current(axis), rough.face_current(axis), atol=1e-9)

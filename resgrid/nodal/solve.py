@@ -208,7 +208,7 @@ def _read_off(
     flow = readout.currents(netlist, levels)
     sums = readout.balance(netlist, flow)
     if len(levels) == 2 or potential is not None:
-        flow = readout.drop_unresolved(netlist, flow, sums, _falling(levels[0].volts, log_drop, potential))
+        flow = readout.drop_unresolved(netlist, flow, sums, _falling(_direction(system, levels), log_drop, potential))
         sums = readout.balance(netlist, flow)
     amps = flow.amps
     with np.errstate(under="ignore"):
@@ -244,11 +244,20 @@ def _stored(system: NodalSystem, levels: list[Levels]) -> tuple[NDArray[np.float
         undefined |= (phi < 0) | (phi > 1)
         return np.where(undefined, np.nan, log_drop), np.where(undefined, np.nan, np.where(low, phi, 1.0 - u))
     height = readout.plain(levels[0])
+    if system.rails is not None:
+        rails = system.rails
+        phi = (system.reference + height - rails.low) / (rails.high - rails.low)
+        return None, np.where(undefined, np.nan, phi)
     top = height[system.unknown >= 0].max(initial=0.0)
     one_rail = not system.feed.any() and (np.all(system.injected >= 0) or np.all(system.injected <= 0))
     if not (one_rail and top > 0):
         return None, None
     return None, np.where(undefined, np.nan, height / top)
+
+
+def _direction(system: NodalSystem, levels: list[Levels]) -> float:
+    """Whether the voltage rises or falls with the potential."""
+    return system.rails.high - system.rails.low if system.rails is not None else levels[0].volts
 
 
 def _falling(
