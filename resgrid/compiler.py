@@ -111,8 +111,17 @@ def compile_space(
     CircuitError
         If nothing can be driven.
     """
-    rules = _checked_rules(
-        space, boundary, drive, edge, rails, resistance, supply, goal_voltage, wall_resistance, start
+    _check_values(resistance, supply, goal_voltage)
+    rules = _Rules(
+        boundary=_one_of("boundary", boundary, BOUNDARIES),
+        drive=_checked_drive(boundary, drive, start),
+        edge=_checked_edges(space, edge),
+        rails=_one_of("rails", rails, RAILS),
+        resistance=float(resistance),
+        supply=float(supply),
+        goal_voltage=float(goal_voltage),
+        wall_resistance=_checked_wall(boundary, wall_resistance),
+        start=_checked_start(space, start),
     )
     if not space.goal_count:
         raise InputError("the space has no goal cell: add a goal, or make it at least one cell large")
@@ -150,42 +159,17 @@ def compile_space(
     )
 
 
-def _checked_rules(
-    space: ConfigurationSpace,
-    boundary: str,
-    drive: str | None,
-    edge: str | Sequence[str],
-    rails: str,
-    resistance: float,
-    supply: float,
-    goal_voltage: float,
-    wall_resistance: float | None,
-    start: Sequence[int] | None,
-) -> _Rules:
-    _one_of("boundary", boundary, BOUNDARIES)
-    _one_of("rails", rails, RAILS)
+def _check_values(resistance: float, supply: float, goal_voltage: float) -> None:
     if not (np.isfinite(resistance) and resistance > 0):
         raise InputError(f"resistance = {resistance}, but it must be positive and finite, in ohms")
     if not (np.isfinite(supply) and supply != 0 and np.isfinite(goal_voltage)):
-        raise InputError(
-            f"supply = {supply} V above goal_voltage = {goal_voltage} V: both must be finite, supply not 0"
-        )
-    return _Rules(
-        boundary=boundary,
-        drive=_checked_drive(boundary, drive, start),
-        edge=_checked_edges(space, edge),
-        rails=rails,
-        resistance=float(resistance),
-        supply=float(supply),
-        goal_voltage=float(goal_voltage),
-        wall_resistance=_checked_wall(boundary, wall_resistance),
-        start=_checked_start(space, start),
-    )
+        raise InputError(f"supply = {supply} V and goal_voltage = {goal_voltage} V must be finite, and supply not 0")
 
 
-def _one_of(name: str, value: object, allowed: tuple[str, ...]) -> None:
+def _one_of(name: str, value: str, allowed: tuple[str, ...]) -> str:
     if value not in allowed:
         raise InputError(f"{name} = {value!r} is unknown; it may be one of {', '.join(allowed)}")
+    return value
 
 
 def _checked_drive(boundary: str, drive: str | None, start: Sequence[int] | None) -> str | None:
