@@ -50,7 +50,8 @@ class Verbs(click.Group):
             with warnings.catch_warnings(), _terminable():
                 warnings.showwarning = _show_warning
                 result = super().invoke(ctx)
-            sys.stdout.flush()
+            if sys.stdout is not None:  # closed from the beginning
+                sys.stdout.flush()
         except BrokenPipeError:
             _drop_stdout()
             ctx.exit(LEFT)
@@ -95,6 +96,9 @@ def _terminable() -> Iterator[None]:
 
 
 def _complain(failure: Failure, *, as_json: bool) -> None:
+    if failure.kind == "NoArgsIsHelpError":  # click's way to answer a bare 'resgrid' with its help
+        click.echo(failure.message, err=True)
+        return
     colour = False if os.environ.get("NO_COLOR") else None
     click.secho("resgrid: error: ", fg="red", nl=False, err=True, color=colour)
     click.echo(failure.message, err=True, color=colour)

@@ -59,6 +59,8 @@ def failure_of(error: Exception) -> Failure:
 
 
 def _usage(error: click.ClickException) -> str:
+    if type(error).__name__ == "NoArgsIsHelpError":
+        return error.format_message()
     message = error.format_message().rstrip(".")
     context = getattr(error, "ctx", None)
     return f"{message}; see '{context.command_path} --help'" if context else message

@@ -103,9 +103,17 @@ def with_report(function: Callable[..., Any]) -> Callable[..., Any]:
     return _decorated(verb, REPORT_OPTIONS)
 
 
-def output_option(help_text: str, *, required: bool = False) -> Decorator:
+def output_option(help_text: str, *, required: bool = False, metavar: str = "FILE") -> Decorator:
     """The option ``-o``."""
-    return click.option("-o", "--output", metavar="FILE", type=SOURCE, required=required, help=help_text)
+    return click.option(
+        "-o", "--output", metavar=metavar, type=SOURCE, required=required, help=help_text, callback=_not_empty
+    )
+
+
+def _not_empty(_context: click.Context, _option: click.Parameter, value: str | None) -> str | None:
+    if value is not None and not value.strip():
+        raise InputError("-o: the name is empty; name a file, or - for standard output")
+    return value
 
 
 def scene_choice(source: str, given: Mapping[str, Any]) -> SceneChoice:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from resgrid.planning.field import Field
     from resgrid.planning.streamline import Streamline
+    from resgrid.scene import Scene
     from resgrid.space import ConfigurationSpace
 
 ADVICE = {
@@ -95,7 +96,8 @@ def plan_routes(job: Job, report: Report) -> Plan:
     """
     scene = job.scene
     chips: dict[str, Chip] = {}
-    if scene.drive == "start" and (scene.boundary == "neumann" and not scene.k):
+    if scene.drive == "start":
+        _check_start_drive(scene)
         return _start_driven(job, report, chips)
     fields = blend_fields(job, chips, report)
     routes = []
@@ -105,6 +107,14 @@ def plan_routes(job: Job, report: Report) -> Plan:
                 routes.append(_route(job, fields, index, number))
                 progress.advance()
     return Plan(chips, fields, routes)
+
+
+def _check_start_drive(scene: Scene) -> None:
+    if any(scene.k):
+        raise InputError(
+            f"k = {', '.join(f'{k:g}' for k in scene.k)} asks for a Dirichlet field, and drive = 'start' serves one "
+            "start of a Neumann field only: use --drive uniform, or --k 0"
+        )
 
 
 def _start_driven(job: Job, report: Report, chips: dict[str, Chip]) -> Plan:
@@ -230,7 +240,7 @@ def write_routes(target: str, routes: Sequence[Route], names: Sequence[str]) -> 
     elif suffix == ".npz":
         emit_file(target, suffix, lambda path: _write_npz(path, routes))
     else:
-        raise InputError(f"-o {target}: paths are written as .csv, .json or .npz, not as {suffix or 'this'!r}")
+        raise InputError(f"-o {target}: paths are written as .csv, .json or .npz, and this name ends in none of these")
 
 
 def csv_text(routes: Sequence[Route], names: Sequence[str]) -> str:

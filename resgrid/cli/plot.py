@@ -25,7 +25,8 @@ SUFFIXES = (".png", ".pdf", ".svg")
 def command(choice: SceneChoice, output: str, what: str, report: Report) -> int:
     """Draw one picture of SCENE.
 
-    A page shows potential, currents and paths together; a space of three axes is drawn in slices.
+    A page shows potential, currents and paths together; a space of three axes is drawn in slices. Of a scene that asks
+    for several blends, the first is drawn; choose one with --k.
     """
     if what not in PICTURES:
         raise InputError(f"--what {what}: there is no such picture; there are {', '.join(PICTURES)}")

@@ -14,7 +14,7 @@ from resgrid.cli.compile import dialect_option, write_deck
 from resgrid.cli.failures import NEGATIVE
 from resgrid.cli.folder import SUMMARY, whole_folder
 from resgrid.cli.job import Chip, Job, open_job, size_of, solution_summary
-from resgrid.cli.options import SceneChoice, with_report, with_scene
+from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.output import json_text
 from resgrid.cli.paths import Plan, plan_routes, route_data, route_line, unit_of, write_routes
 from resgrid.cli.pictures import draw_all
@@ -31,7 +31,7 @@ CHECKED_RESISTORS = 50_000
 
 @click.command("run", short_help="Do it all: paths, pictures, and decks checked in SPICE.")
 @with_scene()
-@click.option("-o", "--output", metavar="DIR", type=click.Path(), help="Folder for the results.  [default: out/SCENE]")
+@output_option("Folder for the results.  [default: out/SCENE]", metavar="DIR")
 @click.option("--check/--no-check", "wanted", default=None, help="Simulate the decks, whatever their size; or do not.")
 @dialect_option
 @with_report

@@ -71,6 +71,7 @@ def test_starts_drive_one_chip_each(answer, room):
     data = answer(*words, "--start", "0.5,0.5", "--start", "2.5,4.5", "--start", "3.5,3.5")
     assert [path["outcome"] for path in data["paths"]] == ["reached"] * 3
     assert data["paths"][2]["length"] == 0
+    assert answer("path", room, "--k", "0", "--drive", "start", "--start", "0.5,0.5")["paths"][0]["k"] == 0
     data = answer(*words, "--start", "5.5,0.5", "--start", "4.5,0.5", code=1)
     assert [path["outcome"] for path in data["paths"]] == ["no_path", "start_blocked"]
 
