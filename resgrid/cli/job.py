@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 DECK_SUFFIXES = (".cir", ".sp", ".spice", ".ckt", ".net", ".cdl")
 
-_COMPILE_BYTES = 400
+_COMPILE_BYTES = 80
 """Peak memory of compiling, per cell and axis, measured on open grids."""
 
 
