@@ -90,13 +90,13 @@ class DirectFactor:
             x = x + self.plain(residual)
         raise AccuracyError(f"the direct solver stopped at a backward error of {error:.1e}, above rtol = {rtol:.1e}", x)
 
-    def solve_nonnegative(self, rhs: NDArray[np.float64]) -> tuple[Scaled, float]:
+    def solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled) -> tuple[Scaled, float]:
         """Solve for a right-hand side without negative entries, entry by entry as accurately as can be.
 
         Parameters
         ----------
-        rhs : ndarray of float64, shape (n,)
-            Currents in amperes, none negative.
+        rhs : ndarray of float64 or Scaled, shape (n,)
+            Currents in amperes, none negative; of scaled ones ``lo`` is not used.
 
         Returns
         -------
@@ -111,7 +111,8 @@ class DirectFactor:
         coupling = system.coupling
         n = system.size
         answer = Scaled(np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.int64))
-        row_error, exponent = rhs.copy(), np.zeros(n, dtype=np.int64)
+        current, scale = _scaled_currents(rhs)
+        row_error, exponent = current.copy(), scale.copy()
         best, error = answer, np.inf
         for _ in range(_MOST_STEPS):
             m, e = row_error[self.order], exponent[self.order]
@@ -121,7 +122,7 @@ class DirectFactor:
             kernels.correct(answer.hi, answer.lo, answer.exponent, m, e)
             exponent = answer.exponent.copy()
             now = kernels.residual(
-                coupling.indptr, coupling.indices, coupling.data, system.excess, rhs,
+                coupling.indptr, coupling.indices, coupling.data, system.excess, current, scale,
                 answer.hi, answer.lo, answer.exponent, row_error,
             )  # fmt: skip
             if not now < _LEAST_GAIN * error:
@@ -130,6 +131,16 @@ class DirectFactor:
             if error <= REFINED:
                 break
         return best, float(error)
+
+
+def _scaled_currents(rhs: NDArray[np.float64] | Scaled) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    from resgrid.nodal.kernels import canonical
+
+    if isinstance(rhs, Scaled):
+        current, scale = rhs.hi.copy(), rhs.exponent.copy()
+        canonical(current, scale)
+        return current, scale
+    return np.asarray(rhs, dtype=np.float64), np.zeros(len(rhs), dtype=np.int64)
 
 
 def factor_direct(system: NodalSystem) -> DirectFactor:

@@ -58,6 +58,13 @@ def _add(m: float, e: int, t: float, te: int) -> tuple[float, int]:
 
 
 @njit(cache=True)
+def canonical(m: Floats, e: Integers) -> None:
+    """Make scaled numbers canonical, in place."""
+    for i in range(len(m)):
+        m[i], e[i] = _canonical(m[i], e[i])
+
+
+@njit(cache=True)
 def substitute(indptr: Indices, indices: Indices, lower: Floats, pivot: Floats, m: Floats, e: Integers) -> None:
     """Solve ``L D L^T x = b`` in place, in scaled numbers.
 
@@ -148,6 +155,7 @@ def residual(
     conductance: Floats,
     excess: Floats,
     injected: Floats,
+    injected_e: Integers,
     hi: Floats,
     lo: Floats,
     e: Integers,
@@ -161,7 +169,7 @@ def residual(
     """
     worst = 0.0
     for i in range(len(hi)):
-        b = _shift(injected[i], -e[i])
+        b = _shift(injected[i], injected_e[i] - e[i])
         p, q = _two_product(excess[i], hi[i])
         r, r_low = _sum(b, 0.0, -p, -(q + excess[i] * lo[i]))
         size = abs(b) + abs(p)
