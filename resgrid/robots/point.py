@@ -4,15 +4,19 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
-from resgrid.robots.protocol import Sampling
+from resgrid.robots.protocol import Progress, Sampling
 from resgrid.robots.reach import mark
-from resgrid.robots.shapes import LARGEST, Shape
+from resgrid.robots.shapes import LARGEST, Box, Point, Shape
 from resgrid.space import Axis
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
 
 
 @dataclass(frozen=True)
@@ -39,7 +43,9 @@ class PointRobot:
         if not 0 <= self.radius <= LARGEST:
             raise InputError(f"a robot's radius must be finite and at least 0, got {self.radius}")
 
-    def occupancy(self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling) -> NDArray[np.bool_]:
+    def occupancy(
+        self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
+    ) -> NDArray[np.bool_]:
         """Cells that meet an obstacle grown by the robot's radius.
 
         Parameters
@@ -53,6 +59,8 @@ class PointRobot:
             cell is free; an obstacle that ends on a cell's border does not block that cell.  ``"centre"``: it is
             blocked if its centre lies in a grown obstacle.  "Interior" leaves out a rim of 1e-9 of the cell, so
             that an edge meant to lie on a border does so in floating point.
+        progress : callable, optional
+            Called as ``progress(done, total)``, in shapes.
 
         Returns
         -------
@@ -65,6 +73,57 @@ class PointRobot:
             If a shape has another number of coordinates than the grid.
         """
         blocked = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
-        for shape in obstacles:
+        for number, shape in enumerate(obstacles, 1):
             mark(blocked, tuple(axes), shape, self.radius, rule)
+            if progress is not None:
+                progress(number, len(obstacles))
         return blocked
+
+    def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> NDArray[np.bool_]:
+        """Cells whose centre lies in a region or, where there is none, which meet it.
+
+        Parameters
+        ----------
+        axes : sequence of Axis
+            One to four axes.
+        region : Shape or tuple of float
+            In the coordinates of the axes, with as many coordinates.
+
+        Returns
+        -------
+        ndarray of bool
+
+        Raises
+        ------
+        InputError
+            If the region has another number of coordinates than the grid.
+        """
+        shape = Box(region, region) if isinstance(region, tuple) else region
+        point = PointRobot()
+        inside = point.occupancy(axes, [shape], "centre")
+        return inside if inside.any() else point.occupancy(axes, [shape], "conservative")
+
+    def shapes_at(self, configuration: ArrayLike) -> list[BaseGeometry]:
+        """The point, or the disc around it as a polygon of 64 edges inside the circle.
+
+        Parameters
+        ----------
+        configuration : array_like of float, shape (2,)
+            In axis units.
+
+        Returns
+        -------
+        list of one shapely geometry
+
+        Raises
+        ------
+        InputError
+            If there are not two coordinates.
+        """
+        import shapely
+
+        place = np.asarray(configuration, dtype=np.float64)
+        if place.shape != (2,):
+            raise InputError(f"geometry is known in the plane alone: give 2 coordinates, not shape {place.shape}")
+        point = shapely.Point(place)
+        return [point.buffer(self.radius) if self.radius else point]

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Literal, Protocol, runtime_checkable
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from resgrid.robots.shapes import Shape
+from resgrid.robots.shapes import Point, Shape
 from resgrid.space import Axis
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
 
 Sampling = Literal["conservative", "centre"]
 """How a cell is judged: by its whole square, or by its centre alone."""
+
+Progress = Callable[[int, int], object]
+"""Told now and then how much work is done, and how much there is in all."""
 
 
 @runtime_checkable
@@ -23,7 +29,9 @@ class Robot(Protocol):
     ``(x, y, theta)``.  The obstacles are always shapes of the workspace.
     """
 
-    def occupancy(self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling) -> NDArray[np.bool_]:
+    def occupancy(
+        self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
+    ) -> NDArray[np.bool_]:
         """Cells in which the robot would touch an obstacle.
 
         Parameters
@@ -34,6 +42,8 @@ class Robot(Protocol):
             What stands in the workspace.
         rule : {"conservative", "centre"}
             Whether a cell is blocked when the robot touches an obstacle anywhere inside it, or at its centre.
+        progress : callable, optional
+            Called as ``progress(done, total)``.
 
         Returns
         -------
@@ -43,6 +53,49 @@ class Robot(Protocol):
         Raises
         ------
         InputError
-            If a shape does not fit the robot's workspace.
+            If a shape or an axis does not fit the robot.
+        """
+        ...
+
+    def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> NDArray[np.bool_]:
+        """Cells in which the robot has its reference point (an arm: its tip) in a region of the workspace.
+
+        Parameters
+        ----------
+        axes : sequence of Axis
+            The axes of the configuration space.
+        region : Shape or tuple of float
+            A region or a point of the workspace.
+
+        Returns
+        -------
+        ndarray of bool
+            The cells at whose centre the point lies in the region or, where there is none, those it may reach it
+            from.
+
+        Raises
+        ------
+        InputError
+            If the region does not fit the robot, or the robot cannot get there at all.
+        """
+        ...
+
+    def shapes_at(self, configuration: ArrayLike) -> list[BaseGeometry]:
+        """The robot itself in the workspace.
+
+        Parameters
+        ----------
+        configuration : array_like of float, shape (ndim,)
+            In axis units.
+
+        Returns
+        -------
+        list of shapely geometry
+            One for each rigid part.
+
+        Raises
+        ------
+        InputError
+            If the configuration has another number of coordinates, or the workspace is not the plane.
         """
         ...

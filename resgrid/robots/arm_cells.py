@@ -1,0 +1,243 @@
+"""Which cells of an arm's configuration space are blocked, and which bring its tip into a region."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from math import hypot, pi
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.robots.protocol import Progress, Sampling
+from resgrid.robots.shapes import Point, Shape
+from resgrid.robots.solids import require_plane, solids, to_shapely
+from resgrid.space import Axis
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+    from resgrid.robots.arm import Arm
+
+CHUNK = 1 << 17
+"""Cells looked at between two words of progress."""
+
+PARTS = 3
+"""A cell that its centre does not decide is cut into so many parts along every joint."""
+
+SLACK = 1e-12
+"""Rounding error of a distance, as a share of the coordinates."""
+
+
+def arm_occupancy(
+    arm: Arm, axes: tuple[Axis, ...], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
+) -> NDArray[np.bool_]:
+    """Cells in which an arm may touch an obstacle or itself, or come too close to a singularity.
+
+    With the conservative rule a cell is free only if no configuration in it, borders included, collides: the distance
+    of every link from every obstacle at the cell's centre must exceed how far any point of that link moves within
+    the cell, which is at most the sum over its joints of chord times distance (relative angles: from the joint to
+    the link's far end at the centre; absolute ones: the length of the joint's own link).  A cell that fails, but is
+    free at its centre, is cut into three along every joint, and is free if all its parts are.  So some cells that are
+    free are lost, but none is free by mistake.  The virtual obstacle is a strip of the configuration space itself and
+    always blocks every cell it runs through.
+
+    Link ``i`` depends on the first ``i`` joints alone, so that most cells are decided many at a time.
+
+    Parameters
+    ----------
+    arm : Arm
+    axes : tuple of Axis
+        One per joint.
+    obstacles : sequence of Shape
+        In workspace coordinates.
+    rule : {"conservative", "centre"}
+        ``"centre"`` judges the configuration at the cell's centre alone.
+    progress : callable, optional
+        Called as ``progress(done, total)``, in cells.
+
+    Returns
+    -------
+    ndarray of bool
+
+    Raises
+    ------
+    InputError
+        If the axes are not the arm's, or a shape is not one of the plane.
+    """
+    from resgrid.robots.kernels import mark_link
+
+    arm.check_axes(axes)
+    solid = solids(obstacles, "an arm")
+    counts = np.array([axis.cells for axis in axes], dtype=np.int64)
+    centres = np.zeros((arm.ndim, counts.max()))
+    for joint, axis in enumerate(axes):
+        centres[joint, : axis.cells] = axis.centres
+    widths = np.array([axis.spacing if rule == "conservative" else 0.0 for axis in axes])
+    extent = max([arm.reach, *map(abs, arm.base), *np.abs(solid.edges).ravel(), *np.abs(solid.discs).ravel()])
+    total, done = int(np.cumprod(counts).sum()), 0
+    blocked = np.zeros(1, dtype=bool)
+    for link in range(arm.ndim):
+        blocked = np.repeat(blocked, counts[link])
+        for first in range(0, len(blocked), CHUNK):
+            last = min(first + CHUNK, len(blocked))
+            mark_link(
+                blocked, first, last, link, counts, centres, widths, np.array(arm.lengths, dtype=np.float64),
+                np.array(arm.widths, dtype=np.float64) / 2, np.array([*arm.base, arm.base_angle], dtype=np.float64),
+                arm.angles == "relative", arm.self_collision, PARTS,
+                SLACK * extent if rule == "conservative" else 0.0, solid,
+            )  # fmt: skip
+            done += last - first
+            if progress is not None:
+                progress(done, total)
+    occupied = blocked.reshape(tuple(counts))
+    return occupied | singular_cells(arm, axes)
+
+
+def singular_cells(arm: Arm, axes: Sequence[Axis]) -> NDArray[np.bool_]:
+    """Cells of the virtual obstacle along the singularities of an arm's Jacobian.
+
+    The Jacobian of a planar arm loses rank where all links are parallel: for two links where ``sin(theta_2)`` is 0
+    (relative angles) or ``sin(theta_2 - theta_1)`` (absolute angles: the diagonals of configuration space).  For
+    three or more links that is a thin set, which parts nothing.
+
+    Parameters
+    ----------
+    arm : Arm
+    axes : sequence of Axis
+        One per joint.
+
+    Returns
+    -------
+    ndarray of bool
+        Shape broadcastable to the cells; all False without a virtual obstacle.
+    """
+    if arm.singularity_width is None and arm.singularity_cells is None:
+        return np.zeros((1,) * arm.ndim, dtype=bool)
+    singular = np.ones((1,) * arm.ndim, dtype=bool)
+    grids = _grids(axes)
+    for joint in range(1, arm.ndim):
+        turning = [axes[joint]] if arm.angles == "relative" else [axes[joint - 1], axes[joint]]
+        bend = grids[joint] if arm.angles == "relative" else grids[joint] - grids[joint - 1]
+        away = np.abs((bend + pi / 2) % pi - pi / 2)
+        step = max(axis.spacing for axis in turning)
+        extent = sum(axis.spacing for axis in turning) / 2
+        width = arm.singularity_width if arm.singularity_cells is None else (arm.singularity_cells - 1) * step
+        # Cells that the strip's interior meets; and, where its middle runs along a border, the cells on both sides.
+        within = max(step / 2 + 1e-9 * step, (width or 0.0) / 2 + extent - 1e-9 * step)
+        singular = singular & (away <= within)
+    return singular
+
+
+def arm_goal_cells(arm: Arm, axes: tuple[Axis, ...], region: Shape | Point) -> NDArray[np.bool_]:
+    """Cells that bring the tip of an arm into a region of the workspace: all inverse solutions.
+
+    Parameters
+    ----------
+    arm : Arm
+    axes : tuple of Axis
+        One per joint.
+    region : Shape or (float, float)
+        A region, or a point.
+
+    Returns
+    -------
+    ndarray of bool
+        The cells at whose centre the tip lies in the region or, where there is none, all from whose centre it may
+        reach the region without leaving the cell.  For a point and two links: the cells that hold the solutions.
+
+    Raises
+    ------
+    InputError
+        If the axes are not the arm's, the region is not one of the plane, or it lies out of reach.
+    """
+    import shapely
+
+    arm.check_axes(axes)
+    if isinstance(region, tuple) and len(region) != 2:
+        raise InputError(f"an arm moves in the plane: a point needs 2 coordinates, got {len(region)}")
+    place = shapely.Point(region) if isinstance(region, tuple) else to_shapely(require_plane(region, "an arm"))
+    _require_reach(arm, place)
+    found = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
+    if isinstance(region, tuple) and arm.ndim == 2:
+        for solution in arm.inverse(region):
+            cell = [_index(axis, angle) for axis, angle in zip(axes, solution, strict=True)]
+            if None not in cell:
+                found[tuple(cell)] = True
+        return found
+    shapely.prepare(place)
+    if not isinstance(region, tuple):
+        for rows, tips in _tips(arm, axes):
+            found[rows] = _contains(place, tips)
+    if not found.any():
+        travel = arm_travel(arm, axes)
+        for rows, tips in _tips(arm, axes):
+            found[rows] = shapely.dwithin(place, shapely.points(tips), travel)
+    return found
+
+
+def arm_travel(arm: Arm, axes: Sequence[Axis]) -> float:
+    """How far the tip can move from where it is at a cell's centre, at most, within that cell.
+
+    Parameters
+    ----------
+    arm : Arm
+    axes : sequence of Axis
+        One per joint.
+
+    Returns
+    -------
+    float
+        In the unit of the workspace.
+    """
+    chords = [2 * np.sin(min(axis.spacing / 2, pi) / 2) for axis in axes]
+    levers = np.cumsum(arm.lengths[::-1])[::-1] if arm.angles == "relative" else arm.lengths
+    return float(np.dot(chords, levers))
+
+
+def _contains(place: BaseGeometry, tips: NDArray[np.float64]) -> NDArray[np.bool_]:
+    import shapely
+
+    x0, y0, x1, y1 = place.bounds
+    close = (tips[..., 0] >= x0) & (tips[..., 0] <= x1) & (tips[..., 1] >= y0) & (tips[..., 1] <= y1)
+    close[close] = shapely.intersects_xy(place, tips[close])
+    return np.asarray(close)
+
+
+def _tips(arm: Arm, axes: tuple[Axis, ...]) -> Iterator[tuple[slice, NDArray[np.float64]]]:
+    """Where the tip is at every cell's centre, a few layers of the first joint at a time."""
+    others = int(np.prod([axis.cells for axis in axes[1:]]))
+    layers = max(1, CHUNK // others)
+    for first in range(0, axes[0].cells, layers):
+        rows = slice(first, min(first + layers, axes[0].cells))
+        grid = np.meshgrid(axes[0].centres[rows], *(axis.centres for axis in axes[1:]), indexing="ij")
+        yield rows, arm.tip(np.stack(grid, axis=-1))
+
+
+def _require_reach(arm: Arm, place: BaseGeometry) -> None:
+    import shapely
+
+    base = shapely.Point(arm.base)
+    nearest = float(shapely.distance(place, base))
+    if nearest > arm.reach * (1 + 1e-12):
+        raise InputError(
+            f"the goal is {nearest:.4g} from the base, the arm reaches {arm.reach:.4g}; move the goal or the base"
+        )
+    corners = shapely.get_coordinates(place) - arm.base
+    farthest = max(hypot(*corner) for corner in corners.tolist())
+    if farthest < arm.shortest_reach * (1 - 1e-12):
+        raise InputError(
+            f"the goal is {farthest:.4g} from the base, but the arm cannot fold nearer than {arm.shortest_reach:.4g}; "
+            "move the goal or the base"
+        )
+
+
+def _index(axis: Axis, angle: float) -> int | None:
+    scaled = (angle - axis.lower) / axis.spacing
+    scaled = scaled % axis.cells if axis.periodic else scaled
+    return min(int(scaled), axis.cells - 1) if -1e-9 <= scaled <= axis.cells + 1e-9 else None
+
+
+def _grids(axes: Sequence[Axis]) -> list[NDArray[np.float64]]:
+    return list(np.meshgrid(*(axis.centres for axis in axes), indexing="ij", sparse=True))

@@ -1,0 +1,68 @@
+"""Inverse kinematics of an arm with two links."""
+
+from __future__ import annotations
+
+from math import acos, atan2, cos, hypot, sin, tau
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.errors import InputError
+
+if TYPE_CHECKING:
+    from resgrid.robots.arm import Arm
+
+TOLERANCE = 1e-12
+
+
+def inverse_of_two_links(arm: Arm, point: ArrayLike) -> NDArray[np.float64]:
+    """All configurations that bring the tip of an arm with two links to a point; see `Arm.inverse`.
+
+    The cosine rule gives the elbow's angle: ``cos q = (d^2 - a^2 - b^2) / (2 a b)`` (Craig, Introduction to
+    Robotics, section 4.4).
+
+    Parameters
+    ----------
+    arm : Arm
+        Two links.
+    point : array_like of float, shape (2,)
+        In the workspace.
+
+    Returns
+    -------
+    ndarray of float64, shape (s, 2)
+        In radians, within the limits.
+
+    Raises
+    ------
+    InputError
+        If the arm has not two links, or the point is not finite.
+    """
+    if arm.ndim != 2:
+        raise InputError(f"only an arm of two links has a closed inverse; this one has {arm.ndim}")
+    target = np.asarray(point, dtype=np.float64)
+    if target.shape != (2,) or not np.isfinite(target).all():
+        raise InputError(f"a point of the workspace has two finite coordinates, got {target.tolist()}")
+    x, y = (target - arm.base).tolist()
+    first, second = arm.lengths
+    cosine = (x * x + y * y - first**2 - second**2) / (2 * first * second)
+    if abs(cosine) > 1 + TOLERANCE:
+        return np.empty((0, 2))
+    bend = acos(max(-1.0, min(1.0, cosine)))
+    solutions = []
+    for elbow in (bend, -bend) if sin(bend) > TOLERANCE else (bend,):
+        towards = atan2(y, x) if hypot(x, y) > TOLERANCE * arm.reach else arm.base_angle
+        shoulder = towards - atan2(second * sin(elbow), first + second * cos(elbow)) - arm.base_angle
+        angles = (shoulder, elbow if arm.angles == "relative" else shoulder + elbow)
+        turned = [_within(angle, limits) for angle, limits in zip(angles, arm.limits, strict=True)]
+        if None not in turned:
+            solutions.append(turned)
+    return np.array(solutions, dtype=np.float64).reshape(-1, 2)
+
+
+def _within(angle: float, limits: tuple[float, float] | None) -> float | None:
+    """The angle, turned into its range; None if it does not fit."""
+    lower = -tau / 2 if limits is None else limits[0] - TOLERANCE
+    turned = lower + (angle - lower) % tau
+    return turned if limits is None or turned <= limits[1] + TOLERANCE else None

@@ -1,0 +1,201 @@
+"""Compiled loops of the arms: which links come near an obstacle, cell by cell.
+
+Numba takes seconds to import: only functions that are about to sample import this module.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from resgrid.robots.solids import Solids
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Flags = NDArray[np.bool_]
+
+
+@njit(cache=True)
+def _squared_from_segment(x: float, y: float, ax: float, ay: float, bx: float, by: float) -> float:
+    dx, dy = bx - ax, by - ay
+    squared = dx * dx + dy * dy
+    share = 0.0 if squared == 0.0 else min(1.0, max(0.0, ((x - ax) * dx + (y - ay) * dy) / squared))
+    return (x - ax - share * dx) ** 2 + (y - ay - share * dy) ** 2
+
+
+@njit(cache=True)
+def _squared_between(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> float:
+    """Squared distance of two segments: 0 where they cross, else from an end of one to the other."""
+    c = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
+    d = (bx - ax) * (dy - ay) - (by - ay) * (dx - ax)
+    a = (dx - cx) * (ay - cy) - (dy - cy) * (ax - cx)
+    b = (dx - cx) * (by - cy) - (dy - cy) * (bx - cx)
+    if c * d < 0.0 and a * b < 0.0:
+        return 0.0
+    from_first = min(_squared_from_segment(ax, ay, cx, cy, dx, dy), _squared_from_segment(bx, by, cx, cy, dx, dy))
+    from_second = min(_squared_from_segment(cx, cy, ax, ay, bx, by), _squared_from_segment(dx, dy, ax, ay, bx, by))
+    return min(from_first, from_second)
+
+
+@njit(cache=True)
+def _near_polygon(ax: float, ay: float, bx: float, by: float, reach: float, edges: Floats) -> bool:
+    inside = False
+    for e in range(len(edges)):
+        cx, cy, dx, dy = edges[e, 0], edges[e, 1], edges[e, 2], edges[e, 3]
+        if _squared_between(ax, ay, bx, by, cx, cy, dx, dy) <= reach * reach:
+            return True
+        if (cy <= ay) != (dy <= ay) and ax < cx + (ay - cy) * (dx - cx) / (dy - cy):
+            inside = not inside
+    return inside
+
+
+@njit(cache=True)
+def _near_solids(ax: float, ay: float, bx: float, by: float, reach: float, solids: Solids) -> bool:
+    """Whether a segment comes within a distance of an obstacle."""
+    left, right = min(ax, bx) - reach, max(ax, bx) + reach
+    low, high = min(ay, by) - reach, max(ay, by) + reach
+    for k in range(len(solids.bounds)):
+        if left > solids.bounds[k, 2] or right < solids.bounds[k, 0]:
+            continue
+        if low > solids.bounds[k, 3] or high < solids.bounds[k, 1]:
+            continue
+        edges = solids.edges[solids.first_edge[k] : solids.first_edge[k + 1]]
+        if _near_polygon(ax, ay, bx, by, reach, edges):
+            return True
+    for k in range(len(solids.discs)):
+        x, y, radius = solids.discs[k, 0], solids.discs[k, 1], solids.discs[k, 2]
+        if _squared_from_segment(x, y, ax, ay, bx, by) <= (reach + radius) ** 2:
+            return True
+    for k in range(len(solids.half_planes)):
+        nx, ny, offset = solids.half_planes[k, 0], solids.half_planes[k, 1], solids.half_planes[k, 2]
+        if min(nx * ax + ny * ay, nx * bx + ny * by) <= offset + reach:
+            return True
+    return False
+
+
+@njit(cache=True)
+def _place(joints: Floats, link: int, angles: Floats, lengths: Floats, base: Floats, relative: bool) -> None:
+    """Joint positions up to the end of a link."""
+    direction = base[2]
+    joints[0, 0], joints[0, 1] = base[0], base[1]
+    for j in range(link + 1):
+        direction = direction + angles[j] if relative else base[2] + angles[j]
+        joints[j + 1, 0] = joints[j, 0] + lengths[j] * math.cos(direction)
+        joints[j + 1, 1] = joints[j, 1] + lengths[j] * math.sin(direction)
+
+
+@njit(cache=True)
+def _travel(joints: Floats, first: int, link: int, chords: Floats, lengths: Floats, relative: bool) -> float:
+    """How far any point of a link can move while joints ``first .. link`` turn within a cell, the others held.
+
+    Relative angles: turn the joints one after the other, the one next to the base first; each turns what lies beyond
+    it rigidly, so the distances from the joints are those at the cell's centre.  Absolute angles: a joint turns its
+    own link alone and shifts what lies beyond, so the chords add up.
+    """
+    total = 0.0
+    for j in range(first, link + 1):
+        if relative:
+            near = math.hypot(joints[link, 0] - joints[j, 0], joints[link, 1] - joints[j, 1])
+            far = math.hypot(joints[link + 1, 0] - joints[j, 0], joints[link + 1, 1] - joints[j, 1])
+            total += chords[j] * max(near, far)
+        else:
+            total += chords[j] * lengths[j]
+    return total
+
+
+@njit(cache=True)
+def _hits(
+    joints: Floats, link: int, chords: Floats, folds: Floats, lengths: Floats, radii: Floats,
+    relative: bool, self_collision: bool, slack: float, solids: Solids,
+) -> bool:  # fmt: skip
+    """Whether a link may touch an obstacle, or a link before its neighbour, while the joints turn within a cell."""
+    ax, ay, bx, by = joints[link, 0], joints[link, 1], joints[link + 1, 0], joints[link + 1, 1]
+    reach = radii[link] + _travel(joints, 0, link, chords, lengths, relative) + slack
+    if _near_solids(ax, ay, bx, by, reach, solids):
+        return True
+    if self_collision:
+        for j in range(link - 1):
+            # Seen from link j; with absolute angles its own turning adds to that of every joint beyond.
+            if not relative:
+                for k in range(j + 1, link + 1):
+                    folds[k] = chords[k] + chords[j]
+            within = radii[j] + radii[link] + slack
+            within += _travel(joints, j + 1, link, chords if relative else folds, lengths, relative)
+            squared = _squared_between(ax, ay, bx, by, joints[j, 0], joints[j, 1], joints[j + 1, 0], joints[j + 1, 1])
+            if squared <= within * within:
+                return True
+    return False
+
+
+@njit(cache=True)
+def mark_link(
+    out: Flags, first: int, last: int, link: int, counts: Integers, centres: Floats, widths: Floats,
+    lengths: Floats, radii: Floats, base: Floats, relative: bool, self_collision: bool, parts: int,
+    slack: float, solids: Solids,
+) -> None:  # fmt: skip
+    """Mark the cells of joints ``0 .. link`` in which a link may touch something; cells marked already are skipped.
+
+    A cell that its centre does not decide is cut into ``parts`` along every joint, and each part is judged alone.
+
+    Parameters
+    ----------
+    out : ndarray of bool, shape (product of counts[:link + 1],)
+        In C order.
+    first, last : int
+        Cells looked at.
+    link : int
+        Number of the link, from 0.
+    counts : ndarray of int64, shape (n,)
+        Cells along each joint.
+    centres : ndarray of float64, shape (n, max(counts))
+        Cell centres along each joint, in radians.
+    widths : ndarray of float64, shape (n,)
+        Width of what stands for a cell, in radians; 0 for its centre alone.
+    lengths, radii : ndarray of float64, shape (n,)
+        Of the links, half their width being the radius.
+    base : ndarray of float64, shape (3,)
+        Position and angle.
+    relative, self_collision : bool
+        As in `resgrid.robots.arm.Arm`.
+    parts : int
+        At least 1.
+    slack : float
+        Added to every distance, against rounding.
+    solids : Solids
+        The obstacles.
+    """
+    joints = np.empty((link + 2, 2))
+    middle, angles, folds = np.empty(link + 1), np.empty(link + 1), np.zeros(link + 1)
+    whole, none, small = np.empty(link + 1), np.zeros(link + 1), np.empty(link + 1)
+    for j in range(link + 1):
+        whole[j] = 2.0 * math.sin(min(widths[j] / 2, math.pi) / 2)
+        small[j] = 2.0 * math.sin(min(widths[j] / (2 * parts), math.pi) / 2)
+    exact = whole.max() == 0.0
+    for flat in range(first, last):
+        if out[flat]:
+            continue
+        rest = flat
+        for j in range(link, -1, -1):
+            middle[j] = centres[j, rest % counts[j]]
+            rest //= counts[j]
+        _place(joints, link, middle, lengths, base, relative)
+        if not _hits(joints, link, whole, folds, lengths, radii, relative, self_collision, slack, solids):
+            continue
+        if exact or parts == 1:
+            out[flat] = True
+            continue
+        if _hits(joints, link, none, folds, lengths, radii, relative, self_collision, slack, solids):
+            out[flat] = True
+            continue
+        for part in range(parts ** (link + 1)):
+            rest = part
+            for j in range(link, -1, -1):
+                angles[j] = middle[j] + widths[j] * ((rest % parts + 0.5) / parts - 0.5)
+                rest //= parts
+            _place(joints, link, angles, lengths, base, relative)
+            if _hits(joints, link, small, folds, lengths, radii, relative, self_collision, slack, solids):
+                out[flat] = True
+                break

@@ -1,0 +1,170 @@
+"""Obstacles of the plane, as geometry for shapely and as plain arrays for compiled loops."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import hypot
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Polygon, Shape
+
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
+FAR = 1e4
+"""Half-planes are drawn this far, in the unit of the workspace."""
+
+
+class Solids(NamedTuple):
+    """Polygons, discs and half-planes of the workspace, as arrays.
+
+    Attributes
+    ----------
+    edges : ndarray of float64, shape (e, 4)
+        Edges ``x0, y0, x1, y1`` of all polygons, one polygon after the other.
+    first_edge : ndarray of int64, shape (p + 1,)
+        Where each polygon's edges start.
+    bounds : ndarray of float64, shape (p, 4)
+        Smallest ``x, y`` and largest ``x, y`` of each polygon.
+    discs : ndarray of float64, shape (d, 3)
+        Centre and radius.
+    half_planes : ndarray of float64, shape (h, 3)
+        Unit normal out of the solid, and offset.
+    """
+
+    edges: NDArray[np.float64]
+    first_edge: NDArray[np.int64]
+    bounds: NDArray[np.float64]
+    discs: NDArray[np.float64]
+    half_planes: NDArray[np.float64]
+
+
+def solids(shapes: Sequence[Shape], whose: str) -> Solids:
+    """Shapes of the plane as arrays.
+
+    Parameters
+    ----------
+    shapes : sequence of Shape
+        In workspace coordinates.
+    whose : str
+        The robot they stand around, for messages.
+
+    Returns
+    -------
+    Solids
+
+    Raises
+    ------
+    InputError
+        If a shape is not one of the plane, or is made of cells.
+    """
+    polygons, discs, half_planes = [], [], []
+    for shape in shapes:
+        match require_plane(shape, whose):
+            case Box() | Polygon() as solid:
+                polygons.append(_edges(as_polygon(solid)))
+            case Ball(centre, radius):
+                discs.append((*centre, radius))
+            case HalfSpace(normal, offset):
+                length = hypot(*normal)
+                half_planes.append((normal[0] / length, normal[1] / length, offset / length))
+    edges = np.concatenate([np.empty((0, 4)), *polygons])
+    first = np.cumsum([0, *(len(each) for each in polygons)])
+    bounds = [(each[:, 0].min(), each[:, 1].min(), each[:, 0].max(), each[:, 1].max()) for each in polygons]
+    return Solids(
+        edges,
+        np.asarray(first, dtype=np.int64),
+        np.array(bounds, dtype=np.float64).reshape(-1, 4),
+        np.array(discs, dtype=np.float64).reshape(-1, 3),
+        np.array(half_planes, dtype=np.float64).reshape(-1, 3),
+    )
+
+
+def require_plane(shape: Shape, whose: str) -> Shape:
+    """The shape, if it is one of the plane.
+
+    Parameters
+    ----------
+    shape : Shape
+    whose : str
+        The robot it stands beside, for the message.
+
+    Returns
+    -------
+    Shape
+
+    Raises
+    ------
+    InputError
+        If it has not two coordinates, or is made of cells.
+    """
+    if isinstance(shape, CellSet):
+        raise InputError(f"{whose} moves among shapes, not among the cells of a map; describe the obstacles as shapes")
+    if shape.ndim != 2:
+        raise InputError(f"{whose} moves in the plane: a shape needs 2 coordinates, got {shape.ndim}")
+    return shape
+
+
+def as_polygon(shape: Box | Polygon) -> Polygon:
+    """A box of the plane as a polygon; a polygon as it is.
+
+    Parameters
+    ----------
+    shape : Box or Polygon
+
+    Returns
+    -------
+    Polygon
+        A box without area gets the least that floating point can tell.
+    """
+    if isinstance(shape, Polygon):
+        return shape
+    (x0, y0), (x1, y1) = shape.lower, shape.upper
+    x1 = max(x1, x0 + 4 * float(np.spacing(max(abs(x0), abs(x1), 1e-9))))
+    y1 = max(y1, y0 + 4 * float(np.spacing(max(abs(y0), abs(y1), 1e-9))))
+    return Polygon(((x0, y0), (x1, y0), (x1, y1), (x0, y1)))
+
+
+def to_shapely(shape: Shape) -> BaseGeometry:
+    """A shape of the plane as shapely geometry.
+
+    Parameters
+    ----------
+    shape : Shape
+        Two coordinates.
+
+    Returns
+    -------
+    shapely geometry
+        Exact, except that a disc is a polygon of 256 corners on its circle and a half-plane ends 1e4 units away.
+
+    Raises
+    ------
+    InputError
+        If the shape is not one of the plane, or is made of cells.
+    """
+    import shapely
+
+    match require_plane(shape, "shapely"):
+        case Box(lower, upper):
+            return shapely.Polygon(((lower[0], lower[1]), (upper[0], lower[1]), upper, (lower[0], upper[1])))
+        case Polygon(vertices, holes):
+            return shapely.Polygon(vertices, holes)
+        case Ball(centre, radius):
+            return shapely.Point(centre).buffer(radius, quad_segs=64)
+        case HalfSpace(normal, offset):
+            length = hypot(*normal)
+            out = np.asarray(normal) / length
+            along, foot = np.array([-out[1], out[0]]), out * (offset / length)
+            corners = [foot - FAR * along, foot + FAR * along, foot + FAR * (along - out), foot - FAR * (along + out)]
+            return shapely.Polygon(corners)
+    raise InputError(f"a {type(shape).__name__} has no geometry in the plane")
+
+
+def _edges(polygon: Polygon) -> NDArray[np.float64]:
+    rings = [np.asarray(ring, dtype=np.float64) for ring in polygon.rings]
+    return np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in rings])
