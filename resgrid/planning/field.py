@@ -107,7 +107,7 @@ class Field:
 
         Shape of the space; None where there is no obstacle cell.
         """
-        return _obstacle_reach(self.space)
+        return obstacle_reach(self.space)
 
     @cached_property
     def flow(self) -> Flow:
@@ -206,7 +206,18 @@ def _flow(field: Field) -> Flow:
     )
 
 
-def _obstacle_reach(space: ConfigurationSpace) -> NDArray[np.float64] | None:
+def obstacle_reach(space: ConfigurationSpace) -> NDArray[np.float64] | None:
+    """Upper bound of the distance from any point of a cell to the nearest obstacle cell, in axis units.
+
+    Parameters
+    ----------
+    space : ConfigurationSpace
+
+    Returns
+    -------
+    ndarray of float64, shape of the space, or None
+        None where there is no obstacle cell.
+    """
     from scipy.ndimage import distance_transform_edt
 
     clear = space.cell != Cell.OBSTACLE

@@ -259,3 +259,64 @@ def clearance(
                 box_high[axis] = (at[axis] + 1) * spacing[axis]
             best = min(best, segment_to_box(starts[k], ends[k], box_low, box_high))
     return best
+
+
+@njit(cache=True)
+def segment_is_free(
+    start: Floats,
+    end: Floats,
+    free: NDArray[np.bool_],
+    shape: Integers,
+    periodic: NDArray[np.bool_],
+    rim: float,
+) -> bool:
+    """Whether every closed cell that a closed segment touches is free; in units of cells, continuous.
+
+    Cells count as larger by ``rim`` on every side, so that rounding can only add cells.  Beyond the grid nothing is
+    free.  Slab by slab along the longest component; in each, the cells that the segment's box meets are tested one by
+    one, which makes the set exact in any number of dimensions.
+    """
+    ndim = len(shape)
+    major = int(np.argmax(np.abs(end - start)))
+    low, high, at = np.empty(ndim, np.int64), np.empty(ndim, np.int64), np.empty(ndim, np.int64)
+    first = math.ceil(min(start[major], end[major]) - rim - 1.0)
+    last = math.floor(max(start[major], end[major]) + rim)
+    for slab in range(first, last + 1):
+        enter, leave = _slab_shares(start[major], end[major], slab, rim, 0.0, 1.0)
+        total = 1
+        for axis in range(ndim):
+            a = start[axis] + enter * (end[axis] - start[axis])
+            b = start[axis] + leave * (end[axis] - start[axis])
+            low[axis] = math.ceil(min(a, b) - rim - 1.0)
+            high[axis] = math.floor(max(a, b) + rim)
+            if axis == major:
+                low[axis] = high[axis] = slab
+            total *= high[axis] - low[axis] + 1
+        for number in range(total):
+            rest, flat, inside = number, 0, True
+            t0, t1 = 0.0, 1.0
+            for axis in range(ndim - 1, -1, -1):
+                width = high[axis] - low[axis] + 1
+                at[axis] = low[axis] + rest % width
+                rest //= width
+                t0, t1 = _slab_shares(start[axis], end[axis], at[axis], rim, t0, t1)
+            if t0 > t1:
+                continue
+            for axis in range(ndim):
+                index = at[axis] % shape[axis] if periodic[axis] else at[axis]
+                inside &= 0 <= index < shape[axis]
+                flat = flat * shape[axis] + index
+            if not inside or not free[flat]:
+                return False
+    return True
+
+
+@njit(cache=True, inline="always")
+def _slab_shares(a: float, b: float, index: int, rim: float, t0: float, t1: float) -> tuple[float, float]:
+    """Part of the way from ``a`` to ``b`` that lies in the cells ``index``, within the part from t0 to t1."""
+    if a == b:
+        return (t0, t1) if index - rim <= a <= index + 1 + rim else (1.0, 0.0)
+    enter, leave = (index - rim - a) / (b - a), (index + 1 + rim - a) / (b - a)
+    if enter > leave:
+        enter, leave = leave, enter
+    return max(t0, enter), min(t1, leave)

@@ -1,0 +1,149 @@
+"""Shortcuts: bends of a streamline replaced by straight lines that meet free cells only."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.planning.certify_free import RIM, certify_free
+from resgrid.planning.clearance import clearance_of
+from resgrid.planning.field import Field
+from resgrid.planning.short_path import ShortPath
+from resgrid.planning.streamline import Outcome, Streamline
+from resgrid.planning.unwrap import length_of, unwrap
+from resgrid.space import Cell, ConfigurationSpace
+
+Sight = Callable[[NDArray[np.float64], NDArray[np.float64]], bool]
+
+_GAIN = 1e-12
+
+
+def shorten(
+    path: Streamline, where: Field | ConfigurationSpace, *, clearance: float = 0.0, rounds: int = 200, seed: int = 0
+) -> ShortPath:
+    """Replace the bends of a streamline by straight lines wherever all the cells they touch are free or goal cells.
+
+    First, from each corner, a line to the farthest point of the way ahead that doubling steps and bisection find; then
+    ``rounds`` random chords between points of the way (Geraerts & Overmars, Int. J. Robotics Research 26 (2007) 845).
+    What no line can replace stays as it was, so the path keeps the streamline's promise not to meet an obstacle, and
+    its length never grows.  It has no longer the streamline's clearance: ask for the one it must keep.
+
+    Parameters
+    ----------
+    path : Streamline
+        That reached a goal.
+    where : Field or ConfigurationSpace
+        A field says which edges of the grid are obstacles; of a space alone, all that are not periodic.
+    clearance : float
+        Distance, in axis units, that new lines keep from obstacle cells and such edges, at least 0.
+    rounds : int
+        Random chords to try.
+    seed : int
+        Of the random chords: the same seed gives the same path.
+
+    Returns
+    -------
+    ShortPath
+        Certified by `certify_free`.
+
+    Raises
+    ------
+    InputError
+        If the streamline reached no goal, or an option is out of range.
+    CertificateError
+        If the result touches an obstacle, which would be a fault of this function or a path of another space.
+    """
+    if path.outcome is not Outcome.REACHED:
+        raise InputError(f"this path ended with '{path.outcome}': only one that reached a goal can be shortened")
+    if not 0.0 <= clearance < np.inf:
+        raise InputError(f"clearance = {clearance}, but a distance is at least 0 and finite")
+    if not 0 <= rounds <= 1_000_000:
+        raise InputError(f"rounds = {rounds}, but 0 to 1,000,000 are possible")
+    space = where.space if isinstance(where, Field) else where
+    edge = where.edge if isinstance(where, Field) else closed_edges(space)
+    clear = _line_of_sight(space, edge, clearance)
+    original = unwrap(path, space)
+    points = _greedy(_random_chords(_greedy(original, clear), clear, rounds, seed), clear)
+    certify_free(points, space)
+    before = length_of(original)
+    return ShortPath(
+        points=points,
+        goal=path.goal,
+        length=min(length_of(points), before),
+        original_length=before,
+        clearance=clearance_of(points, space, edge),
+    )
+
+
+def closed_edges(space: ConfigurationSpace) -> tuple[str, ...]:
+    """The rule of every edge where none is given: an obstacle, unless the axis is periodic."""
+    return tuple("periodic" if ring else "obstacle" for ring in space.periodic)
+
+
+def _line_of_sight(space: ConfigurationSpace, edge: tuple[str, ...], clearance: float) -> Sight:
+    """Whether the straight line between two points may be taken, as a function of both."""
+    from resgrid.planning import kernels
+
+    free = (space.cell != Cell.OBSTACLE).ravel()
+    shape, periodic = np.array(space.shape, dtype=np.int64), space.periodic
+    lower, spacing = space.lower, space.spacing
+
+    def clear(start: NDArray[np.float64], end: NDArray[np.float64]) -> bool:
+        if not kernels.segment_is_free((start - lower) / spacing, (end - lower) / spacing, free, shape, periodic, RIM):
+            return False
+        line = np.stack([start, end])
+        return not clearance or clearance_of(line, space, edge, within=clearance) >= clearance
+
+    return clear
+
+
+def _greedy(points: NDArray[np.float64], clear: Sight) -> NDArray[np.float64]:
+    """Corners of the way that jumps as far ahead as it can see."""
+    kept = [0]
+    last = len(points) - 1
+    while kept[-1] < last:
+        kept.append(_farthest(points, kept[-1], last, clear))
+    return points[kept]
+
+
+def _farthest(points: NDArray[np.float64], here: int, last: int, clear: Sight) -> int:
+    """A point far ahead that can be seen; at least the next one."""
+    seen, step = here + 1, 2
+    while seen < last and clear(points[here], points[min(here + step, last)]):
+        seen = min(here + step, last)
+        step *= 2
+    low, high = seen, min(here + step, last)
+    while high - low > 1:
+        middle = (low + high) // 2
+        if clear(points[here], points[middle]):
+            low = middle
+        else:
+            high = middle
+    return low
+
+
+def _random_chords(points: NDArray[np.float64], clear: Sight, rounds: int, seed: int) -> NDArray[np.float64]:
+    """Straight lines between random points of the way, where they are shorter than the way and may be taken."""
+    generator = np.random.default_rng(seed)
+    for _ in range(rounds):
+        if len(points) < 3:
+            break
+        along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
+        first, last = np.sort(generator.uniform(0.0, along[-1], 2))
+        before, after = np.searchsorted(along, [first, last], side="right") - 1
+        if before == after or after >= len(points) - 1:
+            continue
+        start, end = _at(points, along, before, first), _at(points, along, after, last)
+        shorter = np.linalg.norm(end - start) < (last - first) * (1.0 - _GAIN)
+        if shorter and clear(start, end):
+            points = np.concatenate([points[: before + 1], [start, end], points[after + 1 :]])
+    return points
+
+
+def _at(points: NDArray[np.float64], along: NDArray[np.float64], corner: int, length: float) -> NDArray[np.float64]:
+    """The point so far along the way, between a corner and the next."""
+    share = (length - along[corner]) / (along[corner + 1] - along[corner])
+    return np.asarray(points[corner] + share * (points[corner + 1] - points[corner]))

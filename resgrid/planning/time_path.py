@@ -1,0 +1,222 @@
+"""From a path to a trajectory: as fast as the axes allow.
+
+With limits on accelerations a corner would have to be taken at rest.  Instead it is rounded by a parabola of constant
+acceleration that leaves the straight lines at a distance ``d`` before and meets them as far behind it (linear segments
+with parabolic blends: R. P. Paul, Robot Manipulators, 1981, chapter 5).  It stays within the triangle at the corner and
+passes it at ``d |u2 - u1| / 4``, for directions ``u1`` and ``u2``, which bounds ``d``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.errors import InputError
+from resgrid.planning.short_path import ShortPath
+from resgrid.planning.streamline import Streamline
+from resgrid.planning.trajectory import Trajectory
+from resgrid.planning.unwrap import unwrap
+from resgrid.space import ConfigurationSpace
+
+Limits = float | Sequence[float] | NDArray[np.float64]
+
+_STRAIGHT = 1e-12
+_MOMENT = 1e-13
+
+
+def time_path(
+    path: Streamline | ShortPath | ArrayLike,
+    space: ConfigurationSpace,
+    *,
+    velocity_limits: Limits,
+    acceleration_limits: Limits | None = None,
+    tolerance: float | None = None,
+) -> Trajectory:
+    """Time a path as fast as limits on every axis allow.
+
+    With velocities alone every segment is passed at the greatest constant velocity, which jumps at corners.  With
+    accelerations the robot starts and ends at rest, corners are rounded at constant speed, and on the straight parts it
+    accelerates and brakes as hard as it may (speeds at corners by a forward and a backward pass): no motion of this
+    kind is faster.
+
+    Parameters
+    ----------
+    path : Streamline, ShortPath or array_like of float, shape (n, ndim)
+        Arrays are continuous across periodic seams.
+    space : ConfigurationSpace
+    velocity_limits : float or sequence of float
+        One for all axes or one each, in axis units a second, positive.
+    acceleration_limits : float or sequence of float, optional
+        In axis units a second squared.
+    tolerance : float, optional
+        Greatest distance, in axis units, from the path: half of it to straighten the path's small bends, half to round
+        the corners that are left.  By default half the path's clearance, at most a quarter of the narrowest cell; of an
+        array, 0: rest at every corner.  Only with accelerations.
+
+    Returns
+    -------
+    Trajectory
+
+    Raises
+    ------
+    InputError
+        If a limit is not positive, or the path does not fit the space.
+    """
+    velocity = _checked_limits("velocity_limits", velocity_limits, space)
+    points = _distinct(unwrap(path, space))
+    if acceleration_limits is None:
+        if tolerance is not None:
+            raise InputError("tolerance rounds corners for the sake of accelerations: give acceleration_limits too")
+        return _at_constant_velocities(points, velocity)
+    acceleration = _checked_limits("acceleration_limits", acceleration_limits, space)
+    within = _default_tolerance(path, space) if tolerance is None else tolerance
+    if not 0.0 <= within < np.inf:
+        raise InputError(f"tolerance = {tolerance}, but a distance is at least 0 and finite")
+    if len(points) < 2:
+        return _at_constant_velocities(points, velocity)
+    return _blended(_straightened(points, within / 2), velocity, acceleration, within / 2)
+
+
+def _default_tolerance(path: Streamline | ShortPath | ArrayLike, space: ConfigurationSpace) -> float:
+    if not isinstance(path, Streamline | ShortPath):
+        return 0.0
+    clearance = np.inf if np.isnan(path.clearance) else path.clearance
+    return float(min(clearance / 2, space.spacing.min() / 4))
+
+
+def _checked_limits(name: str, limits: Limits, space: ConfigurationSpace) -> NDArray[np.float64]:
+    try:
+        given = np.asarray(limits, dtype=np.float64)
+        each = np.full(space.ndim, float(given)) if given.ndim == 0 else given
+    except (TypeError, ValueError):
+        raise InputError(f"{name}: expected a number, or one for each axis, got {limits!r}") from None
+    if each.shape != (space.ndim,):
+        raise InputError(f"{name}: {each.size} values for {space.ndim} axes; give one for all or one for each")
+    if not np.all(np.isfinite(each) & (each > 0)):
+        wrong = space.axes[int(np.argmin(np.isfinite(each) & (each > 0)))].name
+        raise InputError(f"{name}: the limit of axis {wrong!r} must be positive and finite, got {each.tolist()}")
+    return each
+
+
+def _distinct(points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The points without repetitions of the one before."""
+    return points[np.concatenate([[True], np.any(np.diff(points, axis=0) != 0, axis=1)])]
+
+
+def _straightened(points: NDArray[np.float64], within: float) -> NDArray[np.float64]:
+    """Corners that keep the path within a distance (Ramer 1972; Douglas & Peucker 1973)."""
+    if not within:
+        return points
+    keep = np.zeros(len(points), dtype=bool)
+    keep[[0, -1]] = True
+    open_parts = [(0, len(points) - 1)]
+    while open_parts:
+        first, last = open_parts.pop()
+        if last - first < 2:
+            continue
+        away = _distance_from_line(points[first + 1 : last], points[first], points[last])
+        farthest = int(np.argmax(away))
+        if away[farthest] > within:
+            keep[middle := first + 1 + farthest] = True
+            open_parts += [(first, middle), (middle, last)]
+    return _distinct(points[keep])
+
+
+def _distance_from_line(
+    points: NDArray[np.float64], start: NDArray[np.float64], end: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    along = end - start
+    square = along @ along
+    share = np.clip((points - start) @ along / square, 0.0, 1.0) if square else np.zeros(len(points))
+    return np.asarray(np.linalg.norm(points - start - share[:, np.newaxis] * along, axis=1))
+
+
+def _at_constant_velocities(points: NDArray[np.float64], limit: NDArray[np.float64]) -> Trajectory:
+    step = np.diff(points, axis=0)
+    seconds = (np.abs(step) / limit).max(axis=1) if len(step) else np.empty(0)
+    velocities = np.concatenate([step / seconds[:, np.newaxis], np.zeros((1, points.shape[1]))])
+    times = np.concatenate([[0.0], np.cumsum(seconds)])
+    return Trajectory(times, points, velocities, np.zeros_like(step))
+
+
+def _blended(
+    points: NDArray[np.float64], velocity: NDArray[np.float64], acceleration: NDArray[np.float64], within: float
+) -> Trajectory:
+    step = np.diff(points, axis=0)
+    length = np.linalg.norm(step, axis=1)
+    way = step / length[:, np.newaxis]
+    with np.errstate(divide="ignore"):
+        top_speed = (velocity / np.abs(way)).min(axis=1)
+        push = (acceleration / np.abs(way)).min(axis=1)
+    reach, corner_speed = _corners(way, length, top_speed, acceleration, within)
+    straight = np.maximum(length - reach[:-1] - reach[1:], 0.0)
+    speed = _passes(corner_speed, straight, push)
+    pieces: list[tuple[float, NDArray[np.float64]]] = []
+    for k in range(len(length)):
+        if reach[k] > 0:
+            pieces.append((2 * reach[k] / speed[k], speed[k] * way[k]))
+        pieces += [
+            (seconds, end_speed * way[k])
+            for seconds, end_speed in _straight(straight[k], speed[k], speed[k + 1], top_speed[k], push[k])
+        ]
+    return _joined(points, pieces)
+
+
+def _straight(length: float, enter: float, leave: float, top: float, push: float) -> list[tuple[float, float]]:
+    """Durations and final speeds of the pieces of a straight part: accelerate, cruise, brake."""
+    peak = min(top, float(np.sqrt(push * length + (enter**2 + leave**2) / 2)))
+    peak = max(peak, enter, leave)
+    cruise = length - (2 * peak**2 - enter**2 - leave**2) / (2 * push)
+    pieces = [((peak - enter) / push, peak), (max(cruise, 0.0) / peak, peak), ((peak - leave) / push, leave)]
+    return [(seconds, speed) for seconds, speed in pieces if seconds > 0]
+
+
+def _joined(points: NDArray[np.float64], pieces: list[tuple[float, NDArray[np.float64]]]) -> Trajectory:
+    total = sum(duration for duration, _ in pieces)
+    pieces = [piece for piece in pieces if piece[0] > _MOMENT * total]
+    seconds = np.array([duration for duration, _ in pieces])
+    velocities = np.stack([np.zeros(points.shape[1]), *(velocity for _, velocity in pieces)])
+    duration = seconds[:, np.newaxis]
+    positions = points[0] + np.concatenate(
+        [np.zeros((1, points.shape[1])), np.cumsum(duration * (velocities[:-1] + velocities[1:]) / 2, axis=0)]
+    )
+    positions[-1], velocities[-1] = points[-1], 0.0
+    times = np.concatenate([[0.0], np.cumsum(seconds)])
+    return Trajectory(times, positions, velocities, np.diff(velocities, axis=0) / duration)
+
+
+def _corners(
+    way: NDArray[np.float64],
+    length: NDArray[np.float64],
+    top_speed: NDArray[np.float64],
+    acceleration: NDArray[np.float64],
+    within: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """How far each blend reaches on both sides, and the greatest speed in it; both 0 at start and end."""
+    reach, speed = np.zeros(len(length) + 1), np.zeros(len(length) + 1)
+    turn = np.diff(way, axis=0)
+    sharpness = np.linalg.norm(turn, axis=1)
+    bent = sharpness > _STRAIGHT
+    half = np.minimum(length[:-1], length[1:]) / 2
+    with np.errstate(divide="ignore"):
+        reach[1:-1] = np.where(bent, np.minimum(4 * within / np.maximum(sharpness, _STRAIGHT), half), 0.0)
+        push = (acceleration / np.abs(turn)).min(axis=1)
+    limit = np.minimum(top_speed[:-1], top_speed[1:])
+    # Over 2 d at speed v the velocity changes by v (u2 - u1), hence the acceleration is v^2 (u2 - u1) / (2 d).
+    with np.errstate(invalid="ignore"):
+        speed[1:-1] = np.where(bent, np.minimum(limit, np.sqrt(2 * reach[1:-1] * push)), limit)
+    return reach, speed
+
+
+def _passes(
+    limit: NDArray[np.float64], straight: NDArray[np.float64], push: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Greatest speeds at the corners from which the next can be met: v'^2 <= v^2 + 2 a s, forward and backward."""
+    square = limit**2
+    for k in range(len(straight)):
+        square[k + 1] = min(square[k + 1], square[k] + 2 * push[k] * straight[k])
+    for k in range(len(straight) - 1, -1, -1):
+        square[k] = min(square[k], square[k + 1] + 2 * push[k] * straight[k])
+    return np.sqrt(square)

@@ -1,0 +1,182 @@
+"""Shortcuts against brute force: rational arithmetic over every cell, and thousands of points along the way."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from fractions import Fraction
+from itertools import pairwise, product
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from spaces import serpentine, space_of, spaces
+
+from resgrid.compiler import compile_space
+from resgrid.errors import CertificateError, InputError
+from resgrid.nodal.solve import solve
+from resgrid.planning import kernels
+from resgrid.planning.certify_free import certify_free
+from resgrid.planning.field import Field, field_of
+from resgrid.planning.shortcut import shorten
+from resgrid.planning.trace import streamline
+from resgrid.planning.unwrap import length_of, unwrap
+from resgrid.space import Cell, ConfigurationSpace
+
+
+def touched_exactly(start: list[float], end: list[float], shape: tuple[int, ...]) -> set[tuple[int, ...]]:
+    """Closed cells that meet a closed segment, by clipping in rational arithmetic; every cell near is tried."""
+    cells = set()
+    for cell in product(*(range(-1, n + 1) for n in shape)):
+        low, high = Fraction(0), Fraction(1)
+        for a, b, i in zip(map(Fraction, start), map(Fraction, end), cell, strict=True):
+            if a == b:
+                if not i <= a <= i + 1:
+                    low, high = Fraction(1), Fraction(0)
+                continue
+            enter, leave = sorted([(i - a) / (b - a), (i + 1 - a) / (b - a)])
+            low, high = max(low, enter), min(high, leave)
+        if low <= high:
+            cells.add(cell)
+    return cells
+
+
+@st.composite
+def segments(draw: st.DrawFn) -> tuple[list[float], list[float], tuple[int, ...]]:
+    ndim = draw(st.integers(1, 4))
+    shape = tuple(draw(st.integers(1, 4 if ndim < 4 else 2)) for _ in range(ndim))
+    ends = [[draw(st.integers(0, 4 * n)) / 4 for n in shape] for _ in range(2)]
+    return ends[0], ends[1], shape
+
+
+@given(segments(), st.data())
+@settings(max_examples=150, deadline=None)
+def test_a_line_is_free_exactly_if_all_cells_it_touches_are(case, data: st.DataObject) -> None:
+    """Ends on quarters of cells: corners and borders are hit all the time."""
+    start, end, shape = case
+    rng = np.random.default_rng(data.draw(st.integers(0, 2**32 - 1)))
+    touched = touched_exactly(start, end, shape)
+    free = rng.random(shape) < 0.9
+    expected = all(all(0 <= i < n for i, n in zip(c, shape, strict=True)) and free[c] for c in touched)
+    arguments = np.array(shape, dtype=np.int64), np.zeros(len(shape), dtype=bool), 1e-9
+    assert kernels.segment_is_free(np.array(start), np.array(end), free.ravel(), *arguments) == expected
+    for cell in touched:
+        if all(0 <= i < n for i, n in zip(cell, shape, strict=True)):
+            only = np.ones(shape, dtype=bool)
+            only[cell] = False
+            assert not kernels.segment_is_free(np.array(start), np.array(end), only.ravel(), *arguments)
+
+
+def dirichlet(space: ConfigurationSpace) -> Field:
+    return field_of(solve(compile_space(space)))
+
+
+def points_along(points: NDArray[np.float64], count: int) -> NDArray[np.float64]:
+    share = np.linspace(0, 1, count)[:, np.newaxis]
+    return np.concatenate([a + share * (b - a) for a, b in pairwise(points)])
+
+
+@given(spaces(max_cells=12, conductive=False), st.data())
+@settings(max_examples=40, deadline=None)
+def test_short_paths_are_free_shorter_and_join_the_same_ends(space: ConfigurationSpace, data: st.DataObject) -> None:
+    reachable = np.argwhere(space.goal_connected)
+    if not len(reachable):
+        return
+    field = field_of(solve(compile_space(space, boundary="neumann")))
+    cell = reachable[data.draw(st.integers(0, len(reachable) - 1))]
+    path = streamline(field, cell=cell.tolist())
+    short = shorten(path, field, rounds=30)
+    way = unwrap(path, space)
+    np.testing.assert_array_equal(short.points[[0, -1]], way[[0, -1]])
+    assert length_of(short.points) <= path.length * (1 + 1e-12)
+    assert short.length >= np.linalg.norm(way[-1] - way[0]) * (1 - 1e-12)
+    inside = points_along(short.points, 200)
+    inside = inside[1:-1] if len(inside) else short.points
+    turned = np.where(space.periodic, np.mod(inside - space.lower, space.upper - space.lower) + space.lower, inside)
+    # A point on a border may touch an obstacle only along a segment of the streamline; nudged inwards it is free.
+    cells = np.floor((turned - space.lower) / space.spacing).astype(int) % space.shape
+    on_border = np.any(np.abs((turned - space.lower) / space.spacing % 1 - 0.5) > 0.5 - 1e-6, axis=1)
+    assert np.all((space.cell[tuple(cells.T)] != Cell.OBSTACLE) | on_border)
+
+
+def test_an_open_room_is_crossed_in_one_line() -> None:
+    cell = np.zeros((30, 20), dtype=np.uint8)
+    cell[28, 18] = Cell.GOAL
+    field = dirichlet(space_of(cell))
+    path = streamline(field, start=(1.5, 1.5))
+    short = shorten(path, field)
+    assert len(short.points) == 2
+    assert short.length == pytest.approx(float(np.linalg.norm(path.points[-1] - path.points[0])))
+    assert short.original_length == pytest.approx(path.length)
+
+
+def test_a_corner_is_not_cut_even_by_a_touch() -> None:
+    cell = np.zeros((4, 4), dtype=np.uint8)
+    cell[1, 1] = Cell.OBSTACLE
+    space = space_of(cell)
+    certify_free([(0.5, 2.6), (3.0, 3.5)], space)
+    with pytest.raises(CertificateError, match=r"segment 0 touches cell \(1, 1\)"):
+        certify_free([(0.5, 2.5), (2.5, 0.5), (3.5, 0.5)], replace_cell(space, (2, 2)))
+    with pytest.raises(CertificateError, match=r"\(1, 1\)"):
+        certify_free([(0.5, 2.5), (1.5, 1.5)], space)
+    with pytest.raises(CertificateError, match="outside"):
+        certify_free([(0.5, 0.5), (-0.5, 3.5)], space)
+    certify_free([(1.0, 0.2), (1.0, 1.0)], space_of(np.zeros((4, 4), dtype=np.uint8)))
+    certify_free([(0.2, 1.0), (1.0, 1.8)], space)  # within one closed cell, though it ends on the obstacle's side
+
+
+def replace_cell(space: ConfigurationSpace, cell: tuple[int, int]) -> ConfigurationSpace:
+    code = space.cell.copy()
+    code[cell] = Cell.OBSTACLE
+    return ConfigurationSpace(space.axes, code)
+
+
+def test_the_clearance_asked_for_is_kept() -> None:
+    cell = np.zeros((40, 30), dtype=np.uint8)
+    cell[20, :22], cell[38, 2] = Cell.OBSTACLE, Cell.GOAL
+    field = dirichlet(space_of(cell))
+    path = streamline(field, start=(2.5, 14.5))
+    bold, careful = shorten(path, field), shorten(path, field, clearance=1.5)
+    assert path.length > careful.length > bold.length
+    assert bold.clearance < 0.5
+    assert careful.clearance >= min(path.clearance, 1.5) - 1e-9
+
+
+def test_a_maze_keeps_its_way_and_the_seed_its_path() -> None:
+    space = space_of(serpentine(6, 14, 2))
+    field = dirichlet(space)
+    free = np.argwhere(space.goal_connected)
+    path = streamline(field, cell=free[-1].tolist())
+    first, again = shorten(path, field, seed=3), shorten(path, space, seed=3)
+    np.testing.assert_array_equal(first.points, again.points)
+    assert first.length < path.length
+    certify_free(first, space)
+
+
+def test_lines_cross_seams() -> None:
+    cell = np.zeros((20, 12), dtype=np.uint8)
+    cell[10, :], cell[2, 6] = Cell.OBSTACLE, Cell.GOAL
+    space = space_of(cell, periodic=(True, False))
+    path = streamline(dirichlet(space), start=(15.5, 4.5))
+    short = shorten(path, space)
+    assert len(short.points) == 2
+    assert short.points[-1, 0] == pytest.approx(22.0, abs=0.51)
+    certify_free(short, space)
+
+
+def test_only_what_reached_a_goal_is_shortened() -> None:
+    cell = np.zeros((3, 3), dtype=np.uint8)
+    cell[1, :], cell[2, 2] = Cell.OBSTACLE, Cell.GOAL
+    field = dirichlet(space_of(cell))
+    with pytest.raises(InputError, match="no_path"):
+        shorten(streamline(field, cell=(0, 0)), field)
+    path = streamline(field, cell=(2, 0))
+    with pytest.raises(InputError, match="clearance = nan"):
+        shorten(path, field, clearance=float("nan"))
+    with pytest.raises(InputError, match="rounds = -1"):
+        shorten(path, field, rounds=-1)
+    with pytest.raises(InputError, match="leaps"):
+        shorten(replace(path, cells=path.cells[::-1].copy() * 2 % 3), field)
+    goal = shorten(streamline(field, cell=(2, 2)), field)
+    assert (len(goal.points), goal.length) == (1, 0.0)

@@ -1,0 +1,132 @@
+"""Timing against closed forms, and limits against differences of fine samples."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from spaces import serpentine, space_of
+
+from resgrid.compiler import compile_space
+from resgrid.errors import InputError
+from resgrid.nodal.solve import solve
+from resgrid.planning.certify_free import certify_free
+from resgrid.planning.field import field_of
+from resgrid.planning.shortcut import shorten
+from resgrid.planning.time_path import time_path
+from resgrid.planning.trace import streamline
+from resgrid.space import ConfigurationSpace
+
+PLANE = space_of(np.zeros((20, 20)))
+
+
+def test_velocity_alone_is_a_sum_of_quotients() -> None:
+    motion = time_path([(0, 0), (3, 1), (3, 1), (3, 5)], PLANE, velocity_limits=(1.0, 0.5))
+    assert motion.duration == 3.0 + 8.0
+    np.testing.assert_allclose(motion.velocities, [(1, 1 / 3), (0, 0.5), (0, 0)])
+    np.testing.assert_allclose(motion.at([1.5, 7.0])[0], [(1.5, 0.5), (3, 3)])
+
+
+@pytest.mark.parametrize(
+    ("length", "seconds"),
+    [(8.0, 8 / 2 + 2 / 1), (1.0, 2.0), (4.0, 4.0)],  # trapezium s/v + v/a; triangle 2 sqrt(s/a); just both
+)
+def test_a_straight_line_takes_the_textbooks_time(length: float, seconds: float) -> None:
+    motion = time_path([(0, 0), (length, 0)], PLANE, velocity_limits=2.0, acceleration_limits=1.0)
+    assert motion.duration == pytest.approx(seconds)
+    np.testing.assert_allclose(motion.at(seconds / 2)[0], [(length / 2, 0)])
+
+
+def test_corners_without_tolerance_are_taken_at_rest() -> None:
+    motion = time_path([(0, 0), (1, 0), (1, 1)], PLANE, velocity_limits=9.0, acceleration_limits=1.0)
+    assert motion.duration == pytest.approx(4.0)
+    np.testing.assert_allclose(motion.at(2.0), [[(1, 0)], [(0, 0)]], atol=1e-9)
+
+
+def test_a_right_angle_is_rounded_within_half_the_tolerance() -> None:
+    corner = [(0.0, 0.0), (5.0, 0.0), (5.0, 5.0)]
+    motion = time_path(corner, PLANE, velocity_limits=9.0, acceleration_limits=1.0, tolerance=0.2)
+    points = motion.sample(500)[1]
+    away = np.minimum(np.abs(points[:, 1]), np.abs(points[:, 0] - 5)).max()
+    gap = np.linalg.norm(points - (5, 0), axis=1).min()
+    assert gap == pytest.approx(0.1, rel=1e-3)
+    assert away < gap
+    # d = 4 * 0.1 / sqrt(2), v = sqrt(2 d a): speeds up over 5 - d, from rest to v, on both sides.
+    d = 0.4 / np.sqrt(2)
+    v, peak = np.sqrt(2 * d), np.sqrt(5 - d + d)
+    assert motion.duration == pytest.approx(2 * (peak + (peak - v)) + 2 * d / v)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.sampled_from([0.0, 0.01, 0.5]))
+@settings(max_examples=40, deadline=None)
+def test_limits_hold_and_the_path_is_kept(seed: int, ndim: int, tolerance: float) -> None:
+    rng = np.random.default_rng(seed)
+    space = space_of(np.zeros((10,) * ndim))
+    corners = rng.uniform(0, 10, (int(rng.integers(1, 8)), ndim))
+    velocity, acceleration = rng.uniform(0.2, 3, ndim), rng.uniform(0.2, 3, ndim)
+    motion = time_path(corners, space, velocity_limits=velocity, acceleration_limits=acceleration, tolerance=tolerance)
+    np.testing.assert_array_equal(motion.positions[[0, -1]], corners[[0, -1]])
+    assert np.all(np.diff(motion.times) > 0)
+    times, points, speeds = motion.sample(max(200.0 / max(motion.duration, 0.1), 1.0))
+    step = np.diff(times)[:, np.newaxis]
+    assert np.all(np.abs(np.diff(points, axis=0)) <= velocity * step * (1 + 1e-7) + 1e-9)
+    assert np.all(np.abs(np.diff(speeds, axis=0)) <= acceleration * step * (1 + 1e-7) + 1e-7)
+    assert from_polyline(points, corners) <= tolerance + 1e-7
+
+
+def from_polyline(points: np.ndarray, corners: np.ndarray) -> float:
+    best = np.linalg.norm(points - corners[0], axis=1)
+    for start, end in pairwise(corners):
+        share = np.clip((points - start) @ (end - start) / ((end - start) @ (end - start)), 0, 1)
+        best = np.minimum(best, np.linalg.norm(points - start - share[:, np.newaxis] * (end - start), axis=1))
+    return float(best.max())
+
+
+def test_the_default_tolerance_stays_clear_of_obstacles() -> None:
+    space = space_of(serpentine(4, 10, 2))
+    field = field_of(solve(compile_space(space)))
+    path = streamline(field, cell=np.argwhere(space.goal_connected)[-1].tolist())
+    for way in (path, shorten(path, field, clearance=0.25)):
+        motion = time_path(way, space, velocity_limits=1.0, acceleration_limits=1.0)
+        certify_free(motion.sample(50)[1], space)
+        assert motion.duration >= (way.length / np.sqrt(2)) * (1 - 0.1)
+    slow = time_path(path, space, velocity_limits=1.0, acceleration_limits=1.0, tolerance=0.0)
+    assert slow.duration > time_path(path, space, velocity_limits=1.0, acceleration_limits=1.0).duration
+
+
+def test_a_single_point_takes_no_time() -> None:
+    for acceleration in (None, 1.0):
+        motion = time_path([(1, 2), (1, 2)], PLANE, velocity_limits=1, acceleration_limits=acceleration)
+        assert motion.duration == 0
+        np.testing.assert_array_equal(motion.at([-1, 0, 5])[0], [(1, 2)] * 3)
+        assert len(motion.sample(10)[0]) == 1
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"velocity_limits": 0}, "axis 'x' must be positive"),
+        ({"velocity_limits": (1, float("nan"))}, "axis 'y' must be positive"),
+        ({"velocity_limits": (1, 1, 1)}, "3 values for 2 axes"),
+        ({"velocity_limits": "fast"}, "expected a number"),
+        ({"velocity_limits": 1, "acceleration_limits": -1}, "acceleration_limits: the limit"),
+        ({"velocity_limits": 1, "tolerance": 0.1}, "give acceleration_limits"),
+        ({"velocity_limits": 1, "acceleration_limits": 1, "tolerance": -1}, "tolerance = -1"),
+    ],
+)
+def test_bad_limits_are_named(options: dict, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        time_path([(0, 0), (1, 1)], PLANE, **options)
+
+
+def test_absurd_rates_are_refused() -> None:
+    motion = time_path([(0, 0), (1, 1)], PLANE, velocity_limits=1)
+    for rate in (0, -1, float("nan"), float("inf"), 1e30):
+        with pytest.raises(InputError, match=r"rate|samples"):
+            motion.sample(rate)
+    with pytest.raises(InputError, match="not a number"):
+        motion.at([np.nan])
+    assert isinstance(PLANE, ConfigurationSpace)

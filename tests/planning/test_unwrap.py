@@ -1,0 +1,71 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from spaces import space_of, spaces
+
+from resgrid.compiler import compile_space
+from resgrid.errors import InputError
+from resgrid.nodal.solve import solve
+from resgrid.planning.field import field_of
+from resgrid.planning.trace import streamline
+from resgrid.planning.unwrap import length_of, unwrap, wrap
+from resgrid.space import Cell, ConfigurationSpace
+
+
+@given(spaces(max_cells=7), st.data())
+@settings(max_examples=40, deadline=None)
+def test_no_step_is_longer_than_a_cell_and_all_add_up(space: ConfigurationSpace, data: st.DataObject) -> None:
+    reachable = np.argwhere(space.goal_connected)
+    if not len(reachable):
+        return
+    field = field_of(solve(compile_space(space, boundary="neumann")))
+    path = streamline(field, cell=reachable[data.draw(st.integers(0, len(reachable) - 1))].tolist())
+    points = unwrap(path, space)
+    turns = (points - path.points) / (space.upper - space.lower)
+    np.testing.assert_array_equal(turns[0], 0)
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-12)
+    assert np.all(turns[:, ~space.periodic] == 0)
+    assert np.all(np.abs(np.diff(points, axis=0)) <= space.spacing * (1 + 1e-9))
+    assert length_of(points) == pytest.approx(path.length)
+
+
+def test_a_spiral_winds_as_often_as_it_should() -> None:
+    """A screw thread of obstacles on a torus of two rings: the way turns several times around the first axis."""
+    turns, around = 4, 12
+    cell = np.zeros((around, turns * 4 + 1), dtype=np.uint8)
+    for step in range(turns * around):
+        cell[step % around, step * 4 // around] = Cell.OBSTACLE
+        if step * 4 % around == 0:
+            cell[(step - 1) % around, step * 4 // around] = Cell.OBSTACLE
+    cell[:, -1] = Cell.OBSTACLE
+    cell[around - 1, turns * 4 - 1] = Cell.FREE
+    cell[0, 1] = Cell.GOAL
+    space = space_of(cell, periodic=(True, False))
+    field = field_of(solve(compile_space(space)))
+    free = np.argwhere(space.goal_connected)
+    path = streamline(field, cell=free[np.argmax(free[:, 1])].tolist())
+    assert path.outcome == "reached"
+    points = unwrap(path, space)
+    assert abs(points[-1, 0] - points[0, 0]) > 2 * around
+    np.testing.assert_allclose(wrap(points, space), wrap(path.points, space), atol=1e-9)
+
+
+def test_a_ring_of_two_cells_is_told_by_its_faces() -> None:
+    space = space_of([[0], [2]], periodic=(True, False))
+    field = field_of(solve(compile_space(space, boundary="neumann")))
+    up, down = (unwrap(streamline(field, start=(x, 0.5)), space)[-1, 0] for x in (0.75, 0.25))
+    assert (up, down) == (1.0, 0.0)
+
+
+def test_arrays_are_checked() -> None:
+    space = space_of(np.zeros((3, 3)), periodic=(True, False))
+    np.testing.assert_array_equal(wrap([(-1.0, 1.0), (3.0, 3.0)], space), [(2.0, 1.0), (0.0, 3.0)])
+    for bad, message in [
+        ([(0.0,)], "shape"), ([(np.nan, 0.0)], "not finite"), ("x", "numbers"), ([[1, 2], [3]], "numbers"),
+        (np.empty((0, 2)), "shape"),
+    ]:  # fmt: skip
+        with pytest.raises(InputError, match=message):
+            unwrap(bad, space)
