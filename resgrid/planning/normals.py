@@ -1,0 +1,234 @@
+"""Surface normals of bitmap and voxel models (Connolly & Grupen 1992, section 3.1).
+
+The model is tied to one rail and the edge of the grid to the other.  Outside the model the gradient of the potential
+then points along the outward normal of the nearby surface, and it is smooth where the bitmap itself is a staircase.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.compiler import compile_space
+from resgrid.errors import InputError
+from resgrid.nodal.solve import solve
+from resgrid.planning.field import Field, field_of
+from resgrid.space import Axis, Cell, ConfigurationSpace
+
+_FLAT = 1e-12
+"""Mean of two opposite gradients, relative to the larger, below which their difference is noise."""
+
+
+def surface_normals(
+    model: ConfigurationSpace | ArrayLike,
+    points: ArrayLike | None = None,
+    *,
+    cells: ArrayLike | None = None,
+    spacing: float | Sequence[float] = 1.0,
+    padding: int | None = None,
+) -> NDArray[np.float64]:
+    """Outward unit normals of a model, from one Dirichlet field.
+
+    Within a cell every component of the gradient is linear between its two faces; at a cell's centre it is their mean.
+    How right a normal is depends on how far from the staircase it is taken.  On pixelised discs it is off by 5 degrees
+    on average in the cells that touch the model, whatever the resolution, by 1 degree 2.5 cells away from the surface,
+    and by less further out, until the shape of the grid's edge is felt: pad generously.  Cells between parts of the
+    model, or deep in its concavities, see all of them.
+
+    Parameters
+    ----------
+    model : ConfigurationSpace or array_like of bool
+        A bitmap (two axes) or voxels (three), True inside the model; or a space whose obstacle cells are the model
+        (one to four axes, periodic ones included).
+    points : array_like of float, shape (..., ndim), optional
+        Where to take normals, in axis units; cell ``i`` of an array covers ``[i, i + 1] * spacing``.
+    cells : array_like of int, shape (..., ndim), optional
+        Instead: cells whose centres are meant.  With neither, every cell.
+    spacing : float or sequence of float
+        Cell widths of an array, in any unit.
+    padding : int, optional
+        Free cells added around the model on every side of an axis that is not periodic; if left out half the longest
+        axis in the plane, a quarter of it in three or four dimensions.
+
+    Returns
+    -------
+    ndarray of float64
+        Unit vectors, shape of `points` or `cells`; or ``(*model.shape, ndim)`` for every cell, NaN inside the model
+        and where nothing flows (cavities that the model encloses, symmetric gaps).
+
+    Raises
+    ------
+    InputError
+        If the model is empty or not boolean, or a point lies outside the grid, inside the model or in a cavity.
+    BudgetError
+        If the field would not fit in memory.
+    """
+    space = _model_space(model, spacing)
+    inner = _checked_queries(space, points, cells)
+    field, margin = _field_around(space, _checked_padding(space, padding))
+    if inner is None:
+        every = np.indices(space.shape).reshape(space.ndim, -1).T
+        return _directions(field, every + margin, np.full(every.shape, 0.5)).reshape(*space.shape, space.ndim)
+    at, local = inner
+    normals = _directions(field, at.reshape(-1, space.ndim) + margin, local.reshape(-1, space.ndim))
+    _check_defined(space, at.reshape(-1, space.ndim), normals)
+    return normals.reshape(at.shape)
+
+
+def octree_voxels(leaves: ArrayLike, shape: Sequence[int]) -> NDArray[np.bool_]:
+    """Convert the full leaves of an octree (or quadtree) to voxels.
+
+    Parameters
+    ----------
+    leaves : array_like of int, shape (n, ndim + 1)
+        Lower corner of every full leaf, then its side, in finest voxels.
+    shape : sequence of int
+        Voxels along each axis.
+
+    Returns
+    -------
+    ndarray of bool, shape ``shape``
+
+    Raises
+    ------
+    InputError
+        If a leaf has no size or reaches outside.
+    """
+    table = np.asarray(leaves)
+    size = np.array(shape, dtype=np.int64)
+    if table.ndim != 2 or table.shape[1] != len(size) + 1 or table.dtype.kind not in "iu":
+        raise InputError(
+            f"leaves must be whole numbers of shape (n, {len(size) + 1}), a corner and a side each; got {table.dtype} "
+            f"of shape {table.shape}"
+        )
+    voxels = np.zeros(tuple(size.tolist()), dtype=np.bool_)
+    for number, (*corner, side) in enumerate(table.tolist()):
+        if side < 1 or min(corner) < 0 or np.any(np.array(corner) + side > size):
+            raise InputError(
+                f"leaf {number} at {tuple(corner)} with side {side} does not fit into {tuple(shape)} voxels"
+            )
+        voxels[tuple(slice(low, low + side) for low in corner)] = True
+    return voxels
+
+
+def _model_space(model: ConfigurationSpace | ArrayLike, spacing: float | Sequence[float]) -> ConfigurationSpace:
+    """The model as goal cells, everything else free: goals are the low rail, so the field rises away from it."""
+    if isinstance(model, ConfigurationSpace):
+        axes, inside = model.axes, model.cell == Cell.OBSTACLE
+    else:
+        inside = np.asarray(model)
+        if inside.dtype.kind != "b" or not 1 <= inside.ndim <= 4 or not inside.size:
+            raise InputError(
+                f"a model is a boolean array of one to four axes, True inside; got {inside.dtype} of shape "
+                f"{inside.shape} (compare an image with its threshold first)"
+            )
+        axes = _array_axes(inside.shape, spacing)
+    if not inside.any():
+        raise InputError("the model is empty: no cell of it is solid")
+    return ConfigurationSpace(axes, np.where(inside, Cell.GOAL, Cell.FREE))
+
+
+def _array_axes(shape: tuple[int, ...], spacing: float | Sequence[float]) -> tuple[Axis, ...]:
+    try:
+        widths = np.broadcast_to(np.asarray(spacing, dtype=np.float64), (len(shape),))
+    except (TypeError, ValueError):
+        widths = np.array([np.nan])
+    if not np.all(np.isfinite(widths) & (widths > 0)):
+        raise InputError(f"spacing = {spacing!r} must be one positive number, or one for each of {len(shape)} axes")
+    return tuple(
+        Axis("xyzw"[number], 0.0, n * h, n) for number, (n, h) in enumerate(zip(shape, widths.tolist(), strict=True))
+    )
+
+
+def _checked_padding(space: ConfigurationSpace, padding: int | None) -> int:
+    if padding is None:
+        return max(space.shape) // (2 if space.ndim <= 2 else 4) + 1
+    if isinstance(padding, bool) or not isinstance(padding, int | np.integer) or padding < 0:
+        raise InputError(f"padding = {padding!r} must be a whole number of cells, 0 or more")
+    return int(padding)
+
+
+def _checked_queries(
+    space: ConfigurationSpace, points: ArrayLike | None, cells: ArrayLike | None
+) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
+    """Cells and positions within them, each of shape (..., ndim); None for every cell."""
+    if points is not None and cells is not None:
+        raise InputError("give points or cells, not both")
+    if points is not None:
+        return space.split(_numbers(points))
+    if cells is None:
+        return None
+    index = np.asarray(cells)
+    if index.dtype.kind not in "iu" or index.shape[-1:] != (space.ndim,):
+        raise InputError(f"a cell of this model has {space.ndim} whole indices, got {cells!r}")
+    if np.any(index < 0) or np.any(index >= space.shape):
+        raise InputError(f"a cell lies outside the model's {' x '.join(map(str, space.shape))} cells")
+    return index.astype(np.int64), np.full(index.shape, 0.5)
+
+
+def _numbers(points: ArrayLike) -> NDArray[np.float64]:
+    try:
+        return np.asarray(points, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError("points must be numbers, as many in each point as the model has axes") from error
+
+
+def _field_around(space: ConfigurationSpace, padding: int) -> tuple[Field, NDArray[np.int64]]:
+    """The field between the model and the edge of the padded grid, and how far cell (0, ...) has moved."""
+    margin = np.where(space.periodic, 0, padding)
+    axes = [
+        Axis(a.name, a.lower - m * a.spacing, a.upper + m * a.spacing, a.cells + 2 * m, a.periodic, a.unit)
+        for a, m in zip(space.axes, margin.tolist(), strict=True)
+    ]
+    if np.all(space.periodic):
+        raise InputError("every axis of the model is periodic: the grid has no edge that could be the other rail")
+    cell = np.pad(space.cell, [(m, m) for m in margin.tolist()], constant_values=Cell.FREE)
+    if not np.any(cell == Cell.FREE):
+        raise InputError("the model fills the whole grid: add padding")
+    return field_of(solve(compile_space(ConfigurationSpace(axes, cell)))), margin.astype(np.int64)
+
+
+def _directions(field: Field, cells: NDArray[np.int64], local: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Unit vectors up the gradient, NaN where there is none; currents are scaled by each cell's largest one.
+
+    The current through a face of axis ``a`` is ``(h_ref / h_a)**2`` times the difference of the potential, in units
+    of supply / R, so that the gradient is the current times ``h_a``, up to a common factor; it runs downwards.
+    """
+    faces = [_faces_of(field, axis, cells) for axis in range(field.space.ndim)]
+    log_size = np.stack([log for _, log in faces])
+    largest = log_size.max(axis=(0, 1))
+    base = np.where(np.isfinite(largest), largest, 0.0)
+    gradient = np.empty(cells.shape)
+    for axis, (direction, log_current) in enumerate(faces):
+        lower, upper = direction * np.exp(log_current - base)
+        share = local[:, axis]
+        gradient[:, axis] = -((1.0 - share) * lower + share * upper) * field.space.spacing[axis]
+    gradient[field.space.cell[tuple(cells.T)] != Cell.FREE] = 0.0
+    length = np.linalg.norm(gradient, axis=1, keepdims=True)
+    defined = length > _FLAT * field.space.spacing.min()
+    return np.where(defined, gradient / np.where(defined, length, 1.0), np.nan)
+
+
+def _faces_of(field: Field, axis: int, cells: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[np.float64]]:
+    """Direction and log current of the lower and the upper face of cells, each of shape (2, n)."""
+    beyond = cells.copy()
+    beyond[:, axis] += 1
+    lower, upper = tuple(cells.T), tuple(beyond.T)
+    direction, log_current = field.face_direction[axis], field.face_log_current[axis]
+    return np.stack([direction[lower], direction[upper]]), np.stack([log_current[lower], log_current[upper]])
+
+
+def _check_defined(space: ConfigurationSpace, cells: NDArray[np.int64], normals: NDArray[np.float64]) -> None:
+    undefined = np.isnan(normals).any(axis=1)
+    if not undefined.any():
+        return
+    cell = tuple(cells[int(np.argmax(undefined))].tolist())
+    if space.cell[cell] == Cell.GOAL:
+        raise InputError(f"cell {cell} lies inside the model: normals are taken at free cells around it")
+    raise InputError(
+        f"no normal is defined at cell {cell}: nothing flows there, because the model encloses it or because it lies "
+        "midway between parts of the model"
+    )
