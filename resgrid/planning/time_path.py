@@ -102,7 +102,8 @@ def _checked_limits(name: str, limits: Limits, space: ConfigurationSpace) -> NDA
 
 def _distinct(points: NDArray[np.float64]) -> NDArray[np.float64]:
     """The points without repetitions of the one before."""
-    return points[np.concatenate([[True], np.any(np.diff(points, axis=0) != 0, axis=1)])]
+    moved = np.any(np.diff(points, axis=0) != 0, axis=1)
+    return np.asarray(points[np.append(True, moved)])
 
 
 def _straightened(points: NDArray[np.float64], within: float) -> NDArray[np.float64]:

@@ -1,0 +1,170 @@
+"""Robots replayed in their workspace, against closed forms, finer steps and shapely's own polygons."""
+
+from __future__ import annotations
+
+from math import cos, hypot, pi, sin, tau
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from spaces import space_of
+
+from resgrid.compiler import compile_space
+from resgrid.errors import InputError
+from resgrid.nodal.solve import solve
+from resgrid.planning.clearance import clearance_of
+from resgrid.planning.field import field_of
+from resgrid.planning.shortcut import shorten
+from resgrid.planning.trace import streamline
+from resgrid.planning.unwrap import unwrap
+from resgrid.planning.workspace import dense, replay, travel_bound, workspace_clearance, workspace_path
+from resgrid.robots import (
+    Arm,
+    Ball,
+    Box,
+    CellSet,
+    DiscRobot,
+    HalfSpace,
+    PointRobot,
+    Polygon,
+    PolygonRobot,
+    to_shapely,
+)  # fmt: skip
+from resgrid.space import Axis, Cell, ConfigurationSpace
+
+ARM = Arm((1.0, 1.0), widths=(0.1, 0.06))
+TORUS = ConfigurationSpace(ARM.axes(8), np.zeros((8, 8)))
+PLANE = space_of(np.zeros((10, 10)))
+BAR = PolygonRobot(((-0.5, -0.1), (0.5, -0.1), (0.5, 0.1), (-0.5, 0.1)), turning_length=0.5)
+POSES = ConfigurationSpace([Axis("x", 0, 4, 4), Axis("y", 0, 4, 4), BAR.turning_axis(8)], np.zeros((4, 4, 8)))
+
+
+def test_the_tip_and_the_reference_point() -> None:
+    np.testing.assert_allclose(workspace_path([(0, pi / 2), (pi, 0)], ARM, TORUS), [(1, 1), (-2, 0)], atol=1e-12)
+    np.testing.assert_array_equal(workspace_path([(1, 2, 3)], BAR, POSES), [(1, 2)])
+    cube = space_of(np.zeros((3, 3, 3)))
+    np.testing.assert_array_equal(workspace_path([(1, 2, 3)], PointRobot(), cube), [(1, 2, 3)])
+
+
+def test_an_arm_sweeping_past_a_disc_comes_as_near_as_geometry_says() -> None:
+    """The stretched arm turns by a quarter; the disc at 45 degrees lies beyond its round tip."""
+    disc = Ball((2.5 * cos(pi / 4), 2.5 * sin(pi / 4)), 0.2)
+    sweep = [(0.0, 0.0), (pi / 2, 0.0)]
+    step = 0.01
+    found = workspace_clearance(sweep, ARM, [disc], TORUS, step=step)
+    exact = 2.5 - 2.0 - 0.03 - 0.2
+    assert exact - 1e-12 <= found <= exact + step**2
+    wall = HalfSpace((0.0, 2.0), -5.0)
+    assert workspace_clearance(sweep, ARM, [wall], TORUS) == pytest.approx(2.5 - 0.05)
+    assert replay(sweep, ARM, [disc, wall], TORUS) is None
+
+
+def test_the_first_collision_is_told_with_link_and_obstacle() -> None:
+    """The second link, at rest straight on, meets a disc on the circle of its middle."""
+    angle = 1.0
+    obstacles = [Ball((9.0, 9.0), 1.0), Ball((1.5 * cos(angle), 1.5 * sin(angle)), 0.1)]
+    hit = replay([(0.0, 0.0), (0.5, 0.0), (1.5, 0.0)], ARM, obstacles, TORUS, step=1e-3)
+    assert hit is not None
+    assert (hit.segment, hit.part, hit.obstacle) == (1, 1, 1)
+    # The link's side meets the disc when sin(angle - theta) * 1.5 = 0.1 + 0.03.
+    assert hit.configuration[0] == pytest.approx(angle - np.arcsin(0.13 / 1.5), abs=1e-3)
+    assert workspace_clearance([(0.0, 0.0), (1.5, 0.0)], ARM, obstacles, TORUS) == 0.0
+
+
+def test_to_touch_is_not_to_enter() -> None:
+    for robot, wall in ((PointRobot(), 2.0), (DiscRobot(0.5), 1.5)):
+        way = [(0.5, 2.0), (8.0, 2.0)]
+        for obstacle in (Box((0.0, 0.0), (9.0, wall)), HalfSpace((0.0, 1.0), wall)):
+            assert workspace_clearance(way, robot, [obstacle], PLANE) == 0.0
+            assert replay(way, robot, [obstacle], PLANE) is None
+        for obstacle in (Box((0.0, 0.0), (9.0, wall + 0.01)), HalfSpace((0.0, 1.0), wall + 0.01)):
+            assert replay(way, robot, [obstacle], PLANE) is not None
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_no_point_of_a_robot_moves_farther_than_its_bound(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    robots = [
+        (Arm((1.0, 0.5, 0.7), widths=(0.2, 0.1, 0.4)), 3),
+        (Arm((1.0, 0.5), angles="absolute"), 2),
+        (BAR, 3),
+        (DiscRobot(0.3), 2),
+    ]
+    for robot, ndim in robots:
+        start = rng.uniform(-3, 3, ndim)
+        end = start + rng.uniform(-0.5, 0.5, ndim)
+        bound = travel_bound(robot, start[np.newaxis], end[np.newaxis])[0]
+        for before, after in zip(robot.shapes_at(start), robot.shapes_at(end), strict=True):
+            assert shapely.hausdorff_distance(before, after) <= bound + 1e-9
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_exact_distances_agree_with_shapelys_polygons(seed: int) -> None:
+    """Circles as polygons of 64 and more edges: near enough to see any mistake."""
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(0.5, 2.0, 5)[:, np.newaxis] * np.array([(cos(a), sin(a)) for a in np.arange(5) * tau / 5])
+    obstacles = [
+        Box((-3.0, 1.0), (-2.0, 2.5)), Ball((2.0, -2.0), 0.7), HalfSpace((1.0, -3.0), -9.0),
+        Polygon(tuple(map(tuple, corners + np.array([4, 3])))),
+    ]  # fmt: skip
+    for robot, space, scale in ((ARM, TORUS, 3.0), (BAR, POSES, 4.0), (DiscRobot(0.4), PLANE, 5.0)):
+        pose = rng.uniform(-scale, scale, space.ndim)
+        near = min(s.distance(to_shapely(o)) for s in robot.shapes_at(pose) for o in obstacles)
+        assert workspace_clearance([pose], robot, obstacles, space) == pytest.approx(near, abs=2e-3)
+
+
+def test_cells_of_a_map_are_obstacles_too_across_seams() -> None:
+    cell = np.zeros((10, 6), dtype=np.uint8)
+    cell[9, 2:4], cell[4, 3] = Cell.OBSTACLE, Cell.GOAL
+    space = space_of(cell, periodic=(True, False))
+    obstacles = [CellSet(space.axes, space.cell == Cell.OBSTACLE)]
+    assert workspace_clearance([(0.5, 2.5)], PointRobot(0.25), obstacles, space) == pytest.approx(0.25)
+    assert workspace_clearance([(10.5, 1.0)], PointRobot(), obstacles, space) == pytest.approx(hypot(0.5, 1.0))
+    path = streamline(field_of(solve(compile_space(space))), start=(0.5, 0.5))
+    assert replay(path, PointRobot(), obstacles, space) is None
+    cells_apart = clearance_of(unwrap(path, space), space, ("periodic", "open"))
+    assert workspace_clearance(path, PointRobot(), obstacles, space) == pytest.approx(cells_apart, abs=1e-2)
+    assert replay([(0.5, 2.5), (-0.5, 2.5)], PointRobot(), obstacles, space) is not None
+
+
+def test_an_arm_plans_and_drives_without_a_collision() -> None:
+    """From scene to workspace: conservative cells, a streamline, its shortcut, all replayed with exact geometry."""
+    obstacles = [Box((1.0, 1.0), (1.3, 1.2)), Ball((-1.3, 0.9), 0.2)]
+    axes = ARM.axes(60)
+    cell = ARM.occupancy(axes, obstacles, "conservative").astype(np.uint8)
+    cell[ARM.goal_cells(axes, Box((-0.3, 1.5), (0.1, 1.9))) & (cell == 0)] = Cell.GOAL
+    space = ConfigurationSpace(axes, cell)
+    field = field_of(solve(compile_space(space)))
+    path = streamline(field, start=(-0.5, 0.3))
+    short = shorten(path, field)
+    assert short.length < path.length
+    for way in (path, short):
+        assert replay(way, ARM, obstacles, space, step=5e-3) is None
+    assert workspace_clearance(path, ARM, obstacles, space) > 0
+
+
+def test_dense_steps_are_as_short_as_asked() -> None:
+    way = [(0.0, 0.0), (1.0, 2.0), (1.0, 2.0), (-1.0, 0.5)]
+    configurations, segment = dense(way, ARM, TORUS, 0.05)
+    assert travel_bound(ARM, configurations[:-1], configurations[1:]).max() <= 0.05 * (1 + 1e-9)
+    assert segment.tolist() == sorted(segment.tolist())
+    assert set(segment.tolist()) == {0, 1, 2}
+    np.testing.assert_array_equal(configurations[[0, -1]], [way[0], way[-1]])
+
+
+def test_what_cannot_be_answered_is_refused() -> None:
+    class Snake:
+        pass
+
+    with pytest.raises(InputError, match="Snake"):
+        replay([(0, 0), (1, 1)], Snake(), [], PLANE)  # type: ignore[arg-type]
+    for step in (0.0, -1.0, float("nan"), 1e-12):
+        with pytest.raises(InputError, match="step"):
+            replay([(0, 0), (9, 9)], PointRobot(), [], PLANE, step=step)
+    with pytest.raises(InputError, match="plane alone"):
+        replay([(0, 0, 0), (1, 1, 1)], PointRobot(), [], space_of(np.zeros((2, 2, 2))))
+    assert workspace_clearance([(0, 0), (1, 1)], PointRobot(), [], PLANE) == np.inf
