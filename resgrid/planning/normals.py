@@ -107,9 +107,7 @@ def octree_voxels(leaves: ArrayLike, shape: Sequence[int]) -> NDArray[np.bool_]:
     voxels = np.zeros(tuple(size.tolist()), dtype=np.bool_)
     for number, (*corner, side) in enumerate(table.tolist()):
         if side < 1 or min(corner) < 0 or np.any(np.array(corner) + side > size):
-            raise InputError(
-                f"leaf {number} at {tuple(corner)} with side {side} does not fit into {tuple(shape)} voxels"
-            )
+            raise InputError(f"leaf {number} at {tuple(corner)}, side {side}, does not fit into {tuple(shape)} voxels")
         voxels[tuple(slice(low, low + side) for low in corner)] = True
     return voxels
 

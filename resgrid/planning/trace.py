@@ -72,7 +72,7 @@ def streamline(field: Field, start: ArrayLike | None = None, *, cell: Sequence[i
     AccuracyError
         If the streamline does not end, which a direction-safe field rules out.
     """
-    point = _one_start(field.space, start, cell)
+    point = one_start(field.space, start, cell)
     cells, local = start_cells(field.space, point[np.newaxis])
     blocked = _static_outcomes(field, cells)[0]
     if blocked:
@@ -155,7 +155,8 @@ def start_cells(
     return cells, local
 
 
-def _one_start(space: ConfigurationSpace, start: ArrayLike | None, cell: Sequence[int] | None) -> NDArray[np.float64]:
+def one_start(space: ConfigurationSpace, start: ArrayLike | None, cell: Sequence[int] | None) -> NDArray[np.float64]:
+    """Point of a start that is given as a point or as a cell."""
     if (start is None) == (cell is None):
         raise InputError("give either a start point or a start cell")
     if cell is None:
