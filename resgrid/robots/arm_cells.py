@@ -13,6 +13,7 @@ from resgrid.errors import InputError
 from resgrid.robots.protocol import Progress, Sampling
 from resgrid.robots.shapes import Point, Shape
 from resgrid.robots.solids import require_plane, solids, to_shapely
+from resgrid.robots.window import index_on
 from resgrid.space import Axis
 
 if TYPE_CHECKING:
@@ -162,7 +163,7 @@ def arm_goal_cells(arm: Arm, axes: tuple[Axis, ...], region: Shape | Point) -> N
     found = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
     if isinstance(region, tuple) and arm.ndim == 2:
         for solution in arm.inverse(region):
-            cell = [_index(axis, angle) for axis, angle in zip(axes, solution, strict=True)]
+            cell = [index_on(axis, angle) for axis, angle in zip(axes, solution, strict=True)]
             if None not in cell:
                 found[tuple(cell)] = True
         return found
@@ -231,12 +232,6 @@ def _require_reach(arm: Arm, place: BaseGeometry) -> None:
             f"the goal is {farthest:.4g} from the base, but the arm cannot fold nearer than {arm.shortest_reach:.4g}; "
             "move the goal or the base"
         )
-
-
-def _index(axis: Axis, angle: float) -> int | None:
-    scaled = (angle - axis.lower) / axis.spacing
-    scaled = scaled % axis.cells if axis.periodic else scaled
-    return min(int(scaled), axis.cells - 1) if -1e-9 <= scaled <= axis.cells + 1e-9 else None
 
 
 def _grids(axes: Sequence[Axis]) -> list[NDArray[np.float64]]:

@@ -15,13 +15,19 @@ from resgrid.robots.solids import as_polygon, require_plane
 from resgrid.space import Axis
 
 if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
     from resgrid.robots.polygon_robot import PolygonRobot
 
-PARTS = 4
+PARTS = 3
 """With the conservative rule every slice is cut into so many thinner ones, and blocked where any of them is."""
 
 SLACK = 1e-9
 """Obstacles grow by this share of the polygon's size, against rounding."""
+
+
+FLAT = 1e-12
+"""Edges that enclose a smaller sine are parallel: their sum has no area, and its neighbours cover it."""
 
 
 def turning_occupancy(
@@ -35,8 +41,8 @@ def turning_occupancy(
 
     At a fixed angle the polygon touches an obstacle exactly where its reference point lies in the Minkowski difference
     of the two (Lozano-Perez, IEEE Trans. Computers C-32 (1983) 108), which is cut into cells exactly.  While the angle
-    varies within a quarter of a cell no point of the polygon moves farther than a chord at the farthest corner: with
-    the conservative rule the differences grow by it, and a cell is free only if it is free in all four quarters.
+    varies within a third of a cell no point of the polygon moves farther than a chord at the farthest corner: with
+    the conservative rule the differences grow by it, and a cell is free only if it is free in all three thirds.
 
     Parameters
     ----------
@@ -118,22 +124,37 @@ def minkowski_sum(polygon: Polygon, corners: NDArray[np.float64]) -> Iterator[Po
     """
     import shapely
 
-    other = np.stack([corners, np.roll(corners, -1, axis=0)], axis=1)
     rings = [np.asarray(ring, dtype=np.float64) for ring in polygon.rings]
-    edges = np.concatenate([np.stack([ring, np.roll(ring, -1, axis=0)], axis=1) for ring in rings])
-    sums = edges[:, None, :, None, :] + other[None, :, None, :, :]
-    corner_sets = sums.reshape(-1, 4, 2)
-    covers = [shapely.MultiPoint(each).convex_hull for each in corner_sets]
+    if len(rings) == 1 and _is_convex(rings[0]) and _is_convex(corners):
+        hull = shapely.MultiPoint((rings[0][:, None] + corners).reshape(-1, 2)).convex_hull
+        yield Polygon(_ring(hull.boundary))
+        return
+    starts, steps = np.concatenate(rings), np.concatenate([np.roll(ring, -1, axis=0) - ring for ring in rings])
+    other = np.roll(corners, -1, axis=0) - corners
+    corner = starts[:, None] + corners[None]
+    along, across = np.broadcast_to(steps[:, None], corner.shape), np.broadcast_to(other[None], corner.shape)
+    cross = along[..., 0] * across[..., 1] - along[..., 1] * across[..., 0]
+    size = np.linalg.norm(along, axis=-1) * np.linalg.norm(across, axis=-1)
+    proper = np.abs(cross) > FLAT * size
+    outline = np.stack([corner, corner + along, corner + along + across, corner + across], axis=-2)[proper]
+    covers = np.asarray(shapely.polygons(outline), dtype=object)
     inner = shapely.Polygon(corners + rings[0][0])
     outer = shapely.Polygon(rings[0] + corners[0], [ring + corners[0] for ring in rings[1:]])
-    union = shapely.union_all([*(each for each in covers if each.geom_type == "Polygon"), inner, outer])
+    union = shapely.union_all([*covers, inner, outer])
     for piece in shapely.get_parts(union):
         if piece.geom_type == "Polygon":
             holes = tuple(_ring(hole) for hole in piece.interiors)
             yield Polygon(_ring(piece.exterior), holes)
 
 
-def _ring(ring: object) -> tuple[tuple[float, ...], ...]:
+def _is_convex(ring: NDArray[np.float64]) -> bool:
+    edges = np.roll(ring, -1, axis=0) - ring
+    after = np.roll(edges, -1, axis=0)
+    turns = edges[:, 0] * after[:, 1] - edges[:, 1] * after[:, 0]
+    return bool((turns >= 0).all() or (turns <= 0).all())  # a simple ring cannot wind twice
+
+
+def _ring(ring: BaseGeometry) -> tuple[tuple[float, ...], ...]:
     import shapely
 
-    return tuple(map(tuple, shapely.get_coordinates(ring)[:-1].tolist()))  # type: ignore[call-overload]
+    return tuple(map(tuple, shapely.get_coordinates(ring)[:-1].tolist()))

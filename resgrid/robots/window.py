@@ -98,6 +98,27 @@ class Window:
         ]
 
 
+def index_on(axis: Axis, value: float) -> int | None:
+    """Number of the cell of an axis that a coordinate lies in; the upper of two on their border.
+
+    Parameters
+    ----------
+    axis : Axis
+    value : float
+        In axis units; wrapped where the axis is periodic.
+
+    Returns
+    -------
+    int or None
+        None outside the axis, by more than rounding.
+    """
+    scaled = (value - axis.lower) / axis.spacing
+    scaled = scaled % axis.cells if axis.periodic else scaled
+    if not -RIM <= scaled <= axis.cells + RIM:
+        return None
+    return min(max(int(scaled), 0), axis.cells - 1)
+
+
 def _clip(index: float, cells: int) -> int:
     if isinf(index):
         return 0 if index < 0 else cells

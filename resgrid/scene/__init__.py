@@ -6,13 +6,14 @@ from resgrid.scene.quantities import parse_quantity
 from resgrid.scene.read import parse_scene, read_scene, scene_schema
 from resgrid.scene.ros import occupancy_grid
 from resgrid.scene.sampling import sample
-from resgrid.scene.scene import Chip, CostArea, Frame, GoalCell, GoalPoint, MapCells, Scene
+from resgrid.scene.scene import Chip, CostArea, Frame, GoalCell, GoalJoints, GoalPoint, MapCells, Scene
 
 __all__ = [
     "Chip",
     "CostArea",
     "Frame",
     "GoalCell",
+    "GoalJoints",
     "GoalPoint",
     "MapCells",
     "Query",

@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from resgrid.errors import InputError
-from resgrid.robots import Ball, Box, HalfSpace, PointRobot, Polygon
+from resgrid.robots import Arm, Ball, Box, HalfSpace, Polygon, PolygonRobot, Robot, Shape
 from resgrid.scene.map_data import MapData
 from resgrid.scene.maps import read_map
-from resgrid.scene.scene import Chip, CostArea, Frame, Goal, GoalCell, GoalPoint, MapCells, Scene
+from resgrid.scene.robot_document import robot_table, with_robot_axes
+from resgrid.scene.scene import Chip, CostArea, Frame, Goal, GoalCell, GoalJoints, GoalPoint, MapCells, Scene
 from resgrid.scene.toml_lines import Path as KeyPath
 from resgrid.scene.validate import validate
 from resgrid.space import Axis
@@ -58,6 +59,7 @@ def build_scene(
     BudgetError
         If the map would not fit in memory.
     """
+    raw = with_robot_axes(raw)
     document = validate(raw, source, lines, len(known.axes) if known else None)
     if document.map is None:
         return _scene(document, source, _grid_axes(document), Frame(), None)
@@ -121,12 +123,10 @@ def document_of(scene: Scene) -> dict[str, Any]:
     InputError
         If the robot is of a kind that scenes cannot describe.
     """
-    if not isinstance(scene.robot, PointRobot):
-        raise InputError(f"a scene file cannot describe a {type(scene.robot).__name__}")
     document: dict[str, Any] = {"schema": 1}
     document |= {key: getattr(scene, key) for key in PLAIN if getattr(scene, key) is not None}
     document |= {"edge": list(scene.edge), "k": list(scene.k)}
-    document["robot"] = {"type": "point", "radius": scene.robot.radius}
+    document["robot"] = robot_table(scene.robot)
     if scene.map is None:
         document["grid"] = {"axes": [dataclasses.asdict(axis) for axis in scene.axes]}
     else:
@@ -144,7 +144,7 @@ def _scene(document: SceneDocument, source: str, axes: tuple[Axis, ...], frame: 
     return Scene(
         axes=axes,
         title=document.title,
-        robot=PointRobot(document.robot.radius),
+        robot=_robot(document, source, axes),
         obstacles=tuple(table.value() for table in document.obstacle),
         goals=tuple(table.value() for table in document.goal),
         starts=(*map(tuple, document.starts), *(_start(t.value(), axes, frame) for t in document.start)),
@@ -159,6 +159,16 @@ def _scene(document: SceneDocument, source: str, axes: tuple[Axis, ...], frame: 
         sampling=document.sampling,
         source=source,
     )
+
+
+def _robot(document: SceneDocument, source: str, axes: tuple[Axis, ...]) -> Robot:
+    robot = document.robot.value()
+    if isinstance(robot, Arm | PolygonRobot):
+        try:
+            robot.check_axes(axes)
+        except InputError as error:
+            raise InputError(f"{source}: grid: {error}") from None
+    return robot
 
 
 def _grid_axes(document: SceneDocument) -> tuple[Axis, ...]:
@@ -179,8 +189,20 @@ def _start(place: GoalPoint | GoalCell, axes: tuple[Axis, ...], frame: Frame) ->
     return tuple(np.asarray(frame.to_world(inside)).tolist())
 
 
-def _table(shape: Goal) -> dict[str, Any]:
-    plane = not isinstance(shape, GoalPoint | GoalCell) and shape.ndim == 2
+def _table(goal: Goal) -> dict[str, Any]:
+    match goal:
+        case GoalPoint(point):
+            return {"point": list(point)}
+        case GoalCell(cell):
+            return {"cell": list(cell)}
+        case GoalJoints(lower, upper):
+            box = {"joints_lower": list(lower), "joints_upper": list(upper)}
+            return {"joints": list(lower)} if lower == upper else box
+    return _shape_table(goal)
+
+
+def _shape_table(shape: Shape) -> dict[str, Any]:
+    plane = shape.ndim == 2
     match shape:
         case Box(lower, upper):
             return {"shape": "rectangle" if plane else "box", "lower": list(lower), "upper": list(upper)}
@@ -191,8 +213,4 @@ def _table(shape: Goal) -> dict[str, Any]:
             return {"shape": "polygon", "vertices": rings[0], "holes": rings[1:]}
         case HalfSpace(normal, offset):
             return {"shape": "half_plane", "normal": list(normal), "offset": offset}
-        case GoalPoint(point):
-            return {"point": list(point)}
-        case GoalCell(cell):
-            return {"cell": list(cell)}
     raise InputError(f"a scene file cannot describe a {type(shape).__name__}")

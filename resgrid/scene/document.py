@@ -6,65 +6,35 @@ from collections.abc import Callable, Iterable
 from math import ulp
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, WithJsonSchema, model_validator
+from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
-from resgrid.errors import InputError
 from resgrid.robots import Ball, Box, HalfSpace, Polygon, Shape
 from resgrid.robots.shapes import LARGEST
-from resgrid.scene.quantities import PATTERN, parse_quantity
-from resgrid.scene.scene import GoalCell, GoalPoint
+from resgrid.scene.robot_tables import AnyRobot, PointRobotTable
+from resgrid.scene.scene import GoalCell, GoalJoints, GoalPoint
+from resgrid.scene.tables import (
+    Coordinates,
+    Index,
+    NotNegative,
+    Number,
+    Pair,
+    Positive,
+    PositiveQuantity,
+    Quantity,
+    Ring,
+    Share,
+    Table,
+    ValueTable,
+)
 
-
-def _quantity(value: object) -> float:
-    try:
-        return parse_quantity(value)
-    except InputError as error:
-        raise ValueError(str(error)) from None
+Count = Annotated[int, Field(ge=1)]
 
 
 def _listed(value: object) -> object:
     return [value] if isinstance(value, int | float) and not isinstance(value, bool) else value
 
 
-Number = Annotated[float, Field(allow_inf_nan=False)]
-Positive = Annotated[float, Field(allow_inf_nan=False, gt=0)]
-NotNegative = Annotated[float, Field(allow_inf_nan=False, ge=0)]
-Share = Annotated[float, Field(allow_inf_nan=False, ge=0, le=1)]
-Coordinates = Annotated[list[Number], Field(min_length=1, max_length=4)]
-Pair = Annotated[list[Number], Field(min_length=2, max_length=2)]
-Index = Annotated[list[int], Field(min_length=1, max_length=4)]
-Ring = Annotated[list[Pair], Field(min_length=3)]
-Quantity = Annotated[
-    float,
-    BeforeValidator(_quantity),
-    WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "string", "pattern": f"^({PATTERN})$"}]}),
-]
-PositiveQuantity = Annotated[Quantity, Field(gt=0)]
-
-
-class Table(BaseModel):
-    """Base of every table: unknown keys are errors, and nothing is converted silently."""
-
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-
-class ShapeTable(Table):
-    """A shape that can be made; what makes it impossible is an error of the file."""
-
-    def value(self) -> Any:
-        """The shape this table describes."""
-        raise NotImplementedError
-
-    @model_validator(mode="after")
-    def _is_possible(self) -> ShapeTable:
-        try:
-            self.value()
-        except InputError as error:
-            raise ValueError(str(error)) from None
-        return self
-
-
-class Rectangle(ShapeTable):
+class Rectangle(ValueTable):
     """A rectangle with sides along the axes; two axes."""
 
     shape: Literal["rectangle"]
@@ -76,7 +46,7 @@ class Rectangle(ShapeTable):
         return Box(tuple(self.lower), tuple(self.upper))
 
 
-class Cuboid(ShapeTable):
+class Cuboid(ValueTable):
     """A box with sides along the axes; any number of axes."""
 
     shape: Literal["box"]
@@ -88,7 +58,7 @@ class Cuboid(ShapeTable):
         return Box(tuple(self.lower), tuple(self.upper))
 
 
-class Circle(ShapeTable):
+class Circle(ValueTable):
     """A disc; two axes."""
 
     shape: Literal["circle"]
@@ -100,7 +70,7 @@ class Circle(ShapeTable):
         return Ball(tuple(self.centre), self.radius)
 
 
-class Sphere(ShapeTable):
+class Sphere(ValueTable):
     """A ball; any number of axes."""
 
     shape: Literal["sphere"]
@@ -112,12 +82,12 @@ class Sphere(ShapeTable):
         return Ball(tuple(self.centre), self.radius)
 
 
-class PolygonTable(ShapeTable):
+class PolygonTable(ValueTable):
     """A simple polygon, with holes if need be; two axes."""
 
     shape: Literal["polygon"]
     vertices: Ring
-    holes: list[Ring] = []
+    holes: list[Ring] = Field(default=[])
 
     def value(self) -> Shape:
         """The shape this table describes."""
@@ -125,7 +95,7 @@ class PolygonTable(ShapeTable):
         return Polygon(vertices, tuple(holes))
 
 
-class HalfPlane(ShapeTable):
+class HalfPlane(ValueTable):
     """All points with ``normal . x <= offset``; any number of axes."""
 
     shape: Literal["half_plane"]
@@ -155,6 +125,27 @@ class CellTable(Table):
     def value(self) -> GoalCell:
         """The place this table describes."""
         return GoalCell(tuple(self.cell))
+
+
+class JointsTable(Table):
+    """One configuration of the robot: the cell around it."""
+
+    joints: Coordinates
+
+    def value(self) -> GoalJoints:
+        """The place this table describes."""
+        return GoalJoints(tuple(self.joints), tuple(self.joints))
+
+
+class JointBoxTable(ValueTable):
+    """A box of configurations."""
+
+    joints_lower: Coordinates
+    joints_upper: Coordinates
+
+    def value(self) -> GoalJoints:
+        """The place this table describes."""
+        return GoalJoints(tuple(self.joints_lower), tuple(self.joints_upper))
 
 
 class _Conducting(Table):
@@ -211,20 +202,15 @@ AnyGoal = Annotated[
     | Annotated[PolygonTable, Tag("polygon")]
     | Annotated[HalfPlane, Tag("half_plane")]
     | Annotated[PointTable, Tag("point")]
-    | Annotated[CellTable, Tag("cell")],
-    Discriminator(_kind("point", "cell")),
+    | Annotated[CellTable, Tag("cell")]
+    | Annotated[JointsTable, Tag("joints")]
+    | Annotated[JointBoxTable, Tag("joints_lower")],
+    Discriminator(_kind("point", "cell", "joints", "joints_lower")),
 ]
 AnyStart = Annotated[
     Annotated[PointTable, Tag("point")] | Annotated[CellTable, Tag("cell")],
     Discriminator(_kind("point", "cell")),
 ]
-
-
-class RobotTable(Table):
-    """The robot."""
-
-    type: Literal["point"] = "point"
-    radius: NotNegative = 0.0
 
 
 class AxisTable(Table):
@@ -233,7 +219,7 @@ class AxisTable(Table):
     name: Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
     lower: Number
     upper: Number
-    cells: Annotated[int, Field(ge=1)] | None = None
+    cells: Count | None = None
     spacing: Positive | None = None
     periodic: bool = False
     unit: str = "m"
@@ -263,9 +249,10 @@ class AxisTable(Table):
 
 
 class GridTable(Table):
-    """The grid."""
+    """The grid; ``cells`` is for axes that do not say, and an arm's axes need say nothing at all."""
 
     axes: Annotated[list[AxisTable], Field(min_length=1, max_length=4)]
+    cells: Count | Annotated[list[Count], Field(min_length=1, max_length=4)] | None = None
 
 
 class MapTable(Table):
@@ -318,21 +305,21 @@ class SceneDocument(Table):
         list[EdgeRule],
         BeforeValidator(lambda value: [value] if isinstance(value, str) else value),
         WithJsonSchema({"anyOf": [{"enum": ["obstacle", "open"]}, {"type": "array", "items": {"type": "string"}}]}),
-    ] = ["obstacle"]
+    ] = Field(default=["obstacle"])
     sampling: Literal["conservative", "centre"] = "conservative"
     k: Annotated[
         list[Share],
         BeforeValidator(_listed),
         WithJsonSchema({"anyOf": [{"type": "number"}, {"type": "array", "items": {"type": "number"}}]}),
-    ] = []
-    robot: RobotTable = RobotTable()
+    ] = Field(default=[])
+    robot: AnyRobot = PointRobotTable()
     grid: GridTable | None = None
     map: MapTable | None = None
-    obstacle: list[AnyShape] = []
-    goal: list[AnyGoal] = []
-    start: list[AnyStart] = []
-    starts: list[Coordinates] = []
-    area: list[AnyArea] = []
+    obstacle: list[AnyShape] = Field(default=[])
+    goal: list[AnyGoal] = Field(default=[])
+    start: list[AnyStart] = Field(default=[])
+    starts: list[Coordinates] = Field(default=[])
+    area: list[AnyArea] = Field(default=[])
     chip: ChipTable = ChipTable()
 
 

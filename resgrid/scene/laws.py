@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from resgrid.scene.robot_document import WORKSPACE_ROBOTS, robot_kind
 from resgrid.scene.toml_lines import Path
 
 Problem = tuple[Path, str]
 PLANE_SHAPES = ("rectangle", "circle", "polygon")
-COORDINATES = ("lower", "upper", "centre", "normal", "point", "cell")
+COORDINATES = ("lower", "upper", "centre", "normal", "point")
+CELLS = ("cell", "joints", "joints_lower", "joints_upper")
 
 
 def broken_laws(raw: Mapping[str, Any], ndim: int | None = None) -> list[Problem]:
@@ -30,6 +32,7 @@ def broken_laws(raw: Mapping[str, Any], ndim: int | None = None) -> list[Problem
     count = ndim if axes is None else len(axes)
     return [
         *_one_ground(raw),
+        *_robot_axes(raw, axes),
         *_unique_names(axes or []),
         *_edges(raw, axes, count),
         *_boundary(raw),
@@ -93,27 +96,63 @@ def _boundary(raw: Mapping[str, Any]) -> Iterator[Problem]:
         yield ("drive",), 'drive = "start" needs a start; add starts = [[...]], or choose drive = "uniform"'
 
 
+def _robot_axes(raw: Mapping[str, Any], axes: list[Any] | None) -> Iterator[Problem]:
+    kind = robot_kind(raw)
+    if kind in WORKSPACE_ROBOTS and "map" in raw:
+        yield ("map",), f"a robot of type {kind!r} needs a [grid]; only points and discs move on the cells of a map"
+    robot = raw.get("robot")
+    links = robot.get("links") if isinstance(robot, Mapping) else None
+    wanted = {"polygon": 3, "disc": 2, "arm": len(links) if isinstance(links, list) else None}.get(kind)
+    if axes and wanted and len(axes) != wanted:
+        whose = {"polygon": "a turning polygon (x, y, theta)", "disc": "a disc"}.get(kind, f"an arm of {wanted} links")
+        yield ("grid", "axes"), f"{whose} needs {wanted} axes, got {len(axes)}"
+    grid = raw.get("grid")
+    cells = grid.get("cells") if isinstance(grid, Mapping) else None
+    if isinstance(cells, list) and axes and len(cells) != len(axes):
+        yield ("grid", "cells"), f"needs one number for each of the {len(axes)} axes (or one for all), got {len(cells)}"
+
+
 def _coordinates(raw: Mapping[str, Any], count: int) -> Iterator[Problem]:
     for key in ("obstacle", "goal", "area", "start"):
+        allowed = _counts(robot_kind(raw), key, count)
         for number, table in enumerate(_tables(raw, key)):
             shape = table.get("shape")
-            if shape in PLANE_SHAPES and count != 2:
+            if shape in PLANE_SHAPES and 2 not in allowed:
                 other = {"rectangle": "box", "circle": "sphere"}.get(str(shape), "boxes")
                 yield (key, number, "shape"), f"a {shape} needs 2 axes, and there are {count}; use {other} instead"
                 continue
             for name in COORDINATES:
                 value = table.get(name)
-                if isinstance(value, list) and len(value) != count and shape not in PLANE_SHAPES:
-                    yield (key, number, name), f"needs {count} coordinates, one for each axis, got {len(value)}"
+                if isinstance(value, list) and len(value) not in allowed and shape not in PLANE_SHAPES:
+                    yield (key, number, name), _wanted(allowed, count, value)
+            for name in CELLS:
+                value = table.get(name)
+                if isinstance(value, list) and len(value) != count:
+                    yield (key, number, name), _wanted((count,), count, value)
     starts = raw.get("starts")
     for number, point in enumerate(starts if isinstance(starts, list) else []):
         if isinstance(point, list) and len(point) != count:
             yield ("starts", number), f"needs {count} coordinates, one for each axis, got {len(point)}"
 
 
+def _counts(kind: str, key: str, count: int) -> tuple[int, ...]:
+    """How many coordinates a shape or point may have: those of the workspace, of configuration space, or of both."""
+    if kind not in WORKSPACE_ROBOTS or key in ("area", "start"):
+        return (count,)
+    return (2, count) if kind == "polygon" and key == "goal" else (2,)
+
+
+def _wanted(allowed: tuple[int, ...], count: int, value: list[Any]) -> str:
+    if allowed == (count,):
+        return f"needs {count} coordinates, one for each axis, got {len(value)}"
+    other = " (a place in the plane) or 3 (a configuration)" if len(allowed) == 2 else ", a place in the plane"
+    return f"needs 2 coordinates{other}, got {len(value)}"
+
+
 def _leaning(raw: Mapping[str, Any], axes: list[Any]) -> Iterator[Problem]:
+    in_workspace = robot_kind(raw) in WORKSPACE_ROBOTS
     periodic = [isinstance(axis, Mapping) and axis.get("periodic") is True for axis in axes]
-    for key in ("obstacle", "goal", "area"):
+    for key in ("area",) if in_workspace else ("obstacle", "goal", "area"):
         for number, table in enumerate(_tables(raw, key)):
             normal = table.get("normal")
             if not isinstance(normal, list) or len(normal) != len(periodic):

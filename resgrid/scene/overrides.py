@@ -54,6 +54,9 @@ def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     for key, value in changes_by_key.items():
         if key not in PLACES:
             _set(document, key, value)
+    if "grid.cells" in changes_by_key and isinstance(document.get("grid"), dict):
+        for axis in document["grid"].get("axes", []):
+            axis.pop("cells", None)
     same_map = scene.map is not None and document.get("map") == dict(scene.map.table)
     known = map_data(scene) if same_map and "grid" not in document else None
     return build_scene(document, scene.source or "scene", Path(), known=known)

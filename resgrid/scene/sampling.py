@@ -6,20 +6,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.robots import CellSet, Sampling, Shape
-from resgrid.robots.point import PointRobot
+from resgrid.robots import Arm, Box, CellSet, DiscRobot, PointRobot, Progress, Shape
 from resgrid.scene.files import require_memory
 from resgrid.scene.place import located, to_space
-from resgrid.scene.scene import Goal, GoalCell, GoalPoint, Scene
+from resgrid.scene.scene import Goal, GoalCell, GoalJoints, GoalPoint, Scene
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
 
-def sample(scene: Scene, *, require_goal: bool = True) -> ConfigurationSpace:
+def sample(scene: Scene, *, require_goal: bool = True, progress: Progress | None = None) -> ConfigurationSpace:
     """Cut a scene into cells.
 
-    A cell is an obstacle as the scene's ``sampling`` says (see `PointRobot.occupancy`); the border of the grid is none.
-    A goal region holds the free cells whose centre lies in it, or, where there is none, the free cells it overlaps.
-    A start in an obstacle is no error here: its path will say so.
+    A cell is an obstacle as the scene's ``sampling`` and its robot say (see `PointRobot.occupancy`, and the same of
+    the other robots); the border of the grid is none.  A goal region holds the free cells at whose centre the robot's
+    reference point (an arm's tip) lies in it, or, where there is none, the free cells that may bring it there: all
+    inverse solutions of a place in the workspace are goals.  A start in an obstacle is no error here: its path will
+    say so.
 
     Parameters
     ----------
@@ -27,6 +28,8 @@ def sample(scene: Scene, *, require_goal: bool = True) -> ConfigurationSpace:
         The scene.
     require_goal : bool
         Whether a scene without any goal is an error.
+    progress : callable, optional
+        Called as ``progress(done, total)`` while obstacles are cut into cells.
 
     Returns
     -------
@@ -35,14 +38,14 @@ def sample(scene: Scene, *, require_goal: bool = True) -> ConfigurationSpace:
     Raises
     ------
     InputError
-        If there is no goal, a goal lies outside the grid or wholly in obstacles, or a start lies outside the grid;
-        the message names the key.
+        If there is no goal, a goal lies outside the grid, out of reach or wholly in obstacles, or a start lies outside
+        the grid; the message names the key.
     BudgetError
         If the grid would not fit in memory; raised before anything is allocated.
     """
     where = scene.source or "scene"
     require_memory(tuple(axis.cells for axis in scene.axes), f"{where}: grid")
-    blocked = scene.robot.occupancy(scene.axes, _obstacles(scene), scene.sampling)
+    blocked = scene.robot.occupancy(scene.axes, _obstacles(scene), scene.sampling, progress)
     cell = np.where(blocked, Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
     for number, goal in enumerate(scene.goals):
         cell[_goal_cells(scene, goal, blocked, f"{where}: goal[{number}]")] = Cell.GOAL
@@ -62,24 +65,56 @@ def _obstacles(scene: Scene) -> list[Shape]:
 
 
 def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) -> NDArray[np.bool_]:
-    if isinstance(goal, GoalPoint | GoalCell):
-        cell = _one_cell(scene, goal, key)
+    place = _configuration(scene, goal)
+    if place is not None:
+        cell = _one_cell(scene, place, key)
         if blocked[cell]:
             raise InputError(f"{key}: {_place(goal)} lies in an obstacle (cell {cell}); move it to a free place")
         single = np.zeros_like(blocked)
         single[cell] = True
         return single
-    region = _covered(scene.axes, to_space(goal, scene.frame), "centre")
-    if not region.any():
-        region = _covered(scene.axes, to_space(goal, scene.frame), "conservative")
+    try:
+        region = _region(scene, goal)
+    except InputError as error:
+        raise InputError(f"{key}: {error}") from None
     if not region.any():
         raise InputError(f"{key}: this goal lies outside the grid ({_extent(scene.axes)}); move it inside")
     if blocked[region].all():
         raise InputError(
             f"{key}: this goal lies inside an obstacle (all {int(region.sum())} cells of it); "
-            "move or enlarge it, or make the robot's radius smaller"
+            f"move or enlarge it, or {_SLIMMER.get(type(scene.robot), 'make the robot smaller')}"
         )
     return region & ~blocked
+
+
+_SLIMMER = {
+    PointRobot: "make the robot's radius smaller",
+    DiscRobot: "make the robot's radius smaller",
+    Arm: "make the arm's links thinner",
+}
+
+
+def _configuration(scene: Scene, goal: Goal) -> GoalPoint | GoalCell | None:
+    """The goal, if it is a single cell of configuration space."""
+    match goal:
+        case GoalCell():
+            return goal
+        case GoalJoints(lower, upper) if lower == upper:
+            return GoalPoint(lower)
+        case GoalPoint(point) if not isinstance(scene.robot, Arm) and len(point) == scene.ndim:
+            return goal
+    return None
+
+
+def _region(scene: Scene, goal: Goal) -> NDArray[np.bool_]:
+    match goal:
+        case GoalJoints(lower, upper):
+            return PointRobot().goal_cells(scene.axes, Box(lower, upper))
+        case GoalPoint(point):
+            return scene.robot.goal_cells(scene.axes, point)
+        case GoalCell():
+            raise AssertionError("a cell is no region")
+    return scene.robot.goal_cells(scene.axes, to_space(goal, scene.frame))
 
 
 def _one_cell(scene: Scene, goal: GoalPoint | GoalCell, key: str) -> tuple[int, ...]:
@@ -89,10 +124,6 @@ def _one_cell(scene: Scene, goal: GoalPoint | GoalCell, key: str) -> tuple[int, 
         size = " x ".join(str(axis.cells) for axis in scene.axes)
         raise InputError(f"{key}: cell {list(goal.cell)} is not in the grid of {size} cells (counted from 0)")
     return goal.cell
-
-
-def _covered(axes: tuple[Axis, ...], shape: Shape, rule: Sampling) -> NDArray[np.bool_]:
-    return PointRobot().occupancy(axes, [shape], rule)
 
 
 def _place_map_goals(scene: Scene, cell: NDArray[np.uint8], blocked: NDArray[np.bool_], where: str) -> None:
@@ -111,12 +142,20 @@ def _conductivity(scene: Scene) -> NDArray[np.float64] | None:
         return None
     conductivity = np.ones(tuple(axis.cells for axis in scene.axes))
     for area in scene.areas:
-        conductivity[_covered(scene.axes, to_space(area.shape, scene.frame), "centre")] = area.conductivity
+        inside = PointRobot().occupancy(scene.axes, [to_space(area.shape, scene.frame)], "centre")
+        conductivity[inside] = area.conductivity
     return conductivity
 
 
-def _place(goal: GoalPoint | GoalCell) -> str:
-    return f"the point {list(goal.point)}" if isinstance(goal, GoalPoint) else f"the cell {list(goal.cell)}"
+def _place(goal: Goal) -> str:
+    match goal:
+        case GoalCell(cell):
+            return f"the cell {list(cell)}"
+        case GoalJoints(lower):
+            return f"the configuration {list(lower)}"
+        case GoalPoint(point):
+            return f"the point {list(point)}"
+    return "this goal"
 
 
 def _extent(axes: tuple[Axis, ...]) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
-from resgrid.robots import PointRobot, Robot, Sampling, Shape
+from resgrid.robots import Box, PointRobot, Robot, Sampling, Shape
 from resgrid.robots.shapes import Point
 from resgrid.space import Axis
 
@@ -125,7 +125,7 @@ class Chip:
 
 @dataclass(frozen=True)
 class GoalPoint:
-    """A goal that is the cell around a point, in world coordinates."""
+    """A goal that is the cell around a point, in world coordinates; for an arm, the cells that bring its tip there."""
 
     point: Point
 
@@ -137,7 +137,24 @@ class GoalCell:
     cell: tuple[int, ...]
 
 
-Goal = Shape | GoalPoint | GoalCell
+@dataclass(frozen=True)
+class GoalJoints:
+    """A goal in configuration space: a box of configurations, or the cell around a single one.
+
+    Attributes
+    ----------
+    lower, upper : tuple of float
+        Corners, in axis units; equal for a single configuration.
+    """
+
+    lower: Point
+    upper: Point
+
+    def __post_init__(self) -> None:
+        Box(self.lower, self.upper)
+
+
+Goal = Shape | GoalPoint | GoalCell | GoalJoints
 
 
 @dataclass(frozen=True)
@@ -181,12 +198,13 @@ class Scene:
         Says which cells are free.
     obstacles : tuple of Shape
         In world coordinates.
-    goals : tuple of Shape, GoalPoint or GoalCell
-        In world coordinates, or by cell.
+    goals : tuple of Shape, GoalPoint, GoalCell or GoalJoints
+        Places for the robot's reference point (an arm's tip) in world coordinates; cells; or configurations.
     starts : tuple of tuple of float
-        Start points, in world coordinates.
+        Start points, in world coordinates; for arms and turning polygons configurations, in axis units.
     areas : tuple of CostArea
-        Regions with another conductivity, in world coordinates; later ones cover earlier ones.
+        Regions of configuration space with another conductivity (for points and discs that is the world); later ones
+        cover earlier ones.
     map : MapCells or None
         Cells read from a map file.
     frame : Frame

@@ -135,18 +135,22 @@ def _unknown(_detail: ErrorDetails, path: Path) -> str:
 def _siblings(path: Path) -> list[str]:
     """The keys that could stand where this one does: of all tables of that name, whatever their shape."""
     from resgrid.scene import document as schema
+    from resgrid.scene import robot_tables
 
     shapes = (schema.Rectangle, schema.Circle, schema.PolygonTable, schema.HalfPlane)
     places = (schema.PointTable, schema.CellTable)
+    joints = (schema.JointsTable, schema.JointBoxTable)
+    of_robots = (robot_tables.PointRobotTable, robot_tables.PolygonRobotTable, robot_tables.ArmTable)
     tables: dict[str, tuple[Any, ...]] = {
         "": (schema.SceneDocument,),
-        "robot": (schema.RobotTable,),
+        "robot": of_robots,
+        "links": (robot_tables.LinkTable,),
         "grid": (schema.GridTable,),
         "axes": (schema.AxisTable,),
         "map": (schema.MapTable,),
         "chip": (schema.ChipTable,),
         "obstacle": shapes,
-        "goal": (*shapes, *places),
+        "goal": (*shapes, *places, *joints),
         "start": places,
         "area": (schema.RectangleArea, schema.CircleArea, schema.PolygonArea, schema.HalfPlaneArea),
     }
@@ -155,7 +159,7 @@ def _siblings(path: Path) -> list[str]:
     return list(dict.fromkeys(key for model in models for key in schema.table_keys(model)))
 
 
-def _choice(detail: ErrorDetails, _path: Path) -> str:
+def _choice(detail: ErrorDetails, path: Path) -> str:
     context = detail.get("ctx", {})
     expected = str(context.get("expected") or context.get("expected_tags") or "")
     options = [option.strip(" '") for option in expected.replace(" or ", ", ").split(",")]
@@ -164,7 +168,8 @@ def _choice(detail: ErrorDetails, _path: Path) -> str:
         tag = str(context.get("tag"))
         near = get_close_matches(tag, options, 1, 0.6)
         hint = f"; did you mean {near[0]!r}?" if near else ""
-        return f"shape = {tag!r} is unknown: it may be one of {', '.join(options)}{hint}"
+        key = "type" if path == ("robot",) else "shape"
+        return f"{key} = {tag!r} is unknown: it may be one of {', '.join(options)}{hint}"
     hint = f"; did you mean {near[0]!r}?" if near else ""
     return f"{_short(detail)} is unknown: it may be {' or '.join(options)}{hint}"
 
@@ -172,8 +177,10 @@ def _choice(detail: ErrorDetails, _path: Path) -> str:
 def _no_tag(_detail: ErrorDetails, path: Path) -> str:
     if path[:1] == ("start",):
         return "a start needs point = [...] or cell = [...]"
+    if path[:1] == ("robot",):
+        return 'the robot needs type = "point", "disc", "polygon" or "arm"'
     kinds = "rectangle, circle, polygon, box, sphere or half_plane"
-    extra = ", or point = [...], or cell = [...]" if path[:1] == ("goal",) else ""
+    extra = ", or point = [...], or cell = [...], or joints = [...]" if path[:1] == ("goal",) else ""
     return f"this needs shape = one of {kinds}{extra}"
 
 
