@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import io
-from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from resgrid.cli.job import Chip, Job, blend_fields, place_of, solve_chip, start_cell
-from resgrid.cli.output import emit_file, emit_text, json_text
 from resgrid.cli.report import Report
 from resgrid.errors import InputError
 
@@ -18,7 +14,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from resgrid.planning.field import Field
+    from resgrid.planning.short_path import ShortPath
     from resgrid.planning.streamline import Streamline
+    from resgrid.planning.trajectory import Trajectory
     from resgrid.scene import Scene
     from resgrid.space import ConfigurationSpace
 
@@ -47,6 +45,10 @@ class Route:
         Number of the field it was traced in, and certified against; None where there is none to trace.
     k : float
         Of that field.
+    short : ShortPath or None
+        Its shortcut, where one was asked for and it reached a goal.
+    motion : Trajectory or None
+        When it is where, where speeds were given.
     """
 
     streamline: Streamline
@@ -54,6 +56,8 @@ class Route:
     points: NDArray[np.float64]
     field: int | None
     k: float
+    short: ShortPath | None = None
+    motion: Trajectory | None = None
 
     @property
     def reached(self) -> bool:
@@ -197,6 +201,10 @@ def route_data(route: Route, *, points: bool = True) -> dict[str, Any]:
         data["message"] = ADVICE[str(path.outcome)]
     if points:
         data |= {"points": route.points, "cells": path.cells}
+    if route.short is not None:
+        data["short"] = {"length": route.short.length, "clearance": route.short.clearance}
+    if route.motion is not None:
+        data["duration"] = route.motion.duration
     return data
 
 
@@ -207,68 +215,13 @@ def route_line(route: Route, unit: str) -> str:
     if not route.reached:
         return f"{head}{path.outcome}: {ADVICE[str(path.outcome)]}"
     clearance = f", clearance {path.clearance:.4g}{unit}" if path.clearance < float("inf") else ""
-    return f"{head}reached goal {path.goal}, length {path.length:.6g}{unit}{clearance}, {len(path.cells)} cells"
+    shorter = f", shortened to {route.short.length:.6g}{unit}" if route.short is not None else ""
+    time = f", {route.motion.duration:.4g} s" if route.motion is not None else ""
+    size = f"{len(path.cells)} cells"
+    return f"{head}reached goal {path.goal}, length {path.length:.6g}{unit}{clearance}, {size}{shorter}{time}"
 
 
 def unit_of(space: ConfigurationSpace) -> str:
     """The unit of lengths with a blank before it, where all axes share one."""
     units = {axis.unit for axis in space.axes}
     return f" {units.pop()}" if len(units) == 1 else ""
-
-
-def write_routes(target: str, routes: Sequence[Route], names: Sequence[str]) -> None:
-    """Write routes as the target's suffix says: ``.json``, ``.npz`` or ``.csv`` (also ``-``).
-
-    Parameters
-    ----------
-    target : str
-        File, or ``-`` for standard output.
-    routes : sequence of Route
-    names : sequence of str
-        Names of the axes.
-
-    Raises
-    ------
-    InputError
-        If the suffix is none of these.
-    """
-    suffix = Path(target).suffix.lower()
-    if target == "-" or suffix == ".csv":
-        emit_text(target, csv_text(routes, names))
-    elif suffix == ".json":
-        emit_text(target, json_text({"paths": [route_data(route) for route in routes]}) + "\n")
-    elif suffix == ".npz":
-        emit_file(target, suffix, lambda path: _write_npz(path, routes))
-    else:
-        raise InputError(f"-o {target}: paths are written as .csv, .json or .npz, and this name ends in none of these")
-
-
-def csv_text(routes: Sequence[Route], names: Sequence[str]) -> str:
-    """Routes as a table, one point a line, in world coordinates."""
-    import csv
-
-    text = io.StringIO()
-    table = csv.writer(text, lineterminator="\n")
-    table.writerow(["path", "k", "outcome", *names])
-    for number, route in enumerate(routes):
-        head = (number, repr(route.k), str(route.streamline.outcome))
-        table.writerows((*head, *map(repr, point)) for point in route.points.tolist())
-    return text.getvalue()
-
-
-def _write_npz(path: Path, routes: Sequence[Route]) -> None:
-    import numpy as np
-
-    arrays: dict[str, Any] = {
-        "outcome": np.array([str(route.streamline.outcome) for route in routes]),
-        "goal": np.array([-1 if route.streamline.goal is None else route.streamline.goal for route in routes]),
-        "length": np.array([route.streamline.length for route in routes]),
-        "clearance": np.array([route.streamline.clearance for route in routes]),
-        "k": np.array([route.k for route in routes]),
-        "start": np.array([route.start for route in routes]),
-    }
-    for number, route in enumerate(routes):
-        arrays[f"points_{number}"] = route.points
-        arrays[f"cells_{number}"] = route.streamline.cells
-    with path.open("wb") as file:
-        np.savez(file, **arrays)

@@ -16,9 +16,10 @@ from resgrid.cli.folder import SUMMARY, whole_folder
 from resgrid.cli.job import Chip, Job, open_job, size_of, solution_summary
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.output import json_text
-from resgrid.cli.paths import Plan, plan_routes, route_data, route_line, unit_of, write_routes
+from resgrid.cli.paths import Plan, plan_routes, route_data, route_line, unit_of
 from resgrid.cli.pictures import draw_all
 from resgrid.cli.report import Report
+from resgrid.cli.route_files import write_routes
 from resgrid.cli.solve import write_field
 from resgrid.errors import InputError, ToolMissingError
 
@@ -69,8 +70,8 @@ def _write_all(made: Path, job: Job, plan: Plan, dialect: str, report: Report) -
     with report.stage("draw the pictures"):
         files |= draw_all(made, job, plan)
     if plan.routes:
-        write_routes(str(made / "paths.csv"), plan.routes, [axis.name for axis in job.space.axes])
-        write_routes(str(made / "paths.json"), plan.routes, ())
+        write_routes(str(made / "paths.csv"), plan.routes, job)
+        write_routes(str(made / "paths.json"), plan.routes, job)
         files |= {"paths.csv": "points of the paths, world coordinates", "paths.json": "the paths with all figures"}
     for name, chip in plan.chips.items():
         deck = write_deck(made / f"{name}.cir", job, chip, dialect, report)

@@ -104,3 +104,20 @@ class Trajectory:
         steps = np.arange(int(np.floor(rate * self.duration)) + 1) / rate
         times = np.append(steps[steps < self.duration], self.duration)
         return times, *self.at(times)
+
+    def resampled(self, rate: float) -> Trajectory:
+        """The same motion with knots a fixed step apart; as `sample` otherwise.
+
+        Parameters
+        ----------
+        rate : float
+            Knots a second.
+
+        Returns
+        -------
+        Trajectory
+            Positions and velocities are exact at the knots; accelerations are mean ones.
+        """
+        times, positions, velocities = self.sample(rate)
+        step = np.diff(times)[:, np.newaxis]
+        return Trajectory(times, positions, velocities, np.diff(velocities, axis=0) / step)

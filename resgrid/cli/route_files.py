@@ -1,0 +1,215 @@
+"""Routes as files: what is asked of them beyond the streamline, and how each format tells it."""
+
+from __future__ import annotations
+
+import dataclasses
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from resgrid.cli.job import Job
+from resgrid.cli.output import emit_file, emit_text, json_text
+from resgrid.cli.paths import Plan, Route, route_data
+from resgrid.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+SUFFIXES = (".csv", ".json", ".npz", ".yaml")
+
+
+@dataclasses.dataclass(frozen=True)
+class Motion:
+    """What the command line asks of every route.
+
+    Attributes
+    ----------
+    shorten : bool
+        Straighten it by shortcuts.
+    clearance : float
+        That shortcuts keep.
+    speed, acceleration : tuple of float
+        Limits, one for all axes or one each; empty for none.
+    rate : float or None
+        Samples a second.
+    """
+
+    shorten: bool
+    clearance: float
+    speed: tuple[float, ...]
+    acceleration: tuple[float, ...]
+    rate: float | None
+
+    def __post_init__(self) -> None:
+        if self.acceleration and not self.speed:
+            raise InputError("--acceleration times a path only together with --speed")
+        if self.rate is not None and not self.speed:
+            raise InputError("--rate samples a timed path: give --speed too")
+        if self.clearance and not self.shorten:
+            raise InputError("--keep-clearance is for shortcuts: give --shorten too")
+
+
+def refine(job: Job, plan: Plan, motion: Motion) -> Plan:
+    """Shorten and time the routes of a plan, as far as it is asked for.
+
+    Parameters
+    ----------
+    job : Job
+    plan : Plan
+    motion : Motion
+
+    Returns
+    -------
+    Plan
+
+    Raises
+    ------
+    InputError
+        If an option is out of range.
+    """
+    if not motion.shorten and not motion.speed:
+        return plan
+    return dataclasses.replace(plan, routes=[_refined(job, plan, route, motion) for route in plan.routes])
+
+
+def _refined(job: Job, plan: Plan, route: Route, motion: Motion) -> Route:
+    from resgrid.planning.shortcut import shorten
+    from resgrid.planning.time_path import time_path
+
+    path = route.streamline
+    if motion.shorten and route.reached:
+        where = job.space if route.field is None else plan.fields[route.field]
+        route = dataclasses.replace(route, short=shorten(path, where, clearance=motion.clearance))
+    if motion.speed:
+        timed = time_path(
+            route.short or path,
+            job.space,
+            velocity_limits=_each(motion.speed),
+            acceleration_limits=_each(motion.acceleration) if motion.acceleration else None,
+        )
+        if motion.rate is not None:
+            timed = timed.resampled(motion.rate)
+        route = dataclasses.replace(route, motion=timed)
+    return route
+
+
+def _each(limits: tuple[float, ...]) -> float | tuple[float, ...]:
+    return limits[0] if len(limits) == 1 else limits
+
+
+def check_target(target: str) -> None:
+    """Refuse a file that no format is known for, before anything is computed.
+
+    Parameters
+    ----------
+    target : str
+        File, or ``-`` for standard output.
+
+    Raises
+    ------
+    InputError
+        If its suffix is unknown.
+    """
+    suffix = Path(target).suffix.lower()
+    if target != "-" and suffix not in SUFFIXES:
+        raise InputError(
+            f"-o {target}: paths are written as .csv, .json, .npz or .yaml, and this name ends in none of these"
+        )
+
+
+def write_routes(target: str, routes: Sequence[Route], job: Job) -> None:
+    """Write routes as the target's suffix says: ``.json``, ``.npz``, ``.yaml`` (ROS) or ``.csv`` (also ``-``).
+
+    Parameters
+    ----------
+    target : str
+        File, or ``-`` for standard output.
+    routes : sequence of Route
+    job : Job
+
+    Raises
+    ------
+    InputError
+        If the suffix is none of these, or a plan for ROS is asked of a robot that does not move in the plane.
+    """
+    check_target(target)
+    suffix = Path(target).suffix.lower()
+    if target == "-" or suffix == ".csv":
+        emit_text(target, csv_text(routes, job))
+    elif suffix == ".json":
+        emit_text(target, json_text({"paths": [_with_columns(route, job) for route in routes]}) + "\n")
+    elif suffix == ".yaml":
+        emit_text(target, plans_text(routes, job))
+    else:
+        emit_file(target, suffix, lambda path: _write_npz(path, routes, job))
+
+
+def csv_text(routes: Sequence[Route], job: Job) -> str:
+    """Routes as a table, one point a line, in world coordinates."""
+    import csv
+
+    tables = [_columns(route, job) for route in routes]
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    table.writerow(["path", "k", "outcome", *(tables[0] if tables else ())])
+    for number, (route, columns) in enumerate(zip(routes, tables, strict=True)):
+        head = (number, repr(route.k), str(route.streamline.outcome))
+        rows = zip(*(column.tolist() for column in columns.values()), strict=True)
+        table.writerows((*head, *map(repr, row)) for row in rows)
+    return text.getvalue()
+
+
+def plans_text(routes: Sequence[Route], job: Job) -> str:
+    """Routes as ``nav_msgs/Path`` messages, one document each; a route that reaches no goal has no poses."""
+    from resgrid.planning.export import require_plan, ros_plan
+
+    require_plan(job.space, job.scene.robot)
+    documents = []
+    for route in routes:
+        if route.reached:
+            way = route.motion or route.short or route.streamline
+            documents.append(ros_plan(way, job.space, robot=job.scene.robot, frame=job.scene.frame))
+        else:
+            documents.append('header:\n  stamp: {sec: 0, nanosec: 0}\n  frame_id: "map"\nposes: []\n')
+    return "---\n".join(documents)
+
+
+def _columns(route: Route, job: Job) -> dict[str, NDArray[np.float64]]:
+    """Columns of a route: a streamline's points as they are; shortened or timed ones continuous across seams."""
+    from resgrid.planning.export import path_columns
+
+    way = route.motion or route.short or route.streamline
+    columns = path_columns(way, job.space, robot=job.scene.robot, frame=job.scene.frame)
+    if way is route.streamline:
+        columns |= {axis.name: route.points[:, number] for number, axis in enumerate(job.space.axes)}
+    return columns
+
+
+def _with_columns(route: Route, job: Job) -> dict[str, Any]:
+    data = route_data(route)
+    columns = _columns(route, job)
+    if route.motion is None and route.short is None:
+        columns = {name: column for name, column in columns.items() if name.startswith("tip_")}
+    return data | ({"columns": columns} if columns else {})
+
+
+def _write_npz(path: Path, routes: Sequence[Route], job: Job) -> None:
+    import numpy as np
+
+    arrays: dict[str, Any] = {
+        "outcome": np.array([str(route.streamline.outcome) for route in routes]),
+        "goal": np.array([-1 if route.streamline.goal is None else route.streamline.goal for route in routes]),
+        "length": np.array([route.streamline.length for route in routes]),
+        "clearance": np.array([route.streamline.clearance for route in routes]),
+        "k": np.array([route.k for route in routes]),
+        "start": np.array([route.start for route in routes]),
+    }
+    for number, route in enumerate(routes):
+        arrays[f"points_{number}"] = route.points
+        arrays[f"cells_{number}"] = route.streamline.cells
+        for name, column in _columns(route, job).items():
+            arrays[f"{name}_{number}"] = column
+    with path.open("wb") as file:
+        np.savez(file, **arrays)

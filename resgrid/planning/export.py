@@ -1,0 +1,229 @@
+"""Paths as files: tables, JSON, NumPy arrays, and plans for ROS."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from math import cos, isfinite, sin
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.errors import InputError
+from resgrid.files import atomic_path, write_text
+from resgrid.planning.short_path import ShortPath
+from resgrid.planning.streamline import Streamline
+from resgrid.planning.trajectory import Trajectory
+from resgrid.planning.unwrap import unwrap
+from resgrid.planning.workspace import workspace_path
+from resgrid.robots import Arm, PointRobot, PolygonRobot, Robot
+from resgrid.space import ConfigurationSpace
+
+if TYPE_CHECKING:
+    from resgrid.scene import Frame
+
+SUFFIXES = (".csv", ".json", ".npz", ".yaml")
+
+
+def path_columns(
+    path: Streamline | ShortPath | Trajectory | ArrayLike,
+    space: ConfigurationSpace,
+    *,
+    robot: Robot | None = None,
+    frame: Frame | None = None,
+) -> dict[str, NDArray[np.float64]]:
+    """A path as named columns, one entry a point.
+
+    Parameters
+    ----------
+    path : Streamline, ShortPath, Trajectory or array_like of float, shape (n, ndim)
+        A trajectory gives its times and velocities too.
+    space : ConfigurationSpace
+    robot : Robot, optional
+        An arm's columns say where its tip is.
+    frame : Frame, optional
+        From the space to the world; velocities are turned with it.
+
+    Returns
+    -------
+    dict of str to ndarray of float64, shape (n,)
+        ``t`` (s), the names of the axes (axis units, continuous across periodic seams), ``tip_x`` and ``tip_y``
+        (workspace units), and each axis' name with ``_rate`` (axis units a second).
+
+    Raises
+    ------
+    InputError
+        If the path does not fit the space.
+    """
+    timed = path if isinstance(path, Trajectory) else None
+    points = unwrap(timed.positions if timed else path, space)  # type: ignore[arg-type]
+    columns = {} if timed is None else {"t": np.array(timed.times)}
+    columns |= _named(space, points if frame is None else frame.to_world(points))
+    if isinstance(robot, Arm):
+        tip = workspace_path(points, robot, space)
+        columns |= {"tip_x": tip[:, 0], "tip_y": tip[:, 1]}
+    if timed is not None:
+        speed = timed.velocities if frame is None else frame.to_world(timed.velocities) - frame.to_world(0 * points)
+        columns |= _named(space, speed, "_rate")
+    return columns
+
+
+def write_path(
+    target: str | os.PathLike[str],
+    path: Streamline | ShortPath | Trajectory | ArrayLike,
+    space: ConfigurationSpace,
+    *,
+    robot: Robot | None = None,
+    frame: Frame | None = None,
+) -> Path:
+    """Write a path, whole or not at all, as the suffix says.
+
+    Parameters
+    ----------
+    target : path-like
+        ``.csv``: a table with a header; ``.json``: one list a column; ``.npz``: one array a column; ``.yaml``: a
+        ``nav_msgs/Path`` for ROS.
+    path : Streamline, ShortPath, Trajectory or array_like of float, shape (n, ndim)
+    space : ConfigurationSpace
+    robot : Robot, optional
+    frame : Frame, optional
+        As in `path_columns`.
+
+    Returns
+    -------
+    Path
+        The target.
+
+    Raises
+    ------
+    InputError
+        If the suffix is none of these, the path does not fit, or the file cannot be written.
+    """
+    file = Path(target)
+    suffix = file.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InputError(f"cannot write a path as {str(target)!r}: its suffix must be one of {', '.join(SUFFIXES)}")
+    if suffix == ".yaml":
+        return write_text(file, ros_plan(path, space, robot=robot, frame=frame))
+    columns = path_columns(path, space, robot=robot, frame=frame)
+    if suffix == ".npz":
+        with atomic_path(file) as temporary, temporary.open("wb") as stream:
+            np.savez(stream, **columns)  # type: ignore[arg-type]
+        return file
+    return write_text(file, csv_table(columns) if suffix == ".csv" else _json(columns))
+
+
+def csv_table(columns: Mapping[str, ArrayLike]) -> str:
+    """Named columns as comma-separated text with a header; numbers so that they are read back the same."""
+    rows = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
+    return "\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)]) + "\n"
+
+
+def ros_plan(
+    path: Streamline | ShortPath | Trajectory | ArrayLike,
+    space: ConfigurationSpace,
+    *,
+    robot: Robot | None = None,
+    frame: Frame | None = None,
+    frame_id: str = "map",
+) -> str:
+    """A path as the text of a ``nav_msgs/Path`` message, which ``ros2 topic pub`` takes.
+
+    Every pose looks towards the next, the last one as the one before; a turning polygon as its angle says.  A
+    trajectory's times are the stamps.
+
+    Parameters
+    ----------
+    path : Streamline, ShortPath, Trajectory or array_like of float, shape (n, ndim)
+    space : ConfigurationSpace
+        Of two axes with one unit, or of a turning polygon.
+    robot : Robot, optional
+        A point by default.
+    frame : Frame, optional
+        From the space to the world.
+    frame_id : str
+        The frame that the poses are given in.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        If the robot does not move in the plane.
+    """
+    timed = path if isinstance(path, Trajectory) else None
+    points = unwrap(timed.positions if timed else path, space)  # type: ignore[arg-type]
+    require_plan(space, robot)
+    place = points[:, :2] if frame is None else frame.to_world(points[:, :2])
+    yaw = headings(place)
+    if isinstance(robot, PolygonRobot):
+        yaw = points[:, 2] / robot.turning_length + (0.0 if frame is None else frame.yaw)
+    times = np.zeros(len(points)) if timed is None else timed.times
+    head = f"header:\n{_stamp(0.0, frame_id, '  ')}poses:"
+    return "\n".join([head, *map(_pose, times, place, yaw, [frame_id] * len(place))]) + "\n"
+
+
+def require_plan(space: ConfigurationSpace, robot: Robot | None) -> None:
+    """Refuse a plan for ROS of what does not move in the plane.
+
+    Parameters
+    ----------
+    space : ConfigurationSpace
+    robot : Robot or None
+
+    Raises
+    ------
+    InputError
+        If the axes are not those of a plane, or of a polygon that turns in it.
+    """
+    flat = space.ndim == 2 and space.axes[0].unit == space.axes[1].unit and not isinstance(robot, Arm)
+    if not flat and not isinstance(robot, PolygonRobot):
+        what = f"a {type(robot or PointRobot()).__name__} with axes {', '.join(axis.name for axis in space.axes)}"
+        raise InputError(f"a plan for ROS holds poses in the plane, not {what}; write .csv, .json or .npz")
+
+
+def headings(place: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Direction from every place to the next that differs, in radians; the last as the one before, alone 0."""
+    step = np.diff(place, axis=0)
+    moved = np.flatnonzero(np.any(step != 0, axis=1))
+    if not len(moved):
+        return np.zeros(len(place))
+    angle = np.arctan2(step[moved, 1], step[moved, 0])
+    return np.asarray(angle[np.minimum(np.searchsorted(moved, np.arange(len(place))), len(moved) - 1)])
+
+
+def _named(space: ConfigurationSpace, values: NDArray[np.float64], end: str = "") -> dict[str, NDArray[np.float64]]:
+    return {f"{axis.name}{end}": values[:, number] for number, axis in enumerate(space.axes)}
+
+
+def _json(columns: Mapping[str, NDArray[np.float64]]) -> str:
+    data: dict[str, Any] = {"schema": 1}
+    data |= {name: [x if isfinite(x) else None for x in column.tolist()] for name, column in columns.items()}
+    return json.dumps(data, allow_nan=False, indent=2) + "\n"
+
+
+def _pose(time: float, place: Sequence[float], yaw: float, frame_id: str) -> str:
+    x, y = (_number(value) for value in place)
+    z, w = _number(sin(yaw / 2)), _number(cos(yaw / 2))
+    return (
+        f"- header:\n{_stamp(time, frame_id, '    ')}"
+        f"  pose:\n    position: {{x: {x}, y: {y}, z: 0.0}}\n    orientation: {{x: 0.0, y: 0.0, z: {z}, w: {w}}}"
+    )
+
+
+def _stamp(time: float, frame_id: str, indent: str) -> str:
+    seconds, nanoseconds = divmod(round(time * 1e9), 10**9)
+    quoted = json.dumps(frame_id)
+    return f"{indent}stamp: {{sec: {seconds}, nanosec: {nanoseconds}}}\n{indent}frame_id: {quoted}\n"
+
+
+def _number(value: float) -> str:
+    """A number that every reader of YAML takes for one: 1e-05 is text in YAML 1.1."""
+    text = repr(float(value))
+    head, power, tail = text.partition("e")
+    return f"{head}.0e{tail}" if power and "." not in head else text

@@ -1,0 +1,82 @@
+"""Paths shortened, timed and written from the command line."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+
+import numpy as np
+import pytest
+import yaml
+
+
+def rows_of(text: str) -> list[dict[str, str]]:
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def test_shortened_paths_are_no_longer_and_say_so(answer, call, lesson):
+    plain, short = answer("path", lesson), answer("path", lesson, "--shorten")
+    for before, after in zip(plain["paths"], short["paths"], strict=True):
+        assert after["length"] == before["length"]
+        assert after["short"]["length"] <= before["length"]
+    assert "shortened to" in call("path", lesson, "--shorten").stdout
+    kept = answer("path", lesson, "--shorten", "--keep-clearance", "0.3")["paths"][0]["short"]
+    assert kept["clearance"] >= 0.3 - 1e-9 or kept["length"] == pytest.approx(plain["paths"][0]["length"])
+
+
+def test_timed_paths_have_times_and_rates(call, answer, room):
+    table = call("path", room, "--speed", "0.5", "--acceleration", "1", "--rate", "20", "-o", "-")
+    assert table.exit_code == 1  # the second start has no path
+    rows = rows_of(table.stdout)
+    assert list(rows[0]) == ["path", "k", "outcome", "t", "x", "y", "x_rate", "y_rate"]
+    first = [row for row in rows if row["path"] == "0"]
+    times = np.array([float(row["t"]) for row in first])
+    np.testing.assert_allclose(np.diff(times)[:-1], 0.05)
+    assert max(abs(float(row["x_rate"])) for row in first) <= 0.5 + 1e-12
+    assert [row["t"] for row in rows if row["path"] == "1"] == ["0.0"]
+    data = answer("path", room, "--speed", "0.5,0.25", code=1)
+    assert data["paths"][0]["duration"] > data["paths"][0]["length"] / np.hypot(0.5, 0.25)
+
+
+def test_a_plan_for_ros_has_one_document_a_path(call, answer, room, tmp_path):
+    assert call("path", room, "-o", tmp_path / "plan.yaml", "--shorten").exit_code == 1
+    reached, blocked = yaml.safe_load_all((tmp_path / "plan.yaml").read_text())
+    assert blocked["poses"] == []
+    start = reached["poses"][0]["pose"]["position"]
+    assert (start["x"], start["y"]) == (0.5, 0.5)
+    assert reached["header"]["frame_id"] == "map"
+
+
+@pytest.mark.parametrize("suffix", [".json", ".npz"])
+def test_files_hold_the_timed_columns(call, room, tmp_path, suffix):
+    file = tmp_path / f"paths{suffix}"
+    call("path", room, "--shorten", "--speed", "1", "-o", file)
+    if suffix == ".json":
+        columns = json.loads(file.read_text())["paths"][0]["columns"]
+        assert columns["t"][0] == 0
+        assert len(columns["x"]) == len(columns["t"])
+    else:
+        with np.load(file) as arrays:
+            assert arrays["t_0"].shape == arrays["x_0"].shape == arrays["y_rate_0"].shape
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("--speed", "fast"), "--speed 'fast'"),
+        (("--speed", "0"), "velocity_limits"),
+        (("--speed", "nan"), "velocity_limits"),
+        (("--speed", "1,2,3"), "3 values for 2 axes"),
+        (("--acceleration", "1"), "--acceleration"),
+        (("--rate", "10"), "--rate"),
+        (("--speed", "1", "--rate", "0"), "rate = 0"),
+        (("--keep-clearance", "1"), "--keep-clearance"),
+        (("--shorten", "--keep-clearance", "-1"), "clearance = -1"),
+        (("-o", "paths.txt"), ".csv, .json, .npz or .yaml"),
+    ],
+)
+def test_bad_options_are_named(call, room, words, message):
+    result = call("path", room, *words)
+    assert result.exit_code == 2
+    assert message in result.stderr
