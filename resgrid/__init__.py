@@ -34,12 +34,19 @@ if TYPE_CHECKING:
     from resgrid.nodal.drive import scale_drive
     from resgrid.nodal.operating_point import OperatingPoint
     from resgrid.nodal.solve import factor, solve
+    from resgrid.planning.behaviour import ClearanceCurve, clearance_curve, wall_clearance_curve
     from resgrid.planning.blend import blend
     from resgrid.planning.certify import certify
+    from resgrid.planning.collision import Risk, risk
+    from resgrid.planning.completeness import Separation, check_verdicts, separation
+    from resgrid.planning.destinations import Absorption, absorption, basins
     from resgrid.planning.field import Field
     from resgrid.planning.field import field_of as field
+    from resgrid.planning.normals import octree_voxels, surface_normals
+    from resgrid.planning.planner import Planner, plan
     from resgrid.planning.streamline import Outcome, Streamline
     from resgrid.planning.trace import Traces, streamline, streamlines
+    from resgrid.planning.walk import Walk, random_walk
     from resgrid.plot import (
         plot_circuit,
         plot_currents,
@@ -84,6 +91,23 @@ _HOME = {
     "OperatingPoint": "resgrid.nodal.operating_point",
     "factor": "resgrid.nodal.solve",
     "solve": "resgrid.nodal.solve",
+    "Walk": "resgrid.planning.walk",
+    "random_walk": "resgrid.planning.walk",
+    "Risk": "resgrid.planning.collision",
+    "risk": "resgrid.planning.collision",
+    "Absorption": "resgrid.planning.destinations",
+    "absorption": "resgrid.planning.destinations",
+    "basins": "resgrid.planning.destinations",
+    "Separation": "resgrid.planning.completeness",
+    "check_verdicts": "resgrid.planning.completeness",
+    "separation": "resgrid.planning.completeness",
+    "Planner": "resgrid.planning.planner",
+    "plan": "resgrid.planning.planner",
+    "ClearanceCurve": "resgrid.planning.behaviour",
+    "clearance_curve": "resgrid.planning.behaviour",
+    "wall_clearance_curve": "resgrid.planning.behaviour",
+    "surface_normals": "resgrid.planning.normals",
+    "octree_voxels": "resgrid.planning.normals",
     "blend": "resgrid.planning.blend",
     "certify": "resgrid.planning.certify",
     "Field": "resgrid.planning.field",
@@ -127,6 +151,7 @@ _HOME = {
 _OTHER_NAME = {"field": "field_of"}
 
 __all__ = [
+    "Absorption",
     "AccuracyError",
     "Agreement",
     "Axis",
@@ -134,6 +159,7 @@ __all__ = [
     "Cell",
     "CertificateError",
     "CircuitError",
+    "ClearanceCurve",
     "ConfigurationSpace",
     "Field",
     "InputError",
@@ -141,25 +167,35 @@ __all__ = [
     "Netlist",
     "OperatingPoint",
     "Outcome",
+    "Planner",
     "ResgridError",
+    "Risk",
     "Scene",
+    "Separation",
     "Streamline",
     "ToolMissingError",
     "Traces",
+    "Walk",
     "__version__",
+    "absorption",
     "apply_overrides",
+    "basins",
     "blend",
     "certify",
     "check_deck",
     "check_rules",
     "check_spice",
+    "check_verdicts",
+    "clearance_curve",
     "compile_space",
     "factor",
     "field",
     "format_deck",
     "occupancy_grid",
+    "octree_voxels",
     "parse_quantity",
     "parse_scene",
+    "plan",
     "plot_circuit",
     "plot_currents",
     "plot_path",
@@ -168,16 +204,21 @@ __all__ = [
     "plot_slices",
     "plot_space",
     "plot_streamlines",
+    "random_walk",
     "read_queries",
     "read_scene",
+    "risk",
     "run_ngspice",
     "sample",
     "save_figure",
     "scale_drive",
     "scene_schema",
+    "separation",
     "solve",
     "streamline",
     "streamlines",
+    "surface_normals",
+    "wall_clearance_curve",
     "write_spice",
 ]
 

@@ -9,9 +9,9 @@ from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.solve import solve
-from resgrid.planning.basins import absorption, basins
+from resgrid.planning.collision import risk
+from resgrid.planning.destinations import absorption, basins
 from resgrid.planning.field import field_of
-from resgrid.planning.risk import risk
 from resgrid.planning.trace import streamline
 from resgrid.planning.walk import random_walk
 from resgrid.space import ConfigurationSpace

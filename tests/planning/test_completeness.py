@@ -9,9 +9,9 @@ from spaces import space_of, spaces
 from resgrid.compiler import compile_space
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.nodal.solve import solve
+from resgrid.planning.completeness import check_verdicts, separation
 from resgrid.planning.field import Field, field_of
 from resgrid.planning.groups import label_groups
-from resgrid.planning.separation import check_verdicts, separation
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import streamline
 from resgrid.space import ConfigurationSpace

@@ -1,0 +1,128 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from spaces import space_of
+
+from resgrid.compiler import compile_space
+from resgrid.errors import InputError
+from resgrid.nodal.solve import solve
+from resgrid.planning import planner as planner_module
+from resgrid.planning.behaviour import clearance_curve, wall_clearance_curve
+from resgrid.planning.blend import blend
+from resgrid.planning.certify import certify
+from resgrid.planning.field import field_of
+from resgrid.planning.planner import plan
+from resgrid.planning.streamline import Outcome
+from resgrid.planning.trace import streamline
+from resgrid.scene import read_scene
+from resgrid.space import ConfigurationSpace
+
+
+def two_goal_room() -> ConfigurationSpace:
+    cell = np.zeros((40, 30), dtype=np.uint8)
+    cell[12:14, :20], cell[26:28, 10:], cell[18:22, 12:15] = 1, 1, 1
+    cell[3, 4], cell[36, 25] = 2, 2
+    return space_of(cell, spacing=(0.5, 0.5))
+
+
+def test_a_planner_gives_what_the_stages_give() -> None:
+    space = two_goal_room()
+    first = field_of(solve(compile_space(space)))
+    second = field_of(solve(compile_space(space, boundary="neumann")))
+    planner = plan(space, k=0.5)
+    assert planner.k == 0.5 and planner.space is space
+    for k in (0.0, 0.3, 1.0):
+        expected = streamline(blend(first, second, k), (8.0, 7.0))
+        found = planner.at(k).path((8.0, 7.0))
+        np.testing.assert_array_equal(found.points, expected.points)
+    starts = [(1.0, 14.0), (8.0, 7.0), (19.0, 1.0), (6.5, 1.0)]
+    paths, ends = planner.paths(starts), planner.ends(starts)
+    assert [path.outcome for path in paths] == ends.outcome.tolist()
+    assert [path.outcome for path in paths] == [Outcome.REACHED] * 3 + [Outcome.START_BLOCKED]
+    assert planner.basins()[3, 5] == 0 and planner.basins()[36, 24] == 1
+    for path in paths:
+        certify(path, planner.field)
+    assert planner.path(cell=(0, 0)).outcome is Outcome.REACHED
+    assert planner.separation(cell=(0, 0)).separating == ()
+
+
+def test_blends_share_two_solves(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+    monkeypatch.setattr(
+        planner_module, "solve", lambda netlist: calls.append(netlist.layout.boundary) or solve(netlist)
+    )
+    planner = plan(two_goal_room(), k=1.0)
+    planner.paths([(1.0, 14.0), (8.0, 7.0)])
+    clearance_curve(planner, (0.0, 0.2, 1.0), [(1.0, 14.0)])
+    assert calls == ["dirichlet", "neumann"]
+    plan(two_goal_room()).paths([(1.0, 14.0)] * 3)
+    assert calls[2:] == ["dirichlet"]
+
+
+def test_a_scene_says_what_options_leave_out(scenes: Path) -> None:
+    scene = read_scene(scenes / "rooms.toml")
+    planner = plan(scene)
+    assert planner.k == scene.k[0] and len(planner.scene_starts) == len(scene.starts)
+    assert planner.field.edge == scene.edge
+    assert {path.outcome for path in planner.paths()} == {Outcome.REACHED}
+    walled = plan(scene, boundary="wall", wall_resistance=1e5)
+    assert walled.field.boundary == "wall" and walled.obstacle_field is None
+
+
+def test_clearance_grows_with_k() -> None:
+    """It does not fall by more than half a cell, and the ends of the curve are far apart."""
+    space = two_goal_room()
+    curve = clearance_curve(plan(space, k=1.0), (0.0, 0.01, 0.1, 0.5, 0.9, 0.99, 1.0))
+    assert np.all(np.diff(curve.mean) > -0.25)
+    assert curve.mean[-1] > curve.mean[0] + 0.1
+    assert curve.counted.all() and len(curve.starts) == 200
+    assert curve.clearance.shape == (7, 200) and curve.mean_length.min() > 1.0
+
+
+def test_the_wall_resistance_is_the_knob_of_one_chip() -> None:
+    """From Dirichlet to Neumann, whose ends both knobs share."""
+    space = two_goal_room()
+    starts = [(1.0, 14.0), (8.0, 7.0), (19.0, 1.0), (9.0, 12.0)]
+    walls = wall_clearance_curve(space, (0.0, 1e4, 1e5, 1e6, np.inf), starts)
+    blends = clearance_curve(plan(space, k=1.0), (1.0, 0.0), starts)
+    np.testing.assert_allclose(walls.clearance[[0, -1]], blends.clearance, rtol=1e-9)
+    np.testing.assert_allclose(walls.length[[0, -1]], blends.length, rtol=1e-9)
+    assert np.all(np.diff(walls.mean) < 0.25)
+
+
+def test_starts_without_a_path_do_not_count() -> None:
+    cell = np.zeros((9, 9))
+    cell[4], cell[1, 1] = 1, 2
+    space = space_of(cell)
+    curve = clearance_curve(plan(space, k=0.5), (0.0, 1.0), [(7.0, 1.0), (3.5, 7.5)])
+    assert curve.counted.tolist() == [False, True] and np.isnan(curve.clearance[:, 0]).all()
+    np.testing.assert_array_equal(curve.mean, curve.clearance[:, 1])
+    with pytest.raises(InputError, match="no start has a path"):
+        clearance_curve(plan(space, k=0.5), (0.0, 1.0), [(7.0, 1.0)])
+
+
+def test_wrong_questions_are_refused() -> None:
+    space = two_goal_room()
+    with pytest.raises(InputError, match=r"k = 1\.5"):
+        plan(space, k=1.5)
+    with pytest.raises(InputError, match="on the rail"):
+        plan(space, k=0.5, boundary="neumann")
+    with pytest.raises(InputError, match="boundary = 'soft'"):
+        plan(space, boundary="soft")
+    with pytest.raises(InputError, match="space or a scene, got str"):
+        plan("rooms.toml")
+    planner = plan(space)
+    with pytest.raises(InputError, match="one field only"):
+        planner.at(0.5)
+    with pytest.raises(InputError, match="2 coordinates"):
+        planner.paths([(1.0, 2.0, 3.0)])
+    with pytest.raises(InputError, match="must be numbers"):
+        planner.ends([("a", "b")])
+    with pytest.raises(InputError, match="outside the grid"):
+        planner.paths([(1.0, np.nan)])
+    with pytest.raises(InputError, match="out of range"):
+        wall_clearance_curve(space, [-1.0])
+    with pytest.raises(InputError, match="at least one"):
+        wall_clearance_curve(space, [])
+    assert planner.paths([]) == [] and len(planner.ends([]).goal) == 0
