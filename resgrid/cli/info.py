@@ -92,12 +92,13 @@ def describe(job: Job, report: Report) -> dict[str, Any]:
 
 def _cost(job: Job, report: Report) -> dict[str, Any]:
     """Size of the circuit and memory of its solution; nothing where the scene has no circuit yet."""
-    from resgrid.nodal.solve import estimate_memory
+    from resgrid.nodal.methods import choose_method, estimate_memory
     from resgrid.nodal.system import assemble
 
     try:
         netlist = compile_chip(job, report, *only_boundary(job))
-        memory = estimate_memory(assemble(netlist))
+        system = assemble(netlist)
+        memory = estimate_memory(system, choose_method(system))
     except (CircuitError, InputError) as error:
         return {"nodes": None, "resistors": None, "memory_bytes": None, "no_circuit": str(error)}
     return {"nodes": netlist.node_count, "resistors": len(netlist.conductance), "memory_bytes": memory}

@@ -16,22 +16,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.errors import AccuracyError
+from resgrid.nodal.refine import Numbers, Scaled, refine
 from resgrid.nodal.system import NodalSystem
 
 REFINED = 1e-28
 """Componentwise backward error at which refinement stops: the noise of double-double arithmetic."""
-
-_MOST_STEPS = 30
-_LEAST_GAIN = 0.5
-
-
-@dataclass(frozen=True, eq=False)
-class Scaled:
-    """Numbers ``(hi + lo) * 2**(256 exponent)`` whose exponent never runs out; three arrays of one shape."""
-
-    hi: NDArray[np.float64]
-    lo: NDArray[np.float64]
-    exponent: NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,42 +94,17 @@ class DirectFactor:
         error : float
             Its componentwise backward error.
         """
-        from resgrid.nodal import kernels
+        return refine(self.system, rhs, self._substitute, REFINED)
 
-        system = self.system
-        coupling = system.coupling
-        n = system.size
-        answer = Scaled(np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.int64))
-        current, scale = _scaled_currents(rhs)
-        row_error, exponent = current.copy(), scale.copy()
-        best, error = answer, np.inf
-        for _ in range(_MOST_STEPS):
-            m, e = row_error[self.order], exponent[self.order]
-            kernels.substitute(self.lower.indptr, self.lower.indices, self.lower.data, self.pivot, m, e)
-            m[self.order], e[self.order] = m.copy(), e.copy()
-            answer = Scaled(answer.hi.copy(), answer.lo.copy(), answer.exponent.copy())
-            kernels.correct(answer.hi, answer.lo, answer.exponent, m, e)
-            exponent = answer.exponent.copy()
-            now = kernels.residual(
-                coupling.indptr, coupling.indices, coupling.data, system.excess, current, scale,
-                answer.hi, answer.lo, answer.exponent, row_error,
-            )  # fmt: skip
-            if not now < _LEAST_GAIN * error:
-                break
-            best, error = answer, now
-            if error <= REFINED:
-                break
-        return best, float(error)
+    def _substitute(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
+        """Both substitutions, in scaled numbers."""
+        from resgrid.nodal.kernels import substitute
 
-
-def _scaled_currents(rhs: NDArray[np.float64] | Scaled) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    from resgrid.nodal.kernels import canonical
-
-    if isinstance(rhs, Scaled):
-        current, scale = rhs.hi.copy(), rhs.exponent.copy()
-        canonical(current, scale)
-        return current, scale
-    return np.asarray(rhs, dtype=np.float64), np.zeros(len(rhs), dtype=np.int64)
+        permuted, exponent = m[self.order], e[self.order]
+        substitute(self.lower.indptr, self.lower.indices, self.lower.data, self.pivot, permuted, exponent)
+        solution, scale = np.empty_like(permuted), np.empty_like(exponent)
+        solution[self.order], scale[self.order] = permuted, exponent
+        return solution, scale
 
 
 def factor_direct(system: NodalSystem) -> DirectFactor:

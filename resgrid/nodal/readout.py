@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.netlist import Netlist
-from resgrid.nodal.direct import Scaled
+from resgrid.nodal.refine import Scaled
 from resgrid.nodal.system import NodalSystem
 
 NOISE = 2.0**-70

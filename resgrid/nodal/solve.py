@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.budget import require_memory
 from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal import readout
-from resgrid.nodal.direct import DirectFactor, Scaled, factor_direct
+from resgrid.nodal.factor import Factor
+from resgrid.nodal.methods import factor_system
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.readout import Balance, Levels
+from resgrid.nodal.refine import Scaled
 from resgrid.nodal.sources import source_currents
 from resgrid.nodal.system import NodalSystem, Rails, assemble
 
-METHODS: dict[str, Callable[[NodalSystem], DirectFactor]] = {"direct": factor_direct}
 ACCURACIES = ("direction", "normwise")
 
 DIRECTION_RESIDUAL = 1e-6
@@ -49,12 +49,13 @@ def solve(
         ``"direction"``: at every driven node KCL holds to 1e-6 of the current through that same node, so that the way
         down is right everywhere; entrywise accurate where the circuit has two rails, or one and currents of one sign.
         ``"normwise"``: only the backward error is held below ``rtol``.
-    method : {"auto", "direct"}
-        How to solve; ``"auto"`` is ``"direct"``.
+    method : {"auto", "direct", "multigrid"}
+        How to solve; ``"auto"`` chooses by size and shape (`resgrid.nodal.methods.choose_method`);
+        the operating point says what it chose.
     rtol : float
         Backward error for ``"normwise"``.
     threads : int
-        The direct method uses one.
+        No method uses more than one yet.
 
     Returns
     -------
@@ -75,7 +76,8 @@ def solve(
     seconds: dict[str, float] = {}
     with _timed(seconds, "assemble"):
         system = assemble(netlist)
-    factors = _factor(system, method, seconds)
+    with _timed(seconds, "factor"):
+        factors = factor_system(system, method) if system.size else None
     with _timed(seconds, "substitute"):
         if accuracy == "direction":
             levels, error = _entrywise_levels(system, factors)
@@ -88,24 +90,23 @@ def solve(
     return point
 
 
-def factor(netlist: Netlist, *, method: str = "auto") -> DirectFactor:
+def factor(netlist: Netlist, *, method: str = "auto") -> Factor:
     """Factor a netlist once, for many right-hand sides.
 
     Parameters
     ----------
     netlist : Netlist
-    method : {"auto", "direct"}
+    method : {"auto", "direct", "multigrid"}
 
     Returns
     -------
-    DirectFactor
+    Factor
         With ``solve(rhs)`` for currents into the rows of its ``system``.
     """
     system = assemble(netlist)
-    factors = _factor(system, method, {})
-    if factors is None:
+    if not system.size:
         raise InputError("there is nothing to factor: the rails hold every node")
-    return factors
+    return factor_system(system, method)
 
 
 def _check_options(accuracy: str, rtol: float, threads: int) -> None:
@@ -124,40 +125,7 @@ def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
     seconds[stage] = time.perf_counter() - start
 
 
-def _factor(system: NodalSystem, method: str, seconds: dict[str, float]) -> DirectFactor | None:
-    if method != "auto" and method not in METHODS:
-        raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
-    if not system.size:
-        return None
-    require_memory(
-        estimate_memory(system),
-        f"factoring {system.size:,} unknowns",
-        "use a coarser grid, or a machine with more memory",
-    )
-    with _timed(seconds, "factor"):
-        return METHODS["direct" if method == "auto" else method](system)
-
-
-def estimate_memory(system: NodalSystem) -> float:
-    """Estimate the peak memory of the direct method, in bytes.
-
-    Fill grows about as ``n log n`` on planar grids, ``n**(4/3)`` in three and ``n**(3/2)`` in four dimensions (George &
-    Liu 1981); the constants were measured under minimum degree on open grids, which fill most.
-    """
-    layout = system.netlist.layout
-    n = system.size
-    dimensions = sum(size > 2 for size in layout.space.shape) if layout is not None else 2
-    fill = {
-        0: 3.0 * n,
-        1: 3.0 * n,
-        2: 2.6 * n * np.log2(n + 2),
-        3: 10.0 * n ** (4 / 3),
-        4: 4.5 * n ** (3 / 2),
-    }[dimensions]
-    return float(50 * fill + 600 * n)
-
-
-def _entrywise_levels(system: NodalSystem, factors: DirectFactor | None) -> tuple[list[Levels], float]:
+def _entrywise_levels(system: NodalSystem, factors: Factor | None) -> tuple[list[Levels], float]:
     """Node values in the representations that the circuit allows, and their largest backward error."""
     if system.rails is not None:
         rails = system.rails
@@ -178,7 +146,7 @@ def _entrywise_levels(system: NodalSystem, factors: DirectFactor | None) -> tupl
     return [readout.at_nodes(system, _minus(rising, falling), system.reference, 1.0)], max(rising_error, falling_error)
 
 
-def _solved(factors: DirectFactor | None, rhs: NDArray[np.float64]) -> tuple[Scaled, float]:
+def _solved(factors: Factor | None, rhs: NDArray[np.float64]) -> tuple[Scaled, float]:
     if factors is None or not rhs.any():
         return Scaled(np.zeros(len(rhs)), np.zeros(len(rhs)), np.zeros(len(rhs), dtype=np.int64)), 0.0
     return factors.solve_nonnegative(rhs)
@@ -193,7 +161,7 @@ def _minus(a: Scaled, b: Scaled) -> Scaled:
     return Scaled(hi, lo, exponent)
 
 
-def _normwise_levels(system: NodalSystem, factors: DirectFactor | None, rtol: float) -> list[Levels]:
+def _normwise_levels(system: NodalSystem, factors: Factor | None, rtol: float) -> list[Levels]:
     x = np.zeros(0) if factors is None else factors.solve(system.feed + system.injected, rtol=rtol)
     rows = Scaled(x, np.zeros(len(x)), np.zeros(len(x), dtype=np.int64))
     return [readout.at_nodes(system, rows, system.reference, 1.0)]
@@ -308,8 +276,8 @@ def _check_direction(
     netlist = system.netlist
     if not error <= CONVERGED:
         raise AccuracyError(
-            f"the direct solver reached a componentwise backward error of {error:.1e} only: the potential falls, or "
-            "the conductances differ, by more decades than its factors can hold; the answer is not returned",
+            f"method {point.method!r} reached a componentwise backward error of {error:.1e} only: the potential falls, "
+            "or the conductances differ, by more decades than it can hold; the answer is not returned",
             point,
         )
     residual = _relative_residual(system, sums)

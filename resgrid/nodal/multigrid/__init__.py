@@ -1,0 +1,1 @@
+"""Multigrid-preconditioned conjugate gradients: hierarchy, kernels, and the solver that drives them."""

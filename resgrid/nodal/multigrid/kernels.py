@@ -1,0 +1,428 @@
+"""Compiled loops of the multigrid solver: aggregation, coarsening, smoothing, the K-cycle and the products.
+
+A level is a graph of conductances in compressed rows (sorted, no diagonal) with a leak to the rails at every node.  All
+levels stand one behind the other in flat arrays (`Stack`), so that the cycle can recurse in compiled code.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+Indices = NDArray[np.int32]
+Integers = NDArray[np.int64]
+
+
+class Stack(NamedTuple):
+    """All levels of a hierarchy; nodes of level ``l`` stand at ``first[l] ... first[l + 1]``.
+
+    Attributes
+    ----------
+    first : ndarray of int64, shape (levels + 1,)
+    indptr : ndarray of int64, shape (nodes + 1,)
+        Row starts, in the entries of all levels.
+    indices : ndarray of int32
+        Neighbours, counted within their level.
+    conductance, inverse, diagonal : ndarray of float32
+        Of entries, and of the diagonal with its reciprocal.
+    aggregate : ndarray of int32, shape (nodes,)
+        Node of the next level that a node belongs to.
+    coarsest : ndarray of float32
+        Inverse of the last level's matrix.
+    b, x, c, v, w, kept : ndarray of float32, shape (nodes,)
+        Work space.
+    """
+
+    first: Integers
+    indptr: Integers
+    indices: Indices
+    conductance: Singles
+    inverse: Singles
+    diagonal: Singles
+    aggregate: Indices
+    coarsest: Singles
+    b: Singles
+    x: Singles
+    c: Singles
+    v: Singles
+    w: Singles
+    kept: Singles
+
+
+@njit(cache=True)
+def _find(parent: Indices, node: int) -> int:
+    while parent[node] != node:
+        parent[node] = parent[parent[node]]
+        node = parent[node]
+    return node
+
+
+@njit(cache=True)
+def _numbered(parent: Indices) -> tuple[Indices, int]:
+    """Number the trees of a union-find in the order of their roots, which are their smallest nodes."""
+    aggregate = np.empty(len(parent), np.int32)
+    count = 0
+    for node in range(len(parent)):
+        root = _find(parent, node)
+        if root == node:
+            aggregate[node] = count
+            count += 1
+        else:
+            aggregate[node] = aggregate[root]
+    return aggregate, count
+
+
+@njit(cache=True)
+def aggregate_blocks(indptr: Indices, indices: Indices, coordinate: Indices) -> tuple[Indices, int]:
+    """Aggregates: the connected parts of the graph within blocks of two cells a side."""
+    parent = np.arange(len(indptr) - 1).astype(np.int32)
+    for node in range(len(parent)):
+        for k in range(indptr[node], indptr[node + 1]):
+            other = indices[k]
+            if other >= node:
+                break
+            together = True
+            for axis in range(coordinate.shape[1]):
+                together &= coordinate[node, axis] >> 1 == coordinate[other, axis] >> 1
+            if together:
+                a, b = _find(parent, node), _find(parent, other)
+                parent[max(a, b)] = min(a, b)
+    return _numbered(parent)
+
+
+@njit(cache=True)
+def aggregate_pairs(indptr: Indices, indices: Indices, conductance: Floats) -> tuple[Indices, int]:
+    """Aggregates: every node with its strongest neighbour that is still alone, or with that neighbour's pair."""
+    n = len(indptr) - 1
+    parent = np.arange(n).astype(np.int32)
+    taken = np.zeros(n, np.bool_)
+    for node in range(n):
+        if taken[node]:
+            continue
+        best, partner = 0.0, -1
+        strongest, neighbour = 0.0, -1
+        for k in range(indptr[node], indptr[node + 1]):
+            if conductance[k] > strongest:
+                strongest, neighbour = conductance[k], indices[k]
+            if conductance[k] > best and not taken[indices[k]]:
+                best, partner = conductance[k], indices[k]
+        if partner < 0 or best < 0.25 * strongest:
+            partner = neighbour
+        if partner < 0:
+            continue
+        taken[node] = taken[partner] = True
+        a, b = _find(parent, node), _find(parent, partner)
+        parent[max(a, b)] = min(a, b)
+    return _numbered(parent)
+
+
+@njit(cache=True)
+def coarsen(
+    indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, aggregate: Indices, count: int
+) -> tuple[Indices, Indices, Floats, Floats]:
+    """Sum conductances between aggregates, and leaks within them; rows come out sorted."""
+    n = len(indptr) - 1
+    start = np.zeros(count + 1, np.int64)
+    for node in range(n):
+        start[aggregate[node] + 1] += 1
+    start = np.cumsum(start)
+    member = np.empty(n, np.int64)
+    fill = start[:-1].copy()
+    for node in range(n):
+        member[fill[aggregate[node]]] = node
+        fill[aggregate[node]] += 1
+    new_indptr = np.zeros(count + 1, np.int32)
+    new_indices = np.empty(len(indices), np.int32)
+    new_conductance = np.empty(len(indices))
+    new_leak = np.zeros(count)
+    place = np.full(count, -1, np.int64)
+    size = 0
+    for row in range(count):
+        begin = size
+        for m in range(start[row], start[row + 1]):
+            node = member[m]
+            new_leak[row] += leak[node]
+            for k in range(indptr[node], indptr[node + 1]):
+                column = aggregate[indices[k]]
+                if column == row:
+                    continue
+                if place[column] < begin:
+                    place[column] = size
+                    new_indices[size] = column
+                    new_conductance[size] = 0.0
+                    size += 1
+                new_conductance[place[column]] += conductance[k]
+        order = np.argsort(new_indices[begin:size])
+        new_indices[begin:size] = new_indices[begin:size][order]
+        new_conductance[begin:size] = new_conductance[begin:size][order]
+        new_indptr[row + 1] = size
+    return new_indptr, new_indices[:size].copy(), new_conductance[:size].copy(), new_leak
+
+
+@njit(cache=True)
+def lengthen(
+    indptr: Indices,
+    indices: Indices,
+    conductance: Floats,
+    leak: Floats,
+    coordinate: Indices,
+    width: NDArray[np.uint8],
+    members: Integers,
+    mean: Floats,
+) -> None:
+    """Make coarse conductances know length, in place.
+
+    Two blocks of two cells are joined over twice the distance of their cells; a pinned point is reached through the
+    block around it.  ``width`` has bit ``a`` set where a block is two cells wide along axis ``a``.
+    """
+    for row in range(len(leak)):
+        for k in range(indptr[row], indptr[row + 1]):
+            column = indices[k]
+            axis = 0
+            for candidate in range(coordinate.shape[1]):
+                if coordinate[row, candidate] != coordinate[column, candidate]:
+                    axis = candidate
+            wide = ((width[row] >> axis) & 1) + ((width[column] >> axis) & 1)
+            conductance[k] /= 1.0 + 0.5 * wide
+        if leak[row] > 0.0 and members[row] > 1 and mean[row] > 0.0:
+            leak[row] = 1.0 / (1.0 / leak[row] + 0.25 / (max(1.0, 0.5 * members[row]) * mean[row]))
+
+
+@njit(cache=True)
+def block_shape(
+    indptr: Indices, conductance: Floats, aggregate: Indices, coordinate: Indices, count: int
+) -> tuple[Indices, NDArray[np.uint8], Integers, Floats]:
+    """Coarse coordinates, widths, member counts and mean conductances of aggregates within blocks."""
+    ndim = coordinate.shape[1]
+    coarse = np.zeros((count, ndim), np.int32)
+    seen = np.zeros((count, ndim), np.uint8)
+    members = np.zeros(count, np.int64)
+    total, entries = np.zeros(count), np.zeros(count)
+    for node in range(len(aggregate)):
+        row = aggregate[node]
+        members[row] += 1
+        for k in range(indptr[node], indptr[node + 1]):
+            total[row] += conductance[k]
+            entries[row] += 1.0
+        for axis in range(ndim):
+            coarse[row, axis] = coordinate[node, axis] >> 1
+            seen[row, axis] |= 1 << (coordinate[node, axis] & 1)
+    width = np.zeros(count, np.uint8)
+    for row in range(count):
+        for axis in range(ndim):
+            if seen[row, axis] == 3:
+                width[row] |= np.uint8(1 << axis)
+    return coarse, width, members, total / np.maximum(entries, 1.0)
+
+
+@njit(cache=True)
+def _descend(stack: Stack, level: int) -> None:
+    """Forward Gauss-Seidel from zero, and the residual summed into the next level's right-hand side.
+
+    After the sweep row ``i`` lacks only its later neighbours: its residual is ``sum_{j > i} g_ij x_j``.
+    """
+    begin, end = stack.first[level], stack.first[level + 1]
+    following = stack.first[level + 1]
+    for node in range(following, stack.first[level + 2]):
+        stack.b[node] = 0.0
+    for i in range(begin, end):
+        s = stack.b[i]
+        for k in range(stack.indptr[i], stack.indptr[i + 1]):
+            j = begin + stack.indices[k]
+            if j > i:
+                break
+            s += stack.conductance[k] * stack.x[j]
+        stack.x[i] = s * stack.inverse[i]
+    for i in range(begin, end):
+        s = np.float32(0.0)
+        for k in range(stack.indptr[i + 1] - 1, stack.indptr[i] - 1, -1):
+            j = begin + stack.indices[k]
+            if j < i:
+                break
+            s += stack.conductance[k] * stack.x[j]
+        stack.b[following + stack.aggregate[i]] += s
+
+
+@njit(cache=True)
+def _ascend(stack: Stack, level: int) -> None:
+    """Add the next level's answer, then backward Gauss-Seidel."""
+    begin, end = stack.first[level], stack.first[level + 1]
+    for i in range(begin, end):
+        stack.x[i] += stack.x[end + stack.aggregate[i]]
+    for i in range(end - 1, begin - 1, -1):
+        s = stack.b[i]
+        for k in range(stack.indptr[i], stack.indptr[i + 1]):
+            s += stack.conductance[k] * stack.x[begin + stack.indices[k]]
+        stack.x[i] = s * stack.inverse[i]
+
+
+@njit(cache=True)
+def _multiply(stack: Stack, level: int, x: Singles, y: Singles) -> float:
+    """``y = A x`` on one level; returns ``x . y``."""
+    begin, end = stack.first[level], stack.first[level + 1]
+    total = 0.0
+    for i in range(begin, end):
+        s = stack.diagonal[i] * x[i]
+        for k in range(stack.indptr[i], stack.indptr[i + 1]):
+            s -= stack.conductance[k] * x[begin + stack.indices[k]]
+        y[i] = s
+        total += np.float64(s) * np.float64(x[i])
+    return total
+
+
+@njit(cache=True)
+def _dot(a: Singles, b: Singles, begin: int, end: int) -> float:
+    total = 0.0
+    for i in range(begin, end):
+        total += np.float64(a[i]) * np.float64(b[i])
+    return total
+
+
+@njit(cache=True)
+def _solve_coarsest(stack: Stack, level: int) -> None:
+    begin = stack.first[level]
+    n = stack.first[level + 1] - begin
+    for i in range(n):
+        s = np.float32(0.0)
+        for j in range(n):
+            s += stack.coarsest[i, j] * stack.b[begin + j]
+        stack.x[begin + i] = s
+
+
+@njit(cache=True)
+def _first_step(stack: Stack, level: int, stop: float, energy: Floats, alpha: Floats) -> bool:
+    """First step of the K-cycle along ``c = x``; returns whether it suffices (``x`` is then the answer)."""
+    begin, end = stack.first[level], stack.first[level + 1]
+    b, x, c, v, kept = stack.b, stack.x, stack.c, stack.v, stack.kept
+    for i in range(begin, end):
+        c[i] = x[i]
+        kept[i] = b[i]
+    energy[level] = _multiply(stack, level, c, v)
+    if not energy[level] > 0.0:
+        return True
+    alpha[level] = _dot(c, b, begin, end)
+    size = _dot(b, b, begin, end)
+    step = np.float32(alpha[level] / energy[level])
+    for i in range(begin, end):
+        b[i] -= step * v[i]
+    if _dot(b, b, begin, end) > stop * stop * size:
+        return False
+    for i in range(begin, end):
+        x[i] = step * c[i]
+        b[i] = kept[i]
+    return True
+
+
+@njit(cache=True)
+def _second_step(stack: Stack, level: int, energy: float, alpha: float) -> None:
+    """Second step of the K-cycle along ``x``, made conjugate to the first direction ``c``."""
+    begin, end = stack.first[level], stack.first[level + 1]
+    b, x, c, v, w, kept = stack.b, stack.x, stack.c, stack.v, stack.w, stack.kept
+    beta = _multiply(stack, level, x, w)
+    gamma = _dot(x, v, begin, end)
+    rest = _dot(x, b, begin, end)
+    second = beta - gamma * gamma / energy
+    on_c, on_x = np.float32(alpha / energy), np.float32(0.0)
+    if second > 0.0:
+        on_c = np.float32(alpha / energy - gamma * rest / (energy * second))
+        on_x = np.float32(rest / second)
+    for i in range(begin, end):
+        x[i] = on_c * c[i] + on_x * x[i]
+        b[i] = kept[i]
+
+
+@njit(cache=True)
+def cycle(stack: Stack, stop: float) -> None:
+    """Approximate ``x = A^-1 b`` on the first level: a V-cycle there, K-cycles below (Notay & Vassilevski 2008).
+
+    The K-cycle takes one or two steps of flexible conjugate gradients, each preconditioned by the cycle below; the
+    second is spared where the first has brought the residual under ``stop`` times the right-hand side.  The recursion
+    is written as a loop, since compiled recursive functions cannot be kept on disk.
+    """
+    last = len(stack.first) - 2
+    visits = np.zeros(last + 1, np.int64)
+    energy, alpha = np.zeros(last + 1), np.zeros(last + 1)
+    level = 0
+    while level >= 0:
+        if level == last:
+            _solve_coarsest(stack, level)
+            level -= 1
+            continue
+        if visits[level] > 0:
+            _ascend(stack, level)
+        done = False
+        if visits[level] == 1:
+            done = level == 0 or _first_step(stack, level, stop, energy, alpha)
+        elif visits[level] == 2:
+            _second_step(stack, level, energy[level], alpha[level])
+            done = True
+        if done:
+            visits[level] = 0
+            level -= 1
+        else:
+            visits[level] += 1
+            _descend(stack, level)
+            level += 1
+
+
+@njit(cache=True)
+def apply(stack: Stack, r: Floats, scale: float, z: Singles) -> None:
+    """Precondition: ``z = cycle(r / scale)``, in single precision."""
+    n = stack.first[1]
+    for i in range(n):
+        stack.b[i] = np.float32(r[i] / scale)
+    cycle(stack, 0.25)
+    for i in range(n):
+        z[i] = stack.x[i]
+
+
+@njit(cache=True)
+def multiply(
+    indptr: Indices, indices: Indices, conductance: Floats, excess: Floats, z: Singles, r: Floats, s: Floats, w: Floats
+) -> tuple[float, float, float]:
+    """``w = A z`` in double precision, differences first; returns ``z.r``, ``z.w`` and ``z.s``."""
+    zr, zw, zs = 0.0, 0.0, 0.0
+    for i in range(len(r)):
+        zi = np.float64(z[i])
+        total = excess[i] * zi
+        for k in range(indptr[i], indptr[i + 1]):
+            total += conductance[k] * (zi - np.float64(z[indices[k]]))
+        w[i] = total
+        zr += zi * r[i]
+        zw += zi * total
+        zs += zi * s[i]
+    return zr, zw, zs
+
+
+@njit(cache=True)
+def advance(z: Singles, w: Floats, p: Floats, s: Floats, x: Floats, r: Floats, beta: float, alpha: float) -> float:
+    """One step of flexible conjugate gradients: ``p = z + beta p``, ``x += alpha p``, ``r -= alpha A p``; ``|r|^2``."""
+    total = 0.0
+    for i in range(len(r)):
+        p[i] = z[i] + beta * p[i]
+        s[i] = w[i] + beta * s[i]
+        x[i] += alpha * p[i]
+        r[i] -= alpha * s[i]
+        total += r[i] * r[i]
+    return total
+
+
+@njit(cache=True)
+def subtract_product(
+    indptr: Indices, indices: Indices, conductance: Floats, excess: Floats, b: Floats, x: Floats, r: Floats
+) -> float:
+    """``r = b - A x``, differences first; returns ``|r|``."""
+    total = 0.0
+    for i in range(len(r)):
+        v = b[i] - excess[i] * x[i]
+        for k in range(indptr[i], indptr[i + 1]):
+            v += conductance[k] * (x[indices[k]] - x[i])
+        r[i] = v
+        total += v * v
+    return math.sqrt(total)

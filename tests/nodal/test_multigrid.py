@@ -1,0 +1,137 @@
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from spaces import space_of, spaces
+
+from resgrid.compiler import compile_space
+from resgrid.errors import AccuracyError, BudgetError, CircuitError, InputError
+from resgrid.netlist import Netlist
+from resgrid.nodal import methods
+from resgrid.nodal.multigrid.hierarchy import build_hierarchy
+from resgrid.nodal.solve import factor, solve
+from resgrid.nodal.system import assemble
+
+BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}]
+
+
+def blocks(shape: tuple[int, ...], seed: int, share: float = 0.2) -> np.ndarray:
+    """Cells with random boxes as obstacles and a goal in the first corner."""
+    rng = np.random.default_rng(seed)
+    cell = np.zeros(shape, dtype=np.uint8)
+    while np.mean(cell) < share:
+        low = rng.integers(0, shape)
+        size = rng.integers(1, np.array(shape) // 6 + 2)
+        cell[tuple(slice(a, a + b) for a, b in zip(low, size, strict=True))] = 1
+    cell[(slice(0, 3),) * len(shape)] = 0
+    cell[(1,) * len(shape)] = 2
+    return cell
+
+
+def random_netlist(count: int, seed: int) -> Netlist:
+    """A connected random graph whose resistors span two decades, held at two nodes."""
+    rng = np.random.default_rng(seed)
+    tree = np.stack([np.arange(2, count), rng.integers(1, np.arange(2, count))], axis=1)
+    extra = rng.integers(1, count, (2 * count, 2))
+    pairs = np.concatenate([tree, extra[extra[:, 0] != extra[:, 1]]])
+    conductance = 10.0 ** rng.uniform(-1, 1, len(pairs))
+    return Netlist(count, pairs, conductance, np.array([[1, 0], [count - 1, 0]]), np.array([1.0, 0.0]))
+
+
+@settings(max_examples=60, deadline=None)
+@given(spaces(), st.sampled_from(BOUNDARIES))
+def test_multigrid_and_direct_agree_on_small_spaces(space: object, options: dict[str, object]) -> None:
+    try:
+        netlist = compile_space(space, **options)
+        direct = solve(netlist, method="direct")
+    except CircuitError:
+        assume(False)
+    multigrid = solve(netlist, method="multigrid")
+    assert np.allclose(direct.voltage, multigrid.voltage, rtol=1e-10, atol=0, equal_nan=True)
+    if direct.log_drop is not None:
+        assert np.allclose(direct.log_drop, multigrid.log_drop, rtol=1e-9, atol=1e-12, equal_nan=True)
+
+
+@pytest.mark.parametrize("shape", [(90, 70), (24, 20, 22), (9, 9, 8, 9)])
+@pytest.mark.parametrize("options", BOUNDARIES)
+def test_multigrid_is_entrywise_right_on_larger_grids(shape: tuple[int, ...], options: dict[str, object]) -> None:
+    netlist = compile_space(space_of(blocks(shape, seed=len(shape))), **options)
+    direct, multigrid = solve(netlist, method="direct"), solve(netlist, method="multigrid")
+    assert multigrid.method == "multigrid"
+    assert multigrid.kcl_residual < 1e-6
+    assert np.allclose(direct.voltage, multigrid.voltage, rtol=1e-10, atol=0, equal_nan=True)
+    if direct.log_drop is not None:
+        assert np.nanmin(np.where(np.isfinite(direct.log_drop), direct.log_drop, 0)) < -5
+        assert np.allclose(direct.log_drop, multigrid.log_drop, rtol=1e-10, atol=1e-12, equal_nan=True)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_multigrid_solves_netlists_without_a_grid(seed: int) -> None:
+    netlist = random_netlist(3000, seed)
+    direct, multigrid = solve(netlist, method="direct"), solve(netlist, method="multigrid")
+    assert np.allclose(direct.voltage, multigrid.voltage, rtol=1e-9, atol=1e-15, equal_nan=True)
+    normwise = solve(netlist, method="multigrid", accuracy="normwise", rtol=1e-10)
+    assert np.allclose(direct.voltage, normwise.voltage, atol=1e-7, equal_nan=True)
+
+
+def test_aggregates_never_join_across_a_wall() -> None:
+    """Two corridors side by side, joined at one end only: no coarse node holds cells of both until the end is near."""
+    wall = np.zeros((64, 3), dtype=np.uint8)
+    wall[:-1, 1] = 1
+    wall[0, 0] = 2
+    system = assemble(compile_space(space_of(np.repeat(wall, 3, axis=0)), boundary="neumann"))
+    stack = build_hierarchy(system)
+    coupling = system.coupling
+    first = stack.aggregate[: system.size]
+    for group in range(int(first.max()) + 1):
+        members = np.flatnonzero(first == group)
+        inner = coupling[members][:, members]
+        reach = np.linalg.matrix_power((inner.toarray() > 0) + np.eye(len(members)), len(members))
+        assert np.all(reach > 0)
+
+
+def test_coarse_levels_conserve_what_ties_them_to_the_rails_where_lengths_do_not_matter() -> None:
+    system = assemble(random_netlist(5000, 9))
+    stack = build_hierarchy(system)
+    sizes = np.diff(stack.first)
+    assert np.all(sizes[1:] < sizes[:-1])
+    assert sizes[-1] <= 250
+
+
+def test_auto_takes_multigrid_for_volumes_and_direct_for_planes_and_corridors() -> None:
+    plane = assemble(compile_space(space_of(blocks((80, 80), 1))))
+    assert methods.choose_method(plane) == "direct"
+    volume = assemble(compile_space(space_of(blocks((32, 32, 32), 1))))
+    assert methods.choose_method(volume) == "multigrid"
+    rough = compile_space(
+        space_of(blocks((32, 32, 32), 1), conductivity=10.0 ** np.random.default_rng(0).uniform(-3, 3, (32, 32, 32)))
+    )
+    assert methods.choose_method(assemble(rough)) == "direct"
+
+
+def test_what_multigrid_cannot_reach_is_an_error_with_the_best_answer() -> None:
+    rng = np.random.default_rng(5)
+    space = space_of(blocks((80, 80), 2), conductivity=10.0 ** rng.uniform(-6, 6, (80, 80)))
+    netlist = compile_space(space, boundary="neumann")
+    with pytest.raises(AccuracyError) as failure:
+        solve(netlist, method="multigrid")
+    assert failure.value.best is not None
+    assert solve(netlist, method="direct").kcl_residual < 1e-6
+
+
+def test_a_factor_serves_many_right_hand_sides() -> None:
+    netlist = compile_space(space_of(blocks((40, 30), 3)))
+    direct, multigrid = factor(netlist, method="direct"), factor(netlist, method="multigrid")
+    rng = np.random.default_rng(1)
+    for _ in range(3):
+        rhs = rng.standard_normal(direct.system.size)
+        assert np.allclose(direct.solve(rhs), multigrid.solve(rhs, rtol=1e-12), rtol=1e-6, atol=1e-6 * 1e4)
+
+
+def test_unknown_methods_and_jobs_beyond_memory_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    netlist = compile_space(space_of(blocks((20, 20), 1)))
+    with pytest.raises(InputError, match="direct, multigrid"):
+        solve(netlist, method="cholesky")
+    monkeypatch.setattr("resgrid.budget.available_memory", lambda: 1000)
+    with pytest.raises(BudgetError, match="GiB"):
+        solve(netlist)
