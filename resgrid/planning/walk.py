@@ -15,8 +15,9 @@ from scipy import sparse
 
 from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import GROUND, Layout, Netlist
-from resgrid.nodal.direct import DirectFactor, Scaled
+from resgrid.nodal.factor import Factor
 from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.nodal.refine import Scaled
 from resgrid.nodal.solve import CONVERGED, factor
 from resgrid.space import Cell
 
@@ -29,7 +30,7 @@ class Walk:
     ----------
     layout : Layout
         Of the netlist.
-    factors : DirectFactor
+    factors : Factor
         Of the nodal equations of every free node.
     row : ndarray of int64, shape of the space
         Row of every free cell, -1 elsewhere.
@@ -38,7 +39,7 @@ class Walk:
     """
 
     layout: Layout
-    factors: DirectFactor
+    factors: Factor
     row: NDArray[np.int64]
     to_goal: sparse.csr_array
 
