@@ -1,24 +1,34 @@
 """Pictures: every function takes values and an axes, draws, and returns the axes; only `save_figure` writes."""
 
 from resgrid.plot.circuits import plot_circuit
+from resgrid.plot.curves import plot_clearance_curve
 from resgrid.plot.fields import plot_currents, plot_potential, plot_space
 from resgrid.plot.figures import new_figure, render_figure, save_figure
 from resgrid.plot.pages import plot_scene_page
+from resgrid.plot.pairs import plot_configurations, plot_pair
 from resgrid.plot.paths import plot_path, plot_streamlines
 from resgrid.plot.profiles import plot_profile
+from resgrid.plot.robots import plot_robot_path, plot_workspace
+from resgrid.plot.separations import plot_separation
 from resgrid.plot.slices import plot_slices
 
 __all__ = [
     "new_figure",
     "plot_circuit",
+    "plot_clearance_curve",
+    "plot_configurations",
     "plot_currents",
+    "plot_pair",
     "plot_path",
     "plot_potential",
     "plot_profile",
+    "plot_robot_path",
     "plot_scene_page",
+    "plot_separation",
     "plot_slices",
     "plot_space",
     "plot_streamlines",
+    "plot_workspace",
     "render_figure",
     "save_figure",
 ]

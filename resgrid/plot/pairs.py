@@ -1,0 +1,130 @@
+"""The layout of Connolly & Grupen (1992): the workspace on the left, the configuration space on the right."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from resgrid.planning.streamline import Outcome, Streamline
+from resgrid.plot.fields import plot_space
+from resgrid.plot.figures import new_figure
+from resgrid.plot.paths import plot_streamlines
+from resgrid.plot.plane import draw_image, plane_of
+from resgrid.plot.robots import plot_robot_path
+from resgrid.plot.style import TEXT, add_swatch, refresh_legend
+from resgrid.robots import Robot, Shape
+from resgrid.space import ConfigurationSpace
+
+VIRTUAL = "#8c8c8c"
+_PAGE = 7.4
+
+
+def plot_pair(
+    path: Streamline,
+    robot: Robot,
+    space: ConfigurationSpace,
+    obstacles: Sequence[Shape] = (),
+    goals: Sequence[Shape] = (),
+    *,
+    others: Sequence[Streamline] = (),
+    virtual: NDArray[np.bool_] | None = None,
+    title: str = "",
+    caption: str = "",
+) -> Figure:
+    """Draw a robot along a path in its workspace, beside the path in a configuration space of two axes.
+
+    Parameters
+    ----------
+    path : Streamline
+        The robot is drawn along it; at its start alone where it reaches no goal.
+    robot : Robot
+    space : ConfigurationSpace
+        Of two axes.
+    obstacles, goals : sequence of Shape
+        Of the workspace.
+    others : sequence of Streamline
+        More paths for the configuration space.
+    virtual : ndarray of bool, shape of the space, optional
+        Obstacle cells that stand for no body, such as strips along singularities; drawn paler.
+    title, caption : str
+        Above and below the figure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        18.8 cm wide.
+
+    Raises
+    ------
+    InputError
+        If the space does not have two axes, or the robot does not move in the plane.
+    """
+    figure = new_figure(_PAGE, 4.4 + 0.17 * (caption.count("\n") + 1 if caption else 0))
+    left, right = figure.subplots(1, 2)
+    moved = path.outcome in {Outcome.REACHED, Outcome.NO_CURRENT}
+    plot_robot_path(path if moved else path.points, robot, space, obstacles, goals, left)
+    plot_configurations([path, *others], space, right, virtual=virtual)
+    if title:
+        figure.suptitle(title, fontsize=TEXT + 2)
+    if caption:
+        figure.supxlabel(caption, fontsize=TEXT - 1, x=0.02, ha="left")
+    return figure
+
+
+def plot_configurations(
+    paths: Sequence[Streamline],
+    space: ConfigurationSpace,
+    ax: Axes | None = None,
+    *,
+    virtual: NDArray[np.bool_] | None = None,
+) -> Axes:
+    """Draw a configuration space of two axes, virtual obstacles paler, with paths.
+
+    Parameters
+    ----------
+    paths : sequence of Streamline
+    space : ConfigurationSpace
+    ax : matplotlib.axes.Axes, optional
+        Made when None.
+    virtual : ndarray of bool, shape of the space, optional
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        If the space does not have two axes.
+    """
+    axes = plot_space(space, ax)
+    if virtual is not None and virtual.any():
+        paint_cells(space, virtual, VIRTUAL, "virtual obstacle (singularity)", axes)
+    if paths:
+        plot_streamlines(paths, space, axes)
+    axes.set_title("Configuration space", fontsize=TEXT)
+    refresh_legend(axes)
+    return axes
+
+
+def paint_cells(space: ConfigurationSpace, mask: NDArray[np.bool_], colour: str, label: str, axes: Axes) -> None:
+    """Paint cells of a space with two axes over whatever else there is, and name them in the legend.
+
+    Parameters
+    ----------
+    space : ConfigurationSpace
+    mask : ndarray of bool, shape of the space
+    colour : str
+    label : str
+    axes : matplotlib.axes.Axes
+    """
+    from matplotlib.colors import to_rgba
+
+    pixels = np.zeros((*space.shape, 4), dtype=np.uint8)
+    pixels[mask] = np.round(255 * np.array(to_rgba(colour)))
+    draw_image(plane_of(space), pixels, axes, zorder=2.2)
+    add_swatch(axes, label, colour)

@@ -1,0 +1,208 @@
+"""Pictures of the workspace: obstacles, goals, and the robot itself along a path."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex, to_rgb
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+from matplotlib.patheffects import Normal, Stroke
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.planning.unwrap import unwrap
+from resgrid.planning.workspace import Way, dense, travel_bound, workspace_path
+from resgrid.plot.figures import axes_or_new
+from resgrid.plot.style import GOAL, OBSTACLE, PATHS, TEXT, add_swatch, dress, refresh_legend
+from resgrid.robots import Arm, HalfSpace, Robot, Shape, to_shapely
+from resgrid.space import ConfigurationSpace
+
+GHOSTS = 12
+_START, _EARLY, _LATE, _END = "#2b2b2b", "#b5b5b5", "#7fb2d6", "#0072B2"
+
+
+def plot_robot_path(
+    path: Way,
+    robot: Robot,
+    space: ConfigurationSpace,
+    obstacles: Sequence[Shape] = (),
+    goals: Sequence[Shape] = (),
+    ax: Axes | None = None,
+    *,
+    ghosts: int = GHOSTS,
+    colour: str = PATHS[0],
+) -> Axes:
+    """Draw a robot in its workspace along a path: black at the start, blue at the end, pale between; and its tip's way.
+
+    Parameters
+    ----------
+    path : Streamline, ShortPath or array_like of float, shape (n, ndim)
+    robot : Robot
+        That moves in the plane.
+    space : ConfigurationSpace
+    obstacles, goals : sequence of Shape
+        Of the workspace.
+    ax : matplotlib.axes.Axes, optional
+        Made when None.
+    ghosts : int
+        How many poses to draw, at least 1; evenly spaced along the way that the robot's points move.
+    colour : str
+        Of the tip's way.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        If the path does not fit the space, or the robot does not move in the plane.
+    """
+    if not 1 <= ghosts <= 1000:
+        raise InputError(f"ghosts = {ghosts}, but 1 to 1000 poses can be drawn")
+    poses = _dense(path, robot, space)
+    axes = plot_workspace(obstacles, goals, ax, legend=False)
+    shown = poses[_evenly(poses, robot, ghosts)]
+    for number, pose in enumerate(shown):
+        share = number / max(len(shown) - 1, 1)
+        _draw_pose(robot, pose, axes, share, first=number == 0, last=number == len(shown) - 1)
+    tip = workspace_path(poses, robot, space)
+    effects = [Stroke(linewidth=3.0, foreground="white"), Normal()]
+    label = "way of the tip" if isinstance(robot, Arm) else "way of the reference point"
+    axes.plot(tip[:, 0], tip[:, 1], color=colour, linewidth=1.5, zorder=6, path_effects=effects, label=label)
+    axes.scatter(
+        tip[:1, 0], tip[:1, 1], s=22, facecolor="white", edgecolor="black", linewidth=0.9, zorder=7, label="start"
+    )
+    axes.scatter(
+        tip[-1:, 0],
+        tip[-1:, 1],
+        s=70,
+        marker="*",
+        facecolor=GOAL,
+        edgecolor="black",
+        linewidth=0.7,
+        zorder=8,
+        label="end",
+    )
+    if isinstance(robot, Arm):
+        axes.scatter([robot.base[0]], [robot.base[1]], s=30, marker="s", facecolor="black", zorder=7, label="base")
+    _frame(axes, robot, [tip, *_outlines(robot, shown)], obstacles, goals)
+    refresh_legend(axes)
+    return axes
+
+
+def plot_workspace(
+    obstacles: Sequence[Shape], goals: Sequence[Shape] = (), ax: Axes | None = None, *, legend: bool = True
+) -> Axes:
+    """Draw obstacles and goals of a plane.
+
+    Parameters
+    ----------
+    obstacles, goals : sequence of Shape
+    ax : matplotlib.axes.Axes, optional
+        Made when None.
+    legend : bool
+        Whether to draw the legend.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        If a shape is not one of the plane.
+    """
+    axes = axes_or_new(ax)
+    for label, shapes, colour, order in (("obstacle", obstacles, OBSTACLE, 2.0), ("goal", goals, GOAL, 1.5)):
+        for shape in shapes:
+            _fill(to_shapely(shape), axes, facecolor=colour, edgecolor="#00000080", linewidth=0.5, zorder=order)
+        if shapes:
+            add_swatch(axes, label, colour)
+    axes.set_aspect("equal")
+    axes.set_xlabel("x (m)")
+    axes.set_ylabel("y (m)")
+    dress(axes)
+    if legend:
+        refresh_legend(axes)
+    return axes
+
+
+def _dense(path: Way, robot: Robot, space: ConfigurationSpace) -> NDArray[np.float64]:
+    """Configurations close enough for smooth lines, whatever the scale of the workspace."""
+    corners = unwrap(path, space)
+    travel = float(travel_bound(robot, corners[:-1], corners[1:]).sum())
+    return dense(corners, robot, space, travel / 400)[0] if travel else corners
+
+
+def _evenly(poses: NDArray[np.float64], robot: Robot, count: int) -> NDArray[np.int64]:
+    """Numbers of poses that are evenly spaced along what the robot's points travel."""
+    along = np.concatenate([[0.0], np.cumsum(travel_bound(robot, poses[:-1], poses[1:]))])
+    wanted = np.linspace(0.0, along[-1], count)
+    return np.unique(np.searchsorted(along, wanted).clip(0, len(poses) - 1))
+
+
+def _draw_pose(robot: Robot, pose: NDArray[np.float64], axes: Axes, share: float, *, first: bool, last: bool) -> None:
+    strong = first or last
+    early, late = np.array(to_rgb(_EARLY)), np.array(to_rgb(_LATE))
+    colour = tuple((1 - share) * early + share * late)
+    if strong:
+        colour = to_rgb(_START if first else _END)
+    order = 3.0 + share / 2 + strong
+    label = "robot at the start" if first else ("robot at the end" if last else None)
+    if isinstance(robot, Arm):
+        places = robot.joints(pose)
+        if any(robot.widths):
+            _draw_shapes(robot, pose, axes, colour, order, strong=strong)
+        axes.plot(
+            places[:, 0], places[:, 1], color=colour, linewidth=2.4 if strong else 1.0, marker="o",
+            markersize=3.6 if strong else 1.6, solid_capstyle="round", zorder=order, label=label,
+        )  # fmt: skip
+        return
+    _draw_shapes(robot, pose, axes, colour, order, strong=strong)
+    if label:
+        add_swatch(axes, label, to_hex(colour))
+
+
+def _draw_shapes(
+    robot: Robot, pose: NDArray[np.float64], axes: Axes, colour: tuple[float, ...], order: float, *, strong: bool
+) -> None:
+    for shape in robot.shapes_at(pose):
+        if shape.area:
+            _fill(
+                shape, axes, facecolor=(*colour, 0.75 if strong else 0.25), edgecolor=colour,
+                linewidth=1.2 if strong else 0.6, zorder=order,
+            )  # fmt: skip
+
+
+def _fill(shape: Any, axes: Axes, **style: Any) -> None:
+    """Fill a shapely polygon, holes left open."""
+    for part in getattr(shape, "geoms", [shape]):
+        rings = [part.exterior, *part.interiors]
+        path = Path.make_compound_path(*(Path(np.asarray(ring.coords)[:, :2], closed=True) for ring in rings))
+        axes.add_patch(PathPatch(path, **style))
+
+
+def _outlines(robot: Robot, poses: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    import shapely
+
+    return [shapely.get_coordinates(shape) for pose in poses for shape in robot.shapes_at(pose)]
+
+
+def _frame(
+    axes: Axes, robot: Robot, lines: list[NDArray[np.float64]], obstacles: Sequence[Shape], goals: Sequence[Shape]
+) -> None:
+    """Limits around everything; an arm's are those of its reach, so that its pictures can be compared."""
+    bounded = [np.array(shape.bounds) for shape in (*obstacles, *goals) if not isinstance(shape, HalfSpace)]  # type: ignore[union-attr]
+    if isinstance(robot, Arm):
+        base, reach = np.asarray(robot.base), robot.reach
+        lines = [*lines, np.stack([base - reach, base + reach])]
+    everything = np.concatenate([*lines, *bounded])
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    margin = 0.05 * float((high - low).max())
+    axes.set(xlim=(low[0] - margin, high[0] + margin), ylim=(low[1] - margin, high[1] + margin))
+    axes.set_title("Workspace", fontsize=TEXT)
