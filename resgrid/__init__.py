@@ -44,6 +44,7 @@ if TYPE_CHECKING:
     from resgrid.planning.field import field_of as field
     from resgrid.planning.normals import octree_voxels, surface_normals
     from resgrid.planning.planner import Planner, plan
+    from resgrid.planning.scene_parts import Blocking, blocking
     from resgrid.planning.streamline import Outcome, Streamline
     from resgrid.planning.trace import Traces, streamline, streamlines
     from resgrid.planning.walk import Walk, random_walk
@@ -91,6 +92,8 @@ _HOME = {
     "OperatingPoint": "resgrid.nodal.operating_point",
     "factor": "resgrid.nodal.solve",
     "solve": "resgrid.nodal.solve",
+    "Blocking": "resgrid.planning.scene_parts",
+    "blocking": "resgrid.planning.scene_parts",
     "Walk": "resgrid.planning.walk",
     "random_walk": "resgrid.planning.walk",
     "Risk": "resgrid.planning.collision",
@@ -155,6 +158,7 @@ __all__ = [
     "AccuracyError",
     "Agreement",
     "Axis",
+    "Blocking",
     "BudgetError",
     "Cell",
     "CertificateError",
@@ -181,6 +185,7 @@ __all__ = [
     "apply_overrides",
     "basins",
     "blend",
+    "blocking",
     "certify",
     "check_deck",
     "check_rules",

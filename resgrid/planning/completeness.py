@@ -130,7 +130,7 @@ def separation(
     return Separation(
         space=space,
         start=at,
-        outcome=_verdict(space, at),
+        outcome=verdict_of(space, at),
         barriers=barriers,
         region=region,
         bounding=links.groups_beside(here) if space.cell[at] != Cell.OBSTACLE else (),
@@ -170,7 +170,8 @@ def check_verdicts(field: Field) -> None:
         raise AccuracyError(f"connectivity finds {verdict} from cell {cell}, but the field says otherwise", field)
 
 
-def _verdict(space: ConfigurationSpace, cell: tuple[int, ...]) -> Outcome:
+def verdict_of(space: ConfigurationSpace, cell: tuple[int, ...]) -> Outcome:
+    """What connectivity says of a start cell: ``REACHED`` if a goal can be."""
     if space.cell[cell] == Cell.OBSTACLE:
         return Outcome.START_BLOCKED
     if space.cell[cell] == Cell.GOAL or space.goal_connected[cell]:

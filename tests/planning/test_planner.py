@@ -11,6 +11,7 @@ from resgrid.planning import planner as planner_module
 from resgrid.planning.behaviour import clearance_curve, wall_clearance_curve
 from resgrid.planning.blend import blend
 from resgrid.planning.certify import certify
+from resgrid.planning.completeness import check_verdicts
 from resgrid.planning.field import field_of
 from resgrid.planning.planner import plan
 from resgrid.planning.streamline import Outcome
@@ -78,6 +79,21 @@ def test_clearance_grows_with_k() -> None:
     assert curve.mean[-1] > curve.mean[0] + 0.1
     assert curve.counted.all() and len(curve.starts) == 200
     assert curve.clearance.shape == (7, 200) and curve.mean_length.min() > 1.0
+
+
+@pytest.mark.parametrize("name", ["problem_a", "problem_b"])
+def test_the_arms_of_1992_keep_away_as_k_grows(name: str, scenes: Path) -> None:
+    """Section 3.3 of the paper on its own problems: mean clearance must not fall by more than half a cell."""
+    scene = read_scene(scenes / f"{name}.toml")
+    planner = plan(scene, k=1.0)
+    half = 0.5 * planner.space.spacing.min()
+    curve = clearance_curve(planner)
+    assert np.all(np.diff(curve.mean) > -half) and curve.mean[-1] > curve.mean[0] + half
+    walls = wall_clearance_curve(planner.space, (0.0, 1e4, 1e5, 1e6, np.inf), curve.starts, edge=scene.edge)
+    np.testing.assert_allclose(walls.mean[[0, -1]], curve.mean[[-1, 0]], rtol=1e-9)
+    assert np.all(np.diff(walls.mean) < half)
+    for k in (0.0, 0.5, 1.0):
+        check_verdicts(planner.at(k).field)
 
 
 def test_the_wall_resistance_is_the_knob_of_one_chip() -> None:

@@ -1,0 +1,167 @@
+"""Which obstacles of a scene, by their place in its file, keep a start from every goal."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.errors import InputError
+from resgrid.planning.completeness import verdict_of
+from resgrid.planning.streamline import Outcome
+from resgrid.planning.trace import one_start, start_cells
+from resgrid.robots.arm import Arm
+from resgrid.robots.protocol import Robot
+from resgrid.robots.shapes import CellSet
+from resgrid.scene import Scene, sample
+from resgrid.scene.place import to_space
+from resgrid.space import Cell, ConfigurationSpace, label_regions
+
+_MOST_PARTS = 63
+
+
+@dataclass(frozen=True, eq=False)
+class Blocking:
+    """Which parts of a scene keep a start from every goal.
+
+    Attributes
+    ----------
+    space : ConfigurationSpace
+        The sampled scene.
+    start : tuple of int
+        The start's cell.
+    outcome : Outcome
+        ``REACHED`` where a path exists; otherwise ``NO_PATH``, ``GOAL_BLOCKED`` or ``START_BLOCKED``.
+    parts : mapping of str to ndarray of bool, shape of the space
+        What blocks cells, and which: ``"obstacle[0]"`` as in the scene's file, ``"map"``, ``"singularity"`` (virtual
+        obstacles alone), ``"robot"`` (collisions with itself).  A cell may be blocked by several.
+    alone : tuple of str
+        Every part whose removal alone opens a way to some goal.
+    least : tuple of str
+        The smallest set whose removal opens a way; the first found if there are several; empty where a path exists,
+        or where no set as small as asked for will do.
+    """
+
+    space: ConfigurationSpace
+    start: tuple[int, ...]
+    outcome: Outcome
+    parts: Mapping[str, NDArray[np.bool_]]
+    alone: tuple[str, ...]
+    least: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        for mask in self.parts.values():
+            mask.flags.writeable = False
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """Cells that the `least` set blocks, shape of the space."""
+        masks = [self.parts[name] for name in self.least]
+        return np.any(masks, axis=0) if masks else np.zeros(self.space.shape, dtype=np.bool_)
+
+
+def blocking(
+    scene: Scene, start: ArrayLike | None = None, *, cell: Sequence[int] | None = None, most: int = 3
+) -> Blocking:
+    """Say which obstacles of a scene keep a start from every goal.
+
+    `resgrid.separation` does so for groups of cells of the configuration space, where the images of several obstacles,
+    and virtual ones, often melt into one; this asks the same of the obstacles themselves, by trying sets of them.
+
+    Parameters
+    ----------
+    scene : Scene
+        Sampled once for each obstacle.
+    start : array_like of float, shape (ndim,)
+        In axis units.
+    cell : sequence of int, optional
+        Instead of `start`: a cell.
+    most : int
+        Largest set that is tried.
+
+    Returns
+    -------
+    Blocking
+
+    Raises
+    ------
+    InputError
+        If the scene has no goal or more than 63 parts, the start lies outside the grid, or `most` is below 1.
+    """
+    if most < 1:
+        raise InputError(f"most = {most}, but at least one obstacle must be taken away to open a way")
+    space = sample(scene)
+    cells, _ = start_cells(space, one_start(space, start, cell)[np.newaxis])
+    at = tuple(cells[0].tolist())
+    outcome = verdict_of(space, at)
+    if outcome is Outcome.REACHED:
+        return Blocking(space, at, outcome, {}, (), ())
+    parts = blocking_parts(scene, space)
+    names, bits = tuple(parts), _blockers(space, list(parts.values()))
+    alone = tuple(name for number, name in enumerate(names) if _opens(space, at, bits, (number,)))
+    larger = () if alone else (n for size in range(2, most + 1) for n in combinations(range(len(names)), size))
+    chosen = next((numbers for numbers in larger if _opens(space, at, bits, numbers)), ())
+    least = alone[:1] or tuple(names[number] for number in chosen)
+    return Blocking(space, at, outcome, parts, alone, least)
+
+
+def blocking_parts(scene: Scene, space: ConfigurationSpace) -> dict[str, NDArray[np.bool_]]:
+    """Cells that each part of a scene blocks, by its name.
+
+    Parameters
+    ----------
+    scene : Scene
+    space : ConfigurationSpace
+        The same, sampled.
+
+    Returns
+    -------
+    dict of str to ndarray of bool, shape of the space
+        As in `Blocking`; parts that block nothing are left out.
+    """
+    plain = _without_strips(scene.robot)
+    itself = plain.occupancy(scene.axes, [], scene.sampling)
+    parts = {
+        f"obstacle[{number}]": plain.occupancy(scene.axes, [to_space(shape, scene.frame)], scene.sampling) & ~itself
+        for number, shape in enumerate(scene.obstacles)
+    }
+    if scene.map is not None:
+        cells = CellSet(scene.axes, scene.map.cell == Cell.OBSTACLE)
+        parts["map"] = plain.occupancy(scene.axes, [cells], scene.sampling) & ~itself
+    if plain is not scene.robot:
+        parts["singularity"] = scene.robot.occupancy(scene.axes, [], scene.sampling) & ~itself
+    blocked = space.cell == Cell.OBSTACLE
+    parts["robot"] = blocked & ~np.any([*parts.values(), np.zeros_like(blocked)], axis=0)
+    return {name: mask & blocked for name, mask in parts.items() if np.any(mask & blocked)}
+
+
+def _without_strips(robot: Robot) -> Robot:
+    if isinstance(robot, Arm) and (robot.singularity_width is not None or robot.singularity_cells is not None):
+        return dataclasses.replace(robot, singularity_width=None, singularity_cells=None)
+    return robot
+
+
+def _blockers(space: ConfigurationSpace, masks: list[NDArray[np.bool_]]) -> NDArray[np.uint64]:
+    """Every cell with one bit for each part that blocks it."""
+    if len(masks) > _MOST_PARTS:
+        raise InputError(
+            f"the scene has {len(masks)} obstacles, and at most {_MOST_PARTS} can be told apart; merge some, or ask "
+            "resgrid.separation"
+        )
+    bits = np.zeros(space.shape, dtype=np.uint64)
+    for number, mask in enumerate(masks):
+        bits[mask] |= np.uint64(1 << number)
+    return bits
+
+
+def _opens(
+    space: ConfigurationSpace, start: tuple[int, ...], bits: NDArray[np.uint64], removed: tuple[int, ...]
+) -> bool:
+    """Whether a way to some goal is open once some parts have been taken away."""
+    kept = np.uint64(2**64 - 1 - sum(1 << number for number in removed))
+    region = label_regions((bits & kept) == 0, space.periodic)
+    return bool(region[start] > 0 and np.any(region[space.cell == Cell.GOAL] == region[start]))

@@ -1,0 +1,91 @@
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from resgrid.errors import InputError
+from resgrid.planning.completeness import separation
+from resgrid.planning.scene_parts import blocking
+from resgrid.planning.streamline import Outcome
+from resgrid.scene import Scene, parse_scene, read_scene, sample
+
+ROOMS = """
+schema = 1
+starts = [[1.0, 1.0]]
+[grid]
+axes = [
+  {{ name = "x", lower = 0, upper = 8, cells = 32 }},
+  {{ name = "y", lower = 0, upper = 6, cells = 24 }},
+]
+[robot]
+type = "point"
+radius = 0.1
+{walls}
+[[goal]]
+shape = "rectangle"
+lower = [7, 5]
+upper = [7.5, 5.5]
+"""
+
+
+def scene_with(*walls: tuple[float, float, float, float]) -> Scene:
+    tables = (
+        f'[[obstacle]]\nshape = "rectangle"\nlower = [{x0}, {y0}]\nupper = [{x1}, {y1}]' for x0, y0, x1, y1 in walls
+    )
+    return parse_scene(ROOMS.format(walls="\n".join(tables)), "rooms")
+
+
+def connected_without(scene: Scene, removed: tuple[int, ...]) -> bool:
+    kept = tuple(shape for number, shape in enumerate(scene.obstacles) if number not in removed)
+    return separation(sample(scene.replace(obstacles=kept)), (1.0, 1.0)).outcome is Outcome.REACHED
+
+
+@pytest.mark.parametrize(
+    "walls",
+    [
+        [(3, 0, 3.5, 6)],
+        [(3, 0, 3.5, 6), (5, 0, 5.5, 6), (0, 4, 2, 4.5)],
+        [(3, 0, 3.5, 3.5), (3, 3, 3.5, 6), (3.25, 2, 3.4, 4)],
+        [(2.5, 0, 3, 6), (4, 0, 4.5, 6), (5.5, 0, 6, 6)],
+        [(0.5, 0.5, 1.5, 1.5), (3, 0, 3.5, 6)],
+        [(3, 0, 3.5, 2.9), (3, 3.1, 3.5, 6), (6, 0, 6.5, 3)],
+    ],
+)
+def test_the_smallest_set_is_what_sampling_without_it_opens(walls: list[tuple[float, float, float, float]]) -> None:
+    """Walls that overlap block the same cells: both must go.  The gap of 0.2 is too narrow for the robot's cells."""
+    scene = scene_with(*walls)
+    found = blocking(scene, (1.0, 1.0))
+    opening = [s for n in range(1, 4) for s in combinations(range(len(walls)), n) if connected_without(scene, s)]
+    assert found.outcome in {Outcome.NO_PATH, Outcome.START_BLOCKED}
+    assert found.alone == tuple(f"obstacle[{s[0]}]" for s in opening if len(s) == 1)
+    assert found.least == tuple(f"obstacle[{number}]" for number in opening[0])
+    assert np.array_equal(found.mask, np.any([found.parts[name] for name in found.least], axis=0))
+    assert np.array_equal(np.any(list(found.parts.values()), axis=0), found.space.cell == 1)
+
+
+def test_a_path_needs_nobody_to_go() -> None:
+    found = blocking(scene_with((3, 0, 3.5, 3)), (1.0, 1.0))
+    assert found.outcome is Outcome.REACHED and found.least == found.alone == () and not found.mask.any()
+
+
+def test_more_walls_than_asked_for() -> None:
+    scene = scene_with((2.5, 0, 3, 6), (4, 0, 4.5, 6), (5.5, 0, 6, 6))
+    assert blocking(scene, (1.0, 1.0), most=2).least == ()
+    with pytest.raises(InputError, match="most = 0"):
+        blocking(scene, (1.0, 1.0), most=0)
+    with pytest.raises(InputError, match="63"):
+        blocking(scene_with(*[(3, 0, 3.5, 6)] * 64), (1.0, 1.0))
+
+
+def test_problem_b_is_blocked_by_the_arm_between_two_obstacles(scenes: Path) -> None:
+    """In the configuration space everything melts into one group; in the workspace either rectangle may go."""
+    scene = read_scene(scenes / "problem_b.toml")
+    blocked = [start for start in scene.starts if blocking(scene, start).outcome is Outcome.NO_PATH]
+    assert len(blocked) == 2
+    for start in blocked:
+        found = blocking(scene, start)
+        assert found.alone == ("obstacle[0]", "obstacle[1]") and "singularity" in found.parts
+        assert separation(found.space, start).separating == (0,)
+        strips = found.parts["singularity"] & ~found.parts["obstacle[0]"] & ~found.parts["obstacle[1]"]
+        assert len(separation(found.space, start, virtual=strips).obstructions[0].alone) == 2
