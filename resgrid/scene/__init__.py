@@ -5,7 +5,7 @@ from resgrid.scene.overrides import apply_overrides
 from resgrid.scene.quantities import parse_quantity
 from resgrid.scene.read import parse_scene, read_scene, scene_schema
 from resgrid.scene.ros import occupancy_grid
-from resgrid.scene.sampling import sample
+from resgrid.scene.sampling import free_volume_lost, sample
 from resgrid.scene.scene import Chip, CostArea, Frame, GoalCell, GoalJoints, GoalPoint, MapCells, Scene
 
 __all__ = [
@@ -19,6 +19,7 @@ __all__ = [
     "Query",
     "Scene",
     "apply_overrides",
+    "free_volume_lost",
     "occupancy_grid",
     "parse_quantity",
     "parse_scene",

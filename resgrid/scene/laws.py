@@ -124,11 +124,11 @@ def _coordinates(raw: Mapping[str, Any], count: int) -> Iterator[Problem]:
             for name in COORDINATES:
                 value = table.get(name)
                 if isinstance(value, list) and len(value) not in allowed and shape not in PLANE_SHAPES:
-                    yield (key, number, name), _wanted(allowed, count, value)
+                    yield (key, number, name), _wanted(allowed, robot_kind(raw), value)
             for name in CELLS:
                 value = table.get(name)
                 if isinstance(value, list) and len(value) != count:
-                    yield (key, number, name), _wanted((count,), count, value)
+                    yield (key, number, name), _wanted((count,), "point", value)
     starts = raw.get("starts")
     for number, point in enumerate(starts if isinstance(starts, list) else []):
         if isinstance(point, list) and len(point) != count:
@@ -142,9 +142,9 @@ def _counts(kind: str, key: str, count: int) -> tuple[int, ...]:
     return (2, count) if kind == "polygon" and key == "goal" else (2,)
 
 
-def _wanted(allowed: tuple[int, ...], count: int, value: list[Any]) -> str:
-    if allowed == (count,):
-        return f"needs {count} coordinates, one for each axis, got {len(value)}"
+def _wanted(allowed: tuple[int, ...], kind: str, value: list[Any]) -> str:
+    if kind not in WORKSPACE_ROBOTS or allowed[0] != 2:
+        return f"needs {allowed[0]} coordinates, one for each axis, got {len(value)}"
     other = " (a place in the plane) or 3 (a configuration)" if len(allowed) == 2 else ", a place in the plane"
     return f"needs 2 coordinates{other}, got {len(value)}"
 

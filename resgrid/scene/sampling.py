@@ -57,6 +57,33 @@ def sample(scene: Scene, *, require_goal: bool = True, progress: Progress | None
     return ConfigurationSpace(scene.axes, cell, _conductivity(scene))
 
 
+def free_volume_lost(scene: Scene) -> float:
+    """What the conservative rule costs: the share of the volume, free by cell centres, that it takes away.
+
+    Some of that is truly lost, in cells that an obstacle only touches; the rest is the price of a bound that no
+    configuration can break.  It halves with the width of the cells.
+
+    Parameters
+    ----------
+    scene : Scene
+        The scene; its ``sampling`` does not matter.
+
+    Returns
+    -------
+    float
+        From 0 to 1.
+
+    Raises
+    ------
+    InputError
+        If an obstacle does not fit the robot.
+    """
+    obstacles = _obstacles(scene)
+    sure = scene.robot.occupancy(scene.axes, obstacles, "conservative")
+    centres = scene.robot.occupancy(scene.axes, obstacles, "centre")
+    return float((sure & ~centres).sum() / max(1, (~centres).sum()))
+
+
 def _obstacles(scene: Scene) -> list[Shape]:
     shapes = [to_space(shape, scene.frame) for shape in scene.obstacles]
     if scene.map is not None:
@@ -77,6 +104,8 @@ def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) 
         region = _region(scene, goal)
     except InputError as error:
         raise InputError(f"{key}: {error}") from None
+    if not region.any() and isinstance(scene.robot, Arm):
+        raise InputError(f"{key}: the joint limits keep the arm's tip out of this goal; widen them, or move the goal")
     if not region.any():
         raise InputError(f"{key}: this goal lies outside the grid ({_extent(scene.axes)}); move it inside")
     if blocked[region].all():

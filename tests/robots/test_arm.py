@@ -1,0 +1,254 @@
+"""The arm against shapely, finite differences and brute force."""
+
+import itertools
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from resgrid.errors import InputError
+from resgrid.robots import Arm, Ball, Box, HalfSpace, Polygon, Robot, to_shapely
+from resgrid.robots.arm_cells import arm_travel, singular_cells
+from resgrid.space import Axis, label_regions
+
+OBSTACLES = [
+    Box((0.8, -1.2), (1.4, -1.0)),
+    Polygon(((-1.0, 0.3), (-0.5, 0.2), (-0.6, 0.9), (-0.75, 0.45))),
+    Polygon(((0.2, 1.0), (1.4, 1.0), (1.4, 1.7), (0.2, 1.7)), (((0.4, 1.2), (1.2, 1.2), (1.2, 1.5), (0.4, 1.5)),)),
+    Ball((-0.9, -0.9), 0.2),
+    HalfSpace((0.3, 1.0), -1.6),
+]
+GEOMETRY = shapely.union_all([to_shapely(shape) for shape in OBSTACLES])
+ARMS = [
+    Arm((1.0, 0.8), (0.1, 0.05), angles="absolute"),
+    Arm((1.0, 0.8), base=(0.1, -0.1), base_angle=0.4, limits=((-2.0, 2.5), None)),
+    Arm((0.6, 0.5, 0.6), (0.08, 0.06, 0.04), self_collision=True),
+    Arm((0.6, 0.5, 0.6), (0.08, 0.06, 0.04), angles="absolute", self_collision=True, base=(0.05, 0.0)),
+    Arm((0.5, 0.4, 0.4, 0.3), (0.02,) * 4, angles="relative", self_collision=True),
+]
+CELLS = {1: 90, 2: 64, 3: 20, 4: 12}
+
+
+def links(arm, configurations):
+    """All links of many configurations, as exact segments."""
+    places = arm.joints(configurations)
+    return shapely.linestrings(np.stack([places[:, :-1], places[:, 1:]], axis=-2))
+
+
+def collides(arm, configurations):
+    """Exact collisions: the spine of a capsule within half its width of something."""
+    spines = links(arm, configurations)
+    radii = np.array(arm.widths) / 2
+    hit = (shapely.distance(spines, GEOMETRY) <= radii).any(axis=1)
+    if arm.self_collision:
+        for i in range(arm.ndim):
+            for j in range(i + 2, arm.ndim):
+                hit |= shapely.distance(spines[:, i], spines[:, j]) <= radii[i] + radii[j]
+    return hit
+
+
+def drawn(axes, cells, count, rng):
+    """Random configurations in random ones of these cells, borders included."""
+    chosen = cells[rng.integers(len(cells), size=count)]
+    share = rng.random(chosen.shape)
+    share[: count // 4] = np.round(share[: count // 4])
+    spacing = np.array([axis.spacing for axis in axes])
+    return np.array([axis.lower for axis in axes]) + (chosen + share) * spacing
+
+
+@pytest.mark.parametrize(("which", "count"), list(enumerate((100_000, 30_000, 30_000, 30_000, 20_000))))
+def test_no_configuration_in_a_free_cell_collides(which, count):
+    arm = ARMS[which]
+    axes = arm.axes(CELLS[arm.ndim])
+    blocked = arm.occupancy(axes, OBSTACLES, "conservative")
+    assert 0.05 < blocked.mean() < 0.96
+    inside = drawn(axes, np.argwhere(~blocked), count, np.random.default_rng(1))
+    assert not collides(arm, inside).any()
+
+
+@pytest.mark.parametrize("arm", ARMS)
+def test_the_centre_rule_is_brute_force_at_the_centre(arm):
+    axes = arm.axes(CELLS[arm.ndim])
+    blocked = arm.occupancy(axes, OBSTACLES, "centre")
+    grid = np.stack(np.meshgrid(*(axis.centres for axis in axes), indexing="ij"), axis=-1).reshape(-1, arm.ndim)
+    chosen = np.random.default_rng(2).choice(len(grid), size=min(len(grid), 5000), replace=False)
+    # the disc is a polygon inside its circle for shapely, and an exact disc for the arm
+    disc = shapely.distance(links(arm, grid[chosen]), shapely.Point(-0.9, -0.9)) - 0.2 - np.array(arm.widths) / 2
+    clear = (np.abs(disc) > 1e-3).all(axis=1)
+    assert clear.mean() > 0.95
+    assert (blocked.reshape(-1)[chosen] == collides(arm, grid[chosen]))[clear].all()
+    assert not (blocked & ~arm.occupancy(axes, OBSTACLES, "conservative")).any()
+
+
+@pytest.mark.parametrize("arm", ARMS[:2])
+def test_a_blocked_cell_is_seldom_free_throughout(arm):
+    """The over-approximation: cells lost although no sampled configuration in them collides."""
+    axes = arm.axes(120)
+    blocked = arm.occupancy(axes, OBSTACLES, "conservative")
+    cells = np.argwhere(blocked)
+    hit = np.zeros(len(cells), dtype=bool)
+    for share in np.stack(np.meshgrid(*[np.linspace(0, 1, 5)] * 2), axis=-1).reshape(-1, 2):
+        spacing = np.array([axis.spacing for axis in axes])
+        hit |= collides(arm, np.array([axis.lower for axis in axes]) + (cells + share) * spacing)
+    lost = (~hit).sum() / (~blocked).sum()
+    assert lost < 0.015, f"{lost:.2%} of the free volume is lost"
+
+
+def test_refined_grids_lose_less_and_less_volume():
+    arm, lost = ARMS[0], []
+    for cells in (30, 120, 480):
+        axes = arm.axes(cells)
+        conservative = arm.occupancy(axes, OBSTACLES, "conservative")
+        lost.append(conservative.mean() - arm.occupancy(axes, OBSTACLES, "centre").mean())
+    assert lost[0] > 2.5 * lost[1] > 6 * lost[2] > 0
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 4), st.lists(st.floats(-7, 7), min_size=4, max_size=4))
+def test_kinematics(which, angles):
+    arm = ARMS[which]
+    q = np.array(angles[: arm.ndim])
+    places = arm.joints(q)
+    assert places.shape == (arm.ndim + 1, 2)
+    assert np.allclose(np.linalg.norm(np.diff(places, axis=0), axis=1), arm.lengths)
+    assert np.allclose(places[0], arm.base)
+    jacobian = arm.jacobian(q)
+    for joint in range(arm.ndim):
+        step = np.zeros(arm.ndim)
+        step[joint] = 1e-6
+        assert np.allclose(jacobian[:, joint], (arm.tip(q + step) - arm.tip(q - step)) / 2e-6, atol=1e-7)
+    for shape, (start, end), width in zip(arm.link_shapes(q), itertools.pairwise(places), arm.widths,
+                                          strict=True):  # fmt: skip
+        segment = shapely.LineString([start, end])
+        assert shapely.hausdorff_distance(shape, segment.buffer(width / 2, quad_segs=64) if width else segment) < 1e-3
+
+
+@given(st.integers(0, 1), st.floats(-3, 3), st.floats(-3, 3))
+def test_inverse_kinematics_of_two_links(which, first, second):
+    arm = ARMS[which]
+    point = arm.tip((first, second))
+    solutions = arm.inverse(point)
+    assert len(solutions) <= 2
+    assert np.allclose(arm.tip(solutions), point, atol=1e-6)
+    limits = arm.limits[0]
+    if limits is None or limits[0] + 1e-5 < first < limits[1] - 1e-5:
+        near = np.abs((solutions - (first, second) + np.pi) % (2 * np.pi) - np.pi).max(axis=1)
+        assert near.min() < 1e-5
+    assert len(arm.inverse((5.0, 0.0))) == 0
+
+
+def test_inverse_by_hand():
+    arm = Arm((1.0, 1.0), angles="absolute")
+    assert np.allclose(arm.inverse((1.0, 1.0)), [[0, np.pi / 2], [np.pi / 2, 0]])
+    assert np.allclose(arm.inverse((2.0, 0.0)), [[0, 0]])
+    assert np.allclose(Arm((1.0, 1.0)).inverse((1.0, 1.0)), [[0, np.pi / 2], [np.pi / 2, -np.pi / 2]])
+    assert np.allclose(arm.tip(arm.inverse((0.0, 0.0))), 0)
+
+
+@pytest.mark.parametrize("arm", ARMS[:4])
+def test_goal_cells_are_those_whose_centre_brings_the_tip_there(arm):
+    axes = arm.axes(CELLS[arm.ndim])
+    region = Box((0.6, -0.5), (0.9, -0.2))
+    grid = np.stack(np.meshgrid(*(axis.centres for axis in axes), indexing="ij"), axis=-1)
+    tip = arm.tip(grid)
+    expected = ((tip >= region.lower) & (tip <= region.upper)).all(axis=-1)
+    assert expected.any()
+    assert (arm.goal_cells(axes, region) == expected).all()
+    small = Ball((0.7, -0.4), 1e-4)
+    found = arm.goal_cells(axes, small)
+    assert found.any()
+    assert np.linalg.norm(tip[found] - small.centre, axis=-1).max() <= arm_travel(arm, axes) + 1e-3
+
+
+def test_a_point_has_all_inverse_solutions_as_goals():
+    arm = Arm((1.0, 1.0), angles="absolute")
+    axes = arm.axes(120)
+    cells = np.argwhere(arm.goal_cells(axes, (1.13, -0.9)))
+    assert len(cells) == 2
+    for solution, cell in zip(arm.inverse((1.13, -0.9))[np.argsort(arm.inverse((1.13, -0.9))[:, 0])], cells,
+                              strict=True):  # fmt: skip
+        centre = [axis.centres[i] for axis, i in zip(axes, cell, strict=True)]
+        assert np.abs(solution - centre).max() <= axes[0].spacing / 2 + 1e-12
+    three = ARMS[2]
+    hit = three.goal_cells(three.axes(20), (0.5, 0.5))
+    rng = np.random.default_rng(0)
+    q = rng.uniform(-np.pi, np.pi, (400_000, 3))
+    q = q[np.linalg.norm(three.tip(q) - (0.5, 0.5), axis=1) < 1e-2]
+    inside = tuple(((q + np.pi) / (2 * np.pi) * 20).astype(int).T)
+    assert hit[inside].mean() > 0.99  # those beside it are within 1 cm, not at the point
+
+
+@pytest.mark.parametrize("cells", [60, 61, (60, 75)])
+@pytest.mark.parametrize("angles", ["relative", "absolute"])
+def test_the_virtual_obstacle_parts_elbow_left_from_elbow_right(cells, angles):
+    arm = Arm((1.0, 0.7), angles=angles, singularity_cells=1)
+    axes = arm.axes(cells)
+    blocked = arm.occupancy(axes, [], "conservative")
+    assert label_regions(~blocked, [True, True]).max() == 2
+    grid = np.stack(np.meshgrid(*(axis.centres for axis in axes), indexing="ij"), axis=-1)
+    turn = np.linalg.det(arm.jacobian(grid))
+    region = label_regions(~blocked, [True, True])
+    for band in (1, 2):
+        signs = np.sign(turn[region == band])
+        assert (signs == signs[0]).all()
+    assert blocked.mean() < 0.11
+    assert not Arm((1.0, 0.7), angles=angles).occupancy(axes, [], "conservative").any()
+
+
+def test_the_virtual_obstacle_has_the_width_asked_for():
+    axes = Arm((1.0, 1.0), angles="absolute").axes(120)
+    count = {
+        width: int(singular_cells(Arm((1.0, 1.0), angles="absolute", singularity_cells=width), axes)[0].sum())
+        for width in (1, 3, 5)
+    }
+    assert count == {1: 2, 3: 6, 5: 10}  # two diagonals
+    wide = singular_cells(Arm((1.0, 1.0), singularity_width=0.4), Arm((1.0, 1.0)).axes(120))
+    bend = axes[1].centres
+    expected = np.minimum(np.abs(bend), np.pi - np.abs(bend)) - axes[1].spacing / 2 < 0.2 - 1e-9
+    assert (wide[0] == expected).all()
+    three = singular_cells(Arm((1.0, 1.0, 1.0), singularity_cells=1), Arm((1.0, 1.0, 1.0)).axes(9))
+    assert np.broadcast_to(three, (9, 9, 9)).sum() == 9 * 3 * 3  # theta_2 and theta_3 both 0 or a half turn
+
+
+def test_progress_is_told_up_to_the_end():
+    told = []
+    ARMS[2].occupancy(ARMS[2].axes(56), OBSTACLES, "centre", lambda done, total: told.append((done, total)))
+    done = [each[0] for each in told]
+    assert len(told) > 3
+    assert done == sorted(done)
+    assert told[-1][0] == told[-1][1] == 56 + 56**2 + 56**3
+
+
+@pytest.mark.parametrize(
+    ("make", "expected"),
+    [
+        (lambda: Arm(()), "1 to 4 links"),
+        (lambda: Arm((1.0, -1.0)), r"links\[1\]: length = -1.0 must be above 0"),
+        (lambda: Arm((1.0,), (float("nan"),)), r"links\[0\]: width = nan"),
+        (lambda: Arm((1.0, 1.0), (0.1,)), "needs 2 widths"),
+        (lambda: Arm((1.0,), limits=((2.0, 1.0),)), r"links\[0\]: limits = \[2.0, 1.0\] are reversed"),
+        (lambda: Arm((1.0,), base=(0.0, float("inf"))), "base"),
+        (lambda: Arm((1.0,), angles="both"), "'relative' or 'absolute'"),
+        (lambda: Arm((1.0, 1.0), singularity_cells=1, singularity_width=0.1), "not both"),
+        (lambda: Arm((1.0,), singularity_cells=1), "singular everywhere"),
+        (lambda: Arm((1.0, 1.0)).goal_cells(Arm((1.0, 1.0)).axes(9), (2.3, 0.0)),
+         "the goal is 2.3 from the base, the arm reaches 2"),
+        (lambda: Arm((1.0, 0.4)).goal_cells(Arm((1.0, 0.4)).axes(9), Ball((0.1, 0.0), 0.2)), "cannot fold nearer"),
+        (lambda: Arm((1.0, 1.0)).occupancy([Axis("a", 0, 1, 3)], [], "centre"), "needs 2 axes, got 1"),
+        (lambda: Arm((1.0,)).occupancy([Axis("a", 0, 1, 3, True)], [], "centre"), "turns by 2 pi"),
+        (lambda: Arm((1.0,), limits=((0.0, 1.0),)).occupancy([Axis("a", 0, 2, 3)], [], "centre"), "limits are"),
+        (lambda: Arm((1.0,)).occupancy([Axis("a", 0, 1, 3)], [Ball((0, 0, 0), 1)], "centre"), "2 coordinates"),
+        (lambda: Arm((1.0, 1.0)).joints((1.0, 2.0, 3.0)), "has 2 joints"),
+        (lambda: Arm((1.0,)).inverse((1.0, 0.0)), "two links"),
+        (lambda: Arm((1.0, 1.0)).inverse((1.0, float("nan"))), "finite"),
+    ],
+)  # fmt: skip
+def test_bad_arms_get_one_clear_message(make, expected):
+    with pytest.raises(InputError, match=expected):
+        make()
+
+
+def test_the_protocol_fits():
+    assert all(isinstance(arm, Robot) for arm in ARMS)

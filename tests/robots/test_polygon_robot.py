@@ -1,0 +1,144 @@
+"""The turning polygon and the disc against shapely."""
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from resgrid.errors import InputError
+from resgrid.robots import Ball, Box, DiscRobot, HalfSpace, PointRobot, Polygon, PolygonRobot, Robot, to_shapely
+from resgrid.robots.turning import minkowski_sum
+from resgrid.space import Axis
+
+OBSTACLES = [
+    Box((0.5, 0.2), (0.7, 1.1)),
+    Polygon(((1.2, 1.0), (2.0, 0.9), (2.1, 1.7), (1.6, 1.3), (1.1, 1.8))),
+    Polygon(((2.2, 0.1), (3.0, 0.1), (3.0, 0.9), (2.2, 0.9)), (((2.3, 0.2), (2.9, 0.2), (2.9, 0.8), (2.3, 0.8)),)),
+    Ball((0.4, 1.7), 0.15),
+    HalfSpace((-1.0, 0.2), -2.9),
+]
+ELL = PolygonRobot(((-0.2, -0.05), (0.25, -0.05), (0.25, 0.05), (-0.1, 0.05), (-0.1, 0.2), (-0.2, 0.2)), 0.3)
+KITE = PolygonRobot(((0.2, 0.0), (0.0, 0.06), (-0.1, 0.0), (0.0, -0.06)))
+GEOMETRY = shapely.union_all([to_shapely(shape) for shape in OBSTACLES])
+
+
+def axes_of(robot, cells=(30, 20, 16)):
+    return Axis("x", 0, 3, cells[0]), Axis("y", 0, 2, cells[1]), robot.turning_axis(cells[2])
+
+
+def gaps(robot, configurations):
+    """Exact distance of the robot from the obstacles."""
+    return shapely.distance(shapely.polygons(robot.corners(configurations)), GEOMETRY)
+
+
+@pytest.mark.parametrize("robot", [ELL, KITE])
+def test_no_configuration_in_a_free_cell_collides(robot):
+    axes = axes_of(robot)
+    blocked = robot.occupancy(axes, OBSTACLES, "conservative")
+    assert 0.2 < blocked.mean() < 0.8
+    rng = np.random.default_rng(0)
+    cells = np.argwhere(~blocked)
+    chosen = cells[rng.integers(len(cells), size=40_000)]
+    share = rng.random(chosen.shape)
+    share[:10_000] = np.round(share[:10_000])  # corners of the cells
+    inside = (chosen + 1e-6 + (1 - 2e-6) * share) * [axis.spacing for axis in axes]
+    assert (gaps(robot, inside) > 0).all()
+
+
+@pytest.mark.parametrize("robot", [ELL, KITE])
+def test_the_centre_rule_is_brute_force_at_the_centre(robot):
+    axes = axes_of(robot)
+    blocked = robot.occupancy(axes, OBSTACLES, "centre")
+    grid = np.stack(np.meshgrid(*(axis.centres for axis in axes), indexing="ij"), axis=-1)
+    distance = gaps(robot, grid)
+    disc = shapely.distance(shapely.polygons(robot.corners(grid)), shapely.Point(0.4, 1.7)) - 0.15
+    clear = np.abs(disc) > 1e-3
+    assert (blocked == (distance <= 0))[clear].all()
+    conservative = robot.occupancy(axes, OBSTACLES, "conservative")
+    assert not (blocked & ~conservative).any()
+    lost = conservative.mean() - blocked.mean()
+    assert 0 < lost < 0.2, f"{lost:.2%} of the volume is lost to the conservative rule at this coarse grid"
+
+
+def test_thin_turns_lose_little_more_than_the_cells_the_obstacle_touches():
+    axes = axes_of(KITE, (30, 20, 64))
+    blocked = KITE.occupancy(axes, OBSTACLES, "conservative")
+    cells = np.argwhere(blocked)
+    hit = np.zeros(len(cells), dtype=bool)
+    for share in np.stack(np.meshgrid(*[np.linspace(0, 1, 5)] * 3), axis=-1).reshape(-1, 3):
+        rest = np.flatnonzero(~hit)
+        hit[rest] = gaps(KITE, (cells[rest] + share) * [axis.spacing for axis in axes]) <= 0
+    assert (~hit).sum() / (~blocked).sum() < 0.03
+
+
+simple = st.sampled_from(
+    [ELL.vertices, KITE.vertices, ((0, 0), (1, 0.2), (0.3, 0.9)), ((0, 0), (1, 0), (1, 1), (0, 1))]
+)
+
+
+@settings(max_examples=40, deadline=None)
+@given(simple, st.floats(0, 6.3), st.integers(0, 2), st.integers(0, 99))
+def test_minkowski_sums(vertices, turn, which, seed):
+    polygon = Polygon(((0.5, 0.2), (0.7, 0.2), (0.7, 1.1), (0.5, 1.1))) if which == 0 else OBSTACLES[which]
+    other = PolygonRobot(tuple((float(x), float(y)) for x, y in vertices)).corners((0, 0, turn))
+    union = shapely.union_all([to_shapely(piece) for piece in minkowski_sum(polygon, other)])
+    points = np.random.default_rng(seed).uniform(-1, 5, (300, 2))
+    shifted = shapely.polygons(points[:, None] - other)
+    meets = shapely.intersects(shifted, to_shapely(polygon))
+    sure = np.abs(shapely.distance(shifted, to_shapely(polygon).boundary)) > 1e-9
+    sure |= ~meets
+    assert (shapely.intersects_xy(union, points) == meets)[sure].all()
+
+
+def test_a_turn_is_weighed_as_an_arc():
+    assert np.isclose(ELL.turning_axis(16).upper, 2 * np.pi * 0.3)
+    quarter = ELL.corners((1.0, 2.0, 0.3 * np.pi / 2))
+    assert np.allclose(quarter, [(1.0 - y, 2.0 + x) for x, y in ELL.vertices])
+    (shape,) = ELL.shapes_at((1.0, 2.0, 0.3 * np.pi / 2))
+    assert np.isclose(shape.area, shapely.Polygon(ELL.vertices).area)
+
+
+def test_goals_are_places_at_any_angle_or_configurations():
+    axes = axes_of(ELL, (6, 4, 8))
+    place = ELL.goal_cells(axes, Box((0.4, 0.9), (1.1, 1.6)))
+    assert np.argwhere(place[:, :, 0]).tolist() == [[1, 2]]
+    assert place[1, 2].all()
+    assert np.argwhere(ELL.goal_cells(axes, (0.6, 1.2, 0.1))).tolist() == [[1, 2, 0]]
+    assert ELL.goal_cells(axes, (0.6, 1.2)).sum() == 8
+
+
+def test_a_disc_is_a_point_with_a_radius():
+    axes = (Axis("x", 0, 3, 30), Axis("y", 0, 2, 20))
+    for rule in ("conservative", "centre"):
+        assert (
+            DiscRobot(0.2).occupancy(axes, OBSTACLES, rule) == PointRobot(0.2).occupancy(axes, OBSTACLES, rule)
+        ).all()
+    (shape,) = DiscRobot(0.2).shapes_at((1, 1))
+    assert np.isclose(shape.area, 0.04 * np.pi, rtol=1e-2)
+    assert DiscRobot(0.2).goal_cells(axes, (1.05, 1.05)).sum() == 1
+
+
+@pytest.mark.parametrize(
+    ("make", "expected"),
+    [
+        (lambda: PolygonRobot(((0, 0), (1, 1), (1, 0), (0, 1))), "not simple"),
+        (lambda: PolygonRobot(((0, 0), (1, 1))), "three corners"),
+        (lambda: PolygonRobot(KITE.vertices, 0.0), "turning_length = 0.0"),
+        (lambda: KITE.occupancy(axes_of(KITE)[:2], [], "centre"), "needs 3 axes"),
+        (lambda: KITE.occupancy(axes_of(ELL), [], "centre"), "full turn is 2 pi"),
+        (lambda: KITE.occupancy((Axis("x", 0, 1, 3, True), *axes_of(KITE)[1:]), [], "centre"), "cannot be periodic"),
+        (lambda: KITE.corners((1, 2)), "x, y, theta"),
+        (lambda: DiscRobot(0.0), "above 0"),
+        (lambda: DiscRobot(1.0).occupancy(axes_of(KITE), [], "centre"), "needs 2 axes"),
+        (lambda: PointRobot().shapes_at((1, 2, 3)), "2 coordinates"),
+    ],
+)
+def test_bad_robots_get_one_clear_message(make, expected):
+    with pytest.raises(InputError, match=expected):
+        make()
+
+
+def test_the_protocol_fits():
+    assert isinstance(ELL, Robot)
+    assert isinstance(DiscRobot(1.0), Robot)

@@ -1,0 +1,174 @@
+"""Scenes with arms, discs and turning polygons, and the shipped ones of the 1992 paper."""
+
+import numpy as np
+import pytest
+
+import resgrid as rg
+from resgrid.errors import InputError
+from resgrid.robots import Arm, Box, DiscRobot, PolygonRobot
+from resgrid.scene import GoalJoints, apply_overrides, free_volume_lost, parse_scene, read_scene, sample
+from resgrid.scene.build import build_scene, document_of
+from resgrid.space import label_regions
+
+ARM = """
+schema = 1
+[robot]
+type = "arm"
+links = [{ length = 1.0, width = 0.1 }, { length = 0.8, limits = [-2, 2] }]
+[grid]
+cells = [24, 20]
+"""
+GOAL = '[[goal]]\nshape = "circle"\ncentre = [1.0, 1.0]\nradius = 0.2\n'
+POLYGON = """
+schema = 1
+[robot]
+type = "polygon"
+vertices = [[-0.2, 0], [0.2, 0], [0, 0.3]]
+turning_length = 0.5
+[grid]
+axes = [{ lower = 0, upper = 2, cells = 10 }, { lower = 0, upper = 2, cells = 10 }, { cells = 8 }]
+"""
+
+
+def test_an_arm_brings_its_axes_along():
+    scene = parse_scene(ARM + GOAL)
+    assert isinstance(scene.robot, Arm)
+    assert scene.axes == scene.robot.axes((24, 20))
+    assert [axis.periodic for axis in scene.axes] == [True, False]
+    assert scene.edge == ("periodic", "obstacle")
+    named = parse_scene(ARM.replace("cells = [24, 20]", 'axes = [{ name = "q", cells = 9 }, { spacing = 0.5 }]') + GOAL)
+    assert [(axis.name, axis.cells, axis.unit) for axis in named.axes] == [("q", 9, "rad"), ("theta_2", 8, "rad")]
+    half = parse_scene(
+        ARM.replace("cells = [24, 20]", "axes = [{ lower = 0, upper = 1, cells = 9 }, { cells = 3 }]") + GOAL
+    )
+    assert not half.axes[0].periodic
+
+
+def test_goals_in_joint_space():
+    box = parse_scene(ARM + "[[goal]]\njoints_lower = [-0.5, -0.5]\njoints_upper = [0.5, 0.5]\n")
+    assert box.goals == (GoalJoints((-0.5, -0.5), (0.5, 0.5)),)
+    cells = sample(box).centre(np.argwhere(sample(box).cell == 2))
+    assert len(cells) == 4 * 6
+    assert np.abs(cells).max() <= 0.5 + 1e-12
+    one = sample(parse_scene(ARM + "[[goal]]\njoints = [3.3, 0.1]\n"))  # 3.3 rad is -2.98 rad
+    assert np.argwhere(one.cell == 2).tolist() == [[0, 10]]
+
+
+DISC = """
+schema = 1
+robot = { type = "disc", radius = 0.2 }
+[grid]
+cells = 9
+axes = [{ name = "x", lower = 0, upper = 3 }, { name = "y", lower = 0, upper = 3, cells = 8 }]
+[[goal]]
+point = [1, 1]
+"""
+
+
+def test_documents_of_all_robots_round_trip():
+    for text in (ARM + GOAL, POLYGON + "[[goal]]\npoint = [1.2, 1.3]\n", DISC, ARM + "[[goal]]\njoints = [1, 1]\n"):
+        scene = parse_scene(text)
+        again = build_scene(document_of(scene), "s", None)
+        assert (again.robot, again.axes, again.goals) == (scene.robot, scene.axes, scene.goals)
+    assert isinstance(parse_scene(DISC).robot, DiscRobot)
+    assert isinstance(parse_scene(POLYGON + "[[goal]]\npoint = [1.2, 1.3]\n").robot, PolygonRobot)
+
+
+def test_overrides_reach_robots_and_cells():
+    scene = apply_overrides(
+        parse_scene(ARM + GOAL), {"grid.cells": "8", "robot.links[0].length": "1.5", "goal": "1.5,1.2"}
+    )
+    assert [axis.cells for axis in scene.axes] == [8, 8]
+    assert scene.robot.lengths == (1.5, 0.8)
+    assert sample(scene).goal_count >= 1
+
+
+def test_progress_is_passed_on():
+    told = []
+    sample(parse_scene(ARM + GOAL), progress=lambda done, total: told.append((done, total)))
+    assert told[-1] == (24 + 480, 24 + 480)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        (ARM.replace("length = 1.0", "length = -1.0") + GOAL, "line 5: robot.links[0].length: must be greater than 0"),
+        (ARM.replace("width = 0.1", "width = -0.1") + GOAL, "robot.links[0].width: must be at least 0"),
+        (ARM.replace("[-2, 2]", "[2, -2]") + GOAL, "line 5: robot.links[1]: limits = [2.0, -2.0] are reversed"),
+        (ARM.replace("length = 1.0,", "lenght = 1.0,") + GOAL, "did you mean 'length'"),
+        (ARM.replace('"arm"', '"arms"') + GOAL, "type = 'arms' is unknown: it may be one of point, disc, polygon, arm"),
+        (ARM.replace("links = [{", "links = []\nl = [{") + GOAL, "robot.links: needs at least 1 entries"),
+        (ARM.replace('"arm"', "3") + GOAL, 'the robot needs type = "point"'),
+        (ARM.replace("[24, 20]", "[24, 20, 7]") + GOAL, "grid.cells: needs one number for each of the 2 axes"),
+        (ARM.replace("cells = [24, 20]", "axes = [{ cells = 3 }]") + GOAL, "an arm of 2 links needs 2 axes, got 1"),
+        (ARM.replace("cells = [24, 20]", "axes = [{ cells = 3, lower = 0, upper = 1, periodic = true }, { cells = 2 }]")
+         + GOAL, "a periodic joint turns by 2 pi"),
+        (ARM.replace("cells = [24, 20]", "axes = [{ cells = 3 }, { cells = 2, lower = -3 }]") + GOAL, "limits are"),
+        (ARM.replace("[grid]\ncells = [24, 20]", '[map]\nfile = "a.png"') + GOAL, "needs a [grid]"),
+        (ARM + GOAL.replace("[1.0, 1.0]", "[2.5, 0.0]"),
+         "goal[0]: the goal is 2.3 from the base, the arm reaches 1.8"),
+        (ARM + "[[goal]]\npoint = [0.21, 0.0]\n", "goal[0]: the joint limits keep the arm's tip out of this goal"),
+        (ARM + "[[goal]]\npoint = [1, 2, 3]\n", "needs 2 coordinates, a place in the plane, got 3"),
+        (ARM + "[[goal]]\njoints = [1, 2, 3]\n", "goal[0].joints: needs 2 coordinates, one for each axis, got 3"),
+        (ARM + "[[goal]]\njoints = [1, 2.5]\n", "goal[0]: the point [1.0, 2.5] lies outside the grid"),
+        (ARM + "[[goal]]\njoints_lower = [1, 1]\njoints_upper = [0, 2]\n", "lower <= upper"),
+        (ARM + GOAL + '[[obstacle]]\nshape = "box"\nlower = [1, 1, 1]\nupper = [2, 2, 2]\n', "a place in the plane"),
+        (ARM + GOAL + '[[obstacle]]\nshape = "rectangle"\nlower = [0.5, 0.5]\nupper = [2, 2]\n',
+         "goal[0]: this goal lies inside an obstacle"),
+        (POLYGON.replace("[0, 0.3]]", "[0, -0.3], [0, 0.3]]") + "[[goal]]\npoint = [1, 1]\n", "not simple"),
+        (POLYGON.replace(", { cells = 8 }", "") + "[[goal]]\npoint = [1, 1]\n", "needs 3 axes, got 2"),
+        (POLYGON + "[[goal]]\npoint = [1]\n", "needs 2 coordinates (a place in the plane) or 3 (a configuration)"),
+        (POLYGON.replace("0.5", "-0.5") + "[[goal]]\npoint = [1, 1]\n", "robot.turning_length: must be greater than 0"),
+    ],
+)  # fmt: skip
+def test_one_clear_message(text, expected):
+    with pytest.raises(InputError) as caught:
+        sample(parse_scene(text, "s.toml"))
+    assert expected in str(caught.value)
+    assert "\n" not in str(caught.value) or "errors" in str(caught.value)
+
+
+def test_problem_a_has_a_goal_in_both_bands_and_no_isolated_cell(scenes):
+    scene = read_scene(scenes / "problem_a.toml")
+    space = sample(scene)
+    region = label_regions(space.cell != rg.Cell.OBSTACLE, space.periodic)
+    assert region.max() == 2  # elbow left and elbow right: no isolated cell either
+    assert sorted(region[space.cell == rg.Cell.GOAL].tolist()) == [1] * 9 + [2] * 9
+    turn = np.sign(np.sin(np.diff(space.centre(np.argwhere(region == 1)), axis=1)))
+    assert (turn == turn[0]).all()
+    tips = scene.robot.tip(space.centre(np.argwhere(space.cell == rg.Cell.GOAL)))
+    goal = scene.goals[0]
+    assert isinstance(goal, Box)
+    assert ((tips >= goal.lower) & (tips <= goal.upper)).all()
+
+
+def test_the_volume_lost_to_the_conservative_rule_is_reported(scenes):
+    assert 0.002 < free_volume_lost(read_scene(scenes / "problem_a.toml")) < 0.01
+    assert 0.03 < free_volume_lost(read_scene(scenes / "problem_b.toml")) < 0.06
+    assert free_volume_lost(read_scene(scenes / "voxel_maze.toml")) == 0  # every wall ends on a border of cells
+
+
+def test_problem_b_cuts_off_a_sixth_of_the_free_cells(scenes):
+    scene = read_scene(scenes / "problem_b.toml")
+    space = sample(scene)
+    free = space.cell == rg.Cell.FREE
+    cut_off = 1 - space.goal_connected.sum() / free.sum()
+    assert 0.15 < cut_off < 0.18
+    assert [bool(space.goal_connected[tuple(space.locate(start))]) for start in scene.starts] == [True, False, False]
+    assert all(free[tuple(space.locate(start))] for start in scene.starts)
+
+
+@pytest.mark.parametrize("name", ["problem_a", "problem_b", "problem_two_goals", "three_link", "turning", "voxel_maze"])
+def test_shipped_robot_scenes_plan_from_every_connected_start(scenes, name):
+    scene = read_scene(scenes / f"{name}.toml")
+    space = sample(scene)
+    field = rg.field(rg.solve(rg.compile_space(space)))
+    outcomes = []
+    for start in scene.starts:
+        path = rg.streamline(field, start)
+        outcomes.append(str(path.outcome))
+        if path.outcome == "reached":
+            rg.certify(path, field)
+    assert outcomes == (["reached", "no_path", "no_path"] if name == "problem_b" else ["reached"] * len(outcomes))
+    if name == "problem_two_goals":
+        assert len({rg.streamline(field, start).goal for start in scene.starts}) == 3
