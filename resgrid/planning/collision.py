@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.netlist import Netlist
-from resgrid.nodal.direct import Scaled
 from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.nodal.refine import Scaled
 from resgrid.planning.walk import Walk, random_walk
 
 

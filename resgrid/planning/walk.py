@@ -97,7 +97,7 @@ class Walk:
         return out
 
 
-def random_walk(circuit: Netlist | OperatingPoint | Walk) -> Walk:
+def random_walk(circuit: Netlist | OperatingPoint | Walk, *, method: str = "auto") -> Walk:
     """Set up the random walk of a compiled circuit.
 
     Parameters
@@ -105,6 +105,8 @@ def random_walk(circuit: Netlist | OperatingPoint | Walk) -> Walk:
     circuit : Netlist, OperatingPoint or Walk
         Compiled from a space, each rail held by ideal sources; with obstacles on a rail, behind walls, or open under
         a uniform drive.  A walk is returned as it is.
+    method : {"auto", "direct", "multigrid"}
+        How to solve; see `resgrid.solve`.
 
     Returns
     -------
@@ -125,7 +127,7 @@ def random_walk(circuit: Netlist | OperatingPoint | Walk) -> Walk:
         raise InputError("this netlist was not compiled from a space, so there is no walk on its cells")
     if layout.drive == "start":
         raise InputError("a start-driven circuit absorbs walks at its start: compile it with drive = 'uniform'")
-    factors = factor(_clocked(netlist, layout))
+    factors = factor(_clocked(netlist, layout), method=method)
     system = factors.system
     node_goal = _goal_of_node(netlist, layout)
     if np.any(np.isnan(system.known[node_goal >= 0])):
