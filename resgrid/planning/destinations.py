@@ -50,6 +50,8 @@ class Absorption:
 def basins(field: Field) -> NDArray[np.int32]:
     """Which goal the streamline from the centre of every cell reaches.
 
+    Only cells from which the current leads to several goals are traced.
+
     Parameters
     ----------
     field : Field
@@ -64,9 +66,12 @@ def basins(field: Field) -> NDArray[np.int32]:
     AccuracyError
         If a streamline does not end, which a direction-safe field rules out.
     """
+    from resgrid.planning.kernels import MIXED, only_goal
+
     space = field.space
-    goal = space.goal_region.copy()
-    cells = np.argwhere(space.goal_connected)
+    flat_goal = only_goal(field.flow, space.goal_region.ravel().astype(np.int64))
+    goal = np.where(space.cell == Cell.OBSTACLE, -1, flat_goal.reshape(space.shape)).astype(np.int32)
+    cells = np.argwhere(goal == MIXED)
     for first in range(0, len(cells), _BATCH):
         some = cells[first : first + _BATCH]
         goal[tuple(some.T)] = streamlines(field, space.centre(some)).goal

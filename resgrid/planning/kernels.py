@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from resgrid.planning.field import Flow
 
 REACHED, NO_CURRENT, ENDLESS = 0, 1, 2
-_GOAL = 2
+MIXED = -2
+_FREE, _GOAL = 0, 2
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -167,6 +168,69 @@ def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: F
         cell[way] = (cell[way] + side) % flow.shape[way]
         local[way] = 0.0 if side > 0 else 1.0
     return ENDLESS, limit, length, log_time
+
+
+@njit(cache=True)
+def only_goal(flow: Flow, goal: Integers) -> Integers:
+    """The goal that every way along the current from a cell leads to.
+
+    ``goal`` is the goal region of goal cells.  A free cell gets -1 if all ways from it end where no current leaves,
+    `MIXED` if they end differently.  Cells are settled in the order of the current, the most downstream ones first.
+    """
+    count, ndim = len(flow.code), len(flow.shape)
+    label, open_ways = np.full(count, MIXED), np.zeros(count, np.int64)
+    seen = np.zeros(count, np.bool_)
+    queue, cell = np.empty(count, np.int64), np.empty(ndim, np.int64)
+    first, last = 0, 0
+    for flat in range(count):
+        _unravel(flat, flow.shape, cell)
+        for axis in range(ndim):
+            face = _face(flow, cell, axis)
+            open_ways[flat] += (flow.direction[face] < 0) + (flow.direction[face + flow.face_stride[axis, axis]] > 0)
+        if flow.code[flat] == _GOAL or open_ways[flat] == 0:
+            label[flat] = goal[flat] if flow.code[flat] == _GOAL else -1
+            seen[flat] = True
+            queue[last] = flat
+            last += 1
+    while first < last:
+        flat = queue[first]
+        first += 1
+        _unravel(flat, flow.shape, cell)
+        for axis in range(ndim):
+            face, home = _face(flow, cell, axis), cell[axis]
+            for side in (-1, 1):
+                if side * flow.direction[face + (side > 0) * flow.face_stride[axis, axis]] >= 0:
+                    continue
+                cell[axis] = (home + side) % flow.shape[axis]
+                above = _ravel(cell, flow.shape)
+                cell[axis] = home
+                if flow.code[above] != _FREE:
+                    continue
+                label[above] = label[flat] if not seen[above] or label[above] == label[flat] else MIXED
+                seen[above] = True
+                open_ways[above] -= 1
+                if open_ways[above] == 0:
+                    queue[last] = above
+                    last += 1
+    for flat in range(count):
+        if open_ways[flat] > 0 and flow.code[flat] == _FREE:
+            label[flat] = MIXED
+    return label
+
+
+@njit(cache=True, inline="always")
+def _unravel(flat: int, shape: Integers, cell: Integers) -> None:
+    for axis in range(len(shape) - 1, -1, -1):
+        cell[axis] = flat % shape[axis]
+        flat //= shape[axis]
+
+
+@njit(cache=True, inline="always")
+def _ravel(cell: Integers, shape: Integers) -> int:
+    flat = 0
+    for axis in range(len(shape)):
+        flat = flat * shape[axis] + cell[axis]
+    return flat
 
 
 @njit(cache=True)

@@ -34,9 +34,9 @@ def surface_normals(
 
     Within a cell every component of the gradient is linear between its two faces; at a cell's centre it is their mean.
     How right a normal is depends on how far from the staircase it is taken.  On pixelised discs it is off by 5 degrees
-    on average in the cells that touch the model, whatever the resolution (6 on balls of voxels), by 1 degree 2.5 cells
-    away from the surface, and by less further out, until the shape of the grid's edge is felt: pad generously.  Cells between parts of the
-    model, or deep in its concavities, see all of them.
+    on average in the cells that touch the model, whatever the resolution (on balls of voxels by 6), by 1 degree 2.5
+    cells away from the surface, and by less further out, until the shape of the grid's edge is felt: pad generously.
+    Cells between parts of the model, or deep in its concavities, see all of them.
 
     Parameters
     ----------
