@@ -40,23 +40,38 @@ if TYPE_CHECKING:
     from resgrid.planning.collision import Risk, risk
     from resgrid.planning.completeness import Separation, check_verdicts, separation
     from resgrid.planning.destinations import Absorption, absorption, basins
+    from resgrid.planning.export import ros_plan, write_path
     from resgrid.planning.field import Field
     from resgrid.planning.field import field_of as field
+    from resgrid.planning.free_way import certify_free
     from resgrid.planning.normals import octree_voxels, surface_normals
     from resgrid.planning.planner import Planner, plan
     from resgrid.planning.scene_parts import Blocking, blocking
+    from resgrid.planning.seams import unwrap
+    from resgrid.planning.short_path import ShortPath
+    from resgrid.planning.shortcut import shorten
     from resgrid.planning.streamline import Outcome, Streamline
+    from resgrid.planning.timing import time_path
     from resgrid.planning.trace import Traces, streamline, streamlines
+    from resgrid.planning.trajectory import Trajectory
     from resgrid.planning.walk import Walk, random_walk
+    from resgrid.planning.workspace import Collision, replay, workspace_clearance, workspace_path
     from resgrid.plot import (
         plot_circuit,
+        plot_clearance_curve,
+        plot_configurations,
         plot_currents,
+        plot_pair,
         plot_path,
         plot_potential,
+        plot_robot_path,
         plot_scene_page,
+        plot_separation,
         plot_slices,
         plot_space,
         plot_streamlines,
+        plot_tip_ways,
+        plot_workspace,
         save_figure,
     )
     from resgrid.scene import (
@@ -120,6 +135,25 @@ _HOME = {
     "Traces": "resgrid.planning.trace",
     "streamline": "resgrid.planning.trace",
     "streamlines": "resgrid.planning.trace",
+    "ros_plan": "resgrid.planning.export",
+    "write_path": "resgrid.planning.export",
+    "certify_free": "resgrid.planning.free_way",
+    "unwrap": "resgrid.planning.seams",
+    "ShortPath": "resgrid.planning.short_path",
+    "shorten": "resgrid.planning.shortcut",
+    "time_path": "resgrid.planning.timing",
+    "Trajectory": "resgrid.planning.trajectory",
+    "Collision": "resgrid.planning.workspace",
+    "replay": "resgrid.planning.workspace",
+    "workspace_clearance": "resgrid.planning.workspace",
+    "workspace_path": "resgrid.planning.workspace",
+    "plot_clearance_curve": "resgrid.plot",
+    "plot_configurations": "resgrid.plot",
+    "plot_pair": "resgrid.plot",
+    "plot_robot_path": "resgrid.plot",
+    "plot_separation": "resgrid.plot",
+    "plot_tip_ways": "resgrid.plot",
+    "plot_workspace": "resgrid.plot",
     "plot_circuit": "resgrid.plot",
     "plot_currents": "resgrid.plot",
     "plot_path": "resgrid.plot",
@@ -164,6 +198,7 @@ __all__ = [
     "CertificateError",
     "CircuitError",
     "ClearanceCurve",
+    "Collision",
     "ConfigurationSpace",
     "Field",
     "InputError",
@@ -176,9 +211,11 @@ __all__ = [
     "Risk",
     "Scene",
     "Separation",
+    "ShortPath",
     "Streamline",
     "ToolMissingError",
     "Traces",
+    "Trajectory",
     "Walk",
     "__version__",
     "absorption",
@@ -187,6 +224,7 @@ __all__ = [
     "blend",
     "blocking",
     "certify",
+    "certify_free",
     "check_deck",
     "check_rules",
     "check_spice",
@@ -202,28 +240,43 @@ __all__ = [
     "parse_scene",
     "plan",
     "plot_circuit",
+    "plot_clearance_curve",
+    "plot_configurations",
     "plot_currents",
+    "plot_pair",
     "plot_path",
     "plot_potential",
+    "plot_robot_path",
     "plot_scene_page",
+    "plot_separation",
     "plot_slices",
     "plot_space",
     "plot_streamlines",
+    "plot_tip_ways",
+    "plot_workspace",
     "random_walk",
     "read_queries",
     "read_scene",
+    "replay",
     "risk",
+    "ros_plan",
     "run_ngspice",
     "sample",
     "save_figure",
     "scale_drive",
     "scene_schema",
     "separation",
+    "shorten",
     "solve",
     "streamline",
     "streamlines",
     "surface_normals",
+    "time_path",
+    "unwrap",
     "wall_clearance_curve",
+    "workspace_clearance",
+    "workspace_path",
+    "write_path",
     "write_spice",
 ]
 

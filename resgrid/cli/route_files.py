@@ -76,7 +76,7 @@ def refine(job: Job, plan: Plan, motion: Motion) -> Plan:
 
 def _refined(job: Job, plan: Plan, route: Route, motion: Motion) -> Route:
     from resgrid.planning.shortcut import shorten
-    from resgrid.planning.time_path import time_path
+    from resgrid.planning.timing import time_path
 
     path = route.streamline
     if motion.shorten and route.reached:

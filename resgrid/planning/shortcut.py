@@ -8,12 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.planning.certify_free import RIM, certify_free
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.field import Field
+from resgrid.planning.free_way import RIM, certify_free
+from resgrid.planning.seams import length_of, unwrap
 from resgrid.planning.short_path import ShortPath
 from resgrid.planning.streamline import Outcome, Streamline
-from resgrid.planning.unwrap import length_of, unwrap
 from resgrid.space import Cell, ConfigurationSpace
 
 Sight = Callable[[NDArray[np.float64], NDArray[np.float64]], bool]

@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
 from resgrid.planning.bodies import bodies_of, parts_of
+from resgrid.planning.seams import unwrap, wrap
 from resgrid.planning.short_path import ShortPath
 from resgrid.planning.streamline import Streamline
-from resgrid.planning.unwrap import unwrap, wrap
 from resgrid.robots import Arm, DiscRobot, PointRobot, PolygonRobot, Robot, Shape
 from resgrid.space import ConfigurationSpace
 

@@ -8,7 +8,7 @@ from resgrid.plot.pages import plot_scene_page
 from resgrid.plot.pairs import plot_configurations, plot_pair
 from resgrid.plot.paths import plot_path, plot_streamlines
 from resgrid.plot.profiles import plot_profile
-from resgrid.plot.robots import plot_robot_path, plot_workspace
+from resgrid.plot.robots import plot_robot_path, plot_tip_ways, plot_workspace
 from resgrid.plot.separations import plot_separation
 from resgrid.plot.slices import plot_slices
 
@@ -28,6 +28,7 @@ __all__ = [
     "plot_slices",
     "plot_space",
     "plot_streamlines",
+    "plot_tip_ways",
     "plot_workspace",
     "render_figure",
     "save_figure",

@@ -9,17 +9,18 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from resgrid.planning.completeness import Separation
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.plot.fields import plot_space
 from resgrid.plot.figures import new_figure
+from resgrid.plot.paint import VIRTUAL, paint_cells
 from resgrid.plot.paths import plot_streamlines
-from resgrid.plot.plane import draw_image, plane_of
-from resgrid.plot.robots import plot_robot_path
-from resgrid.plot.style import TEXT, add_swatch, refresh_legend
+from resgrid.plot.robots import mark_shapes, plot_robot_path
+from resgrid.plot.separations import plot_separation
+from resgrid.plot.style import FAILURE, TEXT, refresh_legend
 from resgrid.robots import Robot, Shape
 from resgrid.space import ConfigurationSpace
 
-VIRTUAL = "#8c8c8c"
 _PAGE = 7.4
 
 
@@ -32,6 +33,8 @@ def plot_pair(
     *,
     others: Sequence[Streamline] = (),
     virtual: NDArray[np.bool_] | None = None,
+    verdict: Separation | None = None,
+    separating: Sequence[Shape] = (),
     title: str = "",
     caption: str = "",
 ) -> Figure:
@@ -50,6 +53,10 @@ def plot_pair(
         More paths for the configuration space.
     virtual : ndarray of bool, shape of the space, optional
         Obstacle cells that stand for no body, such as strips along singularities; drawn paler.
+    verdict : Separation, optional
+        Of the path's start, where it reaches no goal: the configuration space then shows what separates it.
+    separating : sequence of Shape
+        Obstacles of the workspace to be marked as those that separate.
     title, caption : str
         Above and below the figure.
 
@@ -63,15 +70,21 @@ def plot_pair(
     InputError
         If the space does not have two axes, or the robot does not move in the plane.
     """
-    figure = new_figure(_PAGE, 4.4 + 0.17 * (caption.count("\n") + 1 if caption else 0))
+    figure = new_figure(_PAGE, 4.4 + 0.15 * (caption.count("\n") + 2 if caption else 0))
     left, right = figure.subplots(1, 2)
     moved = path.outcome in {Outcome.REACHED, Outcome.NO_CURRENT}
     plot_robot_path(path if moved else path.points, robot, space, obstacles, goals, left)
-    plot_configurations([path, *others], space, right, virtual=virtual)
+    if separating:
+        mark_shapes(separating, left, FAILURE, "keeps it from the goals")
+        refresh_legend(left)
+    if verdict is None:
+        plot_configurations([path, *others], space, right, virtual=virtual)
+    else:
+        plot_separation(verdict, right, virtual=virtual)
     if title:
         figure.suptitle(title, fontsize=TEXT + 2)
     if caption:
-        figure.supxlabel(caption, fontsize=TEXT - 1, x=0.02, ha="left")
+        figure.supxlabel("\n" + caption, fontsize=TEXT - 1, x=0.02, ha="left")
     return figure
 
 
@@ -103,28 +116,9 @@ def plot_configurations(
     """
     axes = plot_space(space, ax)
     if virtual is not None and virtual.any():
-        paint_cells(space, virtual, VIRTUAL, "virtual obstacle (singularity)", axes)
+        paint_cells(space, virtual, VIRTUAL, "virtual obstacle", axes)
     if paths:
         plot_streamlines(paths, space, axes)
     axes.set_title("Configuration space", fontsize=TEXT)
     refresh_legend(axes)
     return axes
-
-
-def paint_cells(space: ConfigurationSpace, mask: NDArray[np.bool_], colour: str, label: str, axes: Axes) -> None:
-    """Paint cells of a space with two axes over whatever else there is, and name them in the legend.
-
-    Parameters
-    ----------
-    space : ConfigurationSpace
-    mask : ndarray of bool, shape of the space
-    colour : str
-    label : str
-    axes : matplotlib.axes.Axes
-    """
-    from matplotlib.colors import to_rgba
-
-    pixels = np.zeros((*space.shape, 4), dtype=np.uint8)
-    pixels[mask] = np.round(255 * np.array(to_rgba(colour)))
-    draw_image(plane_of(space), pixels, axes, zorder=2.2)
-    add_swatch(axes, label, colour)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex, to_rgb
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
@@ -14,7 +15,8 @@ from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.planning.unwrap import unwrap
+from resgrid.planning.seams import unwrap
+from resgrid.planning.streamline import Streamline
 from resgrid.planning.workspace import Way, dense, travel_bound, workspace_path
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.style import GOAL, OBSTACLE, PATHS, TEXT, add_swatch, dress, refresh_legend
@@ -71,26 +73,63 @@ def plot_robot_path(
         share = number / max(len(shown) - 1, 1)
         _draw_pose(robot, pose, axes, share, first=number == 0, last=number == len(shown) - 1)
     tip = workspace_path(poses, robot, space)
-    effects = [Stroke(linewidth=3.0, foreground="white"), Normal()]
-    label = "way of the tip" if isinstance(robot, Arm) else "way of the reference point"
-    axes.plot(tip[:, 0], tip[:, 1], color=colour, linewidth=1.5, zorder=6, path_effects=effects, label=label)
-    axes.scatter(
-        tip[:1, 0], tip[:1, 1], s=22, facecolor="white", edgecolor="black", linewidth=0.9, zorder=7, label="start"
-    )
-    axes.scatter(
-        tip[-1:, 0],
-        tip[-1:, 1],
-        s=70,
-        marker="*",
-        facecolor=GOAL,
-        edgecolor="black",
-        linewidth=0.7,
-        zorder=8,
-        label="end",
-    )
+    if len(tip) > 1:
+        _draw_way(tip, isinstance(robot, Arm), axes, colour)
     if isinstance(robot, Arm):
         axes.scatter([robot.base[0]], [robot.base[1]], s=30, marker="s", facecolor="black", zorder=7, label="base")
     _frame(axes, robot, [tip, *_outlines(robot, shown)], obstacles, goals)
+    refresh_legend(axes)
+    return axes
+
+
+def _draw_way(tip: NDArray[np.float64], is_arm: bool, axes: Axes, colour: str) -> None:
+    effects = [Stroke(linewidth=2.4, foreground="white"), Normal()]
+    label = "way of the tip" if is_arm else "way of the reference point"
+    axes.plot(tip[:, 0], tip[:, 1], color=colour, linewidth=1.4, zorder=6, path_effects=effects, label=label)
+    for place, size, marker, face in ((tip[:1], 22, "o", "white"), (tip[-1:], 70, "*", GOAL)):
+        axes.scatter(
+            place[:, 0], place[:, 1], s=size, marker=marker, facecolor=face, edgecolor="black", linewidth=0.8, zorder=8
+        )
+
+
+def plot_tip_ways(
+    paths: Sequence[Streamline],
+    robot: Robot,
+    space: ConfigurationSpace,
+    obstacles: Sequence[Shape] = (),
+    goals: Sequence[Shape] = (),
+    ax: Axes | None = None,
+) -> Axes:
+    """Draw the ways of an arm's tip, or of another robot's reference point, along many paths.
+
+    Parameters
+    ----------
+    paths : sequence of Streamline
+    robot : Robot
+        That moves in the plane.
+    space : ConfigurationSpace
+    obstacles, goals : sequence of Shape
+        Of the workspace.
+    ax : matplotlib.axes.Axes, optional
+        Made when None.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        If a path does not fit the space, or the robot does not move in the plane.
+    """
+    axes = plot_workspace(obstacles, goals, ax, legend=False)
+    lines = [workspace_path(_dense(path, robot, space), robot, space) for path in paths]
+    label = "ways of the tip" if isinstance(robot, Arm) else "ways of the reference point"
+    axes.add_collection(LineCollection(lines, colors=PATHS[0], linewidths=0.6, alpha=0.8, zorder=4, label=label))
+    for row, size, face in ((0, 5, "white"), (-1, 4, GOAL)):
+        ends = np.array([line[row] for line in lines]).reshape(-1, 2)
+        axes.scatter(ends[:, 0], ends[:, 1], s=size, facecolor=face, edgecolor="black", linewidth=0.3, zorder=5)
+    _frame(axes, robot, lines, obstacles, goals)
     refresh_legend(axes)
     return axes
 
@@ -119,10 +158,7 @@ def plot_workspace(
     """
     axes = axes_or_new(ax)
     for label, shapes, colour, order in (("obstacle", obstacles, OBSTACLE, 2.0), ("goal", goals, GOAL, 1.5)):
-        for shape in shapes:
-            _fill(to_shapely(shape), axes, facecolor=colour, edgecolor="#00000080", linewidth=0.5, zorder=order)
-        if shapes:
-            add_swatch(axes, label, colour)
+        mark_shapes(shapes, axes, colour, label, order)
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
@@ -130,6 +166,24 @@ def plot_workspace(
     if legend:
         refresh_legend(axes)
     return axes
+
+
+def mark_shapes(shapes: Sequence[Shape], axes: Axes, colour: str, label: str, order: float = 2.2) -> None:
+    """Fill shapes of the workspace with a colour, and name it in the legend.
+
+    Parameters
+    ----------
+    shapes : sequence of Shape
+        Of the plane.
+    axes : matplotlib.axes.Axes
+    colour, label : str
+    order : float
+        What is drawn later covers it.
+    """
+    for shape in shapes:
+        _fill(to_shapely(shape), axes, facecolor=colour, edgecolor="#00000080", linewidth=0.5, zorder=order)
+    if shapes:
+        add_swatch(axes, label, colour)
 
 
 def _dense(path: Way, robot: Robot, space: ConfigurationSpace) -> NDArray[np.float64]:
@@ -181,7 +235,9 @@ def _draw_shapes(
 
 def _fill(shape: Any, axes: Axes, **style: Any) -> None:
     """Fill a shapely polygon, holes left open."""
-    for part in getattr(shape, "geoms", [shape]):
+    from shapely.geometry.polygon import orient
+
+    for part in map(orient, getattr(shape, "geoms", [shape])):
         rings = [part.exterior, *part.interiors]
         path = Path.make_compound_path(*(Path(np.asarray(ring.coords)[:, :2], closed=True) for ring in rings))
         axes.add_patch(PathPatch(path, **style))

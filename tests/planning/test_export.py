@@ -13,7 +13,7 @@ from spaces import space_of
 
 from resgrid.errors import InputError
 from resgrid.planning.export import headings, path_columns, ros_plan, write_path
-from resgrid.planning.time_path import time_path
+from resgrid.planning.timing import time_path
 from resgrid.robots import Arm, PolygonRobot
 from resgrid.scene.scene import Frame
 from resgrid.space import Axis, ConfigurationSpace

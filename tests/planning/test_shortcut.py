@@ -17,11 +17,11 @@ from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError, InputError
 from resgrid.nodal.solve import solve
 from resgrid.planning import kernels
-from resgrid.planning.certify_free import certify_free
 from resgrid.planning.field import Field, field_of
+from resgrid.planning.free_way import certify_free
+from resgrid.planning.seams import length_of, unwrap
 from resgrid.planning.shortcut import shorten
 from resgrid.planning.trace import streamline
-from resgrid.planning.unwrap import length_of, unwrap
 from resgrid.space import Cell, ConfigurationSpace
 
 

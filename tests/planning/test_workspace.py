@@ -16,9 +16,9 @@ from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.field import field_of
+from resgrid.planning.seams import unwrap
 from resgrid.planning.shortcut import shorten
 from resgrid.planning.trace import streamline
-from resgrid.planning.unwrap import unwrap
 from resgrid.planning.workspace import dense, replay, travel_bound, workspace_clearance, workspace_path
 from resgrid.robots import (
     Arm,

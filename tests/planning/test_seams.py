@@ -10,8 +10,8 @@ from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
 from resgrid.planning.field import field_of
+from resgrid.planning.seams import length_of, unwrap, wrap
 from resgrid.planning.trace import streamline
-from resgrid.planning.unwrap import length_of, unwrap, wrap
 from resgrid.space import Cell, ConfigurationSpace
 
 

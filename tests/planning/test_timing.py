@@ -13,10 +13,10 @@ from spaces import serpentine, space_of
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
-from resgrid.planning.certify_free import certify_free
 from resgrid.planning.field import field_of
+from resgrid.planning.free_way import certify_free
 from resgrid.planning.shortcut import shorten
-from resgrid.planning.time_path import time_path
+from resgrid.planning.timing import time_path
 from resgrid.planning.trace import streamline
 from resgrid.space import ConfigurationSpace
 

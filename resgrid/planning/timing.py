@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
+from resgrid.planning.seams import unwrap
 from resgrid.planning.short_path import ShortPath
 from resgrid.planning.streamline import Streamline
 from resgrid.planning.trajectory import Trajectory
-from resgrid.planning.unwrap import unwrap
 from resgrid.space import ConfigurationSpace
 
 Limits = float | Sequence[float] | NDArray[np.float64]

@@ -9,9 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import CertificateError
 from resgrid.planning.clearance import face_shares
+from resgrid.planning.seams import unwrap
 from resgrid.planning.short_path import ShortPath
 from resgrid.planning.streamline import Streamline
-from resgrid.planning.unwrap import unwrap
 from resgrid.space import Cell, ConfigurationSpace
 
 RIM = 1e-9
