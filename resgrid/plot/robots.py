@@ -20,7 +20,7 @@ from resgrid.planning.streamline import Streamline
 from resgrid.planning.workspace import Way, dense, travel_bound, workspace_path
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.style import GOAL, OBSTACLE, PATHS, TEXT, add_swatch, dress, refresh_legend
-from resgrid.robots import Arm, HalfSpace, Robot, Shape, to_shapely
+from resgrid.robots import Arm, CellSet, HalfSpace, Robot, Shape, to_shapely
 from resgrid.space import ConfigurationSpace
 
 GHOSTS = 12
@@ -159,6 +159,7 @@ def plot_workspace(
     axes = axes_or_new(ax)
     for label, shapes, colour, order in (("obstacle", obstacles, OBSTACLE, 2.0), ("goal", goals, GOAL, 1.5)):
         mark_shapes(shapes, axes, colour, label, order)
+    _limit(axes, [], (*obstacles, *goals))
     axes.set_aspect("equal")
     axes.set_xlabel("x (m)")
     axes.set_ylabel("y (m)")
@@ -253,12 +254,19 @@ def _frame(
     axes: Axes, robot: Robot, lines: list[NDArray[np.float64]], obstacles: Sequence[Shape], goals: Sequence[Shape]
 ) -> None:
     """Limits around everything; an arm's are those of its reach, so that its pictures can be compared."""
-    bounded = [np.array(shape.bounds) for shape in (*obstacles, *goals) if not isinstance(shape, HalfSpace)]  # type: ignore[union-attr]
     if isinstance(robot, Arm):
-        base, reach = np.asarray(robot.base), robot.reach
-        lines = [*lines, np.stack([base - reach, base + reach])]
+        base = np.asarray(robot.base)
+        lines = [*lines, np.stack([base - robot.reach, base + robot.reach])]
+    _limit(axes, lines, (*obstacles, *goals))
+    axes.set_title("Workspace", fontsize=TEXT)
+
+
+def _limit(axes: Axes, lines: list[NDArray[np.float64]], shapes: Sequence[Shape]) -> None:
+    """Limits that hold lines and shapes, as far as they are bounded."""
+    bounded = [np.array(shape.bounds) for shape in shapes if not isinstance(shape, HalfSpace | CellSet)]
+    if not lines and not bounded:
+        return
     everything = np.concatenate([*lines, *bounded])
     low, high = everything.min(axis=0), everything.max(axis=0)
-    margin = 0.05 * float((high - low).max())
+    margin = 0.05 * max(float((high - low).max()), 1e-9)
     axes.set(xlim=(low[0] - margin, high[0] + margin), ylim=(low[1] - margin, high[1] + margin))
-    axes.set_title("Workspace", fontsize=TEXT)
