@@ -69,7 +69,7 @@ def basins(field: Field) -> NDArray[np.int32]:
     from resgrid.planning.kernels import MIXED, only_goal
 
     space = field.space
-    flat_goal = only_goal(field.flow, space.goal_region.ravel().astype(np.int64))
+    flat_goal = only_goal(field.flow, space.goal_region.ravel().astype(np.int64), space.periodic)
     goal = np.where(space.cell == Cell.OBSTACLE, -1, flat_goal.reshape(space.shape)).astype(np.int32)
     cells = np.argwhere(goal == MIXED)
     for first in range(0, len(cells), _BATCH):

@@ -171,7 +171,7 @@ def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: F
 
 
 @njit(cache=True)
-def only_goal(flow: Flow, goal: Integers) -> Integers:
+def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Integers:
     """The goal that every way along the current from a cell leads to.
 
     ``goal`` is the goal region of goal cells.  A free cell gets -1 if all ways from it end where no current leaves,
@@ -200,6 +200,8 @@ def only_goal(flow: Flow, goal: Integers) -> Integers:
             face, home = _face(flow, cell, axis), cell[axis]
             for side in (-1, 1):
                 if side * flow.direction[face + (side > 0) * flow.face_stride[axis, axis]] >= 0:
+                    continue
+                if not periodic[axis] and not 0 <= home + side < flow.shape[axis]:
                     continue
                 cell[axis] = (home + side) % flow.shape[axis]
                 above = _ravel(cell, flow.shape)
