@@ -15,7 +15,10 @@ import numpy as np
 
 import resgrid as rg
 from resgrid.plot import new_figure
+from resgrid.plot.paint import paint_cells
+from resgrid.plot.style import refresh_legend
 from resgrid.robots.arm_cells import singular_cells
+from resgrid.space import label_regions
 
 SCENES = Path(__file__).resolve().parent / "scenes"
 
@@ -36,12 +39,14 @@ def problem_a(folder: Path) -> dict[str, float]:
     virtual = strips(scene, space)
 
     # The arm's configurations form a torus: both angles turn all the way round.  Where the arm is stretched or folded
-    # the Jacobian is singular; a strip of virtual obstacle there cuts the torus into two bands, elbow to the left and
-    # elbow to the right.  The goal has an inverse solution in each, so each band has a goal of its own.
-    pose = rg.streamline(planner.field, scene.starts[0])
-    at_rest = replace(pose, points=pose.points[:1].copy(), cells=pose.cells[:1].copy())
-    caption = "Problem A. The strips part elbow-left from elbow-right; each band has a goal."
-    save(folder, 1, at_rest, scene, space, virtual, caption)
+    # the Jacobian is singular; a strip of virtual obstacle there cuts the torus into two bands.  In one the arm turns
+    # left at its elbow, in the other right.  The goal has an inverse solution in each, so no start is without one.
+    turn = np.sin(np.subtract.outer(space.axes[1].centres, space.axes[0].centres)).T
+    bands = {"turns left at the elbow": turn > 0, "turns right at the elbow": turn < 0}
+    for band in bands.values():
+        assert (band & (space.cell == rg.Cell.GOAL)).any()
+        assert label_regions(band & (space.cell != rg.Cell.OBSTACLE), space.periodic).max() == 1
+    figure_1(folder, scene, space, virtual, bands)
 
     # Every connected start reaches a goal, whatever k: a sum of harmonic functions is harmonic.
     starts = spread(space)
@@ -128,6 +133,22 @@ def spread(space: rg.ConfigurationSpace, every: int = 10) -> np.ndarray:
     """Centres of cells on a coarse grid from which a goal can be reached."""
     cells = np.argwhere(space.goal_connected)
     return space.centre(cells[np.all(cells % every == every // 2, axis=1)])
+
+
+def figure_1(folder, scene, space, virtual, bands) -> None:
+    caption = (
+        "Problem A, a small goal just above an obstacle. Strips along the singularities part the torus of angles into\n"
+        "two bands: the arm cannot pass from one to the other, but the goal has an inverse solution in each."
+    )
+    figure = rg.plot_pair(
+        [scene.starts[0]], scene.robot, space, scene.obstacles, scene.goals, virtual=virtual, title="Figure 1",
+        caption=caption,
+    )  # fmt: skip
+    for (label, band), colour in zip(bands.items(), ("#dcebf5", "#f7e6d3"), strict=True):
+        paint_cells(space, band & (space.cell == rg.Cell.FREE), colour, label, figure.axes[1])
+    refresh_legend(figure.axes[1])
+    rg.save_figure(figure, folder / "figure_01.png")
+    print(f"figure 1: {caption}".replace("\n", " "))
 
 
 def save(folder, number, path, scene, space, virtual, caption, verdict=None, separating=()) -> None:

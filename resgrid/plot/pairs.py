@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,14 +11,16 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from resgrid.planning.completeness import Separation
-from resgrid.planning.streamline import Outcome, Streamline
+from resgrid.planning.seams import unwrap
+from resgrid.planning.streamline import Streamline
+from resgrid.planning.workspace import Way
 from resgrid.plot.fields import plot_space
 from resgrid.plot.figures import new_figure
 from resgrid.plot.paint import VIRTUAL, paint_cells
 from resgrid.plot.paths import plot_streamlines
 from resgrid.plot.robots import mark_shapes, plot_robot_path
 from resgrid.plot.separations import plot_separation
-from resgrid.plot.style import FAILURE, TEXT, refresh_legend
+from resgrid.plot.style import FAILURE, PATHS, TEXT, refresh_legend
 from resgrid.robots import Robot, Shape
 from resgrid.space import ConfigurationSpace
 
@@ -25,7 +28,7 @@ _PAGE = 7.4
 
 
 def plot_pair(
-    path: Streamline,
+    path: Way,
     robot: Robot,
     space: ConfigurationSpace,
     obstacles: Sequence[Shape] = (),
@@ -42,8 +45,8 @@ def plot_pair(
 
     Parameters
     ----------
-    path : Streamline
-        The robot is drawn along it; at its start alone where it reaches no goal.
+    path : Streamline, ShortPath or array_like of float, shape (n, ndim)
+        The robot is drawn along it; at its start alone where it goes nowhere.
     robot : Robot
     space : ConfigurationSpace
         Of two axes.
@@ -72,13 +75,15 @@ def plot_pair(
     """
     figure = new_figure(_PAGE, 4.4 + 0.15 * (caption.count("\n") + 2 if caption else 0))
     left, right = figure.subplots(1, 2)
-    moved = path.outcome in {Outcome.REACHED, Outcome.NO_CURRENT}
-    plot_robot_path(path if moved else path.points, robot, space, obstacles, goals, left)
+    plot_robot_path(path, robot, space, obstacles, goals, left)
     if separating:
         mark_shapes(separating, left, FAILURE, "keeps it from the goals")
         refresh_legend(left)
     if verdict is None:
-        plot_configurations([path, *others], space, right, virtual=virtual)
+        lines = [path, *others] if isinstance(path, Streamline) else list(others)
+        plot_configurations(lines, space, right, virtual=virtual)
+        if not isinstance(path, Streamline):
+            _draw_line(unwrap(path, space), space, right)
     else:
         plot_separation(verdict, right, virtual=virtual)
     if title:
@@ -86,6 +91,19 @@ def plot_pair(
     if caption:
         figure.supxlabel("\n" + caption, fontsize=TEXT - 1, x=0.02, ha="left")
     return figure
+
+
+def _draw_line(points: NDArray[np.float64], space: ConfigurationSpace, axes: Axes) -> None:
+    """A polyline, with copies where it crosses seams, and its first point."""
+    extent = space.upper - space.lower
+    turns = [range(-2, 3) if ring else range(1) for ring in space.periodic]
+    if len(points) > 1:
+        for by in product(*turns):
+            axes.plot(*(points + by * extent).T, color=PATHS[0], linewidth=1.5, zorder=4, label="path")
+    axes.scatter(
+        points[:1, 0], points[:1, 1], s=22, facecolor="white", edgecolor="black", linewidth=0.9, zorder=5, label="start"
+    )
+    refresh_legend(axes)
 
 
 def plot_configurations(
