@@ -21,6 +21,7 @@ OBSTACLES = [
     HalfSpace((0.3, 1.0), -1.6),
 ]
 GEOMETRY = shapely.union_all([to_shapely(shape) for shape in OBSTACLES])
+FAR = shapely.Point(99.0, 99.0)
 ARMS = [
     Arm((1.0, 0.8), (0.1, 0.05), angles="absolute"),
     Arm((1.0, 0.8), base=(0.1, -0.1), base_angle=0.4, limits=((-2.0, 2.5), None)),
@@ -37,11 +38,11 @@ def links(arm, configurations):
     return shapely.linestrings(np.stack([places[:, :-1], places[:, 1:]], axis=-2))
 
 
-def collides(arm, configurations):
+def collides(arm, configurations, obstacles=GEOMETRY):
     """Exact collisions: the spine of a capsule within half its width of something."""
     spines = links(arm, configurations)
     radii = np.array(arm.widths) / 2
-    hit = (shapely.distance(spines, GEOMETRY) <= radii).any(axis=1)
+    hit = (shapely.distance(spines, obstacles) <= radii).any(axis=1)
     if arm.self_collision:
         for i in range(arm.ndim):
             for j in range(i + 2, arm.ndim):
@@ -252,3 +253,46 @@ def test_bad_arms_get_one_clear_message(make, expected):
 
 def test_the_protocol_fits():
     assert all(isinstance(arm, Robot) for arm in ARMS)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.integers(0, 4), st.integers(0, 2**32 - 1), st.sampled_from([0.05, 0.4, 2.0]))
+def test_no_point_of_a_link_moves_farther_than_the_bound(which, seed, width):
+    from resgrid.robots.kernels import _travel
+
+    arm, rng = ARMS[which], np.random.default_rng(seed)
+    middle = rng.uniform(-np.pi, np.pi, arm.ndim)
+    widths = width * rng.random(arm.ndim)
+    corners = np.array(list(itertools.product((-0.5, 0.5), repeat=arm.ndim)))
+    moved = arm.joints(
+        np.concatenate([middle + corners * widths, middle + rng.uniform(-0.5, 0.5, (50, arm.ndim)) * widths])
+    )
+    here, chords = arm.joints(middle), 2 * np.sin(widths / 4)
+    for link in range(arm.ndim):
+        bound = _travel(here, 0, link, chords, np.array(arm.lengths), arm.angles == "relative")
+        ends = np.linalg.norm(moved[:, link : link + 2] - here[link : link + 2], axis=-1)
+        assert ends.max() <= bound * (1 + 1e-12)
+
+
+@pytest.mark.parametrize("angles", ["relative", "absolute"])
+def test_no_configuration_in_a_free_cell_meets_itself(angles):
+    arm = Arm((0.6, 0.3, 0.7), (0.04, 0.04, 0.04), angles=angles, self_collision=True)
+    axes = arm.axes(20)
+    blocked = arm.occupancy(axes, [], "conservative")
+    centre = arm.occupancy(axes, [], "centre")
+    assert 0 < centre.sum() < blocked.sum() < 0.7 * blocked.size
+    inside = drawn(axes, np.argwhere(~blocked), 60_000, np.random.default_rng(3))
+    assert not collides(arm, inside, FAR).any()
+    grid = np.stack(np.meshgrid(*(axis.centres for axis in axes), indexing="ij"), axis=-1).reshape(-1, 3)
+    assert (centre.ravel() == collides(arm, grid, FAR)).all()
+    assert not Arm((0.6, 0.3, 0.7), (0.04, 0.04, 0.04), angles=angles).occupancy(axes, [], "conservative").any()
+
+
+def test_an_arm_inside_an_obstacle_collides_and_one_in_its_hole_does_not():
+    arm = Arm((0.2, 0.1), (0.01, 0.01))
+    around = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
+    hole = tuple((0.5 * x, 0.5 * y) for x, y in around)
+    for rule in ("conservative", "centre"):
+        assert arm.occupancy(arm.axes(8), [Polygon(around)], rule).all()
+        assert not arm.occupancy(arm.axes(8), [Polygon(around, (hole,))], rule).any()
+        assert arm.occupancy(arm.axes(8), [Ball((0.0, 0.0), 1.0)], rule).all()
