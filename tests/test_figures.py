@@ -5,8 +5,11 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from test_examples import load
+
+import resgrid as rg
 
 
 @pytest.fixture(scope="module")
@@ -30,3 +33,36 @@ def test_the_numbers_tell_the_papers_story(made) -> None:
     assert (numbers["upper"], numbers["lower"]) == (1, 2)
     assert numbers["cut_off"] == pytest.approx(1 / 6, abs=0.02)
     assert numbers["paths"] == 1
+
+
+@pytest.mark.parametrize("k", [0.0, 0.01, 0.5, 0.99, 1.0])
+def test_from_every_start_of_problem_a_the_links_themselves_stay_clear(scenes: Path, planner, k: float) -> None:
+    """All cells reach a goal; of a spread of them the arm is driven along the path with exact geometry."""
+    scene = rg.read_scene(scenes / "problem_a.toml")
+    space, at = planner.space, planner.at(k)
+    everywhere = space.centre(np.argwhere(space.goal_connected))
+    assert set(at.ends(everywhere).outcome) == {"reached"}
+    for start in everywhere[::397]:
+        path = at.path(start)
+        rg.certify(path, at.field)
+        assert rg.replay(path, scene.robot, scene.obstacles, space, step=5e-3) is None
+        short = rg.shorten(path, at.field, rounds=20)
+        assert rg.replay(short, scene.robot, scene.obstacles, space, step=5e-3) is None
+
+
+@pytest.fixture(scope="module")
+def planner(scenes: Path):
+    return rg.plan(rg.read_scene(scenes / "problem_a.toml"), k=0.5)
+
+
+@pytest.mark.parametrize("name", ["three_link", "turning"])
+def test_robots_in_three_dimensions_drive_without_a_collision(scenes: Path, name: str) -> None:
+    scene = rg.read_scene(scenes / f"{name}.toml")
+    planner = rg.plan(scene)
+    paths = [path for path in planner.paths() if path.outcome == rg.Outcome.REACHED]
+    assert paths
+    for path in paths:
+        short = rg.shorten(path, planner.field)
+        motion = rg.time_path(short, planner.space, velocity_limits=1.0, acceleration_limits=2.0)
+        for way in (path, short, motion.sample(50)[1]):
+            assert rg.replay(way, scene.robot, scene.obstacles, planner.space) is None

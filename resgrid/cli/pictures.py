@@ -84,6 +84,8 @@ def _album(job: Job, plan: Plan) -> dict[str, tuple[str, Callable[[], Figure]]]:
         album[f"page_{mark}" if several else "page"] = what, partial(_page, job, plan, field)
     if job.space.ndim == 2 and (several or not plan.fields):
         album["paths"] = "map and all paths", partial(_paths, job, plan)
+    if _has_body(job) and any(route.reached for route in plan.routes):
+        album["robot"] = "the robot in its workspace along its first path", partial(_robot, job, plan)
     if job.space.ndim <= 2 and max(job.space.shape) <= CIRCUIT_CELLS and len(plan.chips) == 1:
         album["circuit"] = "the chip as a circuit, with its voltages", partial(_circuit, job, plan)
     return album
@@ -136,6 +138,30 @@ def _paths(job: Job, plan: Plan, _field: Field | None = None) -> Figure:
     return _figure(plot_streamlines(lines, job.space, axes, k=shares, frame=_frame(job)))
 
 
+def _has_body(job: Job) -> bool:
+    """Whether the robot's workspace is another plane than its configuration space."""
+    from resgrid.robots import Arm, PolygonRobot
+
+    return isinstance(job.scene.robot, Arm | PolygonRobot)
+
+
+def _robot(job: Job, plan: Plan, _field: Field | None = None) -> Figure:
+    from resgrid.plot import plot_pair, plot_robot_path
+    from resgrid.robots import Ball, Box, HalfSpace, Polygon
+
+    if not _has_body(job):
+        raise InputError(
+            "--what robot: this robot is a point or a disc, whose picture is 'paths'; it draws arms and polygons"
+        )
+    route = next((route for route in plan.routes if route.reached), None)
+    if route is None:
+        raise InputError("--what robot: no path reaches a goal, so there is nothing to drive along")
+    scene, kinds = job.scene, Box | Ball | Polygon | HalfSpace
+    goals = [goal for goal in scene.goals if isinstance(goal, kinds) and goal.ndim == 2]
+    parts = route.streamline, scene.robot, job.space, scene.obstacles, goals
+    return plot_pair(*parts, title=scene.title) if job.space.ndim == 2 else _figure(plot_robot_path(*parts))
+
+
 def _circuit(_job: Job, plan: Plan, _field: Field | None = None) -> Figure:
     from resgrid.plot import plot_circuit
 
@@ -163,4 +189,5 @@ PICTURES: dict[str, Callable[..., Figure]] = {
     "paths": _paths,
     "circuit": _circuit,
     "slices": _slices,
+    "robot": _robot,
 }

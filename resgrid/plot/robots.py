@@ -67,7 +67,7 @@ def plot_robot_path(
     if not 1 <= ghosts <= 1000:
         raise InputError(f"ghosts = {ghosts}, but 1 to 1000 poses can be drawn")
     poses = _dense(path, robot, space)
-    axes = plot_workspace(obstacles, goals, ax, legend=False)
+    axes = plot_workspace(obstacles, goals, ax, unit=_unit(robot, space), legend=False)
     shown = poses[_evenly(poses, robot, ghosts)]
     for number, pose in enumerate(shown):
         share = number / max(len(shown) - 1, 1)
@@ -122,7 +122,7 @@ def plot_tip_ways(
     InputError
         If a path does not fit the space, or the robot does not move in the plane.
     """
-    axes = plot_workspace(obstacles, goals, ax, legend=False)
+    axes = plot_workspace(obstacles, goals, ax, unit=_unit(robot, space), legend=False)
     lines = [workspace_path(_dense(path, robot, space), robot, space) for path in paths]
     label = "ways of the tip" if isinstance(robot, Arm) else "ways of the reference point"
     axes.add_collection(LineCollection(lines, colors=PATHS[0], linewidths=0.6, alpha=0.8, zorder=4, label=label))
@@ -135,7 +135,12 @@ def plot_tip_ways(
 
 
 def plot_workspace(
-    obstacles: Sequence[Shape], goals: Sequence[Shape] = (), ax: Axes | None = None, *, legend: bool = True
+    obstacles: Sequence[Shape],
+    goals: Sequence[Shape] = (),
+    ax: Axes | None = None,
+    *,
+    unit: str = "m",
+    legend: bool = True,
 ) -> Axes:
     """Draw obstacles and goals of a plane.
 
@@ -144,6 +149,8 @@ def plot_workspace(
     obstacles, goals : sequence of Shape
     ax : matplotlib.axes.Axes, optional
         Made when None.
+    unit : str
+        Of lengths, for the labels.
     legend : bool
         Whether to draw the legend.
 
@@ -161,12 +168,17 @@ def plot_workspace(
         mark_shapes(shapes, axes, colour, label, order)
     _limit(axes, [], (*obstacles, *goals))
     axes.set_aspect("equal")
-    axes.set_xlabel("x (m)")
-    axes.set_ylabel("y (m)")
+    axes.set_xlabel(f"x ({unit})")
+    axes.set_ylabel(f"y ({unit})")
     dress(axes)
     if legend:
         refresh_legend(axes)
     return axes
+
+
+def _unit(robot: Robot, space: ConfigurationSpace) -> str:
+    """Unit of the workspace: that of the axes, unless they are angles."""
+    return "m" if isinstance(robot, Arm) else space.axes[0].unit
 
 
 def mark_shapes(shapes: Sequence[Shape], axes: Axes, colour: str, label: str, order: float = 2.2) -> None:

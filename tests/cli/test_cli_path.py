@@ -80,3 +80,19 @@ def test_bad_options_are_named(call, room, words, message):
     result = call("path", room, *words)
     assert result.exit_code == 2
     assert message in result.stderr
+
+
+def test_arms_and_turning_polygons_are_drawn_in_their_workspace(call, scenes, tmp_path, lesson):
+    for name in ("problem_two_goals", "turning"):
+        assert call("plot", scenes / f"{name}.toml", "--what", "robot", "-o", tmp_path / f"{name}.png").exit_code == 0
+        assert (tmp_path / f"{name}.png").stat().st_size > 20_000
+    refused = call("plot", lesson, "--what", "robot", "-o", tmp_path / "lesson.png")
+    assert (refused.exit_code, "point or a disc" in refused.stderr) == (2, True)
+
+
+def test_paths_of_arms_tell_where_the_tip_is(call, scenes):
+    rows = rows_of(call("path", scenes / "problem_two_goals.toml", "-o", "-", "--shorten").stdout)
+    for row in (rows[0], rows[-1]):
+        angles = float(row["theta_1"]), float(row["theta_2"])
+        assert float(row["tip_x"]) == pytest.approx(np.cos(angles).sum(), abs=1e-12)
+        assert float(row["tip_y"]) == pytest.approx(np.sin(angles).sum(), abs=1e-12)
