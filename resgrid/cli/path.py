@@ -48,6 +48,8 @@ def command(
         check_target(output)
     job = open_job(choice, report, require_goal=queries is None)
     if queries is not None:
+        if motion.shorten or motion.speed:
+            raise InputError("--queries answers with lengths alone: leave out --shorten and --speed")
         from resgrid.cli.queries import answer_queries
 
         return answer_queries(job, queries, limit, output, report)

@@ -29,7 +29,8 @@ def shorten(
     First, from each corner, a line to the farthest point of the way ahead that doubling steps and bisection find; then
     ``rounds`` random chords between points of the way (Geraerts & Overmars, Int. J. Robotics Research 26 (2007) 845).
     What no line can replace stays as it was, so the path keeps the streamline's promise not to meet an obstacle, and
-    its length never grows.  It has no longer the streamline's clearance: ask for the one it must keep.
+    its length never grows.  It has no longer the streamline's clearance: ask for the one it must keep.  Costs (the
+    space's conductivity) do not count.
 
     Parameters
     ----------

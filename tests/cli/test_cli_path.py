@@ -73,6 +73,7 @@ def test_files_hold_the_timed_columns(call, room, tmp_path, suffix):
         (("--speed", "1", "--rate", "0"), "rate = 0"),
         (("--keep-clearance", "1"), "--keep-clearance"),
         (("--shorten", "--keep-clearance", "-1"), "clearance = -1"),
+        (("--queries", "some.scen", "--shorten"), "leave out --shorten"),
         (("-o", "paths.txt"), ".csv, .json, .npz or .yaml"),
     ],
 )
