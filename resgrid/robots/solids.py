@@ -140,7 +140,8 @@ def to_shapely(shape: Shape) -> BaseGeometry:
     Returns
     -------
     shapely geometry
-        Exact, except that a disc is a polygon of 256 corners on its circle and a half-plane ends 1e4 units away.
+        Exact, except that a disc is a polygon of 256 corners on its circle and a half-plane ends 1e4 units away.  A
+        shape without area is a segment or a point.
 
     Raises
     ------
@@ -149,20 +150,23 @@ def to_shapely(shape: Shape) -> BaseGeometry:
     """
     import shapely
 
-    match require_plane(shape, "shapely"):
-        case Box(lower, upper):
-            return shapely.Polygon(((lower[0], lower[1]), (upper[0], lower[1]), upper, (lower[0], upper[1])))
+    if isinstance(shape, CellSet) or shape.ndim != 2:
+        raise InputError(f"geometry is known of shapes of the plane alone, not of this {type(shape).__name__}")
+    match shape:
+        case Box((x0, y0), (x1, y1)):
+            return shapely.MultiPoint(((x0, y0), (x1, y0), (x1, y1), (x0, y1))).convex_hull
         case Polygon(vertices, holes):
             return shapely.Polygon(vertices, holes)
         case Ball(centre, radius):
-            return shapely.Point(centre).buffer(radius, quad_segs=64)
+            disc = shapely.Point(centre).buffer(radius, quad_segs=64)
+            return shapely.Point(centre) if disc.is_empty else disc
         case HalfSpace(normal, offset):
             length = hypot(*normal)
             out = np.asarray(normal) / length
             along, foot = np.array([-out[1], out[0]]), out * (offset / length)
             corners = [foot - FAR * along, foot + FAR * along, foot + FAR * (along - out), foot - FAR * (along + out)]
             return shapely.Polygon(corners)
-    raise InputError(f"a {type(shape).__name__} has no geometry in the plane")
+    raise AssertionError(f"a {type(shape).__name__} is no shape of the plane")
 
 
 def _edges(polygon: Polygon) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable
 from math import ulp
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, BeforeValidator, Discriminator, Field, Tag, WithJsonSchema, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
 from resgrid.robots import Ball, Box, HalfSpace, Polygon, Shape
 from resgrid.robots.shapes import LARGEST
@@ -213,8 +213,15 @@ AnyStart = Annotated[
 ]
 
 
+def _nothing_required(schema: dict[str, Any]) -> None:
+    """A robot may bring along what its axes leave out; only then may they."""
+    schema.pop("required", None)
+
+
 class AxisTable(Table):
-    """One axis of the grid."""
+    """One axis of the grid; what an arm's or a turning polygon's axes leave out, the robot decides."""
+
+    model_config = ConfigDict(json_schema_extra=_nothing_required)
 
     name: Annotated[str, Field(min_length=1, pattern=r"^[A-Za-z][A-Za-z0-9_]*$")]
     lower: Number
@@ -250,6 +257,8 @@ class AxisTable(Table):
 
 class GridTable(Table):
     """The grid; ``cells`` is for axes that do not say, and an arm's axes need say nothing at all."""
+
+    model_config = ConfigDict(json_schema_extra=_nothing_required)
 
     axes: Annotated[list[AxisTable], Field(min_length=1, max_length=4)]
     cells: Count | Annotated[list[Count], Field(min_length=1, max_length=4)] | None = None

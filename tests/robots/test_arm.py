@@ -181,6 +181,19 @@ def test_a_point_has_all_inverse_solutions_as_goals():
     assert hit[inside].mean() > 0.99  # those beside it are within 1 cm, not at the point
 
 
+@pytest.mark.parametrize(
+    "region",
+    [Box((1.0, 1.0), (1.0, 1.0)), Box((1.0, 1.0), (1.2, 1.0)), Ball((1.0, 1.0), 0.0), Ball((1.0, 1.0), 1e-300)],
+)
+def test_goals_without_area_are_found_too(region):
+    arm = Arm((1.0, 1.0))
+    axes = arm.axes(40)
+    found = arm.goal_cells(axes, region)
+    for solution in arm.inverse((1.0, 1.0)):
+        assert found[tuple(((solution + np.pi) / axes[0].spacing).astype(int))]
+    assert found.sum() < 40
+
+
 @pytest.mark.parametrize("cells", [60, 61, (60, 75)])
 @pytest.mark.parametrize("angles", ["relative", "absolute"])
 def test_the_virtual_obstacle_parts_elbow_left_from_elbow_right(cells, angles):
@@ -242,6 +255,7 @@ def test_progress_is_told_up_to_the_end():
         (lambda: Arm((1.0,), limits=((0.0, 1.0),)).occupancy([Axis("a", 0, 2, 3)], [], "centre"), "limits are"),
         (lambda: Arm((1.0,)).occupancy([Axis("a", 0, 1, 3)], [Ball((0, 0, 0), 1)], "centre"), "2 coordinates"),
         (lambda: Arm((1.0, 1.0)).joints((1.0, 2.0, 3.0)), "has 2 joints"),
+        (lambda: to_shapely(Ball((0, 0, 0), 1)), "shapes of the plane alone"),
         (lambda: Arm((1.0,)).inverse((1.0, 0.0)), "two links"),
         (lambda: Arm((1.0, 1.0)).inverse((1.0, float("nan"))), "finite"),
     ],
