@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.nodal.multigrid import kernels
+from resgrid.nodal.multigrid import aggregation
 from resgrid.nodal.multigrid.kernels import Stack
 from resgrid.nodal.system import NodalSystem
 
@@ -82,22 +82,22 @@ def _coordinates(system: NodalSystem) -> NDArray[np.int32] | None:
 def _coarsened(graph: _Graph) -> tuple[NDArray[np.int32], _Graph]:
     if graph.coordinate is None:
         return _paired_twice(graph)
-    aggregate, count = kernels.aggregate_blocks(graph.indptr, graph.indices, graph.coordinate)
-    indptr, indices, conductance, leak = kernels.coarsen(
+    aggregate, count = aggregation.aggregate_blocks(graph.indptr, graph.indices, graph.coordinate)
+    indptr, indices, conductance, leak = aggregation.coarsen(
         graph.indptr, graph.indices, graph.conductance, graph.leak, aggregate, count
     )
-    coordinate, width, members, mean = kernels.block_shape(
+    coordinate, width, members, mean = aggregation.block_shape(
         graph.indptr, graph.conductance, aggregate, graph.coordinate, count
     )
-    kernels.lengthen(indptr, indices, conductance, leak, coordinate, width, members, mean)
+    aggregation.lengthen(indptr, indices, conductance, leak, coordinate, width, members, mean)
     return aggregate, _Graph(indptr, indices, conductance, leak, coordinate)
 
 
 def _paired_twice(graph: _Graph) -> tuple[NDArray[np.int32], _Graph]:
     whole = np.arange(graph.size, dtype=np.int32)
     for _ in range(2):
-        aggregate, count = kernels.aggregate_pairs(graph.indptr, graph.indices, graph.conductance)
-        coarse = kernels.coarsen(graph.indptr, graph.indices, graph.conductance, graph.leak, aggregate, count)
+        aggregate, count = aggregation.aggregate_pairs(graph.indptr, graph.indices, graph.conductance)
+        coarse = aggregation.coarsen(graph.indptr, graph.indices, graph.conductance, graph.leak, aggregate, count)
         graph = _Graph(*coarse, None)
         whole = aggregate[whole]
     return whole, graph

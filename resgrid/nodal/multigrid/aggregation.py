@@ -1,0 +1,177 @@
+"""Compiled loops that make one level of the hierarchy from the one above: aggregation and summation."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int32]
+Integers = NDArray[np.int64]
+
+
+@njit(cache=True)
+def _find(parent: Indices, node: int) -> int:
+    while parent[node] != node:
+        parent[node] = parent[parent[node]]
+        node = parent[node]
+    return node
+
+
+@njit(cache=True)
+def _numbered(parent: Indices) -> tuple[Indices, int]:
+    """Number the trees of a union-find in the order of their roots, which are their smallest nodes."""
+    aggregate = np.empty(len(parent), np.int32)
+    count = 0
+    for node in range(len(parent)):
+        root = _find(parent, node)
+        if root == node:
+            aggregate[node] = count
+            count += 1
+        else:
+            aggregate[node] = aggregate[root]
+    return aggregate, count
+
+
+@njit(cache=True)
+def aggregate_blocks(indptr: Indices, indices: Indices, coordinate: Indices) -> tuple[Indices, int]:
+    """Aggregates: the connected parts of the graph within blocks of two cells a side."""
+    parent = np.arange(len(indptr) - 1).astype(np.int32)
+    for node in range(len(parent)):
+        for k in range(indptr[node], indptr[node + 1]):
+            other = indices[k]
+            if other >= node:
+                break
+            together = True
+            for axis in range(coordinate.shape[1]):
+                together &= coordinate[node, axis] >> 1 == coordinate[other, axis] >> 1
+            if together:
+                a, b = _find(parent, node), _find(parent, other)
+                parent[max(a, b)] = min(a, b)
+    return _numbered(parent)
+
+
+@njit(cache=True)
+def aggregate_pairs(indptr: Indices, indices: Indices, conductance: Floats) -> tuple[Indices, int]:
+    """Aggregates: every node with its strongest neighbour that is still alone, or with that neighbour's pair."""
+    n = len(indptr) - 1
+    parent = np.arange(n).astype(np.int32)
+    taken = np.zeros(n, np.bool_)
+    for node in range(n):
+        if taken[node]:
+            continue
+        best, partner = 0.0, -1
+        strongest, neighbour = 0.0, -1
+        for k in range(indptr[node], indptr[node + 1]):
+            if conductance[k] > strongest:
+                strongest, neighbour = conductance[k], indices[k]
+            if conductance[k] > best and not taken[indices[k]]:
+                best, partner = conductance[k], indices[k]
+        if partner < 0 or best < 0.25 * strongest:
+            partner = neighbour
+        if partner < 0:
+            continue
+        taken[node] = taken[partner] = True
+        a, b = _find(parent, node), _find(parent, partner)
+        parent[max(a, b)] = min(a, b)
+    return _numbered(parent)
+
+
+@njit(cache=True)
+def coarsen(
+    indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, aggregate: Indices, count: int
+) -> tuple[Indices, Indices, Floats, Floats]:
+    """Sum conductances between aggregates, and leaks within them; rows come out sorted."""
+    n = len(indptr) - 1
+    start = np.zeros(count + 1, np.int64)
+    for node in range(n):
+        start[aggregate[node] + 1] += 1
+    start = np.cumsum(start)
+    member = np.empty(n, np.int64)
+    fill = start[:-1].copy()
+    for node in range(n):
+        member[fill[aggregate[node]]] = node
+        fill[aggregate[node]] += 1
+    new_indptr = np.zeros(count + 1, np.int32)
+    new_indices = np.empty(len(indices), np.int32)
+    new_conductance = np.empty(len(indices))
+    new_leak = np.zeros(count)
+    place = np.full(count, -1, np.int64)
+    size = 0
+    for row in range(count):
+        begin = size
+        for m in range(start[row], start[row + 1]):
+            node = member[m]
+            new_leak[row] += leak[node]
+            for k in range(indptr[node], indptr[node + 1]):
+                column = aggregate[indices[k]]
+                if column == row:
+                    continue
+                if place[column] < begin:
+                    place[column] = size
+                    new_indices[size] = column
+                    new_conductance[size] = 0.0
+                    size += 1
+                new_conductance[place[column]] += conductance[k]
+        order = np.argsort(new_indices[begin:size])
+        new_indices[begin:size] = new_indices[begin:size][order]
+        new_conductance[begin:size] = new_conductance[begin:size][order]
+        new_indptr[row + 1] = size
+    return new_indptr, new_indices[:size].copy(), new_conductance[:size].copy(), new_leak
+
+
+@njit(cache=True)
+def lengthen(
+    indptr: Indices,
+    indices: Indices,
+    conductance: Floats,
+    leak: Floats,
+    coordinate: Indices,
+    width: NDArray[np.uint8],
+    members: Integers,
+    mean: Floats,
+) -> None:
+    """Make coarse conductances know length, in place.
+
+    Two blocks of two cells are joined over twice the distance of their cells; a pinned point is reached through the
+    block around it.  ``width`` has bit ``a`` set where a block is two cells wide along axis ``a``.
+    """
+    for row in range(len(leak)):
+        for k in range(indptr[row], indptr[row + 1]):
+            column = indices[k]
+            axis = 0
+            for candidate in range(coordinate.shape[1]):
+                if coordinate[row, candidate] != coordinate[column, candidate]:
+                    axis = candidate
+            wide = ((width[row] >> axis) & 1) + ((width[column] >> axis) & 1)
+            conductance[k] /= 1.0 + 0.5 * wide
+        if leak[row] > 0.0 and members[row] > 1 and mean[row] > 0.0:
+            leak[row] = 1.0 / (1.0 / leak[row] + 0.25 / (max(1.0, 0.5 * members[row]) * mean[row]))
+
+
+@njit(cache=True)
+def block_shape(
+    indptr: Indices, conductance: Floats, aggregate: Indices, coordinate: Indices, count: int
+) -> tuple[Indices, NDArray[np.uint8], Integers, Floats]:
+    """Coarse coordinates, widths, member counts and mean conductances of aggregates within blocks."""
+    ndim = coordinate.shape[1]
+    coarse = np.zeros((count, ndim), np.int32)
+    seen = np.zeros((count, ndim), np.uint8)
+    members = np.zeros(count, np.int64)
+    total, entries = np.zeros(count), np.zeros(count)
+    for node in range(len(aggregate)):
+        row = aggregate[node]
+        members[row] += 1
+        for k in range(indptr[node], indptr[node + 1]):
+            total[row] += conductance[k]
+            entries[row] += 1.0
+        for axis in range(ndim):
+            coarse[row, axis] = coordinate[node, axis] >> 1
+            seen[row, axis] |= 1 << (coordinate[node, axis] & 1)
+    width = np.zeros(count, np.uint8)
+    for row in range(count):
+        for axis in range(ndim):
+            if seen[row, axis] == 3:
+                width[row] |= np.uint8(1 << axis)
+    return coarse, width, members, total / np.maximum(entries, 1.0)
