@@ -66,14 +66,25 @@ def problem_a(folder: Path) -> dict[str, float]:
         save(folder, number, path, scene, space, virtual, caption)
 
     curve = rg.clearance_curve(planner, (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0))
-    axes = rg.plot_clearance_curve(curve, unit="rad", cell=space.spacing[0])
-    rg.save_figure(axes.figure, folder / "clearance_against_k.png")
+    # The one-chip version of the same knob: a resistor in series with every obstacle contact.
+    walls = rg.wall_clearance_curve(space, (0.0, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8), edge=scene.edge)
+    rg.save_figure(draw_knobs(curve, walls, space.spacing[0]), folder / "clearance.png")
     return {
         "goals": space.goal_count,
         "streamlines": len(starts),
+        "wall_clearance": float(walls.mean[0] - curve.mean[-1]),
         "largest_fall": float(np.max(curve.mean[:-1] - curve.mean[1:]) / space.spacing[0]),
         **{f"clearance_{k:g}": distance for k, distance in clearance.items()},
     }
+
+
+def draw_knobs(curve: rg.ClearanceCurve, walls: rg.ClearanceCurve, cell: float) -> object:
+    """Mean clearance against both knobs, side by side: the blend of two chips, and the wall resistor of one."""
+    figure = new_figure(9.0, 3.8)
+    left = figure.add_subplot(1, 2, 1)
+    rg.plot_clearance_curve(curve, left, unit="rad", cell=cell)
+    rg.plot_clearance_curve(walls, figure.add_subplot(1, 2, 2, sharey=left), unit="rad", cell=cell)
+    return figure
 
 
 def two_goals(folder: Path) -> dict[str, float]:

@@ -20,7 +20,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, floa
 
 def test_there_are_thirteen_figures_and_a_curve(made) -> None:
     names = {path.name for path in made[0].iterdir()}
-    assert names == {f"figure_{number:02}.png" for number in range(1, 14)} | {"clearance_against_k.png"}
+    assert names == {f"figure_{number:02}.png" for number in range(1, 14)} | {"clearance.png"}
 
 
 def test_the_numbers_tell_the_papers_story(made) -> None:
@@ -30,6 +30,7 @@ def test_the_numbers_tell_the_papers_story(made) -> None:
     assert numbers["streamlines"] > 100
     assert numbers["clearance_0.99"] > numbers["clearance_0.5"] > numbers["clearance_0.01"] > 0
     assert numbers["largest_fall"] < 0.5  # cells: the mean clearance does not fall as k grows
+    assert abs(numbers["wall_clearance"]) < 1e-9  # a wall of 0 ohm is Dirichlet, as k = 1
     assert (numbers["upper"], numbers["lower"]) == (1, 2)
     assert numbers["cut_off"] == pytest.approx(1 / 6, abs=0.02)
     assert numbers["paths"] == 1

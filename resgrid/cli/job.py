@@ -77,8 +77,8 @@ def open_job(choice: SceneChoice, report: Report, *, require_goal: bool = True) 
     with report.stage("read the scene"):
         scene = load_scene(choice)
     cells = math.prod(axis.cells for axis in scene.axes)
-    with report.stage("cut it into cells", seconds=3e-7 * cells):
-        return Job(scene, sample(scene, require_goal=require_goal))
+    with report.stage("cut it into cells", seconds=3e-7 * cells) as progress:
+        return Job(scene, sample(scene, require_goal=require_goal, progress=progress.tell))
 
 
 def load_scene(choice: SceneChoice) -> Scene:

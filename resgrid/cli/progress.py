@@ -35,6 +35,10 @@ class Progress:
         """One more step is done."""
         self._done += 1
 
+    def tell(self, done: int, total: int) -> None:
+        """Told by the library itself: ``done`` of ``total`` steps."""
+        self._done, self._steps = done, total
+
     def fraction(self) -> float | None:
         """Part of the stage that is done, in [0, 0.99]; None where nobody knows."""
         if self._steps:
