@@ -22,6 +22,7 @@ _LARGE = 2.0 ** (BITS // 2)
 _SMALL = 2.0 ** -(BITS // 2)
 _SPLITTER = 2.0**27 + 1.0
 _LOG_BASE = BITS * math.log(2.0)
+_SETTLED = 1e-29
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -160,34 +161,70 @@ def residual(
     lo: Floats,
     e: Integers,
     out: Floats,
+    out_e: Integers,
 ) -> float:
-    """Residual of KCL, each row scaled by its own node's exponent; returns its componentwise backward error.
+    """Residual of KCL in scaled numbers ``(out, out_e)``; returns its componentwise backward error.
 
     Row ``i`` is ``b_i - s_i x_i + sum_j g_ij (x_j - x_i)``: differences come first, so that off-diagonals and row
-    excess never meet in a rounded diagonal.  The backward error is ``max |r_i| / (b + |A| |x|)_i`` (Oettli & Prager
-    1964), infinite where a row has no finite value.
+    excess never meet in a rounded diagonal.  Each row has the exponent of its largest value.  The backward error is
+    ``max |r_i| / (b + |A| |x|)_i`` (Oettli & Prager 1964).  Rows that are right to the noise of double-double come out
+    as 0, so that a correction can turn to those that are smaller by many decades.
     """
     worst = 0.0
     for i in range(len(hi)):
-        b = _shift(injected[i], injected_e[i] - e[i])
-        p, q = _two_product(excess[i], hi[i])
-        r, r_low = _sum(b, 0.0, -p, -(q + excess[i] * lo[i]))
+        top = np.int64(-(2**62))
+        if injected[i] != 0.0:
+            top = injected_e[i]
+        if hi[i] != 0.0:
+            top = max(top, e[i])
+        for k in range(indptr[i], indptr[i + 1]):
+            if hi[indices[k]] != 0.0:
+                top = max(top, e[indices[k]])
+        own, own_low = _shift(hi[i], e[i] - top), _shift(lo[i], e[i] - top)
+        b = _shift(injected[i], injected_e[i] - top)
+        p, q = _two_product(excess[i], own)
+        r, r_low = _sum(b, 0.0, -p, -(q + excess[i] * own_low))
         size = abs(b) + abs(p)
         for k in range(indptr[i], indptr[i + 1]):
             j = indices[k]
-            x = _shift(hi[j], e[j] - e[i])
-            d, d_low = _sum(x, _shift(lo[j], e[j] - e[i]), -hi[i], -lo[i])
+            x = _shift(hi[j], e[j] - top)
+            d, d_low = _sum(x, _shift(lo[j], e[j] - top), -own, -own_low)
             p, q = _two_product(conductance[k], d)
             r, r_low = _sum(r, r_low, p, q + conductance[k] * d_low)
-            size += conductance[k] * (abs(x) + abs(hi[i]))
+            size += conductance[k] * (abs(x) + abs(own))
         out[i] = r + r_low
-        if not math.isfinite(out[i]):
-            return np.inf
+        out_e[i] = top if out[i] != 0.0 else 0
         if size > 0.0:
             worst = max(worst, abs(out[i]) / size)
-        elif out[i] != 0.0:
-            return np.inf
+        if abs(out[i]) <= _SETTLED * size:
+            out[i], out_e[i] = 0.0, 0
     return worst
+
+
+@njit(cache=True)
+def breadth_first(indptr: Indices, indices: Indices, seeds: NDArray[np.bool_]) -> tuple[int, int]:
+    """Number of levels and of nodes that a breadth-first search from some nodes reaches."""
+    seen = seeds.copy()
+    queue = np.empty(len(seeds), np.int64)
+    tail = 0
+    for node in range(len(seeds)):
+        if seeds[node]:
+            queue[tail] = node
+            tail += 1
+    head, levels = 0, 0
+    while head < tail:
+        levels += 1
+        level_end = tail
+        while head < level_end:
+            node = queue[head]
+            head += 1
+            for k in range(indptr[node], indptr[node + 1]):
+                other = indices[k]
+                if not seen[other]:
+                    seen[other] = True
+                    queue[tail] = other
+                    tail += 1
+    return levels, tail
 
 
 @njit(cache=True)

@@ -21,6 +21,7 @@ _VOLUME, _PLANE = 4.2, 3.5
 _LARGE_VOLUME = 20_000
 _LARGE_PLANE = 1_000_000
 _MOST_CONTRAST = 1e3
+_MOST_DECADES = 150.0
 
 
 def factor_system(system: NodalSystem, method: str) -> Factor:
@@ -57,7 +58,8 @@ def choose_method(system: NodalSystem) -> str:
     """Choose a method beforehand.
 
     Multigrid where direct factors fill too much: volumes beyond twenty thousand nodes, planes beyond a million.  Direct
-    where the conductances differ by many decades or the graph is mostly corridors, which fill little and smooth badly.
+    where the conductances differ by many decades or the graph is mostly corridors, which fill little, smooth badly, and
+    between two rails lose more decades than refinement would want to win back nine by nine.
     """
     if not system.size or not system.coupling.nnz:
         return "direct"
@@ -65,9 +67,28 @@ def choose_method(system: NodalSystem) -> str:
     conductance = system.coupling.data
     if conductance.max() > _MOST_CONTRAST * conductance.min():
         return "direct"
-    if neighbours > _VOLUME and system.size > _LARGE_VOLUME:
-        return "multigrid"
-    return "multigrid" if neighbours > _PLANE and system.size > _LARGE_PLANE else "direct"
+    volume = neighbours > _VOLUME and system.size > _LARGE_VOLUME
+    plane = neighbours > _PLANE and system.size > _LARGE_PLANE
+    if not (volume or plane) or _decades(system, volume=volume) > _MOST_DECADES:
+        return "direct"
+    return "multigrid"
+
+
+def _decades(system: NodalSystem, *, volume: bool) -> float:
+    """Rough number of decades that a potential between two rails falls over the graph; 0 for other circuits.
+
+    Along a corridor ``w`` cells wide it falls by ``exp(-pi sqrt(d) / w)`` a cell, in ``d = 1`` or 2 cross dimensions;
+    length and width are those of a breadth-first search from the low rail.
+    """
+    if system.rails is None:
+        return 0.0
+    from resgrid.nodal.kernels import breadth_first
+
+    coupling = system.coupling
+    levels, reached = breadth_first(coupling.indptr, coupling.indices, system.rails.to_low > 0)
+    section = max(reached / max(levels, 1), 1.0)
+    width, dimensions = (section**0.5, 2) if volume else (section, 1)
+    return float(levels * np.pi * np.sqrt(dimensions) / width / np.log(10.0))
 
 
 def estimate_memory(system: NodalSystem, method: str = "direct") -> float:

@@ -68,10 +68,9 @@ def refine(
         m, e = approximate(row_error, exponent)
         answer = Scaled(answer.hi.copy(), answer.lo.copy(), answer.exponent.copy())
         kernels.correct(answer.hi, answer.lo, answer.exponent, m, e)
-        exponent = answer.exponent.copy()
         now = kernels.residual(
             coupling.indptr, coupling.indices, coupling.data, system.excess, current, scale,
-            answer.hi, answer.lo, answer.exponent, row_error,
+            answer.hi, answer.lo, answer.exponent, row_error, exponent,
         )  # fmt: skip
         log_size = _log_largest(row_error, exponent)
         if not (now < _LEAST_GAIN * error or log_size < size + np.log(_LEAST_GAIN)):

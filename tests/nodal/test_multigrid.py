@@ -109,6 +109,23 @@ def test_auto_takes_multigrid_for_volumes_and_direct_for_planes_and_corridors() 
     assert methods.choose_method(assemble(rough)) == "direct"
 
 
+def test_auto_takes_direct_where_refinement_would_have_to_win_too_many_decades() -> None:
+    shaft = np.zeros((2500, 3, 3), dtype=np.uint8)
+    shaft[0, 1, 1] = 2
+    assert methods.choose_method(assemble(compile_space(space_of(shaft)))) == "direct"
+    assert methods.choose_method(assemble(compile_space(space_of(shaft), boundary="neumann"))) == "multigrid"
+
+
+def test_refinement_carries_multigrid_down_a_shaft_of_a_hundred_decades() -> None:
+    shaft = np.zeros((420, 6, 5), dtype=np.uint8)
+    shaft[0, 2, 2] = 2
+    netlist = compile_space(space_of(shaft))
+    direct, multigrid = solve(netlist, method="direct"), solve(netlist, method="multigrid")
+    assert np.nanmin(np.where(np.isfinite(direct.log_drop), direct.log_drop, 0)) < -100 * np.log(10)
+    assert np.allclose(direct.log_drop, multigrid.log_drop, rtol=1e-12, atol=1e-12, equal_nan=True)
+    assert multigrid.kcl_residual < 1e-6
+
+
 def test_what_multigrid_cannot_reach_is_an_error_with_the_best_answer() -> None:
     rng = np.random.default_rng(5)
     space = space_of(blocks((80, 80), 2), conductivity=10.0 ** rng.uniform(-6, 6, (80, 80)))
