@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.errors import AccuracyError
-from resgrid.nodal.refine import Numbers, Scaled, refine
+from resgrid.nodal.refine import Numbers, refine
+from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.system import NodalSystem
 
 REFINED = 1e-28
@@ -67,7 +68,7 @@ class DirectFactor:
             If ``rtol`` cannot be reached; it carries the best answer.
         """
         system = self.system
-        degree = system.coupling.sum(axis=1) + system.excess
+        degree = system.degree
         x = self.plain(rhs)
         error = np.inf
         for _ in range(4):
@@ -117,8 +118,7 @@ def factor_direct(system: NodalSystem) -> DirectFactor:
     """
     from scipy.sparse.linalg import splu
 
-    degree = system.coupling.sum(axis=1) + system.excess
-    matrix = sparse.csc_matrix(sparse.diags_array(degree) - system.coupling)
+    matrix = sparse.csc_matrix(sparse.diags_array(system.degree) - system.coupling)
     try:
         factors = splu(
             matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True, "Equil": False}

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.nodal.refine import Scaled
+from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.system import NodalSystem
 
 

@@ -15,7 +15,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-BITS = 256
+from resgrid.nodal.scaled import BITS
+
 _BASE = 2.0**BITS
 _INVERSE = 2.0**-BITS
 _LARGE = 2.0 ** (BITS // 2)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.netlist import Netlist
-from resgrid.nodal.refine import Scaled
+from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.system import NodalSystem
 
 NOISE = 2.0**-70
@@ -89,7 +89,7 @@ def at_nodes(system: NodalSystem, rows: Scaled, zero: float, volts: float) -> Le
     offset = np.where(solved, system.forest.offset, 0.0) / volts
     if offset.any():
         # Offsets occur only in circuits without two rails, whose values do not leave the range of a double.
-        hi, lo, exponent = hi * np.exp2(256.0 * exponent) + offset, np.zeros(len(known)), np.zeros_like(exponent)
+        return Levels(Scaled.of(Scaled(hi, lo, exponent).plain + offset), volts)
     return Levels(Scaled(hi, lo, exponent), volts)
 
 
@@ -119,13 +119,18 @@ def currents(netlist: Netlist, levels: list[Levels]) -> Currents:
     return Currents(direction, log_amps + np.log(netlist.conductance))
 
 
+def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
+    """Current that the current sources feed into every node, in amperes; shape (nodes,)."""
+    count = netlist.node_count
+    taken, fed = netlist.current_nodes.T
+    return np.asarray(np.bincount(fed, netlist.current_amps, count) - np.bincount(taken, netlist.current_amps, count))
+
+
 def balance(netlist: Netlist, flow: Currents) -> Balance:
     """Sum the currents at every node, each relative to the largest one there."""
     from resgrid.nodal.kernels import through_current
 
-    injected = np.zeros(netlist.node_count)
-    for column, sign in ((0, -1.0), (1, 1.0)):
-        injected += sign * np.bincount(netlist.current_nodes[:, column], netlist.current_amps, netlist.node_count)
+    injected = injected_currents(netlist)
     largest, net = np.empty(netlist.node_count), np.empty(netlist.node_count)
     through = through_current(netlist.resistor_nodes, flow.direction, flow.log_amps, injected, largest, net)
     return Balance(largest, through, net)
@@ -143,15 +148,3 @@ def drop_unresolved(netlist: Netlist, flow: Currents, sums: Balance, stored: NDA
     tied = (flow.direction != 0) & (falls != flow.direction)
     tied &= flow.log_amps <= np.log(HARMLESS) + np.minimum(log_through[a], log_through[b])
     return Currents(np.where(tied, np.int8(0), flow.direction).astype(np.int8), np.where(tied, -np.inf, flow.log_amps))
-
-
-def log_of(levels: Levels) -> NDArray[np.float64]:
-    """Natural logarithm of non-negative values, shape (nodes,)."""
-    from resgrid.nodal.kernels import logarithm
-
-    return np.asarray(logarithm(levels.value.hi, levels.value.exponent), dtype=np.float64)
-
-
-def plain(levels: Levels) -> NDArray[np.float64]:
-    """Values as doubles, shape (nodes,); 0 where they underflow."""
-    return np.asarray(levels.value.hi * np.exp2(256.0 * levels.value.exponent), dtype=np.float64)

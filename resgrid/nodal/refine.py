@@ -7,24 +7,15 @@ digits of the approximate inverse wherever it is any good, and goes on until not
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.nodal.scaled import BITS, Scaled
 from resgrid.nodal.system import NodalSystem
 
 _MOST_STEPS = 60
 _LEAST_GAIN = 0.5
-
-
-@dataclass(frozen=True, eq=False)
-class Scaled:
-    """Numbers ``(hi + lo) * 2**(256 exponent)`` whose exponent never runs out; three arrays of one shape."""
-
-    hi: NDArray[np.float64]
-    lo: NDArray[np.float64]
-    exponent: NDArray[np.int64]
 
 
 Numbers = tuple[NDArray[np.float64], NDArray[np.int64]]
@@ -60,7 +51,7 @@ def refine(
 
     coupling = system.coupling
     n = system.size
-    answer = Scaled(np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.int64))
+    answer = Scaled.of(np.zeros(n))
     current, scale = _scaled_currents(rhs)
     row_error, exponent = current.copy(), scale.copy()
     best, error, size = answer, np.inf, np.inf
@@ -84,7 +75,7 @@ def refine(
 def _log_largest(m: NDArray[np.float64], e: NDArray[np.int64]) -> float:
     """Logarithm of the largest magnitude."""
     with np.errstate(divide="ignore"):
-        return float(np.max(np.log(np.abs(m)) + e * (256 * np.log(2.0)), initial=-np.inf))
+        return float(np.max(np.log(np.abs(m)) + e * (BITS * np.log(2.0)), initial=-np.inf))
 
 
 def _scaled_currents(rhs: NDArray[np.float64] | Scaled) -> Numbers:

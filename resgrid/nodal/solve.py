@@ -16,7 +16,7 @@ from resgrid.nodal.factor import Factor
 from resgrid.nodal.methods import factor_system
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.readout import Balance, Levels
-from resgrid.nodal.refine import Scaled
+from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.sources import source_currents
 from resgrid.nodal.system import NodalSystem, Rails, assemble
 
@@ -148,7 +148,7 @@ def _entrywise_levels(system: NodalSystem, factors: Factor | None) -> tuple[list
 
 def _solved(factors: Factor | None, rhs: NDArray[np.float64]) -> tuple[Scaled, float]:
     if factors is None or not rhs.any():
-        return Scaled(np.zeros(len(rhs)), np.zeros(len(rhs)), np.zeros(len(rhs), dtype=np.int64)), 0.0
+        return Scaled.of(np.zeros(len(rhs))), 0.0
     return factors.solve_nonnegative(rhs)
 
 
@@ -163,8 +163,7 @@ def _minus(a: Scaled, b: Scaled) -> Scaled:
 
 def _normwise_levels(system: NodalSystem, factors: Factor | None, rtol: float) -> list[Levels]:
     x = np.zeros(0) if factors is None else factors.solve(system.feed + system.injected, rtol=rtol)
-    rows = Scaled(x, np.zeros(len(x)), np.zeros(len(x), dtype=np.int64))
-    return [readout.at_nodes(system, rows, system.reference, 1.0)]
+    return [readout.at_nodes(system, Scaled.of(x), system.reference, 1.0)]
 
 
 def _read_off(
@@ -205,13 +204,13 @@ def _stored(system: NodalSystem, levels: list[Levels]) -> tuple[NDArray[np.float
     undefined = np.zeros(system.netlist.node_count, dtype=np.bool_)
     undefined[system.floating] = True
     if len(levels) == 2:
-        phi, u = readout.plain(levels[0]), readout.plain(levels[1])
+        phi, u = levels[0].value.plain, levels[1].value.plain
         low = phi < 0.5
         with np.errstate(divide="ignore", invalid="ignore"):
-            log_drop = np.where(low, np.log1p(-phi), readout.log_of(levels[1]))
+            log_drop = np.where(low, np.log1p(-phi), levels[1].value.log)
         undefined |= (phi < 0) | (phi > 1)
         return np.where(undefined, np.nan, log_drop), np.where(undefined, np.nan, np.where(low, phi, 1.0 - u))
-    height = readout.plain(levels[0])
+    height = levels[0].value.plain
     if system.rails is not None:
         rails = system.rails
         phi = (system.reference + height - rails.low) / (rails.high - rails.low)
@@ -241,22 +240,20 @@ def _falling(
 def _voltage(system: NodalSystem, levels: list[Levels]) -> NDArray[np.float64]:
     if system.rails is not None and len(levels) == 2:
         rails: Rails = system.rails
-        phi, u = readout.plain(levels[0]), readout.plain(levels[1])
+        phi, u = levels[0].value.plain, levels[1].value.plain
         span = rails.high - rails.low
         solved = np.where(phi < 0.5, rails.low + span * phi, rails.high - span * u)
     else:
-        solved = system.reference + levels[0].volts * readout.plain(levels[0])
+        solved = system.reference + levels[0].volts * levels[0].value.plain
     return np.where(system.unknown >= 0, solved, system.known)
 
 
 def _outflow(netlist: Netlist, amps: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Current that leaves every node through resistors and current sources, in amperes."""
     count = netlist.node_count
     a, b = netlist.resistor_nodes.T
-    taken, fed = netlist.current_nodes.T
     flow = np.bincount(a, amps, count) - np.bincount(b, amps, count)
-    return np.asarray(
-        flow + np.bincount(taken, netlist.current_amps, count) - np.bincount(fed, netlist.current_amps, count)
-    )
+    return np.asarray(flow - readout.injected_currents(netlist))
 
 
 def _relative_residual(system: NodalSystem, sums: Balance) -> NDArray[np.float64]:
@@ -295,11 +292,11 @@ def _flat(system: NodalSystem, levels: list[Levels], sums: Balance) -> NDArray[n
     """Nodes that no drive feeds and that carry less current than differences of their values can tell."""
     size = np.full(len(sums.through), np.inf)
     for level in levels:
-        size = np.minimum(size, readout.log_of(level) + np.log(abs(level.volts)))
+        size = np.minimum(size, level.value.log + np.log(abs(level.volts)))
     degree = np.full(len(size), np.nan)
     solved = system.unknown >= 0
     rows = system.unknown[solved]
-    degree[solved] = (system.coupling.sum(axis=1) + system.excess)[rows]
+    degree[solved] = system.degree[rows]
     fed = np.zeros(len(size), dtype=np.bool_)
     fed[solved] = system.injected[rows] != 0
     with np.errstate(divide="ignore", invalid="ignore"):

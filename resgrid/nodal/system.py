@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -83,6 +84,11 @@ class NodalSystem:
     def size(self) -> int:
         """Number of rows."""
         return len(self.excess)
+
+    @cached_property
+    def degree(self) -> NDArray[np.float64]:
+        """Diagonal of the matrix, in siemens, shape (n,): all conductances at a row, summed."""
+        return np.asarray(self.coupling.sum(axis=1) + self.excess, dtype=np.float64)
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.nodal.refine import Scaled
+from resgrid.nodal.scaled import Scaled, power
 from resgrid.planning.walk import Walk, random_walk
 
 
@@ -82,8 +82,8 @@ def risk(circuit: Netlist | OperatingPoint | Walk) -> Risk:
     return Risk(
         success=_placed(walk, np.exp(log_u), 0.0, 1.0, 0.0),
         log_success=_placed(walk, log_u, -np.inf, 0.0, -np.inf),
-        time=_placed(walk, _plain(walk.solve(second * ones)), 0.0, 0.0, np.inf),
-        steps=_placed(walk, _plain(walk.solve(degree)), 0.0, 0.0, np.inf),
+        time=_placed(walk, walk.solve(second * ones).plain, 0.0, 0.0, np.inf),
+        steps=_placed(walk, walk.solve(degree).plain, 0.0, 0.0, np.inf),
         time_given_success=_placed(walk, _ratio(walk.solve(_times(u, second * ones)), u), np.nan, 0.0, np.nan),
         steps_given_success=_placed(walk, _ratio(walk.solve(_times(u, degree)), u), np.nan, 0.0, np.nan),
     )
@@ -98,10 +98,6 @@ def _placed(
     return out
 
 
-def _plain(value: Scaled) -> NDArray[np.float64]:
-    return np.asarray(value.hi * np.exp2(256.0 * value.exponent), dtype=np.float64)
-
-
 def _times(value: Scaled, by: NDArray[np.float64]) -> Scaled:
     return Scaled(value.hi * by, value.lo * by, value.exponent)
 
@@ -111,4 +107,4 @@ def _ratio(numerator: Scaled, denominator: Scaled) -> NDArray[np.float64]:
     with np.errstate(invalid="ignore", divide="ignore"):
         quotient = numerator.hi / denominator.hi
     exponent = np.where(denominator.hi > 0, numerator.exponent - denominator.exponent, 0)
-    return np.asarray(quotient * np.exp2(256.0 * exponent), dtype=np.float64)
+    return np.asarray(quotient * power(exponent), dtype=np.float64)

@@ -17,7 +17,7 @@ from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import GROUND, Layout, Netlist
 from resgrid.nodal.factor import Factor
 from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.nodal.refine import Scaled
+from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.solve import CONVERGED, factor
 from resgrid.space import Cell
 
@@ -46,8 +46,7 @@ class Walk:
     @property
     def degree(self) -> NDArray[np.float64]:
         """Sum of the conductances at every row, in siemens; shape (rows,)."""
-        system = self.factors.system
-        return np.asarray(system.coupling.sum(axis=1) + system.excess, dtype=np.float64)
+        return self.factors.system.degree
 
     def solve(self, rhs: NDArray[np.float64] | Scaled) -> Scaled:
         """Solve ``G x = rhs`` entry by entry as accurately as can be.

@@ -78,20 +78,6 @@ def read_map(path: Path, table: Mapping[str, Any]) -> MapData:
     return _reader(name)(path, **options)
 
 
-def is_map(path: Path) -> bool:
-    """Whether a file's name ends as map files do.
-
-    Parameters
-    ----------
-    path : Path
-
-    Returns
-    -------
-    bool
-    """
-    return any(path.suffix.lower() in entry.suffixes for entry in FORMATS.values())
-
-
 def guess_format(path: Path) -> str:
     """The format of a map file, by the end of its name or else by its first bytes.
 

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
 from resgrid.nodal.multigrid.kernels import Stack
-from resgrid.nodal.refine import Numbers, Scaled, refine
+from resgrid.nodal.refine import Numbers, refine
+from resgrid.nodal.scaled import Scaled, power
 from resgrid.nodal.system import NodalSystem
 
 REFINED = 1e-20
@@ -96,7 +97,7 @@ class MultigridFactor:
         if not present.any():
             return np.zeros_like(m), np.zeros_like(e)
         top = int(e[present].max())
-        plain = m * np.exp2(256.0 * np.maximum(e - top, -8))
+        plain = m * power(np.maximum(e - top, -8))
         largest = float(np.abs(plain).max())
         x, _ = self._iterate(plain / largest, _PASS)
         return x * largest, np.full_like(e, top)

@@ -1,0 +1,42 @@
+"""Numbers whose exponent never runs out."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+BITS = 256
+"""An exponent counts factors of ``2**BITS``."""
+
+
+@dataclass(frozen=True, eq=False)
+class Scaled:
+    """Numbers ``(hi + lo) * 2**(256 exponent)``; three arrays of one shape."""
+
+    hi: NDArray[np.float64]
+    lo: NDArray[np.float64]
+    exponent: NDArray[np.int64]
+
+    @staticmethod
+    def of(values: NDArray[np.float64]) -> Scaled:
+        """Plain doubles as scaled numbers."""
+        return Scaled(values, np.zeros(len(values)), np.zeros(len(values), dtype=np.int64))
+
+    @property
+    def plain(self) -> NDArray[np.float64]:
+        """The values as doubles; 0 where they underflow."""
+        return np.asarray(self.hi * power(self.exponent), dtype=np.float64)
+
+    @property
+    def log(self) -> NDArray[np.float64]:
+        """Natural logarithm of the values; -inf for those that are not positive."""
+        from resgrid.nodal.kernels import logarithm
+
+        return np.asarray(logarithm(self.hi, self.exponent), dtype=np.float64)
+
+
+def power(exponent: NDArray[np.int64]) -> NDArray[np.float64]:
+    """``2**(256 exponent)``: 0 or infinity beyond the range of a double."""
+    return np.asarray(np.exp2(float(BITS) * exponent), dtype=np.float64)
