@@ -30,9 +30,10 @@ class Layout:
     node : ndarray of int64, shape of the space
         Node of every cell; rail cells share their rail's node when rails are merged; -1 where a cell has none.
     resistor_face : ndarray of int64, shape (resistors,)
-        The cell face each resistor crosses.  Faces are numbered axis by axis: along axis ``a`` there are
-        ``cells + 1`` of them (C order, `face_shape`); face ``i`` is the lower face of cell ``i``; the last one repeats
-        the first on a periodic axis and is not used there.
+        The cell face each resistor crosses, -1 for one that crosses none (a switch, a stretch of rail, the load of the
+        read-out).  Faces are numbered axis by axis: along axis ``a`` there are ``cells + 1`` of them (C order,
+        `face_shape`); face ``i`` is the lower face of cell ``i``; the last one repeats the first on a periodic axis
+        and is not used there.
     resistor_upward : ndarray of bool, shape (resistors,)
         Whether the resistor's first node is on the lower side of the face.
     free_node : ndarray of int64, shape (free nodes,)
@@ -57,6 +58,10 @@ class Layout:
         Voltage of the goal rail, in volts.
     start : tuple of int or None
         The driven start cell.
+    nonlinear_face : ndarray of int64, shape (nonlinear resistors,)
+        The cell face each nonlinear resistor crosses, numbered as those of the resistors.
+    nonlinear_upward : ndarray of bool, shape (nonlinear resistors,)
+        Whether its first node is on the lower side of the face.
     """
 
     space: ConfigurationSpace
@@ -74,9 +79,13 @@ class Layout:
     supply: float
     goal_voltage: float
     start: tuple[int, ...] | None = None
+    nonlinear_face: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    nonlinear_upward: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=np.bool_))
 
     def __post_init__(self) -> None:
         for array in (self.node, self.resistor_face, self.resistor_upward, self.free_node):
+            array.flags.writeable = False
+        for array in (self.nonlinear_face, self.nonlinear_upward):
             array.flags.writeable = False
 
 
@@ -96,12 +105,16 @@ _COLUMNS = {
     "capacitance": (0, np.float64),
     "tc1": (0, np.float64),
     "tc2": (0, np.float64),
+    "nonlinear_nodes": (2, np.int64),
+    "nonlinear_current": (0, np.float64),
+    "nonlinear_voltage": (0, np.float64),
 }
 _KINDS = {
     "resistor": ("resistor_nodes", "conductance", "tc1", "tc2"),
     "voltage source": ("source_nodes", "source_volts"),
     "current source": ("current_nodes", "current_amps"),
     "capacitor": ("capacitor_nodes", "capacitance"),
+    "nonlinear resistor": ("nonlinear_nodes", "nonlinear_current", "nonlinear_voltage"),
 }
 
 
@@ -115,7 +128,7 @@ def _no_values() -> NDArray[np.float64]:
 
 @dataclass(frozen=True, eq=False)
 class Netlist:
-    """A linear circuit as a structure of arrays.  Node 0 is ground.
+    """A circuit as a structure of arrays.  Node 0 is ground.
 
     Parameters
     ----------
@@ -133,11 +146,16 @@ class Netlist:
         Capacitors, in farads; open in an operating point.
     tc1, tc2 : array_like of float, shape (m,), optional
         Temperature coefficients of the resistors, in 1/K and 1/K^2.
+    nonlinear_nodes, nonlinear_current, nonlinear_voltage : array_like, shapes (q, 2), (q,) and (q,)
+        Nonlinear resistors: from the first node ``a`` to the second node ``b`` flows ``I0 tanh((V_a - V_b) / V0)``,
+        with ``I0 > 0`` in amperes and ``V0 > 0`` in volts (the horizontal resistor of Mead, *Analog VLSI and Neural
+        Systems*, 1989, chapter 7).
     layout : Layout, optional
         What ties the nodes to the cells of a configuration space.
     node_names, element_names : optional
         Names read from a file: one string a node; per kind (``"resistor"``, ``"voltage source"``,
-        ``"current source"``, ``"capacitor"``) one string an element.  Otherwise names are made when asked for.
+        ``"current source"``, ``"capacitor"``, ``"nonlinear resistor"``) one string an element.  Otherwise names are
+        made when asked for.
 
     Raises
     ------
@@ -159,6 +177,9 @@ class Netlist:
     layout: Layout | None = None
     node_names: tuple[str, ...] | None = None
     element_names: Mapping[str, tuple[str, ...]] | None = None
+    nonlinear_nodes: NDArray[np.int64] = field(default_factory=_no_pairs)
+    nonlinear_current: NDArray[np.float64] = field(default_factory=_no_values)
+    nonlinear_voltage: NDArray[np.float64] = field(default_factory=_no_values)
 
     def __post_init__(self) -> None:
         for name, (width, dtype) in _COLUMNS.items():
@@ -175,6 +196,13 @@ class Netlist:
             )
         if not np.all(np.isfinite(self.capacitance) & (self.capacitance >= 0)):
             raise InputError("capacitance must be finite and not negative")
+        for name, unit in (("nonlinear_current", "amperes"), ("nonlinear_voltage", "volts")):
+            if not np.all(getattr(self, name) > 0):
+                bad = int(np.argmin(getattr(self, name) > 0))
+                raise InputError(
+                    f"nonlinear resistor {bad} between nodes {self.nonlinear_nodes[bad].tolist()} has {name} = "
+                    f"{getattr(self, name)[bad]} {unit}; it must be positive"
+                )
         if self.node_names is not None and len(self.node_names) != self.node_count:
             raise InputError(f"{len(self.node_names)} node names for {self.node_count} nodes")
 
@@ -232,8 +260,9 @@ class Netlist:
         -------
         networkx.MultiGraph
             Nodes are node numbers with attribute ``name``; edges have ``kind`` (``"resistor"``, ``"voltage source"``,
-            ``"current source"``, ``"capacitor"``) and ``conductance``, ``volts``, ``amps`` or ``capacitance`` in SI
-            units; directed ones keep their order in the attribute ``nodes``.
+            ``"current source"``, ``"capacitor"``, ``"nonlinear resistor"``) and ``conductance``, ``volts``, ``amps``,
+            ``capacitance``, or ``current`` and ``voltage`` in SI units; directed ones keep their order in the
+            attribute ``nodes``.
         """
         import networkx as nx
 
@@ -242,11 +271,12 @@ class Netlist:
         graph.add_nodes_from(
             (i, {"name": name}) for i, name in zip(numbers.tolist(), self.names_of(numbers), strict=True)
         )
-        for kind, nodes_name, value_name, key in _GRAPH_KEYS:
+        for kind, nodes_name, keys in _GRAPH_KEYS:
             pairs = getattr(self, nodes_name).tolist()
-            values = getattr(self, value_name).tolist()
+            values = zip(*(getattr(self, column).tolist() for column in keys.values()), strict=True)
             graph.add_edges_from(
-                (a, b, {"kind": kind, key: value, "nodes": (a, b)}) for (a, b), value in zip(pairs, values, strict=True)
+                (a, b, {"kind": kind, **dict(zip(keys, value, strict=True)), "nodes": (a, b)})
+                for (a, b), value in zip(pairs, values, strict=True)
             )
         return graph
 
@@ -283,10 +313,11 @@ class Netlist:
 
 
 _GRAPH_KEYS = (
-    ("resistor", "resistor_nodes", "conductance", "conductance"),
-    ("voltage source", "source_nodes", "source_volts", "volts"),
-    ("current source", "current_nodes", "current_amps", "amps"),
-    ("capacitor", "capacitor_nodes", "capacitance", "capacitance"),
+    ("resistor", "resistor_nodes", {"conductance": "conductance"}),
+    ("voltage source", "source_nodes", {"volts": "source_volts"}),
+    ("current source", "current_nodes", {"amps": "current_amps"}),
+    ("capacitor", "capacitor_nodes", {"capacitance": "capacitance"}),
+    ("nonlinear resistor", "nonlinear_nodes", {"current": "nonlinear_current", "voltage": "nonlinear_voltage"}),
 )
 
 
@@ -335,21 +366,19 @@ def _from_networkx(graph: nx.Graph[Any], ground: object) -> Netlist:
     number = {node: i for i, node in enumerate(order)}
     names = ["0", *(str(graph.nodes[node].get("name", node)) for node in order[1:])]
     pairs: dict[str, list[tuple[int, int]]] = {kind: [] for kind, *_ in _GRAPH_KEYS}
-    values: dict[str, list[float]] = {kind: [] for kind, *_ in _GRAPH_KEYS}
-    keys = {kind: key for kind, _, _, key in _GRAPH_KEYS}
+    keys = {kind: values for kind, _, values in _GRAPH_KEYS}
+    columns: dict[str, list[float]] = {column: [] for values in keys.values() for column in values.values()}
     for a, b, data in graph.edges(data=True):
         kind = data.get("kind", "resistor")
         if kind not in keys:
             raise InputError(f"edge {a!r} - {b!r} has kind {kind!r}; it may be one of {sorted(keys)}")
-        plus, minus = data.get("nodes", (a, b))
-        pairs[kind].append((number[plus], number[minus]))
-        values[kind].append(_edge_value(data, keys[kind], (a, b)))
-    columns: dict[str, Any] = {
-        column: np.array(table[kind], dtype).reshape(shape)
-        for kind, nodes, value, _ in _GRAPH_KEYS
-        for column, table, dtype, shape in ((nodes, pairs, np.int64, (-1, 2)), (value, values, np.float64, (-1,)))
-    }
-    return Netlist(node_count=len(order), node_names=tuple(names), **columns)
+        first, second = data.get("nodes", (a, b))
+        pairs[kind].append((number[first], number[second]))
+        for key, column in keys[kind].items():
+            columns[column].append(_edge_value(data, key, (a, b)))
+    ends: dict[str, Any] = {nodes: np.array(pairs[kind], np.int64).reshape(-1, 2) for kind, nodes, _ in _GRAPH_KEYS}
+    values: dict[str, Any] = {column: np.array(listed, np.float64) for column, listed in columns.items()}
+    return Netlist(node_count=len(order), node_names=tuple(names), **ends, **values)
 
 
 def _edge_value(data: Mapping[str, Any], key: str, edge: tuple[object, object]) -> float:

@@ -19,6 +19,9 @@ def ladder() -> Netlist:
         current_amps=np.array([1.0]),
         capacitor_nodes=np.array([[2, 0]]),
         capacitance=np.array([1e-12]),
+        nonlinear_nodes=np.array([[2, 1]]),
+        nonlinear_current=np.array([1e-9]),
+        nonlinear_voltage=np.array([0.1]),
     )
 
 
@@ -30,6 +33,8 @@ def test_a_graph_goes_there_and_back() -> None:
         ("source_nodes", "source_volts"),
         ("current_nodes", "current_amps"),
         ("capacitor_nodes", "capacitance"),
+        ("nonlinear_nodes", "nonlinear_current"),
+        ("nonlinear_nodes", "nonlinear_voltage"),
     ):
         sides = [
             sorted(zip(getattr(side, nodes).tolist(), getattr(side, value).tolist(), strict=True))
@@ -57,6 +62,10 @@ def test_a_plain_graph_becomes_resistors() -> None:
         {"resistor_nodes": np.array([[0.5, 1], [0, 1]])},
         {"source_volts": np.array([np.nan])},
         {"node_names": ("0", "a")},
+        {"nonlinear_current": np.array([0.0])},
+        {"nonlinear_current": np.array([np.inf])},
+        {"nonlinear_voltage": np.array([-1.0])},
+        {"nonlinear_nodes": np.array([[2, 3]])},
         {"colour": 1},
     ],
 )
