@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Layout, Netlist
@@ -95,7 +94,7 @@ class NodalSystem:
 class _Parts:
     """Connected parts of the unknown nodes, and what holds each."""
 
-    of_node: NDArray[np.int64]
+    of_node: NDArray[np.int32]
     lowest: NDArray[np.float64]
     highest: NDArray[np.float64]
     fed: NDArray[np.bool_]
@@ -137,7 +136,7 @@ def assemble(netlist: Netlist) -> NodalSystem:
     undriven_node = ~parts.driven[parts.of_node] & ~parts.floating[parts.of_node] & ~held
     known[undriven_node] = parts.lowest[parts.of_node][undriven_node]
     unknown = np.full(netlist.node_count, -1, dtype=np.int64)
-    _, unknown[driven_node] = np.unique(forest.root[driven_node], return_inverse=True)
+    unknown[driven_node] = _numbered(forest.root[driven_node], netlist.node_count)
     offset = np.where(driven_node, forest.offset, 0.0)
     contact = _contacts(netlist, unknown, known)
     reference = float(contact.volts.min(initial=np.inf)) if contact.volts.size else 0.0
@@ -162,25 +161,24 @@ def assemble(netlist: Netlist) -> NodalSystem:
     )
 
 
+def _numbered(roots: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """Number the roots that occur, in ascending order: the rows."""
+    occurs = np.zeros(count, dtype=np.bool_)
+    occurs[roots] = True
+    return np.asarray(np.cumsum(occurs)[roots] - 1, dtype=np.int64)
+
+
 def _parts(netlist: Netlist, forest: SourceForest, known: NDArray[np.float64]) -> _Parts:
-    ends = netlist.resistor_nodes
-    inner = np.isnan(known[ends]).all(axis=1)
-    rows, columns = np.concatenate([ends[inner], _floating_ties(netlist, known)]).T
-    count = netlist.node_count
-    graph = sparse.coo_array((np.ones(len(rows), dtype=np.int8), (rows, columns)), shape=(count, count))
-    number, of_node = connected_components(graph, directed=False)
+    from resgrid.nodal.assembly import connected_parts, known_range
+
+    number, of_node = connected_parts(netlist.resistor_nodes, _floating_ties(netlist, known), ~np.isnan(known))
     lowest, highest = np.full(number, np.inf), np.full(number, -np.inf)
+    known_range(netlist.resistor_nodes, known, of_node, lowest, highest)
     fed = np.zeros(number, dtype=np.bool_)
-    for here, there in ((0, 1), (1, 0)):
-        contact = np.isnan(known[ends[:, here]]) & ~np.isnan(known[ends[:, there]])
-        part, volts = of_node[ends[contact, here]], known[ends[contact, there]]
-        np.minimum.at(lowest, part, volts)
-        np.maximum.at(highest, part, volts)
-    for column in (0, 1):
-        nodes = netlist.current_nodes[netlist.current_amps != 0, column]
-        fed[of_node[nodes[np.isnan(known[nodes])]]] = True
+    nodes = netlist.current_nodes[netlist.current_amps != 0].ravel()
+    fed[of_node[nodes[np.isnan(known[nodes])]]] = True
     fed[of_node[np.flatnonzero((forest.offset != 0) & np.isnan(known))]] = True
-    return _Parts(of_node.astype(np.int64), lowest, highest, fed)
+    return _Parts(of_node, lowest, highest, fed)
 
 
 def _floating_ties(netlist: Netlist, known: NDArray[np.float64]) -> NDArray[np.int64]:
@@ -189,15 +187,17 @@ def _floating_ties(netlist: Netlist, known: NDArray[np.float64]) -> NDArray[np.i
 
 
 def _check_driven(netlist: Netlist, known: NDArray[np.float64], parts: _Parts) -> None:
-    fed = np.unique(netlist.current_nodes[netlist.current_amps != 0])
+    fed = netlist.current_nodes[netlist.current_amps != 0].ravel()
     stuck = fed[np.isnan(known[fed]) & parts.floating[parts.of_node[fed]]]
     if stuck.size:
         raise CircuitError(
-            f"a current source feeds node {netlist.node_name(int(stuck[0]))}, which nothing ties to ground: "
+            f"a current source feeds node {netlist.node_name(int(stuck.min()))}, which nothing ties to ground: "
             "its voltage has no bound; add a resistor to a rail or remove the source"
         )
+    if parts.driven.any():
+        return
     ends = known[netlist.resistor_nodes]
-    if not parts.driven.any() and not np.any(np.abs(ends[:, 0] - ends[:, 1]) > 0):
+    if not np.any(np.abs(ends[:, 0] - ends[:, 1]) > 0):
         raise CircuitError(
             "nothing is driven: no part of the circuit touches two rails or is fed a current, so that nothing flows; "
             "add a second rail (an obstacle, an edge that counts as one), open a way to the goal, or add a drive"
@@ -227,13 +227,17 @@ def _coupling(
     netlist: Netlist, unknown: NDArray[np.int64], offset: NDArray[np.float64], size: int
 ) -> tuple[sparse.csr_array, NDArray[np.float64]]:
     """Conductances between rows, and what the offsets of floating sources drive through them."""
+    from resgrid.nodal.assembly import conductances_by_row
+
+    indptr, indices, data = conductances_by_row(netlist.resistor_nodes, netlist.conductance, unknown, size)
+    coupling = sparse.csr_array((data, indices, indptr), shape=(size, size))
+    coupling.has_sorted_indices = coupling.has_canonical_format = True
+    if not offset.any():
+        return coupling, np.zeros(size)
     rows = unknown[netlist.resistor_nodes]
     inner = (rows >= 0).all(axis=1) & (rows[:, 0] != rows[:, 1])
-    a, b = rows[inner].astype(np.int32).T
-    g = netlist.conductance[inner]
-    entries = (np.concatenate([g, g]), (np.concatenate([a, b]), np.concatenate([b, a])))
-    coupling = sparse.coo_array(entries, shape=(size, size)).tocsr()
-    step = g * np.subtract(*offset[netlist.resistor_nodes[inner]].T)
+    a, b = rows[inner].T
+    step = netlist.conductance[inner] * np.subtract(*offset[netlist.resistor_nodes[inner]].T)
     return coupling, _sum_by(b, step, size) - _sum_by(a, step, size)
 
 
@@ -246,10 +250,9 @@ def _injected(netlist: Netlist, unknown: NDArray[np.int64], size: int) -> NDArra
 
 
 def _rails(layout: Layout | None, contact: _Contacts, size: int) -> Rails | None:
-    levels = np.unique(contact.volts)
-    if len(levels) != 2:
+    low, high = float(contact.volts.min(initial=np.inf)), float(contact.volts.max(initial=-np.inf))
+    if not low < high or not np.all((contact.volts == low) | (contact.volts == high)):
         return None
-    low, high = levels.tolist()
     if layout is not None and layout.supply < 0:
         low, high = high, low
     at_high = contact.volts == high

@@ -1,0 +1,125 @@
+"""Compiled loops that set up the nodal equations: connected parts, and conductances by rows."""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int32]
+Integers = NDArray[np.int64]
+
+
+@njit(cache=True)
+def _find(parent: Indices, node: int) -> int:
+    while parent[node] != node:
+        parent[node] = parent[parent[node]]
+        node = parent[node]
+    return node
+
+
+@njit(cache=True)
+def _join(parent: Indices, a: int, b: int) -> None:
+    a, b = _find(parent, a), _find(parent, b)
+    if a != b:
+        parent[max(a, b)] = min(a, b)
+
+
+@njit(cache=True)
+def connected_parts(pairs: Integers, ties: Integers, held: NDArray[np.bool_]) -> tuple[int, Indices]:
+    """Number the parts that resistors and floating sources join; nodes that are held join nothing."""
+    count = len(held)
+    parent = np.arange(count).astype(np.int32)
+    for k in range(len(pairs)):
+        a, b = pairs[k, 0], pairs[k, 1]
+        if not held[a] and not held[b]:
+            _join(parent, a, b)
+    for k in range(len(ties)):
+        _join(parent, ties[k, 0], ties[k, 1])
+    part = np.empty(count, np.int32)
+    number = 0
+    for node in range(count):
+        root = _find(parent, node)
+        if root == node:
+            part[node] = number
+            number += 1
+        else:
+            part[node] = part[root]
+    return number, part
+
+
+@njit(cache=True)
+def known_range(pairs: Integers, known: Floats, part: Indices, lowest: Floats, highest: Floats) -> None:
+    """Widen every part's range of known voltages that its resistors reach, in place."""
+    for k in range(len(pairs)):
+        a, b = pairs[k, 0], pairs[k, 1]
+        if np.isnan(known[a]) == np.isnan(known[b]):
+            continue
+        if np.isnan(known[b]):
+            a, b = b, a
+        lowest[part[a]] = min(lowest[part[a]], known[b])
+        highest[part[a]] = max(highest[part[a]], known[b])
+
+
+@njit(cache=True)
+def conductances_by_row(
+    pairs: Integers, conductance: Floats, row: Integers, size: int
+) -> tuple[Indices, Indices, Floats]:
+    """Symmetric compressed rows of the conductances between rows: sorted, parallel resistors summed, no diagonal."""
+    indptr = np.zeros(size + 1, np.int32)
+    for k in range(len(pairs)):
+        i, j = row[pairs[k, 0]], row[pairs[k, 1]]
+        if i >= 0 and j >= 0 and i != j:
+            indptr[i + 1] += 1
+            indptr[j + 1] += 1
+    for i in range(size):
+        indptr[i + 1] += indptr[i]
+    indices = np.empty(indptr[size], np.int32)
+    data = np.empty(indptr[size])
+    fill = indptr[:-1].copy()
+    for k in range(len(pairs)):
+        i, j = row[pairs[k, 0]], row[pairs[k, 1]]
+        if i >= 0 and j >= 0 and i != j:
+            indices[fill[i]], data[fill[i]] = j, conductance[k]
+            indices[fill[j]], data[fill[j]] = i, conductance[k]
+            fill[i] += 1
+            fill[j] += 1
+    return _closed_up(indptr, fill, indices, data)
+
+
+@njit(cache=True)
+def _closed_up(indptr: Indices, fill: Indices, indices: Indices, data: Floats) -> tuple[Indices, Indices, Floats]:
+    """Sort every row, sum entries of one column, and close the gaps, in place."""
+    size = 0
+    for i in range(len(fill)):
+        begin, end = indptr[i], fill[i]
+        _sort_row(indices, data, begin, end)
+        indptr[i] = size
+        for k in range(begin, end):
+            if size > indptr[i] and indices[size - 1] == indices[k]:
+                data[size - 1] += data[k]
+            else:
+                indices[size] = indices[k]
+                data[size] = data[k]
+                size += 1
+    indptr[len(fill)] = size
+    return indptr, indices[:size], data[:size]
+
+
+@njit(cache=True)
+def _sort_row(indices: Indices, data: Floats, begin: int, end: int) -> None:
+    if end - begin > 64:
+        order = np.argsort(indices[begin:end], kind="mergesort")
+        indices[begin:end] = indices[begin:end][order]
+        data[begin:end] = data[begin:end][order]
+        return
+    for k in range(begin + 1, end):
+        column, value = indices[k], data[k]
+        place = k - 1
+        while place >= begin and indices[place] > column:
+            indices[place + 1] = indices[place]
+            data[place + 1] = data[place]
+            place -= 1
+        indices[place + 1] = column
+        data[place + 1] = value
