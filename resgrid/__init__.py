@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from resgrid.nodal.drive import scale_drive
     from resgrid.nodal.operating_point import OperatingPoint
     from resgrid.nodal.solve import factor, solve
+    from resgrid.nodal.transient import Transient, TransientStepper, transient, transient_stepper
     from resgrid.planning.behaviour import ClearanceCurve, clearance_curve, wall_clearance_curve
     from resgrid.planning.blend import blend
     from resgrid.planning.certify import certify
@@ -109,6 +110,10 @@ _HOME = {
     "OperatingPoint": "resgrid.nodal.operating_point",
     "factor": "resgrid.nodal.solve",
     "solve": "resgrid.nodal.solve",
+    "Transient": "resgrid.nodal.transient",
+    "TransientStepper": "resgrid.nodal.transient",
+    "transient": "resgrid.nodal.transient",
+    "transient_stepper": "resgrid.nodal.transient",
     "Blocking": "resgrid.planning.scene_parts",
     "blocking": "resgrid.planning.scene_parts",
     "Walk": "resgrid.planning.walk",
@@ -227,6 +232,8 @@ __all__ = [
     "ToolMissingError",
     "Traces",
     "Trajectory",
+    "Transient",
+    "TransientStepper",
     "Walk",
     "__version__",
     "absorption",
@@ -284,6 +291,8 @@ __all__ = [
     "streamlines",
     "surface_normals",
     "time_path",
+    "transient",
+    "transient_stepper",
     "unwrap",
     "wall_clearance_curve",
     "workspace_clearance",

@@ -1,0 +1,273 @@
+"""A netlist with capacitors as the linear system ``C x' + G x = b``, reduced to the voltages that sources leave free.
+
+Nodes tied by voltage sources share a row, as in an operating point.  ``G + s C`` with ``s >= 0`` is then a nodal matrix
+of its own, in which a capacitor is a resistor of conductance ``s`` times its capacitance (the companion model of
+Nagel 1975, section 4.3), so that every method that solves operating points solves implicit time steps too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from resgrid.errors import CircuitError, InputError
+from resgrid.netlist import GROUND, Netlist
+from resgrid.nodal.factor import Factor
+from resgrid.nodal.methods import factor_system
+from resgrid.nodal.sources import SourceForest, tie_sources
+from resgrid.nodal.system import NodalSystem
+
+
+@dataclass(frozen=True, eq=False)
+class Laplacian:
+    """A symmetric M-matrix, off-diagonals and row excess kept apart.
+
+    Attributes
+    ----------
+    coupling : scipy.sparse.csr_array, shape (n, n)
+        Positive off-diagonals with their sign changed; no diagonal.
+    excess : ndarray of float64, shape (n,)
+        What every row has to nodes of known voltage.
+    """
+
+    coupling: sparse.csr_array
+    excess: NDArray[np.float64]
+
+    @cached_property
+    def diagonal(self) -> NDArray[np.float64]:
+        """Diagonal, shape (n,)."""
+        return np.asarray(self.coupling.sum(axis=1) + self.excess, dtype=np.float64)
+
+    @cached_property
+    def matrix(self) -> sparse.csr_array:
+        """The whole matrix, shape (n, n)."""
+        return sparse.csr_array(sparse.diags_array(self.diagonal, format="csr") - self.coupling)
+
+
+@dataclass(frozen=True, eq=False)
+class Dynamics:
+    """The equations ``C x' + G x = b`` of a netlist; node voltages are ``fixed + x[row]``.
+
+    Attributes
+    ----------
+    netlist : Netlist
+    row : ndarray of int64, shape (nodes,)
+        Row of every node, -1 for rails and floating nodes; nodes tied by floating sources share a row.
+    fixed : ndarray of float64, shape (nodes,)
+        Voltage of rails, and of other nodes above their row, in volts; NaN where a node floats.
+    conductance : Laplacian
+        ``G``, in siemens.
+    capacitance : Laplacian
+        ``C``, in farads; rows without capacitance are algebraic.
+    drive : ndarray of float64, shape (n,)
+        ``b``: current that sources feed into every row, in amperes.
+    floating : ndarray of int64
+        Nodes that no resistor, capacitor or voltage source ties to ground.
+    """
+
+    netlist: Netlist
+    row: NDArray[np.int64]
+    fixed: NDArray[np.float64]
+    conductance: Laplacian
+    capacitance: Laplacian
+    drive: NDArray[np.float64]
+    floating: NDArray[np.int64]
+    forest: SourceForest
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return len(self.drive)
+
+    def voltage(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Node voltages of a state, in volts; shape (nodes,)."""
+        solved = self.row >= 0
+        volts = self.fixed.copy()
+        volts[solved] += x[self.row[solved]]
+        return volts
+
+    def state(self, voltage: NDArray[np.float64]) -> NDArray[np.float64]:
+        """State of node voltages, in volts, shape (n,); of nodes that share a row, the first one's."""
+        nodes = np.flatnonzero(self.row >= 0)
+        rows, first = np.unique(self.row[nodes], return_index=True)
+        x = np.empty(self.size)
+        x[rows] = voltage[nodes[first]] - self.fixed[nodes[first]]
+        return x
+
+    def injection(self, nodes: NDArray[np.int64], amount: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Sum amounts given at nodes over rows, shape (n,); what reaches rails is left out."""
+        inside = self.row[nodes] >= 0
+        return np.asarray(np.bincount(self.row[nodes[inside]], amount[inside], self.size), dtype=np.float64)
+
+
+def dynamics_of(netlist: Netlist) -> Dynamics:
+    """Set up the equations of a netlist with capacitors.
+
+    Parameters
+    ----------
+    netlist : Netlist
+
+    Returns
+    -------
+    Dynamics
+
+    Raises
+    ------
+    InputError
+        If it holds nonlinear elements.
+    CircuitError
+        If sources contradict each other, or a current source feeds a part that floats.
+    """
+    require_linear(netlist)
+    forest = tie_sources(netlist)
+    held = forest.root == forest.root[GROUND]
+    part, floats = _floating(netlist, held)
+    _check_fed(netlist, part, floats)
+    row = np.full(netlist.node_count, -1, dtype=np.int64)
+    free = ~held & ~floats
+    _, row[free] = np.unique(forest.root[free], return_inverse=True)
+    fixed = np.where(floats, np.nan, forest.offset)
+    size = int(row.max(initial=-1)) + 1
+    through = netlist.conductance * np.subtract(*fixed[netlist.resistor_nodes.T])
+    ends, amps = np.concatenate([netlist.resistor_nodes, netlist.current_nodes]), [through, netlist.current_amps]
+    a, b = ends.T
+    flow = np.concatenate(amps)
+    count = netlist.node_count
+    into = np.bincount(b, flow, count) - np.bincount(a, flow, count)
+    return Dynamics(
+        netlist=netlist,
+        row=row,
+        fixed=fixed,
+        conductance=_laplacian(netlist.resistor_nodes, netlist.conductance, row, size),
+        capacitance=_laplacian(netlist.capacitor_nodes, netlist.capacitance, row, size),
+        drive=np.bincount(row[free], into[free], size).astype(np.float64),
+        floating=np.flatnonzero(floats),
+        forest=forest,
+    )
+
+
+def factor_resolvent(dynamics: Dynamics, rate: float, method: str = "auto") -> Factor:
+    """Factor ``G + rate C``.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+    rate : float
+        In 1/s, at least 0; 0 gives the operating point's matrix.
+    method : {"auto", "direct", "multigrid"}
+        As in `resgrid.solve`.
+
+    Returns
+    -------
+    Factor
+        ``solve`` takes currents into rows, in amperes, to voltages.
+
+    Raises
+    ------
+    CircuitError
+        If ``rate`` is 0 and a part is tied to no rail by resistors.
+    """
+    G, C = dynamics.conductance, dynamics.capacitance
+    if rate == 0.0:
+        _check_grounded(dynamics)
+    n = dynamics.size
+    netlist = dynamics.netlist
+    none = np.zeros(n)
+    system = NodalSystem(
+        netlist=netlist,
+        forest=dynamics.forest,
+        unknown=dynamics.row,
+        coupling=sparse.csr_array(G.coupling + rate * C.coupling) if rate else G.coupling,
+        excess=G.excess + rate * C.excess,
+        feed=none,
+        injected=dynamics.drive,
+        reference=0.0,
+        rails=None,
+        known=np.where(dynamics.row >= 0, np.nan, dynamics.fixed),
+        undriven=np.empty(0, dtype=np.int64),
+        floating=dynamics.floating,
+    )
+    return factor_system(system, method)
+
+
+def require_linear(netlist: Netlist) -> None:
+    """Refuse a netlist with nonlinear elements.
+
+    Raises
+    ------
+    InputError
+    """
+    count = len(getattr(netlist, "nonlinear_current", ()))
+    if count:
+        raise InputError(
+            f"the netlist holds {count} nonlinear resistors, and this analysis is of linear circuits; "
+            "replace them by resistors of their small-signal resistance V0 / I0"
+        )
+
+
+def capacitor_parts(dynamics: Dynamics) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Parts of rows joined by capacitors, and which of them no capacitor ties to a node of known voltage.
+
+    Returns
+    -------
+    of_row : ndarray of int64, shape (n,)
+    loose : ndarray of bool, shape (parts,)
+        A row without any capacitor is a loose part of its own.
+    """
+    C = dynamics.capacitance
+    number, of_row = connected_components(C.coupling, directed=False)
+    tied = np.bincount(of_row, C.excess > 0, number) > 0
+    return of_row.astype(np.int64), ~tied
+
+
+def _laplacian(ends: NDArray[np.int64], value: NDArray[np.float64], row: NDArray[np.int64], size: int) -> Laplacian:
+    rows = row[ends]
+    present = value > 0
+    inner = (rows >= 0).all(axis=1) & (rows[:, 0] != rows[:, 1]) & present
+    a, b = rows[inner].astype(np.int32).T
+    v = value[inner]
+    entries = (np.concatenate([v, v]), (np.concatenate([a, b]), np.concatenate([b, a])))
+    border = ((rows >= 0).sum(axis=1) == 1) & present
+    excess = np.bincount(rows[border].max(axis=1), value[border], size).astype(np.float64)
+    return Laplacian(sparse.coo_array(entries, shape=(size, size)).tocsr(), excess)
+
+
+def _floating(netlist: Netlist, held: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """Parts joined by any passive element or voltage source, and the nodes of those without a rail."""
+    ends = np.concatenate(
+        [netlist.resistor_nodes, netlist.capacitor_nodes[netlist.capacitance > 0], netlist.source_nodes]
+    )
+    count = netlist.node_count
+    graph = sparse.coo_array((np.ones(len(ends), dtype=np.int8), tuple(ends.T)), shape=(count, count))
+    number, part = connected_components(graph, directed=False)
+    has_rail = np.bincount(part, held, number) > 0
+    return part.astype(np.int64), ~has_rail[part]
+
+
+def _check_fed(netlist: Netlist, part: NDArray[np.int64], floats: NDArray[np.bool_]) -> None:
+    live = netlist.current_nodes[netlist.current_amps != 0]
+    stuck = live[floats[live].any(axis=1) & (part[live[:, 0]] != part[live[:, 1]])]
+    if stuck.size:
+        node = int(stuck[0][floats[stuck[0]]][0])
+        raise CircuitError(
+            f"a current source feeds node {netlist.node_name(node)}, which nothing ties to ground: its voltage has no "
+            "bound; add a resistor or capacitor to a rail, or remove the source"
+        )
+
+
+def _check_grounded(dynamics: Dynamics) -> None:
+    G = dynamics.conductance
+    number, part = connected_components(G.coupling, directed=False)
+    loose = np.bincount(part, G.excess > 0, number) == 0
+    if loose.any():
+        row = int(np.argmax(loose[part]))
+        node = dynamics.netlist.node_name(int(np.argmax(dynamics.row == row)))
+        raise CircuitError(
+            f"node {node} is tied to no rail by resistors: it never settles (its slowest time constant is infinite); "
+            "add a resistor to a rail, or leave the part out"
+        )
