@@ -30,8 +30,9 @@ _ORDER = {"backward_euler": 1, "trapezoidal": 2, "tr-bdf2": 2}
 _MOST_STEPS = 10_000_000
 _KEPT = 4
 _RTOL = 1e-11
-_SAFETY = 0.02
-"""Share of the tolerance that one step may use up: errors of many steps add."""
+_SHARE = {"backward_euler": 0.02, "trapezoidal": 0.02, "tr-bdf2": 0.5}
+"""Share of the tolerance that one step may use up by its own estimate: errors of many steps add, but those of TR-BDF2
+are extrapolated away to leading order (which the trapezoidal rule, not being L-stable, would not survive)."""
 
 Solve = Callable[[float, NDArray[np.float64]], NDArray[np.float64]]
 
@@ -247,6 +248,7 @@ def _fixed(
     integral = np.zeros_like(x)
     taken, now = 0, 0.0
     for time in times.tolist():
+        _check_steps(taken + (time - now) / step)
         count = int(np.ceil((time - now) / step * (1.0 - 1e-12)))
         h = (time - now) / max(count, 1)
         for _ in range(count):
@@ -264,7 +266,7 @@ def _controlled(
 ) -> Iterator[_State]:
     """Steps of ``2**k`` seconds, each compared with two halves; the halves are kept."""
     order = _ORDER[method]
-    target = _SAFETY * tolerance * _span(dynamics, x, solve)
+    target = _SHARE[method] * tolerance * _span(dynamics, x, solve)
     exponent = _first_exponent(dynamics, times, tolerance)
     integral = np.zeros_like(x)
     now, taken = 0.0, 0
@@ -276,19 +278,23 @@ def _controlled(
         if not waiting:
             return
         h = 2.0**exponent
-        whole, _ = _advance(dynamics, method, x, h, solve)
+        whole, at_once = _advance(dynamics, method, x, h, solve)
         half, first = _advance(dynamics, method, x, h / 2, solve)
         after, second = _advance(dynamics, method, half, h / 2, solve)
+        increment = first + second
         error = float(np.abs(whole - after).max(initial=0.0)) / (2**order - 1)
-        if error > target and now + h > now:
+        if error > target and now + h / 2 > now:
             exponent -= 1
             continue
+        if method == "tr-bdf2":
+            after = after + (after - whole) / (2**order - 1)
+            increment = increment + (increment - at_once) / (2**order - 1)
         taken += 2
         _check_steps(taken)
         while waiting and waiting[0] < now + h:
             part = (waiting.pop(0) - now) / h
             yield *_between(x, half, after, integral, part, h), taken
-        x, integral, now = after, integral + first + second, now + h
+        x, integral, now = after, integral + increment, now + h
         if error * 2.0 ** (order + 1) * 1.5 < target:
             exponent += 1
 
