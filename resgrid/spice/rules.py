@@ -1,70 +1,50 @@
-"""The electrical rule check: what makes a netlist unfit for a deck, or a simulator stumble."""
+"""The electrical rule check: what makes a circuit unfit for a deck, or a simulator stumble.
+
+Each rule is a function from a `Subject` to findings; `RULES` lists them.  Every rule takes time in proportion to the
+number of elements.
+"""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator
-from dataclasses import dataclass
-from typing import Literal
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.errors import CircuitError
-from resgrid.netlist import GROUND, Netlist
+from resgrid.netlist import Netlist
+from resgrid.spice import rules_connection, rules_names, rules_values
+from resgrid.spice.finding import SEVERITIES, Finding
+from resgrid.spice.subject import CONDUCTING, Subject, connected_parts_of, subject_of
 
-_WIDEST_RANGE = 1e15
-_SHOWN = 5
+if TYPE_CHECKING:
+    from resgrid.spice.parsed import ParsedDeck
 
-
-@dataclass(frozen=True)
-class Finding:
-    """One violation of an electrical rule.
-
-    Attributes
-    ----------
-    severity : {"error", "warning"}
-        An error keeps the netlist from having an operating point or a deck.
-    rule : str
-        Short name of the rule.
-    place : str
-        Nodes or elements concerned.
-    message : str
-        What is wrong.
-    remedy : str
-        What to do.
-    """
-
-    severity: Literal["error", "warning"]
-    rule: str
-    place: str
-    message: str
-    remedy: str
+__all__ = ["RULES", "Finding", "check_rules", "connected_parts", "trapped_current_sources"]
 
 
-def check_rules(netlist: Netlist) -> list[Finding]:
-    """Check a netlist against the electrical rules.
+def check_rules(circuit: Netlist | ParsedDeck) -> tuple[Finding, ...]:
+    """Check a netlist, or a deck as it was written, against the electrical rules.
 
     Parameters
     ----------
-    netlist : Netlist
+    circuit : Netlist or ParsedDeck
+        From `compile_space`, plain arrays, or `read_spice`.
 
     Returns
     -------
-    list of Finding
-        Errors first; empty if nothing is wrong.
+    tuple of Finding
+        Errors first, then warnings, then what is merely worth knowing; empty if nothing was found.
+
+    Examples
+    --------
+    >>> from resgrid.netlist import Netlist
+    >>> check_rules(Netlist(3, [[1, 0]], [1.0], source_nodes=[[1, 0]], source_volts=[1.0]))[0].message
+    '1 node has no path of resistors or voltage sources to ground'
     """
-    part = connected_parts(netlist)
-    findings = [
-        *_ground(netlist),
-        *_floating(netlist, part),
-        *_trapped_currents(netlist, part),
-        *_source_loops(netlist),
-        *_values(netlist),
-        *_shorted(netlist),
-        *_alike_names(netlist),
-    ]
-    return sorted(findings, key=lambda finding: finding.severity)
+    subject = subject_of(circuit)
+    found = [finding for rule in RULES for finding in rule(subject)]
+    return tuple(sorted(found, key=lambda finding: SEVERITIES.index(finding.severity)))
 
 
 def connected_parts(netlist: Netlist) -> NDArray[np.int64]:
@@ -79,12 +59,8 @@ def connected_parts(netlist: Netlist) -> NDArray[np.int64]:
     ndarray of int64, shape (node_count,)
         Nodes whose number differs from ground's float.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    first, second = np.concatenate([netlist.resistor_nodes, netlist.source_nodes]).T
-    joined = coo_array((np.ones(len(first), dtype=np.int8), (first, second)), shape=(netlist.node_count,) * 2)
-    return np.asarray(connected_components(joined, directed=False)[1], dtype=np.int64)
+    ends = subject_of(netlist).ends
+    return connected_parts_of(np.concatenate([ends[kind] for kind in CONDUCTING]), netlist.node_count)
 
 
 def trapped_current_sources(netlist: Netlist, part: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -101,114 +77,33 @@ def trapped_current_sources(netlist: Netlist, part: NDArray[np.int64]) -> NDArra
     ndarray of int64
         Numbers of the current sources.
     """
-    ends = part[netlist.current_nodes]
-    return np.flatnonzero((ends[:, 0] != ends[:, 1]) & (netlist.current_amps != 0))
+    return rules_connection.trapped_sources(netlist.current_nodes, netlist.current_amps, part)
 
 
-def _ground(netlist: Netlist) -> Iterator[Finding]:
-    if not (netlist.resistor_nodes == GROUND).any() and not (netlist.source_nodes == GROUND).any():
-        yield Finding(
-            "error",
-            "ground",
-            "0",
-            "no resistor and no voltage source touches ground, so no voltage is defined",
-            "tie one node to node 0 by a voltage source",
-        )
-
-
-def _floating(netlist: Netlist, part: NDArray[np.int64]) -> Iterator[Finding]:
-    floating = np.flatnonzero(part != part[GROUND])
-    if floating.size:
-        yield Finding(
-            "warning",
-            "floating",
-            _list_nodes(netlist, floating),
-            f"{floating.size} nodes have no path of resistors or voltage sources to ground",
-            "they are left out of decks; join them to the circuit by a resistor if they belong to it",
-        )
-
-
-def _trapped_currents(netlist: Netlist, part: NDArray[np.int64]) -> Iterator[Finding]:
-    trapped = trapped_current_sources(netlist, part)
-    if trapped.size:
-        yield Finding(
-            "error",
-            "trapped current",
-            _list_nodes(netlist, np.unique(netlist.current_nodes[trapped])),
-            f"{trapped.size} current sources feed a floating part, which lets no current out",
-            "remove these sources, or join the part to ground",
-        )
-
-
-def _source_loops(netlist: Netlist) -> Iterator[Finding]:
-    from resgrid.nodal.sources import tie_sources
-
-    try:
-        loop = tie_sources(netlist).loop
-    except CircuitError as error:
-        yield Finding("error", "voltage loop", "", str(error), "remove one source of the loop")
+def _notes(subject: Subject) -> Iterator[Finding]:
+    """What the reader of a deck noted."""
+    if subject.deck is None:
         return
-    if loop.any():
-        yield Finding(
-            "warning",
-            "voltage loop",
-            _list_nodes(netlist, np.unique(netlist.source_nodes[loop])),
-            f"{int(loop.sum())} voltage sources form loops, so their currents are undetermined",
-            "decks leave out the sources that close a loop; remove them to read the others' currents",
-        )
+    for note in subject.deck.notes:
+        column = f":{note.column}" if note.column else ""
+        remedy = "see whether this was meant" if note.severity != "info" else "nothing to do"
+        yield Finding(note.severity, "reading", f"{note.file}:{note.line}{column}", note.text, remedy)
 
 
-def _values(netlist: Netlist) -> Iterator[Finding]:
-    if not netlist.conductance.size:
-        return
-    low, high = float(netlist.conductance.min()), float(netlist.conductance.max())
-    weakest = _list_nodes(netlist, netlist.resistor_nodes[int(netlist.conductance.argmin())])
-    with np.errstate(over="ignore"):
-        if np.isinf(1 / np.float64(low)):
-            yield Finding(
-                "error",
-                "value",
-                weakest,
-                f"the resistance of {low:g} S is beyond the largest number",
-                "leave that resistor out: it is open",
-            )
-    if high / _WIDEST_RANGE > low:
-        yield Finding(
-            "warning",
-            "value range",
-            weakest,
-            f"conductances run from {low:g} to {high:g} S; a simulator loses the small ones beside the large ones",
-            "replace the largest by 0 V sources or leave the smallest out",
-        )
-
-
-def _shorted(netlist: Netlist) -> Iterator[Finding]:
-    shorted = np.flatnonzero(netlist.resistor_nodes[:, 0] == netlist.resistor_nodes[:, 1])
-    if shorted.size:
-        yield Finding(
-            "warning",
-            "shorted resistor",
-            _list_nodes(netlist, netlist.resistor_nodes[shorted, 0]),
-            f"{shorted.size} resistors have both ends on one node and carry no current",
-            "remove them",
-        )
-
-
-def _alike_names(netlist: Netlist) -> Iterator[Finding]:
-    if netlist.node_names is None:
-        return
-    count = Counter(name.lower() for name in netlist.node_names)
-    alike = [name for name, number in count.items() if number > 1]
-    if alike:
-        yield Finding(
-            "warning",
-            "names",
-            ", ".join(alike[:_SHOWN]),
-            f"{len(alike)} node names are shared or differ in case only, which simulators do not see",
-            "decks number them apart (the sidecar holds the map); rename them to keep their names",
-        )
-
-
-def _list_nodes(netlist: Netlist, nodes: NDArray[np.int64]) -> str:
-    shown = ", ".join(netlist.names_of(nodes[:_SHOWN]))
-    return shown if nodes.size <= _SHOWN else f"{shown} and {nodes.size - _SHOWN} more"
+RULES: tuple[Callable[[Subject], Iterator[Finding]], ...] = (
+    rules_connection.ground,
+    rules_connection.islands,
+    rules_connection.trapped_currents,
+    rules_connection.source_loops,
+    rules_values.negative,
+    rules_values.zero,
+    rules_values.overflow,
+    rules_values.spread,
+    rules_values.extremes,
+    rules_connection.shorted,
+    rules_names.alike,
+    rules_names.misread,
+    rules_connection.dangling,
+    _notes,
+)
+"""Every rule, in the order in which findings of equal severity are told."""
