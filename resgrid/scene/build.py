@@ -132,6 +132,7 @@ def document_of(scene: Scene) -> dict[str, Any]:
     else:
         document["map"] = dict(scene.map.table)
     document["obstacle"] = [_table(shape) for shape in scene.obstacles]
+    document["hidden"] = [_table(shape) for shape in scene.hidden]
     document["goal"] = [_table(goal) for goal in scene.goals]
     document["starts"] = [list(start) for start in scene.starts]
     document["area"] = [_table(area.shape) | {"conductivity": area.conductivity} for area in scene.areas]
@@ -146,6 +147,7 @@ def _scene(document: SceneDocument, source: str, axes: tuple[Axis, ...], frame: 
         title=document.title,
         robot=_robot(document, source, axes),
         obstacles=tuple(table.value() for table in document.obstacle),
+        hidden=tuple(table.value() for table in document.hidden),
         goals=tuple(table.value() for table in document.goal),
         starts=(*map(tuple, document.starts), *(_start(t.value(), axes, frame) for t in document.start)),
         areas=tuple(CostArea(table.value(), table.conductivity) for table in document.area),

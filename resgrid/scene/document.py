@@ -325,6 +325,7 @@ class SceneDocument(Table):
     grid: GridTable | None = None
     map: MapTable | None = None
     obstacle: list[AnyShape] = Field(default=[])
+    hidden: list[AnyShape] = Field(default=[])
     goal: list[AnyGoal] = Field(default=[])
     start: list[AnyStart] = Field(default=[])
     starts: list[Coordinates] = Field(default=[])

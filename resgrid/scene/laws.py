@@ -113,7 +113,7 @@ def _robot_axes(raw: Mapping[str, Any], axes: list[Any] | None) -> Iterator[Prob
 
 
 def _coordinates(raw: Mapping[str, Any], count: int) -> Iterator[Problem]:
-    for key in ("obstacle", "goal", "area", "start"):
+    for key in ("obstacle", "hidden", "goal", "area", "start"):
         allowed = _counts(robot_kind(raw), key, count)
         for number, table in enumerate(_tables(raw, key)):
             shape = table.get("shape")
@@ -152,7 +152,7 @@ def _wanted(allowed: tuple[int, ...], kind: str, value: list[Any]) -> str:
 def _leaning(raw: Mapping[str, Any], axes: list[Any]) -> Iterator[Problem]:
     in_workspace = robot_kind(raw) in WORKSPACE_ROBOTS
     periodic = [isinstance(axis, Mapping) and axis.get("periodic") is True for axis in axes]
-    for key in ("area",) if in_workspace else ("obstacle", "goal", "area"):
+    for key in ("area",) if in_workspace else ("obstacle", "hidden", "goal", "area"):
         for number, table in enumerate(_tables(raw, key)):
             normal = table.get("normal")
             if not isinstance(normal, list) or len(normal) != len(periodic):

@@ -198,6 +198,8 @@ class Scene:
         Says which cells are free.
     obstacles : tuple of Shape
         In world coordinates.
+    hidden : tuple of Shape
+        Obstacles that stand there but are missing from the map: sampling leaves them out, control meets them.
     goals : tuple of Shape, GoalPoint, GoalCell or GoalJoints
         Places for the robot's reference point (an arm's tip) in world coordinates; cells; or configurations.
     starts : tuple of tuple of float
@@ -229,6 +231,7 @@ class Scene:
     title: str = ""
     robot: Robot = field(default_factory=PointRobot)
     obstacles: tuple[Shape, ...] = ()
+    hidden: tuple[Shape, ...] = ()
     goals: tuple[Goal, ...] = ()
     starts: tuple[Point, ...] = ()
     areas: tuple[CostArea, ...] = ()

@@ -150,6 +150,7 @@ def _siblings(path: Path) -> list[str]:
         "map": (schema.MapTable,),
         "chip": (schema.ChipTable,),
         "obstacle": shapes,
+        "hidden": shapes,
         "goal": (*shapes, *places, *joints),
         "start": places,
         "area": (schema.RectangleArea, schema.CircleArea, schema.PolygonArea, schema.HalfPlaneArea),

@@ -32,6 +32,7 @@ def scenes(draw):
         title=draw(st.text(max_size=10)),
         robot=PointRobot(draw(st.floats(0, 10))),
         obstacles=tuple(draw(st.lists(shape, max_size=3))),
+        hidden=tuple(draw(st.lists(shape, max_size=2))),
         goals=tuple(draw(st.lists(goal, max_size=3))),
         starts=tuple(draw(st.lists(point, max_size=3))),
         areas=tuple(draw(st.lists(st.builds(CostArea, shape, positive), max_size=2))),

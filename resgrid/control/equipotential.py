@@ -1,0 +1,72 @@
+"""Following an equipotential round an unexpected obstacle (Connolly & Grupen 1992, section 6, equation 1)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.errors import InputError
+
+ALONG = 1e-3
+"""Sine of the angle between force and streamline below which the force cannot be overcome: a jam."""
+
+
+def equipotential_velocity(streamline_velocity: ArrayLike, force: ArrayLike, *, c: float = 1.0) -> NDArray[np.float64]:
+    """Velocity along the equipotential surface, to the side that a force points to.
+
+    Equation (1) of Connolly & Grupen (1992), ``v_phi = c (v_psi x (f x v_psi))``, which in any number of dimensions is
+    ``c |v|^2 (I - v v^T / |v|^2) f``.  So ``v_phi . v_psi = 0`` and ``v_phi . f >= 0``, and it vanishes where the force
+    lies along the streamline: that jam this rule cannot overcome.
+
+    Parameters
+    ----------
+    streamline_velocity : array_like of float, shape (n,)
+        ``v_psi``, along the streamline, in axis units per second.
+    force : array_like of float, shape (n,)
+        Generalised force ``f`` on the robot.
+    c : float
+        Gain, not negative.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        In axis units per second.
+
+    Raises
+    ------
+    InputError
+        If a value is not finite, the shapes differ, or the gain is negative.
+    """
+    v, f = np.asarray(streamline_velocity, dtype=np.float64), np.asarray(force, dtype=np.float64)
+    if v.ndim != 1 or v.shape != f.shape:
+        raise InputError(f"velocity and force need one entry per axis each, got shapes {v.shape} and {f.shape}")
+    if not (np.isfinite(v).all() and np.isfinite(f).all()):
+        raise InputError(f"velocity {v.tolist()} and force {f.tolist()} must be finite")
+    if not 0 <= c < np.inf:
+        raise InputError(f"c = {c}, but a gain is finite and not negative")
+    return c * _across(v, f)
+
+
+def _across(v: NDArray[np.float64], f: NDArray[np.float64]) -> NDArray[np.float64]:
+    """``|v|^2 f - v (v . f)``, summed pair by pair so that equal terms cancel exactly."""
+    return np.asarray((v[np.newaxis] * (v[np.newaxis] * f[:, np.newaxis] - v[:, np.newaxis] * f[np.newaxis])).sum(axis=1))
+
+
+def following_velocity(streamline_velocity: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same with the gain ``c = 1 / (|v| |f|)``: the streamline's speed times the sine of the angle between both.
+
+    Parameters
+    ----------
+    streamline_velocity, force : ndarray of float64, shape (n,)
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        0 where the sine is below `ALONG`, a jam.
+    """
+    speed, size = float(np.linalg.norm(streamline_velocity)), float(np.linalg.norm(force))
+    if speed == 0.0 or size == 0.0:
+        return np.zeros_like(streamline_velocity)
+    v, f = streamline_velocity / speed, force / size
+    across = _across(v, f)
+    return np.asarray(speed * across) if np.linalg.norm(across) > ALONG else np.zeros_like(v)
