@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from resgrid.netlist import Layout, Netlist
     from resgrid.nodal.drive import scale_drive
     from resgrid.nodal.operating_point import OperatingPoint
+    from resgrid.nodal.secant import small_signal
     from resgrid.nodal.solve import factor, solve
     from resgrid.nodal.transient import Transient, TransientStepper, transient, transient_stepper
     from resgrid.planning.behaviour import ClearanceCurve, clearance_curve, wall_clearance_curve
@@ -108,6 +109,7 @@ _HOME = {
     "Netlist": "resgrid.netlist",
     "scale_drive": "resgrid.nodal.drive",
     "OperatingPoint": "resgrid.nodal.operating_point",
+    "small_signal": "resgrid.nodal.secant",
     "factor": "resgrid.nodal.solve",
     "solve": "resgrid.nodal.solve",
     "Transient": "resgrid.nodal.transient",
@@ -286,6 +288,7 @@ __all__ = [
     "scene_schema",
     "separation",
     "shorten",
+    "small_signal",
     "solve",
     "streamline",
     "streamlines",

@@ -29,11 +29,13 @@ def scale_drive(netlist: Netlist, point: OperatingPoint) -> Netlist:
     Raises
     ------
     InputError
-        If the netlist has no uniform drive, or the operating point is of another netlist.
+        If the netlist has no uniform drive, has nonlinear resistors, or the operating point is of another netlist.
     """
     layout = netlist.layout
     if layout is None or layout.drive != "uniform":
         raise InputError("only a netlist compiled with drive = 'uniform' has a drive to scale")
+    if netlist.nonlinear_nodes.size:
+        raise InputError("the voltages of a circuit with nonlinear resistors do not scale with its drive")
     if len(point.voltage) != netlist.node_count:
         raise InputError("the operating point belongs to another netlist")
     height = (point.voltage - layout.goal_voltage) * np.sign(layout.supply)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +37,7 @@ class OperatingPoint:
     source_current : ndarray of float64, shape (sources,)
         Current into the plus terminal of every voltage source (SPICE's sign), in amperes; NaN in a loop of sources.
     power : float
-        Power dissipated in the resistors, in watts.
+        Power dissipated in the resistors, nonlinear ones included, in watts.
     kcl_residual : float
         Largest violation of Kirchhoff's current law at a node, relative to the current through that same node.
     floating : ndarray of int64
@@ -48,6 +48,12 @@ class OperatingPoint:
         How it was solved.
     seconds : mapping of str to float
         Wall-clock time of each stage.
+    nonlinear_amps : ndarray of float64, shape (nonlinear resistors,)
+        Current from a nonlinear resistor's first node to its second, in amperes (0 where it underflows).
+    nonlinear_log_amps : ndarray of float64, shape (nonlinear resistors,)
+        Natural logarithm of its magnitude; -inf where no current flows.
+    nonlinear_direction : ndarray of int8, shape (nonlinear resistors,)
+        Its sign, as that of the resistors.
     """
 
     netlist: Netlist
@@ -64,6 +70,9 @@ class OperatingPoint:
     undriven: NDArray[np.int64]
     method: str
     seconds: Mapping[str, float]
+    nonlinear_amps: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    nonlinear_log_amps: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
+    nonlinear_direction: NDArray[np.int8] = field(default_factory=lambda: np.empty(0, dtype=np.int8))
 
     def __post_init__(self) -> None:
         for name in ("voltage", "log_drop", "potential", "resistor_current", "resistor_log_current"):
@@ -71,4 +80,6 @@ class OperatingPoint:
             if array is not None:
                 array.flags.writeable = False
         for array in (self.resistor_direction, self.source_current, self.floating, self.undriven):
+            array.flags.writeable = False
+        for array in (self.nonlinear_amps, self.nonlinear_log_amps, self.nonlinear_direction):
             array.flags.writeable = False

@@ -44,7 +44,7 @@ def solve(
     Parameters
     ----------
     netlist : Netlist
-        Resistors and sources; capacitors are open.
+        Resistors and sources; capacitors are open.  With nonlinear resistors the voltages come from Newton's method.
     accuracy : {"direction", "normwise"}
         ``"direction"``: at every driven node KCL holds to 1e-6 of the current through that same node, so that the way
         down is right everywhere; entrywise accurate where the circuit has two rails, or one and currents of one sign.
@@ -66,13 +66,17 @@ def solve(
     InputError
         If an option is unknown.
     CircuitError
-        If sources contradict each other or nothing is driven.
+        If sources contradict each other, nothing is driven, or current sources exceed what nonlinear resistors carry.
     AccuracyError
         If the promised accuracy is not reached; it carries the best answer.
     BudgetError
         If the factors would not fit in memory.
     """
     _check_options(accuracy, rtol, threads)
+    if netlist.nonlinear_nodes.size:
+        from resgrid.nodal.secant import solve_nonlinear
+
+        return solve_nonlinear(netlist, accuracy=accuracy, method=method, rtol=rtol)
     seconds: dict[str, float] = {}
     with _timed(seconds, "assemble"):
         system = assemble(netlist)
@@ -102,7 +106,17 @@ def factor(netlist: Netlist, *, method: str = "auto") -> Factor:
     -------
     Factor
         With ``solve(rhs)`` for currents into the rows of its ``system``.
+
+    Raises
+    ------
+    InputError
+        If the netlist has nonlinear resistors, or no unknown voltage.
     """
+    if netlist.nonlinear_nodes.size:
+        raise InputError(
+            "a netlist with nonlinear resistors has no factors; factor small_signal(point), the circuit around one of "
+            "its operating points"
+        )
     system = assemble(netlist)
     if not system.size:
         raise InputError("there is nothing to factor: the rails hold every node")

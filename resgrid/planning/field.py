@@ -171,9 +171,14 @@ def _face_currents(
     sizes = [int(np.prod(shape)) for shape in shapes]
     direction = np.zeros(sum(sizes), dtype=np.int8)
     log_current = np.full(sum(sizes), -np.inf)
-    along = np.where(layout.resistor_upward, 1, -1) * int(np.sign(volts))
-    direction[layout.resistor_face] = point.resistor_direction * along
-    log_current[layout.resistor_face] = point.resistor_log_current - np.log(abs(volts) / layout.resistance)
+    for face, upward, sign, log_amps in (
+        (layout.resistor_face, layout.resistor_upward, point.resistor_direction, point.resistor_log_current),
+        (layout.nonlinear_face, layout.nonlinear_upward, point.nonlinear_direction, point.nonlinear_log_amps),
+    ):
+        crosses = face >= 0
+        along = np.where(upward, 1, -1) * int(np.sign(volts))
+        direction[face[crosses]] = (sign * along)[crosses]
+        log_current[face[crosses]] = log_amps[crosses] - np.log(abs(volts) / layout.resistance)
     ends = np.cumsum([0, *sizes])
     parts = [slice(first, last) for first, last in pairwise(ends.tolist())]
     periodic = layout.space.periodic

@@ -1,0 +1,118 @@
+"""The operating point of a circuit with nonlinear resistors, read off the linear circuit of their secants."""
+
+from __future__ import annotations
+
+import dataclasses
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import AccuracyError, InputError
+from resgrid.netlist import Netlist
+from resgrid.nodal.newton import differential_conductance, linear_netlist, newton, secant_conductance
+from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.nodal.solve import DIRECTION_RESIDUAL, solve
+
+_SETTLED = 1e-13
+_MOST_PASSES = 8
+
+
+def solve_nonlinear(netlist: Netlist, *, accuracy: str, method: str, rtol: float) -> OperatingPoint:
+    """Find the operating point of a netlist with nonlinear resistors; the rest of `resgrid.solve`.
+
+    Newton's method gives voltages to the rounding of doubles; the linear circuit of the secant conductances at them
+    gives the answer with its last digits, and better secants, until these rest.
+
+    Parameters
+    ----------
+    netlist : Netlist
+    accuracy, method, rtol
+        As in `resgrid.solve`.
+
+    Returns
+    -------
+    OperatingPoint
+        ``kcl_residual`` includes what is left between the secants and the law ``I = I0 tanh(dV / V0)``.
+
+    Raises
+    ------
+    CircuitError, AccuracyError, BudgetError
+        As `resgrid.solve`.
+    """
+    start = time.perf_counter()
+    voltage = newton(netlist, method=method).voltage
+    seconds = time.perf_counter() - start
+    secant = secant_conductance(netlist, _drops(netlist, voltage))
+    best: OperatingPoint | None = None
+    least = np.inf
+    for _ in range(_MOST_PASSES):
+        point = solve(linear_netlist(netlist, secant), accuracy=accuracy, method=method, rtol=rtol)
+        drop = point.resistor_current[len(netlist.conductance) :] / secant
+        better = secant_conductance(netlist, drop)
+        change = float(np.abs(better / secant - 1).max())
+        if not change < least:
+            break
+        best, least, secant = point, change, better
+        if change <= _SETTLED:
+            break
+    assert best is not None
+    answer = _in_place(netlist, best, least, seconds)
+    if least > DIRECTION_RESIDUAL:
+        raise AccuracyError(
+            f"the currents of nonlinear resistors are settled to {least:.1e} only: V0 is too small beside the "
+            "voltages of the circuit to tell the drop across a resistor",
+            answer,
+        )
+    return answer
+
+
+def small_signal(point: OperatingPoint) -> Netlist:
+    """The linear circuit that small signals see around an operating point.
+
+    Parameters
+    ----------
+    point : OperatingPoint
+
+    Returns
+    -------
+    Netlist
+        The same nodes, sources and capacitors; every nonlinear resistor is a resistor of its differential conductance
+        ``dI / dV``, appended to the resistors.
+
+    Raises
+    ------
+    InputError
+        If a nonlinear resistor's nodes float.
+    """
+    netlist = point.netlist
+    if not netlist.nonlinear_nodes.size:
+        return netlist
+    if np.any(np.isnan(point.voltage[netlist.nonlinear_nodes])):
+        raise InputError("a nonlinear resistor joins nodes that float; leave it out")
+    secant = np.abs(point.nonlinear_amps) / netlist.nonlinear_current
+    drop = netlist.nonlinear_voltage * np.arctanh(np.minimum(secant, np.nextafter(1.0, 0.0)))
+    return linear_netlist(netlist, differential_conductance(netlist, drop))
+
+
+def _drops(netlist: Netlist, voltage: NDArray[np.float64]) -> NDArray[np.float64]:
+    first, second = voltage[netlist.nonlinear_nodes].T
+    return np.asarray(np.nan_to_num(first - second))
+
+
+def _in_place(netlist: Netlist, point: OperatingPoint, change: float, seconds: float) -> OperatingPoint:
+    """The operating point of the linear circuit as that of the nonlinear one."""
+    m = len(netlist.conductance)
+    return dataclasses.replace(
+        point,
+        netlist=netlist,
+        resistor_current=point.resistor_current[:m],
+        resistor_log_current=point.resistor_log_current[:m],
+        resistor_direction=point.resistor_direction[:m],
+        nonlinear_amps=point.resistor_current[m:],
+        nonlinear_log_amps=point.resistor_log_current[m:],
+        nonlinear_direction=point.resistor_direction[m:],
+        kcl_residual=max(point.kcl_residual, change),
+        method=f"newton, {point.method}",
+        seconds={"newton": seconds, **point.seconds},
+    )
