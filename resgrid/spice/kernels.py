@@ -54,3 +54,49 @@ def left_over(ends: NDArray[np.int64], volts: NDArray[np.float64], count: int) -
             parent[root[1]], above[root[1]] = root[0], -step
             size[root[0]] += size[root[1]]
     return rest
+
+
+@njit(cache=True)
+def strip_leaves(indptr: NDArray[np.int32], indices: NDArray[np.int32], degree: NDArray[np.int64]) -> None:
+    """Take away nodes with one neighbour, again and again; ``degree`` ends as that of the rest, 0 for those taken."""
+    queue = np.flatnonzero(degree == 1)
+    stack = np.empty(len(degree), dtype=np.int64)
+    top = len(queue)
+    stack[:top] = queue
+    while top:
+        top -= 1
+        node = stack[top]
+        if degree[node] != 1:
+            continue
+        degree[node] = 0
+        for k in range(indptr[node], indptr[node + 1]):
+            other = indices[k]
+            if degree[other] > 0:
+                degree[other] -= 1
+                if degree[other] == 1:
+                    stack[top] = other
+                    top += 1
+
+
+@njit(cache=True)
+def sweep_levels(
+    indptr: NDArray[np.int32], indices: NDArray[np.int32], alive: NDArray[np.bool_], start: int
+) -> tuple[int, int, int]:
+    """Breadth-first levels from a node over those alive; their number, the nodes reached, and the last of them."""
+    seen = ~alive
+    queue = np.empty(len(alive), dtype=np.int64)
+    queue[0], head, tail, levels = start, 0, 1, 0
+    seen[start] = True
+    while head < tail:
+        levels += 1
+        level_end = tail
+        while head < level_end:
+            node = queue[head]
+            head += 1
+            for k in range(indptr[node], indptr[node + 1]):
+                other = indices[k]
+                if not seen[other]:
+                    seen[other] = True
+                    queue[tail] = other
+                    tail += 1
+    return levels, tail, queue[tail - 1]

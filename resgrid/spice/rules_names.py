@@ -40,7 +40,7 @@ NODE_TRAPS = (
         "use letters, digits and underscores",
     ),
     Trap(r".*\$.*", "warning", "hold a $, which begins a comment in HSPICE and ngspice", "leave it out"),
-    Trap(r".*[^ -~\t].*", "warning", "hold characters beyond ASCII, which few simulators read", "write ASCII"),
+    Trap(r".*[^ -~\t\n].*", "warning", "hold characters beyond ASCII, which few simulators read", "write ASCII"),
     Trap(
         r".*[-+*/^%!&|<>~?@\[\]:].*",
         "info",

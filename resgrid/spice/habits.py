@@ -1,0 +1,83 @@
+"""What each simulator makes of circuits that are not quite sound, as data.
+
+ngspice's habits were measured with version 39 (`tests/spice/test_verdicts.py` measures them again):
+
+- One floating part makes the matrix singular; the answer that comes back, with exit status 0, is that of a circuit with
+  ``gmin`` (1e-12 S unless ``.option gmin`` says otherwise) from *every* node to ground.
+- ``.option rshunt=R`` puts ``R`` from every node to ground.
+- 0 ohm becomes 1 milliohm; smaller but positive values are kept.
+- The first line is the title, whatever it says.
+- A loop of voltage sources or a second device of the same name ends the run without an answer.
+
+The others are told from their manuals and mailing lists, without having been run: HSPICE raises resistances to
+``RESMIN`` (1e-5 ohm); Spectre and HSPICE put ``gmin`` at the floating nodes only, and say so; all of them take the first
+line for the title and refuse loops of voltage sources.  What is not known is not claimed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+Basis = Literal["measured", "documented"]
+
+
+@dataclass(frozen=True)
+class Habits:
+    """What one simulator does.
+
+    Attributes
+    ----------
+    name : str
+    basis : {"measured", "documented"}
+        How this is known.
+    smallest_resistance : float or None
+        In ohms: what smaller resistances are raised to, 0 included; None where that is not known.
+    raises_zero_only : bool
+        Positive values are kept.
+    floating : {"everywhere", "there", "unknown"}
+        Where a conductance is added when a part floats: at every node, at the floating nodes, or nobody knows.
+    gmin : float
+        That conductance, in siemens.
+    gmin_option : str
+        Option that changes it.
+    shunt_options : mapping of str to {"ohms", "siemens"}
+        Options that tie every node to ground.
+    duplicates : {"fails", "unknown"}
+        What a second element of the same name leads to.
+    """
+
+    name: str
+    basis: Basis
+    smallest_resistance: float | None = None
+    raises_zero_only: bool = False
+    floating: Literal["everywhere", "there", "unknown"] = "unknown"
+    gmin: float = 1e-12
+    gmin_option: str = "gmin"
+    shunt_options: Mapping[str, Literal["ohms", "siemens"]] = field(default_factory=dict)
+    duplicates: Literal["fails", "unknown"] = "unknown"
+
+
+HABITS: tuple[Habits, ...] = (
+    Habits(
+        name="ngspice",
+        basis="measured",
+        smallest_resistance=1e-3,
+        raises_zero_only=True,
+        floating="everywhere",
+        shunt_options={"rshunt": "ohms"},
+        duplicates="fails",
+    ),
+    Habits(name="ltspice", basis="documented", shunt_options={"gshunt": "siemens"}, duplicates="fails"),
+    Habits(name="xyce", basis="documented"),
+    Habits(
+        name="hspice",
+        basis="documented",
+        smallest_resistance=1e-5,
+        floating="there",
+        shunt_options={"gshunt": "siemens"},
+    ),
+    Habits(name="spectre", basis="documented", floating="there"),
+)
+"""One entry a simulator."""

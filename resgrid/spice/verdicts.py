@@ -1,0 +1,271 @@
+"""Will your simulator get it right?  The circuit as each simulator understands it, solved and compared.
+
+Where a simulator changes a circuit (a shunt at every node, 1 milliohm for 0 ohm, a device taken for the title), the
+changed circuit is solved too, and the largest difference is the error to expect.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import ResgridError
+from resgrid.netlist import GROUND, Netlist
+from resgrid.spice.finding import Finding
+from resgrid.spice.habits import HABITS, Basis, Habits
+from resgrid.spice.parsed import ParsedDeck, rebase
+from resgrid.spice.rules import check_rules
+from resgrid.spice.subject import Subject, subject_of
+
+Outcome = Literal["right", "wrong", "fails", "unsure"]
+
+TOLERANCE = 1e-9
+"""Largest error of an answer that counts as right, relative to the largest voltage."""
+
+_LARGEST = 300_000
+_SAFE_SPREAD = 1e12
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Whether one simulator will find a deck's operating point.
+
+    Attributes
+    ----------
+    simulator : str
+    outcome : {"right", "wrong", "fails", "unsure"}
+        ``"wrong"``: it answers, without an error, something else; ``"fails"``: it gives no answer.
+    max_error : float or None
+        Largest error of a node's voltage to expect, in volts; None where it was not computed.
+    worst_node : str or None
+        Where it occurs.
+    reasons : tuple of str
+        Why.
+    basis : {"measured", "documented"}
+        Whether the simulator was asked, or its manual.
+    """
+
+    simulator: str
+    outcome: Outcome
+    max_error: float | None
+    worst_node: str | None
+    reasons: tuple[str, ...]
+    basis: Basis
+
+    def __str__(self) -> str:
+        size = "" if self.max_error is None else f" by {self.max_error:.3g} V at {self.worst_node}"
+        why = f": {'; '.join(self.reasons)}" if self.reasons else ""
+        known = "" if self.basis == "measured" else " (from its documentation, not run)"
+        return f"{self.simulator}: {self.outcome}{size if self.outcome == 'wrong' else ''}{why}{known}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """A deck, what the rules say about it, and its right answer (None where there is none, or it was too large)."""
+
+    deck: ParsedDeck
+    subject: Subject
+    findings: tuple[Finding, ...]
+    floating: NDArray[np.int64]
+    voltage: NDArray[np.float64] | None
+
+
+def predict_simulators(
+    circuit: Netlist | ParsedDeck, findings: tuple[Finding, ...] | None = None
+) -> tuple[Verdict, ...]:
+    """Say for every simulator whether it will find the right operating point.
+
+    Parameters
+    ----------
+    circuit : Netlist or ParsedDeck
+        A deck is judged as it was written, a netlist as the deck that resgrid writes of it.
+    findings : tuple of Finding, optional
+        From `check_rules`, if they are known.
+
+    Returns
+    -------
+    tuple of Verdict
+        One a simulator.  Errors are computed for up to 300,000 nodes; beyond, reasons are given without a number.
+    """
+    findings = check_rules(circuit) if findings is None else findings
+    if isinstance(circuit, Netlist):
+        return tuple(_of_netlist(habits, circuit, findings) for habits in HABITS)
+    subject = subject_of(circuit)
+    floating = np.flatnonzero(subject.part != subject.part[GROUND])
+    case = _Case(circuit, subject, findings, floating, _right_answer(circuit))
+    return tuple(_of_deck(habits, case) for habits in HABITS)
+
+
+def _of_netlist(habits: Habits, netlist: Netlist, findings: tuple[Finding, ...]) -> Verdict:
+    """Our own decks leave out what simulators stumble over."""
+    errors = tuple(finding.message for finding in findings if finding.severity == "error")
+    if errors:
+        return Verdict(habits.name, "fails", None, None, (f"there is no deck to run: {errors[0]}",), habits.basis)
+    doubts = _spread_doubts(1 / netlist.conductance)
+    small = netlist.conductance.size and float(1 / netlist.conductance.max())
+    if habits.smallest_resistance and not habits.raises_zero_only and small and small < habits.smallest_resistance:
+        doubts += (f"it raises resistances to {habits.smallest_resistance:g} ohm (RESMIN)",)
+    return Verdict(habits.name, "unsure" if doubts else "right", None, None, doubts, habits.basis)
+
+
+def _of_deck(habits: Habits, case: _Case) -> Verdict:
+    fatal = _fatal(habits, case)
+    if fatal:
+        return Verdict(habits.name, "fails", None, None, fatal, habits.basis)
+    changed = _Changed(case.deck)
+    reasons = [*changed.lose_title(), *changed.raise_resistances(habits), *changed.shunt(habits, case.floating)]
+    doubts = _doubts(habits, case)
+    if not reasons:
+        return Verdict(habits.name, "unsure" if doubts else "right", None, None, doubts, habits.basis)
+    error, node = _error(changed, case)
+    wrong: Outcome = "wrong"
+    if error is not None and node is not None:
+        scale = float(np.nanmax(np.abs(case.voltage), initial=0.0)) if case.voltage is not None else 0.0
+        wrong = "wrong" if not error <= TOLERANCE * scale else "right"
+    outcome = "unsure" if doubts and wrong == "right" else wrong
+    return Verdict(habits.name, outcome, error, node, (*reasons, *doubts), habits.basis)
+
+
+def _fatal(habits: Habits, case: _Case) -> tuple[str, ...]:
+    sources = [f for f in case.findings if f.rule == "voltage loop" and f.severity == "error"]
+    twice = [f for f in case.findings if f.rule == "names" and f.severity == "error"]
+    reasons = [f"a loop of voltage sources leaves no answer ({f.place})" for f in sources[:1] if _is_source(f)]
+    if habits.duplicates == "fails":
+        reasons += [f"a name is given twice ({f.place})" for f in twice[:1]]
+    return tuple(reasons)
+
+
+def _is_source(finding: Finding) -> bool:
+    return "voltage source" in finding.message.split(" between ", 1)[0]
+
+
+def _doubts(habits: Habits, case: _Case) -> tuple[str, ...]:
+    doubts = _spread_doubts(np.abs(case.deck.resistance))
+    if case.floating.size and habits.floating == "unknown":
+        doubts += ("it is not known here what it makes of floating nodes",)
+    if habits.smallest_resistance is None and (case.deck.resistance == 0).any():
+        doubts += ("it is not known here what it makes of 0 ohm",)
+    if (case.deck.resistance < 0).any():
+        doubts += ("negative resistances cannot be checked here",)
+    if habits.duplicates == "unknown" and any(f.rule == "names" and f.severity == "error" for f in case.findings):
+        doubts += ("it is not known here which of two elements of one name it keeps",)
+    return doubts
+
+
+def _spread_doubts(resistance: NDArray[np.float64]) -> tuple[str, ...]:
+    size = resistance[(resistance > 0) & np.isfinite(resistance)]
+    if not size.size or size.max() <= _SAFE_SPREAD * size.min():
+        return ()
+    decades = np.log10(size.max() / size.min())
+    return (f"resistances span {decades:.0f} decades, and double precision holds 16",)
+
+
+class _Changed:
+    """A deck's elements as a simulator takes them; each method changes them and says so."""
+
+    def __init__(self, deck: ParsedDeck) -> None:
+        self.deck = deck
+        self.resistance, _, _ = rebase(deck.resistance, deck.tc1, deck.tc2, deck.heating)
+        self.keeps = {kind: np.ones(len(place), dtype=np.bool_) for kind, place in deck.place.items()}
+        self.siemens = 0.0
+        self.shunted = np.arange(1, len(deck.node_names))
+
+    def lose_title(self) -> list[str]:
+        """The first line is the title, even where it is an element."""
+        if self.deck.title is not None:
+            return []
+        lost = []
+        for kind, place in self.deck.place.items():
+            first = (place == [0, 1]).all(axis=1)
+            self.keeps[kind] &= ~first
+            lost += [self.deck.element_names[kind][i] for i in np.flatnonzero(first).tolist()]
+        return [f"the first line is taken for the title, so {lost[0]} is lost"] if lost else []
+
+    def raise_resistances(self, habits: Habits) -> list[str]:
+        """Resistances that are too small are raised."""
+        least = habits.smallest_resistance
+        if least is None:
+            return []
+        size = np.abs(self.resistance)
+        low = size == 0 if habits.raises_zero_only else size < least
+        if not low.any():
+            return []
+        self.resistance = np.where(low, least, self.resistance)
+        return [f"{int(low.sum()):,} resistances ({'0' if habits.raises_zero_only else 'below'} ohm) become {least:g} ohm"]
+
+    def shunt(self, habits: Habits, floating: NDArray[np.int64]) -> list[str]:
+        """Conductances are added from nodes to ground."""
+        reasons = []
+        for option, unit in habits.shunt_options.items():
+            value = _option(self.deck, option)
+            if value:
+                self.siemens += 1 / value if unit == "ohms" else value
+                reasons.append(f".option {option}={value:g} ties every node to ground")
+        if floating.size and habits.floating == "everywhere":
+            gmin = _option(self.deck, habits.gmin_option) or habits.gmin
+            self.siemens += gmin
+            reasons.append(
+                f"{floating.size:,} floating nodes: the answer comes, with exit status 0, as if {gmin:g} S led from "
+                "every node to ground"
+            )
+        return reasons
+
+    def netlist(self) -> Netlist:
+        """What the simulator solves."""
+        deck, keeps = self.deck, self.keeps
+        own = keeps["resistor"] & (self.resistance != 0)
+        short = keeps["resistor"] & (self.resistance == 0)
+        ties = np.stack([self.shunted, np.zeros_like(self.shunted)], axis=1) if self.siemens else np.empty((0, 2), int)
+        sources = keeps["voltage source"]
+        return Netlist(
+            len(deck.node_names),
+            np.concatenate([deck.resistor_nodes[own], ties]),
+            np.concatenate([1 / self.resistance[own], np.full(len(ties), self.siemens)]),
+            source_nodes=np.concatenate([deck.source_nodes[sources], deck.resistor_nodes[short]]),
+            source_volts=np.concatenate([deck.source_volts[sources], np.zeros(int(short.sum()))]),
+            current_nodes=deck.current_nodes[keeps["current source"]],
+            current_amps=deck.current_amps[keeps["current source"]],
+        )
+
+
+def _option(deck: ParsedDeck, name: str) -> float:
+    try:
+        value = float(deck.options.get(name, "0"))
+    except ValueError:
+        from resgrid.scene.quantities import parse_quantity
+
+        value = float(parse_quantity(deck.options[name].lower()))
+    return value if np.isfinite(value) and value > 0 else 0.0
+
+
+def _right_answer(deck: ParsedDeck) -> NDArray[np.float64] | None:
+    if len(deck.node_names) > _LARGEST:
+        return None
+    try:
+        return _voltages(deck.netlist())
+    except ResgridError:
+        return None
+
+
+def _voltages(netlist: Netlist) -> NDArray[np.float64]:
+    from resgrid.nodal.solve import solve
+
+    return solve(netlist, accuracy="normwise", rtol=1e-12).voltage
+
+
+def _error(changed: _Changed, case: _Case) -> tuple[float | None, str | None]:
+    """Largest difference to the right answer, in volts, and its node."""
+    if case.voltage is None:
+        return None, None
+    try:
+        got = _voltages(changed.netlist())
+    except ResgridError:
+        return None, None
+    difference = np.abs(got - case.voltage)
+    difference[np.isnan(case.voltage)] = 0.0
+    worst = int(np.argmax(difference))
+    size = float(difference[worst])
+    return (size if np.isfinite(size) else None), case.deck.node_names[worst]
