@@ -21,6 +21,9 @@ from resgrid.spice.subject import Subject, connected_parts_of, subject_of
 SLOW = 60.0
 """Seconds from which a run counts as slow."""
 
+_RANDOM_WIDTH = 0.117
+"""Random networks have few levels: their width counts as at most this times the neighbours and ``size**(2/3)``."""
+
 
 @dataclass(frozen=True)
 class Costs:
@@ -150,7 +153,8 @@ def core_of(subject: Subject) -> tuple[int, float]:
         return 0, 0.0
     _, _, far = sweep_levels(graph.indptr, graph.indices, alive, int(np.argmax(forks)))
     levels, reached, _ = sweep_levels(graph.indptr, graph.indices, alive, far)
-    return int(forks.sum()), reached / levels
+    size, neighbours = int(forks.sum()), float(degree[forks].mean())
+    return size, min(reached / levels, _RANDOM_WIDTH * neighbours * size ** (2 / 3))
 
 
 def _held(subject: Subject) -> NDArray[np.bool_]:
