@@ -21,6 +21,9 @@ from resgrid.nodal.system import NodalSystem
 _UNITS = 2**28
 """What the largest demand is in the whole numbers that the flow is computed in."""
 
+_SLACK = 1 + 2.0**-20
+"""How much more is fed in than there is, so that of two equal cuts the one through resistors is found."""
+
 _MARGIN = 1e-9
 
 
@@ -94,17 +97,18 @@ def _flow_graph(netlist: Netlist, system: NodalSystem, injected: NDArray[np.floa
     size = system.size
     rail, source, sink = size, size + 1, size + 2
     scale = _UNITS / demand
+    outer = scale * _SLACK
     rows = np.where(system.unknown < 0, rail, system.unknown)
-    limit = np.append(np.full(len(netlist.conductance), _UNITS), netlist.nonlinear_current * scale)
+    limit = np.append(np.full(len(netlist.conductance), 2.0 * _UNITS), netlist.nonlinear_current * scale)
     a, b = rows[np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])].T
     fed, taken = np.flatnonzero(injected > 0), np.flatnonzero(injected < 0)
     surplus = float(injected.sum())
     tails = np.concatenate([a, b, np.full(len(fed), source), taken, [rail if surplus > 0 else source]])
     heads = np.concatenate([b, a, fed, np.full(len(taken), sink), [sink if surplus > 0 else rail]])
-    amounts = np.concatenate([limit, limit, injected[fed] * scale, -injected[taken] * scale, [abs(surplus) * scale]])
+    amounts = np.concatenate([limit, limit, injected[fed] * outer, -injected[taken] * outer, [abs(surplus) * outer]])
     kept = tails != heads
     graph = sparse.coo_array((amounts[kept], (tails[kept], heads[kept])), shape=(size + 3,) * 2).tocsr()
-    graph.data = np.minimum(graph.data, _UNITS).astype(np.int32)
+    graph.data = np.minimum(graph.data, 2.0 * _UNITS).astype(np.int32)
     return graph
 
 
