@@ -3,19 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.errors import CircuitError, InputError
-from resgrid.netlist import GROUND, Netlist
+from resgrid.netlist import Netlist
 from resgrid.spice.dialects import Dialect, dialect_named
-from resgrid.spice.names import legal_names
-from resgrid.spice.rules import connected_parts, trapped_current_sources
+from resgrid.spice.elements import (
+    ENDS,
+    NodeNames,
+    choose_elements,
+    held_nodes,
+    name_elements,
+    name_nodes,
+    renamed,
+    renamed_elements,
+)
+from resgrid.spice.text.texts import Chosen, Texts, fill, names, numbers, weave
 
 _MAX_TITLE = 200
-_INITIAL = {"resistor": "r", "voltage source": "v", "current source": "i", "capacitor": "c"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +51,8 @@ class FlatDeck:
         Names (the netlist's) of the nodes that float and are left out.
     renamed_nodes, renamed_elements : mapping of str to str
         Name in the deck to name in the netlist, where they differ.
+    resistors : Texts
+        Names of the resistors in the deck, in its order; `resistor_value` in ohms goes with them.
     """
 
     netlist: Netlist
@@ -57,6 +66,27 @@ class FlatDeck:
     left_out: list[str]
     renamed_nodes: Mapping[str, str]
     renamed_elements: Mapping[str, str]
+    resistors: Texts
+    resistor_value: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Additions:
+    """What analyses ask of the lines of a deck.
+
+    Attributes
+    ----------
+    suffix : mapping of str to mapping of int to str
+        Per kind of source, what is added to the line of which of the netlist's elements (a waveform).
+    spread : float
+        Standard deviation of the resistances, relative, to be drawn by the simulator; 0 for none.
+    """
+
+    suffix: Mapping[str, Mapping[int, str]] = field(default_factory=dict)
+    spread: float = 0.0
+
+
+_NOTHING = Additions()
 
 
 def format_deck(netlist: Netlist, *, dialect: str = "ngspice", title: str | None = None) -> str:
@@ -87,7 +117,9 @@ def format_deck(netlist: Netlist, *, dialect: str = "ngspice", title: str | None
     return flatten(netlist, dialect=dialect, title=title).text
 
 
-def flatten(netlist: Netlist, *, dialect: str = "ngspice", title: str | None = None) -> FlatDeck:
+def flatten(
+    netlist: Netlist, *, dialect: str = "ngspice", title: str | None = None, additions: Additions = _NOTHING
+) -> FlatDeck:
     """Write a netlist as a flat deck; as `format_deck`, with the names that were used.
 
     Parameters
@@ -95,6 +127,8 @@ def flatten(netlist: Netlist, *, dialect: str = "ngspice", title: str | None = N
     netlist : Netlist
     dialect : str
     title : str, optional
+    additions : Additions
+        What analyses ask of it.
 
     Returns
     -------
@@ -106,31 +140,50 @@ def flatten(netlist: Netlist, *, dialect: str = "ngspice", title: str | None = N
         As `format_deck`.
     """
     rules = dialect_named(dialect)
-    held = _held_nodes(netlist)
-    names, nodes = _node_names(netlist, rules, held)
-    elements = _choose_elements(netlist, held)
-    element_names = _element_names(netlist, elements, names)
-    heading = _tidy_title(_default_title(netlist) if title is None else title)
+    held = held_nodes(netlist)
+    nodes = name_nodes(netlist, rules, held)
+    elements = choose_elements(netlist, held)
+    element_names = {kind: name_elements(netlist, kind, chosen, nodes) for kind, chosen in elements.items()}
+    values = _values(netlist, elements)
+    heading = tidy_title(_default_title(netlist) if title is None else title)
     left_out = netlist.names_of(np.flatnonzero(~held))
-    lines = [
-        f"* {heading}",
-        "* " + _census(rules, nodes, elements),
-        *_left_out_line(netlist, elements, left_out),
-        *_element_lines(netlist, rules, elements, element_names, names),
-        rules.end,
-    ]
+    head = [heading, _census(rules, nodes, elements), *_left_out_line(netlist, elements, left_out)]
+    blocks = [
+        fill(_template(netlist, rules, kind, additions), len(chosen), {
+            "name": element_names[kind],
+            "a": nodes.texts.take(getattr(netlist, ENDS[kind])[chosen, 0]),
+            "b": nodes.texts.take(getattr(netlist, ENDS[kind])[chosen, 1]),
+            "suffix": _suffixes(chosen, additions.suffix.get(kind, {})),
+            **values[kind],
+        })
+        for kind, chosen in elements.items()
+    ]  # fmt: skip
+    text = "".join(
+        [
+            *(f"{rules.comment}{line}\n" for line in head),
+            *(f"{line}\n" for line in _preamble(netlist, rules, elements, additions)),
+            *(
+                f"{rules.comment}{kind}s\n{block.decode()}"
+                for kind, block in zip(elements, blocks, strict=True)
+                if len(block)
+            ),
+            rules.end and f"{rules.end}\n",
+        ]
+    )
     return FlatDeck(
         netlist=netlist,
-        text="\n".join(lines) + "\n",
+        text=text,
         dialect=rules,
         title=heading,
-        nodes=nodes,
-        node_names=[names[node] for node in nodes.tolist()],
+        nodes=nodes.nodes,
+        node_names=weave(len(nodes.nodes), nodes.texts.take(nodes.nodes)).strings(),
         sources=elements["voltage source"],
-        source_names=element_names["voltage source"],
+        source_names=element_names["voltage source"].strings(),
         left_out=left_out,
-        renamed_nodes=_renamed(names, netlist, nodes),
-        renamed_elements=_renamed_elements(netlist, elements, element_names),
+        renamed_nodes=renamed(netlist, nodes),
+        renamed_elements=renamed_elements(netlist, elements, element_names),
+        resistors=element_names["resistor"],
+        resistor_value=resistances(netlist.conductance[elements["resistor"]]),
     )
 
 
@@ -164,146 +217,74 @@ def resistances(conductance: NDArray[np.float64]) -> NDArray[np.float64]:
     return best
 
 
-def _held_nodes(netlist: Netlist) -> NDArray[np.bool_]:
-    part = connected_parts(netlist)
-    trapped = trapped_current_sources(netlist, part)
-    if trapped.size:
-        where = netlist.names_of(netlist.current_nodes[trapped[0]])
-        raise CircuitError(
-            f"current source {trapped[0]} from node {where[0]} to node {where[1]} feeds a floating part that lets no "
-            "current out: remove it, or join the part to ground"
-        )
-    held: NDArray[np.bool_] = part == part[GROUND]
-    if held.sum() < 2:
-        raise InputError("nothing is left to write: no node has a path of resistors or voltage sources to ground")
-    return held
-
-
-def _node_names(netlist: Netlist, rules: Dialect, held: NDArray[np.bool_]) -> tuple[list[str], NDArray[np.int64]]:
-    nodes = np.flatnonzero(held)
-    nodes = nodes[nodes != GROUND]
-    legal = legal_names(netlist.names_of(nodes), "n", rules.reserved)
-    names = [""] * netlist.node_count
-    names[GROUND] = rules.ground
-    for node, name in zip(nodes.tolist(), legal, strict=True):
-        names[node] = name
-    return names, nodes
-
-
-def _choose_elements(netlist: Netlist, held: NDArray[np.bool_]) -> dict[str, NDArray[np.int64]]:
-    """Numbers of the elements that the deck holds, per kind, in the order of their nodes and values."""
-    from resgrid.nodal.sources import tie_sources
-
-    with np.errstate(over="ignore"):
-        if np.isinf(1 / netlist.conductance).any():
-            raise InputError("a resistance is beyond the largest number; leave that resistor out: it is open")
-    parents = tie_sources(netlist).parent_source
-    keeps_source = np.zeros(len(netlist.source_volts), dtype=np.bool_)
-    keeps_source[parents[parents >= 0]] = True
+def _values(netlist: Netlist, elements: Mapping[str, NDArray[np.int64]]) -> dict[str, dict[str, Texts]]:
+    """Columns of numbers, per kind, by the names that the dialects' templates have for them."""
+    chosen = elements["resistor"]
+    none = np.zeros(len(netlist.conductance))
     return {
-        "voltage source": _sorted(netlist.source_nodes, netlist.source_volts, held, keeps_source),
-        "current source": _sorted(netlist.current_nodes, netlist.current_amps, held),
-        "resistor": _sorted(netlist.resistor_nodes, -netlist.conductance, held),
-        "capacitor": _sorted(netlist.capacitor_nodes, netlist.capacitance, held),
+        "voltage source": {"value": _plain(netlist.source_volts, elements["voltage source"])},
+        "current source": {"value": _plain(netlist.current_amps, elements["current source"])},
+        "resistor": {
+            "value": numbers(resistances(netlist.conductance[chosen])),
+            "tc1": _plain(none if netlist.tc1 is None else netlist.tc1, chosen),
+            "tc2": _plain(none if netlist.tc2 is None else netlist.tc2, chosen),
+        },
+        "nonlinear resistor": {
+            "current": _plain(netlist.nonlinear_current, elements["nonlinear resistor"]),
+            "voltage": _plain(netlist.nonlinear_voltage, elements["nonlinear resistor"]),
+        },
+        "capacitor": {"value": _plain(netlist.capacitance, elements["capacitor"])},
     }
 
 
-def _sorted(
-    ends: NDArray[np.int64],
-    value: NDArray[np.float64],
-    held: NDArray[np.bool_],
-    keep: NDArray[np.bool_] | None = None,
-) -> NDArray[np.int64]:
-    kept = held[ends].all(axis=1) if keep is None else held[ends].all(axis=1) & keep
-    numbers = np.flatnonzero(kept)
-    first, second = ends[numbers].T
-    return numbers[np.lexsort((value[numbers], second, first))]
+def _plain(values: NDArray[np.float64], chosen: NDArray[np.int64]) -> Texts:
+    return numbers(values[chosen] + 0.0)  # no minus in front of zero
 
 
-def _element_names(
-    netlist: Netlist, elements: Mapping[str, NDArray[np.int64]], names: list[str]
-) -> dict[str, list[str]]:
-    """Names in the deck: the file's where there are any, otherwise from the place."""
-    labels = [name.removeprefix("n_") for name in names]
-    labels[GROUND] = ""
-    given = netlist.element_names or {}
-    result = {}
-    for kind, numbers in elements.items():
-        initial = _INITIAL[kind]
-        if kind in given:
-            read = [given[kind][number] for number in numbers.tolist()]
-            wanted = [name if name[:1].lower() == initial else f"{initial}_{name}" for name in read]
-        else:
-            ends = _ends(netlist, kind)[numbers].tolist()
-            wanted = _place_names(kind, initial, ends, labels)
-        result[kind] = legal_names(wanted, initial)
-    return result
-
-
-def _place_names(kind: str, initial: str, ends: list[list[int]], labels: list[str]) -> list[str]:
+def _template(netlist: Netlist, rules: Dialect, kind: str, additions: Additions) -> str:
+    template: str = getattr(rules, kind.replace(" ", "_"))
     if kind == "resistor":
-        return [f"r_{labels[a]}_{labels[b]}" if a and b else f"r_{labels[a or b]}" for a, b in ends]
-    if kind == "current source":
-        return [f"i_{labels[b or a]}" for a, b in ends]
-    return [f"{initial}_{labels[a]}_{labels[b]}" if a and b else f"{initial}_{labels[a or b]}" for a, b in ends]
+        if additions.spread:
+            template = rules.spread_resistor.replace("{sigma}", repr(additions.spread))
+        if any(tc is not None and tc.any() for tc in (netlist.tc1, netlist.tc2)):
+            template += rules.temperature_coefficients
+    return template + ("{suffix}\n" if additions.suffix.get(kind) else "\n")
 
 
-def _ends(netlist: Netlist, kind: str) -> NDArray[np.int64]:
-    return {
-        "resistor": netlist.resistor_nodes,
-        "voltage source": netlist.source_nodes,
-        "current source": netlist.current_nodes,
-        "capacitor": netlist.capacitor_nodes,
-    }[kind]
+def _suffixes(chosen: NDArray[np.int64], suffix: Mapping[int, str]) -> Chosen:
+    which = {number: i for i, number in enumerate(suffix, start=1)}
+    return names(["", *suffix.values()]).take(np.array([which.get(number, 0) for number in chosen.tolist()], np.int64))
 
 
-def _element_lines(
-    netlist: Netlist,
-    rules: Dialect,
-    elements: Mapping[str, NDArray[np.int64]],
-    element_names: Mapping[str, list[str]],
-    names: list[str],
+def _preamble(
+    netlist: Netlist, rules: Dialect, elements: Mapping[str, NDArray[np.int64]], additions: Additions
 ) -> list[str]:
-    lines: list[str] = []
-    for kind, template, values in (
-        ("voltage source", rules.voltage_source, netlist.source_volts),
-        ("current source", rules.current_source, netlist.current_amps),
-        ("resistor", rules.resistor, resistances(netlist.conductance)),
-        ("capacitor", rules.capacitor, netlist.capacitance),
-    ):
-        numbers = elements[kind]
-        if not numbers.size:
-            continue
-        first, second = _ends(netlist, kind)[numbers].T.tolist()
-        numbered = zip(element_names[kind], first, second, (values[numbers] + 0.0).tolist(), strict=True)
-        block = [template % (name, names[a], names[b], value) for name, a, b, value in numbered]
-        if kind == "resistor":
-            block = _with_temperature(block, netlist, rules, numbers)
-        lines += [f"* {kind}s", *block]
+    lines = list(rules.preamble)
+    if elements["nonlinear resistor"].size:
+        lines.append(rules.precise)
+    if additions.spread:
+        coefficients = any(tc is not None and tc.any() for tc in (netlist.tc1, netlist.tc2))
+        lines += spread_preamble(rules, additions.spread, temperature=coefficients)
     return lines
 
 
-def _with_temperature(block: list[str], netlist: Netlist, rules: Dialect, numbers: NDArray[np.int64]) -> list[str]:
-    none = np.zeros(len(netlist.conductance))
-    tc1 = none if netlist.tc1 is None else netlist.tc1
-    tc2 = none if netlist.tc2 is None else netlist.tc2
-    if not (tc1.any() or tc2.any()):
-        return block
-    pairs = zip(block, (tc1[numbers] + 0.0).tolist(), (tc2[numbers] + 0.0).tolist(), strict=True)
-    return [line + rules.temperature_coefficients % (a, b) for line, a, b in pairs]
+def spread_preamble(rules: Dialect, sigma: float, *, temperature: bool = False) -> list[str]:
+    """Lines that resistors of random value need in front of them; ``temperature``: whether they have coefficients."""
+    defaults, passed = (" tc1=0 tc2=0", " tc1=tc1 tc2=tc2") if temperature else ("", "")
+    return [line.format(sigma=repr(sigma), defaults=defaults, passed=passed) for line in rules.spread_preamble]
 
 
-def _census(rules: Dialect, nodes: NDArray[np.int64], elements: Mapping[str, NDArray[np.int64]]) -> str:
+def _census(rules: Dialect, nodes: NodeNames, elements: Mapping[str, NDArray[np.int64]]) -> str:
     counts = [f"{len(numbers)} {kind}s" for kind, numbers in elements.items() if numbers.size]
-    return f"{rules.name} dialect: " + ", ".join([f"{len(nodes)} nodes besides ground", *counts])
+    return f"{rules.name} dialect: " + ", ".join([f"{len(nodes.nodes)} nodes besides ground", *counts])
 
 
 def _left_out_line(netlist: Netlist, elements: Mapping[str, NDArray[np.int64]], left_out: list[str]) -> list[str]:
-    dropped = sum(len(_ends(netlist, kind)) - len(numbers) for kind, numbers in elements.items())
+    dropped = sum(len(getattr(netlist, ENDS[kind])) - len(numbers) for kind, numbers in elements.items())
     if not left_out and not dropped:
         return []
     return [
-        f"* left out: {len(left_out)} floating nodes (listed in the sidecar), "
+        f"left out: {len(left_out)} floating nodes (listed in the sidecar), "
         f"{dropped} elements that touch them or close a loop of voltage sources"
     ]
 
@@ -315,29 +296,9 @@ def _default_title(netlist: Netlist) -> str:
     return f"resistor grid of {cells} cells, {netlist.layout.boundary} boundary"
 
 
-def _tidy_title(title: str) -> str:
+def tidy_title(title: str) -> str:
+    """Make one line of printable ASCII."""
     # Decks are ASCII for the sake of old simulators; the scene keeps the title as it was written.
     tidy = " ".join(title.split()).encode("ascii", "replace").decode("ascii")
     printable = "".join(character if character.isprintable() else "?" for character in tidy)
     return printable[:_MAX_TITLE] or "resistor netlist"
-
-
-def _renamed(names: list[str], netlist: Netlist, nodes: NDArray[np.int64]) -> dict[str, str]:
-    originals = netlist.names_of(nodes)
-    return {
-        names[node]: original
-        for node, original in zip(nodes.tolist(), originals, strict=True)
-        if names[node] != original
-    }
-
-
-def _renamed_elements(
-    netlist: Netlist, elements: Mapping[str, NDArray[np.int64]], element_names: Mapping[str, list[str]]
-) -> dict[str, str]:
-    given = netlist.element_names or {}
-    return {
-        name: given[kind][number]
-        for kind in given
-        for name, number in zip(element_names[kind], elements[kind].tolist(), strict=True)
-        if name != given[kind][number]
-    }

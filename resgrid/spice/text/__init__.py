@@ -1,0 +1,1 @@
+"""Text in bulk: columns of names and numbers put together in one array of bytes."""
