@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,12 +42,12 @@ class FlatDeck:
         Its title, one line of ASCII.
     nodes : ndarray of int64, shape (n,)
         Nodes of the netlist that the deck holds, ascending, without ground.
-    node_names : list of str
-        Their names in the deck.
+    node_texts : Texts
+        Their names in the deck; `node_names` as strings.
     sources : ndarray of int64, shape (s,)
         Voltage sources of the netlist that the deck holds, in its order.
-    source_names : list of str
-        Their names in the deck.
+    source_texts : Texts
+        Their names in the deck; `source_names` as strings.
     left_out : list of str
         Names (the netlist's) of the nodes that float and are left out.
     renamed_nodes, renamed_elements : mapping of str to str
@@ -60,14 +61,24 @@ class FlatDeck:
     dialect: Dialect
     title: str
     nodes: NDArray[np.int64]
-    node_names: list[str]
+    node_texts: Texts
     sources: NDArray[np.int64]
-    source_names: list[str]
+    source_texts: Texts
     left_out: list[str]
     renamed_nodes: Mapping[str, str]
     renamed_elements: Mapping[str, str]
     resistors: Texts
     resistor_value: NDArray[np.float64]
+
+    @cached_property
+    def node_names(self) -> list[str]:
+        """Names of the nodes in the deck."""
+        return self.node_texts.strings()
+
+    @cached_property
+    def source_names(self) -> list[str]:
+        """Names of the voltage sources in the deck."""
+        return self.source_texts.strings()
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,9 +187,9 @@ def flatten(
         dialect=rules,
         title=heading,
         nodes=nodes.nodes,
-        node_names=weave(len(nodes.nodes), nodes.texts.take(nodes.nodes)).strings(),
+        node_texts=weave(len(nodes.nodes), nodes.texts.take(nodes.nodes)),
         sources=elements["voltage source"],
-        source_names=element_names["voltage source"].strings(),
+        source_texts=element_names["voltage source"],
         left_out=left_out,
         renamed_nodes=renamed(netlist, nodes),
         renamed_elements=renamed_elements(netlist, elements, element_names),
@@ -251,7 +262,9 @@ def _template(netlist: Netlist, rules: Dialect, kind: str, additions: Additions)
     return template + ("{suffix}\n" if additions.suffix.get(kind) else "\n")
 
 
-def _suffixes(chosen: NDArray[np.int64], suffix: Mapping[int, str]) -> Chosen:
+def _suffixes(chosen: NDArray[np.int64], suffix: Mapping[int, str]) -> Chosen | bytes:
+    if not suffix:
+        return b""
     which = {number: i for i, number in enumerate(suffix, start=1)}
     return names(["", *suffix.values()]).take(np.array([which.get(number, 0) for number in chosen.tolist()], np.int64))
 
