@@ -36,9 +36,9 @@ _HARMLESS = re.compile(
     r"no resource usage|no active circuit|^trying gmin|^supplies reduced|further gmin|^note: one successful",
     re.IGNORECASE,
 )
-_FORBIDDEN = re.compile(
-    rb"^\s*(\*#|\.(control|include|inc|lib|exec|csparam|model|func)\b)", re.IGNORECASE | re.MULTILINE
-)
+_COMMANDS = rb"\*#|\.(?:control|include|inc|lib|exec|csparam)\b"
+_FORBIDDEN = re.compile(rb"^\s*(" + _COMMANDS + rb"|\.(?:model|func)\b)", re.IGNORECASE | re.MULTILINE)
+_FORBIDDEN_ANYWHERE = re.compile(rb"^\s*(" + _COMMANDS + rb")", re.IGNORECASE | re.MULTILINE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,6 +119,7 @@ def simulate(
     source: str = "deck",
     timeout: float = 600.0,
     executable: str | os.PathLike[str] | None = None,
+    direct: bool = False,
 ) -> Simulation:
     """Find the operating point of a deck's content; as `run_ngspice`.
 
@@ -131,6 +132,8 @@ def simulate(
     timeout : float
         In seconds.
     executable : path-like, optional
+    direct : bool
+        Run the deck itself, with its own title and analysis, instead of a file that includes it; models are allowed.
 
     Returns
     -------
@@ -142,19 +145,20 @@ def simulate(
         As `run_ngspice`.
     """
     program = _find(executable)
-    _refuse_commands(data, source)
+    refuse_commands(data, source, models=direct)
     with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
         folder = Path(name)
         version = _version(program, folder)
         (folder / _DECK).write_bytes(data)
         (folder / "run.cir").write_text(dialect_named("ngspice").commands.format(deck=_DECK), encoding="ascii")
-        status = _run([program, "-n", "-b", "-r", _RAW, "run.cir"], folder, timeout, source)
-        complaints = _complaints(_read_log(folder))
+        main = _DECK if direct else "run.cir"
+        status = run_quietly([program, "-n", "-b", "-r", _RAW, main], folder, timeout, source)
+        complaints = log_complaints(folder)
         try:
-            raw = _operating_point(folder / _RAW)
+            raw = operating_point(folder / _RAW)
         except InputError as error:
             return Simulation({}, {}, "ngspice", version, (f"{error} (exit status {status})", *complaints))
-    voltage, current = _readings(raw)
+    voltage, current = readings(raw)
     return Simulation(voltage, current, "ngspice", version, complaints)
 
 
@@ -182,8 +186,23 @@ def _find(executable: str | os.PathLike[str] | None) -> str:
     return str(Path(found).absolute())
 
 
-def _refuse_commands(data: bytes, source: str) -> None:
-    match = _FORBIDDEN.search(data.replace(b"\r", b"\n"))
+def refuse_commands(data: bytes, source: str, *, models: bool = False) -> None:
+    """Refuse a deck that could run commands or read other files.
+
+    Parameters
+    ----------
+    data : bytes
+    source : str
+        What to call it in messages.
+    models : bool
+        Whether ``.model`` and ``.func`` are allowed: they were read, and hold nothing but resistors.
+
+    Raises
+    ------
+    InputError
+        The message names the line.
+    """
+    match = (_FORBIDDEN_ANYWHERE if models else _FORBIDDEN).search(data.replace(b"\r", b"\n"))
     if match:
         line = data.replace(b"\r", b"\n").count(b"\n", 0, match.start()) + 1
         word = match.group(1).decode("ascii")
@@ -195,14 +214,28 @@ def _refuse_commands(data: bytes, source: str) -> None:
 
 def _version(program: str, folder: Path) -> str:
     try:
-        _run([program, "--version"], folder, 10.0, "--version")
+        run_quietly([program, "--version"], folder, 10.0, "--version")
     except BudgetError:
         return "unknown"
+    return simulated_version(folder)
+
+
+def simulated_version(folder: Path) -> str:
+    """Version of ngspice that the log in a folder tells of."""
     match = _VERSION.search(_read_log(folder))
     return match.group(1) if match else "unknown"
 
 
-def _run(command: list[str], folder: Path, timeout: float, source: str) -> int:
+def run_quietly(command: list[str], folder: Path, timeout: float, source: str, name: str = "ngspice") -> int:
+    """Run a simulator in a folder, its output in a log there; its exit status, of which nothing follows.
+
+    Raises
+    ------
+    ToolMissingError
+        If it cannot be run.
+    BudgetError
+        If it does not end in time.
+    """
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("SPICE", "NGSPICE"))}
     with (folder / _LOG).open("wb") as log:
         try:
@@ -216,12 +249,12 @@ def _run(command: list[str], folder: Path, timeout: float, source: str) -> int:
                 start_new_session=True,
             )
         except OSError as error:
-            raise ToolMissingError(f"cannot run {command[0]}: {error.strerror}; install ngspice anew") from error
+            raise ToolMissingError(f"cannot run {command[0]}: {error.strerror}; install {name} anew") from error
         try:
             return process.wait(timeout)
         except subprocess.TimeoutExpired as error:
             raise BudgetError(
-                f"ngspice did not finish {source} within {timeout:g} s; allow more time or check a smaller grid"
+                f"{name} did not finish {source} within {timeout:g} s; allow more time or check a smaller grid"
             ) from error
         finally:  # a time-out and Ctrl-C alike leave no process behind
             if process.poll() is None:
@@ -234,13 +267,21 @@ def _read_log(folder: Path) -> str:
         return log.read(_MAX_LOG).decode("utf-8", "replace")
 
 
-def _complaints(log: str) -> tuple[str, ...]:
-    lines = (re.sub(r"\s+", " ", line).strip() for line in re.split(r"[\r\n]+", log))
+def log_complaints(folder: Path, name: str = "ngspice") -> tuple[str, ...]:
+    """What a simulator complains about in its log."""
+    lines = (re.sub(r"\s+", " ", line).strip() for line in re.split(r"[\r\n]+", _read_log(folder)))
     bad = dict.fromkeys(line for line in lines if _COMPLAINT.search(line) and not _HARMLESS.search(line))
-    return tuple(f"ngspice says: {line[:200]}" for line in list(bad)[:_MAX_COMPLAINTS])
+    return tuple(f"{name} says: {line[:200]}" for line in list(bad)[:_MAX_COMPLAINTS])
 
 
-def _operating_point(path: Path) -> RawFile:
+def operating_point(path: Path) -> RawFile:
+    """The raw file of an operating point.
+
+    Raises
+    ------
+    InputError
+        If it is absent, damaged or something else.
+    """
     if not path.is_file():
         raise InputError("ngspice left no raw file")
     raw = read_rawfile(path.read_bytes(), "ngspice's raw file")
@@ -255,12 +296,13 @@ def _operating_point(path: Path) -> RawFile:
     return raw
 
 
-def _readings(raw: RawFile) -> tuple[Mapping[str, float], Mapping[str, float]]:
-    readings: dict[str, dict[str, float]] = {"voltage": {}, "current": {}}
+def readings(raw: RawFile) -> tuple[Mapping[str, float], Mapping[str, float]]:
+    """Voltage of every node and current of every source, by name."""
+    found: dict[str, dict[str, float]] = {"voltage": {}, "current": {}}
     for name, kind, value in zip(raw.names, raw.kinds, raw.values[0].tolist(), strict=True):
-        if kind in readings:
-            readings[kind][_bare(name)] = value
-    return MappingProxyType(readings["voltage"]), MappingProxyType(readings["current"])
+        if kind in found:
+            found[kind][_bare(name)] = value
+    return MappingProxyType(found["voltage"]), MappingProxyType(found["current"])
 
 
 def _bare(name: str) -> str:

@@ -194,7 +194,9 @@ class _Changed:
         if not low.any():
             return []
         self.resistance = np.where(low, least, self.resistance)
-        return [f"{int(low.sum()):,} resistances ({'0' if habits.raises_zero_only else 'below'} ohm) become {least:g} ohm"]
+        return [
+            f"{int(low.sum()):,} resistances ({'0' if habits.raises_zero_only else 'below'} ohm) become {least:g} ohm"
+        ]
 
     def shunt(self, habits: Habits, floating: NDArray[np.int64]) -> list[str]:
         """Conductances are added from nodes to ground."""
@@ -232,13 +234,12 @@ class _Changed:
 
 
 def _option(deck: ParsedDeck, name: str) -> float:
-    try:
-        value = float(deck.options.get(name, "0"))
-    except ValueError:
-        from resgrid.scene.quantities import parse_quantity
+    """Value of an option, 0 where it is not set or no positive number."""
+    from resgrid.spice.reader.numerals import Numeral, parse_numeral
+    from resgrid.spice.reader.rules import rules_named
 
-        value = float(parse_quantity(deck.options[name].lower()))
-    return value if np.isfinite(value) and value > 0 else 0.0
+    number = parse_numeral(deck.options.get(name, "0"), rules_named(deck.dialect))
+    return number.value if isinstance(number, Numeral) and number.value > 0 else 0.0
 
 
 def _right_answer(deck: ParsedDeck) -> NDArray[np.float64] | None:
