@@ -24,7 +24,7 @@ _UNITS = 2**28
 _SLACK = 1 + 2.0**-20
 """How much more is fed in than there is, so that of two equal cuts the one through resistors is found."""
 
-_MARGIN = 1e-9
+_MARGIN = 1e-12
 
 
 def refuse_saturated_cut(netlist: Netlist, system: NodalSystem) -> None:

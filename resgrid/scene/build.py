@@ -14,7 +14,7 @@ from resgrid.robots import Arm, Ball, Box, HalfSpace, Polygon, PolygonRobot, Rob
 from resgrid.scene.map_data import MapData
 from resgrid.scene.maps import read_map
 from resgrid.scene.robot_document import robot_table, with_robot_axes
-from resgrid.scene.scene import Chip, CostArea, Frame, Goal, GoalCell, GoalJoints, GoalPoint, MapCells, Scene
+from resgrid.scene.scene import CostArea, Frame, Goal, GoalCell, GoalJoints, GoalPoint, MapCells, Scene
 from resgrid.scene.toml_lines import Path as KeyPath
 from resgrid.scene.validate import validate
 from resgrid.space import Axis
@@ -136,8 +136,14 @@ def document_of(scene: Scene) -> dict[str, Any]:
     document["goal"] = [_table(goal) for goal in scene.goals]
     document["starts"] = [list(start) for start in scene.starts]
     document["area"] = [_table(area.shape) | {"conductivity": area.conductivity} for area in scene.areas]
-    document["chip"] = {key: value for key, value in dataclasses.asdict(scene.chip).items() if value is not None}
+    document["chip"] = _said(dataclasses.asdict(scene.chip))
     return document
+
+
+def _said(table: Mapping[str, Any]) -> dict[str, Any]:
+    """A table without the keys that say nothing, tuples as lists."""
+    said = {key: _said(value) if isinstance(value, Mapping) else value for key, value in table.items()}
+    return {key: list(value) if isinstance(value, tuple) else value for key, value in said.items() if value is not None}
 
 
 def _scene(document: SceneDocument, source: str, axes: tuple[Axis, ...], frame: Frame, cells: MapCells | None) -> Scene:
@@ -157,7 +163,7 @@ def _scene(document: SceneDocument, source: str, axes: tuple[Axis, ...], frame: 
         drive=document.drive,
         edge=tuple("periodic" if axis.periodic else rule for axis, rule in zip(axes, wanted, strict=True)),
         k=tuple(document.k),
-        chip=Chip(**document.chip.model_dump()),
+        chip=document.chip.value(),
         sampling=document.sampling,
         source=source,
     )

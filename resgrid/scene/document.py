@@ -10,6 +10,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Fiel
 
 from resgrid.robots import Ball, Box, HalfSpace, Polygon, Shape
 from resgrid.robots.shapes import LARGEST
+from resgrid.scene.chip_tables import ChipTable
 from resgrid.scene.robot_tables import AnyRobot, PointRobotTable
 from resgrid.scene.scene import GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.tables import (
@@ -19,8 +20,6 @@ from resgrid.scene.tables import (
     Number,
     Pair,
     Positive,
-    PositiveQuantity,
-    Quantity,
     Ring,
     Share,
     Table,
@@ -277,27 +276,6 @@ class MapTable(Table):
     spacing: Positive | None = None
     origin: Coordinates | None = None
     unit: str | None = None
-
-
-class ChipTable(Table):
-    """Component values in SI units, as numbers or engineering values such as "4k7"."""
-
-    resistance: PositiveQuantity = 10e3
-    supply: Quantity = 1.0
-    wall_resistance: Annotated[Quantity, Field(ge=0)] | None = None
-    capacitance: Annotated[Quantity, Field(ge=0)] | None = None
-    goal_switch_on: PositiveQuantity | None = None
-    goal_switch_off: PositiveQuantity | None = None
-    obstacle_switch_on: PositiveQuantity | None = None
-    obstacle_switch_off: PositiveQuantity | None = None
-    internodal_switch_on: PositiveQuantity | None = None
-    internodal_switch_off: PositiveQuantity | None = None
-
-    @model_validator(mode="after")
-    def _is_possible(self) -> ChipTable:
-        if self.supply == 0:
-            raise ValueError("supply = 0 drives nothing; give the voltage between the rails")
-        return self
 
 
 EdgeRule = Literal["obstacle", "open", "periodic"]

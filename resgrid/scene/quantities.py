@@ -64,6 +64,36 @@ def parse_quantity(value: object) -> float:
     return number
 
 
+def parse_share(value: object) -> float:
+    """Read a share of a whole: a percentage such as ``"10 %"``, or a plain number or quantity such as 0.1.
+
+    Parameters
+    ----------
+    value : str, int or float
+        What was written.
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    InputError
+        If it is anything else.
+
+    Examples
+    --------
+    >>> parse_share("10 %"), parse_share("2.5%"), parse_share(0.1)
+    (0.1, 0.025, 0.1)
+    """
+    if isinstance(value, str) and value.endswith("%"):
+        number = _parsed(value[:-1].rstrip(" "))
+        if number is not None and isfinite(number):
+            return float(f"{number!r}e-2") if "e" not in repr(number) else number / 100
+        raise InputError(f'{_short(value)} is not a share: write a percentage such as "10 %", or a number such as 0.1')
+    return parse_quantity(value)
+
+
 def _parsed(value: object) -> float | None:
     if isinstance(value, int | float) and not isinstance(value, bool):
         try:

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.errors import InputError
 from resgrid.robots import Box, PointRobot, Robot, Sampling, Shape
 from resgrid.robots.shapes import Point
+from resgrid.scene.chip import Chip
 from resgrid.space import Axis
 
 
@@ -89,38 +90,6 @@ class Frame:
         if points.shape[-1:] != (2,):
             raise InputError(f"this map lies in the plane: a point needs 2 coordinates, got shape {points.shape}")
         return points
-
-
-@dataclass(frozen=True)
-class Chip:
-    """Component values, all in SI units; None where the scene does not say.
-
-    Attributes
-    ----------
-    resistance : float
-        Between neighbours along the finest axis at conductivity 1, in ohms.
-    supply : float
-        Obstacle rail (or driven start) above the goal rail, in volts; not 0.
-    wall_resistance : float or None
-        In series with every obstacle contact where ``boundary = "wall"``, in ohms, at least 0.
-    capacitance : float or None
-        From every node to ground, in farads.
-    goal_switch_on, goal_switch_off, obstacle_switch_on, obstacle_switch_off : float or None
-        Resistance of the switches to the rails, closed and open, in ohms.
-    internodal_switch_on, internodal_switch_off : float or None
-        Resistance of the switches between nodes, closed and open, in ohms.
-    """
-
-    resistance: float = 10e3
-    supply: float = 1.0
-    wall_resistance: float | None = None
-    capacitance: float | None = None
-    goal_switch_on: float | None = None
-    goal_switch_off: float | None = None
-    obstacle_switch_on: float | None = None
-    obstacle_switch_off: float | None = None
-    internodal_switch_on: float | None = None
-    internodal_switch_off: float | None = None
 
 
 @dataclass(frozen=True)

@@ -134,8 +134,8 @@ def _unknown(_detail: ErrorDetails, path: Path) -> str:
 
 def _siblings(path: Path) -> list[str]:
     """The keys that could stand where this one does: of all tables of that name, whatever their shape."""
+    from resgrid.scene import chip_tables, robot_tables
     from resgrid.scene import document as schema
-    from resgrid.scene import robot_tables
 
     shapes = (schema.Rectangle, schema.Circle, schema.PolygonTable, schema.HalfPlane)
     places = (schema.PointTable, schema.CellTable)
@@ -148,7 +148,9 @@ def _siblings(path: Path) -> list[str]:
         "grid": (schema.GridTable,),
         "axes": (schema.AxisTable,),
         "map": (schema.MapTable,),
-        "chip": (schema.ChipTable,),
+        "chip": (chip_tables.ChipTable,),
+        "readout": (chip_tables.ReadoutTable,),
+        "defects": (chip_tables.DefectsTable,),
         "obstacle": shapes,
         "hidden": shapes,
         "goal": (*shapes, *places, *joints),

@@ -1,0 +1,143 @@
+"""The [chip] table: what it may say, and one clear message for every chip that cannot be."""
+
+from __future__ import annotations
+
+import pytest
+
+import resgrid as rg
+from resgrid.scene import Chip, Defects, Readout
+from resgrid.scene.build import document_of
+
+SCENE = """
+schema = 1
+[grid]
+axes = [{ name = "x", lower = 0, upper = 4, cells = 4 }, { name = "y", lower = 0, upper = 4, cells = 4 }]
+[[goal]]
+cell = [0, 0]
+[chip]
+"""
+
+
+def chip_of(text: str) -> Chip:
+    return rg.parse_scene(SCENE + text, "chip.toml").chip
+
+
+def test_a_chip_is_ideal_by_default() -> None:
+    assert chip_of("") == Chip()
+
+
+def test_everything_can_be_said_in_engineering_values() -> None:
+    chip = chip_of(
+        """
+        resistance = "4k7"
+        supply = 3.3
+        capacitance = "1p"
+        obstacle_switch_on = 250
+        obstacle_switch_off = "10G"
+        pelgrom = 2.5
+        width = "2u"
+        length = "20u"
+        gradient = ["5 %", -0.02]
+        temperature = 85
+        tc1 = "1.5m"
+        tc2 = "-400n"
+        preferred = "E24"
+        rail_resistance = "20m"
+        saturation_voltage = "100m"
+        seed = 7
+        [chip.readout]
+        input_resistance = "10meg"
+        offset = "2m"
+        noise_bandwidth = "1M"
+        bits = 10
+        range = [0, "3.3"]
+        [chip.defects]
+        open_density = "0.1 %"
+        short_density = 1e-4
+        short_resistance = 10
+        """
+    )
+    assert (chip.resistance, chip.pelgrom, chip.width, chip.gradient) == (4700.0, 2.5, 2e-6, (0.05, -0.02))
+    assert (chip.tc1, chip.tc2, chip.rail_resistance) == (1.5e-3, -4e-7, 0.02)
+    assert chip.readout == Readout(10e6, 2e-3, 1e6, 10, (0.0, 3.3))
+    assert chip.defects == Defects(1e-3, 1e-4, 10.0)
+
+
+def test_a_share_and_a_percentage_mean_the_same() -> None:
+    for text in ("0.1", '"10 %"', '"10%"', '"0.1"', '"100m"'):
+        assert chip_of(f"mismatch = {text}").mismatch == 0.1
+    assert chip_of('gradient = "7 %"').gradient == (0.07,)
+
+
+def test_a_chip_survives_the_way_through_a_document() -> None:
+    scene = rg.parse_scene(
+        SCENE + 'mismatch = "3 %"\ngradient = [0.1]\n[chip.readout]\nbits = 8\nrange = [0, 1]', "a.toml"
+    )
+    raw = document_of(scene)
+    assert raw["chip"]["gradient"] == [0.1]
+    assert raw["chip"]["readout"] == {"bits": 8, "range": [0.0, 1.0]}
+    assert scene.replace(chip=Chip(mismatch=0.2)).chip.mismatch == 0.2
+    changed = rg.apply_overrides(scene, {"chip.readout.bits": "12", "chip.mismatch": "4 %"})
+    assert (changed.chip.readout.bits, changed.chip.mismatch) == (12, 0.04)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("resistance = -1", "line 8: chip.resistance: must be greater than 0, got -1"),
+        ('resistance = "10 kohm"', "is not a value"),
+        ("[chip.readout]\nbits = 0", "line 9: chip.readout.bits: must be at least 1, got 0"),
+        ("[chip.readout]\nbits = 99", "must be at most 32"),
+        ("[chip.readout]\nbits = 2.5", "must be a whole number"),
+        ("[chip.readout]\nrange = [1, 0]", r"range = \[1.0, 0.0\] must be the lowest and the highest voltage"),
+        ("[chip.readout]\nrange = [1]", "needs at least 2 entries"),
+        ("[chip.readout]\noffsett = 1", "did you mean 'offset'"),
+        ("goal_switch_on = 1e6\ngoal_switch_off = 1e3", "chip: goal_switch_on = 1e.06 ohm is not below"),
+        ("internodal_switch_on = 5\ninternodal_switch_off = 5", "internodal_switch_on = 5 ohm is not below"),
+        ("pelgrom = 2", "pelgrom needs the area of a resistor"),
+        ('pelgrom = 2\nwidth = "1u"', "pelgrom needs the area of a resistor"),
+        ('mismatch = 0.1\npelgrom = 2\nwidth = "1u"\nlength = "1u"', "both say how resistors differ"),
+        ("mismatch = 10", "mismatch = 10 is 1000% of a resistance"),
+        ('mismatch = "-3 %"', "must be at least 0"),
+        ('mismatch = "ten %"', "is not a share"),
+        ('gradient = ["100 %", "100 %"]', "takes a resistance below 0 in a corner of the die"),
+        ("temperature = -300", "below absolute zero"),
+        ("temperature = 127\ntc1 = -0.02", "tc1 and tc2 turn resistances into -1 of themselves"),
+        ('preferred = "E25"', "'E25' is unknown"),
+        ('preferred = "E24"\nsheet_resistance = 50\nwidth = "1u"', "both say which resistances there are"),
+        ("sheet_resistance = 50", "sheet_resistance needs the width"),
+        ('sheet_resistance = 50\nwidth = "1u"\nlength = "9u"', "remove length"),
+        ("saturation_voltage = 0", "must be greater than 0"),
+        ("rail_resistance = -1", "must be at least 0"),
+        ("seed = -1", "must be at least 0"),
+        ("supply = 0", "drives nothing"),
+        ("[chip.defects]\nopen_density = 2", "must be at most 1"),
+        ("[chip.defects]\nopen_density = 0.6\nshort_density = 0.6", "no more than all resistors"),
+        ('[chip.defects]\nshort_density = 0.1\nshort_resistance = "20k"', "is no short of a resistor of 10000 ohm"),
+        ("[chip.defects]\nshort_resistance = 0", "must be greater than 0"),
+    ],
+)
+def test_absurd_chips_get_one_clear_message(text: str, message: str) -> None:
+    with pytest.raises(rg.InputError, match=message) as caught:
+        chip_of(text)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"resistance": -1.0}, "resistance = -1 must be greater than 0"),
+        ({"resistance": float("nan")}, "must be a finite number"),
+        ({"supply": "1"}, "must be a finite number"),
+        ({"seed": 1.5}, "seed = 1.5 must be a whole number"),
+        ({"preferred": "E7"}, "it may be one of E6"),
+    ],
+)
+def test_chips_made_in_python_are_checked_too(values: dict[str, object], message: str) -> None:
+    with pytest.raises(rg.InputError, match=message):
+        Chip(**values)
+
+
+def test_a_converter_made_in_python_has_at_least_one_bit() -> None:
+    with pytest.raises(rg.InputError, match="bits = 0 must be a whole number from 1 to 32"):
+        Readout(bits=0)
