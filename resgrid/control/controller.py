@@ -1,0 +1,292 @@
+"""The velocity controller: one call per control period, from where the robot believes it is to how fast it shall move."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.control.equipotential import following_velocity
+from resgrid.errors import InputError
+from resgrid.planning.field import Field
+from resgrid.space import Cell
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+RESPONSES = ("admittance", "equipotential")
+
+RECOVERY = 2.0
+"""How far from a cell with a path a configuration may be and still be led back, in cells."""
+
+
+@dataclass(frozen=True, eq=False)
+class Controller:
+    """Harmonic control of a robot that takes velocities (Connolly & Grupen 1992, section 3.4).
+
+    `command` gives ``V = V0 + A F``: the nominal velocity ``V0`` points along the current of the field, at a given
+    speed, and the admittance ``A`` answers the generalised forces on the robot.
+
+    Attributes
+    ----------
+    field : Field
+        What to follow.
+    admittance : ndarray of float64, shape (n, n)
+        ``A``, symmetric positive definite: axis units per second for a unit of generalised force.
+    speed : float
+        Length of ``V0``, in axis units per second.
+    speed_limits : ndarray of float64, shape (n,)
+        Largest speed of each joint, in axis units per second; a faster command is slowed down as a whole, so that its
+        direction stays.
+    response : {"admittance", "equipotential"}
+        What a force does: ``V0 + A F``; or, while it lasts, motion along the equipotential (equation 1).
+    threshold : float
+        Size of the generalised force below which ``"equipotential"`` senses none.
+    """
+
+    field: Field
+    admittance: NDArray[np.float64]
+    speed: float
+    speed_limits: NDArray[np.float64]
+    response: str = "admittance"
+    threshold: float = 1e-9
+
+    def __post_init__(self) -> None:
+        ndim = self.field.space.ndim
+        object.__setattr__(self, "admittance", checked_admittance(self.admittance, ndim))
+        object.__setattr__(self, "speed_limits", _checked_limits(self.speed_limits, ndim))
+        if not (isinstance(self.speed, int | float) and 0 < self.speed < np.inf):
+            raise InputError(f"speed = {self.speed}, but the nominal speed is finite and above 0")
+        if self.response not in RESPONSES:
+            raise InputError(f"response = {self.response!r} is unknown; it may be one of {', '.join(RESPONSES)}")
+        if not 0 <= self.threshold < np.inf:
+            raise InputError(f"threshold = {self.threshold}, but a threshold is finite and not negative")
+
+    def command(self, configuration: ArrayLike, force: ArrayLike | None = None) -> NDArray[np.float64]:
+        """Velocity to command now: all that a robot's own control loop needs to call.
+
+        Parameters
+        ----------
+        configuration : array_like of float, shape (n,)
+            Where the robot believes it is, in axis units.
+        force : array_like of float, shape (n,), optional
+            Generalised force on it (joint torques), without those of its own weight; none by default.
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+            In axis units per second.  In a goal cell the nominal part is 0.
+
+        Raises
+        ------
+        InputError
+            If a value is not finite or of the wrong shape, the configuration lies outside the grid, or it lies more
+            than `RECOVERY` cells from every cell with a path.
+        """
+        nominal, _ = self.nominal(configuration)
+        if force is None:
+            return self.limited(nominal)
+        return self.limited(self.answer(nominal, self._checked_force(force)))
+
+    def answer(self, nominal: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What becomes of the nominal velocity under a generalised force, before speed limits; shape (n,)."""
+        if self.response == "equipotential" and math.sqrt(force @ force) > self.threshold:
+            return following_velocity(nominal, force)
+        return np.asarray(nominal + self.admittance @ force)
+
+    def nominal(self, configuration: ArrayLike) -> tuple[NDArray[np.float64], float]:
+        """Nominal velocity ``V0``, and the fastest rate at which one of its components decays.
+
+        Inside a cell the velocity is Pollock's: continuous, and decided by currents.
+
+        Parameters
+        ----------
+        configuration : array_like of float, shape (n,)
+            In axis units.
+
+        Returns
+        -------
+        velocity : ndarray of float64, shape (n,)
+            In axis units per second.
+        rate : float
+            In 1/s.  Euler steps longer than its inverse overshoot lines that the velocity tends to.
+
+        Raises
+        ------
+        InputError
+            As `command`.
+        """
+        point = np.ascontiguousarray(configuration, dtype=np.float64)
+        velocity = np.empty(self.field.space.ndim)
+        if point.shape != velocity.shape:
+            raise InputError(f"a configuration of this space has {len(velocity)} coordinates, got shape {point.shape}")
+        status, rate = self._kernel(*self._tables, point, velocity)
+        if status == _OFF:
+            return self._recover(point), 0.0
+        if status > _OFF:
+            self.field.space.locate(point)
+        return velocity * self.speed, rate * self.speed
+
+    def is_served(self, configuration: ArrayLike) -> bool:
+        """Whether a configuration lies in a goal cell, or in a free cell with a path to one."""
+        cell = tuple(self.field.space.locate(configuration).tolist())
+        return bool(self._served[cell])
+
+    def limited(self, velocity: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The velocity slowed down as a whole, so that no joint is faster than its limit."""
+        excess = float(np.max(np.abs(velocity) / self.speed_limits))
+        return velocity / excess if excess > 1.0 else velocity
+
+    def with_field(self, field: Field) -> Controller:
+        """The same controller on another field of the same axes."""
+        return replace(self, field=field)
+
+    @cached_property
+    def _tables(self) -> tuple[Any, ...]:
+        space, flow = self.field.space, self.field.flow
+        return (
+            flow.code, np.ascontiguousarray(self._served).ravel(), flow.shape, space.lower, flow.spacing,
+            space.periodic, flow.first_face, flow.face_stride, flow.direction, flow.log_current,
+        )  # fmt: skip
+
+    @cached_property
+    def _kernel(self) -> Callable[..., tuple[int, float]]:
+        from resgrid.control import kernels
+
+        return kernels.nominal  # type: ignore[no-any-return]
+
+    @cached_property
+    def _served(self) -> NDArray[np.bool_]:
+        space = self.field.space
+        return np.asarray(space.goal_connected | (space.cell == Cell.GOAL))
+
+    @cached_property
+    def _nearest_served(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Distance to the nearest cell with a path, in cells, and its index, with a margin on periodic axes."""
+        from scipy.ndimage import distance_transform_edt
+
+        margin = [(_MARGIN, _MARGIN) if ring else (0, 0) for ring in self.field.space.periodic]
+        wide = np.pad(self._served, margin, mode="wrap")
+        if not wide.any():
+            return np.full(wide.shape, np.inf), np.zeros((wide.ndim, *wide.shape), np.int64)
+        away, index = distance_transform_edt(~wide, return_indices=True)
+        return away, index
+
+    def _recover(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Nominal velocity towards the centre of the nearest cell with a path."""
+        space = self.field.space
+        cell, local = space.split(point)
+        shift = np.where(space.periodic, _MARGIN, 0)
+        at = tuple((cell + shift).tolist())
+        away, index = self._nearest_served
+        if not away[at] <= RECOVERY:
+            what = "an obstacle cell" if space.cell[tuple(cell)] == Cell.OBSTACLE else "a cell without a path to a goal"
+            raise InputError(
+                f"the configuration {point.tolist()} lies in {what}, {tuple(cell.tolist())}, and no cell with a path "
+                f"is within {RECOVERY:g} cells: stop the robot, and bring it back the way it came"
+            )
+        way = (index[(slice(None), *at)] - shift + 0.5 - cell - local) * space.spacing
+        return np.asarray(way * (self.speed / np.linalg.norm(way)))
+
+    def _checked_force(self, force: ArrayLike) -> NDArray[np.float64]:
+        tau = np.asarray(force, dtype=np.float64)
+        if tau.shape != self.speed_limits.shape:
+            raise InputError(f"a generalised force has {len(self.speed_limits)} entries here, got shape {tau.shape}")
+        if not math.isfinite(tau.sum()):
+            raise InputError(f"the generalised force {tau.tolist()} is not finite: stop the robot, check the sensor")
+        return tau
+
+
+_OFF = 2
+_MARGIN = 3
+
+
+def make_controller(
+    field: Field,
+    *,
+    speed: float | None = None,
+    admittance: ArrayLike | None = None,
+    speed_limits: ArrayLike | None = None,
+    response: str = "admittance",
+) -> Controller:
+    """A controller with sensible defaults.
+
+    Parameters
+    ----------
+    field : Field
+    speed : float, optional
+        In axis units per second; by default a twentieth of the longest axis each second.
+    admittance : array_like of float, shape (n, n), (n,) or (), optional
+        A matrix, its diagonal, or one number for all axes; by default a unit force changes the velocity by the speed.
+    speed_limits : array_like of float, shape (n,) or (), optional
+        In axis units per second; by default five times the speed.
+    response : {"admittance", "equipotential"}
+        As in `Controller`.
+
+    Returns
+    -------
+    Controller
+
+    Raises
+    ------
+    InputError
+        If a value is impossible; an admittance that is not symmetric positive definite.
+    """
+    space = field.space
+    pace = float((space.upper - space.lower).max()) / 20 if speed is None else speed
+    give: Any = pace if admittance is None else admittance
+    try:
+        matrix = np.asarray(give, dtype=np.float64)
+        limits = np.asarray(5 * pace if speed_limits is None else speed_limits, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError("speed, admittance and speed_limits must be numbers") from None
+    matrix = matrix * np.eye(space.ndim) if matrix.ndim == 0 else np.diag(matrix) if matrix.ndim == 1 else matrix
+    limits = np.full(space.ndim, float(limits)) if limits.ndim == 0 else limits
+    return Controller(field, matrix, pace, limits, response)
+
+
+def checked_admittance(admittance: ArrayLike, ndim: int) -> NDArray[np.float64]:
+    """The admittance matrix, read-only, if it is symmetric positive definite.
+
+    Parameters
+    ----------
+    admittance : array_like of float, shape (ndim, ndim)
+    ndim : int
+
+    Returns
+    -------
+    ndarray of float64, shape (ndim, ndim)
+
+    Raises
+    ------
+    InputError
+        If not; the message says by how much.
+    """
+    matrix = np.array(admittance, dtype=np.float64)
+    if matrix.shape != (ndim, ndim):
+        raise InputError(f"the admittance of this space is a matrix of {ndim} x {ndim}, got shape {matrix.shape}")
+    if not np.isfinite(matrix).all():
+        raise InputError("the admittance must be finite")
+    uneven = np.abs(matrix - matrix.T).max()
+    if uneven > 1e-12 * np.abs(matrix).max():
+        raise InputError(f"the admittance is not symmetric: entries across the diagonal differ by up to {uneven:g}")
+    least = float(np.linalg.eigvalsh(matrix)[0])
+    if not least > 0:
+        raise InputError(
+            f"the admittance is not positive definite (smallest eigenvalue {least:g}): it would push back against "
+            "some forces, or not give way at all"
+        )
+    matrix.flags.writeable = False
+    return matrix
+
+
+def _checked_limits(limits: ArrayLike, ndim: int) -> NDArray[np.float64]:
+    values = np.array(limits, dtype=np.float64)
+    if values.shape != (ndim,) or not np.all(values > 0):
+        raise InputError(f"speed_limits needs {ndim} speeds above 0, one per axis, got {values.tolist()}")
+    values.flags.writeable = False
+    return values

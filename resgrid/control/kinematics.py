@@ -1,0 +1,127 @@
+"""Where every part of a robot is, and how its points move with the configuration."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.errors import InputError
+from resgrid.robots import Arm, DiscRobot, PointRobot, PolygonRobot, Robot
+
+
+class Pose(NamedTuple):
+    """A planar robot in one configuration: segments with a radius, on rigid parts.
+
+    The velocity of a point ``p`` of part ``m`` for a unit velocity of axis ``a`` is
+    ``shift[m, a] + spin[m, a] k x (p - pivot[m, a])``, with k out of the plane.
+
+    Attributes
+    ----------
+    segments : ndarray of float64, shape (s, 4)
+        ``x0, y0, x1, y1``, in metres; a single point is a segment of length 0.
+    radius : ndarray of float64, shape (s,)
+        Of the robot around each segment, in metres.
+    part : ndarray of int64, shape (s,)
+        Which rigid part (of an arm, the link) each belongs to.
+    frame : ndarray of float64, shape (parts, 3)
+        Origin and direction of each part, in metres and radians.
+    shift : ndarray of float64, shape (parts, ndim, 2)
+    spin : ndarray of float64, shape (parts, ndim)
+    pivot : ndarray of float64, shape (parts, ndim, 2)
+    """
+
+    segments: NDArray[np.float64]
+    radius: NDArray[np.float64]
+    part: NDArray[np.int64]
+    frame: NDArray[np.float64]
+    shift: NDArray[np.float64]
+    spin: NDArray[np.float64]
+    pivot: NDArray[np.float64]
+
+    def jacobian(self, point: ArrayLike, part: int) -> NDArray[np.float64]:
+        """Velocity of a point of a part for unit velocities of the axes, shape (2, ndim)."""
+        x, y = np.asarray(point, dtype=np.float64)
+        spin, pivot = self.spin[part], self.pivot[part]
+        return np.stack([-spin * (y - pivot[:, 1]), spin * (x - pivot[:, 0])]) + self.shift[part].T
+
+    def carried(self, point: ArrayLike, part: int, other: Pose) -> NDArray[np.float64]:
+        """Where a point fixed to a part lies in another pose of the same robot, shape (2,)."""
+        x, y, angle = self.frame[part]
+        to_x, to_y, to_angle = other.frame[part]
+        turn = to_angle - angle
+        dx, dy = np.asarray(point, dtype=np.float64) - (x, y)
+        cos, sin = np.cos(turn), np.sin(turn)
+        return np.array([to_x + cos * dx - sin * dy, to_y + sin * dx + cos * dy])
+
+
+def pose_of(robot: Robot, configuration: NDArray[np.float64]) -> Pose:
+    """The pose of a planar robot.
+
+    Parameters
+    ----------
+    robot : Robot
+        A point, disc or polygon of the plane, or an arm.
+    configuration : ndarray of float64, shape (ndim,)
+        In axis units.
+
+    Returns
+    -------
+    Pose
+
+    Raises
+    ------
+    InputError
+        If the robot does not live in the plane, or its geometry is not known.
+    """
+    match robot:
+        case Arm():
+            return _arm_pose(robot, configuration)
+        case PolygonRobot():
+            return _polygon_pose(robot, configuration)
+        case PointRobot() | DiscRobot():
+            if configuration.shape != (2,):
+                raise InputError(f"contact is known in the plane alone, not with {len(configuration)} axes")
+            return Pose(
+                np.array([[*configuration, *configuration]]), np.array([robot.radius]), np.zeros(1, np.int64),
+                np.array([[*configuration, 0.0]]), np.eye(2)[np.newaxis], np.zeros((1, 2)), np.zeros((1, 2, 2)),
+            )  # fmt: skip
+    raise InputError(f"how a {type(robot).__name__} moves is not known: arm, polygon, disc and point are")
+
+
+def _polygon_pose(robot: PolygonRobot, configuration: NDArray[np.float64]) -> Pose:
+    corners = robot.corners(configuration)
+    x, y, arc = configuration
+    shift, pivot = np.zeros((1, 3, 2)), np.zeros((1, 3, 2))
+    shift[0, 0, 0] = shift[0, 1, 1] = 1.0
+    pivot[0, 2] = x, y
+    spin = np.array([[0.0, 0.0, 1.0 / robot.turning_length]])
+    count = len(corners)
+    segments = np.hstack([corners, np.roll(corners, -1, axis=0)])
+    frame = np.array([[x, y, arc / robot.turning_length]])
+    return Pose(segments, np.zeros(count), np.zeros(count, np.int64), frame, shift, spin, pivot)
+
+
+def _arm_pose(arm: Arm, configuration: NDArray[np.float64]) -> Pose:
+    """Relative angles turn all that follows about their joint; absolute ones turn a link, and shift all that follows."""
+    joints, directions = arm.joints(configuration), arm.directions(configuration)
+    count = arm.ndim
+    shift, spin, pivot = np.zeros((count, count, 2)), np.zeros((count, count)), np.zeros((count, count, 2))
+    pivot[:] = joints[:-1]
+    if arm.angles == "relative":
+        spin[:] = np.tri(count)
+    else:
+        spin[:] = np.eye(count)
+        along = np.diff(joints, axis=0)
+        across = np.stack([-along[:, 1], along[:, 0]], axis=1)
+        shift[:] = np.tri(count, k=-1)[:, :, np.newaxis] * across
+    return Pose(
+        segments=np.hstack([joints[:-1], joints[1:]]),
+        radius=np.asarray(arm.widths, dtype=np.float64) / 2,
+        part=np.arange(count),
+        frame=np.column_stack([joints[:-1], directions]),
+        shift=shift,
+        spin=spin,
+        pivot=pivot,
+    )

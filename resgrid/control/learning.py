@@ -1,0 +1,145 @@
+"""What a contact proves (Connolly & Grupen 1992, section 7, figure 19): cells that hold a configuration in contact."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.errors import InputError
+from resgrid.planning.field import Field
+from resgrid.robots import Ball, CellSet, Robot
+from resgrid.scene.scene import Scene
+from resgrid.space import Axis, Cell, ConfigurationSpace
+
+Resolve = Callable[[ConfigurationSpace], Field]
+"""From a changed space to its field.  What updates factors in place of solving anew has the same face."""
+
+INSIDE = 1e-6
+"""How far behind a touched surface the obstacle is taken to reach at least, in cells (of motion)."""
+
+
+def proven_cells(robot: Robot, axes: Sequence[Axis], point: ArrayLike) -> NDArray[np.bool_]:
+    """Cells that hold a configuration in which the robot meets a point of the workspace.
+
+    If the point belongs to an obstacle, each of them is an obstacle cell by the conservative rule: that rule blocks
+    every cell for a set of points that it blocks for one of them.  Nothing else is claimed about the obstacle.
+
+    Parameters
+    ----------
+    robot : Robot
+    axes : sequence of Axis
+    point : array_like of float, shape (2,)
+        A point of the obstacle.
+
+    Returns
+    -------
+    ndarray of bool
+        One entry per cell; the robot's collisions with itself and virtual obstacles are left out.
+    """
+    place = tuple(np.asarray(point, dtype=np.float64).tolist())
+    met = robot.occupancy(axes, [Ball(place, 0.0)], "conservative")
+    return met & ~robot.occupancy(axes, [], "conservative")
+
+
+def learn(space: ConfigurationSpace, cells: NDArray[np.bool_]) -> ConfigurationSpace:
+    """The space with some cells marked as obstacle, goal cells among them.
+
+    Parameters
+    ----------
+    space : ConfigurationSpace
+    cells : ndarray of bool, shape of the space
+
+    Returns
+    -------
+    ConfigurationSpace
+    """
+    return ConfigurationSpace(space.axes, np.where(cells, np.uint8(Cell.OBSTACLE), space.cell), space.conductivity)
+
+
+def workspace_cells(points: ArrayLike, axes: Sequence[Axis]) -> CellSet:
+    """Cells of the workspace in which contacts were felt.
+
+    Parameters
+    ----------
+    points : array_like of float, shape (n, 2)
+        Contact points on obstacles.
+    axes : sequence of Axis
+        A grid of the workspace, as fine as you like; points beyond it are left out.
+
+    Returns
+    -------
+    CellSet
+    """
+    grid = ConfigurationSpace(axes, np.zeros(tuple(axis.cells for axis in axes), np.uint8))
+    places = np.asarray(points, dtype=np.float64).reshape(-1, grid.ndim)
+    inside = np.all(((places >= grid.lower) & (places <= grid.upper)) | grid.periodic, axis=1)
+    mask = np.zeros(grid.shape, dtype=np.bool_)
+    if inside.any():
+        mask[tuple(grid.locate(places[inside]).T)] = True
+    return CellSet(tuple(axes), mask)
+
+
+def resolver(
+    *,
+    k: float | None = None,
+    boundary: str = "dirichlet",
+    edge: str | Sequence[str] = "obstacle",
+    resistance: float = 10e3,
+    wall_resistance: float | None = None,
+) -> Resolve:
+    """How to find the field of a space that has changed: compile it, solve it, blend.
+
+    Parameters
+    ----------
+    k, boundary, edge, resistance, wall_resistance
+        As `resgrid.plan` takes them.
+
+    Returns
+    -------
+    callable
+        From a `ConfigurationSpace` to its `Field`.
+    """
+    from resgrid.planning.planner import plan
+
+    options: dict[str, Any] = {"boundary": boundary, "edge": edge, "resistance": resistance}
+    if boundary == "wall":
+        options["wall_resistance"] = wall_resistance
+
+    def resolve(space: ConfigurationSpace) -> Field:
+        return plan(space, k=k, **options).field
+
+    return resolve
+
+
+def scene_resolver(scene: Scene, k: float | None = None) -> Resolve:
+    """How to find the field of a scene's space: as the scene says, or with another blend.
+
+    Parameters
+    ----------
+    scene : Scene
+    k : float, optional
+        By default the first of the scene's ``k``, if it has any.
+
+    Returns
+    -------
+    callable
+
+    Raises
+    ------
+    InputError
+        If the scene is driven by its start: each start would need a chip of its own.
+    """
+    share = k if k is not None else (scene.k[0] if scene.k else None)
+    if scene.boundary == "neumann" and scene.drive == "start":
+        raise InputError("a scene with drive = 'start' serves one start at a time; control needs drive = 'uniform'")
+    rule = "dirichlet" if share is not None and scene.boundary == "neumann" else scene.boundary
+    return resolver(
+        k=share,
+        boundary=rule,
+        edge=scene.edge,
+        resistance=scene.chip.resistance,
+        wall_resistance=scene.chip.wall_resistance,
+    )

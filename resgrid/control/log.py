@@ -1,0 +1,166 @@
+"""What happened: every step of a controlled motion, every contact, every lesson."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.planning.field import Field
+from resgrid.space import ConfigurationSpace
+
+
+class Mode(IntEnum):
+    """What the robot did in a step."""
+
+    STREAMLINE = 0
+    """Followed the current."""
+    PUSHED = 1
+    """Followed the current while an external force pushed it."""
+    SLIDING = 2
+    """Touched an obstacle and slid along it."""
+    STICKING = 3
+    """Touched an obstacle, and friction held it: the force is inside the friction cone."""
+    FOLLOWING = 4
+    """Answered a contact force along the equipotential."""
+    JAM = 5
+    """The force lies along the streamline: equipotential following gives no velocity."""
+    LEARNING = 6
+    """Stood still while contacts were marked in the map and the field was solved again."""
+    RETREATING = 7
+    """Went back the way it came, to where the map has a path."""
+    RECOVERING = 8
+    """Believed itself in an obstacle cell, and went to the nearest cell with a path."""
+    DITHERING = 9
+    """Was shaken loose: a small random step after it had stood still for long."""
+    ARRIVED = 10
+    """Is in a goal cell."""
+
+
+class Ending(StrEnum):
+    """How a motion ended."""
+
+    ARRIVED = "arrived"
+    NO_PATH = "no_path"
+    GOAL_BLOCKED = "goal_blocked"
+    START_BLOCKED = "start_blocked"
+    JAM = "jam"
+    STALLED = "stalled"
+    OUT_OF_STEPS = "out_of_steps"
+
+
+@dataclass(frozen=True, eq=False)
+class ContactLog:
+    """All contacts of a motion that carried force, one row each.
+
+    Attributes
+    ----------
+    step : ndarray of int64, shape (m,)
+        Row of the log.
+    point, normal, force : ndarray of float64, shape (m, 2)
+        On the obstacle, in metres; out of it; on the robot.
+    gap : ndarray of float64, shape (m,)
+        In metres.
+    part, body : ndarray of int64, shape (m,)
+        Rigid part of the robot, number of the obstacle (those of the map first).
+    sticking : ndarray of bool, shape (m,)
+    """
+
+    step: NDArray[np.int64]
+    point: NDArray[np.float64]
+    normal: NDArray[np.float64]
+    force: NDArray[np.float64]
+    gap: NDArray[np.float64]
+    part: NDArray[np.int64]
+    body: NDArray[np.int64]
+    sticking: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        for array in vars(self).values():
+            array.flags.writeable = False
+
+
+@dataclass(frozen=True, eq=False)
+class Lesson:
+    """Cells that contacts proved to be obstacle, and that the map did not show: one solve follows each lesson.
+
+    Attributes
+    ----------
+    step : int
+        Row of the log.
+    cells : ndarray of int64, shape (c, ndim)
+        The new obstacle cells, at least one.
+    points : ndarray of float64, shape (p, 2)
+        Where the obstacle was touched, as far as the robot knows.
+    """
+
+    step: int
+    cells: NDArray[np.int64]
+    points: NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """A controlled motion, step by step.
+
+    Attributes
+    ----------
+    ending : Ending
+    message : str
+        The same in a sentence.
+    goal : int or None
+        Number of the goal region reached.
+    time : ndarray of float64, shape (n,)
+        At which each row holds, in seconds.
+    configuration, believed : ndarray of float64, shape (n, ndim)
+        Where the robot truly was, continuous across periodic seams, and where it believed to be; in axis units.
+    velocity : ndarray of float64, shape (n, ndim)
+        With which it left, in axis units per second; 0 in the last row.
+    mode : ndarray of uint8, shape (n,)
+        Values of `Mode`.
+    torque, push : ndarray of float64, shape (n, ndim)
+        Generalised forces of contacts, and from outside.
+    contacts : ContactLog
+    lessons : tuple of Lesson
+    space, field : ConfigurationSpace, Field
+        The map as it was in the end, and its field.
+    penetration : float
+        Deepest entry of the robot into an obstacle in any row, under exact geometry, in metres.
+    """
+
+    ending: Ending
+    message: str
+    goal: int | None
+    time: NDArray[np.float64]
+    configuration: NDArray[np.float64]
+    believed: NDArray[np.float64]
+    velocity: NDArray[np.float64]
+    mode: NDArray[np.uint8]
+    torque: NDArray[np.float64]
+    push: NDArray[np.float64]
+    contacts: ContactLog
+    lessons: tuple[Lesson, ...]
+    space: ConfigurationSpace
+    field: Field
+    penetration: float
+
+    def __post_init__(self) -> None:
+        for array in (
+            self.time, self.configuration, self.believed, self.velocity, self.mode, self.torque, self.push
+        ):  # fmt: skip
+            array.flags.writeable = False
+
+    @property
+    def learnt(self) -> NDArray[np.bool_]:
+        """Cells learnt, shape of the space."""
+        mask = np.zeros(self.space.shape, dtype=np.bool_)
+        for lesson in self.lessons:
+            mask[tuple(lesson.cells.T)] = True
+        return mask
+
+    @property
+    def contact_points(self) -> NDArray[np.float64]:
+        """Where obstacles were touched that taught something, shape (p, 2)."""
+        return np.concatenate([np.empty((0, 2)), *(lesson.points for lesson in self.lessons)])

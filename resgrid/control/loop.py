@@ -1,0 +1,309 @@
+"""The loop of a simulation: sense, choose a mode, resolve contacts, step, learn."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.control.contact import Surroundings, Touch, surroundings, touch
+from resgrid.control.equipotential import following_velocity
+from resgrid.control.learning import INSIDE, learn, proven_cells
+from resgrid.control.log import Ending, Lesson, Mode, Run
+from resgrid.control.pushes import Force, Push, force_of
+from resgrid.control.recorder import Recorder
+from resgrid.control.simulation import believed_offsets
+from resgrid.errors import InputError
+from resgrid.space import Cell
+
+if TYPE_CHECKING:
+    from resgrid.control.simulation import Simulation
+
+Vector = NDArray[np.float64]
+
+_PATIENCE = 200
+_DITHERS = 10
+_LOOK = 4.0
+
+
+class Loop:
+    """State of one run; everything it is made from stays as it is."""
+
+    def __init__(
+        self, simulation: Simulation, start: ArrayLike, pushes: Sequence[Push] | Force | None, bias: ArrayLike,
+        noise: ArrayLike, seed: int, max_steps: int,
+    ) -> None:  # fmt: skip
+        space = simulation.space
+        self.simulation, self.plant, self.controller = simulation, simulation.plant, simulation.controller
+        self.bias = believed_offsets(bias, space.ndim, "bias")
+        self.noise = believed_offsets(noise, space.ndim, "noise")
+        self.push_at, self.max_steps = force_of(pushes, space.ndim), max_steps
+        self.rng = np.random.default_rng(seed)
+        self.configuration = _checked_start(simulation, start)
+        self.space, self.lessons = space, list[Lesson]()
+        self.time, self.torque = 0.0, np.zeros(space.ndim)
+        self.trail: list[Vector] = []
+        self.retreating = False
+        self.anchor, self.waited, self.dithers = self.configuration, 0, 0
+        self.reach = simulation.step * self.plant.cell_motion
+        self.longest = simulation.step * float(space.spacing.min()) / self.controller.speed
+        self.clear = 0.0
+        self.recorder = Recorder(space.ndim)
+        self.ending: tuple[Ending, str] | None = _static_ending(self)
+
+    def run(self) -> Run:
+        """Step until the run ends."""
+        while self.ending is None:
+            if len(self.recorder) >= self.max_steps:
+                self.ending = (Ending.OUT_OF_STEPS, f"no goal reached after {self.max_steps} steps")
+            else:
+                self._advance()
+        return self._result()
+
+    def _sense(self) -> Vector:
+        believed = self.configuration + self.bias
+        if self.noise.any():
+            believed = believed + self.noise * self.rng.uniform(-1.0, 1.0, len(self.noise))
+        return self.plant.within_stops(believed)
+
+    def _advance(self) -> None:
+        believed = self._sense()
+        if self._code(believed) == Cell.GOAL:
+            self.ending = (Ending.ARRIVED, "the robot is in a goal")
+            return
+        push = np.asarray(self.push_at(self.time, self.configuration))
+        chosen = self._choose(believed)
+        if chosen is None:
+            return
+        mode, velocity, longest = chosen
+        if push.any():
+            velocity = velocity + self.controller.admittance @ push
+            mode = Mode.PUSHED if mode is Mode.STREAMLINE else mode
+        velocity = self._stopped(self.controller.limited(velocity))
+        around = self._look()
+        felt = self._touch(around, velocity)
+        if felt is not None and felt.pressing.any():
+            if self.simulation.learn and self._learn(felt, believed, push):
+                return
+            mode = _contact_mode(mode, felt)
+        self._move(believed, mode, velocity, longest, around, felt, push)
+
+    def _choose(self, believed: Vector) -> tuple[Mode, Vector, float] | None:
+        """Mode, velocity without forces, and the longest time step for it."""
+        served = self.controller.is_served(believed)
+        if not served and not self.noise.any():
+            self.retreating = True
+        if self.retreating and served:
+            self.retreating = False
+        if self.retreating:
+            return self._retreat()
+        nominal, rate = self.controller.nominal(believed)
+        if not served:
+            return Mode.RECOVERING, nominal, self.longest
+        longest = max(min(self.longest, 0.5 / rate if rate > 0 else np.inf), 1e-3 * self.longest)
+        if self.controller.response == "equipotential" and self.torque.any():
+            following = following_velocity(nominal, self.torque)
+            return (Mode.FOLLOWING if following.any() else Mode.JAM), following, self.longest
+        return Mode.STREAMLINE, nominal, longest
+
+    def _retreat(self) -> tuple[Mode, Vector, float] | None:
+        while self.trail:
+            way = self.trail[-1] - self.configuration
+            length = float(np.linalg.norm(way))
+            if length > 1e-9 * float(self.space.spacing.min()):
+                speed = self.controller.speed
+                return Mode.RETREATING, way * (speed / length), length / speed
+            self.trail.pop()
+        self.ending = (Ending.NO_PATH, "no cell that the robot came through has a path to a goal any more")
+        return None
+
+    def _stopped(self, velocity: Vector) -> Vector:
+        """No motion beyond the mechanical stops."""
+        held = self.plant.within_stops(self.configuration + velocity * 1e-6 * self.longest)
+        beyond = (held - self.configuration) * velocity < 0.5e-6 * self.longest * velocity**2
+        return np.where(beyond, 0.0, velocity)
+
+    def _look(self) -> Surroundings | None:
+        """What is near enough to be met in this step; None while that is known to be nothing."""
+        if self.clear > 2.0 * self.reach:
+            return None
+        pose = self.plant.pose(self.configuration)
+        pairs = self.plant.near(pose, _LOOK * self.reach)
+        self.clear = float(pairs[:, 6].min()) if len(pairs) else _LOOK * self.reach
+        return surroundings(pose, pairs)
+
+    def _touch(self, around: Surroundings | None, velocity: Vector) -> Touch | None:
+        if around is None:
+            return None
+        margin = self.simulation.margin
+        touching = around.gap <= 1.5 * margin
+        if not touching.any():
+            return None
+        opening = np.where(around.gap < 0.5 * margin, (margin - around.gap) / (5.0 * self.longest), 0.0)
+        return touch(around, touching, velocity, self.controller.admittance, self.simulation.friction, opening)
+
+    def _move(
+        self, believed: Vector, mode: Mode, velocity: Vector, longest: float, around: Surroundings | None,
+        felt: Touch | None, push: Vector,
+    ) -> None:  # fmt: skip
+        if felt is not None:
+            velocity = self._stopped(felt.velocity)
+        step = self._time_step(velocity, longest, around)
+        after = self.plant.within_stops(self.configuration + step * velocity)
+        for _ in range(40):
+            if around is None or self._is_clear(after):
+                break
+            step /= 2
+            after = self.plant.within_stops(self.configuration + step * velocity)
+        else:
+            after, velocity = self.configuration, np.zeros_like(velocity)
+        step = max(step, 1e-3 * self.longest)
+        self.torque = felt.torque if felt is not None and felt.pressing.any() else np.zeros_like(velocity)
+        self._record(believed, velocity, mode, felt, push)
+        self._remember(mode, push, after)
+        self.configuration = after
+        self.time += step
+        self.clear -= self.reach
+        self._watch(after, mode)
+
+    def _time_step(self, velocity: Vector, longest: float, around: Surroundings | None) -> float:
+        with np.errstate(divide="ignore"):
+            step = min(longest, self.simulation.step * float((self.space.spacing / np.abs(velocity)).min()))
+        if around is not None and len(around.gap):
+            margin, closing = self.simulation.margin, -(around.normal_rows @ velocity)
+            meets = (closing > 0.0) & (around.gap > 1.5 * margin)
+            if meets.any():
+                step = min(step, float(((around.gap[meets] - margin) / closing[meets]).min()))
+        return step
+
+    def _is_clear(self, configuration: Vector) -> bool:
+        pairs = self.plant.near(self.plant.pose(configuration), self.simulation.margin)
+        return not len(pairs) or float(pairs[:, 6].min()) >= min(0.2 * self.simulation.margin, 0.999 * self.clear)
+
+    def _remember(self, mode: Mode, push: Vector, after: Vector) -> None:
+        """Keep the way back: every configuration that was left, so that each step of it has been taken before."""
+        if mode is not Mode.RETREATING:
+            self.trail.append(self.configuration)
+        elif np.linalg.norm(after - self.trail[-1]) > 1e-9 * self.space.spacing.min() and push.any():
+            self.trail.append(self.configuration)
+
+    def _watch(self, after: Vector, mode: Mode) -> None:
+        """Notice that the robot has stayed within half a cell for long."""
+        if mode is Mode.RETREATING or np.any(np.abs(after - self.anchor) > 0.5 * self.space.spacing):
+            self.anchor, self.waited, self.dithers = after, 0, 0
+            return
+        self.waited += 1
+        if self.waited < _PATIENCE:
+            return
+        if self.dithers < _DITHERS and self.simulation.learn:
+            self.waited, self.dithers = 0, self.dithers + 1
+            self._dither()
+        elif mode is Mode.JAM:
+            self.ending = (Ending.JAM, "the contact force lies along the streamline, which following cannot overcome")
+        else:
+            self.ending = (Ending.STALLED, f"the robot has stayed within half a cell for {_PATIENCE} steps")
+
+    def _dither(self) -> None:
+        shaken = self.configuration + self.rng.uniform(-0.1, 0.1, self.space.ndim) * self.space.spacing
+        shaken = self.plant.within_stops(shaken)
+        self.clear = 0.0
+        if self._is_clear(shaken):
+            self._record(self._sense(), np.zeros(self.space.ndim), Mode.DITHERING, None, np.zeros(self.space.ndim))
+            self.trail.append(self.configuration)
+            self.configuration = shaken
+
+    def _learn(self, felt: Touch, believed: Vector, push: Vector) -> bool:
+        """Mark what the contacts prove; whether that was anything new."""
+        pressing = felt.pressing
+        inner = felt.point - INSIDE * self.plant.cell_motion * felt.normal
+        points = inner[pressing]
+        if self.bias.any() or self.noise.any():
+            true, seen = self.plant.pose(self.configuration), self.plant.pose(believed)
+            points = np.array(
+                [true.carried(p, int(m), seen) for p, m in zip(points, felt.part[pressing], strict=True)]
+            )
+        proven = np.zeros(self.space.shape, dtype=np.bool_)
+        for point in points:
+            proven |= proven_cells(self.plant.robot, self.space.axes, point)
+        new = proven & (self.space.cell != Cell.OBSTACLE)
+        if not new.any():
+            return False
+        self.lessons.append(Lesson(len(self.recorder), np.argwhere(new), points))
+        self._record(believed, np.zeros(self.space.ndim), Mode.LEARNING, felt, push)
+        self.space = learn(self.space, new)
+        self.time += self.longest
+        self.torque = np.zeros(self.space.ndim)
+        self.anchor, self.waited, self.dithers = self.configuration, 0, 0
+        self._resolve()
+        return True
+
+    def _resolve(self) -> None:
+        """Solve the changed map, unless what is left of it has no path from any place the robot has been."""
+        if not self.space.goal_count:
+            self.ending = (Ending.GOAL_BLOCKED, "every goal cell was learnt to be obstacle")
+            return
+        been = self.space.locate(self.plant.within_stops(np.array([*self.trail, self.configuration]) + self.bias))
+        connected = self.space.goal_connected | (self.space.cell == Cell.GOAL)
+        if not connected[tuple(been.T)].any():
+            self.ending = (
+                Ending.NO_PATH, "the obstacle cells learnt, with those of the map, separate the start from every goal"
+            )  # fmt: skip
+            return
+        self.controller = self.controller.with_field(self.simulation.resolve(self.space))
+
+    def _code(self, believed: Vector) -> int:
+        return int(self.space.cell[tuple(self.space.locate(believed))])
+
+    def _record(self, believed: Vector, velocity: Vector, mode: Mode, felt: Touch | None, push: Vector) -> None:
+        self.recorder.add(self.time, self.configuration, believed, velocity, mode, felt, push)
+
+    def _result(self) -> Run:
+        assert self.ending is not None
+        believed = self._sense()
+        arrived = self.ending[0] is Ending.ARRIVED
+        none = np.zeros(self.space.ndim)
+        self._record(believed, none, Mode.ARRIVED if arrived else self.recorder.last_mode, None, none)
+        goal = int(self.space.goal_region[tuple(self.space.locate(believed))]) if arrived else None
+        return self.recorder.run(
+            self.ending, goal, tuple(self.lessons), self.space, self.controller.field, self.plant
+        )
+
+
+def _contact_mode(mode: Mode, felt: Touch) -> Mode:
+    if mode in {Mode.RETREATING, Mode.JAM, Mode.FOLLOWING, Mode.RECOVERING}:
+        return mode
+    return Mode.STICKING if felt.sticking.any() else Mode.SLIDING
+
+
+def _checked_start(simulation: Simulation, start: ArrayLike) -> Vector:
+    try:
+        point = np.array(start, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"a start needs {simulation.space.ndim} numbers, got {start!r}") from None
+    simulation.space.locate(point)
+    if simulation.plant.penetration(point[np.newaxis])[0] > 0:
+        inside = next(
+            number
+            for number in range(len(simulation.plant.obstacles))
+            if simulation.plant.only(number).penetration(point[np.newaxis])[0] > 0
+        )
+        raise InputError(
+            f"the start {point.tolist()} puts the robot inside {simulation.plant.name_of(inside)}: move the start"
+        )
+    return point
+
+
+def _static_ending(loop: Loop) -> tuple[Ending, str] | None:
+    """What the map alone decides."""
+    believed = loop.plant.within_stops(loop.configuration + loop.bias)
+    code = loop._code(believed)
+    cell = tuple(loop.space.locate(believed).tolist())
+    if code == Cell.OBSTACLE:
+        return Ending.START_BLOCKED, f"the start's cell {cell} is an obstacle in the map"
+    if code == Cell.FREE and not loop.space.goal_connected[cell]:
+        if not loop.space.goal_connected.any():
+            return Ending.GOAL_BLOCKED, "in the map no free cell has a path to a goal"
+        return Ending.NO_PATH, f"in the map the start's cell {cell} has no path to a goal"
+    return None

@@ -1,0 +1,271 @@
+"""The plant: the robot's true body among everything that truly stands in the workspace, hidden obstacles included."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import product
+from math import hypot
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.control.kinematics import Pose, pose_of
+from resgrid.errors import InputError
+from resgrid.planning.workspace import travel_bound
+from resgrid.robots import Arm, Ball, Box, CellSet, DiscRobot, HalfSpace, PointRobot, Polygon, Robot, Shape
+from resgrid.robots.solids import as_polygon
+from resgrid.scene.place import to_space
+from resgrid.scene.scene import Scene
+from resgrid.space import Axis, Cell, ConfigurationSpace
+
+_MOST_NEAR = 256
+
+
+class Bodies(NamedTuple):
+    """True obstacles as flat arrays, each element with the number of its obstacle.
+
+    Attributes
+    ----------
+    edges : ndarray of float64, shape (e, 4)
+    edge_body : ndarray of int64, shape (e,)
+    discs : ndarray of float64, shape (d, 3)
+        Centre and radius.
+    disc_body : ndarray of int64, shape (d,)
+    planes : ndarray of float64, shape (h, 3)
+        Unit normal out of the solid, and offset.
+    plane_body : ndarray of int64, shape (h,)
+    """
+
+    edges: NDArray[np.float64]
+    edge_body: NDArray[np.int64]
+    discs: NDArray[np.float64]
+    disc_body: NDArray[np.int64]
+    planes: NDArray[np.float64]
+    plane_body: NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class Plant:
+    """A robot and the obstacles that are truly there.
+
+    Attributes
+    ----------
+    robot : Robot
+        Of the plane: point, disc, polygon or arm.
+    axes : tuple of Axis
+        Of its configuration space; the ends of an axis that is not periodic are mechanical stops.
+    obstacles : tuple of Shape
+        All obstacles, those of the map first, in the coordinates of the space.
+    known : int
+        How many of them the map shows.
+    """
+
+    robot: Robot
+    axes: tuple[Axis, ...]
+    obstacles: tuple[Shape, ...]
+    known: int
+    bodies: Bodies
+
+    def pose(self, configuration: NDArray[np.float64]) -> Pose:
+        """Pose of the robot; a point is brought back into periodic axes."""
+        return pose_of(self.robot, self._own(configuration))
+
+    def _own(self, configuration: NDArray[np.float64]) -> NDArray[np.float64]:
+        if not isinstance(self.robot, PointRobot | DiscRobot):
+            return configuration
+        low = np.array([axis.lower for axis in self.axes])
+        extent = np.array([axis.upper - axis.lower for axis in self.axes])
+        ring = np.array([axis.periodic for axis in self.axes])
+        return np.asarray(np.where(ring, low + np.mod(configuration - low, extent), configuration))
+
+    @cached_property
+    def cell_motion(self) -> float:
+        """Largest motion of any point of the robot across one cell, corner to corner, in metres."""
+        spacing = np.array([[axis.spacing for axis in self.axes]])
+        return float(travel_bound(self.robot, np.zeros_like(spacing), spacing)[0])
+
+    def near(self, pose: Pose, reach: float) -> NDArray[np.float64]:
+        """Pairs of near points of the robot and the obstacles; see `resgrid.control.kernels.near_points`.
+
+        Parameters
+        ----------
+        pose : Pose
+        reach : float
+            In metres.
+
+        Returns
+        -------
+        ndarray of float64, shape (n, 9)
+        """
+        from resgrid.control import kernels
+
+        found = np.empty((_MOST_NEAR, 9))
+        count = kernels.near_points(pose.segments, pose.radius, pose.part, *self.bodies, reach, found)
+        return found[:count]
+
+    def within_stops(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Configurations, shape (..., ndim), held between the mechanical stops."""
+        return np.minimum(np.maximum(configurations, self._stops[0]), self._stops[1])
+
+    def true_space(self, space: ConfigurationSpace) -> ConfigurationSpace:
+        """The map as it would be if hidden obstacles were known, by the conservative rule.
+
+        Parameters
+        ----------
+        space : ConfigurationSpace
+            The map; its goal cells stay goals where nothing hidden blocks them.
+
+        Returns
+        -------
+        ConfigurationSpace
+        """
+        hidden = self.robot.occupancy(self.axes, self.obstacles[self.known :], "conservative")
+        cell = np.where(hidden, np.uint8(Cell.OBSTACLE), space.cell)
+        return ConfigurationSpace(space.axes, cell, space.conductivity)
+
+    def only(self, number: int) -> Plant:
+        """The same robot with one of the obstacles."""
+        return make_plant(self.robot, self.axes, [self.obstacles[number]])
+
+    def name_of(self, number: int) -> str:
+        """What a scene's file calls an obstacle."""
+        if number >= self.known:
+            return f"hidden[{number - self.known}]"
+        return "the map" if isinstance(self.obstacles[number], CellSet) else f"obstacle[{number}]"
+
+    @cached_property
+    def _stops(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        lower = [-np.inf if axis.periodic else axis.lower for axis in self.axes]
+        upper = [np.inf if axis.periodic else axis.upper for axis in self.axes]
+        return np.array(lower), np.array(upper)
+
+    def penetration(self, configurations: ArrayLike) -> NDArray[np.float64]:
+        """How deep the robot is in an obstacle, by shapely and apart from the geometry that moves it.
+
+        Parameters
+        ----------
+        configurations : array_like of float, shape (n, ndim)
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+            In metres: what the parts' and discs' radii overlap; 0 where nothing is entered; infinite where a core (a
+            link's axis, a polygon, a point) is inside an obstacle.
+        """
+        from resgrid.planning.bodies import bodies_of, parts_of
+
+        points = np.array([self._own(row) for row in np.atleast_2d(np.asarray(configurations, dtype=np.float64))])
+        space = ConfigurationSpace(self.axes, np.zeros(tuple(axis.cells for axis in self.axes), np.uint8))
+        depth = np.zeros(len(points))
+        for body in bodies_of(self.obstacles, self.robot, space):
+            for part in parts_of(self.robot, points):
+                enters = body.collides(part)
+                if not enters.any():
+                    continue
+                core = type(part)(part.core[enters], 0.0)
+                apart = type(body)(body.number, body.core, 0.0, body.half_plane).distance(core)
+                overlap = np.where(apart > 0, part.radius + body.radius - apart, np.inf)
+                depth[enters] = np.maximum(depth[enters], overlap)
+        return depth
+
+
+def plant_of(scene: Scene) -> Plant:
+    """The plant of a scene.
+
+    Parameters
+    ----------
+    scene : Scene
+        Of the plane.
+
+    Returns
+    -------
+    Plant
+
+    Raises
+    ------
+    InputError
+        If the robot does not live in the plane, or a hidden obstacle has no area.
+    """
+    if scene.ndim != 2 and isinstance(scene.robot, PointRobot | DiscRobot):
+        raise InputError(f"contact is known in the plane alone, and this scene has {scene.ndim} axes")
+    for number, shape in enumerate(scene.hidden):
+        if _flat(shape):
+            raise InputError(f"hidden[{number}]: an obstacle to be touched needs an area; make it thicker")
+    known = [to_space(shape, scene.frame) for shape in scene.obstacles]
+    if scene.map is not None:
+        known.append(CellSet(scene.axes, scene.map.cell == Cell.OBSTACLE))
+    hidden = [to_space(shape, scene.frame) for shape in scene.hidden]
+    return make_plant(scene.robot, scene.axes, known, hidden)
+
+
+def make_plant(
+    robot: Robot, axes: Sequence[Axis], known: Sequence[Shape], hidden: Sequence[Shape] = ()
+) -> Plant:
+    """A plant from its parts.
+
+    Parameters
+    ----------
+    robot : Robot
+    axes : sequence of Axis
+    known, hidden : sequence of Shape
+        Obstacles in the coordinates of the space: those of the map, and those it does not show.
+
+    Returns
+    -------
+    Plant
+    """
+    shapes = (*known, *hidden)
+    return Plant(robot, tuple(axes), shapes, len(known), _bodies(robot, tuple(axes), shapes))
+
+
+def _flat(shape: Shape) -> bool:
+    if isinstance(shape, Ball):
+        return shape.radius == 0
+    return isinstance(shape, Box) and any(a == b for a, b in zip(shape.lower, shape.upper, strict=True))
+
+
+def _bodies(robot: Robot, axes: tuple[Axis, ...], shapes: Sequence[Shape]) -> Bodies:
+    edges: list[tuple[float, ...]] = []
+    discs: list[tuple[float, ...]] = []
+    planes: list[tuple[float, ...]] = []
+    owners: tuple[list[int], list[int], list[int]] = ([], [], [])
+    for number, shape in enumerate(shapes):
+        for solid in _copies(robot, axes, shape):
+            match solid:
+                case Ball(centre, radius):
+                    discs.append((*centre, radius))
+                    owners[1].append(number)
+                case HalfSpace(normal, offset):
+                    length = hypot(*normal)
+                    planes.append((normal[0] / length, normal[1] / length, offset / length))
+                    owners[2].append(number)
+                case Box() | Polygon():
+                    rings = as_polygon(solid).rings
+                    sides = [(*a, *b) for ring in rings for a, b in zip(ring, (*ring[1:], ring[0]), strict=True)]
+                    edges += sides
+                    owners[0].extend([number] * len(sides))
+    flat = [np.array(rows, dtype=np.float64).reshape(-1, n) for rows, n in ((edges, 4), (discs, 3), (planes, 3))]
+    numbers = [np.array(owner, dtype=np.int64) for owner in owners]
+    return Bodies(flat[0], numbers[0], flat[1], numbers[1], flat[2], numbers[2])
+
+
+def _copies(robot: Robot, axes: tuple[Axis, ...], shape: Shape) -> list[Shape]:
+    """A shape, and for a point its copies across periodic seams; marked cells as boxes, run by run."""
+    if isinstance(shape, CellSet):
+        return [copy for box in _runs(shape) for copy in _copies(robot, axes, box)]
+    if isinstance(robot, Arm) or isinstance(shape, HalfSpace) or not isinstance(robot, PointRobot | DiscRobot):
+        return [shape]
+    around = [(-(a.upper - a.lower), 0.0, a.upper - a.lower) if a.periodic else (0.0,) for a in axes]
+    return [shape.shifted(by) for by in product(*around)]
+
+
+def _runs(cells: CellSet) -> list[Box]:
+    x, y = cells.axes
+    flips = np.diff(cells.mask.astype(np.int8), axis=1, prepend=0, append=0)
+    column, first = np.nonzero(flips > 0)
+    _, last = np.nonzero(flips < 0)
+    corners = np.column_stack([x.edges[column], y.edges[first], x.edges[column + 1], y.edges[last]]).tolist()
+    return [Box((x0, y0), (x1, y1)) for x0, y0, x1, y1 in corners]

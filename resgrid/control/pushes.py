@@ -1,0 +1,108 @@
+"""Pushes: external generalised forces on a robot while it moves."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.errors import InputError
+
+Force = Callable[[float, NDArray[np.float64]], ArrayLike]
+"""Generalised force at a time, in seconds, and a configuration."""
+
+
+@dataclass(frozen=True, eq=False)
+class Push:
+    """A constant generalised force for a while.
+
+    Attributes
+    ----------
+    start, duration : float
+        In seconds.
+    force : ndarray of float64, shape (ndim,)
+    """
+
+    start: float
+    duration: float
+    force: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        force = np.array(self.force, dtype=np.float64)
+        force.flags.writeable = False
+        object.__setattr__(self, "force", force)
+        if force.ndim != 1 or not np.isfinite(force).all():
+            raise InputError(f"a push needs a finite force, one entry per axis, got {force.tolist()}")
+        if not (0 <= self.start < np.inf and 0 < self.duration < np.inf):
+            raise InputError(f"a push from {self.start} s for {self.duration} s: both must be finite, the second above 0")
+
+
+def random_pushes(seed: int, ndim: int, *, until: float, size: float, duration: float, count: int = 8) -> list[Push]:
+    """Pushes at random times in random directions.
+
+    Parameters
+    ----------
+    seed : int
+    ndim : int
+        Number of axes.
+    until : float
+        Pushes start before this time, in seconds.
+    size : float
+        Length of the generalised force.
+    duration : float
+        Of each, in seconds.
+    count : int
+
+    Returns
+    -------
+    list of Push
+        In order of time.
+    """
+    rng = np.random.default_rng(seed)
+    starts = np.sort(rng.uniform(0.0, until, count))
+    way = rng.normal(size=(count, ndim))
+    way *= size / np.linalg.norm(way, axis=1, keepdims=True)
+    return [Push(float(start), duration, force) for start, force in zip(starts, way, strict=True)]
+
+
+def force_of(pushes: Sequence[Push] | Force | None, ndim: int) -> Force:
+    """One function of time and configuration for what may be a list of pushes, a function, or nothing.
+
+    Parameters
+    ----------
+    pushes : sequence of Push, callable or None
+    ndim : int
+
+    Returns
+    -------
+    callable
+        Gives a finite force of shape (ndim,), or raises `InputError`.
+    """
+    if pushes is None:
+        none = np.zeros(ndim)
+        return lambda _time, _configuration: none
+    if callable(pushes):
+        return lambda time, configuration: _checked(pushes(time, configuration), ndim, time)
+    schedule = list(pushes)
+    for push in schedule:
+        _checked(push.force, ndim, push.start)
+
+    def total(time: float, _configuration: NDArray[np.float64]) -> NDArray[np.float64]:
+        force = np.zeros(ndim)
+        for push in schedule:
+            if push.start <= time < push.start + push.duration:
+                force += push.force
+        return force
+
+    return total
+
+
+def _checked(force: ArrayLike, ndim: int, time: float) -> NDArray[np.float64]:
+    tau = np.asarray(force, dtype=np.float64)
+    if tau.shape != (ndim,):
+        raise InputError(f"the push at {time:g} s has shape {tau.shape}, but there are {ndim} axes")
+    if not np.isfinite(tau).all():
+        raise InputError(f"the push at {time:g} s is not finite: {tau.tolist()}; stop the robot, check the sensor")
+    return tau

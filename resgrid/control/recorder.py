@@ -1,0 +1,84 @@
+"""Keeps the rows of a run while it grows, and makes the log of them."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.control.contact import Touch
+from resgrid.control.log import ContactLog, Ending, Lesson, Mode, Run
+from resgrid.control.plant import Plant
+from resgrid.planning.field import Field
+from resgrid.space import ConfigurationSpace
+
+Vector = NDArray[np.float64]
+
+
+class Recorder:
+    """Rows of a run."""
+
+    def __init__(self, ndim: int) -> None:
+        self._ndim = ndim
+        self._rows: list[tuple[float, Vector, Vector, Vector, Mode, Vector, Vector]] = []
+        self._touches: list[tuple[int, Touch]] = []
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @property
+    def last_mode(self) -> Mode:
+        """Mode of the last row."""
+        return self._rows[-1][4] if self._rows else Mode.STREAMLINE
+
+    def add(
+        self, time: float, configuration: Vector, believed: Vector, velocity: Vector, mode: Mode, felt: Touch | None,
+        push: Vector,
+    ) -> None:  # fmt: skip
+        """Keep one step."""
+        torque = np.zeros(self._ndim)
+        if felt is not None and felt.pressing.any():
+            torque = felt.torque
+            self._touches.append((len(self._rows), felt))
+        self._rows.append((time, configuration, believed, velocity, mode, torque, push))
+
+    def run(
+        self, ending: tuple[Ending, str], goal: int | None, lessons: tuple[Lesson, ...], space: ConfigurationSpace,
+        field: Field, plant: Plant,
+    ) -> Run:  # fmt: skip
+        """The log of all rows."""
+        time, configuration, believed, velocity, mode, torque, push = zip(*self._rows, strict=True)
+        places = np.array(configuration)
+        return Run(
+            ending=ending[0],
+            message=ending[1],
+            goal=goal,
+            time=np.array(time),
+            configuration=places,
+            believed=np.array(believed),
+            velocity=np.array(velocity),
+            mode=np.array(mode, dtype=np.uint8),
+            torque=np.array(torque),
+            push=np.array(push, dtype=np.float64),
+            contacts=self._contacts(),
+            lessons=lessons,
+            space=space,
+            field=field,
+            penetration=float(plant.penetration(places).max()),
+        )
+
+    def _contacts(self) -> ContactLog:
+        def column(name: str, empty: NDArray[np.generic]) -> NDArray[np.generic]:
+            return np.concatenate([empty, *(getattr(felt, name)[felt.pressing] for _, felt in self._touches)])
+
+        steps = [np.full(int(felt.pressing.sum()), step) for step, felt in self._touches]
+        pairs, numbers = np.empty((0, 2)), np.empty(0, dtype=np.int64)
+        return ContactLog(
+            step=np.concatenate([numbers, *steps]),
+            point=column("point", pairs),  # type: ignore[arg-type]
+            normal=column("normal", pairs),  # type: ignore[arg-type]
+            force=column("force", pairs),  # type: ignore[arg-type]
+            gap=column("gap", np.empty(0)),  # type: ignore[arg-type]
+            part=column("part", numbers),  # type: ignore[arg-type]
+            body=column("body", numbers),  # type: ignore[arg-type]
+            sticking=column("sticking", np.empty(0, dtype=np.bool_)),  # type: ignore[arg-type]
+        )

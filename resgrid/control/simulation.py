@@ -1,0 +1,200 @@
+"""A robot under harmonic control in its true surroundings, simulated step by step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.control.controller import Controller, make_controller
+from resgrid.control.learning import Resolve, scene_resolver
+from resgrid.control.plant import Plant, plant_of
+from resgrid.errors import InputError
+from resgrid.planning.field import Field
+from resgrid.space import ConfigurationSpace
+
+if TYPE_CHECKING:
+    from resgrid.control.log import Run
+    from resgrid.control.pushes import Force, Push
+    from resgrid.scene.scene import Scene
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """A controller, the plant it moves, and how they meet; runs from any number of starts.
+
+    Attributes
+    ----------
+    controller : Controller
+        With the field of the map as it is before anything is learnt.
+    plant : Plant
+    resolve : callable
+        From a changed space to its field.
+    friction : float
+        Coefficient mu of Coulomb friction.
+    learn : bool
+        Whether contacts change the map.
+    step : float
+        No axis moves by more than this share of a cell in a step, so that no point of the robot moves farther than this
+        share of its largest motion across a cell.
+    """
+
+    controller: Controller
+    plant: Plant
+    resolve: Resolve
+    friction: float = 0.2
+    learn: bool = True
+    step: float = 0.2
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.friction < np.inf:
+            raise InputError(f"friction = {self.friction}, but a coefficient of friction is finite and not negative")
+        if not 0 < self.step <= 0.5:
+            raise InputError(f"step = {self.step}, but a step is a share of a cell above 0 and at most 0.5")
+
+    @property
+    def space(self) -> ConfigurationSpace:
+        """The map before anything is learnt."""
+        return self.controller.field.space
+
+    @property
+    def margin(self) -> float:
+        """Gap at which the robot counts as touching, in metres."""
+        return MARGIN * self.plant.cell_motion
+
+    def run(
+        self,
+        start: ArrayLike,
+        *,
+        pushes: Sequence[Push] | Force | None = None,
+        bias: ArrayLike = 0.0,
+        noise: ArrayLike = 0.0,
+        seed: int = 0,
+        max_steps: int = 50_000,
+    ) -> Run:
+        """Let the robot go from a start until it arrives, learns that there is no path, or can go no farther.
+
+        With learning, exact belief, and pushes that end, a run ends at a goal or with a proof that there is no path.
+        Let F be the cells that are not obstacle in the map.  (1) Each lesson takes at least one cell out of F, and
+        nothing puts one back, so that there are at most |F| lessons.  (2) After the last one the robot follows the
+        current of a harmonic function, which enters no cell twice, so that it reaches a goal unless it is stopped; what
+        stops it is a contact in the closed cell that it is in or about to enter, both of which are in F, so that the
+        contact proves a new cell, and the lesson was not the last.  (3) A lesson holds only cells in which the
+        conservative rule finds an obstacle that is truly there (`proven_cells`), so a start that has a path in the true
+        world's conservative map never loses it; after a lesson the robot goes back the way it came, which is free
+        because it came that way, to the last cell that still has a path.  That cell exists unless the start's own has
+        none left, and only then is no path announced: the cells learnt, with those of the map, separate the start from
+        every goal.
+
+        Parameters
+        ----------
+        start : array_like of float, shape (n,)
+            In axis units.
+        pushes : sequence of Push or callable, optional
+            External generalised forces, scheduled or a function of time and configuration.
+        bias : array_like of float, shape () or (n,)
+            What the believed configuration is off by, always; in axis units.
+        noise : array_like of float, shape () or (n,)
+            And at most by how much more, anew in every step.
+        seed : int
+            Of the noise; the same seed gives the same run.
+        max_steps : int
+
+        Returns
+        -------
+        Run
+
+        Raises
+        ------
+        InputError
+            If the start is not a configuration of the grid, the robot is inside an obstacle there, or a push, bias or
+            noise is impossible.
+        """
+        from resgrid.control.loop import Loop
+
+        return Loop(self, start, pushes, bias, noise, seed, max_steps).run()
+
+
+MARGIN = 5e-3
+"""Gap at contact, as a share of the largest motion of the robot across a cell."""
+
+
+def simulation(
+    scene: Scene,
+    *,
+    k: float | None = None,
+    speed: float | None = None,
+    admittance: ArrayLike | None = None,
+    speed_limits: ArrayLike | None = None,
+    response: str = "equipotential",
+    friction: float = 0.2,
+    learn: bool = True,
+    step: float = 0.2,
+    field: Field | None = None,
+) -> Simulation:
+    """Set a scene in motion: its hidden obstacles are there, but not in the map.
+
+    Parameters
+    ----------
+    scene : Scene
+        Of the plane.
+    k : float, optional
+        Share of the Dirichlet field; by default as the scene says.
+    speed, admittance, speed_limits, response
+        As in `make_controller`; what a contact force does by default is to turn the robot along the equipotential.
+    friction, learn, step
+        As in `Simulation`.
+    field : Field, optional
+        The field of the scene's map, if it has been solved already.
+
+    Returns
+    -------
+    Simulation
+
+    Raises
+    ------
+    InputError
+        If a value is impossible, or the robot's contacts are not known.
+    CircuitError
+        If nothing can be driven.
+    """
+    from resgrid.scene import sample
+
+    plant = plant_of(scene)
+    resolve = scene_resolver(scene, k)
+    controller = make_controller(
+        resolve(sample(scene)) if field is None else field,
+        speed=speed, admittance=admittance, speed_limits=speed_limits, response=response,
+    )  # fmt: skip
+    return Simulation(controller, plant, resolve, friction, learn, step)
+
+
+def believed_offsets(value: ArrayLike, ndim: int, what: str) -> NDArray[np.float64]:
+    """A bias or noise as one number per axis.
+
+    Parameters
+    ----------
+    value : array_like of float, shape () or (ndim,)
+    ndim : int
+    what : str
+        Its name, for the message.
+
+    Returns
+    -------
+    ndarray of float64, shape (ndim,)
+
+    Raises
+    ------
+    InputError
+        If it is not finite or has another shape.
+    """
+    try:
+        offset = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"{what} must be a number, or one for each of the {ndim} axes") from None
+    if offset.shape not in ((), (ndim,)) or not np.isfinite(offset).all():
+        raise InputError(f"{what} = {offset.tolist()}: give a finite number, or one for each of the {ndim} axes")
+    return np.broadcast_to(offset, (ndim,)).astype(np.float64)
