@@ -146,6 +146,7 @@ def compile_space(
         supply=rules.supply,
         goal_voltage=rules.goal_voltage,
         start=rules.start,
+        wall_resistance=rules.wall_resistance,
     )
     return Netlist(
         node_count=nodes.count,

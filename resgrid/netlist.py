@@ -58,6 +58,8 @@ class Layout:
         Voltage of the goal rail, in volts.
     start : tuple of int or None
         The driven start cell.
+    wall_resistance : float
+        What stands in series with every obstacle contact, in ohms; 0 unless the boundary is ``"wall"``.
     nonlinear_face : ndarray of int64, shape (nonlinear resistors,)
         The cell face each nonlinear resistor crosses, numbered as those of the resistors.
     nonlinear_upward : ndarray of bool, shape (nonlinear resistors,)
@@ -79,6 +81,7 @@ class Layout:
     supply: float
     goal_voltage: float
     start: tuple[int, ...] | None = None
+    wall_resistance: float = 0.0
     nonlinear_face: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     nonlinear_upward: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=np.bool_))
 

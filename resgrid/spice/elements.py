@@ -198,7 +198,7 @@ def name_elements(netlist: Netlist, kind: str, numbers: NDArray[np.int64], nodes
     if kind == "current source":
         first, second = np.where(second == GROUND, first, second), np.full(len(second), GROUND)
     joint = names(["", "_"]).take(((first != GROUND) & (second != GROUND)).astype(np.int64))
-    place = [f"{initial}_".encode(), nodes.labels.take(first), joint, nodes.labels.take(second)]
+    place: list[bytes | Chosen] = [f"{initial}_".encode(), nodes.labels.take(first), joint, nodes.labels.take(second)]
     if netlist.node_names is not None or (netlist.layout is not None and netlist.layout.space.ndim == 1):
         return names(legal_names(weave(len(numbers), *place).strings(), initial))
     grounded = (first == GROUND) | (second == GROUND)
