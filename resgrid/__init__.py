@@ -21,6 +21,8 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from resgrid.compiler import compile_space
+    from resgrid.device.noise import Noise, analyse_noise, noise_covariance, noise_density
+    from resgrid.device.settling import Settling, analyse_settling
     from resgrid.errors import (
         AccuracyError,
         BudgetError,
@@ -100,6 +102,12 @@ if TYPE_CHECKING:
     from resgrid.spice.writer import write_spice
 
 _HOME = {
+    "Settling": "resgrid.device.settling",
+    "analyse_settling": "resgrid.device.settling",
+    "Noise": "resgrid.device.noise",
+    "analyse_noise": "resgrid.device.noise",
+    "noise_covariance": "resgrid.device.noise",
+    "noise_density": "resgrid.device.noise",
     "compile_space": "resgrid.compiler",
     "AccuracyError": "resgrid.errors",
     "BudgetError": "resgrid.errors",
@@ -228,6 +236,7 @@ __all__ = [
     "InputError",
     "Layout",
     "Netlist",
+    "Noise",
     "OperatingPoint",
     "Outcome",
     "Planner",
@@ -238,6 +247,7 @@ __all__ = [
     "Risk",
     "Scene",
     "Separation",
+    "Settling",
     "ShortPath",
     "Streamline",
     "ToolMissingError",
@@ -248,6 +258,8 @@ __all__ = [
     "Walk",
     "__version__",
     "absorption",
+    "analyse_noise",
+    "analyse_settling",
     "apply_overrides",
     "basins",
     "blend",
@@ -264,6 +276,8 @@ __all__ = [
     "field",
     "format_deck",
     "free_volume_lost",
+    "noise_covariance",
+    "noise_density",
     "occupancy_grid",
     "octree_voxels",
     "parse_quantity",

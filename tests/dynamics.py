@@ -38,7 +38,7 @@ def small_scene(farads: float = 1e-12, **options: object) -> Netlist:
 
 
 def random_dynamics(seed: int, side: int = 5, decades: float = 1.0) -> Netlist:
-    """A random grid with capacitors to ground, to a rail and between cells; a third of the cells have none to a rail."""
+    """A random grid with capacitors to ground, to a rail and between cells; some cells have none."""
     netlist = random_grid(seed, side, decades)
     rng = np.random.default_rng(seed + 1)
     grid = np.arange(4, netlist.node_count)

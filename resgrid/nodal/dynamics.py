@@ -174,7 +174,7 @@ def factor_resolvent(dynamics: Dynamics, rate: float, method: str = "auto") -> F
     """
     G, C = dynamics.conductance, dynamics.capacitance
     if rate == 0.0:
-        _check_grounded(dynamics)
+        require_grounded(dynamics)
     n = dynamics.size
     netlist = dynamics.netlist
     none = np.zeros(n)
@@ -210,19 +210,64 @@ def require_linear(netlist: Netlist) -> None:
         )
 
 
-def capacitor_parts(dynamics: Dynamics) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Parts of rows joined by capacitors, and which of them no capacitor ties to a node of known voltage.
+def require_grounded(dynamics: Dynamics) -> None:
+    """Refuse a circuit of which a part is tied to no rail by resistors.
+
+    Raises
+    ------
+    CircuitError
+        It names a node of that part.
+    """
+    G = dynamics.conductance
+    number, part = connected_components(G.coupling, directed=False)
+    loose = np.bincount(part, G.excess > 0, number) == 0
+    if loose.any():
+        row = int(np.argmax(loose[part]))
+        node = dynamics.netlist.node_name(int(np.argmax(dynamics.row == row)))
+        raise CircuitError(
+            f"node {node} is tied to no rail by resistors: it never settles (its slowest time constant is infinite); "
+            "add a resistor to a rail, or leave the part out"
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class ChargeBasis:
+    """Coordinates in which only those with charge move: ``x = E_c y + N z``, ``C N = 0``.
+
+    Attributes
+    ----------
+    charged : ndarray of bool, shape (n,)
+        Rows that keep their coordinate ``y``; the matrix ``C`` between them is positive definite.
+    spread : scipy.sparse.csr_array, shape (n, loose)
+        ``N``: one column for every part of rows that capacitors join to each other, but to no node of known voltage;
+        a row without capacitance is such a part of its own.
+    """
+
+    charged: NDArray[np.bool_]
+    spread: sparse.csr_array
+
+
+def charge_basis(dynamics: Dynamics) -> ChargeBasis:
+    """Tell the coordinates that hold charge from those that follow at once.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
 
     Returns
     -------
-    of_row : ndarray of int64, shape (n,)
-    loose : ndarray of bool, shape (parts,)
-        A row without any capacitor is a loose part of its own.
+    ChargeBasis
     """
-    C = dynamics.capacitance
-    number, of_row = connected_components(C.coupling, directed=False)
-    tied = np.bincount(of_row, C.excess > 0, number) > 0
-    return of_row.astype(np.int64), ~tied
+    C, n = dynamics.capacitance, dynamics.size
+    number, part = connected_components(C.coupling, directed=False)
+    loose = np.bincount(part, C.excess > 0, number) == 0
+    _, first = np.unique(part, return_index=True)
+    charged = np.ones(n, dtype=np.bool_)
+    charged[first[loose]] = False
+    rows = np.flatnonzero(loose[part])
+    column = (np.cumsum(loose) - 1)[part[rows]]
+    entries = (np.ones(len(rows)), (rows, column))
+    return ChargeBasis(charged, sparse.coo_array(entries, shape=(n, int(loose.sum()))).tocsr())
 
 
 def _laplacian(ends: NDArray[np.int64], value: NDArray[np.float64], row: NDArray[np.int64], size: int) -> Laplacian:
@@ -257,17 +302,4 @@ def _check_fed(netlist: Netlist, part: NDArray[np.int64], floats: NDArray[np.boo
         raise CircuitError(
             f"a current source feeds node {netlist.node_name(node)}, which nothing ties to ground: its voltage has no "
             "bound; add a resistor or capacitor to a rail, or remove the source"
-        )
-
-
-def _check_grounded(dynamics: Dynamics) -> None:
-    G = dynamics.conductance
-    number, part = connected_components(G.coupling, directed=False)
-    loose = np.bincount(part, G.excess > 0, number) == 0
-    if loose.any():
-        row = int(np.argmax(loose[part]))
-        node = dynamics.netlist.node_name(int(np.argmax(dynamics.row == row)))
-        raise CircuitError(
-            f"node {node} is tied to no rail by resistors: it never settles (its slowest time constant is infinite); "
-            "add a resistor to a rail, or leave the part out"
         )

@@ -8,7 +8,7 @@ from scipy import sparse
 
 from resgrid.errors import InputError
 from resgrid.netlist import Layout, Netlist
-from resgrid.nodal.dynamics import Dynamics, capacitor_parts
+from resgrid.nodal.dynamics import Dynamics, charge_basis
 from resgrid.nodal.operating_point import OperatingPoint
 
 
@@ -87,23 +87,15 @@ def _consistent(dynamics: Dynamics, charge: NDArray[np.float64]) -> NDArray[np.f
     Capacitors that join rows to each other but to no rail leave one voltage open for every such part; Kirchhoff's law
     for the part as a whole decides it.
     """
-    part, loose = capacitor_parts(dynamics)
+    basis = charge_basis(dynamics)
+    charged, spread = basis.charged, basis.spread
+    C, G = dynamics.capacitance, dynamics.conductance.matrix
     x = np.zeros(dynamics.size)
-    _, first = np.unique(part, return_index=True)
-    pinned = np.zeros(dynamics.size, dtype=np.bool_)
-    pinned[first[loose]] = True
-    charged = ~pinned
-    C = dynamics.capacitance
     if C.coupling.nnz == 0:
         x[charged] = charge[charged] / C.diagonal[charged]
     elif charged.any():
         x[charged] = _solve(C.matrix[charged][:, charged], charge[charged])
-    if loose.any():
-        number = np.cumsum(loose) - 1
-        rows = np.flatnonzero(loose[part])
-        entries = (np.ones(len(rows)), (rows, number[part[rows]]))
-        spread = sparse.coo_array(entries, shape=(dynamics.size, int(loose.sum()))).tocsr()
-        G = dynamics.conductance.matrix
+    if spread.shape[1]:
         x += spread @ _solve(spread.T @ G @ spread, spread.T @ (dynamics.drive - G @ x))
     return x
 

@@ -1,0 +1,1 @@
+"""The chip: what real devices make of the circuit, and whether it is good enough to drive a robot."""

@@ -1,0 +1,34 @@
+"""A number that says what it is: value, unit and definition."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One figure of a chip.
+
+    Attributes
+    ----------
+    value : float, int, str or None
+        None where it is not defined.
+    unit : str
+        SI unit, ``""`` for a pure number.
+    definition : str
+        What it is, in one sentence.
+    """
+
+    value: float | int | str | None
+    unit: str
+    definition: str
+
+
+def json_form(readings: Mapping[str, Reading]) -> dict[str, Any]:
+    """Readings as plain tables, for JSON."""
+    return {
+        name: {"value": reading.value, "unit": reading.unit, "definition": reading.definition}
+        for name, reading in readings.items()
+    }

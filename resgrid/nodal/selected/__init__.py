@@ -1,0 +1,1 @@
+"""Chosen entries of the inverse of a nodal matrix."""

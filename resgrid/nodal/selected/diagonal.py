@@ -1,0 +1,97 @@
+"""The diagonal of the inverse of a nodal matrix: effective resistances and impedances to the rails.
+
+`inverse_diagonal` is exact and costs about as much as the factors themselves; `estimate_diagonal` needs only products
+with it and tells how far it may be off.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from resgrid.errors import AccuracyError
+
+
+def inverse_diagonal(matrix: Any) -> NDArray[Any]:
+    """All diagonal entries of the inverse of a symmetric sparse matrix, real or complex.
+
+    Parameters
+    ----------
+    matrix : scipy.sparse array, shape (n, n)
+        Symmetric (complex: without conjugation) and solvable without pivoting, such as ``G + j w C``.
+
+    Returns
+    -------
+    ndarray, shape (n,)
+
+    Raises
+    ------
+    AccuracyError
+        If a pivot vanishes in double precision.
+    """
+    from resgrid.nodal.selected.kernels import selected_inverse
+
+    factors = symmetric_factors(matrix)
+    lower = factors.L
+    lower.sort_indices()
+    inverse = np.empty_like(lower.data)
+    selected_inverse(lower.indptr, lower.indices, lower.data, factors.U.diagonal(), inverse)
+    diagonal = np.empty(matrix.shape[0], dtype=lower.dtype)
+    diagonal[np.argsort(factors.perm_c)] = inverse[lower.indptr[:-1]]
+    return diagonal
+
+
+def random_signs(size: int, samples: int, seed: int) -> NDArray[np.float64]:
+    """Vectors of random signs, shape (size, samples)."""
+    return np.random.default_rng(seed).integers(0, 2, (size, samples)) * 2.0 - 1.0
+
+
+def estimate_diagonal(
+    signs: NDArray[np.float64], products: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Estimate the diagonal of a matrix from its products with random signs (Bekas, Kokiopoulou & Saad 2007).
+
+    Parameters
+    ----------
+    signs : ndarray of float64, shape (n, samples)
+        From `random_signs`; at least 2 samples.
+    products : ndarray of float64, shape (n, samples)
+        The matrix times them.
+
+    Returns
+    -------
+    estimate : ndarray of float64, shape (n,)
+        Unbiased.
+    error : ndarray of float64, shape (n,)
+        Its standard error, from the spread of the samples.
+    """
+    each = signs * products
+    error = each.std(axis=1, ddof=1) / np.sqrt(each.shape[1])
+    return np.asarray(each.mean(axis=1)), np.asarray(error)
+
+
+def symmetric_factors(matrix: Any) -> Any:
+    """SuperLU factors with diagonal pivots.
+
+    Raises
+    ------
+    AccuracyError
+        If a pivot vanishes in double precision.
+    """
+    from scipy.sparse.linalg import splu
+
+    try:
+        factors = splu(
+            sparse.csc_matrix(matrix),
+            permc_spec="MMD_AT_PLUS_A",
+            diag_pivot_thresh=0.0,
+            options={"SymmetricMode": True, "Equil": False},
+        )
+    except RuntimeError as error:
+        raise AccuracyError("the matrix is singular in double precision: its entries span too many decades") from error
+    if np.any(factors.perm_r != factors.perm_c):
+        raise AccuracyError("a pivot vanished in double precision: the conductances span too many decades")
+    return factors
