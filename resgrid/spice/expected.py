@@ -66,7 +66,7 @@ def expect(deck: FlatDeck, point: OperatingPoint) -> Expected:
     if not np.isfinite(voltage).all():
         name = deck.node_names[int(np.flatnonzero(~np.isfinite(voltage))[0])]
         raise InputError(f"the operating point has no voltage for node {name}; solve this netlist first")
-    supply = _supply(point)
+    supply = supply_of(point)
     current = point.source_current[deck.sources]
     largest = float(np.max(np.abs(current[np.isfinite(current)]), initial=0.0))
     return Expected(
@@ -81,7 +81,8 @@ def expect(deck: FlatDeck, point: OperatingPoint) -> Expected:
     )
 
 
-def _supply(point: OperatingPoint) -> float:
+def supply_of(point: OperatingPoint) -> float:
+    """Largest voltage difference in a circuit, in volts; 1 where there is none."""
     netlist = point.netlist
     ends = netlist.resistor_nodes if netlist.resistor_nodes.size else netlist.source_nodes
     voltage = point.voltage[ends]

@@ -1,10 +1,10 @@
 """How long a simulator will take, and how much memory, told before it starts.
 
-ngspice up to version 41 orders its matrix by Markowitz's rule with linear searches; measured with version 39 on grids of
-16^2 to 256^2 cells, cubes of 10^3 to 20^3 nodes, chains, trees and random networks, its time goes as the 3.5th power of
-the width of the network's core (nodes a breadth-first level) and the 0.6th of the core's size.  Trees and chains fill
-nothing and take time in proportion to their elements.  KLU, which newer versions and the `eecircuit` engine use, takes
-seconds where that takes minutes.
+ngspice up to version 41 orders its matrix by Markowitz's rule with linear searches.  Measured with version 39 on grids
+of 16^2 to 256^2 cells, cubes of 10^3 to 26^3 nodes, four dimensions, chains, trees and random networks, its time goes
+as the 3.5th power of the width of the network's core (nodes a breadth-first level) and the 0.6th of the core's size.
+Trees and chains fill nothing and take time in proportion to their elements.  KLU, which newer versions and the
+`eecircuit` engine use, takes seconds where that takes minutes.
 """
 
 from __future__ import annotations

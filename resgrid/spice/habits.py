@@ -5,13 +5,13 @@ ngspice's habits were measured with version 39 (`tests/spice/test_verdicts.py` m
 - One floating part makes the matrix singular; the answer that comes back, with exit status 0, is that of a circuit with
   ``gmin`` (1e-12 S unless ``.option gmin`` says otherwise) from *every* node to ground.
 - ``.option rshunt=R`` puts ``R`` from every node to ground.
-- 0 ohm becomes 1 milliohm; smaller but positive values are kept.
+- 0 ohm becomes 1 milliohm (1e-12 ohm, with a warning, in version 45); smaller but positive values are kept.
 - The first line is the title, whatever it says.
 - A loop of voltage sources or a second device of the same name ends the run without an answer.
 
 The others are told from their manuals and mailing lists, without having been run: HSPICE raises resistances to
-``RESMIN`` (1e-5 ohm); Spectre and HSPICE put ``gmin`` at the floating nodes only, and say so; all of them take the first
-line for the title and refuse loops of voltage sources.  What is not known is not claimed.
+``RESMIN`` (1e-5 ohm); Spectre and HSPICE put ``gmin`` at the floating nodes only, and say so; all of them take the
+first line for the title and refuse loops of voltage sources.  What is not known is not claimed.
 """
 
 from __future__ import annotations
