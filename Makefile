@@ -2,7 +2,7 @@
 # make test    install what the tests need, ngspice included, and run them all
 # make check   lint, formatting, types, import order
 # make format  apply the formatter and the safe fixes
-# make bench   run the benchmarks
+# make bench   run resgrid and its peers, installed into .venv-bench, in turn (BENCH=full: large sizes; SECTIONS="plane memory")
 # make golden  write the decks in netlists/ anew
 # make clean   remove what was made here
 
@@ -11,12 +11,17 @@ JOBS ?= 2
 SCENE ?= examples/scenes/rooms.toml
 OUT ?= out/$(basename $(notdir $(SCENE)))
 GOLDEN ?= netlists
+BENCH ?= quick
+SECTIONS ?=
+SEED ?= 0
 
 VENV := .venv
 BIN := $(VENV)/bin
 CREATED := $(VENV)/.created
 INSTALLED := $(VENV)/.installed
 INSTALLED_DEV := $(VENV)/.installed-dev
+BENCH_VENV := .venv-bench
+INSTALLED_BENCH := $(BENCH_VENV)/.installed
 
 .PHONY: demo test check format bench golden clean
 .DELETE_ON_ERROR:
@@ -38,9 +43,10 @@ format: $(INSTALLED_DEV)
 	$(BIN)/ruff check --fix .
 	$(BIN)/ruff format .
 
-bench: $(INSTALLED_DEV)
-	@if [ -f benchmarks/__main__.py ]; then $(BIN)/python -m benchmarks; \
-	else echo "there are no benchmarks yet"; fi
+bench: $(INSTALLED_BENCH)
+	scripts/install_ngspice.sh || true
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 NUMBA_NUM_THREADS=1 \
+	$(BENCH_VENV)/bin/python -m benchmarks $(SECTIONS) --scale $(BENCH) --seed $(SEED)
 
 golden: $(INSTALLED)
 	$(BIN)/resgrid compile examples/scenes/lesson.toml -o $(GOLDEN)/lesson_dirichlet.cir
@@ -51,7 +57,7 @@ golden: $(INSTALLED)
 	$(BIN)/resgrid compile examples/scenes/voxels.toml --set grid.axes.0.cells=4 --set grid.axes.1.cells=4 --set grid.axes.2.cells=4 -o $(GOLDEN)/voxels.cir
 
 clean:
-	rm -rf $(VENV) out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
+	rm -rf $(VENV) $(BENCH_VENV) out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(CREATED):
@@ -70,3 +76,9 @@ $(INSTALLED): pyproject.toml | $(CREATED)
 $(INSTALLED_DEV): pyproject.toml | $(CREATED)
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	@touch $@ $(INSTALLED)
+
+$(INSTALLED_BENCH): pyproject.toml scripts/install_peers.sh | $(CREATED)
+	$(PYTHON) -m venv $(BENCH_VENV)
+	$(BENCH_VENV)/bin/python -m pip install --quiet --disable-pip-version-check --editable .
+	scripts/install_peers.sh $(BENCH_VENV)/bin/python
+	@touch $@

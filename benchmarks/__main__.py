@@ -1,130 +1,92 @@
-"""Time the pipeline in units of a sparse matrix-vector product of the same circuit."""
+"""``python -m benchmarks [SECTION ...]``: run sections, print one table, keep the figures and draw them.
+
+``make bench`` installs the peers beforehand; without them the table says who is missing.  Sections: see `SECTIONS`;
+``--scale full`` adds the large sizes, ``--seed`` moves to problems that nobody tuned for.
+"""
 
 from __future__ import annotations
 
-import json
-import statistics
+import argparse
 import sys
 import time
 from collections.abc import Callable
-from functools import partial
+from contextlib import AbstractContextManager, nullcontext
 from pathlib import Path
 
-import numpy as np
-from scipy import sparse
+from benchmarks import accuracy, grids, memory, pipeline, simulator, table
+from benchmarks.picture import write_picture
+from benchmarks.rows import Row, Scale
 
-from resgrid.compiler import compile_space
-from resgrid.netlist import Netlist
-from resgrid.nodal.solve import solve
-from resgrid.planning.field import field_of
-from resgrid.planning.trace import streamlines
-from resgrid.space import Axis, ConfigurationSpace
+FOLDER = Path(__file__).parent
 
-ROUNDS = 7
-RESULTS = Path(__file__).parent / "results.json"
+SECTIONS: tuple[tuple[str, Callable[[Scale], list[Row]]], ...] = (
+    ("pipeline", pipeline.pipeline),
+    ("plane", grids.plane),
+    ("volume", grids.volume),
+    ("irregular", grids.irregular),
+    ("mazes", grids.mazes),
+    ("growth", grids.growth),
+    ("direction", accuracy.direction),
+    ("memory", memory.memory),
+    ("simulator", simulator.simulator),
+)
+"""Every section: its name and the function that measures it."""
 
-
-def scene(size: int, seed: int) -> ConfigurationSpace:
-    """A square with a fifth of its cells under random rectangles, the goal in a corner."""
-    rng = np.random.default_rng(seed)
-    cell = np.zeros((size, size), dtype=np.uint8)
-    while np.count_nonzero(cell) < 0.2 * cell.size:
-        (x, y), (w, h) = rng.integers(0, size, 2), rng.integers(size // 64 + 1, size // 12 + 2, 2)
-        cell[x : x + w, y : y + h] = 1
-    cell[:3, :3] = 0
-    cell[1, 1] = 2
-    return ConfigurationSpace([Axis("x", 0, size, size), Axis("y", 0, size, size)], cell)
+SCALES = {"tiny": Scale("tiny", 2, 20.0), "quick": Scale("quick", 5, 60.0), "full": Scale("full", 7, 300.0)}
 
 
-def compile_afresh(space: ConfigurationSpace, boundary: str) -> Netlist:
-    """Compile without what a space remembers of itself."""
-    return compile_space(ConfigurationSpace(space.axes, space.cell), boundary=boundary)
+def arguments(words: list[str]) -> argparse.Namespace:
+    """What the command line asks for."""
+    names = [name for name, _ in SECTIONS]
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
+    parser.add_argument("sections", nargs="*", metavar="SECTION", help=f"which to run (all): {', '.join(names)}")
+    parser.add_argument("--scale", choices=SCALES, default="quick", help="how large (quick, about ten minutes)")
+    parser.add_argument("--seed", type=int, default=0, help="added to every problem's seed")
+    parser.add_argument("--folder", type=Path, default=FOLDER, help="where results.json and results.png are kept")
+    chosen = parser.parse_args(words)
+    for name in chosen.sections:
+        if name not in names:
+            parser.error(f"there is no section {name!r}; there are {', '.join(names)}")
+    return chosen
 
 
-def matrix_product(netlist: Netlist) -> Callable[[], object]:
-    """A product with the circuit's nodal matrix."""
-    a, b = netlist.resistor_nodes.T
-    g, n = netlist.conductance, netlist.node_count
-    entries = (np.concatenate([-g, -g, np.full(n, 4.0)]), (np.r_[a, b, :n], np.r_[b, a, :n]))
-    matrix = sparse.coo_array(entries, shape=(n, n)).tocsr()
-    x = np.random.default_rng(0).random(n)
-    return lambda: matrix @ x
-
-
-def alternating(first: Callable[[], object], second: Callable[[], object]) -> tuple[float, float, float]:
-    """Median seconds of both, and the median of their ratios pair by pair."""
-    times = []
-    for _ in range(ROUNDS):
-        pair = []
-        for job in (first, second):
+def main(words: list[str] | None = None) -> None:
+    """Run sections one by one; each is printed and kept as soon as it is done."""
+    chosen = arguments(sys.argv[1:] if words is None else words)
+    plain = SCALES[chosen.scale]
+    scale = Scale(plain.name, plain.rounds, plain.limit, chosen.seed)
+    kept = table.read_results(chosen.folder / "results.json")
+    last = table.last_values(kept)
+    with one_thread():
+        for name, measure in SECTIONS:
+            if chosen.sections and name not in chosen.sections:
+                continue
             start = time.perf_counter()
-            job()
-            pair.append(time.perf_counter() - start)
-        times.append(pair)
-    ratios = [a / b for a, b in times]
-    return statistics.median(t[0] for t in times), statistics.median(t[1] for t in times), statistics.median(ratios)
+            rows = measured(name, measure, scale)
+            sys.stdout.write(f"\n{name} ({time.perf_counter() - start:.0f} s)\n{table.format_rows(rows, last)}")
+            sys.stdout.flush()
+            kept[name] = table.section_record(rows, scale)
+            table.write_results(chosen.folder / "results.json", kept)
+    order = [name for name, _ in SECTIONS if name in kept]
+    write_picture(chosen.folder / "results.png", {name: table.rows_of(kept[name]) for name in order})
 
 
-def main() -> None:
-    """Run everything, print one table, keep it in results.json."""
-    rows = []
-    for size, boundary in ((2048, "dirichlet"), (2048, "neumann")):
-        space = scene(size, seed=size)
-        fresh = partial(compile_afresh, space, boundary)
-        seconds, _, ratio = alternating(fresh, partial(repeat_ten, matrix_product(fresh())))
-        rows.append((f"compile {size}^2 {boundary}", seconds, 10 * ratio, "matrix-vector products"))
-    for size, boundary in ((512, "dirichlet"), (512, "neumann")):
-        netlist = compile_space(scene(size, seed=size), boundary=boundary)
-        solve(compile_space(scene(16, seed=1), boundary=boundary))
-        ten = partial(repeat_ten, matrix_product(netlist))
-        seconds, _, ratio = alternating(partial(solve, netlist), ten)
-        rows.append((f"solve {size}^2 {boundary}, direction-safe", seconds, 10 * ratio, "matrix-vector products"))
-    rows += volume_rows()
-    space = scene(512, seed=512)
-    field = field_of(solve(compile_space(space)))
-    starts = space.centre(np.argwhere(space.goal_connected))
-    streamlines(field, starts[:1])
-    start = time.perf_counter()
-    traces = streamlines(field, starts)
-    seconds = time.perf_counter() - start
-    rows.append((f"trace {len(starts):,} starts of 512^2", seconds, 1e9 * seconds / traces.steps.sum(), "ns a step"))
-    report(rows)
+def measured(name: str, measure: Callable[[Scale], list[Row]], scale: Scale) -> list[Row]:
+    """Rows of a section; one that fails says so in the table and leaves the others alone."""
+    try:
+        return measure(scale)
+    except Exception as error:
+        return [Row(name, None, None, "", note=f"failed: {type(error).__name__}: {error}")]
 
 
-def volume_rows() -> list[tuple[str, float, float, str]]:
-    """Multigrid in a volume of 64^3 cells: nine digits normwise, and direction-safe."""
-    rng = np.random.default_rng(64)
-    cell = np.zeros((64, 64, 64), dtype=np.uint8)
-    while np.count_nonzero(cell) < 0.2 * cell.size:
-        low, size = rng.integers(0, 64, 3), rng.integers(2, 8, 3)
-        cell[tuple(slice(a, a + b) for a, b in zip(low, size, strict=True))] = 1
-    cell[:3, :3, :3] = 0
-    cell[1, 1, 1] = 2
-    space = ConfigurationSpace([Axis(name, 0, 64, 64) for name in "xyz"], cell)
-    rows = []
-    for boundary in ("dirichlet", "neumann"):
-        netlist = compile_space(space, boundary=boundary)
-        ten = partial(repeat_ten, matrix_product(netlist))
-        for accuracy in ("normwise", "direction"):
-            job = partial(solve, netlist, accuracy=accuracy, rtol=1e-8)
-            job()
-            seconds, _, ratio = alternating(job, ten)
-            rows.append((f"solve 64^3 {boundary}, {accuracy}", seconds, 10 * ratio, "matrix-vector products"))
-    return rows
-
-
-def repeat_ten(job: Callable[[], object]) -> None:
-    """Run a job ten times."""
-    for _ in range(10):
-        job()
-
-
-def report(rows: list[tuple[str, float, float, str]]) -> None:
-    """Print the table, write the file."""
-    for name, seconds, value, unit in rows:
-        sys.stdout.write(f"{name:40s} {seconds:8.3f} s {value:10.1f} {unit}\n")
-    kept = [{"name": n, "seconds": round(s, 4), "value": round(v, 1), "unit": u} for n, s, v, u in rows]
-    RESULTS.write_text(json.dumps({"schema": 1, "rounds": ROUNDS, "rows": kept}, indent=2) + "\n")
+def one_thread() -> AbstractContextManager[object]:
+    """Keep the libraries of this process to one thread, as those of the contenders are."""
+    try:
+        from threadpoolctl import threadpool_limits
+    except ImportError:
+        return nullcontext()
+    limits: AbstractContextManager[object] = threadpool_limits(1)
+    return limits
 
 
 if __name__ == "__main__":

@@ -1,0 +1,155 @@
+"""Contenders that solve the same problems in turn, each in a process of its own, one thread each."""
+
+from __future__ import annotations
+
+import json
+import os
+import select
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, field
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.peers import PEERS
+from benchmarks.problems import Equations, Problem, equations
+
+ROOT = Path(__file__).resolve().parents[1]
+ONE_THREAD = dict.fromkeys(
+    ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "APXCHOL_NUM_THREADS"), "1"
+)
+MET = 1.5
+"""A residual up to this many times what was asked for counts as reached."""
+
+
+@dataclass(frozen=True)
+class Run:
+    """One run of one contender: seconds of every stage, or why there is no answer."""
+
+    seconds: Mapping[str, float] = field(default_factory=dict)
+    iterations: int | None = None
+    residual: float = np.inf
+    method: str = ""
+    failure: str = ""
+
+    @property
+    def total(self) -> float:
+        """Seconds of all stages."""
+        return sum(self.seconds.values())
+
+    @property
+    def work(self) -> float:
+        """Seconds of the solve phase."""
+        return self.seconds.get("solve", self.seconds.get("substitute", np.nan))
+
+
+class Contender:
+    """A worker process that solves problems on request."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+        python, environment = interpreter(name)
+        self.process = subprocess.Popen(
+            [python, "-m", "benchmarks.worker", name],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            cwd=ROOT,
+            env={**os.environ, **ONE_THREAD, **environment},
+        )
+
+    def ask(self, order: Mapping[str, Any], limit: float) -> dict[str, Any]:
+        """Send an order and wait for the reply; a process that takes longer than ``limit`` seconds is ended."""
+        if self.process.poll() is not None:
+            return {"failure": "its process had ended"}
+        assert self.process.stdin is not None
+        assert self.process.stdout is not None
+        self.process.stdin.write(json.dumps(order) + "\n")
+        self.process.stdin.flush()
+        ready, _, _ = select.select([self.process.stdout], [], [], limit)
+        if not ready:
+            self.close()
+            return {"failure": f"not done after {limit:g} s"}
+        line = self.process.stdout.readline()
+        if not line:
+            return {"failure": f"its process ended with status {self.process.wait()}"}
+        return dict(json.loads(line))
+
+    def close(self) -> None:
+        """End the process."""
+        self.process.kill()
+        self.process.communicate()
+
+
+def interpreter(name: str) -> tuple[str, dict[str, str]]:
+    """The Python that has a contender's library, and what its environment needs."""
+    if name in PEERS and PEERS[name].package == "petsc4py":
+        return petsc_interpreter()
+    return sys.executable, {}
+
+
+@cache
+def petsc_interpreter() -> tuple[str, dict[str, str]]:
+    """Debian's Python with its real-valued build of PETSc if there is one, otherwise the present Python."""
+    for folder in sorted(Path("/usr/lib/petscdir").glob("*/*-real"), reverse=True):
+        found = ("/usr/bin/python3", {"PETSC_DIR": str(folder)})
+        done = subprocess.run(
+            [found[0], "-c", "import petsc4py.PETSc"],
+            env={**os.environ, **found[1]},
+            capture_output=True,
+            check=False,
+        )
+        if done.returncode == 0:
+            return found
+    return sys.executable, {}
+
+
+@dataclass(frozen=True, eq=False)
+class Arena:
+    """A problem laid out in a folder for all contenders, and the contenders still in the game."""
+
+    problem: Problem
+    system: Equations
+    folder: Path
+    contenders: Mapping[str, Contender]
+
+
+@contextmanager
+def arena(problem: Problem, names: Sequence[str]) -> Iterator[Arena]:
+    """Lay out a problem and start the contenders."""
+    system = equations(problem.netlist())
+    contenders = {name: Contender(name) for name in names}
+    with tempfile.TemporaryDirectory(prefix="resgrid-bench-") as name:
+        folder = Path(name)
+        (folder / "problem.json").write_text(json.dumps(asdict(problem)))
+        parts = {"indptr": system.matrix.indptr, "indices": system.matrix.indices, "data": system.matrix.data}
+        for part, array in {**parts, "rhs": system.rhs, "nodes": system.nodes}.items():
+            np.save(folder / f"{part}.npy", array)
+        try:
+            yield Arena(problem, system, folder, contenders)
+        finally:
+            for contender in contenders.values():
+                contender.close()
+
+
+def run_once(ring: Arena, name: str, *, rtol: float, limit: float, accuracy: str = "normwise") -> Run:
+    """Let one contender solve the problem once, and measure its residual here."""
+    order = {"folder": str(ring.folder), "rtol": rtol, "accuracy": accuracy}
+    reply = ring.contenders[name].ask(order, limit)
+    if "failure" in reply:
+        return Run(failure=reply["failure"])
+    residual = ring.system.residual(np.load(ring.folder / f"{name}.npy"))
+    return Run(reply["seconds"], reply.get("iterations"), residual, reply.get("method", ""))
+
+
+def prepare(ring: Arena, name: str, limit: float) -> str:
+    """Have a contender bring the problem into its format, untimed; returns what went wrong."""
+    order = {"folder": str(ring.folder), "prepare": True}
+    return str(ring.contenders[name].ask(order, limit).get("failure", ""))
