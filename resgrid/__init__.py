@@ -98,6 +98,8 @@ if TYPE_CHECKING:
     from resgrid.spice.agreement import Agreement, check_deck, check_spice
     from resgrid.spice.deck import format_deck
     from resgrid.spice.ngspice import run_ngspice
+    from resgrid.spice.parsed import Note, ParsedDeck
+    from resgrid.spice.reader import read_spice
     from resgrid.spice.rules import check_rules
     from resgrid.spice.writer import write_spice
 
@@ -208,6 +210,9 @@ _HOME = {
     "check_spice": "resgrid.spice.agreement",
     "format_deck": "resgrid.spice.deck",
     "run_ngspice": "resgrid.spice.ngspice",
+    "Note": "resgrid.spice.parsed",
+    "ParsedDeck": "resgrid.spice.parsed",
+    "read_spice": "resgrid.spice.reader",
     "check_rules": "resgrid.spice.rules",
     "write_spice": "resgrid.spice.writer",
 }
@@ -237,8 +242,10 @@ __all__ = [
     "Layout",
     "Netlist",
     "Noise",
+    "Note",
     "OperatingPoint",
     "Outcome",
+    "ParsedDeck",
     "Planner",
     "PointRobot",
     "PolygonRobot",
@@ -301,6 +308,7 @@ __all__ = [
     "random_walk",
     "read_queries",
     "read_scene",
+    "read_spice",
     "replay",
     "risk",
     "ros_plan",

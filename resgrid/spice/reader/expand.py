@@ -1,0 +1,217 @@
+"""Subcircuits in place of their calls: each block is flattened once per set of parameters, and then stamped."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import BudgetError
+from resgrid.spice.reader.blocks import Block, Scope
+from resgrid.spice.reader.elements import multiplier, number, read_element
+from resgrid.spice.reader.journal import CardError, Journal
+from resgrid.spice.reader.lines import Card
+from resgrid.spice.reader.rules import ReadingRules
+from resgrid.spice.reader.sheet import RESISTIVE, WIDTHS, NodeTable, Part, Sheet
+from resgrid.spice.reader.tokens import Setting, settings, split_positional, tokenise
+
+MAX_DEPTH = 50
+MAX_ELEMENTS = 20_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class Call:
+    """An ``X`` card: nodes, the subcircuit, what it is given."""
+
+    card: Card
+    name: str
+    nodes: tuple[str, ...]
+    block: Block
+    given: tuple[Setting, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Flat:
+    """A subcircuit with given parameters, flattened: its nodes (ports first) and its elements."""
+
+    names: tuple[str, ...]
+    ports: int
+    common: tuple[bool, ...]
+    parts: dict[str, Part]
+
+
+@dataclass(eq=False)
+class Expander:
+    """Flattens blocks, each once per set of parameters."""
+
+    rules: ReadingRules
+    journal: Journal
+    common: frozenset[str]
+    used: set[str] = field(default_factory=set)
+    _flats: dict[object, Flat] = field(default_factory=dict)
+    _calls: dict[int, Call] = field(default_factory=dict)
+    _sizes: dict[int, int] = field(default_factory=dict)
+    _scopes: list[Scope] = field(default_factory=list)
+
+    def fill(self, scope: Scope, sheet: Sheet, cards: Iterable[Card]) -> None:
+        """Read the cards of a block into its sheet, calls expanded."""
+        groups: dict[int, tuple[Flat, list[tuple[Call, float]]]] = {}
+        for card in cards:
+            try:
+                if card.text[0] in "xX":
+                    call = self._call(card, scope.block)
+                    given, factor = self._given(call, scope)
+                    flat = self._flat(call, given, scope)
+                    groups.setdefault(id(flat), (flat, []))[1].append((call, factor))
+                else:
+                    read_element(card, scope, sheet, self.journal)
+            except CardError as error:
+                self.journal.error(error)
+        for flat, calls in groups.values():
+            _stamp(flat, calls, sheet)
+
+    def check_size(self, block: Block) -> None:
+        """Refuse decks that call themselves or grow beyond measure, before anything is expanded.
+
+        Raises
+        ------
+        BudgetError
+            If the deck has too many elements.
+        """
+        count = self._size(block, [])
+        if count > MAX_ELEMENTS:
+            raise BudgetError(
+                f"the deck has {count:.3g} elements once subcircuits are expanded; at most {MAX_ELEMENTS:,} are read"
+            )
+
+    def _size(self, block: Block, path: list[Block]) -> int:
+        if id(block) in self._sizes:
+            return self._sizes[id(block)]
+        count = 0
+        for card in block.cards:
+            if card.text[0] not in "xX":
+                count += 1
+                continue
+            try:
+                call = self._call(card, block)
+                if call.block in path or call.block is block:
+                    raise card.error(0, f"the subcircuit {call.block.name!r} contains itself")
+                if len(path) >= MAX_DEPTH:
+                    raise card.error(0, f"subcircuits are nested more than {MAX_DEPTH} deep")
+            except CardError as error:
+                self.journal.error(error)
+                continue
+            count += max(1, self._size(call.block, [*path, block]))
+        self._sizes[id(block)] = count
+        return count
+
+    def _call(self, card: Card, block: Block) -> Call:
+        known = self._calls.get(id(card))
+        if known is not None:
+            return known
+        tokens = [token for token in tokenise(card) if not (token.kind == "mark" and token.text in "()")]
+        positional, tail = split_positional(tokens[1:])
+        if positional and positional[-1].text.lower() == "params:":
+            positional = positional[:-1]
+        if not positional or any(token.kind != "word" for token in positional):
+            raise card.error(None, f"{tokens[0].text} needs its nodes and the name of a subcircuit")
+        name = positional[-1]
+        found = block.block(name.text.lower())
+        if found is None:
+            raise card.error(name.offset, f"there is no subcircuit {name.text!r}; define it, or include its file")
+        nodes = tuple(token.text for token in positional[:-1])
+        if len(nodes) != len(found.ports):
+            raise card.error(
+                name.offset, f"{tokens[0].text} has {len(nodes)} node(s), but {found.name} has {len(found.ports)}"
+            )
+        call = Call(card, tokens[0].text, nodes, found, tuple(settings(card, tail)))
+        self._calls[id(card)] = call
+        return call
+
+    def _given(self, call: Call, scope: Scope) -> tuple[dict[str, float], float]:
+        given: dict[str, float] = {}
+        factor = 1.0
+        for setting in call.given:
+            value = number(scope, call.card, setting.values[0], self.journal)
+            if setting.key == "m" and "m" not in call.block.defaults:
+                factor = multiplier(call.card, value)
+            elif setting.key in call.block.parameters:
+                given[setting.key] = value
+            else:
+                raise call.card.error(
+                    setting.offset,
+                    f"{call.block.name} has no parameter {setting.key!r}; only {sorted(call.block.parameters)}",
+                )
+        return given, factor
+
+    def _flat(self, call: Call, given: dict[str, float], outer: Scope) -> Flat:
+        block = call.block
+        key = (id(block), tuple(sorted(given.items())), id(outer))
+        if key not in self._flats:
+            self.used.add(block.name)
+            self._flats[key] = self._flatten(block, given, outer)
+        return self._flats[key]
+
+    def _flatten(self, block: Block, given: dict[str, float], outer: Scope) -> Flat:
+        scope = Scope(block, self.rules, outer, given)
+        self._scopes.append(scope)  # identifies its flats for as long as this lives
+        table = NodeTable(self.rules)
+        for i, port in enumerate(block.ports):
+            table.names.append(port)
+            table.number[port.lower()] = i
+        sheet = Sheet(table)
+        self.fill(scope, sheet, block.cards)
+        common = tuple(
+            i >= len(block.ports) and (name.lower() in self.common or name.lower() in self.rules.grounds)
+            for i, name in enumerate(table.names)
+        )
+        return Flat(
+            tuple(table.names),
+            len(block.ports),
+            common,
+            {kind: part for kind in WIDTHS if (part := sheet.joined(kind)).names},
+        )
+
+
+def _stamp(flat: Flat, calls: list[tuple[Call, float]], sheet: Sheet) -> None:
+    """Put a flattened subcircuit in place of every call of it, at once."""
+    way = _node_map(flat, calls, sheet.table)
+    factor = np.array([factor for _, factor in calls])
+    place = np.array([(call.card.file, call.card.line) for call, _ in calls], dtype=np.int64)
+    order = (place[:, 0] << 40) | place[:, 1]
+    for kind, part in flat.parts.items():
+        count = len(part.names)
+        values = np.tile(part.values, (len(calls), 1))
+        if np.any(factor != 1.0):
+            _multiply(kind, values, np.repeat(factor, count))
+        sheet.parts[kind].append(
+            Part(
+                [f"{call.name}.{name}" for call, _ in calls for name in part.names],
+                way[:, part.nodes].reshape(-1, part.nodes.shape[1]),
+                values,
+                np.tile(part.place, (len(calls), 1)),
+                np.repeat(order, count),
+            )
+        )
+
+
+def _node_map(flat: Flat, calls: list[tuple[Call, float]], table: NodeTable) -> NDArray[np.int64]:
+    way = np.empty((len(calls), len(flat.names)), dtype=np.int64)
+    of = table.of
+    for row, (call, _) in zip(way, calls, strict=True):
+        row[: flat.ports] = [of(name) for name in call.nodes]
+        row[flat.ports :] = [
+            of(name if common else f"{call.name}.{name}")
+            for name, common in zip(flat.names[flat.ports :], flat.common[flat.ports :], strict=True)
+        ]
+    return way
+
+
+def _multiply(kind: str, values: NDArray[np.float64], factor: NDArray[np.float64]) -> None:
+    if kind in RESISTIVE:
+        for column in RESISTIVE[kind]:
+            values[:, column] /= factor
+    elif kind != "voltage source":
+        values[:, 0] *= factor

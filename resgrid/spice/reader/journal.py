@@ -1,0 +1,66 @@
+"""What reading has to say: errors, collected up to a limit, and notes, each kind once with its count."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from resgrid.errors import InputError
+from resgrid.spice.parsed import Note, Severity
+
+MAX_ERRORS = 20
+_MAX_TEXT = 300
+
+
+@dataclass(frozen=True)
+class Spot:
+    """A place in a deck: file, line and column as displayed, counted from 1; column 0 means the whole line."""
+
+    file: str
+    line: int
+    column: int = 0
+
+    def __str__(self) -> str:
+        return f"{self.file}:{self.line}" + (f":{self.column}" if self.column else "")
+
+
+class CardError(InputError):
+    """A card that cannot be read; the message says where it stands."""
+
+    def __init__(self, spot: Spot, text: str) -> None:
+        super().__init__(f"{spot}: {text[:_MAX_TEXT]}")
+
+
+class TooManyErrorsError(InputError):
+    """Reading was given up."""
+
+
+@dataclass
+class Journal:
+    """Errors and notes while a deck is being read."""
+
+    errors: list[str] = field(default_factory=list)
+    _notes: dict[tuple[Severity, str], tuple[Spot, int]] = field(default_factory=dict)
+
+    def error(self, error: CardError) -> None:
+        """Keep an error; gives up when there are too many."""
+        self.errors.append(str(error))
+        if len(self.errors) >= MAX_ERRORS:
+            self.errors.append(f"and there may be more: reading stopped after {MAX_ERRORS} errors")
+            self.raise_errors()
+
+    def raise_errors(self) -> None:
+        """Raise everything that was kept as one InputError."""
+        if self.errors:
+            raise TooManyErrorsError("\n".join(self.errors))
+
+    def note(self, severity: Severity, spot: Spot, text: str, count: int = 1) -> None:
+        """Say something; what was said before with the same words is counted only."""
+        first, seen = self._notes.get((severity, text), (spot, 0))
+        self._notes[severity, text] = (first, seen + count)
+
+    def notes(self) -> tuple[Note, ...]:
+        """Everything that was said, in the order of places."""
+        return tuple(
+            Note(severity, spot.file, spot.line, spot.column, text if count == 1 else f"{text} ({count} times)")
+            for (severity, text), (spot, count) in self._notes.items()
+        )

@@ -1,0 +1,178 @@
+"""How dialects of SPICE are read, as data.
+
+What they disagree about, and what follows:
+
+- A suffix ``x`` is mega in HSPICE and Xyce and an ignored unit in ngspice and LTspice; ``a`` is atto in HSPICE alone.
+  ``M`` is milli in all of them.  ``4k7`` is 4700 in LTspice and 4000 in ngspice, so it is refused outside LTspice.
+- ``;``, ``//`` and ``$`` (after a blank) end a line of ngspice; HSPICE knows ``$`` alone, LTspice and Xyce ``;``.
+- Ground is ``0``; ``gnd`` is another name of it except in Xyce (unless ``.preprocess replaceground true``).
+- ``^`` is a power in ngspice and exclusive or in LTspice and Xyce.  ``log`` is the natural logarithm, but
+  Xyce's manuals differ between versions, so there it is refused.  HSPICE's ``pow`` cuts its exponent to an integer.
+- HSPICE's nominal temperature is 25 degrees Celsius, that of the others 27.
+- The ``r`` of a resistor's model is a resistance in ngspice and a factor in Xyce.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from resgrid.errors import InputError
+
+
+@dataclass(frozen=True)
+class ReadingRules:
+    """How one dialect is read.
+
+    Attributes
+    ----------
+    name : str
+        The dialect.
+    comments : tuple of str
+        Marks that end a line wherever they stand.
+    dollar_comments : bool
+        Whether ``$`` after a blank or a comma, or first in a line, ends it too.
+    suffixes : mapping of str to int
+        Power of ten of a suffix, in lower case.
+    infix_suffixes : bool
+        Whether ``4k7`` is 4700.
+    d_exponents : bool
+        Whether ``1d3`` is 1000.
+    grounds : frozenset of str
+        Names of node 0, in lower case.
+    powers : frozenset of str
+        Operators that raise to a power.
+    functions : mapping of str to str
+        What functions in expressions are called and which of `resgrid.spice.reader.expressions.FUNCTIONS` they are.
+    model_factor : bool
+        Whether the ``r`` of a resistor's model multiplies.
+    lengths_twice : bool
+        Whether a model's ``narrow`` and ``short`` are taken off at both ends.
+    """
+
+    name: str
+    comments: tuple[str, ...]
+    dollar_comments: bool
+    suffixes: Mapping[str, int]
+    grounds: frozenset[str]
+    functions: Mapping[str, str]
+    infix_suffixes: bool = False
+    d_exponents: bool = False
+    powers: frozenset[str] = field(default=frozenset({"**"}))
+    model_factor: bool = False
+    lengths_twice: bool = False
+
+
+MIL = 25.4e-6
+"""The suffix ``mil``, a thousandth of an inch, in metres."""
+
+_SUFFIXES = {"t": 12, "g": 9, "meg": 6, "k": 3, "m": -3, "u": -6, "µ": -6, "μ": -6, "n": -9, "p": -12, "f": -15}
+_FUNCTIONS = {
+    name: name
+    for name in (
+        *("sqrt", "exp", "ln", "log10", "abs", "int", "floor", "ceil", "min", "max", "pow", "pwr", "sgn", "atan2"),
+        *("sin", "cos", "tan", "asin", "acos", "atan", "sinh", "cosh", "tanh", "asinh", "acosh", "atanh", "hypot"),
+    )
+}
+_LN = {"log": "ln"}
+_ARCS = {"arctan": "atan", "arcsin": "asin", "arccos": "acos"}
+
+NGSPICE = ReadingRules(
+    name="ngspice",
+    comments=(";", "//"),
+    dollar_comments=True,
+    suffixes=_SUFFIXES,
+    grounds=frozenset({"0", "gnd"}),
+    functions={
+        **{name: name for name in _FUNCTIONS if name not in ("atan2", "hypot")},
+        **_LN,
+        "arctan": "atan",
+        "nint": "nint",
+        "ternary_fcn": "if",
+    },
+    d_exponents=True,
+    powers=frozenset({"**", "^"}),
+    lengths_twice=True,
+)
+LTSPICE = ReadingRules(
+    name="ltspice",
+    comments=(";",),
+    dollar_comments=False,
+    suffixes=_SUFFIXES,
+    grounds=frozenset({"0", "gnd"}),
+    functions={
+        **_FUNCTIONS,
+        **_LN,
+        **_ARCS,
+        "if": "if",
+        "limit": "limit",
+        "round": "nint",
+        "u": "step",
+        "uramp": "ramp",
+        "buf": "step_half",
+    },
+    infix_suffixes=True,
+)
+XYCE = ReadingRules(
+    name="xyce",
+    comments=(";",),
+    dollar_comments=False,
+    suffixes={**_SUFFIXES, "x": 6},
+    grounds=frozenset({"0"}),
+    functions={**_FUNCTIONS, **_ARCS, "if": "if", "limit": "limit", "nint": "nint", "stp": "step", "uramp": "ramp"},
+    model_factor=True,
+)
+HSPICE = ReadingRules(
+    name="hspice",
+    comments=(),
+    dollar_comments=True,
+    suffixes={**_SUFFIXES, "x": 6, "a": -18},
+    grounds=frozenset({"0", "gnd", "gnd!", "ground"}),
+    functions={**_FUNCTIONS, **_LN, "nint": "nint", "pow": "pow_integer", "pwr": "pwr_signed"},
+    d_exponents=True,
+    lengths_twice=True,
+)
+
+RULES = {rules.name: rules for rules in (NGSPICE, LTSPICE, XYCE, HSPICE)}
+
+_SIGNS = (
+    (b"simulator lang", "spectre"),
+    (b"\n.backanno", "ltspice"),
+    (b"ltspice", "ltspice"),
+    (b"\n.preprocess", "xyce"),
+    (b"\n.options device ", "xyce"),
+    (b"\n.options linsol", "xyce"),
+    (b"\n.option post", "hspice"),
+    (b"\n.options post", "hspice"),
+    (b"\n.option parhier", "hspice"),
+)
+_LOOKED_AT = 65536
+
+
+def rules_named(name: str) -> ReadingRules:
+    """Look the rules of a dialect up.
+
+    Raises
+    ------
+    InputError
+        If there are none; the message lists those there are.
+    """
+    if name not in RULES:
+        raise InputError(f"decks of dialect {name!r} cannot be read; those of {', '.join(RULES)} can")
+    return RULES[name]
+
+
+def guess_dialect(data: bytes) -> str:
+    """Dialect that a deck shows signs of: words that only one simulator knows; ngspice without any.
+
+    Parameters
+    ----------
+    data : bytes
+        The deck; its beginning and its end are looked at.
+
+    Returns
+    -------
+    str
+    """
+    text = b"\n" + (data[:_LOOKED_AT] + data[-_LOOKED_AT:] if len(data) > 2 * _LOOKED_AT else data).lower()
+    return next((name for sign, name in _SIGNS if sign in text), "ngspice")

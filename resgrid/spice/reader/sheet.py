@@ -1,0 +1,151 @@
+"""Elements and nodes as they are read: lists first, arrays when a block is complete."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.spice.reader.rules import ReadingRules
+
+WIDTHS = {
+    "resistor": (2, 6),
+    "voltage source": (2, 1),
+    "current source": (2, 1),
+    "capacitor": (2, 1),
+    "switch": (4, 5),
+}
+"""Per kind the number of nodes and of values.
+
+A resistor's values: ohms, tc1, tc2, by how much its temperature lies above the circuit's, its own temperature and its
+own nominal temperature (NaN where it has none).  A switch's: ohms when on, ohms when off, the voltages above (or below)
+which it is on and off, and the state between (1, 0).
+"""
+
+RESISTIVE = {"resistor": (0,), "switch": (0, 1)}
+"""Values that ``m=`` divides; those of current sources and capacitors it multiplies."""
+
+
+@dataclass(eq=False)
+class NodeTable:
+    """Numbers of a block's nodes: names are folded, ground has its aliases, the spelling is that of the first use."""
+
+    rules: ReadingRules
+    common: frozenset[str] = frozenset()
+    names: list[str] = field(default_factory=list)
+    number: dict[str, int] = field(default_factory=dict)
+
+    def of(self, name: str) -> int:
+        """Number of a node, a new one where there is none yet."""
+        folded = name.lower()
+        found = self.number.get(folded)
+        if found is None:
+            found = self.number["0"] if folded in self.rules.grounds and "0" in self.number else len(self.names)
+            if found == len(self.names):
+                self.names.append("0" if folded in self.rules.grounds else name)
+                if folded in self.rules.grounds:
+                    self.number["0"] = found
+            self.number[folded] = found
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Elements of one kind as arrays.
+
+    Attributes
+    ----------
+    names : list of str
+    nodes : ndarray of int64, shape (n, nodes)
+    values : ndarray of float64, shape (n, values)
+    place : ndarray of int64, shape (n, 2)
+        File and line of the card that describes the element.
+    order : ndarray of int64, shape (n,)
+        File and line of the card of the deck that brings it, as one number.
+    """
+
+    names: list[str]
+    nodes: NDArray[np.int64]
+    values: NDArray[np.float64]
+    place: NDArray[np.int64]
+    order: NDArray[np.int64]
+
+
+def order_of(place: NDArray[np.int64]) -> NDArray[np.int64]:
+    """File and line as one number."""
+    return np.asarray((place[:, 0] << 40) | place[:, 1])
+
+
+@dataclass(eq=False)
+class Rows:
+    """Elements of one kind while they come one by one."""
+
+    names: list[str] = field(default_factory=list)
+    nodes: list[tuple[int, ...]] = field(default_factory=list)
+    values: list[tuple[float, ...]] = field(default_factory=list)
+    place: list[tuple[int, int]] = field(default_factory=list)
+
+
+@dataclass(eq=False)
+class Sheet:
+    """Everything that a block holds."""
+
+    table: NodeTable
+    rows: dict[str, Rows] = field(default_factory=lambda: {kind: Rows() for kind in WIDTHS})
+    parts: dict[str, list[Part]] = field(default_factory=lambda: {kind: [] for kind in WIDTHS})
+
+    def add(
+        self, kind: str, name: str, nodes: Iterable[str], values: tuple[float, ...], place: tuple[int, int]
+    ) -> None:
+        """Add one element."""
+        rows = self.rows[kind]
+        rows.names.append(name)
+        rows.nodes.append(tuple(map(self.table.of, nodes)))
+        rows.values.append(values)
+        rows.place.append(place)
+
+    def joined(self, kind: str) -> Part:
+        """All elements of a kind, in the order of the deck."""
+        rows = self.rows[kind]
+        width, count = WIDTHS[kind]
+        place = np.array(rows.place, dtype=np.int64).reshape(-1, 2)
+        own = Part(
+            rows.names,
+            np.array(rows.nodes, dtype=np.int64).reshape(-1, width),
+            np.array(rows.values, dtype=np.float64).reshape(-1, count),
+            place,
+            order_of(place),
+        )
+        return joined_parts(kind, [own, *self.parts[kind]])
+
+
+def joined_parts(kind: str, parts: list[Part]) -> Part:
+    """Elements of one kind from several parts, in the order of the deck."""
+    filled = [part for part in parts if len(part.names)]
+    if len(filled) <= 1:
+        return _sorted(filled[0]) if filled else _nothing(kind)
+    return _sorted(
+        Part(
+            [name for part in filled for name in part.names],
+            np.concatenate([part.nodes for part in filled]),
+            np.concatenate([part.values for part in filled]),
+            np.concatenate([part.place for part in filled]),
+            np.concatenate([part.order for part in filled]),
+        )
+    )
+
+
+def _nothing(kind: str) -> Part:
+    width, count = WIDTHS[kind]
+    no_place = np.empty((0, 2), dtype=np.int64)
+    return Part([], np.empty((0, width), np.int64), np.empty((0, count)), no_place, np.empty(0, np.int64))
+
+
+def _sorted(part: Part) -> Part:
+    if np.all(part.order[1:] >= part.order[:-1]):
+        return part
+    way = np.argsort(part.order, kind="stable")
+    names = part.names
+    return Part([names[i] for i in way.tolist()], part.nodes[way], part.values[way], part.place[way], part.order[way])

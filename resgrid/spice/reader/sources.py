@@ -1,0 +1,149 @@
+"""Files of a deck, read whole, and only below a root."""
+
+from __future__ import annotations
+
+import codecs
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from resgrid.errors import InputError
+
+MAX_BYTES = 2**31 - 2**20
+MAX_FILES = 200
+
+_BOMS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs.BOM_UTF16_BE, "utf-16-be"))
+
+
+@dataclass(frozen=True, eq=False)
+class Source:
+    """One file's content.
+
+    Attributes
+    ----------
+    number : int
+        Its index among the files of the deck.
+    name : str
+        As displayed.
+    path : Path or None
+        Where it lies, links resolved; None for text without a file.
+    data : bytes
+        UTF-8 (or Latin-1) without byte order mark, LF line ends, ending in one.
+    """
+
+    number: int
+    name: str
+    path: Path | None
+    data: bytes
+
+
+@dataclass
+class Library:
+    """The files of one deck, and where others may be taken from."""
+
+    root: Path | None
+    sources: list[Source] = field(default_factory=list)
+
+    def add(self, name: str, path: Path | None, data: bytes) -> Source:
+        """Take up a file's content.
+
+        Raises
+        ------
+        InputError
+            If it is no text, or there are too many files.
+        """
+        if len(self.sources) >= MAX_FILES:
+            raise InputError(f"{name}: more than {MAX_FILES} files are included")
+        source = Source(len(self.sources), name, path, normalise(data, name))
+        self.sources.append(source)
+        return source
+
+    def open(self, path: Path, name: str) -> Source:
+        """Read a file; one that was read before is not read again.
+
+        Raises
+        ------
+        InputError
+            If it is no regular file, too large or cannot be read.
+        """
+        resolved = _resolve(path, name)
+        known = next((source for source in self.sources if source.path == resolved), None)
+        return known or self.add(name, resolved, read_bytes(resolved, name))
+
+    def find(self, wanted: str, beside: Source) -> tuple[Path, str]:
+        """Where an included file lies, and how to display it.
+
+        Raises
+        ------
+        InputError
+            If nothing may be included, the file lies outside the root, or does not exist.
+        """
+        if self.root is None:
+            raise InputError(f"{wanted!r} is included, but the deck has no folder: give the root to read below")
+        folder = self.root if beside.path is None else beside.path.parent
+        tried: list[Path] = []
+        for base in dict.fromkeys((folder, self.root)):
+            path = _resolve(base / wanted, wanted)
+            if not path.is_relative_to(self.root):
+                raise InputError(f"{wanted!r} lies outside {str(self.root)!r}: copy it, or name a wider root")
+            if path.exists():
+                return path, os.path.normpath(Path(beside.name).parent / wanted) if base == folder else wanted
+            tried.append(path)
+        raise InputError(f"the file {wanted!r} that is included does not exist (looked for {tried[0]})")
+
+
+def _resolve(path: Path, name: str) -> Path:
+    try:
+        return path.resolve()
+    except (OSError, RuntimeError, ValueError) as error:
+        raise InputError(f"cannot read {name!r}: {error}") from None
+
+
+def read_bytes(path: Path, name: str) -> bytes:
+    """Read a regular file whole.
+
+    Raises
+    ------
+    InputError
+        If it does not exist, is no regular file, is too large or cannot be read.
+    """
+    try:
+        if path.is_dir():
+            raise InputError(f"cannot read {name}: it is a directory; name a file")
+        if path.exists() and not path.is_file():
+            raise InputError(f"cannot read {name}: it is no regular file")
+        size = path.stat().st_size
+        if size > MAX_BYTES:
+            raise InputError(f"{name} holds {size} bytes; at most {MAX_BYTES} are read")
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        reason = error.strerror if isinstance(error, OSError) and error.strerror else str(error)
+        raise InputError(f"cannot read {name}: {reason}; check the path and its permissions") from None
+
+
+def normalise(data: bytes, name: str) -> bytes:
+    """Make text of bytes: no byte order mark, LF line ends, a final one; not decoded yet.
+
+    Raises
+    ------
+    InputError
+        If it is no text.
+    """
+    mark, coding = next(((mark, coding) for mark, coding in _BOMS if data.startswith(mark)), (b"", ""))
+    data = data[len(mark) :] if mark else data
+    if coding.startswith("utf-16"):
+        data = data.decode(coding, "replace").encode()
+    if b"\0" in data:
+        line = data[: data.index(b"\0")].count(b"\n") + 1
+        raise InputError(f"{name}:{line}: it holds a zero byte, so it is no text (a raw file? a schematic?)")
+    if b"\r" in data:
+        data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n")
+    return data if data.endswith(b"\n") else data + b"\n"
+
+
+def decode(data: bytes) -> str:
+    """Text of bytes: UTF-8 if it is that, otherwise Latin-1."""
+    try:
+        return data.decode()
+    except UnicodeDecodeError:
+        return data.decode("latin-1")
