@@ -5,23 +5,27 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.spice.deck import flatten
 from resgrid.spice.dialects import dialect_named
+from resgrid.spice.engines import engine_named
 from resgrid.spice.expected import Expected, expect
 from resgrid.spice.locate import inspect_deck
-from resgrid.spice.ngspice import Simulation, read_deck, simulate
+from resgrid.spice.ngspice import Simulation, read_deck
 from resgrid.spice.sidecar import Sidecar, altered_lines, read_sidecar, sidecar_path
+
+if TYPE_CHECKING:
+    from resgrid.spice.parsed import ParsedDeck
 
 Reference = Literal["sidecar", "scene", "solve"]
 _SHOWN = 5
-_SIMULATORS = {"ngspice": simulate}
+_SIMULATED = "ngspice"
 
 
 @dataclass(frozen=True)
@@ -120,6 +124,7 @@ def check_spice(
     operating_point: OperatingPoint,
     *,
     dialect: str = "ngspice",
+    engine: str = "ngspice",
     tolerance: float = 1e-9,
     timeout: float = 600.0,
 ) -> Agreement:
@@ -131,7 +136,9 @@ def check_spice(
     operating_point : OperatingPoint
         Its solution.
     dialect : str
-        Which simulator.
+        Of the deck that is simulated; what runs here reads ngspice's.
+    engine : str
+        Which simulator, one of `resgrid.spice.engines.ENGINES`.
     tolerance : float
         Relative to the supply, the largest voltage difference in the circuit.
     timeout : float
@@ -153,8 +160,14 @@ def check_spice(
         If it does not end in time.
     """
     _check_tolerance(tolerance)
+    run = engine_named(engine)
+    if dialect_named(dialect).name != _SIMULATED:
+        raise InputError(
+            f"no simulator of dialect {dialect!r} is run here: check the circuit with dialect = {_SIMULATED!r}, or "
+            "write the deck and check its file, which is read first"
+        )
     deck = flatten(netlist, dialect=dialect)
-    simulation = _SIMULATORS[deck.dialect.name](deck.text.encode("ascii"), timeout=timeout)
+    simulation = run(deck.text.encode("ascii"), timeout=timeout)
     return compare(expect(deck, operating_point), simulation, tolerance=tolerance, reference="solve")
 
 
@@ -163,10 +176,15 @@ def check_deck(
     *,
     tolerance: float = 1e-9,
     reference: OperatingPoint | None = None,
-    dialect: str = "ngspice",
+    dialect: str = "auto",
+    root: str | os.PathLike[str] | None = None,
+    engine: str = "ngspice",
     timeout: float = 600.0,
 ) -> Agreement:
     """Check a deck: its bytes against its sidecar's hash, its elements and the simulator against the expected voltages.
+
+    A deck without a sidecar is read and solved, and the simulator is held against that.  It is simulated as it stands
+    where that is safe, otherwise (includes, control blocks, another dialect) as it was read.
 
     Parameters
     ----------
@@ -178,7 +196,11 @@ def check_deck(
         Solution of the scene to compare with; by default the sidecar is the reference.  A sidecar's hash is compared
         either way.
     dialect : str
-        Of a deck without sidecar.
+        Of a deck without sidecar, as in `read_spice`.
+    root : path-like, optional
+        Folder that the includes of such a deck may not leave, as in `read_spice`.
+    engine : str
+        Which simulator, one of `resgrid.spice.engines.ENGINES`.
     timeout : float
         How long the simulator may take, in seconds.
 
@@ -189,24 +211,34 @@ def check_deck(
     Raises
     ------
     InputError
-        If the deck or its sidecar cannot be read, or there is neither a sidecar nor a reference.
+        If the deck or its sidecar cannot be read.
+    CircuitError
+        If a deck without sidecar has no operating point.
     ToolMissingError
         If the simulator is not installed.
     BudgetError
         If it does not end in time.
     """
     _check_tolerance(tolerance)
+    engine_named(engine)
     deck = Path(path)
     data = read_deck(deck)
-    sidecar = read_sidecar(deck) if reference is None or sidecar_path(deck).exists() else None
-    name = dialect_named(dialect if sidecar is None else sidecar.dialect).name
+    has_sidecar = sidecar_path(deck).exists()
+    if reference is None and not has_sidecar:
+        return _check_foreign(deck, data, dialect, root, Run(engine, tolerance, timeout))
+    sidecar = read_sidecar(deck) if has_sidecar else None
+    name = _SIMULATED if dialect == "auto" else dialect
+    name = dialect_named(name if sidecar is None else sidecar.dialect).name
     findings = [] if sidecar is None else _hash_findings(data, sidecar)
     if reference is not None:
         expected = expect(flatten(reference.netlist, dialect=name), reference)
     elif sidecar is not None:
         expected = sidecar.expected
-    findings += inspect_deck(data, expected, tolerance)
-    simulation = _simulate_or_refuse(data, name, str(deck), timeout)
+    if name == _SIMULATED:
+        findings += inspect_deck(data, expected, tolerance)
+    else:
+        data = _translated(deck, data, name)
+    simulation = _simulate_or_refuse(data, engine, str(deck), timeout)
     return compare(
         expected,
         simulation,
@@ -214,6 +246,64 @@ def check_deck(
         reference="scene" if reference is not None else "sidecar",
         findings=findings,
     )
+
+
+@dataclass(frozen=True)
+class Run:
+    """Which simulator is asked, how close it must come, and how long it may take, in seconds."""
+
+    engine: str
+    tolerance: float
+    timeout: float
+
+
+def check_read_deck(deck: ParsedDeck, point: OperatingPoint, data: bytes, run: Run) -> Agreement:
+    """Hold a simulator against our solution of somebody's deck; the places of the worst nodes are told.
+
+    Parameters
+    ----------
+    deck : ParsedDeck
+    point : OperatingPoint
+        Of ``deck.netlist()``.
+    data : bytes
+        The content of the deck's file.
+    run : Run
+
+    Returns
+    -------
+    Agreement
+    """
+    from resgrid.spice.foreign import expected_of, places_of, runnable
+
+    job = runnable(deck, data)
+    expected = expected_of(deck, point, as_written=job.as_written)
+    simulation = engine_named(run.engine)(job.data, source=deck.path, timeout=run.timeout, direct=True)
+    found = compare(expected, simulation, tolerance=run.tolerance, reference="solve")
+    places = places_of(deck, (name for name, *_ in found.worst)) if job.as_written and not found.agrees else {}
+    located = tuple(_with_place(finding, places) for finding in found.findings)
+    how = () if job.as_written or found.agrees else (f"what was simulated is the deck as read, for {job.why}",)
+    return replace(found, findings=(*located, *how))
+
+
+def _with_place(finding: str, places: Mapping[str, str]) -> str:
+    name = finding.removeprefix("node ").partition(":")[0]
+    return f"{places[name]}: {finding}" if finding.startswith("node ") and name in places else finding
+
+
+def _check_foreign(path: Path, data: bytes, dialect: str, root: str | os.PathLike[str] | None, run: Run) -> Agreement:
+    from resgrid.nodal.solve import solve
+    from resgrid.spice.reader import read_spice
+
+    deck = read_spice(path, dialect=dialect, root=root)
+    return check_read_deck(deck, solve(deck.netlist()), data, run)
+
+
+def _translated(path: Path, data: bytes, dialect: str) -> bytes:
+    """A deck of another simulator's dialect, read and written anew for the one that is run."""
+    from resgrid.spice.foreign import runnable
+    from resgrid.spice.reader import read_spice
+
+    return runnable(read_spice(path, dialect=dialect), data).data
 
 
 def _check_tolerance(tolerance: float) -> None:
@@ -224,7 +314,7 @@ def _check_tolerance(tolerance: float) -> None:
 def _simulate_or_refuse(data: bytes, simulator: str, source: str, timeout: float) -> Simulation:
     """A deck with commands in it is not run, and that is an answer: it is not the deck that was written."""
     try:
-        return _SIMULATORS[simulator](data, source=source, timeout=timeout)
+        return engine_named(simulator)(data, source=source, timeout=timeout)
     except InputError as error:
         return Simulation({}, {}, simulator, "not run", (str(error),))
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.errors import BudgetError
 from resgrid.netlist import GROUND, Netlist
 from resgrid.spice.parsed import ParsedDeck
 from resgrid.spice.subject import Subject, connected_parts_of, subject_of
@@ -117,6 +118,28 @@ def forecast(circuit: Netlist | ParsedDeck, engine: str = "ngspice") -> Forecast
     seconds = costs.start + costs.element * elements + costs.core * width**costs.width_power * size**costs.size_power
     memory = costs.start_bytes + costs.element_bytes * elements + costs.fill_bytes * size * width
     return Forecast(engine, seconds, memory, size, width)
+
+
+def require_time(expected: Forecast, timeout: float) -> None:
+    """Refuse a run that will not end in time.
+
+    Parameters
+    ----------
+    expected : Forecast
+    timeout : float
+        In seconds.
+
+    Raises
+    ------
+    BudgetError
+        If the forecast exceeds it; the message holds both.
+    """
+    if expected.seconds > timeout:
+        other = "" if expected.engine == "eecircuit" else ", take the faster engine (--engine eecircuit)"
+        raise BudgetError(
+            f"{expected}, and {_duration(timeout)} is allowed: allow more (--timeout {expected.seconds * 3:.0f}){other}"
+            " or check a smaller circuit"
+        )
 
 
 def core_of(subject: Subject) -> tuple[int, float]:
