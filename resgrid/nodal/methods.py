@@ -11,6 +11,8 @@ from resgrid.errors import InputError
 from resgrid.nodal.direct import factor_direct
 from resgrid.nodal.factor import Factor
 from resgrid.nodal.multigrid.solver import factor_multigrid
+from resgrid.nodal.reduction.elimination import may_reduce, reduce_system
+from resgrid.nodal.reduction.reduced_factor import ReducedFactor
 from resgrid.nodal.system import NodalSystem
 
 METHODS: dict[str, Callable[[NodalSystem], Factor]] = {"direct": factor_direct, "multigrid": factor_multigrid}
@@ -23,14 +25,25 @@ _LARGE_PLANE = 1_000_000
 _MOST_CONTRAST = 1e3
 _MOST_DECADES = 150.0
 
+_FAIR_SHARE = 0.2
+"""Share of the rows that elimination must take to be worth its way back and forth."""
 
-def factor_system(system: NodalSystem, method: str) -> Factor:
+_REDUCING = 220.0
+"""Peak memory of elimination, in bytes a row."""
+
+
+def factor_system(system: NodalSystem, method: str, *, reduce: bool = True) -> Factor:
     """Make a system ready to be solved, unless it would not fit in memory.
+
+    Nodes with at most two neighbours are eliminated first where that pays (`resgrid.nodal.reduction`); the method then
+    solves what is left.  Where nothing is left, the factor's name is ``"elimination"`` whatever was asked for.
 
     Parameters
     ----------
     system : NodalSystem
     method : {"auto", "direct", "multigrid"}
+    reduce : bool
+        Whether nodes may be eliminated beforehand.
 
     Returns
     -------
@@ -45,13 +58,29 @@ def factor_system(system: NodalSystem, method: str) -> Factor:
     """
     if method != "auto" and method not in METHODS:
         raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
+    if reduce and may_reduce(system):
+        _require(_REDUCING * system.size, system, "elimination")
+        reduction = reduce_system(system)
+        if reduction.core is None:
+            return ReducedFactor(reduction, None)
+        if reduction.count >= _FAIR_SHARE * system.size:
+            dimensions = _dimensions(system)
+            return ReducedFactor(reduction, _factor_whole(reduction.core, method, dimensions))
+    return _factor_whole(system, method, _dimensions(system))
+
+
+def _factor_whole(system: NodalSystem, method: str, dimensions: int) -> Factor:
     name = choose_method(system) if method == "auto" else method
+    _require(estimate_memory(system, name, dimensions), system, name)
+    return METHODS[name](system)
+
+
+def _require(needed: float, system: NodalSystem, name: str) -> None:
     require_memory(
-        estimate_memory(system, name),
+        needed,
         f"solving for {system.size:,} unknowns by method = {name!r}",
         "use a coarser grid, or a machine with more memory",
     )
-    return METHODS[name](system)
 
 
 def choose_method(system: NodalSystem) -> str:
@@ -91,7 +120,7 @@ def _decades(system: NodalSystem, *, volume: bool) -> float:
     return float(levels * np.pi * np.sqrt(dimensions) / width / np.log(10.0))
 
 
-def estimate_memory(system: NodalSystem, method: str = "direct") -> float:
+def estimate_memory(system: NodalSystem, method: str = "direct", dimensions: int | None = None) -> float:
     """Estimate the peak memory of a method, in bytes.
 
     Direct fill grows about as ``n log n`` on planar grids, ``n**(4/3)`` in three and ``n**(3/2)`` in four dimensions
@@ -100,13 +129,17 @@ def estimate_memory(system: NodalSystem, method: str = "direct") -> float:
     n = system.size
     if method == "multigrid":
         return 400.0 * n + 40.0 * system.coupling.nnz
-    layout = system.netlist.layout
-    dimensions = sum(size > 2 for size in layout.space.shape) if layout is not None else 2
     fill = {
         0: 3.0 * n,
         1: 3.0 * n,
         2: 2.6 * n * np.log2(n + 2),
         3: 10.0 * n ** (4 / 3),
         4: 4.5 * n ** (3 / 2),
-    }[dimensions]
+    }[_dimensions(system) if dimensions is None else dimensions]
     return float(50 * fill + 600 * n)
+
+
+def _dimensions(system: NodalSystem) -> int:
+    """Dimensions that a graph fills: those of its grid; 2 for other netlists."""
+    layout = system.netlist.layout
+    return sum(size > 2 for size in layout.space.shape) if layout is not None else 2

@@ -15,9 +15,6 @@ from resgrid.netlist import Netlist
 from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.system import NodalSystem
 
-NOISE = 2.0**-70
-"""Relative difference of two refined values below which it is noise: a current of that size counts as zero."""
-
 HARMLESS = 1e-7
 """Share of a node's through-current that may be dropped where float64 values of its ends are equal."""
 
@@ -90,11 +87,13 @@ def at_nodes(system: NodalSystem, rows: Scaled, zero: float, volts: float) -> Le
     if offset.any():
         # Offsets occur only in circuits without two rails, whose values do not leave the range of a double.
         return Levels(Scaled.of(Scaled(hi, lo, exponent).plain + offset), volts)
-    return Levels(Scaled(hi, lo, exponent), volts)
+    return Levels(Scaled(hi, lo, exponent, rows.noise), volts)
 
 
 def currents(netlist: Netlist, levels: list[Levels]) -> Currents:
     """Resistor currents from the representation whose values are smaller at either end.
+
+    A difference that is noise counts as no current.
 
     Parameters
     ----------
@@ -111,7 +110,7 @@ def currents(netlist: Netlist, levels: list[Levels]) -> Currents:
     for level in levels:
         log_drop, log_scale = np.empty(count), np.empty(count)
         value = level.value
-        sign = difference(pairs, value.hi, value.lo, value.exponent, NOISE, log_drop, log_scale)
+        sign = difference(pairs, value.hi, value.lo, value.exponent, value.noise, log_drop, log_scale)
         better = log_scale < smallest
         direction[better] = sign[better] * np.int8(np.sign(level.volts))
         log_amps[better] = log_drop[better] + np.log(abs(level.volts))

@@ -52,7 +52,7 @@ def refine(
     coupling = system.coupling
     n = system.size
     answer = Scaled.of(np.zeros(n))
-    current, scale = _scaled_currents(rhs)
+    current, scale = scaled_currents(rhs)
     row_error, exponent = current.copy(), scale.copy()
     best, error, size = answer, np.inf, np.inf
     for _ in range(_MOST_STEPS):
@@ -78,11 +78,13 @@ def _log_largest(m: NDArray[np.float64], e: NDArray[np.int64]) -> float:
         return float(np.max(np.log(np.abs(m)) + e * (BITS * np.log(2.0)), initial=-np.inf))
 
 
-def _scaled_currents(rhs: NDArray[np.float64] | Scaled) -> Numbers:
+def scaled_currents(rhs: NDArray[np.float64] | Scaled) -> Numbers:
+    """Currents as canonical scaled numbers of their own; ``lo`` is left out."""
     from resgrid.nodal.kernels import canonical
 
     if isinstance(rhs, Scaled):
         current, scale = rhs.hi.copy(), rhs.exponent.copy()
-        canonical(current, scale)
-        return current, scale
-    return np.asarray(rhs, dtype=np.float64), np.zeros(len(rhs), dtype=np.int64)
+    else:
+        current, scale = np.array(rhs, dtype=np.float64), np.zeros(len(rhs), dtype=np.int64)
+    canonical(current, scale)
+    return current, scale

@@ -10,14 +10,26 @@ from numpy.typing import NDArray
 BITS = 256
 """An exponent counts factors of ``2**BITS``."""
 
+NOISE = 2.0**-70
+"""Relative difference of two refined values below which it is noise."""
+
 
 @dataclass(frozen=True, eq=False)
 class Scaled:
-    """Numbers ``(hi + lo) * 2**(256 exponent)``; three arrays of one shape."""
+    """Numbers ``(hi + lo) * 2**(256 exponent)``; three arrays of one shape.
+
+    Attributes
+    ----------
+    hi, lo : ndarray of float64
+    exponent : ndarray of int64
+    noise : float
+        Relative difference of two of them below which it is noise.
+    """
 
     hi: NDArray[np.float64]
     lo: NDArray[np.float64]
     exponent: NDArray[np.int64]
+    noise: float = NOISE
 
     @staticmethod
     def of(values: NDArray[np.float64]) -> Scaled:

@@ -99,7 +99,7 @@ def _placed(
 
 
 def _times(value: Scaled, by: NDArray[np.float64]) -> Scaled:
-    return Scaled(value.hi * by, value.lo * by, value.exponent)
+    return Scaled(value.hi * by, value.lo * by, value.exponent, value.noise)
 
 
 def _ratio(numerator: Scaled, denominator: Scaled) -> NDArray[np.float64]:

@@ -1,0 +1,1 @@
+"""Exact elimination of nodes with at most two neighbours, in front of every method."""

@@ -1,0 +1,158 @@
+"""Elimination of nodes with at most two neighbours: series resistors, dead ends, rings and what they leave.
+
+Corridors one or two cells wide, trees and chains vanish altogether; of other circuits a core is left, a nodal system of
+its own.  Everything is a sum, product or quotient of positive numbers in double-double, so that no accuracy depends on
+how the conductances differ: a chain of 1e12 S grounded through 1e-12 S keeps all its digits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from resgrid.nodal.system import NodalSystem
+
+if TYPE_CHECKING:
+    from resgrid.nodal.reduction.kernels import Record, Web
+
+_MOST_ROUNDS = 20
+_CORRIDOR = 3.1
+_FEW = 0.05
+_SMALL = 1000
+_LARGEST, _SMALLEST = 2.0**300, 2.0**-300
+
+
+@dataclass(frozen=True, eq=False)
+class Reduction:
+    """A nodal system and what is left of it.
+
+    Attributes
+    ----------
+    system : NodalSystem
+        The whole.
+    core : NodalSystem or None
+        The rows that are left, as a system without a layout; None where nothing is left.
+    kept : ndarray of int64, shape (core rows,)
+        Rows of the whole that the core holds.
+    record : Record
+        How the others were eliminated.
+    count : int
+        How many were.
+    """
+
+    system: NodalSystem
+    core: NodalSystem | None
+    kept: NDArray[np.int64]
+    record: Record
+    count: int
+
+
+def may_reduce(system: NodalSystem) -> bool:
+    """Tell cheaply whether elimination may take a fair share of the rows.
+
+    It may where one row in twenty has at most two neighbours, or where there are about three neighbours a row as in
+    corridors two cells wide; and only within the range of conductances that products of them can bear.
+    """
+    n = system.size
+    coupling = system.coupling
+    if not n or coupling.nnz >= 2**31:
+        return False
+    if coupling.nnz > _CORRIDOR * n and n > _SMALL:
+        low = np.count_nonzero(np.diff(coupling.indptr) <= 2)
+        if low < _FEW * n:
+            return False
+    present = system.excess[system.excess > 0]
+    largest = max(coupling.data.max(initial=0.0), present.max(initial=0.0))
+    smallest = min(coupling.data.min(initial=np.inf), present.min(initial=np.inf))
+    return bool(largest < _LARGEST and smallest > _SMALLEST)
+
+
+def reduce_system(system: NodalSystem) -> Reduction:
+    """Eliminate every row that has, or comes to have, at most two neighbours.
+
+    Parameters
+    ----------
+    system : NodalSystem
+
+    Returns
+    -------
+    Reduction
+
+    Notes
+    -----
+    Time and memory are linear in the number of conductances.  Conductances that come to join the same two rows are
+    merged at once where one of the rows is short; between two hubs they wait for a pass over all rows.
+    """
+    from resgrid.nodal.reduction import kernels
+
+    n = system.size
+    web = _web(system)
+    record = kernels.Record(np.empty((n, 3), dtype=np.int32), np.empty((n, 6)))
+    count, doubled = kernels.eliminate(web, record, 0)
+    rounds = 1
+    while doubled and count < n and rounds < _MOST_ROUNDS:
+        kernels.merge_parallel(web)
+        count, doubled = kernels.eliminate(web, record, count)
+        rounds += 1
+    if doubled:
+        kernels.merge_parallel(web)
+    kept = np.flatnonzero(~web.gone)
+    core = _core(system, web, record, count, kept) if len(kept) else None
+    return Reduction(system, core, kept, kernels.Record(record.rows[:count], record.weights[:count]), count)
+
+
+def _web(system: NodalSystem) -> Web:
+    from resgrid.nodal.reduction import kernels
+
+    coupling = system.coupling
+    if not coupling.has_sorted_indices:
+        coupling = coupling.sorted_indices()
+    indptr, indices = coupling.indptr.astype(np.int32), coupling.indices.astype(np.int32)
+    n = system.size
+    return kernels.Web(
+        start=indptr[:-1].copy(),
+        length=np.diff(indptr),
+        neighbour=indices,
+        twin=kernels.find_twins(indptr, indices),
+        g=coupling.data.astype(np.float64),
+        g_low=np.zeros(len(indices)),
+        excess=system.excess.astype(np.float64),
+        excess_low=np.zeros(n),
+        gone=np.zeros(n, dtype=np.bool_),
+    )
+
+
+def _core(system: NodalSystem, web: Web, record: Record, count: int, kept: NDArray[np.int64]) -> NodalSystem:
+    """What is left, in double precision, with the currents that the eliminated rows pass on."""
+    from resgrid.nodal.reduction import kernels
+
+    number = np.full(system.size, -1, dtype=np.int32)
+    number[kept] = np.arange(len(kept), dtype=np.int32)
+    indptr = np.concatenate([np.zeros(1, dtype=np.int32), np.cumsum(web.length[kept], dtype=np.int32)])
+    indices, conductance = kernels.pack(web, number, indptr)
+    coupling = sparse.csr_array((conductance, indices, indptr), shape=(len(kept), len(kept)))
+    coupling.sort_indices()
+
+    def passed_on(currents: NDArray[np.float64]) -> NDArray[np.float64]:
+        carried = currents.copy()
+        kernels.forward(record, count, carried)
+        return carried[kept]
+
+    rails = system.rails
+    solved = system.unknown >= 0
+    unknown = system.unknown.copy()
+    unknown[solved] = number[system.unknown[solved]]
+    return replace(
+        system,
+        netlist=system.netlist.replace(layout=None),
+        unknown=unknown,
+        coupling=coupling,
+        excess=web.excess[kept],
+        feed=passed_on(system.feed),
+        injected=passed_on(system.injected),
+        rails=rails and replace(rails, to_high=passed_on(rails.to_high), to_low=passed_on(rails.to_low)),
+    )
