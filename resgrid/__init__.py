@@ -21,7 +21,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from resgrid.compiler import compile_space
+    from resgrid.device.build import build_chip, compile_chip, conductance_samples, mismatch_factors
     from resgrid.device.noise import Noise, analyse_noise, noise_covariance, noise_density
+    from resgrid.device.passes import apply_passes, passes_from_json, passes_of, passes_to_json
     from resgrid.device.settling import Settling, analyse_settling
     from resgrid.errors import (
         AccuracyError,
@@ -111,6 +113,14 @@ _HOME = {
     "noise_covariance": "resgrid.device.noise",
     "noise_density": "resgrid.device.noise",
     "compile_space": "resgrid.compiler",
+    "build_chip": "resgrid.device.build",
+    "compile_chip": "resgrid.device.build",
+    "conductance_samples": "resgrid.device.build",
+    "mismatch_factors": "resgrid.device.build",
+    "apply_passes": "resgrid.device.passes",
+    "passes_from_json": "resgrid.device.passes",
+    "passes_of": "resgrid.device.passes",
+    "passes_to_json": "resgrid.device.passes",
     "AccuracyError": "resgrid.errors",
     "BudgetError": "resgrid.errors",
     "CertificateError": "resgrid.errors",
@@ -268,9 +278,11 @@ __all__ = [
     "analyse_noise",
     "analyse_settling",
     "apply_overrides",
+    "apply_passes",
     "basins",
     "blend",
     "blocking",
+    "build_chip",
     "certify",
     "certify_free",
     "check_deck",
@@ -278,17 +290,23 @@ __all__ = [
     "check_spice",
     "check_verdicts",
     "clearance_curve",
+    "compile_chip",
     "compile_space",
+    "conductance_samples",
     "factor",
     "field",
     "format_deck",
     "free_volume_lost",
+    "mismatch_factors",
     "noise_covariance",
     "noise_density",
     "occupancy_grid",
     "octree_voxels",
     "parse_quantity",
     "parse_scene",
+    "passes_from_json",
+    "passes_of",
+    "passes_to_json",
     "plan",
     "plot_circuit",
     "plot_clearance_curve",

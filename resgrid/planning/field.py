@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.errors import InputError
+from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import Layout, face_shape
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.space import Cell, ConfigurationSpace
@@ -131,6 +131,8 @@ def field_of(point: OperatingPoint) -> Field:
     ------
     InputError
         If the netlist was not compiled from a space, or has neither two rails nor one rail and a drive.
+    AccuracyError
+        If the chip's switches or rails are so poor that current leaves free cells into obstacles; it carries the field.
     """
     layout = point.netlist.layout
     if layout is None:
@@ -138,7 +140,7 @@ def field_of(point: OperatingPoint) -> Field:
     if point.potential is None:
         raise InputError("this circuit has more rails or drives than a field is defined for")
     direction, log_current = _face_currents(point, layout, _unit_volts(point, layout))
-    return Field(
+    field = Field(
         space=layout.space,
         potential=_per_cell(layout, point.potential),
         log_drop=None if point.log_drop is None else _per_cell(layout, point.log_drop),
@@ -149,6 +151,31 @@ def field_of(point: OperatingPoint) -> Field:
         edge=layout.edge,
         k=0.0 if layout.boundary == "neumann" else 1.0,
     )
+    if np.any(layout.resistor_face < 0):
+        _check_walls(field)
+    return field
+
+
+def _check_walls(field: Field) -> None:
+    """Refuse a chip that is not ideal, and where a streamline would enter an obstacle."""
+    space = field.space
+    for axis, direction in enumerate(field.face_direction):
+        ring = space.periodic[axis]
+        margin = [(int(a == axis), int(a == axis)) for a in range(space.ndim)]
+        code = np.pad(space.cell, margin, mode="wrap") if ring else np.pad(space.cell, margin, constant_values=1)
+        along = np.moveaxis(code, axis, 0)
+        lower, upper = (np.moveaxis(part, 0, axis) for part in (along[:-1], along[1:]))
+        enters = (lower == Cell.FREE) & (upper == Cell.OBSTACLE) & (direction > 0)
+        enters |= (upper == Cell.FREE) & (lower == Cell.OBSTACLE) & (direction < 0)
+        if enters.any():
+            place = np.argwhere(enters)[0]
+            place[axis] -= lower[tuple(place)] == Cell.FREE
+            cell = tuple((place % space.shape).tolist())
+            raise AccuracyError(
+                f"{int(enters.sum())} walls of this chip draw current out of free cells (such as {cell}), so that "
+                "streamlines would enter obstacles: its switches or rails sag too much; give them less resistance",
+                field,
+            )
 
 
 def _unit_volts(point: OperatingPoint, layout: Layout) -> float:

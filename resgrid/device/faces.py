@@ -1,0 +1,261 @@
+"""Where the resistors of a grid lie on the die, and how passes add to a netlist.
+
+Extra resistors are appended, so that those of the grid keep their numbers; they cross no face (-1).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.netlist import GROUND, Layout, Netlist, face_shape
+
+
+def layout_of(netlist: Netlist, what: str) -> Layout:
+    """The layout of a netlist, which some effect needs.
+
+    Parameters
+    ----------
+    netlist : Netlist
+    what : str
+        The effect, for the message.
+
+    Returns
+    -------
+    Layout
+
+    Raises
+    ------
+    InputError
+        If the netlist was not compiled from a space.
+    """
+    if netlist.layout is None:
+        raise InputError(f"{what} belong to cells, and this netlist was not compiled from a space")
+    return netlist.layout
+
+
+def tiled_layout(netlist: Netlist, what: str) -> Layout:
+    """The layout of a netlist with one node per cell.
+
+    Parameters
+    ----------
+    netlist : Netlist
+    what : str
+        The effect, for the message.
+
+    Returns
+    -------
+    Layout
+
+    Raises
+    ------
+    InputError
+        If the netlist was not compiled from a space, or with its rails merged.
+    """
+    layout = layout_of(netlist, what)
+    if layout.rails != "cells":
+        raise InputError(f"{what} need one node per cell; compile with rails = 'cells'")
+    return layout
+
+
+def face_count(layout: Layout) -> int:
+    """Number of cell faces of a layout's space."""
+    shape = layout.space.shape
+    return sum(int(np.prod(face_shape(shape, axis))) for axis in range(len(shape)))
+
+
+def face_places(layout: Layout) -> NDArray[np.float64]:
+    """Where the centre of every face lies on the die.
+
+    Parameters
+    ----------
+    layout : Layout
+
+    Returns
+    -------
+    ndarray of float64, shape (faces, ndim)
+        From 0 at the lower end of an axis to 1 at its upper end.
+    """
+    shape = layout.space.shape
+    parts = []
+    for axis in range(len(shape)):
+        ticks = [(np.arange(n) + 0.5) / n for n in shape]
+        ticks[axis] = np.arange(shape[axis] + 1) / shape[axis]
+        parts.append(np.stack([part.ravel() for part in np.meshgrid(*ticks, indexing="ij")], axis=1))
+    return np.concatenate(parts)
+
+
+def per_resistor(netlist: Netlist, value: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Spread a factor of every face over the resistors and the nonlinear resistors; 1 for those that cross none.
+
+    Parameters
+    ----------
+    netlist : Netlist
+    value : ndarray of float64, shape (`identities(netlist)`,)
+
+    Returns
+    -------
+    linear : ndarray of float64, shape (resistors,)
+    nonlinear : ndarray of float64, shape (nonlinear resistors,)
+    """
+    padded = np.append(value, 1.0)
+    linear, nonlinear = identity(netlist)
+    return padded[linear], padded[nonlinear]
+
+
+def identities(netlist: Netlist) -> int:
+    """How many resistors a chip of this kind may have: the faces of its grid, or else the resistors of its netlist."""
+    if netlist.layout is None:
+        return len(netlist.conductance) + len(netlist.nonlinear_current)
+    return face_count(netlist.layout)
+
+
+def identity(netlist: Netlist) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """What resistors and nonlinear resistors are on the die, whatever passes did: their faces, -1 for extra ones."""
+    if netlist.layout is None:
+        m = len(netlist.conductance)
+        return np.arange(m), np.arange(m, m + len(netlist.nonlinear_current))
+    return netlist.layout.resistor_face, netlist.layout.nonlinear_face
+
+
+def on_grid(netlist: Netlist) -> NDArray[np.bool_]:
+    """Which resistors are the grid's own, shape (resistors,)."""
+    return np.asarray(identity(netlist)[0] >= 0)
+
+
+def scaled(netlist: Netlist, factor: NDArray[np.float64]) -> Netlist:
+    """Multiply the resistance of the grid's resistors.
+
+    Parameters
+    ----------
+    netlist : Netlist
+    factor : ndarray of float64, shape (`identities(netlist)`,)
+
+    Returns
+    -------
+    Netlist
+        Of nonlinear resistors ``I0`` is divided, and so the resistance at 0 V multiplied.
+    """
+    linear, nonlinear = per_resistor(netlist, factor)
+    return netlist.replace(
+        conductance=netlist.conductance / linear, nonlinear_current=netlist.nonlinear_current / nonlinear
+    )
+
+
+def add_nodes(netlist: Netlist, count: int) -> tuple[Netlist, NDArray[np.int64]]:
+    """Append nodes; returns the netlist and their numbers."""
+    first = netlist.node_count
+    names = netlist.node_names
+    if names is not None:
+        names = (*names, *(f"node_{node}" for node in range(first, first + count)))
+    return netlist.replace(node_count=first + count, node_names=names), np.arange(first, first + count)
+
+
+def add_resistors(
+    netlist: Netlist,
+    nodes: NDArray[np.int64],
+    conductance: NDArray[np.float64],
+    face: NDArray[np.int64] | None = None,
+) -> Netlist:
+    """Append resistors without temperature coefficients.
+
+    Parameters
+    ----------
+    netlist : Netlist
+    nodes : ndarray of int64, shape (n, 2)
+        The lower cell's node first, where a face is crossed.
+    conductance : ndarray of float64, shape (n,)
+        In siemens.
+    face : ndarray of int64, shape (n,), optional
+        The faces they cross; none by default.
+
+    Returns
+    -------
+    Netlist
+    """
+    count, layout = len(conductance), netlist.layout
+    if layout is not None:
+        crossed = np.full(count, -1, dtype=np.int64) if face is None else face
+        layout = dataclasses.replace(
+            layout,
+            resistor_face=np.append(layout.resistor_face, crossed),
+            resistor_upward=np.append(layout.resistor_upward, np.ones(count, dtype=np.bool_)),
+        )
+    return netlist.replace(
+        resistor_nodes=np.concatenate([netlist.resistor_nodes, nodes]),
+        conductance=np.append(netlist.conductance, conductance),
+        tc1=None if netlist.tc1 is None else np.append(netlist.tc1, np.zeros(count)),
+        tc2=None if netlist.tc2 is None else np.append(netlist.tc2, np.zeros(count)),
+        element_names=None,
+        layout=layout,
+    )
+
+
+def keep_resistors(netlist: Netlist, keep: NDArray[np.bool_]) -> Netlist:
+    """Leave out resistors, shape of ``keep`` (resistors,)."""
+    layout = netlist.layout
+    if layout is not None:
+        layout = dataclasses.replace(
+            layout, resistor_face=layout.resistor_face[keep], resistor_upward=layout.resistor_upward[keep]
+        )
+    return netlist.replace(
+        resistor_nodes=netlist.resistor_nodes[keep],
+        conductance=netlist.conductance[keep],
+        tc1=None if netlist.tc1 is None else netlist.tc1[keep],
+        tc2=None if netlist.tc2 is None else netlist.tc2[keep],
+        element_names=None,
+        layout=layout,
+    )
+
+
+def keep_nonlinear(netlist: Netlist, keep: NDArray[np.bool_]) -> Netlist:
+    """Leave out nonlinear resistors, shape of ``keep`` (nonlinear resistors,)."""
+    layout = netlist.layout
+    if layout is not None:
+        layout = dataclasses.replace(
+            layout, nonlinear_face=layout.nonlinear_face[keep], nonlinear_upward=layout.nonlinear_upward[keep]
+        )
+    return netlist.replace(
+        nonlinear_nodes=netlist.nonlinear_nodes[keep],
+        nonlinear_current=netlist.nonlinear_current[keep],
+        nonlinear_voltage=netlist.nonlinear_voltage[keep],
+        element_names=None,
+        layout=layout,
+    )
+
+
+def add_sources(netlist: Netlist, nodes: NDArray[np.int64], volts: NDArray[np.float64]) -> Netlist:
+    """Append voltage sources, shapes (n, 2) and (n,)."""
+    return netlist.replace(
+        source_nodes=np.concatenate([netlist.source_nodes, nodes]),
+        source_volts=np.append(netlist.source_volts, volts),
+        element_names=None,
+    )
+
+
+def supply_node(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
+    """The pin of a rail, made if there is none.
+
+    Parameters
+    ----------
+    netlist : Netlist
+        With one node per cell.
+    rail : {"obstacle", "goal"}
+
+    Returns
+    -------
+    netlist : Netlist
+    node : int
+    """
+    layout = tiled_layout(netlist, "rails")
+    known = layout.obstacle_node if rail == "obstacle" else layout.goal_nodes[0] if layout.goal_nodes else -1
+    if known >= 0:
+        return netlist, known
+    netlist, (node,) = add_nodes(netlist, 1)
+    volts = layout.goal_voltage + (layout.supply if rail == "obstacle" else 0.0)
+    netlist = add_sources(netlist, np.array([[node, GROUND]]), np.array([volts]))
+    changed: dict[str, object] = {"obstacle_node": int(node)} if rail == "obstacle" else {"goal_nodes": (int(node),)}
+    return netlist.replace(layout=dataclasses.replace(layout, **changed)), int(node)  # type: ignore[arg-type]

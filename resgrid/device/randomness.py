@@ -1,0 +1,65 @@
+"""Seeds: every random effect of a chip draws from a stream of its own, so that passes do not disturb each other.
+
+A value belongs to a place on the die, not to a row of an array: the same seed gives the same chip whatever the order of
+the passes, and whichever scene the chip is switched to.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from resgrid.errors import InputError
+
+Seed = int | tuple[int, ...]
+"""Entropy, or entropy and the spawn key of a child, as whole numbers that JSON can hold."""
+
+MISMATCH, DEFECTS, OFFSET, NOISE = 1, 2, 3, 4
+"""The streams of one chip."""
+
+
+def seed_of(seed: Any) -> Seed:
+    """Check a seed and bring it to whole numbers.
+
+    Parameters
+    ----------
+    seed : int, sequence of int or numpy.random.SeedSequence
+        A sequence is entropy and a spawn key, such as ``(7, 0)`` for the first child of seed 7.
+
+    Returns
+    -------
+    int or tuple of int
+
+    Raises
+    ------
+    InputError
+        If it is something else, or negative.
+    """
+    if isinstance(seed, np.random.SeedSequence):
+        entropy = seed.entropy if isinstance(seed.entropy, int) else None
+        seed = None if entropy is None else (entropy, *seed.spawn_key) if seed.spawn_key else entropy
+    parts = seed if isinstance(seed, tuple | list) and seed else (seed,)
+    for part in parts:
+        if isinstance(part, bool) or not isinstance(part, int | np.integer) or part < 0:
+            raise InputError(f"seed = {seed!r} must be a whole number of at least 0, or several (entropy, spawn key)")
+    numbers = tuple(int(part) for part in parts)
+    return numbers if len(numbers) > 1 else numbers[0]
+
+
+def generator(seed: Seed, stream: int) -> np.random.Generator:
+    """Random numbers of one stream of a chip.
+
+    Parameters
+    ----------
+    seed : int or tuple of int
+        The chip.
+    stream : int
+        One of the streams named above.
+
+    Returns
+    -------
+    numpy.random.Generator
+    """
+    entropy, *key = seed if isinstance(seed, tuple) else (seed,)
+    return np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=(*key, stream)))
