@@ -8,66 +8,154 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from resgrid.cli.compile import dialect_option
+from resgrid.cli.decks import is_deck, open_deck, read_as_option, refuse_scene_options, root_option, solve_deck
 from resgrid.cli.failures import NEGATIVE
-from resgrid.cli.job import DECK_SUFFIXES, Chip, only_boundary, open_job, solve_chip
+from resgrid.cli.job import Chip, compile_chip, only_boundary, open_job, solve_chip
 from resgrid.cli.options import SceneChoice, with_report, with_scene
 from resgrid.cli.report import Report
-from resgrid.errors import InputError
+from resgrid.cli.rules import finding_lines, rules_data, rules_lines
+from resgrid.errors import InputError, ResgridError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from resgrid.spice.agreement import Agreement
+    from resgrid.netlist import Netlist
+    from resgrid.spice.agreement import Agreement, Run
+    from resgrid.spice.forecast import Forecast
+    from resgrid.spice.parsed import ParsedDeck
 
 _WORDS = {"sidecar": "the sidecar", "scene": "the scene's solution", "solve": "our solution"}
+_WORTH_TELLING = 10.0
 
 
-@click.command("check", short_help="Ask the circuit simulator whether it agrees.")
+@click.command("check", short_help="Check rules, and ask the circuit simulator whether it agrees.")
 @with_scene(metavar="SCENE|DECK")
+@click.option("--rules", is_flag=True, help="Check the electrical rules only; errors exit with 1.")
 @click.option("--deck", metavar="FILE", type=click.Path(), help="Simulate this deck, and compare it with SCENE.")
 @click.option("--tolerance", metavar="T", default=1e-9, show_default=True, help="Largest error, over the supply.")
 @click.option("--timeout", metavar="S", default=600.0, show_default=True, help="Time for the simulator, in seconds.")
-@dialect_option
+@click.option(
+    "--engine", metavar="NAME", default="ngspice", show_default=True, help="ngspice, or eecircuit (for large decks)."
+)
+@read_as_option
+@root_option
 @with_report
 def command(
-    choice: SceneChoice, deck: str | None, tolerance: float, timeout: float, dialect: str, report: Report
+    choice: SceneChoice,
+    rules: bool,
+    deck: str | None,
+    tolerance: float,
+    timeout: float,
+    engine: str,
+    read_as: str,
+    root: str | None,
+    report: Report,
 ) -> int:
     """Simulate a deck and compare every node.
 
-    A DECK is compared with its sidecar DECK.json: first its hash, then the voltages. A SCENE is solved, and compared
-    with the simulator's answer to its own deck, or to the one given by --deck. Exits with 1 where they disagree.
+    A DECK is compared with its sidecar DECK.json: first its hash, then the voltages; without one it is read and
+    solved, and the simulator is held against that. A SCENE is solved, and compared with the simulator's answer to its
+    own deck, or to the one given by --deck. Before the simulator starts, its time and memory are foretold, and it is
+    not started where it would not end in time (exit code 4). Exits with 1 where they disagree.
+
+    --rules checks the electrical rules instead, and says for each simulator whether it would get the answer right.
     """
-    limits: dict[str, Any] = {"tolerance": tolerance, "timeout": timeout, "dialect": dialect}
-    if is_deck(choice.source):
-        if deck is not None:
-            raise InputError(f"{choice.source} is a deck already; --deck goes with a scene")
-        if choice.changes or choice.map_options:
-            raise InputError(f"{choice.source} is a deck: options that change a scene do nothing to it; remove them")
-        agreement = _simulated(None, choice.source, limits, report)
+    from resgrid.spice.agreement import Run
+    from resgrid.spice.engines import engine_named
+
+    run = Run(engine, tolerance, timeout)
+    engine_named(engine)
+    if not 0 < tolerance < 1:
+        raise InputError(f"--tolerance {tolerance}: it must lie between 0 and 1, for it is relative to the supply")
+    given = is_deck(choice.source)
+    if given and deck is not None:
+        raise InputError(f"{choice.source} is a deck already; --deck goes with a scene")
+    if rules:
+        return _check_rules(choice, deck, given, read_as, root, report)
+    if given:
+        agreement = _check_deck(choice, read_as, root, run, report)
     else:
         job = open_job(choice, report)
         chip = solve_chip(job, report, *only_boundary(job))
-        agreement = _simulated(chip, deck, limits, report)
+        _foretell(chip.netlist, run, report)
+        agreement = _simulated(chip, deck, run, report)
     report.finish(agreement_data(agreement), agreement_lines(agreement))
     return 0 if agreement.agrees else NEGATIVE
 
 
-def is_deck(source: str) -> bool:
-    """Whether a file is a deck, by the end of its name or by the sidecar beside it."""
-    path = Path(source)
-    return path.suffix.lower() in DECK_SUFFIXES or (source != "-" and path.with_name(path.name + ".json").is_file())
+def _check_rules(
+    choice: SceneChoice, deck: str | None, given: bool, read_as: str, root: str | None, report: Report
+) -> int:
+    from resgrid.spice.rules import check_rules
+    from resgrid.spice.verdicts import predict_simulators
+
+    if deck is not None:
+        raise InputError("--rules checks SCENE or DECK itself; leave --deck out")
+    circuit: Netlist | ParsedDeck
+    if given:
+        circuit = open_deck(choice, read_as, root, report)
+    else:
+        job = open_job(choice, report)
+        circuit = compile_chip(job, report, *only_boundary(job))
+    with report.stage("check the rules"):
+        findings = check_rules(circuit)
+    with report.stage("ask what simulators would make of it"):
+        verdicts = predict_simulators(circuit, findings)
+    report.finish(rules_data(findings, verdicts), rules_lines(findings, verdicts))
+    return NEGATIVE if any(finding.severity == "error" for finding in findings) else 0
 
 
-def _simulated(chip: Chip | None, deck: str | None, limits: dict[str, Any], report: Report) -> Agreement:
+def _check_deck(choice: SceneChoice, read_as: str, root: str | None, run: Run, report: Report) -> Agreement:
+    """A deck with a sidecar is held against that, any other against its own solution."""
+    from resgrid.spice.agreement import check_deck, check_read_deck
+    from resgrid.spice.ngspice import read_deck
+    from resgrid.spice.rules import check_rules
+    from resgrid.spice.sidecar import sidecar_path
+
+    refuse_scene_options(choice)
+    path = Path(choice.source)
+    data = read_deck(path)
+    if sidecar_path(path).exists():
+        _foretell(_readable(choice, read_as, root, report), run, report)
+        with report.stage("simulate"):
+            return check_deck(path, tolerance=run.tolerance, engine=run.engine, timeout=run.timeout)
+    deck = open_deck(choice, read_as, root, report)
+    findings = check_rules(deck)
+    for line in finding_lines([finding for finding in findings if finding.rule != "reading"], least="warning"):
+        report.say(line)
+    solved = solve_deck(deck, report)
+    _foretell(deck, run, report)
+    with report.stage("simulate"):
+        return check_read_deck(deck, solved.point, data, run)
+
+
+def _readable(choice: SceneChoice, read_as: str, root: str | None, report: Report) -> ParsedDeck | None:
+    """A deck of our own, unless it was changed so that it cannot be read: the comparison will say where."""
+    try:
+        return open_deck(choice, read_as, root, report)
+    except ResgridError:
+        return None
+
+
+def _foretell(circuit: Netlist | ParsedDeck | None, run: Run, report: Report) -> None:
+    """Say what the simulator will take, and refuse what will not end in time."""
+    from resgrid.spice.forecast import forecast, require_time
+
+    if circuit is None:
+        return
+    expected: Forecast = forecast(circuit, run.engine)
+    require_time(expected, run.timeout)
+    tell = report.say if expected.seconds > _WORTH_TELLING else report.detail
+    tell(str(expected))
+
+
+def _simulated(chip: Chip, deck: str | None, run: Run, report: Report) -> Agreement:
     from resgrid.spice.agreement import check_deck, check_spice
 
+    limits: dict[str, Any] = {"tolerance": run.tolerance, "timeout": run.timeout, "engine": run.engine}
     with report.stage("simulate"):
-        if chip is None and deck is not None:
-            return check_deck(deck, **limits)
-        if chip is not None and deck is not None:
+        if deck is not None:
             return check_deck(deck, reference=chip.point, **limits)
-        assert chip is not None
         return check_spice(chip.netlist, chip.point, **limits)
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from resgrid.cli.decks import deck_data, is_deck, open_deck, read_as_option, root_option
 from resgrid.cli.job import Job, compile_chip, only_boundary, open_job, size_of
 from resgrid.cli.options import SceneChoice, with_report, with_scene
 from resgrid.cli.report import Report
@@ -16,16 +17,25 @@ from resgrid.errors import CircuitError, InputError, ToolMissingError
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from resgrid.spice.parsed import ParsedDeck
+
 PACKAGES = ("numpy", "scipy", "numba", "networkx", "shapely", "matplotlib", "pydantic", "click", "rich")
 
 
 @click.command("info", short_help="Describe a scene, the scene format, or the installation.")
-@with_scene(required=False, metavar="[SCENE]")
+@with_scene(required=False, metavar="[SCENE|DECK]")
 @click.option("--schema", is_flag=True, help="Print the JSON Schema of scene files.")
 @click.option("--versions", is_flag=True, help="Print the versions of resgrid and what it uses.")
+@read_as_option
+@root_option
 @with_report
-def command(choice: SceneChoice | None, schema: bool, versions: bool, report: Report) -> int:
-    """Describe SCENE: its cells, goals and starts, what cannot be reached, and the memory a solution takes."""
+def command(
+    choice: SceneChoice | None, schema: bool, versions: bool, read_as: str, root: str | None, report: Report
+) -> int:
+    """Describe SCENE: its cells, goals and starts, what cannot be reached, and the memory a solution takes.
+
+    Of a DECK: its elements, values and supplies, what its reader noted, and the time that ngspice would take.
+    """
     if (choice is not None) + schema + versions != 1:
         raise InputError("give a SCENE, or --schema, or --versions (one of them)")
     if schema:
@@ -35,6 +45,9 @@ def command(choice: SceneChoice | None, schema: bool, versions: bool, report: Re
     elif versions:
         data = installed_versions()
         report.finish({"versions": data}, (f"{name:12} {version or 'not installed'}" for name, version in data.items()))
+    elif choice is not None and is_deck(choice.source):
+        data = describe_deck(open_deck(choice, read_as, root, report))
+        report.finish(data, _deck_lines(data))
     elif choice is not None:
         job = open_job(choice, report, require_goal=False)
         data = describe(job, report)
@@ -102,6 +115,57 @@ def _cost(job: Job, report: Report) -> dict[str, Any]:
     except (CircuitError, InputError) as error:
         return {"nodes": None, "resistors": None, "memory_bytes": None, "no_circuit": str(error)}
     return {"nodes": netlist.node_count, "resistors": len(netlist.conductance), "memory_bytes": memory}
+
+
+def describe_deck(deck: ParsedDeck) -> dict[str, Any]:
+    """What there is in a deck, as ``--json`` gives it.
+
+    Parameters
+    ----------
+    deck : ParsedDeck
+
+    Returns
+    -------
+    dict
+    """
+    import numpy as np
+
+    from resgrid.spice.forecast import forecast
+    from resgrid.spice.subject import subject_of
+
+    part = subject_of(deck).part
+    ohms = deck.resistance[deck.resistance > 0]
+    foretold = forecast(deck)
+    return {
+        **deck_data(deck),
+        "smallest_resistance": float(ohms.min()) if ohms.size else None,
+        "largest_resistance": float(ohms.max()) if ohms.size else None,
+        "shorts": int((deck.resistance == 0).sum() + (deck.source_volts == 0).sum()),
+        "supply_volts": np.unique(deck.source_volts[deck.source_volts != 0])[:100].tolist(),
+        "floating_nodes": int((part != part[0]).sum()),
+        "ngspice_seconds": foretold.seconds,
+        "ngspice_memory_bytes": foretold.memory,
+    }
+
+
+def _deck_lines(data: dict[str, Any]) -> Iterable[str]:
+    yield f"{data['title'] or data['source']}: a deck read as {data['dialect']}"
+    for file in data["files"][1:]:
+        yield f"  includes      {file}"
+    yield f"  nodes         {data['nodes']:,}, of which {data['floating_nodes']:,} float"
+    if data["smallest_resistance"] is not None:
+        low, high = data["smallest_resistance"], data["largest_resistance"]
+        yield f"  resistors     {data['resistors']:,} of {low:g} to {high:g} ohm"
+    yield f"  sources       {data['voltage_sources']:,} of voltage, {data['current_sources']:,} of current"
+    yield f"  shorts        {data['shorts']:,} (sources of 0 V, resistors of 0 ohm)"
+    yield f"  capacitors    {data['capacitors']:,}"
+    if data["supply_volts"]:
+        volts = ", ".join(f"{volts:g}" for volts in data["supply_volts"][:5])
+        yield f"  supplies      {volts}{', ...' if len(data['supply_volts']) > 5 else ''} V"
+    yield f"  ngspice       about {data['ngspice_seconds']:.2g} s, {data['ngspice_memory_bytes'] / 2**20:,.0f} MiB"
+    yield f"  notes         {len(data['notes']):,}"
+    for note in data["notes"][:5]:
+        yield f"    {note['severity']}: {note['file']}:{note['line']}: {note['text']}"
 
 
 def installed_versions() -> dict[str, str | None]:

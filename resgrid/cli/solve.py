@@ -7,6 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from resgrid.cli.decks import deck_data, is_deck, open_deck, read_as_option, root_option, solve_deck
+from resgrid.cli.decks import solution_data as deck_solution_data
+from resgrid.cli.decks import solution_lines as deck_solution_lines
 from resgrid.cli.job import only_boundary, open_job, size_of, solution_summary, solve_chip
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.output import emit_file
@@ -17,17 +20,62 @@ if TYPE_CHECKING:
     from resgrid.planning.field import Field
 
 
-@click.command("solve", short_help="Solve a scene's resistor grid.")
-@with_scene()
-@output_option("Write potential, log_drop and cell to FILE.npz.")
+@click.command("solve", short_help="Solve a scene's resistor grid, or any resistive deck.")
+@with_scene(metavar="SCENE|DECK")
+@output_option("Write the solution: a scene's to FILE.npz, a deck's to FILE.csv, .json, .npz or .raw.")
+@click.option("--worst", metavar="N", default=10, show_default=True, help="Deck: how many of the worst drops to list.")
+@click.option(
+    "--raw", metavar="FORM", default="binary", show_default=True, help="Deck: a .raw file is binary or ascii."
+)
+@read_as_option
+@root_option
 @with_report
-def command(choice: SceneChoice, output: str | None, report: Report) -> int:
-    """Solve the resistor grid of SCENE and tell what its meters read.
+def command(
+    choice: SceneChoice,
+    output: str | None,
+    worst: int,
+    raw: str,
+    read_as: str,
+    root: str | None,
+    report: Report,
+) -> int:
+    """Solve the resistor grid of SCENE, or a resistive DECK, and tell what its meters read.
 
-    FILE.npz holds potential (1 on obstacles, 0 on goals; NaN where there is no node), log_drop (the natural logarithm
-    of 1 - potential, right where float64 rounds; -inf where nothing arrives) and cell (0 free, 1 obstacle, 2 goal),
-    one dimension per axis.
+    Of a SCENE, FILE.npz holds potential (1 on obstacles, 0 on goals; NaN where there is no node), log_drop (the
+    natural logarithm of 1 - potential, right where float64 rounds; -inf where nothing arrives) and cell (0 free,
+    1 obstacle, 2 goal), one dimension per axis.
+
+    Of a DECK, the worst drops from the supply are listed, and FILE holds the voltage of every node and the current and
+    power of every element, by their names; FILE.raw opens in a waveform viewer.
     """
+    if is_deck(choice.source):
+        return _solve_deck(choice, output, (worst, raw), (read_as, root), report)
+    return _solve_scene(choice, output, report)
+
+
+def _solve_deck(
+    choice: SceneChoice, output: str | None, told: tuple[int, str], reading: tuple[str, str | None], report: Report
+) -> int:
+    from resgrid.cli.deck_files import solution_writer
+
+    if told[0] < 0:
+        raise InputError(f"--worst {told[0]}: it must be 0 or more")
+    if output == "-" and report.json:
+        raise InputError("-o - and --json both want standard output; write the solution to a file")
+    suffix, write = solution_writer(output or "-", told[1])
+    solved = solve_deck(open_deck(choice, *reading, report), report)
+    data = {**deck_data(solved.deck), **deck_solution_data(solved, told[0])}
+    if output is not None:
+        with report.stage("write the solution"):
+            emit_file(output, suffix, lambda path: write(solved, path))
+        report.say(f"wrote {output}") if output != "-" else None
+        data["file"] = output
+    if output != "-":
+        report.finish(data, deck_solution_lines(data))
+    return 0
+
+
+def _solve_scene(choice: SceneChoice, output: str | None, report: Report) -> int:
     from resgrid.planning.field import field_of
 
     _check_target(output, report)

@@ -15,12 +15,18 @@ from numpy.typing import NDArray
 from resgrid.netlist import Netlist
 from resgrid.spice import rules_connection, rules_names, rules_values
 from resgrid.spice.finding import SEVERITIES, Finding
-from resgrid.spice.subject import CONDUCTING, Subject, connected_parts_of, subject_of
+from resgrid.spice.subject import Subject, subject_of
 
 if TYPE_CHECKING:
     from resgrid.spice.parsed import ParsedDeck
 
-__all__ = ["RULES", "Finding", "check_rules", "connected_parts", "trapped_current_sources"]
+__all__ = [
+    "RULES",
+    "Finding",
+    "check_rules",
+    "connected_parts",
+    "trapped_current_sources",
+]
 
 
 def check_rules(circuit: Netlist | ParsedDeck) -> tuple[Finding, ...]:
@@ -59,8 +65,7 @@ def connected_parts(netlist: Netlist) -> NDArray[np.int64]:
     ndarray of int64, shape (node_count,)
         Nodes whose number differs from ground's float.
     """
-    ends = subject_of(netlist).ends
-    return connected_parts_of(np.concatenate([ends[kind] for kind in CONDUCTING]), netlist.node_count)
+    return subject_of(netlist).part
 
 
 def trapped_current_sources(netlist: Netlist, part: NDArray[np.int64]) -> NDArray[np.int64]:

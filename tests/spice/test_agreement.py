@@ -204,7 +204,6 @@ def test_nan_is_the_largest_difference() -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (None, "no sidecar"),
         (b"{", "is not JSON"),
         (b"[]", "one object"),
         (b'{"schema": 2}', "must be 1"),
