@@ -61,6 +61,7 @@ def main(words: list[str] | None = None) -> None:
         for name, measure in SECTIONS:
             if chosen.sections and name not in chosen.sections:
                 continue
+            sys.stderr.write(f"{name} ...\n")
             start = time.perf_counter()
             rows = measured(name, measure, scale)
             sys.stdout.write(f"\n{name} ({time.perf_counter() - start:.0f} s)\n{table.format_rows(rows, last)}")

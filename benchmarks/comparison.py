@@ -14,7 +14,7 @@ from benchmarks.timing import repeated, spread, timed
 
 RTOL = 1e-8
 SLOW = 4.0
-"""A peer that takes this many times as long as the fastest runs twice only."""
+"""A peer that takes this many times as long as the fastest runs once only."""
 PREPARATION = 300.0
 LARGEST_FILL = {2: 5_000_000, 3: 400_000}
 """Unknowns beyond which direct peers are left out, by dimension: their factors would not fit in memory."""
@@ -47,7 +47,7 @@ def alternate(ring: Arena, scale: Scale) -> dict[str, list[Run]]:
     for done in range(scale.rounds):
         fastest = min((run.total for name, peer in runs.items() if name != "resgrid" for run in peer), default=0.0)
         for name, past in runs.items():
-            slow = done >= 2 and name != "resgrid" and past[-1].total > SLOW * fastest
+            slow = done >= 1 and name != "resgrid" and past[-1].total > SLOW * fastest
             if not (slow or (past and past[-1].failure)):
                 past.append(run_once(ring, name, rtol=RTOL, limit=scale.limit))
     return runs
