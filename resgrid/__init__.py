@@ -24,6 +24,9 @@ if TYPE_CHECKING:
     from resgrid.device.build import build_chip, compile_chip, conductance_samples, mismatch_factors
     from resgrid.device.noise import Noise, analyse_noise, noise_covariance, noise_density
     from resgrid.device.passes import apply_passes, passes_from_json, passes_of, passes_to_json
+    from resgrid.device.power import Power, analyse_power
+    from resgrid.device.precision import Precision, analyse_precision
+    from resgrid.device.sensitivity import Sensitivity, analyse_sensitivity, voltage_sensitivity
     from resgrid.device.settling import Settling, analyse_settling
     from resgrid.errors import (
         AccuracyError,
@@ -106,6 +109,13 @@ if TYPE_CHECKING:
     from resgrid.spice.writer import write_spice
 
 _HOME = {
+    "Sensitivity": "resgrid.device.sensitivity",
+    "analyse_sensitivity": "resgrid.device.sensitivity",
+    "voltage_sensitivity": "resgrid.device.sensitivity",
+    "Precision": "resgrid.device.precision",
+    "analyse_precision": "resgrid.device.precision",
+    "Power": "resgrid.device.power",
+    "analyse_power": "resgrid.device.power",
     "Settling": "resgrid.device.settling",
     "analyse_settling": "resgrid.device.settling",
     "Noise": "resgrid.device.noise",
@@ -259,10 +269,13 @@ __all__ = [
     "Planner",
     "PointRobot",
     "PolygonRobot",
+    "Power",
+    "Precision",
     "Readout",
     "ResgridError",
     "Risk",
     "Scene",
+    "Sensitivity",
     "Separation",
     "Settling",
     "ShortPath",
@@ -276,6 +289,9 @@ __all__ = [
     "__version__",
     "absorption",
     "analyse_noise",
+    "analyse_power",
+    "analyse_precision",
+    "analyse_sensitivity",
     "analyse_settling",
     "apply_overrides",
     "apply_passes",
@@ -346,6 +362,7 @@ __all__ = [
     "transient",
     "transient_stepper",
     "unwrap",
+    "voltage_sensitivity",
     "wall_clearance_curve",
     "workspace_clearance",
     "workspace_path",

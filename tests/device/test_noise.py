@@ -60,7 +60,12 @@ def test_ngspice_integrates_the_same_noise(tmp_path: Path) -> None:
     deck = re.sub(r"(?m)^(v_obstacle .*)$", r"\1 ac 1", deck)
     (tmp_path / "noise.cir").write_text(deck)
     said = subprocess.run(
-        [shutil.which("ngspice"), "-n", "-b", "noise.cir"], cwd=tmp_path, capture_output=True, text=True, timeout=120
+        [shutil.which("ngspice"), "-n", "-b", "noise.cir"],
+        cwd=tmp_path,
+        check=True,
+        capture_output=True,
+        text=True,
+        timeout=120,
     ).stdout
     theirs = float(re.search(r"onoise_total = (\S+)", said).group(1))
     assert analyse_noise(netlist, band=(low, high)).total[node] == pytest.approx(theirs, rel=0.01)

@@ -46,7 +46,7 @@ def inverse_diagonal(matrix: Any) -> NDArray[Any]:
 
 def random_signs(size: int, samples: int, seed: int) -> NDArray[np.float64]:
     """Vectors of random signs, shape (size, samples)."""
-    return np.random.default_rng(seed).integers(0, 2, (size, samples)) * 2.0 - 1.0
+    return np.asarray(np.random.default_rng(seed).integers(0, 2, (size, samples)) * 2.0 - 1.0, dtype=np.float64)
 
 
 def estimate_diagonal(
@@ -69,8 +69,9 @@ def estimate_diagonal(
         Its standard error, from the spread of the samples.
     """
     each = signs * products
-    error = each.std(axis=1, ddof=1) / np.sqrt(each.shape[1])
-    return np.asarray(each.mean(axis=1)), np.asarray(error)
+    mean: NDArray[np.float64] = each.mean(axis=1)
+    error: NDArray[np.float64] = each.std(axis=1, ddof=1) / np.sqrt(each.shape[1])
+    return mean, error
 
 
 def symmetric_factors(matrix: Any) -> Any:
