@@ -41,7 +41,10 @@ def reference_log(system: NodalSystem, rhs: np.ndarray) -> np.ndarray:
     return logs[place]
 
 
-@pytest.mark.parametrize(("legs", "leg", "width", "decades"), [(4, 60, 5, -50), (27, 120, 3, -1000)])
+@pytest.mark.parametrize(
+    ("legs", "leg", "width", "decades"),
+    [(4, 60, 5, -50), (27, 120, 3, -1000), (20, 120, 2, -900), (30, 120, 1, -2000)],
+)
 def test_the_drop_along_a_serpentine_is_right_to_the_last_digits(legs: int, leg: int, width: int, decades: int) -> None:
     netlist = compile_space(space_of(serpentine(legs, leg, width)))
     system = assemble(netlist)
