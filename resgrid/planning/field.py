@@ -157,20 +157,21 @@ def field_of(point: OperatingPoint) -> Field:
 
 
 def _check_walls(field: Field) -> None:
-    """Refuse a chip that is not ideal, and where a streamline would enter an obstacle."""
+    """Refuse a chip that is not ideal, and where a streamline from a start with a path would enter an obstacle."""
     space = field.space
+    starts = (space.cell == Cell.FREE) & space.goal_connected
     for axis, direction in enumerate(field.face_direction):
-        ring = space.periodic[axis]
         margin = [(int(a == axis), int(a == axis)) for a in range(space.ndim)]
-        code = np.pad(space.cell, margin, mode="wrap") if ring else np.pad(space.cell, margin, constant_values=1)
-        along = np.moveaxis(code, axis, 0)
-        lower, upper = (np.moveaxis(part, 0, axis) for part in (along[:-1], along[1:]))
-        enters = (lower == Cell.FREE) & (upper == Cell.OBSTACLE) & (direction > 0)
-        enters |= (upper == Cell.FREE) & (lower == Cell.OBSTACLE) & (direction < 0)
+        mode: Any = {"mode": "wrap"} if space.periodic[axis] else {"constant_values": False}
+        free = np.moveaxis(np.pad(starts, margin, **mode), axis, 0)
+        blocked = np.moveaxis(np.pad(space.cell != Cell.OBSTACLE, margin, **mode), axis, 0) == 0
+        along = np.moveaxis(direction, axis, 0)
+        enters = (free[:-1] & blocked[1:] & (along > 0)) | (blocked[:-1] & free[1:] & (along < 0))
         if enters.any():
-            place = np.argwhere(enters)[0]
-            place[axis] -= lower[tuple(place)] == Cell.FREE
-            cell = tuple((place % space.shape).tolist())
+            face = np.argwhere(enters)[0]
+            face[0] -= free[:-1][tuple(face)]
+            beside = face[1:].tolist()
+            cell = (*beside[:axis], int(face[0]) % space.shape[axis], *beside[axis:])
             raise AccuracyError(
                 f"{int(enters.sum())} walls of this chip draw current out of free cells (such as {cell}), so that "
                 "streamlines would enter obstacles: its switches or rails sag too much; give them less resistance",
