@@ -1,4 +1,4 @@
-"""Measure harmonic control: arrivals, lessons, penetration, command rate.  ``python -m benchmarks.control [part ...]``."""
+"""Measure harmonic control: arrivals, lessons, penetration, rate.  ``python -m benchmarks.control [part ...]``."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
-import shapely
+import shapely.affinity
 
 from resgrid.compiler import compile_space
 from resgrid.control.controller import make_controller
@@ -101,13 +102,13 @@ def box_and_u() -> None:
     cell = np.zeros((40, 40), np.uint8)
     cell[18:22, 2:4] = Cell.GOAL
     solids = {
-        "box": [Box((3.5, 4.0), (6.5, 5.5))],
+        "box": [Box((3.6, 4.0), (5.1, 5.0))],
         "U": [Box((2.5, 3.0), (7.5, 3.5)), Box((2.5, 3.0), (3.0, 7.0)), Box((7.0, 3.0), (7.5, 7.0))],
     }
     field = resolver(k=0.98)(space := ConfigurationSpace(axes, cell))
     for name, hidden in solids.items():
         plant = make_plant(DiscRobot(0.2), axes, [], hidden)
-        lower, upper = ((1.5, 6.5), (8.5, 9.0)) if name == "box" else ((3.5, 4.5), (6.5, 6.5))
+        lower, upper = ((1.0, 6.0), (9.0, 9.5)) if name == "box" else ((3.5, 4.5), (6.5, 6.5))
         starts = [
             (x, y) for x in np.linspace(lower[0], upper[0], 5) + 0.03 for y in np.linspace(lower[1], upper[1], 5) + 0.01
         ]
@@ -118,7 +119,8 @@ def box_and_u() -> None:
                 sim = Simulation(controller, plant, resolver(k=0.98), learn=learn)
                 runs = [sim.run(start, max_steps=6000) for start in starts]
                 wrong = sum(false_cells(run, truth) for run in runs)
-                said(f"hidden {name}, {'learning' if learn else 'not learning'}, {response}", runs, plant.cell_motion, wrong)
+                how = f"hidden {name}, {'learning' if learn else 'not learning'}, {response}"
+                said(how, runs, plant.cell_motion, wrong)
 
 
 def random_shape(rng: np.random.Generator, size: float, near: tuple[float, float], away: float) -> Shape:
@@ -164,7 +166,8 @@ def world(seed: int) -> Simulation | None:
         return None
     solve_again = resolver(k=0.98)
     controller = make_controller(solve_again(space))
-    return Simulation(controller, make_plant(robot, axes, known, hidden), solve_again, friction=float(rng.uniform(0, 0.5)))
+    plant = make_plant(robot, axes, known, hidden)
+    return Simulation(controller, plant, solve_again, friction=float(rng.uniform(0, 0.5)))
 
 
 def connected(cell: np.ndarray, periodic: np.ndarray) -> np.ndarray:
@@ -179,9 +182,10 @@ def optimistic(sim: Simulation) -> np.ndarray | None:
         return None
     x, y = sim.space.axes
     radius = sim.plant.robot.radius
-    grown = [to_shapely(shape).buffer(radius, quad_segs=64) if radius else to_shapely(shape) for shape in sim.plant.obstacles]
-    shifts = [(i * (x.upper - x.lower), j * (y.upper - y.lower)) for i in ((-1, 0, 1) if x.periodic else (0,)) for j in ((-1, 0, 1) if y.periodic else (0,))]
-    solid = shapely.union_all([shapely.affinity.translate(shape, *by) for shape in grown for by in shifts])
+    solids = [to_shapely(shape) for shape in sim.plant.obstacles]
+    grown = [solid.buffer(radius, quad_segs=64) if radius else solid for solid in solids]
+    shifts = product(*([0.0] if not a.periodic else [a.lower - a.upper, 0.0, a.upper - a.lower] for a in (x, y)))
+    solid = shapely.union_all([shapely.affinity.translate(shape, *by) for by in shifts for shape in grown])
     i, j = np.meshgrid(np.arange(x.cells), np.arange(y.cells), indexing="ij")
     boxes = shapely.box(x.edges[i], y.edges[j], x.edges[i + 1], y.edges[j + 1])
     full = shapely.area(shapely.difference(boxes, solid)) <= 1e-12
@@ -196,7 +200,7 @@ def world_runs(sim: Simulation, most: int | None) -> Iterator[tuple[tuple[int, .
         cells = cells[np.unique(np.linspace(0, len(cells) - 1, most).round().astype(int))]
     fits = sim.plant.penetration(sim.space.centre(cells)) == 0
     for cell in cells[fits]:
-        yield tuple(cell.tolist()), sim.run(sim.space.centre(cell))
+        yield tuple(cell.tolist()), sim.run(sim.space.centre(cell), max_steps=10_000)
 
 
 def worlds(first: int = 0, last: int = 200) -> None:

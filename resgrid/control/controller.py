@@ -1,11 +1,11 @@
-"""The velocity controller: one call per control period, from where the robot believes it is to how fast it shall move."""
+"""The velocity controller: one call per control period, from a believed configuration to a velocity."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +22,25 @@ RESPONSES = ("admittance", "equipotential")
 
 RECOVERY = 2.0
 """How far from a cell with a path a configuration may be and still be led back, in cells."""
+
+
+class Nominal(NamedTuple):
+    """What the field says at a configuration.
+
+    Attributes
+    ----------
+    place : {"free", "goal", "off"}
+        In a free cell with a path, in a goal cell, or in neither.
+    velocity : ndarray of float64, shape (n,)
+        ``V0``, in axis units per second.
+    longest : float
+        In seconds: until just across the next cell face that current leaves by, and at most half the time to where a
+        component vanishes.  Steps no longer than this enter no cell that the current does not enter.
+    """
+
+    place: str
+    velocity: NDArray[np.float64]
+    longest: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +106,7 @@ class Controller:
             If a value is not finite or of the wrong shape, the configuration lies outside the grid, or it lies more
             than `RECOVERY` cells from every cell with a path.
         """
-        nominal, _ = self.nominal(configuration)
+        nominal = self.nominal(configuration).velocity
         if force is None:
             return self.limited(nominal)
         return self.limited(self.answer(nominal, self._checked_force(force)))
@@ -98,8 +117,8 @@ class Controller:
             return following_velocity(nominal, force)
         return np.asarray(nominal + self.admittance @ force)
 
-    def nominal(self, configuration: ArrayLike) -> tuple[NDArray[np.float64], float]:
-        """Nominal velocity ``V0``, and the fastest rate at which one of its components decays.
+    def nominal(self, configuration: ArrayLike) -> Nominal:
+        """Nominal velocity ``V0``, and how long a straight step with it may last.
 
         Inside a cell the velocity is Pollock's: continuous, and decided by currents.
 
@@ -110,31 +129,28 @@ class Controller:
 
         Returns
         -------
-        velocity : ndarray of float64, shape (n,)
-            In axis units per second.
-        rate : float
-            In 1/s.  Euler steps longer than its inverse overshoot lines that the velocity tends to.
+        Nominal
 
         Raises
         ------
         InputError
             As `command`.
         """
+        seen = self.seen(configuration)
+        return Nominal("off", self._recover(np.asarray(configuration)), np.inf) if seen.place == "off" else seen
+
+    def seen(self, configuration: ArrayLike) -> Nominal:
+        """The same without leading anybody back: the velocity is 0 in a cell without a path."""
         point = np.ascontiguousarray(configuration, dtype=np.float64)
         velocity = np.empty(self.field.space.ndim)
         if point.shape != velocity.shape:
             raise InputError(f"a configuration of this space has {len(velocity)} coordinates, got shape {point.shape}")
-        status, rate = self._kernel(*self._tables, point, velocity)
-        if status == _OFF:
-            return self._recover(point), 0.0
-        if status > _OFF:
-            self.field.space.locate(point)
-        return velocity * self.speed, rate * self.speed
-
-    def is_served(self, configuration: ArrayLike) -> bool:
-        """Whether a configuration lies in a goal cell, or in a free cell with a path to one."""
-        cell = tuple(self.field.space.locate(configuration).tolist())
-        return bool(self._served[cell])
+        status, length = self._kernel(*self._tables, point, velocity)
+        if status == 0:
+            return Nominal("free", velocity * self.speed, length / self.speed)
+        if status >= len(_PLACES):
+            self._refuse(point)
+        return Nominal(_PLACES[status], velocity, np.inf)
 
     def limited(self, velocity: NDArray[np.float64]) -> NDArray[np.float64]:
         """The velocity slowed down as a whole, so that no joint is faster than its limit."""
@@ -157,7 +173,7 @@ class Controller:
     def _kernel(self) -> Callable[..., tuple[int, float]]:
         from resgrid.control import kernels
 
-        return kernels.nominal  # type: ignore[no-any-return]
+        return kernels.nominal
 
     @cached_property
     def _served(self) -> NDArray[np.bool_]:
@@ -174,7 +190,7 @@ class Controller:
         if not wide.any():
             return np.full(wide.shape, np.inf), np.zeros((wide.ndim, *wide.shape), np.int64)
         away, index = distance_transform_edt(~wide, return_indices=True)
-        return away, index
+        return away, index.astype(np.int64)
 
     def _recover(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Nominal velocity towards the centre of the nearest cell with a path."""
@@ -183,6 +199,11 @@ class Controller:
         shift = np.where(space.periodic, _MARGIN, 0)
         at = tuple((cell + shift).tolist())
         away, index = self._nearest_served
+        if away[at] == 0:
+            raise InputError(
+                f"no current flows in cell {tuple(cell.tolist())}, although it has a path to a goal: nothing drives "
+                "it; choose a blend with k below 1"
+            )
         if not away[at] <= RECOVERY:
             what = "an obstacle cell" if space.cell[tuple(cell)] == Cell.OBSTACLE else "a cell without a path to a goal"
             raise InputError(
@@ -191,6 +212,11 @@ class Controller:
             )
         way = (index[(slice(None), *at)] - shift + 0.5 - cell - local) * space.spacing
         return np.asarray(way * (self.speed / np.linalg.norm(way)))
+
+    def _refuse(self, point: NDArray[np.float64]) -> None:
+        if not np.isfinite(point).all():
+            raise InputError(f"the configuration {point.tolist()} is not finite: stop the robot, check its encoders")
+        self.field.space.locate(point)
 
     def _checked_force(self, force: ArrayLike) -> NDArray[np.float64]:
         tau = np.asarray(force, dtype=np.float64)
@@ -201,7 +227,7 @@ class Controller:
         return tau
 
 
-_OFF = 2
+_PLACES = ("free", "goal", "off")
 _MARGIN = 3
 
 

@@ -48,8 +48,9 @@ def equipotential_velocity(streamline_velocity: ArrayLike, force: ArrayLike, *, 
 
 
 def _across(v: NDArray[np.float64], f: NDArray[np.float64]) -> NDArray[np.float64]:
-    """``|v|^2 f - v (v . f)``, summed pair by pair so that equal terms cancel exactly."""
-    return np.asarray((v[np.newaxis] * (v[np.newaxis] * f[:, np.newaxis] - v[:, np.newaxis] * f[np.newaxis])).sum(axis=1))
+    """``|v|^2 f - v (v . f)``, from the antisymmetric ``f v^T - v f^T``, which is exactly 0 along the streamline."""
+    turn = np.outer(f, v) - np.outer(v, f)
+    return np.asarray(turn @ v)
 
 
 def following_velocity(streamline_velocity: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:

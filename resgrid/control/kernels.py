@@ -18,6 +18,86 @@ MOVES, GOAL, OFF, OUTSIDE, NOT_FINITE = 0, 1, 2, 3, 4
 _GOAL = 2
 _EDGE = 1e-9
 _SWEEPS = 300
+_SETTLED = 1e-12
+_LEAST_MOBILITY = 1e-12
+
+
+@njit(cache=True)
+def _cell_at(
+    shape: Integers, corner: Floats, spacing: Floats, periodic: NDArray[np.bool_], point: Floats, cell: Integers,
+    local: Floats,
+) -> int:  # fmt: skip
+    """Cell of a point, and where in it the point is, each coordinate in [0, 1]; returns a status."""
+    for axis in range(len(shape)):
+        x = (point[axis] - corner[axis]) / spacing[axis]
+        if not math.isfinite(x):
+            return NOT_FINITE
+        if periodic[axis]:
+            x -= shape[axis] * math.floor(x / shape[axis])
+        elif x < -_EDGE or x > shape[axis] + _EDGE:
+            return OUTSIDE
+        cell[axis] = min(max(math.floor(x), 0), shape[axis] - 1)
+        local[axis] = min(max(x - cell[axis], 0.0), 1.0)
+    return MOVES
+
+
+@njit(cache=True)
+def _face_velocities(
+    first_face: Integers, face_stride: Integers, direction: NDArray[np.int8], log_current: Floats, cell: Integers,
+    lower: Floats, upper: Floats,
+) -> bool:  # fmt: skip
+    """Velocities on the lower and upper faces of a cell, scaled to a maximum of 1; False where none flows."""
+    ndim = len(cell)
+    face, scale = np.empty(ndim, np.int64), -np.inf
+    for axis in range(ndim):
+        face[axis] = first_face[axis]
+        for other in range(ndim):
+            face[axis] += cell[other] * face_stride[axis, other]
+        scale = max(scale, log_current[face[axis]], log_current[face[axis] + face_stride[axis, axis]])
+    if scale == -np.inf:
+        return False
+    for axis in range(ndim):
+        above = face[axis] + face_stride[axis, axis]
+        lower[axis] = direction[face[axis]] * math.exp(log_current[face[axis]] - scale)
+        upper[axis] = direction[above] * math.exp(log_current[above] - scale)
+    return True
+
+
+@njit(cache=True, inline="always")
+def _to_face(x: float, velocity: float, spacing: float) -> float:
+    """Time until a point is just beyond the face ahead of it."""
+    return ((1.0 - x if velocity > 0.0 else x) + _EDGE) * spacing / abs(velocity)
+
+
+@njit(cache=True)
+def _along_current(local: Floats, lower: Floats, upper: Floats, spacing: Floats, velocity: Floats) -> float:
+    """Unit velocity within a cell, and how far a straight step may go; -1 where no current leaves.
+
+    Each component is linear between its two faces (Pollock 1988).
+    """
+    drifts, outward, way = False, 0.0, 0
+    squares, decay = 0.0, 0.0
+    for axis in range(len(local)):
+        speed = lower[axis] * (1.0 - local[axis]) + upper[axis] * local[axis]
+        drifts |= (speed > 0.0 and upper[axis] > 0.0) or (speed < 0.0 and lower[axis] < 0.0)
+        velocity[axis] = speed * spacing[axis]
+        squares += velocity[axis] ** 2
+        decay = max(decay, lower[axis] - upper[axis])
+        if max(upper[axis], -lower[axis]) > outward:
+            outward, way = max(upper[axis], -lower[axis]), axis
+    if outward <= 0.0:
+        return -1.0
+    if not drifts:
+        velocity[:] = 0.0
+        velocity[way] = 1.0 if upper[way] >= -lower[way] else -1.0
+        return _to_face(local[way], velocity[way], spacing[way])
+    length = math.sqrt(squares)
+    farthest = 0.5 * length / decay if decay > 0.0 else np.inf
+    for axis in range(len(local)):
+        velocity[axis] /= length
+        if (velocity[axis] > 0.0 and upper[axis] > 0.0) or (velocity[axis] < 0.0 and lower[axis] < 0.0):
+            farthest = min(farthest, _to_face(local[axis], velocity[axis], spacing[axis]))
+    return farthest
 
 
 @njit(cache=True)
@@ -25,7 +105,7 @@ def nominal(
     code: NDArray[np.uint8],
     served: NDArray[np.bool_],
     shape: Integers,
-    lower_corner: Floats,
+    corner: Floats,
     spacing: Floats,
     periodic: NDArray[np.bool_],
     first_face: Integers,
@@ -37,67 +117,27 @@ def nominal(
 ) -> tuple[int, float]:
     """Unit velocity along the current at a point, as Pollock interpolates it within the point's cell.
 
-    Where no axis leads out in finite time it points to the face with the largest outward current.  Returns a status
-    and the fastest rate at which a component decays, per unit of length travelled: an explicit step longer than its
-    inverse would overshoot a line that the velocity only tends to.
+    Where no axis leads out in finite time it points to the face with the largest outward current.  Returns a status,
+    and how far a straight step may go: just across the next face that current leaves by, and no more than half way to
+    where a component vanishes, so that no step ends beyond a face without outward current.
     """
     ndim = len(shape)
-    cell, local = np.empty(ndim, np.int64), np.empty(ndim)
+    cell, local, lower, upper = np.empty(ndim, np.int64), np.empty(ndim), np.empty(ndim), np.empty(ndim)
+    velocity[:] = 0.0
+    status = _cell_at(shape, corner, spacing, periodic, point, cell, local)
+    if status != MOVES:
+        return status, 0.0
     flat = 0
     for axis in range(ndim):
-        velocity[axis] = 0.0
-        x = (point[axis] - lower_corner[axis]) / spacing[axis]
-        if not math.isfinite(x):
-            return NOT_FINITE, 0.0
-        if periodic[axis]:
-            x -= shape[axis] * math.floor(x / shape[axis])
-        elif x < -_EDGE or x > shape[axis] + _EDGE:
-            return OUTSIDE, 0.0
-        cell[axis] = min(max(int(math.floor(x)), 0), shape[axis] - 1)
-        local[axis] = min(max(x - cell[axis], 0.0), 1.0)
         flat = flat * shape[axis] + cell[axis]
     if code[flat] == _GOAL:
         return GOAL, 0.0
-    if not served[flat]:
-        return OFF, 0.0
-    low, high, scale = np.empty(ndim), np.empty(ndim), -np.inf
-    for axis in range(ndim):
-        face = first_face[axis]
-        for other in range(ndim):
-            face += cell[other] * face_stride[axis, other]
-        above = face + face_stride[axis, axis]
-        low[axis], high[axis] = log_current[face], log_current[above]
-        scale = max(scale, low[axis], high[axis])
-    if scale == -np.inf:
-        return OFF, 0.0
-    drifts, best, way = False, 0.0, 0
-    for axis in range(ndim):
-        face = first_face[axis]
-        for other in range(ndim):
-            face += cell[other] * face_stride[axis, other]
-        above = face + face_stride[axis, axis]
-        low[axis] = direction[face] * math.exp(low[axis] - scale)
-        high[axis] = direction[above] * math.exp(high[axis] - scale)
-        speed = low[axis] * (1.0 - local[axis]) + high[axis] * local[axis]
-        drifts |= (speed > 0.0 and high[axis] > 0.0) or (speed < 0.0 and low[axis] < 0.0)
-        velocity[axis] = speed * spacing[axis]
-        if max(high[axis], -low[axis]) > best:
-            best, way = max(high[axis], -low[axis]), axis
-    if best <= 0.0:
+    if served[flat] and _face_velocities(first_face, face_stride, direction, log_current, cell, lower, upper):
+        farthest = _along_current(local, lower, upper, spacing, velocity)
+        if farthest >= 0.0:
+            return MOVES, farthest
         velocity[:] = 0.0
-        return OFF, 0.0
-    if not drifts:
-        velocity[:] = 0.0
-        velocity[way] = 1.0 if high[way] >= -low[way] else -1.0
-        return MOVES, 0.0
-    squares, decay = 0.0, 0.0
-    for axis in range(ndim):
-        squares += velocity[axis] ** 2
-        decay = max(decay, low[axis] - high[axis])
-    length = math.sqrt(squares)
-    for axis in range(ndim):
-        velocity[axis] /= length
-    return MOVES, decay / length
+    return OFF, 0.0
 
 
 @njit(cache=True, inline="always")
@@ -165,18 +205,15 @@ def near_points(
             if max(cx, dx) < x0 or min(cx, dx) > x1 or max(cy, dy) < y0 or min(cy, dy) > y1:
                 continue
             t = _share(ax, ay, cx, cy, dx, dy)
-            count = _add(
-                found, count, ax, ay, cx + t * (dx - cx), cy + t * (dy - cy), r, part[s], edge_body[e], reach
-            )
+            count = _add(found, count, ax, ay, cx + t * (dx - cx), cy + t * (dy - cy), r, part[s], edge_body[e], reach)
             if single:
                 continue
             t = _share(bx, by, cx, cy, dx, dy)
-            count = _add(
-                found, count, bx, by, cx + t * (dx - cx), cy + t * (dy - cy), r, part[s], edge_body[e], reach
-            )
+            count = _add(found, count, bx, by, cx + t * (dx - cx), cy + t * (dy - cy), r, part[s], edge_body[e], reach)
             t = _share(cx, cy, ax, ay, bx, by)
             if 0.0 < t < 1.0:
-                count = _add(found, count, ax + t * (bx - ax), ay + t * (by - ay), cx, cy, r, part[s], edge_body[e], reach)
+                px, py = ax + t * (bx - ax), ay + t * (by - ay)
+                count = _add(found, count, px, py, cx, cy, r, part[s], edge_body[e], reach)
         for d in range(len(discs)):
             cx, cy, size = discs[d]
             t = _share(cx, cy, ax, ay, bx, by)
@@ -213,52 +250,47 @@ def contact_rows(
 
 
 @njit(cache=True)
+def _set_force(
+    row: Floats, give: Floats, wanted: float, least: float, most: float, before: float, velocity: Floats
+) -> float:
+    """Force, between bounds, that gives a contact the wanted speed; the velocity follows.  Returns the force."""
+    mobility, speed = 0.0, 0.0
+    for i in range(len(row)):
+        mobility += row[i] * give[i]
+        speed += row[i] * velocity[i]
+    force = min(max(before + (wanted - speed) / mobility, least), most)
+    for i in range(len(row)):
+        velocity[i] += (force - before) * give[i]
+    return force
+
+
+@njit(cache=True)
 def resolve_contacts(
-    normal: Floats, tangent: Floats, target: Floats, admittance: Floats, friction: float, velocity: Floats, force: Floats
-) -> None:
+    normal: Floats, tangent: Floats, target: Floats, admittance: Floats, friction: float, velocity: Floats,
+    force: Floats,
+) -> None:  # fmt: skip
     """Contact forces that keep ``n . J qdot >= target``, with Coulomb friction; ``velocity`` is changed in place.
 
     Projected Gauss-Seidel on the complementarity problem ``0 <= f_n, n . J qdot - target >= 0``, one of them 0, and
-    ``|f_t| <= mu f_n``, opposing ``t . J qdot``.  ``force[k]`` ends as normal and tangential force.
+    ``|f_t| <= mu f_n``, opposing ``t . J qdot``.  ``force[k]`` ends as normal and tangential force.  A contact whose
+    force could not move the robot is left out.
     """
-    count, ndim = normal.shape
-    push_n, push_t = np.zeros((count, ndim)), np.zeros((count, ndim))
-    give_n, give_t = np.zeros(count), np.zeros(count)
-    for k in range(count):
-        for i in range(ndim):
-            for j in range(ndim):
-                push_n[k, i] += admittance[i, j] * normal[k, j]
-                push_t[k, i] += admittance[i, j] * tangent[k, j]
-            give_n[k] += normal[k, i] * push_n[k, i]
-            give_t[k] += tangent[k, i] * push_t[k, i]
-    largest = 0.0
-    for k in range(count):
-        largest = max(largest, give_n[k], give_t[k])
+    count = len(normal)
+    give_n, give_t = normal @ admittance, tangent @ admittance
+    can_n, can_t = np.sum(give_n * normal, axis=1), np.sum(give_t * tangent, axis=1)
+    least = _LEAST_MOBILITY * max(can_n.max(), can_t.max())
     for _ in range(_SWEEPS):
         moved, size = 0.0, 0.0
         for k in range(count):
-            if give_n[k] <= 1e-12 * largest:
+            if can_n[k] <= least:
                 continue
-            speed = 0.0
-            for i in range(ndim):
-                speed += normal[k, i] * velocity[i]
-            new = max(0.0, force[k, 0] + (target[k] - speed) / give_n[k])
-            step = new - force[k, 0]
-            force[k, 0] = new
-            for i in range(ndim):
-                velocity[i] += step * push_n[k, i]
-            moved, size = max(moved, abs(step)), max(size, new)
-            if friction <= 0.0 or give_t[k] <= 1e-12 * largest:
+            before = force[k, 0]
+            force[k, 0] = _set_force(normal[k], give_n[k], target[k], 0.0, np.inf, before, velocity)
+            moved, size = max(moved, abs(force[k, 0] - before)), max(size, force[k, 0])
+            if friction <= 0.0 or can_t[k] <= least:
                 continue
-            speed = 0.0
-            for i in range(ndim):
-                speed += tangent[k, i] * velocity[i]
-            limit = friction * force[k, 0]
-            new = min(max(force[k, 1] - speed / give_t[k], -limit), limit)
-            step = new - force[k, 1]
-            force[k, 1] = new
-            for i in range(ndim):
-                velocity[i] += step * push_t[k, i]
-            moved = max(moved, abs(step))
-        if moved <= 1e-12 * size:
+            before, limit = force[k, 1], friction * force[k, 0]
+            force[k, 1] = _set_force(tangent[k], give_t[k], 0.0, -limit, limit, before, velocity)
+            moved = max(moved, abs(force[k, 1] - before))
+        if moved <= _SETTLED * size:
             return

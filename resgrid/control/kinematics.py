@@ -44,7 +44,7 @@ class Pose(NamedTuple):
         """Velocity of a point of a part for unit velocities of the axes, shape (2, ndim)."""
         x, y = np.asarray(point, dtype=np.float64)
         spin, pivot = self.spin[part], self.pivot[part]
-        return np.stack([-spin * (y - pivot[:, 1]), spin * (x - pivot[:, 0])]) + self.shift[part].T
+        return np.asarray(np.stack([-spin * (y - pivot[:, 1]), spin * (x - pivot[:, 0])]) + self.shift[part].T)
 
     def carried(self, point: ArrayLike, part: int, other: Pose) -> NDArray[np.float64]:
         """Where a point fixed to a part lies in another pose of the same robot, shape (2,)."""
@@ -104,7 +104,7 @@ def _polygon_pose(robot: PolygonRobot, configuration: NDArray[np.float64]) -> Po
 
 
 def _arm_pose(arm: Arm, configuration: NDArray[np.float64]) -> Pose:
-    """Relative angles turn all that follows about their joint; absolute ones turn a link, and shift all that follows."""
+    """Relative angles turn all that follows about their joint; absolute ones turn a link and shift what follows."""
     joints, directions = arm.joints(configuration), arm.directions(configuration)
     count = arm.ndim
     shift, spin, pivot = np.zeros((count, count, 2)), np.zeros((count, count)), np.zeros((count, count, 2))

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.errors import InputError
+from resgrid.errors import CircuitError, InputError
 from resgrid.planning.field import Field
 from resgrid.robots import Ball, CellSet, Robot
 from resgrid.scene.scene import Scene
@@ -100,7 +100,8 @@ def resolver(
     Returns
     -------
     callable
-        From a `ConfigurationSpace` to its `Field`.
+        From a `ConfigurationSpace` to its `Field`.  Of a map without any obstacle or edge that counts as one, the
+        Dirichlet part of a blend carries no current; what is left of the blend is its Neumann part.
     """
     from resgrid.planning.planner import plan
 
@@ -109,7 +110,12 @@ def resolver(
         options["wall_resistance"] = wall_resistance
 
     def resolve(space: ConfigurationSpace) -> Field:
-        return plan(space, k=k, **options).field
+        try:
+            return plan(space, k=k, **options).field
+        except CircuitError:
+            if k is None or k == 1.0:
+                raise
+            return plan(space, boundary="neumann", edge=edge, resistance=resistance).field
 
     return resolve
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.control.contact import Surroundings, Touch, surroundings, touch
+from resgrid.control.controller import Nominal
 from resgrid.control.equipotential import following_velocity
 from resgrid.control.learning import INSIDE, learn, proven_cells
 from resgrid.control.log import Ending, Lesson, Mode, Run
@@ -26,6 +27,7 @@ Vector = NDArray[np.float64]
 _PATIENCE = 200
 _DITHERS = 10
 _LOOK = 4.0
+_SAME = 1e-9
 
 
 class Loop:
@@ -43,9 +45,9 @@ class Loop:
         self.rng = np.random.default_rng(seed)
         self.configuration = _checked_start(simulation, start)
         self.space, self.lessons = space, list[Lesson]()
+        self.spacing = space.spacing
         self.time, self.torque = 0.0, np.zeros(space.ndim)
         self.trail: list[Vector] = []
-        self.retreating = False
         self.anchor, self.waited, self.dithers = self.configuration, 0, 0
         self.reach = simulation.step * self.plant.cell_motion
         self.longest = simulation.step * float(space.spacing.min()) / self.controller.speed
@@ -70,11 +72,12 @@ class Loop:
 
     def _advance(self) -> None:
         believed = self._sense()
-        if self._code(believed) == Cell.GOAL:
+        seen = self.controller.seen(believed)
+        if seen.place == "goal":
             self.ending = (Ending.ARRIVED, "the robot is in a goal")
             return
         push = np.asarray(self.push_at(self.time, self.configuration))
-        chosen = self._choose(believed)
+        chosen = self._choose(believed, seen)
         if chosen is None:
             return
         mode, velocity, longest = chosen
@@ -90,29 +93,22 @@ class Loop:
             mode = _contact_mode(mode, felt)
         self._move(believed, mode, velocity, longest, around, felt, push)
 
-    def _choose(self, believed: Vector) -> tuple[Mode, Vector, float] | None:
+    def _choose(self, believed: Vector, seen: Nominal) -> tuple[Mode, Vector, float] | None:
         """Mode, velocity without forces, and the longest time step for it."""
-        served = self.controller.is_served(believed)
-        if not served and not self.noise.any():
-            self.retreating = True
-        if self.retreating and served:
-            self.retreating = False
-        if self.retreating:
+        if seen.place == "off" and not self.noise.any():
             return self._retreat()
-        nominal, rate = self.controller.nominal(believed)
-        if not served:
-            return Mode.RECOVERING, nominal, self.longest
-        longest = max(min(self.longest, 0.5 / rate if rate > 0 else np.inf), 1e-3 * self.longest)
+        if seen.place == "off":
+            return Mode.RECOVERING, self.controller.nominal(believed).velocity, self.longest
         if self.controller.response == "equipotential" and self.torque.any():
-            following = following_velocity(nominal, self.torque)
+            following = following_velocity(seen.velocity, self.torque)
             return (Mode.FOLLOWING if following.any() else Mode.JAM), following, self.longest
-        return Mode.STREAMLINE, nominal, longest
+        return Mode.STREAMLINE, seen.velocity, min(self.longest, seen.longest)
 
     def _retreat(self) -> tuple[Mode, Vector, float] | None:
         while self.trail:
             way = self.trail[-1] - self.configuration
             length = float(np.linalg.norm(way))
-            if length > 1e-9 * float(self.space.spacing.min()):
+            if length > _SAME * float(self.spacing.min()):
                 speed = self.controller.speed
                 return Mode.RETREATING, way * (speed / length), length / speed
             self.trail.pop()
@@ -158,8 +154,7 @@ class Loop:
             step /= 2
             after = self.plant.within_stops(self.configuration + step * velocity)
         else:
-            after, velocity = self.configuration, np.zeros_like(velocity)
-        step = max(step, 1e-3 * self.longest)
+            after, velocity, step = self.configuration, np.zeros_like(velocity), self.longest
         self.torque = felt.torque if felt is not None and felt.pressing.any() else np.zeros_like(velocity)
         self._record(believed, velocity, mode, felt, push)
         self._remember(mode, push, after)
@@ -169,8 +164,8 @@ class Loop:
         self._watch(after, mode)
 
     def _time_step(self, velocity: Vector, longest: float, around: Surroundings | None) -> float:
-        with np.errstate(divide="ignore"):
-            step = min(longest, self.simulation.step * float((self.space.spacing / np.abs(velocity)).min()))
+        fastest = float((np.abs(velocity) / self.spacing).max())
+        step = min(longest, self.simulation.step / fastest) if fastest > 0 else longest
         if around is not None and len(around.gap):
             margin, closing = self.simulation.margin, -(around.normal_rows @ velocity)
             meets = (closing > 0.0) & (around.gap > 1.5 * margin)
@@ -184,14 +179,14 @@ class Loop:
 
     def _remember(self, mode: Mode, push: Vector, after: Vector) -> None:
         """Keep the way back: every configuration that was left, so that each step of it has been taken before."""
-        if mode is not Mode.RETREATING:
-            self.trail.append(self.configuration)
-        elif np.linalg.norm(after - self.trail[-1]) > 1e-9 * self.space.spacing.min() and push.any():
+        away = np.abs(after - self.trail[-1]) if self.trail else np.zeros_like(after)
+        pushed_off = mode is Mode.RETREATING and push.any() and np.any(away > _SAME * self.spacing)
+        if mode is not Mode.RETREATING or pushed_off:
             self.trail.append(self.configuration)
 
     def _watch(self, after: Vector, mode: Mode) -> None:
         """Notice that the robot has stayed within half a cell for long."""
-        if mode is Mode.RETREATING or np.any(np.abs(after - self.anchor) > 0.5 * self.space.spacing):
+        if np.any(np.abs(after - self.anchor) > 0.5 * self.spacing):
             self.anchor, self.waited, self.dithers = after, 0, 0
             return
         self.waited += 1
@@ -221,9 +216,7 @@ class Loop:
         points = inner[pressing]
         if self.bias.any() or self.noise.any():
             true, seen = self.plant.pose(self.configuration), self.plant.pose(believed)
-            points = np.array(
-                [true.carried(p, int(m), seen) for p, m in zip(points, felt.part[pressing], strict=True)]
-            )
+            points = np.array([true.carried(p, int(m), seen) for p, m in zip(points, felt.part[pressing], strict=True)])
         proven = np.zeros(self.space.shape, dtype=np.bool_)
         for point in points:
             proven |= proven_cells(self.plant.robot, self.space.axes, point)
@@ -266,9 +259,7 @@ class Loop:
         none = np.zeros(self.space.ndim)
         self._record(believed, none, Mode.ARRIVED if arrived else self.recorder.last_mode, None, none)
         goal = int(self.space.goal_region[tuple(self.space.locate(believed))]) if arrived else None
-        return self.recorder.run(
-            self.ending, goal, tuple(self.lessons), self.space, self.controller.field, self.plant
-        )
+        return self.recorder.run(self.ending, goal, tuple(self.lessons), self.space, self.controller.field, self.plant)
 
 
 def _contact_mode(mode: Mode, felt: Touch) -> Mode:

@@ -73,13 +73,13 @@ class Plant:
         """Pose of the robot; a point is brought back into periodic axes."""
         return pose_of(self.robot, self._own(configuration))
 
-    def _own(self, configuration: NDArray[np.float64]) -> NDArray[np.float64]:
-        if not isinstance(self.robot, PointRobot | DiscRobot):
-            return configuration
+    def _own(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
+        if not (isinstance(self.robot, PointRobot | DiscRobot) and any(axis.periodic for axis in self.axes)):
+            return configurations
         low = np.array([axis.lower for axis in self.axes])
         extent = np.array([axis.upper - axis.lower for axis in self.axes])
         ring = np.array([axis.periodic for axis in self.axes])
-        return np.asarray(np.where(ring, low + np.mod(configuration - low, extent), configuration))
+        return np.asarray(np.where(ring, low + np.mod(configurations - low, extent), configurations))
 
     @cached_property
     def cell_motion(self) -> float:
@@ -157,7 +157,7 @@ class Plant:
         """
         from resgrid.planning.bodies import bodies_of, parts_of
 
-        points = np.array([self._own(row) for row in np.atleast_2d(np.asarray(configurations, dtype=np.float64))])
+        points = self._own(np.atleast_2d(np.asarray(configurations, dtype=np.float64)))
         space = ConfigurationSpace(self.axes, np.zeros(tuple(axis.cells for axis in self.axes), np.uint8))
         depth = np.zeros(len(points))
         for body in bodies_of(self.obstacles, self.robot, space):
@@ -201,9 +201,7 @@ def plant_of(scene: Scene) -> Plant:
     return make_plant(scene.robot, scene.axes, known, hidden)
 
 
-def make_plant(
-    robot: Robot, axes: Sequence[Axis], known: Sequence[Shape], hidden: Sequence[Shape] = ()
-) -> Plant:
+def make_plant(robot: Robot, axes: Sequence[Axis], known: Sequence[Shape], hidden: Sequence[Shape] = ()) -> Plant:
     """A plant from its parts.
 
     Parameters

@@ -36,7 +36,7 @@ class Push:
         if force.ndim != 1 or not np.isfinite(force).all():
             raise InputError(f"a push needs a finite force, one entry per axis, got {force.tolist()}")
         if not (0 <= self.start < np.inf and 0 < self.duration < np.inf):
-            raise InputError(f"a push from {self.start} s for {self.duration} s: both must be finite, the second above 0")
+            raise InputError(f"a push from {self.start} s for {self.duration} s: give finite times, the second above 0")
 
 
 def random_pushes(seed: int, ndim: int, *, until: float, size: float, duration: float, count: int = 8) -> list[Push]:
