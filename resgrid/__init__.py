@@ -101,11 +101,17 @@ if TYPE_CHECKING:
     )
     from resgrid.space import Axis, Cell, ConfigurationSpace
     from resgrid.spice.agreement import Agreement, check_deck, check_spice
+    from resgrid.spice.balance import PowerBalance, power_balance
     from resgrid.spice.deck import format_deck
+    from resgrid.spice.drops import Drops, supply_drops
+    from resgrid.spice.finding import Finding
+    from resgrid.spice.forecast import Forecast, forecast_run
     from resgrid.spice.ngspice import run_ngspice
     from resgrid.spice.parsed import Note, ParsedDeck
+    from resgrid.spice.rawwriter import write_raw
     from resgrid.spice.reader import read_spice
     from resgrid.spice.rules import check_rules
+    from resgrid.spice.verdicts import Verdict, predict_simulators
     from resgrid.spice.writer import write_spice
 
 _HOME = {
@@ -233,7 +239,17 @@ _HOME = {
     "Note": "resgrid.spice.parsed",
     "ParsedDeck": "resgrid.spice.parsed",
     "read_spice": "resgrid.spice.reader",
+    "PowerBalance": "resgrid.spice.balance",
+    "power_balance": "resgrid.spice.balance",
+    "Drops": "resgrid.spice.drops",
+    "supply_drops": "resgrid.spice.drops",
+    "Finding": "resgrid.spice.finding",
+    "Forecast": "resgrid.spice.forecast",
+    "forecast_run": "resgrid.spice.forecast",
+    "write_raw": "resgrid.spice.rawwriter",
     "check_rules": "resgrid.spice.rules",
+    "Verdict": "resgrid.spice.verdicts",
+    "predict_simulators": "resgrid.spice.verdicts",
     "write_spice": "resgrid.spice.writer",
 }
 """Where every public name lives."""
@@ -257,7 +273,10 @@ __all__ = [
     "ConfigurationSpace",
     "Defects",
     "DiscRobot",
+    "Drops",
     "Field",
+    "Finding",
+    "Forecast",
     "InputError",
     "Layout",
     "Netlist",
@@ -270,6 +289,7 @@ __all__ = [
     "PointRobot",
     "PolygonRobot",
     "Power",
+    "PowerBalance",
     "Precision",
     "Readout",
     "ResgridError",
@@ -285,6 +305,7 @@ __all__ = [
     "Trajectory",
     "Transient",
     "TransientStepper",
+    "Verdict",
     "Walk",
     "__version__",
     "absorption",
@@ -311,6 +332,7 @@ __all__ = [
     "conductance_samples",
     "factor",
     "field",
+    "forecast_run",
     "format_deck",
     "free_volume_lost",
     "mismatch_factors",
@@ -339,6 +361,8 @@ __all__ = [
     "plot_streamlines",
     "plot_tip_ways",
     "plot_workspace",
+    "power_balance",
+    "predict_simulators",
     "random_walk",
     "read_queries",
     "read_scene",
@@ -357,6 +381,7 @@ __all__ = [
     "solve",
     "streamline",
     "streamlines",
+    "supply_drops",
     "surface_normals",
     "time_path",
     "transient",
@@ -367,6 +392,7 @@ __all__ = [
     "workspace_clearance",
     "workspace_path",
     "write_path",
+    "write_raw",
     "write_spice",
 ]
 

@@ -139,11 +139,11 @@ def _readable(choice: SceneChoice, read_as: str, root: str | None, report: Repor
 
 def _foretell(circuit: Netlist | ParsedDeck | None, run: Run, report: Report) -> None:
     """Say what the simulator will take, and refuse what will not end in time."""
-    from resgrid.spice.forecast import forecast, require_time
+    from resgrid.spice.forecast import forecast_run, require_time
 
     if circuit is None:
         return
-    expected: Forecast = forecast(circuit, run.engine)
+    expected: Forecast = forecast_run(circuit, run.engine)
     require_time(expected, run.timeout)
     tell = report.say if expected.seconds > _WORTH_TELLING else report.detail
     tell(str(expected))

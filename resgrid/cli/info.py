@@ -130,12 +130,12 @@ def describe_deck(deck: ParsedDeck) -> dict[str, Any]:
     """
     import numpy as np
 
-    from resgrid.spice.forecast import forecast
+    from resgrid.spice.forecast import forecast_run
     from resgrid.spice.subject import subject_of
 
     part = subject_of(deck).part
     ohms = deck.resistance[deck.resistance > 0]
-    foretold = forecast(deck)
+    foretold = forecast_run(deck)
     return {
         **deck_data(deck),
         "smallest_resistance": float(ohms.min()) if ohms.size else None,

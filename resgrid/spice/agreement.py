@@ -21,6 +21,7 @@ from resgrid.spice.ngspice import Simulation, read_deck
 from resgrid.spice.sidecar import Sidecar, altered_lines, read_sidecar, sidecar_path
 
 if TYPE_CHECKING:
+    from resgrid.spice.foreign import Runnable
     from resgrid.spice.parsed import ParsedDeck
 
 Reference = Literal["sidecar", "scene", "solve"]
@@ -281,8 +282,17 @@ def check_read_deck(deck: ParsedDeck, point: OperatingPoint, data: bytes, run: R
     found = compare(expected, simulation, tolerance=run.tolerance, reference="solve")
     places = places_of(deck, (name for name, *_ in found.worst)) if job.as_written and not found.agrees else {}
     located = tuple(_with_place(finding, places) for finding in found.findings)
-    how = () if job.as_written or found.agrees else (f"what was simulated is the deck as read, for {job.why}",)
-    return replace(found, findings=(*located, *how))
+    return found if found.agrees else replace(found, findings=(*located, *_explanations(deck, job)))
+
+
+def _explanations(deck: ParsedDeck, job: Runnable) -> list[str]:
+    """Why a simulator may disagree: what it is known to make of such a deck."""
+    if not job.as_written:
+        return [f"what was simulated is the deck as read, for {job.why}"]
+    from resgrid.spice.verdicts import predict_simulators
+
+    verdict = next(verdict for verdict in predict_simulators(deck) if verdict.simulator == _SIMULATED)
+    return [] if verdict.outcome == "right" else [f"this was to be expected: {verdict}"]
 
 
 def _with_place(finding: str, places: Mapping[str, str]) -> str:

@@ -99,7 +99,7 @@ class Forecast:
         )
 
 
-def forecast(circuit: Netlist | ParsedDeck, engine: str = "ngspice") -> Forecast:
+def forecast_run(circuit: Netlist | ParsedDeck, engine: str = "ngspice") -> Forecast:
     """Foretell time and memory of a simulator's operating point, in time proportional to the elements.
 
     Parameters

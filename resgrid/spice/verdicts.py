@@ -120,13 +120,14 @@ def _of_deck(habits: Habits, case: _Case) -> Verdict:
     doubts = _doubts(habits, case)
     if not reasons:
         return Verdict(habits.name, "unsure" if doubts else "right", None, None, doubts, habits.basis)
-    error, node = _error(changed, case)
-    wrong: Outcome = "wrong"
-    if error is not None and node is not None:
-        scale = float(np.nanmax(np.abs(case.voltage), initial=0.0)) if case.voltage is not None else 0.0
-        wrong = "wrong" if not error <= TOLERANCE * scale else "right"
-    outcome = "unsure" if doubts and wrong == "right" else wrong
-    return Verdict(habits.name, outcome, error, node, (*reasons, *doubts), habits.basis)
+    error = _error(changed, case)
+    if error is None:
+        return Verdict(habits.name, "wrong", None, None, (*reasons, *doubts), habits.basis)
+    if error.lost:
+        reasons.append(f"node {error.lost} is cut off")
+    harmless = error.volts <= TOLERANCE * error.scale and not error.lost
+    outcome: Outcome = "wrong" if not harmless else "unsure" if doubts else "right"
+    return Verdict(habits.name, outcome, error.volts, error.node, (*reasons, *doubts), habits.basis)
 
 
 def _fatal(habits: Habits, case: _Case) -> tuple[str, ...]:
@@ -257,16 +258,26 @@ def _voltages(netlist: Netlist) -> NDArray[np.float64]:
     return solve(netlist, accuracy="normwise", rtol=1e-12).voltage
 
 
-def _error(changed: _Changed, case: _Case) -> tuple[float | None, str | None]:
-    """Largest difference to the right answer, in volts, and its node."""
+@dataclass(frozen=True)
+class _Error:
+    """Largest difference to the right answer and the largest right voltage, in volts; a node that has none any more."""
+
+    volts: float
+    node: str
+    scale: float
+    lost: str
+
+
+def _error(changed: _Changed, case: _Case) -> _Error | None:
     if case.voltage is None:
-        return None, None
+        return None
     try:
         got = _voltages(changed.netlist())
     except ResgridError:
-        return None, None
-    difference = np.abs(got - case.voltage)
-    difference[np.isnan(case.voltage)] = 0.0
+        return None
+    names = case.deck.node_names
+    lost = np.flatnonzero(np.isnan(got) & ~np.isnan(case.voltage))
+    difference = np.nan_to_num(np.abs(got - case.voltage), nan=0.0)
     worst = int(np.argmax(difference))
-    size = float(difference[worst])
-    return (size if np.isfinite(size) else None), case.deck.node_names[worst]
+    scale = float(np.nanmax(np.abs(case.voltage), initial=0.0))
+    return _Error(float(difference[worst]), names[worst], scale, names[lost[0]] if lost.size else "")
