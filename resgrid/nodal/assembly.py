@@ -94,7 +94,7 @@ def _closed_up(indptr: Indices, fill: Indices, indices: Indices, data: Floats) -
     size = 0
     for i in range(len(fill)):
         begin, end = indptr[i], fill[i]
-        _sort_row(indices, data, begin, end)
+        sort_row(indices, data, begin, end)
         indptr[i] = size
         for k in range(begin, end):
             if size > indptr[i] and indices[size - 1] == indices[k]:
@@ -108,7 +108,8 @@ def _closed_up(indptr: Indices, fill: Indices, indices: Indices, data: Floats) -
 
 
 @njit(cache=True)
-def _sort_row(indices: Indices, data: Floats, begin: int, end: int) -> None:
+def sort_row(indices: Indices, data: Floats, begin: int, end: int) -> None:
+    """Sort the entries ``begin ... end`` by column, in place."""
     if end - begin > 64:
         order = np.argsort(indices[begin:end], kind="mergesort")
         indices[begin:end] = indices[begin:end][order]

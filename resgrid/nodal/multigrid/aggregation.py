@@ -6,6 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.nodal.assembly import sort_row
+
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
 Integers = NDArray[np.int64]
@@ -49,7 +51,27 @@ def aggregate_blocks(indptr: Indices, indices: Indices, coordinate: Indices) -> 
             if together:
                 a, b = _find(parent, node), _find(parent, other)
                 parent[max(a, b)] = min(a, b)
-    return _numbered(parent)
+    return _numbered_by_colour(parent, coordinate)
+
+
+@njit(cache=True)
+def _numbered_by_colour(parent: Indices, coordinate: Indices) -> tuple[Indices, int]:
+    """Number the trees, those in blocks of even index sum first: resistors join the two halves only."""
+    aggregate = np.empty(len(parent), np.int32)
+    count = 0
+    for colour in range(2):
+        for node in range(len(parent)):
+            if parent[node] != node:
+                continue
+            total = 0
+            for axis in range(coordinate.shape[1]):
+                total += coordinate[node, axis] >> 1
+            if total & 1 == colour:
+                aggregate[node] = count
+                count += 1
+    for node in range(len(parent)):
+        aggregate[node] = aggregate[_find(parent, node)]
+    return aggregate, count
 
 
 @njit(cache=True)
@@ -114,9 +136,7 @@ def coarsen(
                     new_conductance[size] = 0.0
                     size += 1
                 new_conductance[place[column]] += conductance[k]
-        order = np.argsort(new_indices[begin:size])
-        new_indices[begin:size] = new_indices[begin:size][order]
-        new_conductance[begin:size] = new_conductance[begin:size][order]
+        sort_row(new_indices, new_conductance, begin, size)
         new_indptr[row + 1] = size
     return new_indptr, new_indices[:size].copy(), new_conductance[:size].copy(), new_leak
 

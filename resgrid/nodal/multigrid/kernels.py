@@ -15,7 +15,9 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
-Indices = NDArray[np.int32]
+Unsigned = NDArray[np.uint32]
+"""Indices without a sign: compiled code need not ask whether one counts from the end."""
+
 Integers = NDArray[np.int64]
 
 
@@ -25,14 +27,17 @@ class Stack(NamedTuple):
     Attributes
     ----------
     first : ndarray of int64, shape (levels + 1,)
-    indptr : ndarray of int64, shape (nodes + 1,)
+    red : ndarray of int64, shape (levels,)
+        Where a level's first nodes and its others have no neighbours among themselves: behind the last of the first;
+        elsewhere -1.
+    indptr : ndarray of uint32, shape (nodes + 1,)
         Row starts, in the entries of all levels.
-    indices : ndarray of int32
-        Neighbours, counted within their level.
+    indices : ndarray of uint32
+        Neighbours, counted in all levels.
     conductance, inverse, diagonal : ndarray of float32
         Of entries, and of the diagonal with its reciprocal.
-    aggregate : ndarray of int32, shape (nodes,)
-        Node of the next level that a node belongs to.
+    aggregate : ndarray of uint32, shape (nodes,)
+        Node of the next level that a node belongs to, counted in all levels.
     coarsest : ndarray of float32
         Inverse of the last level's matrix.
     b, x, c, v, w, kept : ndarray of float32, shape (nodes,)
@@ -40,12 +45,13 @@ class Stack(NamedTuple):
     """
 
     first: Integers
-    indptr: Integers
-    indices: Indices
+    red: Integers
+    indptr: Unsigned
+    indices: Unsigned
     conductance: Singles
     inverse: Singles
     diagonal: Singles
-    aggregate: Indices
+    aggregate: Unsigned
     coarsest: Singles
     b: Singles
     x: Singles
@@ -55,58 +61,85 @@ class Stack(NamedTuple):
     kept: Singles
 
 
+@njit(cache=True, inline="always")
+def _drawn(stack: Stack, x: Singles, i: int) -> np.float32:
+    """``sum_j g_ij x_j``."""
+    s = np.float32(0.0)
+    for k in range(stack.indptr[i], stack.indptr[i + 1]):
+        s += stack.conductance[k] * x[stack.indices[k]]
+    return s
+
+
 @njit(cache=True)
 def _descend(stack: Stack, level: int) -> None:
-    """Forward Gauss-Seidel from zero, and the residual summed into the next level's right-hand side.
-
-    After the sweep row ``i`` lacks only its later neighbours: its residual is ``sum_{j > i} g_ij x_j``.
-    """
-    begin, end = stack.first[level], stack.first[level + 1]
-    following = stack.first[level + 1]
-    for node in range(following, stack.first[level + 2]):
+    """Gauss-Seidel from zero, and the residual summed into the next level's right-hand side."""
+    end = stack.first[level + 1]
+    for node in range(end, stack.first[level + 2]):
         stack.b[node] = 0.0
+    if stack.red[level] >= 0:
+        _descend_by_colour(stack, stack.first[level], stack.red[level], end)
+    else:
+        _descend_in_order(stack, stack.first[level], end)
+
+
+@njit(cache=True)
+def _descend_by_colour(stack: Stack, begin: int, red: int, end: int) -> None:
+    """Red, then black: what is left is at red nodes, and due to black ones."""
+    b, x = stack.b, stack.x
+    for i in range(begin, red):
+        x[i] = b[i] * stack.inverse[i]
+    for i in range(red, end):
+        x[i] = (b[i] + _drawn(stack, x, i)) * stack.inverse[i]
+    for i in range(begin, red):
+        b[stack.aggregate[i]] += _drawn(stack, x, i)
+
+
+@njit(cache=True)
+def _descend_in_order(stack: Stack, begin: int, end: int) -> None:
+    """Forward: after the sweep row ``i`` lacks only its later neighbours, its residual is ``sum_{j > i} g_ij x_j``."""
     for i in range(begin, end):
         s = stack.b[i]
         for k in range(stack.indptr[i], stack.indptr[i + 1]):
-            j = begin + stack.indices[k]
+            j = stack.indices[k]
             if j > i:
                 break
             s += stack.conductance[k] * stack.x[j]
         stack.x[i] = s * stack.inverse[i]
     for i in range(begin, end):
         s = np.float32(0.0)
-        for k in range(stack.indptr[i + 1] - 1, stack.indptr[i] - 1, -1):
-            j = begin + stack.indices[k]
-            if j < i:
-                break
-            s += stack.conductance[k] * stack.x[j]
-        stack.b[following + stack.aggregate[i]] += s
+        for k in range(stack.indptr[i], stack.indptr[i + 1]):
+            j = stack.indices[k]
+            if j > i:
+                s += stack.conductance[k] * stack.x[j]
+        stack.b[stack.aggregate[i]] += s
 
 
 @njit(cache=True)
 def _ascend(stack: Stack, level: int) -> None:
-    """Add the next level's answer, then backward Gauss-Seidel."""
-    begin, end = stack.first[level], stack.first[level + 1]
-    for i in range(begin, end):
-        stack.x[i] += stack.x[end + stack.aggregate[i]]
-    for i in range(end - 1, begin - 1, -1):
-        s = stack.b[i]
-        for k in range(stack.indptr[i], stack.indptr[i + 1]):
-            s += stack.conductance[k] * stack.x[begin + stack.indices[k]]
-        stack.x[i] = s * stack.inverse[i]
+    """Add the next level's answer, then Gauss-Seidel in the reverse order."""
+    begin, end, red = stack.first[level], stack.first[level + 1], stack.red[level]
+    b, x = stack.b, stack.x
+    if red < 0:
+        for i in range(begin, end):
+            x[i] += x[stack.aggregate[i]]
+        for i in range(end - 1, begin - 1, -1):
+            x[i] = (b[i] + _drawn(stack, x, i)) * stack.inverse[i]
+        return
+    for i in range(begin, red):
+        x[i] += x[stack.aggregate[i]]
+    for i in range(red, end):
+        x[i] = (b[i] + _drawn(stack, x, i)) * stack.inverse[i]
+    for i in range(begin, red):
+        x[i] = (b[i] + _drawn(stack, x, i)) * stack.inverse[i]
 
 
 @njit(cache=True)
 def _multiply(stack: Stack, level: int, x: Singles, y: Singles) -> float:
     """``y = A x`` on one level; returns ``x . y``."""
-    begin, end = stack.first[level], stack.first[level + 1]
     total = 0.0
-    for i in range(begin, end):
-        s = stack.diagonal[i] * x[i]
-        for k in range(stack.indptr[i], stack.indptr[i + 1]):
-            s -= stack.conductance[k] * x[begin + stack.indices[k]]
-        y[i] = s
-        total += np.float64(s) * np.float64(x[i])
+    for i in range(stack.first[level], stack.first[level + 1]):
+        y[i] = stack.diagonal[i] * x[i] - _drawn(stack, x, i)
+        total += np.float64(y[i]) * np.float64(x[i])
     return total
 
 
@@ -172,8 +205,8 @@ def _second_step(stack: Stack, level: int, energy: float, alpha: float) -> None:
 
 
 @njit(cache=True)
-def cycle(stack: Stack, stop: float) -> None:
-    """Approximate ``x = A^-1 b`` on the first level: a V-cycle there, K-cycles below (Notay & Vassilevski 2008).
+def cycle(stack: Stack, stop: float, first: int) -> None:
+    """Approximate ``x = A^-1 b`` on the first level, by K-cycles from level ``first`` on (Notay & Vassilevski 2008).
 
     The K-cycle takes one or two steps of flexible conjugate gradients, each preconditioned by the cycle below; the
     second is spared where the first has brought the residual under ``stop`` times the right-hand side.  The recursion
@@ -192,7 +225,7 @@ def cycle(stack: Stack, stop: float) -> None:
             _ascend(stack, level)
         done = False
         if visits[level] == 1:
-            done = level == 0 or _first_step(stack, level, stop, energy, alpha)
+            done = level < first or _first_step(stack, level, stop, energy, alpha)
         elif visits[level] == 2:
             _second_step(stack, level, energy[level], alpha[level])
             done = True
@@ -211,14 +244,21 @@ def apply(stack: Stack, r: Floats, scale: float, z: Singles) -> None:
     n = stack.first[1]
     for i in range(n):
         stack.b[i] = np.float32(r[i] / scale)
-    cycle(stack, 0.25)
+    cycle(stack, 0.25, 1)
     for i in range(n):
         z[i] = stack.x[i]
 
 
 @njit(cache=True)
 def multiply(
-    indptr: Indices, indices: Indices, conductance: Floats, excess: Floats, z: Singles, r: Floats, s: Floats, w: Floats
+    indptr: Unsigned,
+    indices: Unsigned,
+    conductance: Floats,
+    excess: Floats,
+    z: Singles,
+    r: Floats,
+    s: Floats,
+    w: Floats,
 ) -> tuple[float, float, float]:
     """``w = A z`` in double precision, differences first; returns ``z.r``, ``z.w`` and ``z.s``."""
     zr, zw, zs = 0.0, 0.0, 0.0
@@ -249,7 +289,7 @@ def advance(z: Singles, w: Floats, p: Floats, s: Floats, x: Floats, r: Floats, b
 
 @njit(cache=True)
 def subtract_product(
-    indptr: Indices, indices: Indices, conductance: Floats, excess: Floats, b: Floats, x: Floats, r: Floats
+    indptr: Unsigned, indices: Unsigned, conductance: Floats, excess: Floats, b: Floats, x: Floats, r: Floats
 ) -> float:
     """``r = b - A x``, differences first; returns ``|r|``."""
     total = 0.0

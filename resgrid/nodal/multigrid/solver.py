@@ -11,21 +11,23 @@ digits of the largest entry: a potential that falls by 45 decades takes five pas
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
-from resgrid.nodal.multigrid.kernels import Stack
 from resgrid.nodal.refine import Numbers, refine
 from resgrid.nodal.scaled import Scaled, power
 from resgrid.nodal.system import NodalSystem
+
+if TYPE_CHECKING:
+    from resgrid.nodal.multigrid.hierarchy import Hierarchy
 
 REFINED = 1e-20
 """Componentwise backward error at which refinement stops."""
 
 _PASS = 1e-9
-_MOST_ITERATIONS = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,12 +37,11 @@ class MultigridFactor:
     Attributes
     ----------
     system : NodalSystem
-    stack : Stack
-        All levels of the hierarchy.
+    hierarchy : Hierarchy
     """
 
     system: NodalSystem
-    stack: Stack
+    hierarchy: Hierarchy
     name = "multigrid"
 
     def solve(self, rhs: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
@@ -64,7 +65,7 @@ class MultigridFactor:
             If the iteration stagnates above the bound; it carries the best answer.
         """
         x, residual = self._iterate(rhs, rtol)
-        degree = 2.0 * float(self.stack.diagonal[: self.system.size].max(initial=0.0))
+        degree = 2.0 * float(self.system.degree.max(initial=0.0))
         error = residual / (degree * float(np.linalg.norm(x)) + float(np.linalg.norm(rhs)) or 1.0)
         if not error <= rtol:
             raise AccuracyError(
@@ -103,32 +104,9 @@ class MultigridFactor:
         return x * largest, np.full_like(e, top)
 
     def _iterate(self, b: NDArray[np.float64], rtol: float) -> tuple[NDArray[np.float64], float]:
-        """Flexible conjugate gradients with restarts; returns the answer and the norm of its true residual."""
-        from resgrid.nodal.multigrid import kernels
+        from resgrid.nodal.multigrid.iteration import iterate
 
-        coupling, excess = self.system.coupling, self.system.excess
-        matrix = (coupling.indptr, coupling.indices, coupling.data, excess)
-        n = len(b)
-        x, r, z = np.zeros(n), b.copy(), np.empty(n, dtype=np.float32)
-        size, left = float(np.linalg.norm(b)), _MOST_ITERATIONS
-        goal = rtol * size
-        while size > goal and left > 0:
-            p, s, w = np.zeros(n), np.zeros(n), np.empty(n)
-            trial, recursive, energy = x.copy(), size, 0.0
-            while recursive > 0.7 * goal and left > 0:
-                kernels.apply(self.stack, r, recursive, z)
-                zr, zw, zs = kernels.multiply(*matrix, z, r, s, w)
-                beta = -zs / energy if energy > 0.0 else 0.0
-                energy = zw + beta * zs
-                if not energy > 0.0:
-                    break
-                recursive = float(np.sqrt(kernels.advance(z, w, p, s, trial, r, beta, zr / energy)))
-                left -= 1
-            true = kernels.subtract_product(*matrix, b, trial, r)
-            if not true < 0.5 * size:
-                break
-            x, size = trial, true
-        return x, size
+        return iterate(self.system, self.hierarchy, b, rtol)
 
 
 def factor_multigrid(system: NodalSystem) -> MultigridFactor:
