@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from resgrid.compiler import compile_space
 from resgrid.device import faces
 from resgrid.device.passes import apply_passes, passes_of
-from resgrid.device.randomness import seed_of
+from resgrid.device.randomness import Seed, seed_of
 from resgrid.device.resistors import Mismatch, drawn_factors
 from resgrid.device.switches import InternodalSwitches
 from resgrid.errors import InputError
@@ -108,17 +108,22 @@ def mismatch_factors(netlist: Netlist, chip: Chip, seeds: Iterable[Any]) -> NDAr
         the grid's own.
     """
     wanted = [seed_of(seed) for seed in seeds]
-    factors = np.ones((len(wanted), len(netlist.conductance)))
+    factors = np.empty((len(wanted), len(netlist.conductance)))
+    for row, drawn in zip(factors, _drawn_rows(netlist, chip, wanted), strict=True):
+        row[:] = drawn
+    return factors
+
+
+def _drawn_rows(netlist: Netlist, chip: Chip, seeds: Sequence[Seed]) -> Iterator[NDArray[np.float64]]:
+    """The factors of one chip after the other, each of shape (resistors,)."""
     model = next((effect for effect in passes_of(chip) if isinstance(effect, Mismatch)), None)
     if model is None:
-        return factors
+        yield from (np.ones(len(netlist.conductance)) for _ in seeds)
+        return
     log_variance = np.log1p(model.deviations(netlist) ** 2)
     spread, shift = np.sqrt(log_variance), 0.5 * log_variance
-    own = faces.on_grid(netlist)
-    place = faces.identity(netlist)[0][own]
-    for row, seed in zip(factors, wanted, strict=True):
-        row[own] = drawn_factors(spread, shift, seed)[place]
-    return factors
+    for seed in seeds:
+        yield faces.per_resistor(netlist, drawn_factors(spread, shift, seed))[0]
 
 
 def conductance_samples(netlist: Netlist, chip: Chip, seeds: Iterable[Any]) -> tuple[Netlist, NDArray[np.float64]]:
@@ -152,7 +157,6 @@ def conductance_samples(netlist: Netlist, chip: Chip, seeds: Iterable[Any]) -> t
     passes = passes_of(chip)
     made = next((place for place, effect in enumerate(passes) if isinstance(effect, Mismatch)), 0)
     drawn = apply_passes(netlist, passes[:made])
-    factors = mismatch_factors(drawn, chip, seeds)
     circuit, switch = drawn, np.zeros(len(drawn.conductance))
     for effect in passes[made:]:
         if isinstance(effect, Mismatch):
@@ -161,8 +165,11 @@ def conductance_samples(netlist: Netlist, chip: Chip, seeds: Iterable[Any]) -> t
         if isinstance(effect, InternodalSwitches):
             # A closed switch lies in series with a resistor, and does not share its mismatch.
             switch = 1 / circuit.conductance[: len(switch)] - 1 / before.conductance
+    wanted = [seed_of(seed) for seed in seeds]
+    samples = np.empty((len(wanted), len(circuit.conductance)))
+    samples[:] = circuit.conductance
     m = len(switch)
-    samples = np.empty((len(factors), len(circuit.conductance)))
-    samples[:, m:] = circuit.conductance[m:]
-    np.divide(1.0, (1 / circuit.conductance[:m] - switch) * factors + switch, out=samples[:, :m])
+    resistance = 1 / circuit.conductance[:m] - switch
+    for row, factors in zip(samples, _drawn_rows(drawn, chip, wanted), strict=True):
+        np.divide(1.0, resistance * factors + switch, out=row[:m])
     return circuit, samples
