@@ -16,6 +16,10 @@ from resgrid.netlist import Layout
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.space import Cell
 
+_SMALL = 1e-4
+_SATURATED = 1.0 - 1e-16
+"""Shares of ``I0`` below which a nonlinear resistor is linear, and above which its voltage cannot be told."""
+
 
 @dataclass(frozen=True, eq=False)
 class Steps:
@@ -63,10 +67,12 @@ class Steps:
 def steps_of(point: OperatingPoint) -> Steps:
     """Read the voltage steps between neighbouring cells off an operating point.
 
+    Neighbours that no element joins (a broken resistor) are compared by the voltages of their nodes.
+
     Parameters
     ----------
     point : OperatingPoint
-        Of a netlist with a layout, in which every two neighbours are joined by one element.
+        Of a netlist with a layout.
 
     Returns
     -------
@@ -77,25 +83,49 @@ def steps_of(point: OperatingPoint) -> Steps:
     InputError
         If the netlist has no layout.
     """
-    netlist = point.netlist
-    layout = netlist.layout
+    layout = point.netlist.layout
     if layout is None:
         raise InputError("this netlist was not compiled from a space, so there are no cells to step between")
-    between = layout.resistor_face >= 0
-    ends = netlist.resistor_nodes[between]
-    flow = point.resistor_direction[between]
-    size = point.resistor_log_current[between] - np.log(netlist.conductance[between])
-    cell = _cell_of_end(layout, ends, layout.resistor_face[between], layout.resistor_upward[between])
-    across = np.subtract(*np.nan_to_num(point.voltage)[netlist.nonlinear_nodes.T])
-    if len(across):
-        with np.errstate(divide="ignore"):
-            bent = netlist.nonlinear_voltage * np.arctanh(np.abs(point.nonlinear_amps) / netlist.nonlinear_current)
-            size = np.append(size, np.log(bent))
-        flow = np.append(flow, point.nonlinear_direction)
-        ends = np.concatenate([ends, netlist.nonlinear_nodes])
-        extra = _cell_of_end(layout, netlist.nonlinear_nodes, layout.nonlinear_face, layout.nonlinear_upward)
-        cell = np.concatenate([cell, extra])
-    return _both_ways(layout, cell, np.asarray(flow * int(np.sign(layout.supply))).astype(np.int8), size)
+    around = _cells_of_faces(layout)
+    face, upward, flow, size = _measured(point, layout)
+    free = _open_faces(layout, around)
+    free[face] = False
+    bare = np.flatnonzero(free)
+    bare_flow, bare_size = _compared(point, layout.node.ravel()[around[bare]])
+    along = np.where(upward, 1, -1).astype(np.int8) * flow
+    cell = around[np.append(face, bare)]
+    sign = np.append(along, bare_flow) * np.int8(np.sign(layout.supply))
+    return _both_ways(layout, cell, sign, np.append(size, bare_size))
+
+
+def _measured(
+    point: OperatingPoint, layout: Layout
+) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]]:
+    """Face, orientation, direction of the current and log of the voltage of every element that crosses a face."""
+    netlist = point.netlist
+    linear, bent = layout.resistor_face >= 0, layout.nonlinear_face >= 0
+    size = point.resistor_log_current[linear] - np.log(netlist.conductance[linear])
+    share = np.abs(point.nonlinear_amps[bent]) / netlist.nonlinear_current[bent]
+    with np.errstate(divide="ignore"):
+        across = np.log(netlist.nonlinear_voltage[bent]) + np.where(
+            share > _SMALL, np.log(np.arctanh(np.minimum(share, _SATURATED))),
+            point.nonlinear_log_amps[bent] - np.log(netlist.nonlinear_current[bent]),
+        )  # fmt: skip
+    return (
+        np.append(layout.resistor_face[linear], layout.nonlinear_face[bent]),
+        np.append(layout.resistor_upward[linear], layout.nonlinear_upward[bent]),
+        np.append(point.resistor_direction[linear], point.nonlinear_direction[bent]),
+        np.append(size, across),
+    )
+
+
+def _compared(point: OperatingPoint, nodes: NDArray[np.int64]) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
+    """Direction from high voltage to low, and log of the difference, between pairs of nodes that nothing joins."""
+    first, second = point.voltage[nodes.T]
+    down = np.nan_to_num(first - second)
+    with np.errstate(divide="ignore"):
+        size = np.log(np.abs(down))
+    return np.sign(down).astype(np.int8), size
 
 
 def _both_ways(layout: Layout, cell: NDArray[np.int64], flow: NDArray[np.int8], size: NDArray[np.float64]) -> Steps:
@@ -109,26 +139,22 @@ def _both_ways(layout: Layout, cell: NDArray[np.int64], flow: NDArray[np.int8], 
     return Steps(layout, here[keep], there[keep], sign[keep], np.concatenate([size, size])[keep])
 
 
-def _cell_of_end(
-    layout: Layout, ends: NDArray[np.int64], face: NDArray[np.int64], upward: NDArray[np.bool_]
-) -> NDArray[np.int64]:
-    """Cells below and above every resistor's face in the order of its nodes, shape (m, 2); -1 beyond the edge."""
+def _cells_of_faces(layout: Layout) -> NDArray[np.int64]:
+    """Flat index of the cells below and above every face, -1 beyond the edge; shape (faces, 2)."""
     shape = layout.space.shape
-    result = np.full(ends.shape, -1, dtype=np.int64)
-    first = 0
-    for axis, size in enumerate(shape):
-        grid = (*shape[:axis], size + 1, *shape[axis + 1 :])
-        count = int(np.prod(grid))
-        mine = np.flatnonzero((face >= first) & (face < first + count))
-        index = np.stack(np.unravel_index(face[mine] - first, grid), axis=1)
-        for column, offset in ((0, -1), (1, 0)):
-            place = index.copy()
-            place[:, axis] += offset
-            if layout.space.axes[axis].periodic:
-                place[:, axis] %= size
-            inside = (place[:, axis] >= 0) & (place[:, axis] < size)
-            flat = np.ravel_multi_index(tuple(place[inside].T), shape)
-            side = np.where(upward[mine[inside]], column, 1 - column)
-            result[mine[inside], side] = flat
-        first += count
-    return result
+    flat = np.arange(layout.space.cell.size).reshape(shape)
+    parts = []
+    for axis in range(len(shape)):
+        lines = np.moveaxis(flat, axis, 0)
+        beyond = lines[[-1, 0]] if layout.space.axes[axis].periodic else np.full((2, *lines.shape[1:]), -1)
+        below = np.moveaxis(np.concatenate([beyond[:1], lines]), 0, axis)
+        above = np.moveaxis(np.concatenate([lines, beyond[1:]]), 0, axis)
+        parts.append(np.stack([below.ravel(), above.ravel()], axis=1))
+    return np.concatenate(parts)
+
+
+def _open_faces(layout: Layout, around: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Faces between two different cells that a robot may occupy and that have nodes, shape (faces,)."""
+    may = (layout.space.cell.ravel() != Cell.OBSTACLE) & (layout.node.ravel() >= 0)
+    inside = (around >= 0).all(axis=1) & (around[:, 0] != around[:, 1])
+    return np.asarray(inside & may[around].all(axis=1))

@@ -52,7 +52,7 @@ class Power:
     point : OperatingPoint
         The operating point.
     rails : tuple of RailPower
-        Voltage sources, rail by rail.
+        Voltage sources, rail by rail; without those of 0 V that join a cell to a rail.
     current_sources : float
         Power that all current sources deliver, in watts.
     resistor : ndarray of float64, shape (resistors,)
@@ -173,7 +173,9 @@ def _rails(point: OperatingPoint) -> tuple[RailPower, ...]:
     netlist = point.netlist
     groups: dict[tuple[str, float], list[int]] = {}
     names = _rail_names(netlist)
-    for number, volts in enumerate(netlist.source_volts.tolist()):
+    ties = (netlist.source_volts == 0.0) & (netlist.source_nodes != GROUND).all(axis=1)
+    for number in np.flatnonzero(~ties).tolist():
+        volts = float(netlist.source_volts[number])
         groups.setdefault((names[number], volts), []).append(number)
     result = []
     for (name, volts), numbers in groups.items():

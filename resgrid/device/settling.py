@@ -51,6 +51,8 @@ class Settling:
         Energy that all sources deliver until all nodes have settled, in joules.
     power : float
         Power that they deliver from then on, in watts.
+    final : ndarray of float64, shape (nodes,)
+        Final voltages, in volts; NaN where a node floats.
     transient : Transient
         The motion that this was read from.
     """
@@ -65,10 +67,11 @@ class Settling:
     bound: float
     energy: float
     power: float
+    final: NDArray[np.float64]
     transient: Transient
 
     def __post_init__(self) -> None:
-        for array in (self.time_constants, self.mode, self.node_time):
+        for array in (self.time_constants, self.mode, self.node_time, self.final):
             array.flags.writeable = False
 
     @property
@@ -170,6 +173,7 @@ def analyse_settling(
         bound=bound,
         energy=float(np.interp(last, motion.times, motion.energy)),
         power=_power(netlist, settled),
+        final=settled,
         transient=motion,
     )
 

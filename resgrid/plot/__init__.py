@@ -1,5 +1,7 @@
 """Pictures: every function takes values and an axes, draws, and returns the axes; only `save_figure` writes."""
 
+from resgrid.plot.chip_curves import plot_bits_histogram, plot_precision_page, plot_served, plot_settling_curve
+from resgrid.plot.chips import plot_noise, plot_power, plot_precision, plot_sensitivity, plot_settling
 from resgrid.plot.circuits import plot_circuit
 from resgrid.plot.curves import plot_clearance_curve
 from resgrid.plot.fields import plot_currents, plot_potential, plot_space
@@ -14,17 +16,26 @@ from resgrid.plot.slices import plot_slices
 
 __all__ = [
     "new_figure",
+    "plot_bits_histogram",
     "plot_circuit",
     "plot_clearance_curve",
     "plot_configurations",
     "plot_currents",
+    "plot_noise",
     "plot_pair",
     "plot_path",
     "plot_potential",
+    "plot_power",
+    "plot_precision",
+    "plot_precision_page",
     "plot_profile",
     "plot_robot_path",
     "plot_scene_page",
+    "plot_sensitivity",
     "plot_separation",
+    "plot_served",
+    "plot_settling",
+    "plot_settling_curve",
     "plot_slices",
     "plot_space",
     "plot_streamlines",

@@ -134,3 +134,46 @@ def test_readings_and_errors() -> None:
     bare = op.netlist.replace(layout=None)
     with pytest.raises(rg.InputError, match="not compiled"):
         analyse_precision(rg.solve(bare))
+
+
+def test_a_broken_resistor_hides_no_neighbour() -> None:
+    netlist = small_scene()
+    layout = netlist.layout
+    node = layout.node
+    broken = np.flatnonzero((netlist.resistor_nodes == [node[8, 12], node[9, 12]]).all(axis=1))
+    keep = np.ones(len(netlist.conductance), dtype=bool)
+    keep[broken] = False
+    import dataclasses
+
+    layout = dataclasses.replace(
+        layout, resistor_face=layout.resistor_face[keep], resistor_upward=layout.resistor_upward[keep]
+    )
+    op = rg.solve(
+        netlist.replace(
+            resistor_nodes=netlist.resistor_nodes[keep], conductance=netlist.conductance[keep], layout=layout
+        )
+    )
+    result = analyse_precision(op)
+    volts = {p: op.voltage[node[p]] for p in ((8, 12), (7, 12), (9, 12), (8, 11), (8, 13))}
+    best = min(volts, key=volts.__getitem__)
+    assert len(broken) == 1
+    assert result.following[8, 12] == np.ravel_multi_index(best, (16, 16))
+    assert result.cell_bits[8, 12] == pytest.approx(np.log2(1 / (volts[8, 12] - volts[best])))
+
+
+@pytest.mark.parametrize("shape", [(2, 5), (1, 6), (3, 4, 5)])
+def test_rings_close(shape: tuple[int, ...]) -> None:
+    cell = np.zeros(shape, dtype=np.uint8)
+    cell.flat[-1] = 2
+    op = rg.solve(rg.compile_space(space_of(cell, periodic=(True,) * len(shape)), boundary="neumann"))
+    result = analyse_precision(op)
+    assert np.isfinite(result.starts).all()
+    volts = op.voltage[op.netlist.layout.node].ravel()
+    for here in np.flatnonzero(cell.ravel() == 0).tolist():
+        index = np.array(np.unravel_index(here, shape))
+        around = [
+            int(np.ravel_multi_index(tuple((index + side * np.eye(len(shape), dtype=int)[axis]) % shape), shape))
+            for axis in range(len(shape))
+            for side in (-1, 1)
+        ]
+        assert volts[result.following.flat[here]] == pytest.approx(min(volts[a] for a in around), abs=1e-12)
