@@ -96,9 +96,8 @@ class Dialect:
         What that needs in front, for ``sigma``.
     temperature_coefficients : str
         What is added to a resistor's line, for ``tc1`` in 1/K and ``tc2`` in 1/K^2.
-    pulse, piecewise : str
-        What is added to a source's line: a step from ``low`` to ``high`` at ``delay`` within ``rise``, or values in
-        time (``points``).
+    piecewise : str
+        What is added to a source's line to make it move in time: ``points``, pairs of time and value.
     small_signal : str
         What is added to the line of a source of 1 V in a small-signal analysis.
     voltage : str
@@ -138,7 +137,6 @@ class Dialect:
     spread_resistor: str
     spread_preamble: tuple[str, ...]
     temperature_coefficients: str
-    pulse: str
     piecewise: str
     small_signal: str
     voltage: str
@@ -177,7 +175,6 @@ _NGSPICE = Dialect(
     spread_resistor="{name} {a} {b} {{gauss({value},{sigma},1)}}",
     spread_preamble=(),
     temperature_coefficients=" tc1={tc1} tc2={tc2}",
-    pulse=" pulse({low} {high} {delay} {rise} {rise} 1e+30)",
     piecewise=" pwl({points})",
     small_signal=" ac 1",
     voltage="v({a},{b})",
@@ -272,7 +269,6 @@ _SPECTRE = Dialect(
         "ends",
     ),
     temperature_coefficients=" tc1={tc1} tc2={tc2}",
-    pulse=" type=pulse val0={low} val1={high} delay={delay} rise={rise} fall={rise} width=1e+30",
     piecewise=" type=pwl wave=[{points}]",
     small_signal=" mag=1",
     voltage="v({a},{b})",

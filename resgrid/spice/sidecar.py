@@ -61,7 +61,14 @@ def sidecar_path(deck: Path) -> Path:
     return deck.with_name(deck.name + ".json")
 
 
-def format_sidecar(deck_name: str, deck: FlatDeck, expected: Expected) -> str:
+def format_sidecar(
+    deck_name: str,
+    deck: FlatDeck,
+    expected: Expected,
+    *,
+    text: str | None = None,
+    more: Mapping[str, Any] | None = None,
+) -> str:
     """Write a sidecar's JSON, one node a line.
 
     Parameters
@@ -70,13 +77,17 @@ def format_sidecar(deck_name: str, deck: FlatDeck, expected: Expected) -> str:
         Name of the deck's file.
     deck : FlatDeck
     expected : Expected
+    text : str, optional
+        The deck's text, if it is another than the flat one.
+    more : mapping of str to object, optional
+        Further keys: the form, other files and their hashes, the scene's hash, analyses and what they should find.
 
     Returns
     -------
     str
         Without NaN or infinity; the same input gives the same text.
     """
-    data = deck.text.encode("ascii")
+    data = (deck.text if text is None else text).encode("ascii")
     head = {
         "schema": SCHEMA,
         "deck": deck_name,
@@ -91,6 +102,7 @@ def format_sidecar(deck_name: str, deck: FlatDeck, expected: Expected) -> str:
         "renamed": {"elements": dict(deck.renamed_elements), "nodes": dict(deck.renamed_nodes)},
         "blocks": {"lines": _BLOCK_LINES, "sha256": block_hashes(data, _BLOCK_LINES)},
         "sources": dict(expected.source_current),
+        **(more or {}),
     }
     fields = [f"{json.dumps(key)}: {json.dumps(value, sort_keys=True, allow_nan=False)}" for key, value in head.items()]
     fields.append('"nodes": {\n' + ",\n".join(_node_lines(deck, expected)) + "\n}")

@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Layout, Netlist
 from resgrid.space import Cell
+from resgrid.spice.analyses import Mismatch
 
-_INTERNODAL_ON, _INTERNODAL_OFF = 10.0, 1e12
+_INTERNODAL_ON, _INTERNODAL_OFF = 10.0, 1e10
 
 
 class State(IntEnum):
@@ -44,16 +45,16 @@ class Tile:
         Resistance of the switches to the rails, closed and open.
     internodal_switch_on, internodal_switch_off : float or None
         Of the switch in series with every resistor; None leaves it out where the boundary allows it, and is 10 ohm and
-        1 Tohm where obstacles are open or walls.
+        10 Gohm where obstacles are open or walls.
     capacitance : float
         From every cell to ground.
     """
 
     resistance: float | None = None
     goal_switch_on: float = 10.0
-    goal_switch_off: float = 1e12
+    goal_switch_off: float = 1e10
     obstacle_switch_on: float = 10.0
-    obstacle_switch_off: float = 1e12
+    obstacle_switch_off: float = 1e10
     internodal_switch_on: float | None = None
     internodal_switch_off: float | None = None
     capacitance: float = 0.0
@@ -153,7 +154,7 @@ class Pattern:
     amps: float
 
 
-def tile_array(netlist: Netlist, tile: Tile = Tile()) -> TileArray:
+def tile_array(netlist: Netlist, tile: Tile = Tile(), mismatch: Mismatch | None = None) -> TileArray:
     """Lay out the array of tiles that a compiled netlist asks for.
 
     With a cost map, the resistors beside obstacles and goals follow the flat netlist's rule (the free cell's
@@ -164,6 +165,8 @@ def tile_array(netlist: Netlist, tile: Tile = Tile()) -> TileArray:
     netlist : Netlist
         From `compile_space`, whatever its rails.
     tile : Tile
+    mismatch : Mismatch, optional
+        How far the resistors between cells are off, unless the simulator is to draw it.
 
     Returns
     -------
@@ -192,6 +195,8 @@ def tile_array(netlist: Netlist, tile: Tile = Tile()) -> TileArray:
     contact = full.resistor_nodes[:, 1] == faces.obstacle_node
     cells = full.resistor_nodes - first
     value = resistances(full.conductance)
+    if mismatch is not None and not mismatch.runs:
+        value = value * mismatch.factors(len(value))
     shape = layout.space.shape
     face_count = [layout.space.cell.size // n * (n + 1) for n in shape]
     return TileArray(
@@ -246,7 +251,7 @@ def pattern_of(netlist: Netlist) -> Pattern:
     return Pattern(state, float(amps[0]) if amps.size else 0.0)
 
 
-def expanded_netlist(netlist: Netlist, tile: Tile = Tile()) -> Netlist:
+def expanded_netlist(netlist: Netlist, tile: Tile = Tile(), mismatch: Mismatch | None = None) -> Netlist:
     """What the tile form of a compiled netlist is, electrically: every switch a resistance.
 
     Parameters
@@ -254,6 +259,8 @@ def expanded_netlist(netlist: Netlist, tile: Tile = Tile()) -> Netlist:
     netlist : Netlist
         From `compile_space`, whatever its rails.
     tile : Tile
+    mismatch : Mismatch, optional
+        As `tile_array`.
 
     Returns
     -------
@@ -266,7 +273,7 @@ def expanded_netlist(netlist: Netlist, tile: Tile = Tile()) -> Netlist:
     InputError
         As `tile_array` and `pattern_of`.
     """
-    array, pattern = tile_array(netlist, tile), pattern_of(netlist)
+    array, pattern = tile_array(netlist, tile, mismatch), pattern_of(netlist)
     layout = layout_of(netlist)
     cells = len(pattern.state)
     obstacle, goal, first = GROUND + 1, GROUND + 2, GROUND + 3

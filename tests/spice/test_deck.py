@@ -147,7 +147,7 @@ def test_an_unknown_dialect_is_refused_with_the_list() -> None:
 def test_the_sidecar_holds_cells_voltages_and_no_nan(tmp_path: Path) -> None:
     netlist = compile_space(space_of([[1, 0, 0, 2]]), edge="open", resistance=10e3)
     written = write_spice(netlist, tmp_path / "a.cir", title="t")
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.cir", "a.cir.json", "a.cir.ngspice"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.cir", "a.cir.json", "a.cir.ngspice", "a.cir.verify"]
     sidecar = json.loads(written.sidecar.read_text(), parse_constant=pytest.fail)
     assert sidecar["schema"] == 1
     assert sidecar["sha256"] == written.sha256

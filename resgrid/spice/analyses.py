@@ -1,0 +1,171 @@
+"""Analyses that a deck can be asked for, as values."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.netlist import Netlist
+
+
+@dataclass(frozen=True)
+class Operating:
+    """The operating point; what a deck is asked for when nothing else is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Transient:
+    """What the voltages do in time, from the operating point of the deck.
+
+    Attributes
+    ----------
+    stop : float
+        End, in seconds.
+    step : float
+        Largest time step, in seconds; the change takes one.
+    after : Netlist or None
+        The scene that takes the deck's place at time 0: the same nodes and elements with other values (in tile form
+        another scene of the same grid, otherwise another supply, drive or switch).
+    """
+
+    stop: float
+    step: float
+    after: Netlist | None = None
+
+    def __post_init__(self) -> None:
+        if not (0 < self.step <= self.stop and np.isfinite(self.stop)):
+            raise InputError(f"transient: step = {self.step} s must be positive and at most stop = {self.stop} s")
+
+
+@dataclass(frozen=True)
+class Noise:
+    """Noise voltage at a node.
+
+    Attributes
+    ----------
+    node : str
+        Its name in the deck.
+    start, stop : float
+        Band, in hertz.
+    points : int
+        Frequencies per decade.
+    """
+
+    node: str
+    start: float = 1.0
+    stop: float = 1e9
+    points: int = 10
+
+    def __post_init__(self) -> None:
+        if not (0 < self.start < self.stop and np.isfinite(self.stop) and self.points >= 1):
+            raise InputError(
+                f"noise: {self.points} points a decade from {self.start} to {self.stop} Hz are no band; "
+                "start must be positive and below stop"
+            )
+
+
+@dataclass(frozen=True)
+class Temperature:
+    """Operating points at other temperatures.
+
+    Attributes
+    ----------
+    celsius : tuple of float
+        The nominal one, at which values hold, is 27 degrees Celsius.
+    """
+
+    celsius: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        if not self.celsius or not all(np.isfinite(value) and value > -273.15 for value in self.celsius):
+            raise InputError(
+                f"temperature: {self.celsius} must be a list of temperatures above -273.15 degrees Celsius"
+            )
+
+
+@dataclass(frozen=True)
+class Mismatch:
+    """Resistors off their values, normally distributed and independent.
+
+    Attributes
+    ----------
+    sigma : float
+        Standard deviation, relative.
+    seed : int
+        The same seed gives the same chip.
+    runs : int
+        How many chips the simulator draws by its own statistics; 0 writes the values of one chip into the deck.
+    """
+
+    sigma: float
+    seed: int = 0
+    runs: int = 0
+
+    def __post_init__(self) -> None:
+        if not 0 < self.sigma < 0.2:
+            raise InputError(
+                f"mismatch: sigma = {self.sigma} must lie between 0 and 0.2: beyond, normal resistances are negative"
+            )
+        if self.seed < 0 or self.runs < 0:
+            raise InputError(f"mismatch: seed = {self.seed} and runs = {self.runs} must not be negative")
+
+    def factors(self, count: int) -> NDArray[np.float64]:
+        """What the resistances of one chip are multiplied by; shape (count,)."""
+        return 1 + self.sigma * np.random.default_rng(self.seed).standard_normal(count)
+
+
+@dataclass(frozen=True)
+class Probe:
+    """What is kept of every analysis.
+
+    Attributes
+    ----------
+    nodes : tuple of str
+        Names of nodes in the deck, for their voltages.
+    sources : tuple of str
+        Names of voltage sources in the deck, for their currents.
+    """
+
+    nodes: tuple[str, ...]
+    sources: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not self.nodes and not self.sources:
+            raise InputError("probe: name a node or a voltage source")
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One number of a transient.
+
+    Attributes
+    ----------
+    name : str
+        What the simulator calls it: letters, digits and underscores.
+    node : str
+        Its name in the deck.
+    what : {"maximum", "minimum", "value", "crossing"}
+        Extreme voltage, voltage at the time `at`, or time of the first crossing of the voltage `at`.
+    at : float or None
+        Seconds or volts.
+    """
+
+    name: str
+    node: str
+    what: Literal["maximum", "minimum", "value", "crossing"]
+    at: float | None = None
+
+    def __post_init__(self) -> None:
+        if not (self.name.isidentifier() and self.name.isascii()):
+            raise InputError(f"measure: {self.name!r} must be made of letters, digits and underscores")
+        if self.what not in ("maximum", "minimum", "value", "crossing"):
+            raise InputError(f"measure: {self.what!r} is unknown; choose maximum, minimum, value or crossing")
+        if (self.at is None) == (self.what in ("value", "crossing")):
+            raise InputError(f"measure {self.name}: only a value (at a time) and a crossing (of a voltage) take at")
+
+
+Analysis = Operating | Transient | Noise | Temperature | Mismatch | Probe | Measure
