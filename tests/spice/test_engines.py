@@ -1,0 +1,93 @@
+"""The optional engine, through a program that keeps its protocol: Node and the package need not be there."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+
+import pytest
+from circuits import random_grid
+
+from resgrid.errors import BudgetError, InputError, ToolMissingError
+from resgrid.nodal.solve import solve
+from resgrid.spice.agreement import check_spice
+from resgrid.spice.eecircuit import find_module, simulate_eecircuit
+from resgrid.spice.engines import engine_named
+
+FAKE = """#!{python}
+import pathlib, subprocess, sys
+script, module, deck, raw = sys.argv[1:]
+assert script.endswith("eecircuit.mjs") and module.endswith("engine.mjs")
+text = pathlib.Path(deck).read_text().lower()
+assert text.count(".end\\n") == 1 and ".op" in text
+{body}
+done = subprocess.run(["ngspice", "-n", "-b", "-r", raw, deck], stdin=subprocess.DEVNULL, capture_output=True, text=True)
+print("Command: ngspice-45.2, Build")
+print(done.stdout, done.stderr)
+"""
+
+
+@pytest.fixture
+def engine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A package that is found, and a Node that does what the script would do."""
+    package = tmp_path / "modules" / "eecircuit-engine"
+    package.mkdir(parents=True)
+    (package / "package.json").write_text(json.dumps({"module": "./engine.mjs"}))
+    (package / "engine.mjs").write_text("")
+    monkeypatch.setenv("NODE_PATH", f"{tmp_path / 'nothing'}:{tmp_path / 'modules'}")
+    monkeypatch.delenv("RESGRID_EECIRCUIT", raising=False)
+    return fake_node(tmp_path, monkeypatch)
+
+
+def fake_node(folder: Path, monkeypatch: pytest.MonkeyPatch, body: str = "") -> Path:
+    node = folder / "node"
+    node.write_text(FAKE.format(python=sys.executable, body=body))
+    node.chmod(0o755)
+    monkeypatch.setenv("RESGRID_NODE", str(node))
+    return node
+
+
+def test_the_engine_answers_as_ngspice_does(engine: Path) -> None:
+    netlist = random_grid(5)
+    agreement = check_spice(netlist, solve(netlist), engine="eecircuit")
+    assert agreement.agrees, agreement.findings
+    assert (agreement.simulator, agreement.version) == ("eecircuit-engine", "45.2")
+
+
+def test_its_complaints_are_heard(engine: Path) -> None:
+    simulation = simulate_eecircuit(b"* t\nv1 a 0 1\nr1 a b 1k\nr2 b 0 1k\nr3 c d 1k\n.end\n")
+    assert any("singular" in complaint for complaint in simulation.complaints)
+
+
+def test_an_engine_that_leaves_nothing_is_told_of(
+    engine: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fake_node(tmp_path, monkeypatch, "print('Error: circuit not parsed.'); sys.exit(1)")
+    simulation = simulate_eecircuit(b"* t\nv1 a 0 1\nr1 a 0 1k\n.end\n")
+    assert not simulation.voltage and "no raw file" in simulation.complaints[0]
+    fake_node(tmp_path, monkeypatch, "import time; time.sleep(30)")
+    with pytest.raises(BudgetError, match="eecircuit-engine did not finish"):
+        simulate_eecircuit(b"* t\nv1 a 0 1\nr1 a 0 1k\n.end\n", timeout=0.5)
+
+
+def test_decks_with_commands_are_not_run(engine: Path) -> None:
+    with pytest.raises(InputError, match="not simulated"):
+        simulate_eecircuit(b"* t\n.control\nshell ls\n.endc\n.end\n")
+    with pytest.raises(InputError, match="model"):
+        simulate_eecircuit(b"* t\n.model a r\n.end\n")
+    assert simulate_eecircuit(b"* t\nv1 a 0 1\nr1 a 0 1k\n.model m r(r=1)\n.end\n", direct=True).voltage == {"a": 1.0}
+
+
+def test_what_is_missing_is_named(engine: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("RESGRID_NODE", "no-such-node")
+    with pytest.raises(ToolMissingError, match="nodejs"):
+        simulate_eecircuit(b"* t\n")
+    monkeypatch.setenv("RESGRID_EECIRCUIT", str(tmp_path))
+    with pytest.raises(ToolMissingError, match="npm install eecircuit-engine"):
+        find_module()
+    (tmp_path / "package.json").write_text("[")
+    with pytest.raises(ToolMissingError):
+        find_module()
+    with pytest.raises(InputError, match="choose one of ngspice, eecircuit"):
+        engine_named("spice3")

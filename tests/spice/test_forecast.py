@@ -1,0 +1,90 @@
+"""The forecast against what was measured of ngspice 39, and against a run of whatever is installed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from resgrid.errors import BudgetError
+from resgrid.netlist import Netlist
+from resgrid.spice.forecast import core_of, forecast_run, require_time
+from resgrid.spice.subject import subject_of
+
+
+def network(pairs: NDArray[np.int64]) -> Netlist:
+    """1 V at node 1, resistors of 1 kohm, and one from the last node to ground."""
+    last = int(pairs.max())
+    ends = np.concatenate([pairs, [[last, 0]]])
+    return Netlist(last + 1, ends, np.full(len(ends), 1e-3), source_nodes=[[1, 0]], source_volts=[1.0])
+
+
+def box(*shape: int) -> Netlist:
+    index = 1 + np.arange(np.prod(shape)).reshape(shape)
+    pairs = [
+        np.stack([np.take(index, range(n - 1), axis).ravel(), np.take(index, range(1, n), axis).ravel()], axis=1)
+        for axis, n in enumerate(shape)
+    ]
+    return network(np.concatenate(pairs))
+
+
+def tree(size: int) -> Netlist:
+    rng = np.random.default_rng(size)
+    child = np.arange(2, size)
+    return network(np.stack([child, [rng.integers(max(1, i - 50), i) for i in child.tolist()]], axis=1))
+
+
+def random_graph(size: int, rounds: int) -> Netlist:
+    rng = np.random.default_rng(size)
+    walks = [rng.permutation(np.arange(1, size)) for _ in range(rounds)]
+    return network(np.concatenate([np.stack([walk, np.roll(walk, 1)], axis=1) for walk in walks]))
+
+
+@pytest.mark.parametrize(
+    ("netlist", "seconds"),
+    [
+        (box(64, 64), 0.45),
+        (box(128, 128), 9.41),
+        (box(192, 192), 65.9),
+        (box(256, 256), 240.0),
+        (box(14, 14, 14), 4.2),
+        (box(20, 20, 20), 120.8),
+        (box(6, 6, 6, 6), 2.41),
+        (random_graph(800, 3), 1.62),
+        (random_graph(1500, 3), 7.77),
+        (tree(40_000), 0.18),
+    ],
+)
+def test_measured_times_are_foretold_within_a_factor_of_three(netlist: Netlist, seconds: float) -> None:
+    assert seconds / 3 < forecast_run(netlist).seconds < seconds * 3
+
+
+def test_trees_and_chains_have_no_core() -> None:
+    assert core_of(subject_of(tree(500))) == (0, 0.0)
+    assert core_of(subject_of(box(400))) == (0, 0.0)
+    assert core_of(subject_of(Netlist(2, [[1, 0]], [1.0]))) == (0, 0.0)
+
+
+def test_rails_are_no_part_of_the_core() -> None:
+    grid = box(30, 30)
+    size, width = core_of(subject_of(grid))
+    rail = grid.node_count
+    ties = np.stack([np.full(900, rail), 1 + np.arange(900)], axis=1)
+    tied = Netlist(
+        rail + 1,
+        np.concatenate([grid.resistor_nodes, ties]),
+        np.full(len(grid.conductance) + 900, 1.0),
+        source_nodes=[[1, 0], [rail, 0]],
+        source_volts=[1.0, 2.0],
+    )
+    assert core_of(subject_of(tied)) == (size, pytest.approx(width))
+
+
+def test_what_would_not_end_in_time_is_refused_with_advice() -> None:
+    slow = forecast_run(box(256, 256))
+    assert slow.slow and "min" in str(slow)
+    with pytest.raises(BudgetError, match=r"4 min.*60 s is allowed.*--engine eecircuit"):
+        require_time(slow, 60.0)
+    fast = forecast_run(box(256, 256), "eecircuit")
+    assert not fast.slow and 2 < fast.seconds < 15
+    require_time(fast, 60.0)

@@ -1,0 +1,116 @@
+"""What is said of ngspice is measured on ngspice: where an error is predicted it has that size, elsewhere there is none."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from circuits import random_grid
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from resgrid.spice.deck import format_deck
+from resgrid.spice.ngspice import simulate
+from resgrid.spice.parsed import ParsedDeck
+from resgrid.spice.reader import read_spice
+from resgrid.spice.verdicts import Verdict, predict_simulators
+
+
+def deck_of(folder: Path, text: str) -> ParsedDeck:
+    path = folder / "deck.sp"
+    path.write_text(text)
+    return read_spice(path)
+
+
+def verdict_of(circuit: object, simulator: str = "ngspice") -> Verdict:
+    return next(v for v in predict_simulators(circuit) if v.simulator == simulator)  # type: ignore[arg-type]
+
+
+def measured_error(text: str, deck: ParsedDeck) -> float:
+    """How far ngspice is from our solution of the same deck, in volts."""
+    from resgrid.nodal.solve import solve
+
+    simulation = simulate(text.encode(), direct=True)
+    voltage = solve(deck.netlist()).voltage
+    right = {name.lower(): value for name, value in zip(deck.node_names, voltage.tolist(), strict=True)}
+    return max(abs(simulation.voltage[n] - v) for n, v in right.items() if np.isfinite(v) and n in simulation.voltage)
+
+
+GRID = "".join(f"r{i} n{i} n{i + 1} 1e8\n" for i in range(20)) + "rl n20 0 1e8\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "reason"),
+    [
+        ("island", f"* t\nv1 n0 0 1\n{GRID}rx a b 1k\n.op\n.end\n", "2 floating nodes"),
+        ("behind a capacitor", f"* t\nv1 n0 0 1\n{GRID}cx a 0 1u\n.op\n.end\n", "1 floating nodes"),
+        ("more gmin", f"* t\nv1 n0 0 1\n{GRID}rx a b 1k\n.option gmin=1e-11\n.op\n.end\n", "1e-11 S"),
+        ("shunt", f"* t\nv1 n0 0 1\n{GRID}.option rshunt=1e12\n.op\n.end\n", "rshunt=1e+12"),
+        ("shunt with a suffix", f"* t\nv1 n0 0 1\n{GRID}.option rshunt=1t\n.op\n.end\n", "rshunt=1e+12"),
+        ("short", "* t\nv1 a 0 1\nr1 a b 1\nr2 b c 0\nr3 c 0 1\n.op\n.end\n", "become 0.001 ohm"),
+        ("no title", "r1 a b 1k\nv1 a 0 1\nr2 b 0 1k\nr3 a b 3k\n.op\n.end\n", "r1 is lost"),
+    ],
+)
+def test_predicted_errors_of_ngspice_are_its_errors(tmp_path: Path, name: str, text: str, reason: str) -> None:
+    deck = deck_of(tmp_path, text)
+    verdict = verdict_of(deck)
+    assert verdict.outcome == "wrong" and verdict.basis == "measured", name
+    assert any(reason in why for why in verdict.reasons), verdict.reasons
+    error = measured_error(text, deck)
+    assert error > 1e-5
+    assert verdict.max_error == pytest.approx(error, rel=1e-3)
+
+
+def test_an_island_costs_a_grid_of_100_megohm_a_tenth_of_a_volt(tmp_path: Path) -> None:
+    chain = "".join(f"r{i} n{i} n{i + 1} 1e8\n" for i in range(60)) + "rl n60 0 1e8\n"
+    text = f"* t\nv1 n0 0 1\n{chain}rx a b 1k\n.op\n.end\n"
+    verdict = verdict_of(deck_of(tmp_path, text))
+    assert verdict.max_error is not None and verdict.max_error > 0.01
+    assert "wrong by 0.0" in str(verdict)
+
+
+@pytest.mark.parametrize(
+    ("text", "reason"),
+    [
+        ("* t\nv1 a 0 1\nv2 a 0 2\nr1 a 0 1k\n.op\n.end\n", "loop"),
+        ("* t\nv1 a 0 1\nv2 a 0 1\nr1 a 0 1k\n.op\n.end\n", "loop"),
+    ],
+)
+def test_predicted_failures_of_ngspice_are_failures(tmp_path: Path, text: str, reason: str) -> None:
+    verdict = verdict_of(deck_of(tmp_path, text))
+    assert verdict.outcome == "fails" and reason in verdict.reasons[0]
+    assert not simulate(text.encode(), direct=True).voltage
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=10, deadline=None)
+def test_what_is_predicted_right_is_right(seed: int) -> None:
+    netlist = random_grid(seed, side=4)
+    assert verdict_of(netlist).outcome == "right"
+    import io
+
+    text = format_deck(netlist)
+    deck = read_spice(io.StringIO(text))
+    assert verdict_of(deck).outcome == "right"
+    assert measured_error(text.replace(".end", ".op\n.end"), deck) < 1e-9
+
+
+def test_other_simulators_are_told_from_their_manuals(tmp_path: Path) -> None:
+    deck = deck_of(tmp_path, "* t\nv1 a 0 1\nr1 a b 1e-6\nr2 b 0 1e-6\nr3 c d 1k\n.op\n.end\n")
+    assert verdict_of(deck, "hspice").outcome == "right"  # both are raised alike, and the part that floats is alone
+    assert verdict_of(deck, "xyce").outcome == "unsure"
+    assert verdict_of(deck, "spectre").outcome == "right"
+    assert all(v.basis == "documented" for v in predict_simulators(deck) if v.simulator != "ngspice")
+    raised = deck_of(tmp_path, "* t\nv1 a 0 1\nr1 a b 1e-6\nr2 b 0 1\n.op\n.end\n")
+    assert verdict_of(raised, "hspice").max_error == pytest.approx(9e-6, rel=1e-3)
+    assert verdict_of(raised).outcome == "right"
+
+
+def test_what_cannot_be_solved_is_still_judged(tmp_path: Path) -> None:
+    deck = deck_of(tmp_path, "* t\nv1 a 0 1\nr1 a b -1k\nr2 b 0 3k\n.op\n.end\n")
+    assert verdict_of(deck).outcome == "unsure"
+    trapped = deck_of(tmp_path, "* t\nv1 a 0 1\nr1 a 0 1k\ni1 0 b 1u\nr2 b c 1k\n.op\n.end\n")
+    assert verdict_of(trapped).outcome == "wrong" and verdict_of(trapped).max_error is None
+    spread = deck_of(tmp_path, "* t\nv1 a 0 1\nr1 a b 1e-3\nr2 b 0 1e12\n.op\n.end\n")
+    assert verdict_of(spread).outcome == "unsure" and "decades" in verdict_of(spread).reasons[0]
