@@ -17,7 +17,23 @@ from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Layout, Netlist
 from resgrid.space import Cell
 
-_CODE = {"obstacle": Cell.OBSTACLE, "goal": Cell.GOAL}
+
+def _on_rail(layout: Layout, rail: str) -> NDArray[np.bool_]:
+    """Which cells are switched to a rail: obstacles, or a driven start where these are open, and goals."""
+    if rail == "goal":
+        return np.asarray(layout.space.cell == Cell.GOAL)
+    if layout.boundary != "neumann":
+        return np.asarray(layout.space.cell == Cell.OBSTACLE)
+    mask = np.zeros(layout.space.shape, dtype=np.bool_)
+    if layout.start is not None:
+        mask[layout.start] = True
+    return mask
+
+
+def _rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
+    """The pin of a rail; the obstacle rail of a chip that currents drive lies at the goal's voltage."""
+    layout = faces.tiled_layout(netlist, "rails")
+    return faces.supply_node(netlist, "goal" if layout.drive == "uniform" else rail)
 
 
 @dataclass(frozen=True)
@@ -92,7 +108,8 @@ def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
 class RailSwitches:
     """Tie cells to the rails by switches: closed for cells of that kind, open for all others.
 
-    Open obstacles (``boundary="neumann"``) have no obstacle rail, and so no obstacle switches.
+    Where obstacles are open (``boundary="neumann"``) all switches to the obstacle rail are, but for a driven start's;
+    with a uniform drive that rail lies at the goal's voltage.
 
     Attributes
     ----------
@@ -114,13 +131,14 @@ class RailSwitches:
             ("obstacle", self.obstacle_on, self.obstacle_off),
             ("goal", self.goal_on, self.goal_off),
         ):
-            if (on is None and off is None) or (rail == "obstacle" and layout.boundary == "neumann"):
+            tied = _on_rail(layout, rail)
+            if (on is None or not tied.any()) and off is None:
                 continue
-            netlist, pin = faces.supply_node(netlist, rail)
+            netlist, pin = _rail_pin(netlist, rail)
             if on is not None:
-                netlist = _tie(netlist, _CODE[rail], pin, on)
+                netlist = _tie(netlist, layout.node[tied & (layout.node >= 0)], pin, on)
             if off is not None:
-                nodes = layout.node[(layout.space.cell != _CODE[rail]) & (layout.node >= 0)]
+                nodes = layout.node[~tied & (layout.node >= 0)]
                 netlist = faces.add_resistors(netlist, _to(nodes, pin), np.full(len(nodes), 1 / off))
         return netlist
 
@@ -129,11 +147,8 @@ def _to(nodes: NDArray[np.int64], pin: int) -> NDArray[np.int64]:
     return np.stack([nodes, np.full(len(nodes), pin)], axis=1)
 
 
-def _tie(netlist: Netlist, code: Cell, pin: int, resistance: float) -> Netlist:
-    """Replace the sources of a kind of cells by resistors to a pin."""
-    layout = netlist.layout
-    assert layout is not None
-    nodes = layout.node[(layout.space.cell == code) & (layout.node >= 0)]
+def _tie(netlist: Netlist, nodes: NDArray[np.int64], pin: int, resistance: float) -> Netlist:
+    """Replace the sources of nodes by resistors to a pin."""
     kept = ~np.isin(netlist.source_nodes[:, 0], nodes)
     freed = netlist.replace(
         source_nodes=netlist.source_nodes[kept], source_volts=netlist.source_volts[kept], element_names=None
@@ -163,13 +178,13 @@ class RailResistance:
         if self.ohms == 0:
             return netlist
         for rail in ("obstacle", "goal"):
-            if rail == "goal" or layout.boundary != "neumann":
+            if _on_rail(layout, rail).any():
                 netlist = _droop(netlist, rail, self.ohms)
         return netlist
 
 
 def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
-    netlist, pin = faces.supply_node(netlist, rail)
+    netlist, pin = _rail_pin(netlist, rail)
     layout = netlist.layout
     assert layout is not None
     netlist, numbers = faces.add_nodes(netlist, layout.space.cell.size)
@@ -180,7 +195,7 @@ def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
     resistor_nodes = netlist.resistor_nodes.copy()
     switch = ~faces.on_grid(netlist) & (resistor_nodes[:, 1] == pin) & (local[resistor_nodes[:, 0]] >= 0)
     resistor_nodes[switch, 1] = local[resistor_nodes[switch, 0]]
-    cells = layout.node[own & (layout.space.cell == _CODE[rail])]
+    cells = layout.node[own & _on_rail(layout, rail)]
     tied = np.isin(netlist.source_nodes[:, 0], cells) & (netlist.source_nodes[:, 1] == GROUND)
     source_nodes, source_volts = netlist.source_nodes.copy(), netlist.source_volts.copy()
     source_nodes[tied, 1] = local[source_nodes[tied, 0]]

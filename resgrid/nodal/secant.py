@@ -8,7 +8,7 @@ import time
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.errors import AccuracyError, InputError
+from resgrid.errors import AccuracyError
 from resgrid.netlist import Netlist
 from resgrid.nodal.newton import differential_conductance, linear_netlist, newton, secant_conductance
 from resgrid.nodal.operating_point import OperatingPoint
@@ -79,19 +79,14 @@ def small_signal(point: OperatingPoint) -> Netlist:
     Netlist
         The same nodes, sources and capacitors; every nonlinear resistor is a resistor of its differential conductance
         ``dI / dV``, appended to the resistors.
-
-    Raises
-    ------
-    InputError
-        If a nonlinear resistor's nodes float.
     """
     netlist = point.netlist
     if not netlist.nonlinear_nodes.size:
         return netlist
-    if np.any(np.isnan(point.voltage[netlist.nonlinear_nodes])):
-        raise InputError("a nonlinear resistor joins nodes that float; leave it out")
-    secant = np.abs(point.nonlinear_amps) / netlist.nonlinear_current
-    drop = netlist.nonlinear_voltage * np.arctanh(np.minimum(secant, np.nextafter(1.0, 0.0)))
+    share = np.abs(point.nonlinear_amps) / netlist.nonlinear_current
+    wide = share > 0.5
+    narrow_drop = netlist.nonlinear_voltage * np.arctanh(np.where(wide, 0.0, share))
+    drop = np.where(wide, _drops(netlist, point.voltage), narrow_drop)
     return linear_netlist(netlist, differential_conductance(netlist, drop))
 
 

@@ -7,6 +7,7 @@ import json
 
 import numpy as np
 import pytest
+from circuits import dense_solution
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from spaces import space_of, spaces
@@ -248,6 +249,59 @@ def test_switches_to_the_rails_are_where_the_cells_say() -> None:
     assert len(netlist.source_volts) == 2
     only_on = RailSwitches(100.0).apply(room())
     assert (only_on.layout.resistor_face < 0).sum() == 3
+
+
+@pytest.mark.parametrize("options", [{}, {"drive": "start", "start": (0, 0)}])
+def test_open_obstacles_keep_the_switches_of_their_tiles(options: dict[str, object]) -> None:
+    netlist = RailSwitches(100.0, 1e8, 50.0, 1e8).apply(room("neumann", **options))
+    driven = "start" in options
+    layout, extra = netlist.layout, netlist.layout.resistor_face < 0
+    assert np.bincount(np.rint(1 / netlist.conductance[extra]).astype(int) // 10).nonzero()[0].size == 2 + driven
+    volts = dict(zip(netlist.source_nodes[:, 0].tolist(), netlist.source_volts.tolist(), strict=True))
+    assert sorted(volts.values()) == ([0.0, 1.0] if driven else [0.0])
+    sources = netlist.source_nodes[:, 0]
+    assert not np.isin(sources, layout.node).any()
+    point = rg.solve(netlist)
+    if driven:
+        assert 0.9 < point.voltage[layout.node[0, 0]] < 1
+    assert rg.streamline(rg.field(point), cell=(0, 0)).outcome == "reached"
+
+
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann", "wall"])
+def test_switched_chips_are_those_of_the_tiles(boundary: str) -> None:
+    from resgrid.spice.tiles import Tile, expanded_netlist
+
+    values = {
+        "obstacle_switch_on": 100.0, "obstacle_switch_off": 1e9, "goal_switch_on": 50.0, "goal_switch_off": 1e8,
+        "internodal_switch_on": 80.0, "internodal_switch_off": 1e9,
+    }  # fmt: skip
+    options = {"wall_resistance": 3e3} if boundary == "wall" else {}
+    ideal = room(boundary, **options)
+    passed = rg.build_chip(ideal, rg.Chip(**values, **options))
+    tiled = expanded_netlist(ideal, Tile.of(values))
+    ours, theirs = (rg.solve(n).voltage[n.layout.node] for n in (passed, tiled))
+    assert np.abs(ours - theirs).max() < 1e-12
+
+
+@given(space=spaces(max_cells=5), boundary=st.sampled_from(["dirichlet", "neumann", "wall"]), seed=st.integers(0, 99))
+@settings(max_examples=20, deadline=None)
+def test_any_chip_on_any_space_solves_as_a_dense_one(space: rg.ConfigurationSpace, boundary: str, seed: int) -> None:
+    chip = rg.Chip(
+        mismatch=0.2, gradient=(0.2,), temperature=60.0, tc1=1e-3, internodal_switch_on=200.0,
+        internodal_switch_off=1e7,
+        obstacle_switch_on=100.0, obstacle_switch_off=1e8, goal_switch_on=50.0, goal_switch_off=1e8,
+        rail_resistance=2.0, readout=rg.Readout(input_resistance=1e8), wall_resistance=1e3, seed=seed,
+    )  # fmt: skip
+    edge = ["periodic" if ring else "obstacle" for ring in space.periodic]
+    try:
+        netlist = rg.compile_chip(space, chip, boundary=boundary, edge=edge)
+        point = rg.solve(netlist)
+    except rg.CircuitError:
+        return
+    assert not point.floating.size
+    exact = dense_solution(netlist)
+    span = max(np.abs(exact.voltage).max(), 1e-6)
+    np.testing.assert_allclose(point.voltage, exact.voltage, atol=1e-8 * span)
 
 
 def test_vanishing_switches_and_rails_come_back_to_the_ideal_chip() -> None:
