@@ -118,7 +118,7 @@ if TYPE_CHECKING:
     from resgrid.spice.ngspice import run_ngspice
     from resgrid.spice.parsed import Note, ParsedDeck
     from resgrid.spice.rawwriter import write_raw
-    from resgrid.spice.reader import read_spice
+    from resgrid.spice.reader import read_network, read_spice
     from resgrid.spice.rules import check_rules
     from resgrid.spice.verdicts import Verdict, predict_simulators
     from resgrid.spice.writer import write_spice
@@ -256,6 +256,7 @@ _HOME = {
     "run_ngspice": "resgrid.spice.ngspice",
     "Note": "resgrid.spice.parsed",
     "ParsedDeck": "resgrid.spice.parsed",
+    "read_network": "resgrid.spice.reader",
     "read_spice": "resgrid.spice.reader",
     "PowerBalance": "resgrid.spice.balance",
     "power_balance": "resgrid.spice.balance",
@@ -391,6 +392,7 @@ __all__ = [
     "power_balance",
     "predict_simulators",
     "random_walk",
+    "read_network",
     "read_queries",
     "read_scene",
     "read_spice",

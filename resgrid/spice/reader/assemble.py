@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,10 +76,11 @@ def _temperatures(collector: Collector, scope: Scope) -> tuple[float | None, flo
 
 def _add_bulk(bulk: Bulk, source: Source, sheet: Sheet) -> None:
     table = sheet.table
-    way = np.fromiter((table.of(name) for name in bulk.node_names), np.int64, len(bulk.node_names))
+    way = table.of_all(bulk.node_names)
     nodes = way[bulk.nodes]
     for code, kind in enumerate(_BULK_KINDS):
-        which = np.flatnonzero(bulk.kind == code)
+        chosen = bulk.kind == code
+        which = np.flatnonzero(chosen)
         if not which.size:
             continue
         values = np.zeros((len(which), WIDTHS[kind][1]))
@@ -86,7 +88,7 @@ def _add_bulk(bulk: Bulk, source: Source, sheet: Sheet) -> None:
         if kind == "resistor":
             values[:, 4:] = math.nan
         place = np.stack([np.full(len(which), source.number), bulk.line[which]], axis=1)
-        names = bulk.names if len(which) == len(bulk.names) else [bulk.names[i] for i in which.tolist()]
+        names = list(compress(bulk.names, chosen.tobytes()))
         sheet.parts[kind].append(Part(names, nodes[which], values, place, order_of(place)))
 
 
@@ -183,10 +185,10 @@ def _note_oddities(
             "0 ohm is a short (a 0 V source); ngspice takes 1 milliohm",
             len(zero),
         )
-    aliases = sorted(name for name in table.number if name in rules.grounds and name != "0")
-    if aliases:
-        journal.note("info", Spot(files[0], 1), f"the node {', '.join(aliases)} is ground")
-    strangers = sorted(name for name in ("gnd", "gnd!", "ground") if name in table.number and name not in rules.grounds)
+    if table.aliases:
+        journal.note("info", Spot(files[0], 1), f"the node {', '.join(sorted(table.aliases))} is ground")
+    foreign = frozenset({"gnd", "gnd!", "ground"}) - rules.grounds if rules.name == "xyce" else frozenset()
+    strangers = sorted(name for name in foreign if name in table.number)
     if strangers:
         journal.note(
             "warning",
@@ -205,7 +207,7 @@ def _deck(
     subcircuits: tuple[str, ...],
     files: tuple[str, ...],
 ) -> ParsedDeck:
-    way, names = _by_first_use([parts[kind].nodes for kind in KINDS], table.names)
+    way, names = _by_first_use([parts[kind].nodes for kind in KINDS], table.names, bool(collector.bulks))
     resistor = parts["resistor"]
     temperature, nominal = temperatures
     usual = 25.0 if collector.rules.name == "hspice" else NOMINAL_TEMPERATURE
@@ -237,16 +239,20 @@ def _deck(
     )
 
 
-def _by_first_use(nodes: list[NDArray[np.int64]], names: list[str]) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+def _by_first_use(
+    nodes: list[NDArray[np.int64]], names: list[str], compiled: bool
+) -> tuple[NDArray[np.int64], tuple[str, ...]]:
     """Renumber nodes in the order of their first use, ground first; unused ones vanish."""
     used = np.concatenate([np.zeros(1, dtype=np.int64), *(pairs.ravel() for pairs in nodes)])
-    first = np.full(len(names), len(used), dtype=np.int64)
-    np.minimum.at(first, used, np.arange(len(used)))
-    way = np.empty(len(names), dtype=np.int64)
-    ranked = np.argsort(first, kind="stable")
-    way[ranked] = np.arange(len(names))
-    count = int(np.sum(first < len(used)))
-    return way, tuple(names[i] for i in ranked[:count].tolist())
+    if compiled:
+        from resgrid.spice.reader.kernels import first_uses
+
+        way, order = first_uses(used, len(names))
+        return way, tuple(map(names.__getitem__, order.tolist()))
+    way = np.full(len(names), -1, dtype=np.int64)
+    order = used[np.sort(np.unique(used, return_index=True)[1])]
+    way[order] = np.arange(len(order))
+    return way, tuple(map(names.__getitem__, order.tolist()))
 
 
 def _at_nominal(

@@ -4,14 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.spice.reader.numerals import Numeral, parse_numeral
+from resgrid.spice.reader.rules import ReadingRules
 from resgrid.spice.reader.sources import decode
 
 LEAST_BYTES = 40_000
 """Below this size the compiled loops cost more to load than they save."""
+
+_CAPACITOR = 3
+_WORDS = tuple(
+    np.frombuffer(word.encode(), dtype=np.uint8)
+    for word in (
+        *(".end", ".alter", ".subckt", ".macro", ".ends", ".eom", ".control", ".endc", ".endl", ".if", ".data", "dc"),
+    )
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,10 +37,10 @@ class Bulk:
         0 resistor, 1 voltage source, 2 current source, 3 capacitor.
     names : list of str
         Of the elements.
-    nodes : ndarray of int64, shape (n, 2)
+    nodes : ndarray of int32, shape (n, 2)
         Index into ``node_names``.
     value : ndarray of float64, shape (n,)
-    line : ndarray of int64, shape (n,)
+    line : ndarray of int32, shape (n,)
     other : ndarray of int64, shape (k, 3)
         First and last byte and number of every line that was not plain.
     """
@@ -37,9 +48,9 @@ class Bulk:
     node_names: list[str]
     kind: NDArray[np.uint8]
     names: list[str]
-    nodes: NDArray[np.int64]
+    nodes: NDArray[np.int32]
     value: NDArray[np.float64]
-    line: NDArray[np.int64]
+    line: NDArray[np.int32]
     other: NDArray[np.int64]
 
     def others(self, data: bytes) -> Iterator[tuple[int, str]]:
@@ -54,6 +65,107 @@ def plain_lines(data: bytes, start: int) -> Iterator[tuple[int, str]]:
     return enumerate(decode(data[start:]).split("\n"), number)
 
 
-def scan(data: bytes, start: int) -> Bulk | None:
-    """Cut a file into plain cards and others; None if the file must be read line by line."""
-    return None
+def scan(data: bytes, start: int, rules: ReadingRules) -> Bulk | None:
+    """Cut a file into plain cards and others.
+
+    Parameters
+    ----------
+    data : bytes
+        As `resgrid.spice.reader.sources.normalise` leaves it.
+    start : int
+        Byte to begin at.
+    rules : ReadingRules
+
+    Returns
+    -------
+    Bulk or None
+        None if the file must be read line by line (conditions, sections of a library, backslashes at line ends).
+    """
+    from resgrid.spice.reader.kernels import TOO_HARD, cut
+
+    text = np.frombuffer(data, dtype=np.uint8)
+    rows = data.count(b"\n", start)
+    table = np.full(1 << max(6, (4 * rows).bit_length()), -1, dtype=np.int32)
+    keys, known = np.empty(2 * rows + 1, dtype=np.uint64), np.empty((2 * rows + 1, 2), dtype=np.int64)
+    kind, found = np.empty(rows, dtype=np.uint8), np.empty(rows, dtype=np.uint8)
+    name, nodes, token = (np.empty((rows, 2), dtype=np.int32) for _ in range(3))
+    value, line = np.empty(rows), np.empty(rows, dtype=np.int32)
+    other = np.empty((rows + 1, 3), dtype=np.int64)
+    outcome, cards, others, node_count = cut(
+        text,
+        start,
+        data.count(b"\n", 0, start) + 1,
+        b"//" in data,
+        _WORDS,
+        table,
+        keys,
+        known,
+        kind,
+        name,
+        nodes,
+        value.view(np.uint64),
+        found,
+        token,
+        line,
+        other,
+    )
+    if outcome == TOO_HARD:
+        return None
+    value = value[:cards]
+    plain = _read_values(text, value, found[:cards], token[:cards], rules)
+    plain &= (kind[:cards] != _CAPACITOR) | (value >= 0)
+    other = _with_demoted(other[:others], line[:cards][~plain], data)
+    keep = slice(cards) if plain.all() else np.flatnonzero(plain)
+    return Bulk(
+        node_names=_texts(text, known[:node_count]),
+        kind=kind[keep],
+        names=_texts(text, name[keep]),
+        nodes=nodes[keep],
+        value=value if plain.all() else value[plain],
+        line=line[keep],
+        other=other,
+    )
+
+
+def _read_values(
+    text: NDArray[np.uint8],
+    value: NDArray[np.float64],
+    found: NDArray[np.uint8],
+    token: NDArray[np.int32],
+    rules: ReadingRules,
+) -> NDArray[np.bool_]:
+    """Read the numbers that the compiled loop left; returns which cards have one without any doubt about it."""
+    from resgrid.spice.reader.decimal_kernels import LONG, OTHER
+
+    plain = np.ones(len(value), dtype=np.bool_)
+    long = np.flatnonzero(found == LONG)
+    if long.size:
+        value[long] = list(map(float, _texts(text, token[long])))
+        plain[long] = np.isfinite(value[long]) & (value[long] != 0)
+    read: dict[str, float | None] = {}
+    for card, word in zip(np.flatnonzero(found == OTHER).tolist(), _texts(text, token[found == OTHER]), strict=True):
+        if word not in read:
+            numeral = parse_numeral(word, rules)
+            read[word] = numeral.value if isinstance(numeral, Numeral) and not numeral.warning else None
+        known = read[word]
+        plain[card] = known is not None
+        if known is not None:
+            value[card] = known
+    return plain
+
+
+def _with_demoted(other: NDArray[np.int64], lines: NDArray[np.int32], data: bytes) -> NDArray[np.int64]:
+    """Other lines, with some whose card turned out not to be plain."""
+    if not lines.size:
+        return other.copy()
+    ends = np.flatnonzero(np.frombuffer(data, dtype=np.uint8) == ord("\n"))
+    stops = ends[lines.astype(np.int64) - 1]
+    starts = np.where(lines > 1, ends[np.maximum(lines.astype(np.int64) - 2, 0)] + 1, 0)
+    rows = np.concatenate([other, np.stack([starts, stops, lines.astype(np.int64)], axis=1)])
+    return rows[np.argsort(rows[:, 2], kind="stable")]
+
+
+def _texts(text: NDArray[np.uint8], spans: NDArray[np.integer[Any]]) -> list[str]:
+    from resgrid.spice.reader.kernels import gather
+
+    return gather(text, spans.astype(np.int64)).tobytes().decode("ascii").split("\n")[:-1]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
+from itertools import chain
 
 from resgrid.errors import InputError
 from resgrid.spice.reader.blocks import Block, Definition, Model, Scope
@@ -71,7 +72,9 @@ class Collector:
         has_title = not _could_be_statement(line)
         if has_title:
             self.title = line.strip().lstrip("*").strip() or None
-        lines = self._lines(source, start if has_title else 0)
+        lines = self._lines(source, start)
+        if not has_title:
+            lines = chain([(1, line.rstrip("\n"))], lines)
         stream = cards(lines, source.number, source.name, self.rules, self.journal)
         if not has_title:
             stream = self._without_first(stream)
@@ -99,7 +102,7 @@ class Collector:
         """Lines that need a closer look; plain cards of the deck's own level go the short way."""
         bulk = None
         if self.quick and len(self._stack) == 1:
-            bulk = scan(source.data, start)
+            bulk = scan(source.data, start, self.rules)
         if bulk is None:
             return plain_lines(source.data, start)
         self.bulks.append((source, bulk))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,22 +34,50 @@ class NodeTable:
     """Numbers of a block's nodes: names are folded, ground has its aliases, the spelling is that of the first use."""
 
     rules: ReadingRules
-    common: frozenset[str] = frozenset()
     names: list[str] = field(default_factory=list)
-    number: dict[str, int] = field(default_factory=dict)
+    aliases: set[str] = field(default_factory=set)
+    _number: dict[str, int] = field(default_factory=dict)
+    _waiting: bool = False
+
+    @property
+    def number(self) -> dict[str, int]:
+        """Number of every name in lower case."""
+        if self._waiting:
+            self._waiting = False
+            self._number = dict(zip(map(str.lower, self.names), range(len(self.names)), strict=True))
+            self._number.update(dict.fromkeys(self.aliases, 0))
+        return self._number
 
     def of(self, name: str) -> int:
         """Number of a node, a new one where there is none yet."""
         folded = name.lower()
-        found = self.number.get(folded)
+        number = self.number
+        found = number.get(folded)
         if found is None:
-            found = self.number["0"] if folded in self.rules.grounds and "0" in self.number else len(self.names)
+            ground = folded in self.rules.grounds
+            found = number["0"] if ground and "0" in number else len(self.names)
             if found == len(self.names):
-                self.names.append("0" if folded in self.rules.grounds else name)
-                if folded in self.rules.grounds:
-                    self.number["0"] = found
-            self.number[folded] = found
+                self.names.append("0" if ground else name)
+            number[folded] = found
+            if ground:
+                number["0"] = found
+                self.aliases |= {folded} - {"0"}
         return found
+
+    def of_all(self, names: list[str]) -> NDArray[np.int64]:
+        """Numbers of nodes that are all different, case folded; shape (n,)."""
+        if len(self.names) > 1:
+            return np.fromiter(map(self.of, names), np.int64, len(names))
+        is_ground = np.zeros(len(names), dtype=np.bool_)
+        longest = max(map(len, self.rules.grounds))
+        is_ground[
+            [i for i, name in enumerate(names) if len(name) <= longest and name.lower() in self.rules.grounds]
+        ] = 1
+        self.aliases.update(name.lower() for name in compress(names, is_ground.tobytes()))
+        self.aliases.discard("0")
+        self.names.extend(compress(names, (~is_ground).tobytes()))
+        self._waiting = True
+        return np.where(is_ground, 0, np.cumsum(~is_ground))
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,0 +1,256 @@
+"""Circuitscape's configurations in advanced mode: networks, and rasters of resistances.
+
+McRae, Shah & Edelman (2016), *Circuitscape: modeling landscape connectivity to promote conservation and human health*,
+and the user guide of Circuitscape 5.  Between neighbouring cells lies the mean of their resistances (or the
+conductance that is the mean of their conductances); diagonal neighbours are sqrt(2) further apart.
+"""
+
+from __future__ import annotations
+
+import configparser
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.netlist import Netlist
+from resgrid.spice.reader.edges import Measure, NetworkParts, grounded_netlist, read_table
+from resgrid.spice.reader.rasters import Raster, read_raster
+from resgrid.spice.reader.sources import decode, normalise, read_bytes
+
+_TRUE, _FALSE = frozenset({"true", "yes", "1"}), frozenset({"false", "no", "0"})
+_CONFLICTS = ("keepall", "rmvsrc", "rmvgnd", "rmvall")
+_UNSUPPORTED = ("use_mask", "use_reclass_table", "use_variable_source_strengths", "use_included_pairs")
+
+
+@dataclass(frozen=True, eq=False)
+class Network:
+    """A resistor network that was read.
+
+    Attributes
+    ----------
+    netlist : Netlist
+    cell_node : ndarray of int64 or None, shape (rows, columns)
+        Node of every cell of a raster, top row first, -1 where there is none; None for a plain network.
+    """
+
+    netlist: Netlist
+    cell_node: NDArray[np.int64] | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Configuration:
+    path: str
+    folder: Path
+    root: Path
+    values: dict[str, str]
+
+    def text(self, key: str, default: str | None = None) -> str:
+        value = self.values.get(key, default)
+        if value is None:
+            raise InputError(f"{self.path}: the key {key!r} is missing")
+        return value
+
+    def flag(self, key: str, default: bool = False) -> bool:
+        word = self.text(key, str(default)).strip().lower()
+        if word in _TRUE or word in _FALSE:
+            return word in _TRUE
+        raise InputError(f"{self.path}: {key} = {word!r} is neither True nor False")
+
+    def measure(self, key: str) -> Measure:
+        return "resistance" if self.flag(key) else "conductance"
+
+    def file(self, key: str) -> Path:
+        """A file that the configuration names: as it says, or beside it."""
+        wanted = self.text(key).strip()
+        for candidate in (self.folder / wanted, self.folder / Path(wanted.replace("\\", "/")).name):
+            try:
+                path = candidate.resolve()
+                if path.is_relative_to(self.root) and path.is_file():
+                    return path
+            except (OSError, ValueError, RuntimeError):
+                continue
+        raise InputError(f"{self.path}: {key} = {wanted!r} is no file at or below {str(self.root)!r}")
+
+
+def read_circuitscape(path: str | os.PathLike[str], *, root: str | os.PathLike[str] | None = None) -> Network:
+    """Read a Circuitscape configuration in advanced mode, and the files it names.
+
+    Parameters
+    ----------
+    path : path-like
+        The ``.ini`` file.  Files that do not lie where it says are looked for beside it.
+    root : path-like, optional
+        Folder below which they must lie; by default the configuration's own.
+
+    Returns
+    -------
+    Network
+        Nodes of a raster are named ``r3_c4``, row and column from 0, top row first.
+
+    Raises
+    ------
+    InputError
+        If a file cannot be read, or asks for something else than the advanced mode.
+    """
+    configuration = _read_configuration(path, root)
+    scenario = configuration.text("scenario").strip().lower()
+    if scenario != "advanced":
+        raise InputError(f"{configuration.path}: the scenario {scenario!r} is not read; only 'advanced' is one circuit")
+    for key in _UNSUPPORTED:
+        if configuration.flag(key):
+            raise InputError(f"{configuration.path}: {key} is not understood; apply it to the files first")
+    kind = configuration.text("data_type", "raster").strip().lower()
+    if kind == "network":
+        return _network(configuration)
+    if kind == "raster":
+        return _raster(configuration)
+    raise InputError(f"{configuration.path}: data_type = {kind!r} is neither 'network' nor 'raster'")
+
+
+def _read_configuration(path: str | os.PathLike[str], root: str | os.PathLike[str] | None) -> _Configuration:
+    name = os.fspath(path)
+    text = decode(normalise(read_bytes(Path(name), name), name))
+    parser = configparser.ConfigParser(interpolation=None, strict=False)
+    try:
+        parser.read_string(text, source=name)
+    except configparser.Error as error:
+        raise InputError(f"{name} is no configuration: {str(error).splitlines()[0]}") from None
+    values = {key: value for section in parser.sections() for key, value in parser.items(section)}
+    folder = Path(name).resolve().parent
+    return _Configuration(name, folder, folder if root is None else Path(root).resolve(), values)
+
+
+def _network(configuration: _Configuration) -> Network:
+    edges = read_table(configuration.file("habitat_file"), 2, "edge")
+    parts = NetworkParts.of_edges(edges, configuration.measure("habitat_map_is_resistances"))
+    parts.feed(read_table(configuration.file("source_file"), 1, "source"))
+    parts.ground(
+        read_table(configuration.file("ground_file"), 1, "ground"), configuration.measure("ground_file_is_resistances")
+    )
+    parts.amps, parts.to_ground = _settled(configuration, parts.amps, parts.to_ground)
+    return Network(parts.netlist())
+
+
+def _settled(
+    configuration: _Configuration, amps: NDArray[np.float64], to_ground: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What the options of the advanced mode make of sources and grounds."""
+    if configuration.flag("use_unit_currents"):
+        amps = (amps != 0).astype(np.float64)
+    if configuration.flag("use_direct_grounds"):
+        to_ground = np.where(to_ground > 0, np.inf, to_ground)
+    policy = configuration.text("remove_src_or_gnd", "keepall").strip().lower()
+    if policy not in _CONFLICTS:
+        raise InputError(f"{configuration.path}: remove_src_or_gnd = {policy!r} is none of {', '.join(_CONFLICTS)}")
+    both = (amps != 0) & (to_ground > 0)
+    if policy in ("rmvsrc", "rmvall"):
+        amps = np.where(both, 0.0, amps)
+    if policy in ("rmvgnd", "rmvall"):
+        to_ground = np.where(both, 0.0, to_ground)
+    return amps, to_ground
+
+
+def _raster(configuration: _Configuration) -> Network:
+    habitat = read_raster(configuration.file("habitat_file"))
+    conductance = _cell_conductance(habitat, configuration.measure("habitat_map_is_resistances"))
+    polygon = _polygons(configuration, habitat)
+    node, names = _number_cells(conductance, polygon)
+    edges, value = _links(
+        conductance,
+        node,
+        mean_resistance=configuration.flag("connect_using_avg_resistances"),
+        diagonals=not configuration.flag("connect_four_neighbors_only"),
+    )
+    amps = _gathered(_like(configuration, "source_file", habitat).filled(0.0), node, len(names))
+    tied = _ground_conductance(configuration, habitat)
+    amps, to_ground = _settled(configuration, amps, _gathered(tied, node, len(names)))
+    return Network(grounded_netlist(names, edges, value, amps, to_ground), node)
+
+
+def _cell_conductance(habitat: Raster, measure: Measure) -> NDArray[np.float64]:
+    """Conductance of every cell in siemens, 0 where there is nothing."""
+    values = habitat.filled(0.0)
+    wrong = habitat.present & ((values < 0) | ((values == 0) & (measure == "resistance")))
+    if wrong.any():
+        row, column = np.argwhere(wrong)[0].tolist()
+        raise InputError(
+            f"{habitat.source}: the cell in row {row}, column {column} (from 0) has a {measure} of "
+            f"{values[row, column]:g}; regions without resistance are short-circuit polygons"
+        )
+    if measure == "conductance":
+        return values
+    return np.where(habitat.present, 1.0 / np.where(habitat.present, values, 1.0), 0.0)
+
+
+def _like(configuration: _Configuration, key: str, habitat: Raster) -> Raster:
+    raster = read_raster(configuration.file(key))
+    if raster.values.shape != habitat.values.shape:
+        raise InputError(
+            f"{raster.source} has {raster.values.shape[0]} x {raster.values.shape[1]} cells, but the habitat has "
+            f"{habitat.values.shape[0]} x {habitat.values.shape[1]}"
+        )
+    return raster
+
+
+def _polygons(configuration: _Configuration, habitat: Raster) -> NDArray[np.float64]:
+    if not configuration.flag("use_polygons"):
+        return np.zeros(habitat.values.shape)
+    return np.maximum(_like(configuration, "polygon_file", habitat).filled(0.0), 0.0)
+
+
+def _ground_conductance(configuration: _Configuration, habitat: Raster) -> NDArray[np.float64]:
+    raster = _like(configuration, "ground_file", habitat)
+    values = raster.filled(0.0)
+    if np.any(values < 0):
+        raise InputError(f"{raster.source}: a ground has a negative value")
+    if configuration.measure("ground_file_is_resistances") == "conductance":
+        return values
+    with np.errstate(divide="ignore"):
+        return np.where(raster.present, 1.0 / values, 0.0)
+
+
+def _number_cells(
+    conductance: NDArray[np.float64], polygon: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], list[str]]:
+    """Node of every conducting cell, one for all cells of a polygon, and the names of the nodes, ground first."""
+    conducts = conductance > 0
+    cell = np.arange(conductance.size).reshape(conductance.shape)
+    leader = cell.copy()
+    for region in np.unique(polygon[(polygon > 0) & conducts]).tolist():
+        members = (polygon == region) & conducts
+        leader[members] = cell[members].min()
+    leaders, node = np.unique(leader[conducts], return_inverse=True)
+    numbers = np.full(conductance.shape, -1, dtype=np.int64)
+    numbers[conducts] = node + 1
+    columns = conductance.shape[1]
+    return numbers, ["ground", *(f"r{one // columns}_c{one % columns}" for one in leaders.tolist())]
+
+
+def _links(
+    conductance: NDArray[np.float64], node: NDArray[np.int64], *, mean_resistance: bool, diagonals: bool
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Resistors between neighbouring cells: their nodes, and siemens."""
+    steps: list[tuple[Any, Any, float]] = [(np.s_[:, :-1], np.s_[:, 1:], 1.0), (np.s_[:-1], np.s_[1:], 1.0)]
+    if diagonals:
+        far = float(np.sqrt(2.0))
+        steps += [(np.s_[:-1, :-1], np.s_[1:, 1:], far), (np.s_[1:, :-1], np.s_[:-1, 1:], far)]
+    pairs: list[NDArray[np.int64]] = []
+    values: list[NDArray[np.float64]] = []
+    for here, there, distance in steps:
+        a, b = node[here].ravel(), node[there].ravel()
+        joins = (a > 0) & (b > 0) & (a != b)
+        x, y = conductance[here].ravel()[joins], conductance[there].ravel()[joins]
+        pairs.append(np.stack([a[joins], b[joins]], axis=1))
+        values.append((2.0 * x * y / (x + y) if mean_resistance else (x + y) / 2.0) / distance)
+    return np.concatenate(pairs), np.concatenate(values)
+
+
+def _gathered(values: NDArray[np.float64], node: NDArray[np.int64], count: int) -> NDArray[np.float64]:
+    """Sum of the cells of every node."""
+    there = node >= 0
+    return np.asarray(np.bincount(node[there], values[there], count), dtype=np.float64)
