@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from hashlib import sha256
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -12,26 +14,37 @@ from resgrid.cli.report import Report
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
-    from resgrid.spice.writer import WrittenDeck
+    from resgrid.spice.writer import Form, WrittenDeck
 
 dialect_option = click.option(
     "--dialect", default="ngspice", show_default=True, metavar="NAME", help="SPICE dialect of the deck."
+)
+form_option = click.option(
+    "--form",
+    type=click.Choice(("flat", "cells")),
+    default="flat",
+    show_default=True,
+    help="One line per element, or an array of tiles with the scene as a pattern of switches.",
 )
 
 
 @click.command("compile", short_help="Write a scene's chip as a SPICE deck.")
 @with_scene()
-@output_option("The deck; FILE.json (expected voltages) and FILE.ngspice (commands) are written beside it.")
+@output_option(
+    "The deck; beside it FILE.json (expected voltages), FILE.DIALECT (commands), for ngspice FILE.verify (prints PASS "
+    "or FAIL), and with --form cells FILE.chip and FILE.pattern."
+)
 @dialect_option
+@form_option
 @with_report
-def command(choice: SceneChoice, output: str | None, dialect: str, report: Report) -> int:
-    """Compile SCENE into a resistor netlist and write it as a flat SPICE deck.
+def command(choice: SceneChoice, output: str | None, dialect: str, form: Form, report: Report) -> int:
+    """Compile SCENE into a resistor netlist and write it as a SPICE deck.
 
-    Without -o, or with -o -, the deck alone is printed.
+    Without -o, or with -o -, the flat deck alone is printed.
     """
     printed = output in (None, "-")
+    if printed and form == "cells":
+        raise InputError("--form cells makes three files (deck, chip and pattern); name the deck with -o FILE")
     if output == "-" and report.json:
         raise InputError("-o - and --json both want standard output; write the deck to a file")
     job = open_job(choice, report)
@@ -42,16 +55,21 @@ def command(choice: SceneChoice, output: str | None, dialect: str, report: Repor
     chip = solve_chip(job, report, boundary, start)
     data: dict[str, Any] = {"chip": chip.name, "dialect": dialect, **_counts(chip)}
     if output is not None:
-        written = write_deck(output, job, chip, dialect, report)
-        data |= {"deck": written.path, "sidecar": written.sidecar, "commands": written.commands}
+        written = write_deck(output, job, chip, dialect, report, form)
+        data |= {"form": form, "deck": written.path, "sidecar": written.sidecar, "commands": written.commands}
+        more = {"companion": written.companion, "chip": written.chip, "pattern": written.pattern}
+        data |= {f"{key}_file" if key in data else key: path for key, path in more.items() if path is not None}
         data["sha256"] = written.sha256
-        report.say(f"wrote {written.path} ({data['resistors']:,} resistors), {written.sidecar} and {written.commands}")
+        others = [path for path in (written.sidecar, written.commands, *more.values()) if path is not None]
+        report.say(f"wrote {written.path} ({data['resistors']:,} resistors), {', '.join(map(str, others))}")
     report.finish(data, ())
     return 0
 
 
-def write_deck(target: str | Path, job: Job, chip: Chip, dialect: str, report: Report) -> WrittenDeck:
-    """Write a chip's deck with its sidecar and commands.
+def write_deck(
+    target: str | Path, job: Job, chip: Chip, dialect: str, report: Report, form: Form = "flat"
+) -> WrittenDeck:
+    """Write a chip's deck with its sidecar, commands and companion.
 
     Parameters
     ----------
@@ -60,6 +78,7 @@ def write_deck(target: str | Path, job: Job, chip: Chip, dialect: str, report: R
     chip : Chip
     dialect : str
     report : Report
+    form : {"flat", "cells"}
 
     Returns
     -------
@@ -70,10 +89,27 @@ def write_deck(target: str | Path, job: Job, chip: Chip, dialect: str, report: R
     InputError
         If the dialect is unknown or a file cannot be written.
     """
+    from resgrid.spice.tiles import Tile
     from resgrid.spice.writer import write_spice
 
+    tile = Tile.of(vars(job.scene.chip))
     with report.stage("write the deck", seconds=5e-6 * len(chip.netlist.conductance)):
-        return write_spice(chip.netlist, target, dialect, title=_title(job, chip.name), operating_point=chip.point)
+        return write_spice(
+            chip.netlist,
+            target,
+            dialect,
+            title=_title(job, chip.name),
+            operating_point=chip.point,
+            form=form,
+            tile=tile,
+            scene_sha256=_scene_hash(job),
+        )
+
+
+def _scene_hash(job: Job) -> str | None:
+    """SHA-256 of the scene's file, where it has one."""
+    source = Path(job.scene.source or "-")
+    return sha256(source.read_bytes()).hexdigest() if source.is_file() else None
 
 
 def _deck_text(job: Job, boundary: str, start: int | None, dialect: str, report: Report) -> str:

@@ -78,6 +78,8 @@ def _write_all(made: Path, job: Job, plan: Plan, dialect: str, report: Report) -
         files[deck.path.name] = f"the {name.replace('_', ' ')} chip as a SPICE deck"
         files[deck.sidecar.name] = "its nodes, cells and expected voltages"
         files[deck.commands.name] = "commands for the simulator"
+        if deck.companion is not None:
+            files[deck.companion.name] = "makes ngspice print PASS or FAIL"
         write_field(made / f"{name}.npz", field_of(chip.point))
         files[f"{name}.npz"] = "its potential, log_drop and cells as arrays"
     files[SUMMARY] = "this summary as JSON"

@@ -25,6 +25,8 @@ class AnalysisWords:
         The analyses; ``temperatures`` is a list with blanks, and so is ``numbers``, of the runs.
     run : tuple of str
         What starts the other analyses where one of them is a control block.
+    one_a_run : bool
+        Whether the simulator runs one analysis only.
     print_all : str
         What must be there for anything to be printed; ``kind`` is the analysis.
     probe, probe_voltage, probe_current : str
@@ -52,6 +54,7 @@ class AnalysisWords:
     value: str
     crossing: str
     print_all: str = ""
+    one_a_run: bool = False
     measure_first: tuple[str, ...] = ()
     measure_last: tuple[str, ...] = ()
 
@@ -68,7 +71,7 @@ _NGSPICE = AnalysisWords(
         "foreach celsius {temperatures}",
         "  set temp = $celsius",
         "  op",
-        '  write "{deck}.raw.$celsius"',
+        "  write celsius.raw.$celsius",
         "end",
         ".endc",
     ),
@@ -78,11 +81,11 @@ _NGSPICE = AnalysisWords(
         "foreach run {numbers}",
         "  mc_source",
         "  op",
-        '  write "{deck}.raw.$run"',
+        "  write run.raw.$run",
         "end",
         ".endc",
     ),
-    run=(".control", "run", 'write "{deck}.raw"', ".endc"),
+    run=(".control", "run", "write analyses.raw", ".endc"),
     probe=".save {what}",
     probe_voltage="v({name})",
     probe_current="i({name})",
@@ -94,6 +97,7 @@ _NGSPICE = AnalysisWords(
 _LTSPICE = replace(
     _NGSPICE,
     run=(),
+    one_a_run=True,
     first=("* LTspice -b {deck}.ltspice", ".options numdgt=15"),
     deck_first=False,
     temperature=(".op", ".step temp list {temperatures}"),
@@ -102,10 +106,11 @@ _LTSPICE = replace(
 _XYCE = replace(
     _NGSPICE,
     run=(),
+    one_a_run=True,
     first=("* Xyce {deck}.xyce",),
     deck_first=False,
     operating=(".dc {source} {volts} {volts} 1.0",),
-    transient=(".tran {step} {stop} 0.0 {step}",),
+    noise=(".noise v({node}) {source} dec {points} {start} {stop}", ".print noise format=csv onoise inoise"),
     temperature=(".dc {source} {volts} {volts} 1.0", ".step temp list {temperatures}"),
     mismatch=(
         ".dc {source} {volts} {volts} 1.0",
@@ -125,7 +130,7 @@ _HSPICE = replace(
     first=("* hspice {deck}.hspice", ".option post=1 numdgt=10 ingold=2"),
     deck_first=False,
     transient=(".option delmax={step}", ".tran {step} {stop}"),
-    noise=(".ac dec {points} {start} {stop}", ".noise v({node}) {source} {points}"),
+    noise=(".ac dec {points} {start} {stop}", ".noise v({node}) {source} {points}", ".print noise onoise"),
     temperature=(".dc temp poi {count} {temperatures}",),
     mismatch=(".option seed={seed}", ".dc monte={runs}"),
     probe=".probe {kind} {what}",

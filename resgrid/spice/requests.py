@@ -18,7 +18,7 @@ from resgrid.spice.dialects import Dialect
 _KINDS: dict[type[Analysis], str] = {
     Operating: "dc",
     Transient: "tran",
-    Noise: "noise",
+    Noise: "",
     Temperature: "dc",
     Mismatch: "dc",
 }
@@ -115,6 +115,7 @@ def format_analyses(
     """
     rules, words = deck.dialect, ANALYSIS_WORDS[deck.dialect.name]
     _check_names(deck, analyses, references)
+    _check_number(words, deck.dialect.name, analyses)
     include = [rules.include.format(file=name)]
     change = _change(deck, only_one(analyses, Transient), after)
     statements = [line for analysis in analyses for line in _statement(words, name, deck, analysis)]
@@ -130,6 +131,13 @@ def format_analyses(
         *words.last,
     ]
     return "\n".join(lines) + "\n"
+
+
+def _check_number(words: AnalysisWords, dialect: str, analyses: Sequence[Analysis]) -> None:
+    runs = [item for item in analyses if type(item) in _KINDS and not (isinstance(item, Mismatch) and not item.runs)]
+    if words.one_a_run and len(runs) > 1:
+        asked = " and ".join(type(item).__name__.lower() for item in runs)
+        raise InputError(f"{dialect} runs one analysis per file, not {asked}; write a deck for each")
 
 
 def _check_names(deck: FlatDeck, analyses: Sequence[Analysis], references: Sequence[str]) -> None:
@@ -181,7 +189,7 @@ def _started(words: AnalysisWords, name: str, statements: list[str]) -> list[str
 
 
 def _probes(words: AnalysisWords, analyses: Sequence[Analysis]) -> list[str]:
-    kinds = list(dict.fromkeys(_KINDS[type(item)] for item in analyses if type(item) in _KINDS))
+    kinds = list(dict.fromkeys(kind for item in analyses if (kind := _KINDS.get(type(item), ""))))
     what = [
         template.format(name=name)
         for probe in analyses

@@ -11,6 +11,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from resgrid.errors import InputError
 from resgrid.files import atomic_path
 from resgrid.netlist import Netlist
@@ -24,7 +26,7 @@ from resgrid.spice.expected import expect
 from resgrid.spice.requests import additions, format_analyses, only_one
 from resgrid.spice.sidecar import format_sidecar, sidecar_path
 from resgrid.spice.text.texts import Texts
-from resgrid.spice.tiles import Tile, expanded_netlist
+from resgrid.spice.tiles import Tile, expanded_netlist, layout_of
 
 Form = Literal["flat", "cells"]
 FORMS: tuple[Form, ...] = ("flat", "cells")
@@ -139,6 +141,8 @@ def write_spice(
             target.name, found, content.resistors, content.values
         )
     more = _more(form, tile, texts, analyses, expected, scene_sha256)
+    if form == "cells" and operating_point is not None:
+        more["difference_from_flat"] = _difference(operating_point, point)
     sidecar = sidecar_path(target)
     texts[sidecar.name] = format_sidecar(target.name, content.flat, found, text=content.text, more=more)
     texts[target.name] = content.text
@@ -241,6 +245,14 @@ def _more(
     if scene_sha256 is not None:
         more["scene_sha256"] = scene_sha256
     return more
+
+
+def _difference(flat: OperatingPoint, tiled: OperatingPoint) -> float:
+    """Largest difference of a free cell's voltage between a flat netlist and its tiles, in volts."""
+    ideal, real = layout_of(flat.netlist), layout_of(tiled.netlist)
+    cells = np.isin(ideal.node, ideal.free_node)
+    difference = np.abs(flat.voltage[ideal.node[cells]] - tiled.voltage[real.node[cells]])
+    return float(np.max(difference[np.isfinite(difference)], initial=0.0))
 
 
 def _told(analysis: Analysis) -> dict[str, Any]:

@@ -19,7 +19,7 @@ def names(folder: Path) -> set[str]:
 def test_everything_is_in_one_folder(answer, lesson, tmp_path):
     folder = tmp_path / "deep" / "out"
     data = answer("run", lesson, "-o", folder)
-    deck = {"dirichlet.cir", "dirichlet.cir.json", "dirichlet.cir.ngspice", "dirichlet.npz"}
+    deck = {"dirichlet.cir", "dirichlet.cir.json", "dirichlet.cir.ngspice", "dirichlet.cir.verify", "dirichlet.npz"}
     assert names(folder) == {"page.png", "circuit.png", "paths.csv", "paths.json", "summary.json"} | deck
     assert set(data["files"]) == names(folder)
     assert names(tmp_path / "deep") == {"out"}
