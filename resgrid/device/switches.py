@@ -161,8 +161,8 @@ class RailResistance:
     """Make every rail a mesh over the die, fed all around its border, so that supplies droop.
 
     A rail has a node at every cell, one segment between those of face neighbours (no periodic ones: the die is flat),
-    and one from each border cell to the pin.  Whatever tied a cell to the pin, or to its ideal source, ties it to the
-    rail's node there.
+    and one from each border cell to the pin.  A switch ties its cell to the rail's node there; a cell on an ideal
+    source is that node itself.
 
     Attributes
     ----------
@@ -187,20 +187,24 @@ def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
     netlist, pin = _rail_pin(netlist, rail)
     layout = netlist.layout
     assert layout is not None
-    netlist, numbers = faces.add_nodes(netlist, layout.space.cell.size)
-    mesh = numbers.reshape(layout.space.shape)
-    local = np.full(netlist.node_count, -1, dtype=np.int64)
     own = layout.node >= 0
+    cells = layout.node[own & _on_rail(layout, rail)]
+    wired = np.isin(netlist.source_nodes[:, 0], cells) & (netlist.source_nodes[:, 1] == GROUND)
+    on_rail = np.isin(layout.node, netlist.source_nodes[wired, 0])
+    netlist, numbers = faces.add_nodes(netlist, int((~on_rail).sum()))
+    mesh = layout.node.copy()
+    mesh[~on_rail] = numbers
+    local = np.full(netlist.node_count, -1, dtype=np.int64)
     local[layout.node[own]] = mesh[own]
     resistor_nodes = netlist.resistor_nodes.copy()
     switch = ~faces.on_grid(netlist) & (resistor_nodes[:, 1] == pin) & (local[resistor_nodes[:, 0]] >= 0)
     resistor_nodes[switch, 1] = local[resistor_nodes[switch, 0]]
-    cells = layout.node[own & _on_rail(layout, rail)]
-    tied = np.isin(netlist.source_nodes[:, 0], cells) & (netlist.source_nodes[:, 1] == GROUND)
-    source_nodes, source_volts = netlist.source_nodes.copy(), netlist.source_volts.copy()
-    source_nodes[tied, 1] = local[source_nodes[tied, 0]]
-    source_volts[tied] = 0.0
-    netlist = netlist.replace(resistor_nodes=resistor_nodes, source_nodes=source_nodes, source_volts=source_volts)
+    netlist = netlist.replace(
+        resistor_nodes=resistor_nodes,
+        source_nodes=netlist.source_nodes[~wired],
+        source_volts=netlist.source_volts[~wired],
+        element_names=None,
+    )
     segments = _mesh_segments(mesh, pin)
     return faces.add_resistors(netlist, segments, np.full(len(segments), 1 / ohms))
 

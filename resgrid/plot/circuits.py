@@ -49,8 +49,11 @@ def plot_circuit(netlist: Netlist, op: OperatingPoint | None = None, ax: Axes | 
     Raises
     ------
     InputError
-        If the circuit is too large to be read, or the operating point belongs to another netlist.
+        If the circuit is too large to be read or has nonlinear resistors, or the operating point belongs to another
+        netlist.
     """
+    if netlist.nonlinear_nodes.size:
+        raise InputError("a circuit with nonlinear resistors is not drawn; use plot_potential and plot_currents")
     if op is not None and op.netlist.node_count != netlist.node_count:
         raise InputError("the operating point belongs to another netlist: solve this one")
     layout = netlist.layout
@@ -136,13 +139,17 @@ def _draw_resistors(plan: Schematic, layout: Layout, netlist: Netlist, axes: Axe
 
 def resistor_note(netlist: Netlist) -> str:
     """What the resistors measure: their values if there are few, otherwise the range."""
-    ohms = Counter(engineering(float(value), "Ω") for value in 1.0 / netlist.conductance)
+    drawn = np.ones(len(netlist.conductance), dtype=np.bool_)
+    if netlist.layout is not None:
+        drawn = netlist.layout.resistor_face >= 0
+    hidden = int(np.count_nonzero(~drawn))
+    rest = f"; not drawn: {hidden} of switches, rails, loads" if hidden else ""
+    resistance = 1.0 / netlist.conductance[drawn]
+    ohms = Counter(engineering(float(value), "Ω") for value in resistance)
     if len(ohms) > 3:
-        low, high = engineering(1 / netlist.conductance.max(), "Ω"), engineering(1 / netlist.conductance.min(), "Ω")
-        return f"resistor, {low} to {high}"
-    return "resistor, " + ", ".join(
-        f"{count} of {value}" if len(ohms) > 1 else value for value, count in ohms.most_common()
-    )
+        return f"resistor, {engineering(resistance.min(), 'Ω')} to {engineering(resistance.max(), 'Ω')}{rest}"
+    values = (f"{count} of {value}" if len(ohms) > 1 else value for value, count in ohms.most_common())
+    return f"resistor, {', '.join(values)}{rest}"
 
 
 def _draw_seams(plan: Schematic, layout: Layout, netlist: Netlist, axes: Axes) -> None:

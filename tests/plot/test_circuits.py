@@ -188,3 +188,15 @@ def test_a_scene_page_of_a_small_scene_has_no_overlapping_text(field) -> None:
     titles = [axes.title.get_window_extent() for axes in figure.axes[:2]]
     assert not titles[0].overlaps(titles[1])
     assert not figure._suptitle.get_window_extent().overlaps(titles[0])
+
+
+def test_a_real_chip_is_drawn_without_what_is_not_on_its_grid() -> None:
+    from resgrid.device.build import compile_chip
+    from resgrid.scene import Chip
+
+    chip = compile_chip(space_of(SMALL), Chip(goal_switch_on=50.0, rail_resistance=1.0))
+    notes = [text.get_text() for text in plot_circuit(chip, solve(chip)).get_legend().get_texts()]
+    hidden = int((chip.layout.resistor_face < 0).sum())
+    assert f"resistor, 10 kΩ; not drawn: {hidden} of switches, rails, loads" in notes
+    with pytest.raises(InputError, match="nonlinear resistors is not drawn"):
+        plot_circuit(compile_chip(space_of(SMALL), Chip(saturation_voltage=0.1)))
