@@ -110,6 +110,15 @@ if TYPE_CHECKING:
     )
     from resgrid.space import Axis, Cell, ConfigurationSpace
     from resgrid.spice.agreement import Agreement, check_deck, check_spice
+    from resgrid.spice.analyses import (
+        Measure,
+        MismatchAnalysis,
+        NoiseAnalysis,
+        OperatingAnalysis,
+        Probe,
+        TemperatureAnalysis,
+        TransientAnalysis,
+    )
     from resgrid.spice.balance import PowerBalance, power_balance
     from resgrid.spice.deck import format_deck
     from resgrid.spice.drops import Drops, supply_drops
@@ -120,6 +129,7 @@ if TYPE_CHECKING:
     from resgrid.spice.rawwriter import write_raw
     from resgrid.spice.reader import read_network, read_spice
     from resgrid.spice.rules import check_rules
+    from resgrid.spice.tiles import Tile, expanded_netlist
     from resgrid.spice.verdicts import Verdict, predict_simulators
     from resgrid.spice.writer import write_spice
 
@@ -269,6 +279,15 @@ _HOME = {
     "check_rules": "resgrid.spice.rules",
     "Verdict": "resgrid.spice.verdicts",
     "predict_simulators": "resgrid.spice.verdicts",
+    "Measure": "resgrid.spice.analyses",
+    "MismatchAnalysis": "resgrid.spice.analyses",
+    "NoiseAnalysis": "resgrid.spice.analyses",
+    "OperatingAnalysis": "resgrid.spice.analyses",
+    "Probe": "resgrid.spice.analyses",
+    "TemperatureAnalysis": "resgrid.spice.analyses",
+    "TransientAnalysis": "resgrid.spice.analyses",
+    "Tile": "resgrid.spice.tiles",
+    "expanded_netlist": "resgrid.spice.tiles",
     "write_spice": "resgrid.spice.writer",
 }
 """Where every public name lives."""
@@ -298,9 +317,13 @@ __all__ = [
     "Forecast",
     "InputError",
     "Layout",
+    "Measure",
+    "MismatchAnalysis",
     "Netlist",
     "Noise",
+    "NoiseAnalysis",
     "Note",
+    "OperatingAnalysis",
     "OperatingPoint",
     "Outcome",
     "ParsedDeck",
@@ -310,6 +333,7 @@ __all__ = [
     "Power",
     "PowerBalance",
     "Precision",
+    "Probe",
     "Readout",
     "ResgridError",
     "Risk",
@@ -319,10 +343,13 @@ __all__ = [
     "Settling",
     "ShortPath",
     "Streamline",
+    "TemperatureAnalysis",
+    "Tile",
     "ToolMissingError",
     "Traces",
     "Trajectory",
     "Transient",
+    "TransientAnalysis",
     "TransientStepper",
     "Verdict",
     "Walk",
@@ -349,6 +376,7 @@ __all__ = [
     "compile_chip",
     "compile_space",
     "conductance_samples",
+    "expanded_netlist",
     "factor",
     "field",
     "forecast_run",

@@ -13,12 +13,12 @@ from resgrid.netlist import Netlist
 
 
 @dataclass(frozen=True)
-class Operating:
+class OperatingAnalysis:
     """The operating point; what a deck is asked for when nothing else is."""
 
 
 @dataclass(frozen=True, eq=False)
-class Transient:
+class TransientAnalysis:
     """What the voltages do in time, from the operating point of the deck.
 
     Attributes
@@ -42,7 +42,7 @@ class Transient:
 
 
 @dataclass(frozen=True)
-class Noise:
+class NoiseAnalysis:
     """Noise voltage at a node.
 
     Attributes
@@ -69,7 +69,7 @@ class Noise:
 
 
 @dataclass(frozen=True)
-class Temperature:
+class TemperatureAnalysis:
     """Operating points at other temperatures.
 
     Attributes
@@ -88,7 +88,7 @@ class Temperature:
 
 
 @dataclass(frozen=True)
-class Mismatch:
+class MismatchAnalysis:
     """Resistors off their values, normally distributed and independent.
 
     Attributes
@@ -168,4 +168,11 @@ class Measure:
             raise InputError(f"measure {self.name}: only a value (at a time) and a crossing (of a voltage) take at")
 
 
-Analysis = Operating | Transient | Noise | Temperature | Mismatch | Probe | Measure
+Analysis = (
+    OperatingAnalysis | TransientAnalysis | NoiseAnalysis | TemperatureAnalysis | MismatchAnalysis | Probe | Measure
+)
+
+
+def kind_of(analysis: Analysis) -> str:
+    """What an analysis is called: ``"operating"``, ``"transient"``, ..."""
+    return type(analysis).__name__.removesuffix("Analysis").lower()

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.netlist import Netlist
-from resgrid.spice.analyses import Mismatch
+from resgrid.spice.analyses import MismatchAnalysis
 from resgrid.spice.deck import FlatDeck, flatten, resistances, spread_preamble, tidy_title
 from resgrid.spice.dialects import Dialect, dialect_named
 from resgrid.spice.text.texts import Chosen, Texts, fill, names, numbers, weave
@@ -63,7 +63,7 @@ def tile_deck(
     title: str | None = None,
     chip_file: str = "chip",
     pattern_file: str = "pattern",
-    mismatch: Mismatch | None = None,
+    mismatch: MismatchAnalysis | None = None,
     suffix: Mapping[int, str] | None = None,
 ) -> CellDeck:
     """Write a compiled netlist in tile form.
@@ -77,7 +77,7 @@ def tile_deck(
     title : str, optional
     chip_file, pattern_file : str
         What the deck calls the files it includes.
-    mismatch : Mismatch, optional
+    mismatch : MismatchAnalysis, optional
         How far the resistors between cells are off, drawn here or by the simulator.
     suffix : mapping of int to str, optional
         What is added to the lines of the obstacle's (0) and the goal's supply (1).

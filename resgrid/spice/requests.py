@@ -10,17 +10,27 @@ import numpy as np
 
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Netlist
-from resgrid.spice.analyses import Analysis, Measure, Mismatch, Noise, Operating, Probe, Temperature, Transient
+from resgrid.spice.analyses import (
+    Analysis,
+    Measure,
+    MismatchAnalysis,
+    NoiseAnalysis,
+    OperatingAnalysis,
+    Probe,
+    TemperatureAnalysis,
+    TransientAnalysis,
+    kind_of,
+)
 from resgrid.spice.analysis_words import ANALYSIS_WORDS, AnalysisWords
 from resgrid.spice.deck import Additions, FlatDeck
 from resgrid.spice.dialects import Dialect
 
 _KINDS: dict[type[Analysis], str] = {
-    Operating: "dc",
-    Transient: "tran",
-    Noise: "",
-    Temperature: "dc",
-    Mismatch: "dc",
+    OperatingAnalysis: "dc",
+    TransientAnalysis: "tran",
+    NoiseAnalysis: "",
+    TemperatureAnalysis: "dc",
+    MismatchAnalysis: "dc",
 }
 _SAME = ("node_count", "resistor_nodes", "source_nodes", "capacitor_nodes", "capacitance", "nonlinear_nodes",
          "nonlinear_current", "nonlinear_voltage")  # fmt: skip
@@ -64,17 +74,17 @@ def additions(analyses: Sequence[Analysis], netlist: Netlist, rules: Dialect, af
         If the scenes do not fit each other, or noise has no source to refer to.
     """
     suffix: dict[int, str] = {}
-    transient: Transient | None = only_one(analyses, Transient)
+    transient: TransientAnalysis | None = only_one(analyses, TransientAnalysis)
     if after is not None and transient is not None:
         _check_alike(netlist, after)
         for source in np.flatnonzero(after.source_volts != netlist.source_volts).tolist():
             low, high = float(netlist.source_volts[source]), float(after.source_volts[source])
             suffix[source] = rules.piecewise.format(points=f"0.0 {low!r} {transient.step!r} {high!r}")
-    if only_one(analyses, Noise) is not None:
+    if only_one(analyses, NoiseAnalysis) is not None:
         if not len(netlist.source_volts):
             raise InputError("noise is referred to a voltage source, and there is none")
         suffix[0] = suffix.get(0, "") + rules.small_signal
-    mismatch: Mismatch | None = only_one(analyses, Mismatch)
+    mismatch: MismatchAnalysis | None = only_one(analyses, MismatchAnalysis)
     drawn = mismatch.sigma if mismatch is not None and mismatch.runs else 0.0
     return Additions({"voltage source": suffix} if suffix else {}, drawn)
 
@@ -117,7 +127,7 @@ def format_analyses(
     _check_names(deck, analyses, references)
     _check_number(words, deck.dialect.name, analyses)
     include = [rules.include.format(file=name)]
-    change = _change(deck, only_one(analyses, Transient), after)
+    change = _change(deck, only_one(analyses, TransientAnalysis), after)
     statements = [line for analysis in analyses for line in _statement(words, name, deck, analysis)]
     lines = [
         f"{rules.comment}analyses of {name}",
@@ -134,41 +144,43 @@ def format_analyses(
 
 
 def _check_number(words: AnalysisWords, dialect: str, analyses: Sequence[Analysis]) -> None:
-    runs = [item for item in analyses if type(item) in _KINDS and not (isinstance(item, Mismatch) and not item.runs)]
+    runs = [
+        item for item in analyses if type(item) in _KINDS and not (isinstance(item, MismatchAnalysis) and not item.runs)
+    ]
     if words.one_a_run and len(runs) > 1:
-        asked = " and ".join(type(item).__name__.lower() for item in runs)
+        asked = " and ".join(kind_of(item) for item in runs)
         raise InputError(f"{dialect} runs one analysis per file, not {asked}; write a deck for each")
 
 
 def _check_names(deck: FlatDeck, analyses: Sequence[Analysis], references: Sequence[str]) -> None:
     nodes, sources = {*deck.node_names, *references}, {*deck.source_names, *references}
     for analysis in analyses:
-        wanted = [analysis.node] if isinstance(analysis, Noise | Measure) else []
+        wanted = [analysis.node] if isinstance(analysis, NoiseAnalysis | Measure) else []
         wanted += list(analysis.nodes) if isinstance(analysis, Probe) else []
         missing = [node for node in wanted if node not in nodes]
         missing += [name for name in (analysis.sources if isinstance(analysis, Probe) else ()) if name not in sources]
         if missing:
             raise InputError(
-                f"{type(analysis).__name__.lower()}: the deck has no node or voltage source {missing[0]!r}; "
+                f"{kind_of(analysis)}: the deck has no node or voltage source {missing[0]!r}; "
                 f"it has such as {', '.join([*deck.node_names[:3], *deck.source_names[:3]])}"
             )
 
 
 def _statement(words: AnalysisWords, name: str, deck: FlatDeck, analysis: Analysis) -> list[str]:
-    if isinstance(analysis, Probe | Measure) or (isinstance(analysis, Mismatch) and not analysis.runs):
+    if isinstance(analysis, Probe | Measure) or (isinstance(analysis, MismatchAnalysis) and not analysis.runs):
         return []
     values: dict[str, Any] = {"deck": name, **_plain(analysis), **_source(deck)}
-    if isinstance(analysis, Temperature):
+    if isinstance(analysis, TemperatureAnalysis):
         values["temperatures"] = " ".join(repr(float(value)) for value in analysis.celsius)
         values["count"] = len(analysis.celsius)
-    if isinstance(analysis, Mismatch):
+    if isinstance(analysis, MismatchAnalysis):
         values["numbers"] = " ".join(map(str, range(1, analysis.runs + 1)))
-    templates: tuple[str, ...] = getattr(words, type(analysis).__name__.lower())
+    templates: tuple[str, ...] = getattr(words, kind_of(analysis))
     return [template.format(**values) for template in templates]
 
 
 def _plain(analysis: Analysis) -> dict[str, Any]:
-    if isinstance(analysis, Transient):
+    if isinstance(analysis, TransientAnalysis):
         return {"stop": repr(float(analysis.stop)), "step": repr(float(analysis.step))}
     return {key: repr(value) if isinstance(value, float) else value for key, value in asdict(analysis).items()}
 
@@ -212,7 +224,7 @@ def _measures(words: AnalysisWords, analyses: Sequence[Analysis]) -> list[str]:
     return [*words.measure_first, *lines, *words.measure_last] if lines else []
 
 
-def _change(deck: FlatDeck, transient: Transient | None, after: Netlist | None) -> list[str]:
+def _change(deck: FlatDeck, transient: TransientAnalysis | None, after: Netlist | None) -> list[str]:
     """Elements that turn the deck's scene into the next one: currents that a step switches on.
 
     What a changed resistor carries more, ``(g_after - g_before) V``, is a source of that current times the step;

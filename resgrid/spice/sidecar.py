@@ -11,7 +11,7 @@ import json
 import math
 import platform
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -46,6 +46,8 @@ class Sidecar:
         Of the deck.
     expected : Expected
         What the simulator should find.
+    parts : mapping of str to str
+        Files that the deck includes, and their hashes; empty for a flat one.
     """
 
     path: Path
@@ -54,6 +56,7 @@ class Sidecar:
     blocks: tuple[str, ...]
     dialect: str
     expected: Expected
+    parts: Mapping[str, str] = field(default_factory=dict)
 
 
 def sidecar_path(deck: Path) -> Path:
@@ -145,6 +148,9 @@ def read_sidecar(deck: Path) -> Sidecar:
     lines, hashes = blocks.get("lines"), blocks.get("sha256")
     if not isinstance(lines, int) or lines < 1 or not _is_strings(hashes):
         raise _wrong(path, "blocks", "it must hold a number of lines and a list of hashes")
+    parts = content.get("files", {})
+    if not isinstance(parts, dict) or not _is_strings(list(parts.values())):
+        raise _wrong(path, "files", "it must map the names of files to hashes")
     return Sidecar(
         path=path,
         sha256=_entry(path, content, "sha256", str),
@@ -152,6 +158,7 @@ def read_sidecar(deck: Path) -> Sidecar:
         blocks=tuple(hashes),
         dialect=_entry(path, content, "dialect", str),
         expected=expected,
+        parts=parts,
     )
 
 

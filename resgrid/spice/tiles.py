@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Layout, Netlist
 from resgrid.space import Cell
-from resgrid.spice.analyses import Mismatch
+from resgrid.spice.analyses import MismatchAnalysis
 
 _INTERNODAL_ON, _INTERNODAL_OFF = 10.0, 1e10
 
@@ -154,7 +154,7 @@ class Pattern:
     amps: float
 
 
-def tile_array(netlist: Netlist, tile: Tile = Tile(), mismatch: Mismatch | None = None) -> TileArray:
+def tile_array(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAnalysis | None = None) -> TileArray:
     """Lay out the array of tiles that a compiled netlist asks for.
 
     With a cost map, the resistors beside obstacles and goals follow the flat netlist's rule (the free cell's
@@ -165,7 +165,7 @@ def tile_array(netlist: Netlist, tile: Tile = Tile(), mismatch: Mismatch | None 
     netlist : Netlist
         From `compile_space`, whatever its rails.
     tile : Tile
-    mismatch : Mismatch, optional
+    mismatch : MismatchAnalysis, optional
         How far the resistors between cells are off, unless the simulator is to draw it.
 
     Returns
@@ -251,7 +251,7 @@ def pattern_of(netlist: Netlist) -> Pattern:
     return Pattern(state, float(amps[0]) if amps.size else 0.0)
 
 
-def expanded_netlist(netlist: Netlist, tile: Tile = Tile(), mismatch: Mismatch | None = None) -> Netlist:
+def expanded_netlist(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAnalysis | None = None) -> Netlist:
     """What the tile form of a compiled netlist is, electrically: every switch a resistance.
 
     Parameters
@@ -259,7 +259,7 @@ def expanded_netlist(netlist: Netlist, tile: Tile = Tile(), mismatch: Mismatch |
     netlist : Netlist
         From `compile_space`, whatever its rails.
     tile : Tile
-    mismatch : Mismatch, optional
+    mismatch : MismatchAnalysis, optional
         As `tile_array`.
 
     Returns

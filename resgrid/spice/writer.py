@@ -18,7 +18,7 @@ from resgrid.files import atomic_path
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.spice import companion
-from resgrid.spice.analyses import Analysis, Mismatch, Transient
+from resgrid.spice.analyses import Analysis, MismatchAnalysis, TransientAnalysis, kind_of
 from resgrid.spice.cells import CellDeck, tile_deck
 from resgrid.spice.deck import FlatDeck, flatten
 from resgrid.spice.dialects import dialect_named
@@ -177,8 +177,8 @@ def _content(
     point: OperatingPoint | None,
 ) -> tuple[_Content, Netlist | None, OperatingPoint]:
     """The deck, the scene after a change, and the operating point of what is written."""
-    transient: Transient | None = only_one(analyses, Transient)
-    mismatch: Mismatch | None = only_one(analyses, Mismatch)
+    transient: TransientAnalysis | None = only_one(analyses, TransientAnalysis)
+    mismatch: MismatchAnalysis | None = only_one(analyses, MismatchAnalysis)
     after = None if transient is None else transient.after
     if form == "cells":
         if after is not None:
@@ -212,7 +212,7 @@ def _of_cells(deck: CellDeck) -> _Content:
 
 
 def _commands(name: str, deck: FlatDeck, analyses: Sequence[Analysis], after: Netlist | None) -> str:
-    if analyses and not all(isinstance(item, Mismatch) and not item.runs for item in analyses):
+    if analyses and not all(isinstance(item, MismatchAnalysis) and not item.runs for item in analyses):
         return format_analyses(name, deck, analyses, after)
     source, volts = "", ""
     if deck.source_names:
@@ -221,7 +221,7 @@ def _commands(name: str, deck: FlatDeck, analyses: Sequence[Analysis], after: Ne
 
 
 def _is_random(analyses: Sequence[Analysis]) -> bool:
-    mismatch: Mismatch | None = only_one(analyses, Mismatch)
+    mismatch: MismatchAnalysis | None = only_one(analyses, MismatchAnalysis)
     return mismatch is not None and mismatch.runs > 0
 
 
@@ -256,10 +256,10 @@ def _difference(flat: OperatingPoint, tiled: OperatingPoint) -> float:
 
 
 def _told(analysis: Analysis) -> dict[str, Any]:
-    if isinstance(analysis, Transient):
+    if isinstance(analysis, TransientAnalysis):
         changed = analysis.after is not None
         return {"kind": "transient", "stop": analysis.stop, "step": analysis.step, "changes_scene": changed}
-    return {"kind": type(analysis).__name__.lower(), **asdict(analysis)}
+    return {"kind": kind_of(analysis), **asdict(analysis)}
 
 
 def _checked_json(expected: Mapping[str, Any]) -> Mapping[str, Any]:
