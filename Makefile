@@ -46,7 +46,7 @@ format: $(INSTALLED_DEV)
 bench: $(INSTALLED_BENCH)
 	scripts/install_ngspice.sh || true
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 NUMBA_NUM_THREADS=1 \
-	$(BENCH_VENV)/bin/python -m benchmarks $(SECTIONS) --scale $(BENCH) --seed $(SEED)
+	$(BENCH_VENV)/bin/python -m benchmarks $(SECTIONS) --scale $(BENCH) --seed $(SEED) $(if $(ROUNDS),--rounds $(ROUNDS))
 
 golden: $(INSTALLED)
 	$(BIN)/resgrid compile examples/scenes/lesson.toml -o $(GOLDEN)/lesson_dirichlet.cir

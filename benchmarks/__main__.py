@@ -7,10 +7,12 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import sys
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 from benchmarks import accuracy, grids, memory, pipeline, simulator, table
@@ -42,11 +44,14 @@ def arguments(words: list[str]) -> argparse.Namespace:
     parser.add_argument("sections", nargs="*", metavar="SECTION", help=f"which to run (all): {', '.join(names)}")
     parser.add_argument("--scale", choices=SCALES, default="quick", help="how large (quick, about ten minutes)")
     parser.add_argument("--seed", type=int, default=0, help="added to every problem's seed")
+    parser.add_argument("--rounds", type=int, help="alternating runs of each comparison")
     parser.add_argument("--folder", type=Path, default=FOLDER, help="where results.json and results.png are kept")
     chosen = parser.parse_args(words)
     for name in chosen.sections:
         if name not in names:
             parser.error(f"there is no section {name!r}; there are {', '.join(names)}")
+    if chosen.rounds is not None and chosen.rounds < 1:
+        parser.error(f"--rounds {chosen.rounds} must be at least 1")
     return chosen
 
 
@@ -54,7 +59,8 @@ def main(words: list[str] | None = None) -> None:
     """Run sections one by one; each is printed and kept as soon as it is done."""
     chosen = arguments(sys.argv[1:] if words is None else words)
     plain = SCALES[chosen.scale]
-    scale = Scale(plain.name, plain.rounds, plain.limit, chosen.seed)
+    scale = replace(plain, seed=chosen.seed, rounds=chosen.rounds or plain.rounds)
+    chosen.folder.mkdir(parents=True, exist_ok=True)
     kept = table.read_results(chosen.folder / "results.json")
     last = table.last_values(kept)
     with one_thread():
@@ -91,4 +97,6 @@ def one_thread() -> AbstractContextManager[object]:
 
 
 if __name__ == "__main__":
+    # Ended from outside, it still ends the contenders' processes on its way out.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     main()
