@@ -147,3 +147,13 @@ def drop_unresolved(netlist: Netlist, flow: Currents, sums: Balance, stored: NDA
     tied = (flow.direction != 0) & (falls != flow.direction)
     tied &= flow.log_amps <= np.log(HARMLESS) + np.minimum(log_through[a], log_through[b])
     return Currents(np.where(tied, np.int8(0), flow.direction).astype(np.int8), np.where(tied, -np.inf, flow.log_amps))
+
+
+def relative_residual(system: NodalSystem, sums: Balance) -> NDArray[np.float64]:
+    """Violation of KCL at every node that is solved for and tied by no source, relative to its through-current."""
+    own = system.unknown >= 0
+    own[system.forest.order] = False
+    residual = np.zeros(len(own))
+    carries = own & (sums.through > 0)
+    residual[carries] = np.abs(sums.net[carries]) / sums.through[carries]
+    return residual

@@ -15,6 +15,7 @@ from resgrid.nodal import readout
 from resgrid.nodal.factor import Factor
 from resgrid.nodal.methods import factor_system
 from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.nodal.plain import read_plain
 from resgrid.nodal.readout import Balance, Levels
 from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.sources import source_currents
@@ -82,15 +83,17 @@ def solve(
         system = assemble(netlist)
     with _timed(seconds, "factor"):
         factors = factor_system(system, method) if system.size else None
+    name = factors.name if factors else "none"
+    if accuracy == "normwise":
+        with _timed(seconds, "substitute"):
+            x = factors.solve(system.feed + system.injected, rtol=rtol) if factors else np.zeros(0)
+        with _timed(seconds, "read"):
+            return read_plain(system, x, name, seconds)
     with _timed(seconds, "substitute"):
-        if accuracy == "direction":
-            levels, error = _entrywise_levels(system, factors)
-        else:
-            levels, error = _normwise_levels(system, factors, rtol), 0.0
+        levels, error = _entrywise_levels(system, factors)
     with _timed(seconds, "read"):
-        point, sums = _read_off(system, levels, factors.name if factors else "none", seconds)
-    if accuracy == "direction":
-        _check_direction(system, levels, point, sums, error)
+        point, sums = _read_off(system, levels, name, seconds)
+    _check_direction(system, levels, point, sums, error)
     return point
 
 
@@ -175,11 +178,6 @@ def _minus(a: Scaled, b: Scaled) -> Scaled:
     return Scaled(hi, lo, exponent)
 
 
-def _normwise_levels(system: NodalSystem, factors: Factor | None, rtol: float) -> list[Levels]:
-    x = np.zeros(0) if factors is None else factors.solve(system.feed + system.injected, rtol=rtol)
-    return [readout.at_nodes(system, Scaled.of(x), system.reference, 1.0)]
-
-
 def _read_off(
     system: NodalSystem, levels: list[Levels], method: str, seconds: dict[str, float]
 ) -> tuple[OperatingPoint, Balance]:
@@ -204,7 +202,7 @@ def _read_off(
         resistor_direction=flow.direction,
         source_current=source_currents(netlist, system.forest, _outflow(netlist, amps)),
         power=power,
-        kcl_residual=float(np.max(_relative_residual(system, sums), initial=0.0)),
+        kcl_residual=float(np.max(readout.relative_residual(system, sums), initial=0.0)),
         floating=system.floating,
         undriven=system.undriven,
         method=method,
@@ -270,16 +268,6 @@ def _outflow(netlist: Netlist, amps: NDArray[np.float64]) -> NDArray[np.float64]
     return np.asarray(flow - readout.injected_currents(netlist))
 
 
-def _relative_residual(system: NodalSystem, sums: Balance) -> NDArray[np.float64]:
-    """Violation of KCL at every node that is solved for and tied by no source, relative to its through-current."""
-    own = system.unknown >= 0
-    own[system.forest.order] = False
-    residual = np.zeros(len(own))
-    carries = own & (sums.through > 0)
-    residual[carries] = np.abs(sums.net[carries]) / sums.through[carries]
-    return residual
-
-
 def _check_direction(
     system: NodalSystem, levels: list[Levels], point: OperatingPoint, sums: Balance, error: float
 ) -> None:
@@ -291,7 +279,7 @@ def _check_direction(
             "or the conductances differ, by more decades than it can hold; the answer is not returned",
             point,
         )
-    residual = _relative_residual(system, sums)
+    residual = readout.relative_residual(system, sums)
     residual[_flat(system, levels, sums)] = 0.0
     worst = int(np.argmax(residual)) if len(residual) else 0
     if len(residual) and residual[worst] > DIRECTION_RESIDUAL:

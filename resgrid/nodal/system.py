@@ -187,7 +187,7 @@ def _floating_ties(netlist: Netlist, known: NDArray[np.float64]) -> NDArray[np.i
 
 
 def _check_driven(netlist: Netlist, known: NDArray[np.float64], parts: _Parts) -> None:
-    fed = netlist.current_nodes[netlist.current_amps != 0].ravel()
+    fed = netlist.current_nodes[netlist.current_amps != 0].ravel() if parts.floating.any() else np.empty(0, np.int64)
     stuck = fed[np.isnan(known[fed]) & parts.floating[parts.of_node[fed]]]
     if stuck.size:
         raise CircuitError(

@@ -8,6 +8,7 @@ from resgrid.compiler import compile_space
 from resgrid.errors import AccuracyError, BudgetError, CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal import methods
+from resgrid.nodal.multigrid import aggregation
 from resgrid.nodal.multigrid.hierarchy import build_hierarchy
 from resgrid.nodal.solve import factor, solve
 from resgrid.nodal.system import assemble
@@ -80,11 +81,14 @@ def test_aggregates_never_join_across_a_wall() -> None:
     wall[:-1, 1] = 1
     wall[0, 0] = 2
     system = assemble(compile_space(space_of(np.repeat(wall, 3, axis=0)), boundary="neumann"))
-    stack = build_hierarchy(system)
     coupling = system.coupling
-    first = stack.aggregate[: system.size]
-    for group in range(int(first.max()) + 1):
-        members = np.flatnonzero(first == group)
+    layout = system.netlist.layout
+    cell = np.flatnonzero(layout.space.cell.ravel() == 0)
+    coordinate = np.stack(np.unravel_index(cell, layout.space.shape), axis=1).astype(np.int32)
+    group_of, count = aggregation.aggregate_blocks(coupling.indptr, coupling.indices, coordinate)
+    assert count == group_of.max() + 1 < system.size / 2
+    for group in range(count):
+        members = np.flatnonzero(group_of == group)
         inner = coupling[members][:, members]
         reach = np.linalg.matrix_power((inner.toarray() > 0) + np.eye(len(members)), len(members))
         assert np.all(reach > 0)
@@ -92,7 +96,7 @@ def test_aggregates_never_join_across_a_wall() -> None:
 
 def test_coarse_levels_conserve_what_ties_them_to_the_rails_where_lengths_do_not_matter() -> None:
     system = assemble(random_netlist(5000, 9))
-    stack = build_hierarchy(system)
+    stack = build_hierarchy(system).stack
     sizes = np.diff(stack.first)
     assert np.all(sizes[1:] < sizes[:-1])
     assert sizes[-1] <= 250
