@@ -67,6 +67,8 @@ def command(
     engine_named(engine)
     if not 0 < tolerance < 1:
         raise InputError(f"--tolerance {tolerance}: it must lie between 0 and 1, for it is relative to the supply")
+    if not 0 < timeout < float("inf"):
+        raise InputError(f"--timeout {timeout}: it must be a positive number of seconds")
     given = is_deck(choice.source)
     if given and deck is not None:
         raise InputError(f"{choice.source} is a deck already; --deck goes with a scene")
@@ -173,7 +175,9 @@ def agreement_lines(agreement: Agreement) -> Iterable[str]:
     largest = "" if error is None else f"; the largest error is {error:.1e} of the supply"
     if agreement.agrees:
         yield f"{simulator} agrees with {_WORDS[agreement.reference]} on all {agreement.nodes:,} nodes{largest}"
+        yield from (f"  {remark}" for remark in (agreement.remark,) if remark)
         return
     yield f"{simulator} DISAGREES with {_WORDS[agreement.reference]} ({agreement.nodes:,} nodes compared{largest})"
     for finding in agreement.findings:
         yield f"  {finding}"
+    yield from (f"  {remark}" for remark in (agreement.remark,) if remark)

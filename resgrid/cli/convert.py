@@ -94,6 +94,9 @@ def _written(
         "current_sources": len(netlist.current_amps),
     }
     suffix = Path(output).suffix.lower()
+    others = counts["voltage_sources"] + counts["current_sources"]
+    if suffix == ".txt" and output != "-" and others:
+        report.say(f"an edge list holds resistors only: {others:,} sources are left out")
     with report.stage("write it", seconds=5e-6 * counts["resistors"]):
         if output == "-" or (point is None and suffix not in GRAPHS):
             _write_bare(netlist, title, output, dialect)

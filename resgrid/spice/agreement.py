@@ -18,6 +18,7 @@ from resgrid.spice.engines import engine_named
 from resgrid.spice.expected import Expected, expect
 from resgrid.spice.locate import inspect_deck
 from resgrid.spice.ngspice import Simulation, read_deck
+from resgrid.spice.parts import with_parts
 from resgrid.spice.sidecar import Sidecar, altered_lines, read_sidecar, sidecar_path
 
 if TYPE_CHECKING:
@@ -53,6 +54,8 @@ class Agreement:
         What is wrong and where; empty if they agree.
     worst : tuple of (str, float, float)
         Node, expected and simulated voltage, the largest differences first.
+    remark : str
+        What else is to be known of the comparison, empty if nothing.
     """
 
     reference: Reference
@@ -65,6 +68,7 @@ class Agreement:
     tolerance: float
     findings: tuple[str, ...]
     worst: tuple[tuple[str, float, float], ...]
+    remark: str = ""
 
 
 def compare(
@@ -235,11 +239,18 @@ def check_deck(
         expected = expect(flatten(reference.netlist, dialect=name), reference)
     elif sidecar is not None:
         expected = sidecar.expected
-    if name == _SIMULATED:
+    parts = {} if sidecar is None else sidecar.parts
+    if name == _SIMULATED and parts:
+        data, changed = with_parts(deck, data, parts, dialect_named(name))
+        findings += changed
+    elif name == _SIMULATED:
         findings += inspect_deck(data, expected, tolerance)
     else:
         data = _translated(deck, data, name)
-    simulation = _simulate_or_refuse(data, engine, str(deck), timeout)
+    simulation = _simulate_or_refuse(data, engine, str(deck), timeout, direct=name != _SIMULATED)
+    if parts:  # the inner nodes of tiles are nobody's business
+        known = {node: volts for node, volts in simulation.voltage.items() if node in expected.voltage}
+        simulation = replace(simulation, voltage=known)
     return compare(
         expected,
         simulation,
@@ -282,13 +293,15 @@ def check_read_deck(deck: ParsedDeck, point: OperatingPoint, data: bytes, run: R
     found = compare(expected, simulation, tolerance=run.tolerance, reference="solve")
     places = places_of(deck, (name for name, *_ in found.worst)) if job.as_written and not found.agrees else {}
     located = tuple(_with_place(finding, places) for finding in found.findings)
+    if not job.as_written:
+        found = replace(found, remark=f"what was simulated is the deck as it was read, for {job.why}")
     return found if found.agrees else replace(found, findings=(*located, *_explanations(deck, job)))
 
 
 def _explanations(deck: ParsedDeck, job: Runnable) -> list[str]:
     """Why a simulator may disagree: what it is known to make of such a deck."""
     if not job.as_written:
-        return [f"what was simulated is the deck as read, for {job.why}"]
+        return []
     from resgrid.spice.verdicts import predict_simulators
 
     verdict = next(verdict for verdict in predict_simulators(deck) if verdict.simulator == _SIMULATED)
@@ -321,10 +334,10 @@ def _check_tolerance(tolerance: float) -> None:
         raise InputError(f"tolerance = {tolerance} must lie between 0 and 1: it is relative to the supply")
 
 
-def _simulate_or_refuse(data: bytes, simulator: str, source: str, timeout: float) -> Simulation:
+def _simulate_or_refuse(data: bytes, simulator: str, source: str, timeout: float, *, direct: bool) -> Simulation:
     """A deck with commands in it is not run, and that is an answer: it is not the deck that was written."""
     try:
-        return engine_named(simulator)(data, source=source, timeout=timeout)
+        return engine_named(simulator)(data, source=source, timeout=timeout, direct=direct)
     except InputError as error:
         return Simulation({}, {}, simulator, "not run", (str(error),))
 

@@ -137,7 +137,7 @@ def require_time(expected: Forecast, timeout: float) -> None:
     if expected.seconds > timeout:
         other = "" if expected.engine == "eecircuit" else ", take the faster engine (--engine eecircuit)"
         raise BudgetError(
-            f"{expected}, and {_duration(timeout)} is allowed: allow more (--timeout {expected.seconds * 3:.0f}){other}"
+            f"{expected}, and {_duration(timeout)} is allowed: allow more (--timeout {max(expected.seconds * 3, 1):.0f}){other}"
             " or check a smaller circuit"
         )
 
@@ -188,7 +188,7 @@ def _held(subject: Subject) -> NDArray[np.bool_]:
 
 def _duration(seconds: float) -> str:
     if seconds < 1:
-        return "a second"
+        return f"{seconds:.1g} s"
     if seconds < 120:
         return f"{seconds:.0f} s"
     if seconds < 7200:

@@ -17,6 +17,7 @@ VERBS = {
     "path": ("-o", "paths.csv"),
     "plot": ("-o", "picture.png"),
     "check": (),
+    "convert": ("-o", "deck.cir"),
     "info": (),
 }
 AXIS = '{ name = "%s", lower = 0, upper = 4, cells = 4 }'

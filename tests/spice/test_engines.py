@@ -22,7 +22,8 @@ assert script.endswith("eecircuit.mjs") and module.endswith("engine.mjs")
 text = pathlib.Path(deck).read_text().lower()
 assert text.count(".end\\n") == 1 and ".op" in text
 {body}
-done = subprocess.run(["ngspice", "-n", "-b", "-r", raw, deck], stdin=subprocess.DEVNULL, capture_output=True, text=True)
+words = ["ngspice", "-n", "-b", "-r", raw, deck]
+done = subprocess.run(words, stdin=subprocess.DEVNULL, capture_output=True, text=True)
 print("Command: ngspice-45.2, Build")
 print(done.stdout, done.stderr)
 """

@@ -1,4 +1,4 @@
-"""What is said of ngspice is measured on ngspice: where an error is predicted it has that size, elsewhere there is none."""
+"""What is said of ngspice is measured on it: a predicted error has the predicted size, elsewhere there is none."""
 
 from __future__ import annotations
 
