@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from resgrid.cli.job import DECK_SUFFIXES
-from resgrid.errors import InputError
+from resgrid.errors import CircuitError, InputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -108,7 +108,22 @@ def tell_notes(deck: ParsedDeck, report: Report) -> None:
 
 
 def solve_deck(deck: ParsedDeck, report: Report) -> SolvedDeck:
-    """Solve a deck; as `resgrid.solve`."""
+    """Solve a deck; as `resgrid.solve`, but where there is no answer the message names the lines at fault."""
+    try:
+        return _solved(deck, report)
+    except CircuitError as error:
+        raise CircuitError(_lines_at_fault(deck) or str(error)) from error
+
+
+def _lines_at_fault(deck: ParsedDeck) -> str:
+    """Errors that the rules find, one a line; empty if they find none."""
+    from resgrid.spice.rules import check_rules
+
+    errors = [finding for finding in check_rules(deck) if finding.severity == "error"]
+    return "\n".join(f"{finding.place}: {finding.message}; {finding.remedy}" for finding in errors[:_NOTES])
+
+
+def _solved(deck: ParsedDeck, report: Report) -> SolvedDeck:
     from resgrid.nodal.solve import solve
 
     with report.stage("assemble it"):

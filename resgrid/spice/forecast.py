@@ -136,10 +136,8 @@ def require_time(expected: Forecast, timeout: float) -> None:
     """
     if expected.seconds > timeout:
         other = "" if expected.engine == "eecircuit" else ", take the faster engine (--engine eecircuit)"
-        raise BudgetError(
-            f"{expected}, and {_duration(timeout)} is allowed: allow more (--timeout {max(expected.seconds * 3, 1):.0f}){other}"
-            " or check a smaller circuit"
-        )
+        more = f"allow more (--timeout {max(expected.seconds * 3, 1):.0f})"
+        raise BudgetError(f"{expected}, and {_duration(timeout)} is allowed: {more}{other} or check a smaller circuit")
 
 
 def core_of(subject: Subject) -> tuple[int, float]:

@@ -238,11 +238,11 @@ def test_what_is_wrong_is_one_message(call, deck, tmp_path, monkeypatch, words, 
 @pytest.mark.parametrize(
     ("text", "code", "message"),
     [
-        (b"", 2, "no element"),
+        (b"", 2, "nothing is driven"),
         (b"\x00\xff" * 50, 2, ""),
         (b"* t\nv1 a 0 1\nr1 a 0 -1\n.end\n", 2, ":3"),
         (b"* t\nv1 a 0 1\nq1 a b 0 mod\n.end\n", 2, ":3"),
-        (b"* t\nv1 a 0 1\nv2 a 0 2\nr1 a 0 1\n.end\n", 2, "contradicts"),
+        (b"* t\nv1 a 0 1\nv2 a 0 2\nr1 a 0 1\n.end\n", 2, "bad.sp:3: voltage source v2"),
         (b"* t\nr1 a 0 1\nr2 a b 1\n.end\n", 2, "nothing is driven"),
         (b"* t\nv1 a 0 1\nr1 a 0 1e999\n.end\n", 2, ":3"),
     ],

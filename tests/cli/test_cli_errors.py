@@ -207,7 +207,7 @@ def test_bad_options_are_refused(call, room, words, expected):
 
 @pytest.mark.parametrize("verb", [verb for verb in VERBS if verb not in ("check", "info")])
 def test_targets_that_cannot_be_written(call, room, tmp_path, verb):
-    suffix = {"compile": ".cir", "solve": ".npz", "path": ".csv", "plot": ".png", "run": ""}[verb]
+    suffix = {"compile": ".cir", "convert": ".cir", "solve": ".npz", "path": ".csv", "plot": ".png", "run": ""}[verb]
     folder = tmp_path / f"folder{suffix}"
     if verb == "run":
         folder.write_text("a file")
