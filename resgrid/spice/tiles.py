@@ -44,8 +44,8 @@ class Tile:
     goal_switch_on, goal_switch_off, obstacle_switch_on, obstacle_switch_off : float
         Resistance of the switches to the rails, closed and open.
     internodal_switch_on, internodal_switch_off : float or None
-        Of the switch in series with every resistor; None leaves it out where the boundary allows it, and is 10 ohm and
-        10 Gohm where obstacles are open or walls.
+        Of the switch in series with every resistor; where both are None it is left out if the boundary allows it, and
+        has 10 ohm and 10 Gohm where obstacles are open or walls.
     capacitance : float
         From every cell to ground.
     """
@@ -181,12 +181,12 @@ def tile_array(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAnalysis
     from resgrid.spice.deck import resistances
 
     layout = layout_of(netlist)
-    walled = layout.boundary in ("neumann", "wall")
+    switched = layout.boundary in ("neumann", "wall") or bool(tile.internodal_switch_on or tile.internodal_switch_off)
     tile = replace(
         tile,
         resistance=tile.resistance or layout.resistance,
-        internodal_switch_on=tile.internodal_switch_on or (_INTERNODAL_ON if walled else None),
-        internodal_switch_off=tile.internodal_switch_off or (_INTERNODAL_OFF if walled else None),
+        internodal_switch_on=tile.internodal_switch_on or (_INTERNODAL_ON if switched else None),
+        internodal_switch_off=tile.internodal_switch_off or (_INTERNODAL_OFF if switched else None),
     )
     edge = ["open" if layout.boundary == "neumann" and rule == "obstacle" else rule for rule in layout.edge]
     full = compile_space(layout.space, edge=edge, rails="cells", resistance=tile.resistance or layout.resistance)

@@ -1,0 +1,58 @@
+"""The companion: PASS for what was written, FAIL for anything else."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from circuits import ladder, random_grid
+from simulators import verdict
+
+import resgrid as rg
+from resgrid.spice.writer import write_spice
+
+
+@pytest.fixture
+def deck(tmp_path: Path):
+    netlist = random_grid(3, side=9)
+    return write_spice(netlist, tmp_path / "a.cir", operating_point=rg.solve(netlist))
+
+
+def test_it_passes_what_was_written(deck) -> None:
+    assert verdict(deck.companion) == (0, "PASS")
+
+
+@pytest.mark.parametrize("number", [0, 40, 80])
+def test_it_fails_when_a_resistor_is_changed(deck, number: int) -> None:
+    lines = deck.path.read_text().splitlines()
+    at = [i for i, line in enumerate(lines) if line.startswith("r_")][number]
+    start, value = lines[at].rsplit(" ", 1)
+    lines[at] = f"{start} {float(value) * 1.000001!r}"
+    deck.path.write_text("\n".join(lines) + "\n")
+    assert verdict(deck.companion) == (1, "FAIL")
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("\nr_", "\n* r_"),
+        ("v_node_1 node_1 0 1.0", "v_node_1 node_1 0 1.00001"),
+        (".end", "r_new node_5 node_9 1e4\n.end"),
+    ],
+)
+def test_it_fails_when_anything_else_is_changed(deck, old: str, new: str) -> None:
+    text = deck.path.read_text()
+    assert old in text
+    deck.path.write_text(text.replace(old, new, 1))
+    assert verdict(deck.companion) == (1, "FAIL")
+
+
+def test_it_fails_without_a_deck(deck) -> None:
+    deck.path.unlink()
+    assert verdict(deck.companion)[1] != "PASS"
+
+
+def test_it_can_be_left_out(tmp_path: Path) -> None:
+    written = write_spice(ladder(), tmp_path / "a.cir", verify=False)
+    assert written.companion is None and not (tmp_path / "a.cir.verify").exists()
+    assert write_spice(ladder(), tmp_path / "b.cir", "xyce").companion is None
