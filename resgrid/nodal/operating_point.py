@@ -45,7 +45,7 @@ class OperatingPoint:
     undriven : ndarray of int64
         Nodes of parts that a single rail holds and no current drives: they are flat, at that rail's voltage.
     method : str
-        How it was solved.
+        How it was solved: ``"direct"``, ``"multigrid"``, or ``"elimination"`` where elimination left nothing.
     seconds : mapping of str to float
         Wall-clock time of each stage.
     nonlinear_amps : ndarray of float64, shape (nonlinear resistors,)

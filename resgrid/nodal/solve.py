@@ -51,8 +51,9 @@ def solve(
         down is right everywhere; entrywise accurate where the circuit has two rails, or one and currents of one sign.
         ``"normwise"``: only the backward error is held below ``rtol``.
     method : {"auto", "direct", "multigrid"}
-        How to solve; ``"auto"`` chooses by size and shape (`resgrid.nodal.methods.choose_method`);
-        the operating point says what it chose.
+        How to solve; ``"auto"`` chooses by size and shape (`resgrid.nodal.methods.choose_method`); the operating point
+        says what it chose.  Nodes with at most two neighbours are eliminated beforehand where that pays; where nothing
+        is left, as in corridors of one or two cells, the method is reported as ``"elimination"``.
     rtol : float
         Backward error for ``"normwise"``.
     threads : int
