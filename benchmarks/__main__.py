@@ -15,7 +15,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
-from benchmarks import accuracy, grids, memory, pipeline, simulator, table
+from benchmarks import accuracy, decks, grids, memory, pipeline, simulator, table
 from benchmarks.picture import write_picture
 from benchmarks.rows import Row, Scale
 
@@ -31,6 +31,7 @@ SECTIONS: tuple[tuple[str, Callable[[Scale], list[Row]]], ...] = (
     ("direction", accuracy.direction),
     ("memory", memory.memory),
     ("simulator", simulator.simulator),
+    ("decks", decks.decks),
 )
 """Every section: its name and the function that measures it."""
 

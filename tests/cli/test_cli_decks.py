@@ -238,7 +238,7 @@ def test_what_is_wrong_is_one_message(call, deck, tmp_path, monkeypatch, words, 
 @pytest.mark.parametrize(
     ("text", "code", "message"),
     [
-        (b"", 2, "nothing is driven"),
+        (b"", 2, "touches ground"),
         (b"\x00\xff" * 50, 2, ""),
         (b"* t\nv1 a 0 1\nr1 a 0 -1\n.end\n", 2, ":3"),
         (b"* t\nv1 a 0 1\nq1 a b 0 mod\n.end\n", 2, ":3"),
