@@ -203,12 +203,12 @@ def world_runs(sim: Simulation, most: int | None) -> Iterator[tuple[tuple[int, .
         yield tuple(cell.tolist()), sim.run(sim.space.centre(cell), max_steps=10_000)
 
 
-def worlds(first: int = 0, last: int = 200) -> None:
+def worlds(last: int = 200, most: int | None = 40) -> None:
     """Random worlds with hidden obstacles: what a start is promised, and what it gets."""
     count, deepest, wrong, resolves, learnt = 0, 0.0, 0, 0, 0
     tally: Counter[str] = Counter()
-    seed = first
-    while count < last - first:
+    seed = 0
+    while count < last:
         sim = world(seed)
         seed += 1
         if sim is None:
@@ -217,7 +217,7 @@ def worlds(first: int = 0, last: int = 200) -> None:
         truth = sim.plant.true_space(sim.space)
         sure = connected(truth.cell, truth.periodic)
         maybe = optimistic(sim)
-        for cell, run in world_runs(sim, 40 if sim.space.ndim > 2 or maybe is None else None):
+        for cell, run in world_runs(sim, most):
             what = "connected" if sure[cell] else "between" if maybe is None or maybe[cell] else "cut off"
             tally[f"{what}: {run.ending}"] += 1
             if run.ending is Ending.NO_PATH and connected(run.space.cell, run.space.periodic)[cell]:
@@ -228,13 +228,15 @@ def worlds(first: int = 0, last: int = 200) -> None:
             wrong += false_cells(run, truth)
             resolves += len(run.lessons)
             learnt += int(run.learnt.sum())
-    sys.stdout.write(f"{count} worlds, {sum(tally.values())} starts\n")
-    for what, number in sorted(tally.items()):
-        sys.stdout.write(f"  {what}: {number}\n")
-    sys.stdout.write(
-        f"  {resolves} re-solves, {learnt} cells learnt, {wrong} of them free in truth; deepest entry {deepest:.2g} "
-        "of the motion across a cell\n"
-    )
+        if count % 20 == 0:
+            sys.stdout.write(f"{count} worlds, {sum(tally.values())} starts\n")
+            for what, number in sorted(tally.items()):
+                sys.stdout.write(f"  {what}: {number}\n")
+            sys.stdout.write(
+                f"  {resolves} re-solves, {learnt} cells learnt, {wrong} of them free in truth; deepest entry "
+                f"{deepest:.2g} of the motion across a cell\n"
+            )
+            sys.stdout.flush()
 
 
 def rate() -> None:
@@ -258,14 +260,20 @@ def rate() -> None:
     sys.stdout.write(f"command: {len(points) / seconds:,.0f} a second, {1e6 * seconds / len(points):.1f} us each\n")
 
 
+def every_start() -> None:
+    """The same from every free cell: an hour."""
+    worlds(most=None)
+
+
 PARTS: dict[str, Callable[[], None]] = {
     "rate": rate, "box_and_u": box_and_u, "problems": problems, "pushes": pushes, "belief": belief, "worlds": worlds,
+    "every_start": every_start,
 }  # fmt: skip
 
 
 def main() -> None:
     """Run the parts named on the command line, or all."""
-    for name in sys.argv[1:] or PARTS:
+    for name in sys.argv[1:] or [part for part in PARTS if part != "every_start"]:
         begun = time.perf_counter()
         PARTS[name]()
         sys.stdout.write(f"[{name}: {time.perf_counter() - begun:.0f} s]\n")

@@ -38,6 +38,9 @@ class Touch:
         The force is inside the friction cone, and the point does not move.
     torque : ndarray of float64, shape (ndim,)
         Generalised force of all contacts together.
+    normal_torque : ndarray of float64, shape (ndim,)
+        That of their normal forces alone: it points away from the obstacle in configuration space, while a force that
+        sticks just holds against the streamline.
     velocity : ndarray of float64, shape (ndim,)
         Of the robot, with the contacts.
     """
@@ -51,6 +54,7 @@ class Touch:
     force: NDArray[np.float64]
     sticking: NDArray[np.bool_]
     torque: NDArray[np.float64]
+    normal_torque: NDArray[np.float64]
     velocity: NDArray[np.float64]
 
     @property
@@ -154,5 +158,6 @@ def touch(
         force=forces[:, :1] * normal + forces[:, 1:] * tangent,
         sticking=np.asarray(pressing & at_rest & inside),
         torque=forces[:, 0] @ normal_rows + forces[:, 1] @ tangent_rows,
+        normal_torque=forces[:, 0] @ normal_rows,
         velocity=after,
     )

@@ -76,10 +76,9 @@ class Controller:
 
     def __post_init__(self) -> None:
         ndim = self.field.space.ndim
+        checked_speed(self.speed)
         object.__setattr__(self, "admittance", checked_admittance(self.admittance, ndim))
         object.__setattr__(self, "speed_limits", _checked_limits(self.speed_limits, ndim))
-        if not (isinstance(self.speed, int | float) and 0 < self.speed < np.inf):
-            raise InputError(f"speed = {self.speed}, but the nominal speed is finite and above 0")
         if self.response not in RESPONSES:
             raise InputError(f"response = {self.response!r} is unknown; it may be one of {', '.join(RESPONSES)}")
         if not 0 <= self.threshold < np.inf:
@@ -263,7 +262,7 @@ def make_controller(
         If a value is impossible; an admittance that is not symmetric positive definite.
     """
     space = field.space
-    pace = float((space.upper - space.lower).max()) / 20 if speed is None else speed
+    pace = checked_speed(float((space.upper - space.lower).max()) / 20 if speed is None else speed)
     give: Any = pace if admittance is None else admittance
     try:
         matrix = np.asarray(give, dtype=np.float64)
@@ -273,6 +272,27 @@ def make_controller(
     matrix = matrix * np.eye(space.ndim) if matrix.ndim == 0 else np.diag(matrix) if matrix.ndim == 1 else matrix
     limits = np.full(space.ndim, float(limits)) if limits.ndim == 0 else limits
     return Controller(field, matrix, pace, limits, response)
+
+
+def checked_speed(speed: float) -> float:
+    """The nominal speed, if it is finite and above 0.
+
+    Parameters
+    ----------
+    speed : float
+
+    Returns
+    -------
+    float
+
+    Raises
+    ------
+    InputError
+        If not.
+    """
+    if not (isinstance(speed, int | float) and 0 < speed < np.inf):
+        raise InputError(f"speed = {speed}, but the nominal speed is finite and above 0")
+    return speed
 
 
 def checked_admittance(admittance: ArrayLike, ndim: int) -> NDArray[np.float64]:

@@ -44,6 +44,7 @@ class Loop:
         self.push_at, self.max_steps = force_of(pushes, space.ndim), max_steps
         self.rng = np.random.default_rng(seed)
         self.configuration = _checked_start(simulation, start)
+        self.believed = self.plant.within_stops(self.configuration + self.bias)
         self.space, self.lessons = space, list[Lesson]()
         self.spacing = space.spacing
         self.time, self.torque = 0.0, np.zeros(space.ndim)
@@ -71,7 +72,7 @@ class Loop:
         return self.plant.within_stops(believed)
 
     def _advance(self) -> None:
-        believed = self._sense()
+        believed = self.believed = self._sense()
         seen = self.controller.seen(believed)
         if seen.place == "goal":
             self.ending = (Ending.ARRIVED, "the robot is in a goal")
@@ -155,7 +156,7 @@ class Loop:
             after = self.plant.within_stops(self.configuration + step * velocity)
         else:
             after, velocity, step = self.configuration, np.zeros_like(velocity), self.longest
-        self.torque = felt.torque if felt is not None and felt.pressing.any() else np.zeros_like(velocity)
+        self.torque = felt.normal_torque if felt is not None and felt.pressing.any() else np.zeros_like(velocity)
         self._record(believed, velocity, mode, felt, push)
         self._remember(mode, push, after)
         self.configuration = after
@@ -254,7 +255,7 @@ class Loop:
 
     def _result(self) -> Run:
         assert self.ending is not None
-        believed = self._sense()
+        believed = self.believed
         arrived = self.ending[0] is Ending.ARRIVED
         none = np.zeros(self.space.ndim)
         self._record(believed, none, Mode.ARRIVED if arrived else self.recorder.last_mode, None, none)

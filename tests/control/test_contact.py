@@ -1,0 +1,173 @@
+"""Contacts against shapely, finite differences, and the laws of friction."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from resgrid.control.contact import surroundings, touch
+from resgrid.control.plant import make_plant, plant_of
+from resgrid.errors import InputError
+from resgrid.planning.bodies import bodies_of, parts_of
+from resgrid.planning.workspace import travel_bound
+from resgrid.robots import Arm, Ball, Box, CellSet, DiscRobot, HalfSpace, PointRobot, Polygon, PolygonRobot, Robot
+from resgrid.scene import Scene
+from resgrid.space import Axis
+
+PLANE = (Axis("x", -3, 3, 12), Axis("y", -3, 3, 12))
+BAR = PolygonRobot(((-0.5, -0.1), (0.5, -0.1), (0.5, 0.1), (-0.2, 0.3)), turning_length=0.5)
+ROBOTS: list[Robot] = [
+    PointRobot(),
+    PointRobot(0.1),
+    DiscRobot(0.3),
+    BAR,
+    Arm((1.0, 0.8), widths=(0.1, 0.0)),
+    Arm((0.9, 0.7, 0.5), widths=(0.0, 0.06, 0.1), angles="absolute", base=(0.2, -0.1), base_angle=0.3),
+    Arm((1.1, 0.9, 0.3)),
+]
+SOLIDS = [
+    Box((0.8, 0.5), (1.4, 1.1)),
+    Ball((-1.2, 0.4), 0.35),
+    Polygon(((0.2, -1.5), (1.0, -1.2), (0.6, -0.7), (0.7, -1.1))),
+    HalfSpace((0.6, -0.8), -1.7),
+]
+
+
+def axes_of(robot: Robot) -> tuple[Axis, ...]:
+    if isinstance(robot, Arm):
+        return robot.axes(24)
+    return (*PLANE, robot.turning_axis(12)) if isinstance(robot, PolygonRobot) else PLANE
+
+
+def configuration(robot: Robot, rng: np.random.Generator) -> np.ndarray:
+    axes = axes_of(robot)
+    return np.array([rng.uniform(axis.lower, axis.upper) for axis in axes])
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1))
+def test_the_nearest_pair_is_as_near_as_shapely_says(robot: Robot, seed: int) -> None:
+    plant = make_plant(robot, axes_of(robot), SOLIDS)
+    q = configuration(robot, np.random.default_rng(seed))
+    if plant.penetration(q)[0] > 0:
+        return
+    pairs = plant.near(plant.pose(q), 9.0)
+    for body in bodies_of(SOLIDS, robot, None):
+        apart = [float(body.distance(part)[0]) for part in parts_of(robot, q[np.newaxis])]
+        own = pairs[pairs[:, 8] == body.number]
+        assert own[:, 6].min() == pytest.approx(min(apart), abs=1e-9)
+        assert apart[int(own[np.argmin(own[:, 6]), 7])] == pytest.approx(min(apart), abs=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(pairs[:, 4:6], axis=1), 1.0)
+    np.testing.assert_allclose(pairs[:, 0:2] - pairs[:, 2:4], pairs[:, 6:7] * pairs[:, 4:6], atol=1e-12)
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1))
+def test_the_jacobian_is_the_derivative_of_where_a_point_goes(robot: Robot, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    plant = make_plant(robot, axes_of(robot), [])
+    q = configuration(robot, rng)
+    here = plant.pose(q)
+    for part in range(len(here.frame)):
+        point = here.frame[part, :2] + rng.uniform(-1, 1, 2)
+        for axis in range(len(q)):
+            step = np.zeros(len(q))
+            step[axis] = 1e-6
+            ahead, back = (here.carried(point, part, plant.pose(q + s * step)) for s in (1, -1))
+            np.testing.assert_allclose((ahead - back) / 2e-6, here.jacobian(point, part)[:, axis], atol=1e-8)
+
+
+@settings(deadline=None, max_examples=150)
+@given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1), st.floats(0, 1.5))
+def test_contact_forces_obey_coulomb_and_power_balances(robot: Robot, seed: int, mu: float) -> None:
+    """Whatever touches: no gap closes, no force pulls, friction opposes slip, tau . qdot = f . xdot."""
+    rng = np.random.default_rng(seed)
+    plant = make_plant(robot, axes_of(robot), SOLIDS)
+    q = configuration(robot, rng)
+    pose = plant.pose(q)
+    around = surroundings(pose, plant.near(pose, 0.4))
+    if plant.penetration(q)[0] > 0 or not len(around.gap):
+        return
+    free = rng.normal(size=len(q))
+    root = rng.normal(size=(len(q), len(q)))
+    give = root @ root.T + np.eye(len(q))
+    felt = touch(around, np.ones(len(around.gap), bool), free, give, mu, np.zeros(len(around.gap)))
+    np.testing.assert_allclose(felt.velocity, free + give @ felt.torque, atol=1e-9)
+    power = 0.0
+    for k in range(len(felt.gap)):
+        speed = pose.jacobian(felt.on_robot[k], int(felt.part[k])) @ felt.velocity
+        normal, tangent = felt.normal[k], np.array([-felt.normal[k, 1], felt.normal[k, 0]])
+        pull, rub = felt.force[k] @ normal, felt.force[k] @ tangent
+        power += float(felt.force[k] @ speed)
+        assert pull >= 0
+        assert abs(rub) <= mu * pull + 1e-9
+        if len(felt.gap) == 1 and pull > 1e-6:
+            assert normal @ speed == pytest.approx(0.0, abs=1e-8)
+            if abs(rub) < mu * pull * (1 - 1e-6) - 1e-9:
+                assert tangent @ speed == pytest.approx(0.0, abs=1e-7)
+            elif abs(tangent @ speed) > 1e-9 and mu > 0:
+                assert rub * (tangent @ speed) <= 1e-9
+    assert felt.torque @ felt.velocity == pytest.approx(power, abs=1e-9)
+
+
+def test_a_force_inside_the_friction_cone_sticks() -> None:
+    """A disc driven onto a floor at 45 degrees sticks just when mu exceeds 1."""
+    plant = make_plant(DiscRobot(0.5), PLANE, [HalfSpace((0.0, 1.0), 0.0)])
+    pose = plant.pose(np.array([0.0, 0.5005]))
+    around = surroundings(pose, plant.near(pose, 0.01))
+    for mu, sticks in ((0.0, False), (0.9, False), (1.1, True)):
+        felt = touch(around, np.array([True]), np.array([1.0, -1.0]), np.eye(2), mu, np.zeros(1))
+        assert felt.sticking.tolist() == [sticks]
+        np.testing.assert_allclose(felt.velocity, [0.0 if sticks else 1 - mu, 0.0], atol=1e-12)
+        np.testing.assert_allclose(felt.force, [[-1.0 if sticks else -mu, 1.0]], atol=1e-12)
+
+
+def test_a_bar_laid_flat_on_a_box_touches_with_both_ends() -> None:
+    bar = PolygonRobot(((-0.5, -0.1), (0.5, -0.1), (0.5, 0.1), (-0.5, 0.1)), turning_length=0.5)
+    plant = make_plant(bar, (*PLANE, bar.turning_axis(8)), [Box((-2.0, -1.0), (2.0, 0.0))])
+    pose = plant.pose(np.array([0.3, 0.101, 0.0]))
+    around = surroundings(pose, plant.near(pose, 0.01))
+    assert sorted(around.pairs[:, 0].tolist()) == pytest.approx([-0.2, 0.8])
+    felt = touch(around, np.array([True, True]), np.array([0.0, -1.0, 0.0]), np.eye(3), 0.3, np.zeros(2))
+    np.testing.assert_allclose(felt.velocity, 0.0, atol=1e-9)
+    assert felt.force[:, 1].sum() == pytest.approx(1.0)
+
+
+def test_a_map_and_its_copies_across_the_seam_are_bodies() -> None:
+    axes = (Axis("x", 0, 4, 4, periodic=True), Axis("y", 0, 4, 4))
+    mask = np.zeros((4, 4), bool)
+    mask[0, 1:3] = True
+    plant = make_plant(PointRobot(), axes, [CellSet(axes, mask)])
+    near = plant.near(plant.pose(np.array([3.9, 1.5])), 0.2)
+    assert near[:, 6].min() == pytest.approx(0.1)
+    np.testing.assert_allclose(plant.near(plant.pose(np.array([7.9, 1.5])), 0.2)[:, 6], near[:, 6])
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1))
+def test_no_point_moves_farther_in_a_cell_than_the_bound(robot: Robot, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    axes = axes_of(robot)
+    plant = make_plant(robot, axes, [])
+    a = configuration(robot, rng)
+    b = a + rng.uniform(-1, 1, len(axes)) * [axis.spacing for axis in axes]
+    shapes = zip(robot.shapes_at(a), robot.shapes_at(b), strict=True)
+    assert max(shapely.hausdorff_distance(x, y) for x, y in shapes) <= plant.cell_motion + 1e-12
+    assert travel_bound(robot, a[np.newaxis], b[np.newaxis])[0] <= plant.cell_motion + 1e-12
+
+
+def test_penetration_is_what_radii_overlap() -> None:
+    plant = make_plant(DiscRobot(0.5), PLANE, [Box((0.0, -3.0), (1.0, 3.0)), Ball((-2.0, 0.0), 0.5)])
+    depth = plant.penetration([(-0.5, 0.0), (-0.4, 0.0), (-1.2, 0.0), (0.5, 0.0)])
+    np.testing.assert_allclose(depth, [0.0, 0.1, 0.2, np.inf], atol=1e-9)
+
+
+def test_scenes_that_cannot_be_touched_are_refused() -> None:
+    cube = tuple(Axis(name, 0, 4, 4) for name in "xyz")
+    with pytest.raises(InputError, match="in the plane alone"):
+        plant_of(Scene(cube))
+    with pytest.raises(InputError, match=r"hidden\[1\].*thicker"):
+        plant_of(Scene(PLANE, hidden=(SOLIDS[0], Box((0.0, 0.0), (0.0, 1.0)))))

@@ -1,0 +1,62 @@
+"""Equation (1) of Connolly & Grupen, against cross products and its own invariants."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from resgrid.control.equipotential import equipotential_velocity, following_velocity
+from resgrid.errors import InputError
+
+number = st.floats(-1e3, 1e3, allow_subnormal=False).map(lambda x: x if abs(x) > 1e-6 else 0.0)
+pairs = st.integers(1, 4).flatmap(lambda n: st.tuples(*[st.lists(number, min_size=n, max_size=n).map(np.array)] * 2))
+
+
+@given(pairs, st.floats(0, 10))
+def test_it_is_normal_to_the_streamline_and_gives_way_to_the_force(pair, c) -> None:
+    v, f = pair
+    phi = equipotential_velocity(v, f, c=c)
+    scale = c * np.linalg.norm(v) ** 2 * np.linalg.norm(f)
+    assert abs(phi @ v) <= 1e-13 * scale * np.linalg.norm(v)
+    assert phi @ f >= -1e-13 * scale * np.linalg.norm(f)
+    assert np.linalg.norm(phi) <= scale * (1 + 1e-12)
+
+
+@given(st.tuples(*[st.lists(number, min_size=3, max_size=3).map(np.array)] * 2), st.floats(0, 10))
+def test_in_space_it_is_the_double_cross_product(pair, c) -> None:
+    v, f = pair
+    expected = c * np.cross(v, np.cross(f, v))
+    np.testing.assert_allclose(
+        equipotential_velocity(v, f, c=c), expected, atol=1e-12 * c * (v @ v) * (1 + np.abs(f).max()), rtol=0
+    )
+
+
+@given(pairs, st.floats(-5, 5))
+def test_a_force_along_the_streamline_gives_exactly_nothing(pair, share) -> None:
+    v, _ = pair
+    np.testing.assert_array_equal(following_velocity(v, share * v), 0.0)
+    np.testing.assert_array_equal(equipotential_velocity(v, 2.0 * v), 0.0)
+
+
+@given(pairs)
+def test_following_moves_at_the_speed_of_the_streamline_times_the_sine(pair) -> None:
+    v, f = pair
+    if not (v.any() and f.any()):
+        return
+    u, g = v / np.linalg.norm(v), f / np.linalg.norm(f)
+    sine = np.sqrt(max(0.0, (1 - u @ g) * (1 + u @ g)))
+    moved = following_velocity(v, f)
+    if sine > 2e-3:
+        assert np.linalg.norm(moved) == pytest.approx(np.linalg.norm(v) * sine, rel=1e-6)
+    assert moved @ f >= -1e-13 * np.linalg.norm(v) * np.linalg.norm(f)
+
+
+@pytest.mark.parametrize(
+    ("v", "f", "c", "says"),
+    [([1, 0], [np.nan, 0], 1, "finite"), ([1, 0], [1], 1, "shapes"), ([1, 0], [0, 1], -1, "gain")],
+)
+def test_impossible_values_are_refused(v, f, c, says) -> None:
+    with pytest.raises(InputError, match=says):
+        equipotential_velocity(v, f, c=c)

@@ -1,0 +1,91 @@
+"""Lessons: only true obstacle cells, and only what changed."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hidden import square
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from resgrid.control.learning import INSIDE, learn, proven_cells, resolver, scene_resolver, workspace_cells
+from resgrid.control.plant import make_plant
+from resgrid.errors import CircuitError, InputError
+from resgrid.robots import Arm, Ball, Box, DiscRobot, Polygon, PolygonRobot, Robot
+from resgrid.scene import Scene
+from resgrid.space import Axis, Cell, ConfigurationSpace
+
+BAR = PolygonRobot(((-0.5, -0.1), (0.5, -0.1), (0.5, 0.1), (-0.5, 0.1)), turning_length=0.5)
+TURNING = (Axis("x", -2, 2, 12), Axis("y", -2, 2, 12), BAR.turning_axis(12))
+ARM = Arm((1.0, 0.8), widths=(0.06, 0.0), self_collision=True, singularity_cells=1)
+PLANE = (Axis("x", -2, 2, 17), Axis("y", -2, 2, 17))
+ROBOTS: list[tuple[Robot, tuple[Axis, ...]]] = [
+    (DiscRobot(0.2), PLANE), (BAR, TURNING), (ARM, ARM.axes(30)), (Arm((0.9, 0.9), angles="absolute"), ARM.axes(30)),
+]  # fmt: skip
+SOLIDS = [Box((0.3, 0.2), (0.9, 0.8)), Ball((-0.6, 0.5), 0.3), Polygon(((0.0, -0.4), (0.6, -0.9), (-0.4, -1.0)))]
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1))
+def test_a_contact_proves_the_cell_it_is_made_in_and_no_free_cell(case, seed: int) -> None:
+    """Move a robot up to a solid by bisection; what the touched point proves, true occupancy has."""
+    robot, axes = case
+    rng = np.random.default_rng(seed)
+    plant = make_plant(robot, axes, [], SOLIDS)
+    ends = np.array([[rng.uniform(axis.lower, axis.upper) for axis in axes] for _ in range(2)])
+    way = ends[0] + np.linspace(0, 1, 400)[:, None] * (ends[1] - ends[0])
+    inside = plant.penetration(way) > 0
+    if inside[0] or not inside.any() or len(plant.near(plant.pose(way[0]), 1e-6)):
+        return
+    first = int(np.argmax(inside))
+    low, high = way[first - 1], way[first]
+    for _ in range(40):
+        middle = (low + high) / 2
+        met = plant.penetration(middle)[0] > 0 or len(plant.near(plant.pose(middle), 1e-7))
+        low, high = (low, middle) if met else (middle, high)
+    pairs = plant.near(plant.pose(low), 1e-3)
+    near = pairs[np.argmin(pairs[:, 6])]
+    proven = proven_cells(robot, axes, near[2:4] - INSIDE * plant.cell_motion * near[4:6])
+    space = ConfigurationSpace(axes, np.zeros(tuple(axis.cells for axis in axes), np.uint8))
+    itself = robot.occupancy(axes, [], "conservative")
+    true = robot.occupancy(axes, SOLIDS, "conservative")
+    assert not np.any(proven & ~true)
+    cells = space.locate([low, high])
+    assert itself[tuple(cells[0])] or itself[tuple(cells[1])] or proven[tuple(cells.T)].any()
+    assert not np.any(proven & itself)
+
+
+def test_learning_takes_cells_out_and_leaves_the_rest() -> None:
+    space = square()
+    cells = np.zeros(space.shape, bool)
+    cells[3:5, 2], cells[8, 1] = True, True
+    wiser = learn(space, cells)
+    np.testing.assert_array_equal(wiser.cell == Cell.OBSTACLE, cells)
+    assert wiser.goal_count == 0
+    assert space.goal_count == 1
+
+
+def test_the_workspace_is_marked_where_it_was_touched() -> None:
+    marked = workspace_cells([(0.1, 0.1), (1.9, -1.9), (7.0, 0.0)], PLANE)
+    assert np.argwhere(marked.mask).tolist() == [[8, 8], [16, 0]]
+
+
+def test_a_blend_without_any_obstacle_is_its_neumann_part() -> None:
+    cell = np.zeros((6, 6), np.uint8)
+    cell[2, 2] = Cell.GOAL
+    torus = ConfigurationSpace([Axis("a", 0, 1, 6, True), Axis("b", 0, 1, 6, True)], cell)
+    assert resolver(k=0.98)(torus).k == 0.0
+    with pytest.raises(CircuitError, match="nothing is driven"):
+        resolver(k=1.0)(torus)
+    with pytest.raises(CircuitError, match="nothing is driven"):
+        resolver()(torus)
+
+
+def test_a_scene_says_how_to_solve_again() -> None:
+    space = square()
+    scene = Scene(space.axes, k=(0.3, 0.9))
+    assert scene_resolver(scene)(space).k == 0.3
+    assert scene_resolver(scene, 0.5)(space).k == 0.5
+    assert scene_resolver(scene.replace(k=()))(space).boundary == "dirichlet"
+    with pytest.raises(InputError, match="one start at a time"):
+        scene_resolver(scene.replace(k=(), boundary="neumann", drive="start", starts=((1.0, 1.0),)))

@@ -1,0 +1,261 @@
+"""Whole runs: arrival, contact, following, learning, retreat, pushes, wrong belief, and every way to end."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hidden import hiding
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from resgrid.control.log import Ending, Mode, Run
+from resgrid.control.pushes import Push, random_pushes
+from resgrid.control.simulation import Simulation, simulation
+from resgrid.errors import InputError
+from resgrid.planning.trace import streamline
+from resgrid.robots import Ball, Box, PointRobot, Polygon
+from resgrid.scene import read_scene
+from resgrid.space import Cell, ConfigurationSpace, label_regions
+
+BOX = Box((2.5, 3.0), (6.2, 4.0))
+U = [Box((2.0, 2.5), (6.0, 3.0)), Box((2.0, 2.5), (2.5, 5.5)), Box((5.5, 2.5), (6.0, 5.5))]
+
+
+def connected(space: ConfigurationSpace) -> np.ndarray:
+    """Cells with a path to a goal, goals included."""
+    region = label_regions(space.cell != Cell.OBSTACLE, space.periodic)
+    return np.asarray((region > 0) & np.isin(region, region[(space.cell == Cell.GOAL) & (region > 0)]))
+
+
+def check(sim: Simulation, run: Run) -> None:
+    """What every run with exact belief keeps."""
+    truth = sim.plant.true_space(sim.space)
+    assert run.penetration < sim.plant.cell_motion
+    assert not np.any(run.learnt & (truth.cell != Cell.OBSTACLE))
+    assert all(len(lesson.cells) for lesson in run.lessons)
+    assert int(run.learnt.sum()) == sum(len(lesson.cells) for lesson in run.lessons)
+    np.testing.assert_array_equal(run.space.cell == Cell.OBSTACLE, (sim.space.cell == Cell.OBSTACLE) | run.learnt)
+    assert np.all(np.diff(run.time) >= 0)
+    moved = np.abs(np.diff(run.configuration, axis=0)) / sim.space.spacing
+    assert np.all(moved <= sim.step * (1 + 1e-9))
+    assert np.all(np.linalg.norm(run.contacts.normal, axis=1) == pytest.approx(1.0))
+    if run.ending is Ending.NO_PATH:
+        assert not connected(run.space)[tuple(run.space.locate(run.believed[0]))]
+
+
+def test_in_free_space_it_runs_along_the_streamline() -> None:
+    sim = hiding([])
+    run = sim.run((1.2, 7.1))
+    check(sim, run)
+    path = streamline(sim.controller.field, (1.2, 7.1))
+    assert (run.ending, run.goal) == (Ending.ARRIVED, path.goal)
+    assert set(run.mode[:-1]) == {Mode.STREAMLINE}
+    assert run.mode[-1] == Mode.ARRIVED
+    length = np.linalg.norm(np.diff(run.configuration, axis=0), axis=1).sum()
+    assert length == pytest.approx(path.length, rel=0.02)
+    np.testing.assert_allclose(np.linalg.norm(run.velocity[:-1], axis=1), sim.controller.speed)
+
+
+@pytest.mark.parametrize("hidden", [[BOX], U, [Ball((4.2, 3.4), 1.1)], [Polygon(((3.0, 3.0), (6.0, 3.4), (4.0, 4.5)))]])
+def test_with_learning_every_start_round_a_hidden_obstacle_arrives(hidden) -> None:
+    sim = hiding(hidden)
+    open_to = connected(sim.plant.true_space(sim.space)) & (sim.space.cell == Cell.FREE)
+    lessons = 0
+    for cell in np.argwhere(open_to)[::17]:
+        run = sim.run(sim.space.centre(cell))
+        check(sim, run)
+        assert run.ending is Ending.ARRIVED, (cell, run.message)
+        lessons += len(run.lessons)
+    assert lessons
+
+
+def test_following_alone_is_a_heuristic_that_learning_is_not() -> None:
+    """Behind a hidden U nothing arrives by following; with learning everything does."""
+    starts = [(x, y) for x in (3.0, 3.7, 4.6, 5.1) for y in (3.9, 4.9)]
+    alone = [hiding(U, learn=False).run(start, max_steps=2000) for start in starts]
+    assert {run.ending for run in alone} <= {Ending.JAM, Ending.STALLED, Ending.OUT_OF_STEPS}
+    assert all(not run.lessons for run in alone)
+    assert {run.ending for run in (hiding(U).run(start) for start in starts)} == {Ending.ARRIVED}
+
+
+def test_following_gets_round_what_it_meets_off_centre_and_names_its_modes() -> None:
+    sim = hiding([Ball((3.7, 4.0), 0.5)], learn=False)
+    run = sim.run((4.1, 7.5))
+    check(sim, run)
+    assert run.ending is Ending.ARRIVED
+    assert {Mode.FOLLOWING, Mode.STREAMLINE} <= set(run.mode)
+    assert np.all(run.contacts.body == 0)
+
+
+def test_a_force_along_the_streamline_is_a_jam() -> None:
+    """Square on to a wide wall, on the axis of symmetry."""
+    sim = hiding([Box((1.0, 3.0), (7.5, 4.0))], learn=False, friction=0.0)
+    run = sim.run((4.25, 6.0), max_steps=3000)
+    assert run.ending is Ending.JAM
+    assert run.mode[-2] == Mode.JAM
+    torque, velocity = run.torque[-2], sim.controller.nominal(run.believed[-2]).velocity
+    assert (
+        abs(np.cross(np.r_[torque, 0], np.r_[velocity, 0])[2]) <= 1e-3 * np.linalg.norm(torque) * sim.controller.speed
+    )
+
+
+def test_friction_that_holds_is_named() -> None:
+    sim = hiding([Box((1.0, 3.0), (7.5, 4.0))], learn=False, friction=1.0, response="admittance")
+    run = sim.run((3.5, 6.0))
+    assert run.ending is Ending.STALLED
+    assert run.mode[-2] == Mode.STICKING
+    assert run.contacts.sticking[-1]
+    smooth = hiding([Box((1.0, 3.0), (7.5, 4.0))], learn=False, friction=0.0, response="admittance").run((3.5, 6.0))
+    assert Mode.SLIDING in smooth.mode
+    assert not smooth.contacts.sticking.any()
+
+
+def test_a_robot_that_learns_its_own_cell_goes_back_the_way_it_came() -> None:
+    sim = hiding(U)
+    run = sim.run((4.1, 5.1))
+    assert run.ending is Ending.ARRIVED
+    rows = np.flatnonzero(run.mode == Mode.RETREATING)
+    assert len(rows)
+    for row in rows:
+        apart = np.abs(run.configuration[: row + 1] - run.configuration[row + 1]).max(axis=1)
+        assert apart.min() < 1e-6
+
+
+def test_no_path_is_proved_by_the_cells_learnt() -> None:
+    """A goal walled in by hidden boxes: told so, and the cells learnt do separate."""
+    walls = [Box((3.0, 0.0), (3.4, 2.0)), Box((5.2, 0.0), (5.6, 2.0)), Box((3.0, 1.7), (5.6, 2.1))]
+    sim = hiding(walls)
+    run = sim.run((1.2, 6.5))
+    check(sim, run)
+    assert run.ending is Ending.NO_PATH
+    assert "separate" in run.message
+
+
+def test_a_goal_inside_a_hidden_obstacle_is_told() -> None:
+    sim = hiding([Box((4.0, 0.5), (4.5, 1.0))], robot=PointRobot())
+    run = sim.run((1.2, 6.5))
+    assert run.ending is Ending.GOAL_BLOCKED
+    assert "every goal cell" in run.message
+    check(sim, run)
+
+
+def test_a_start_within_an_obstacle_or_outside_is_refused_and_a_blocked_one_told() -> None:
+    sim = hiding([BOX])
+    for start, says in (
+        ((4.0, 3.5), r"inside hidden\[0\]"), ((4.0, 4.1), r"inside hidden\[0\]"), ((9.0, 1.0), "outside the grid"),
+        ((np.nan, 1.0), "outside the grid"), ("here", "numbers"), ((1.0,), "2 coordinates"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=says):
+            sim.run(start)
+    touching = sim.run((4.0, 4.0 + 0.2 + 1e-9))
+    assert touching.ending is Ending.ARRIVED or touching.lessons
+    cell = np.array(sim.space.cell)
+    cell[3, 3] = Cell.OBSTACLE
+    cell[:, 5] = Cell.OBSTACLE
+    mapped = ConfigurationSpace(sim.space.axes, cell)
+    walled = Simulation(sim.controller.with_field(sim.resolve(mapped)), sim.plant, sim.resolve)
+    assert walled.run((1.7, 1.7)).ending is Ending.START_BLOCKED
+    assert walled.run((1.0, 6.0)).ending is Ending.NO_PATH
+    at_goal = sim.run((4.2, 0.7))
+    assert (at_goal.ending, at_goal.goal, len(at_goal.time)) == (Ending.ARRIVED, 0, 1)
+
+
+@settings(deadline=None, max_examples=15)
+@given(st.integers(0, 10_000))
+def test_pushes_do_not_prevent_arrival(seed: int) -> None:
+    """Eight random pushes, three times as strong as the nominal velocity, beside a known wall."""
+    cell = np.zeros((16, 16), np.uint8)
+    cell[3:12, 6:8], cell[8, 1] = Cell.OBSTACLE, Cell.GOAL
+    sim = hiding([Box((1.5, 3.0), (6.0, 4.0))], learn=False)
+    known = Simulation(
+        sim.controller.with_field(sim.resolve(ConfigurationSpace(sim.space.axes, cell))), sim.plant, sim.resolve,
+        learn=False,
+    )  # fmt: skip
+    rng = np.random.default_rng(seed)
+    cells = np.argwhere(known.space.goal_connected)
+    start = known.space.centre(cells[rng.integers(len(cells))])
+    if known.plant.penetration(start)[0] > 0:
+        return
+    pushes = random_pushes(seed, 2, until=20.0, size=3.0, duration=1.5)
+    run = known.run(start, pushes=pushes)
+    assert run.ending is Ending.ARRIVED, run.message
+    assert run.penetration < known.plant.cell_motion
+    assert run.push.any() == (run.time[-1] > min(push.start for push in pushes))
+
+
+def test_a_push_moves_the_robot_to_another_streamline() -> None:
+    sim = hiding([])
+    push = Push(2.0, 3.0, np.array([2.0, 0.0]))
+    pushed, free = sim.run((1.2, 7.1), pushes=[push]), sim.run((1.2, 7.1))
+    assert pushed.ending is Ending.ARRIVED
+    during = (pushed.time >= 2.0) & (pushed.time < 5.0)
+    assert np.all(pushed.push[during] == [2.0, 0.0])
+    assert set(pushed.mode[during]) == {Mode.PUSHED}
+    after = np.searchsorted(pushed.time, 5.0)
+    assert np.linalg.norm(free.configuration - pushed.configuration[after], axis=1).min() > 0.5
+    with pytest.raises(InputError, match=r"push at 0 s is not finite"):
+        sim.run((1.2, 7.1), pushes=lambda _t, _q: [np.nan, 0.0])
+    with pytest.raises(InputError, match="2 axes"):
+        sim.run((1.2, 7.1), pushes=[Push(0.0, 1.0, np.ones(3))])
+
+
+@pytest.mark.parametrize("offset", [{"bias": (0.5, -0.5)}, {"bias": (-0.4, 0.3)}, {"noise": 0.5}])
+def test_it_arrives_though_it_believes_itself_a_cell_off(offset) -> None:
+    sim = hiding([Ball((3.7, 4.0), 0.5)])
+    run = sim.run((4.1, 7.5), **offset)
+    assert run.ending is Ending.ARRIVED
+    assert sim.space.cell[tuple(sim.space.locate(run.believed[-1]))] == Cell.GOAL
+    assert np.abs(run.believed - run.configuration).max() <= 0.5 + 1e-9
+    assert run.penetration < sim.plant.cell_motion
+
+
+def test_the_same_seed_gives_the_same_run() -> None:
+    sim = hiding(U)
+    first, second, other = (sim.run((4.0, 5.0), noise=0.3, seed=seed) for seed in (7, 7, 8))
+    for name in ("time", "configuration", "believed", "velocity", "mode", "torque"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+    assert not np.array_equal(first.believed[0], other.believed[0])
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [({"bias": np.nan}, "bias"), ({"noise": [1.0, 2.0, 3.0]}, "noise"), ({"bias": "left"}, "bias must be a number")],
+)
+def test_impossible_beliefs_are_refused(options, says) -> None:
+    with pytest.raises(InputError, match=says):
+        hiding([]).run((1.0, 1.0), **options)
+
+
+def test_impossible_simulations_are_refused(scenes) -> None:
+    for options, says in (({"friction": -1.0}, "friction"), ({"step": 0.9}, "share of a cell")):
+        with pytest.raises(InputError, match=says):
+            hiding([], **options)
+    with pytest.raises(InputError, match="in the plane alone"):
+        simulation(read_scene(scenes / "voxels.toml"))
+
+
+@pytest.mark.parametrize("name", ["container", "chair"])
+def test_problems_1_and_2(scenes, name: str) -> None:
+    """From the start in the scene's file: free, hidden obstacle without and with learning; coarse grid."""
+    scene = read_scene(scenes / f"{name}.toml")
+    sim = simulation(scene)
+    truth = sim.plant.true_space(sim.space)
+    start = scene.starts[0]
+    clear = simulation(scene.replace(hidden=()), field=sim.controller.field).run(start)
+    following = simulation(scene, field=sim.controller.field, learn=False).run(start)
+    learning = sim.run(start)
+    assert [run.ending for run in (clear, following, learning)] == [Ending.ARRIVED] * 3
+    assert set(clear.mode) == {Mode.STREAMLINE, Mode.ARRIVED}
+    assert Mode.FOLLOWING in following.mode
+    check(sim, learning)
+    check(sim, following)
+    assert len(learning.lessons) >= 1
+    assert not np.any(learning.learnt & (truth.cell != Cell.OBSTACLE))
+    hidden = scene.hidden[0]
+    assert isinstance(hidden, Ball)
+    felt = np.hypot(*(following.contacts.point - hidden.centre).T)
+    np.testing.assert_allclose(felt, hidden.radius, atol=1e-9)
+    if name == "chair":
+        tips = scene.robot.tip(following.configuration[following.contacts.step])
+        assert np.hypot(*(tips - following.contacts.point).T).min() > 0.2
+        assert set(following.contacts.part) == {1}
