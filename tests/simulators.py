@@ -18,8 +18,10 @@ def run(path: Path, dialect: str = "ngspice") -> subprocess.CompletedProcess[str
 
 
 def waves(path: Path) -> dict[str, list[float]]:
-    """The vectors of a raw file by bare name (``n_0_0``, ``v_obstacle``)."""
-    raw: RawFile = read_rawfile(path.read_bytes(), "test")
+    """The vectors of the first plot in a raw file by bare name (``n_0_0``, ``v_obstacle``)."""
+    data = path.read_bytes()
+    second = data.find(b"Title:", 1)
+    raw: RawFile = read_rawfile(data if second < 0 else data[:second], "test")
     bare = [name[2:-1] if name[1:2] == "(" else name for name in raw.names]
     return dict(zip(bare, raw.values.T.tolist(), strict=True))
 

@@ -1,0 +1,226 @@
+"""Analyses: what ngspice computes from them, what other simulators' grammars allow, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from circuits import ladder
+from grammar import strangers
+from simulators import run, verdict, waves
+from spaces import space_of
+
+import resgrid as rg
+from resgrid.spice.tiles import Tile, expanded_netlist
+from resgrid.spice.writer import write_spice
+
+TILE = Tile(capacitance=1e-12)
+ALL = {
+    "operating": [rg.OperatingAnalysis()],
+    "transient": [
+        rg.TransientAnalysis(2e-6, 4e-9),
+        rg.Measure("top", "n_0_0", "maximum"),
+        rg.Measure("low", "n_0_0", "minimum"),
+        rg.Measure("late", "n_0_1", "value", 1e-6),
+        rg.Measure("passed", "n_0_1", "crossing", 0.5),
+    ],
+    "noise": [rg.NoiseAnalysis("n_0_0", 1e3, 1e9)],
+    "temperature": [rg.TemperatureAnalysis((27.0, 85.0))],
+    "mismatch": [rg.MismatchAnalysis(0.01, seed=3, runs=3)],
+    "probes": [rg.OperatingAnalysis(), rg.Probe(("n_0_0",), ("v_obstacle",))],
+}
+
+
+def scene(blocked: tuple[int, int] = (2, 3), **options: object) -> rg.Netlist:
+    cell = np.zeros((6, 5), dtype=np.uint8)
+    cell[blocked], cell[5, 4] = 1, 2
+    return rg.compile_space(space_of(cell), **options)
+
+
+def whole(deck: rg.spice.writer.WrittenDeck) -> str:
+    files = [deck.path, deck.commands, deck.chip, deck.pattern]
+    return "".join(file.read_text() for file in files if file is not None)
+
+
+@pytest.mark.parametrize("form", ["flat", "cells"])
+@pytest.mark.parametrize("dialect", ["xyce", "spectre"])
+@pytest.mark.parametrize("asked", ALL.values(), ids=ALL)
+def test_decks_keep_the_grammar(tmp_path: Path, dialect: str, form: str, asked: list[object]) -> None:
+    after = scene((1, 1)) if form == "cells" else scene(supply=2.0)
+    asked = [
+        rg.TransientAnalysis(2e-6, 4e-9, after) if isinstance(item, rg.TransientAnalysis) else item for item in asked
+    ]
+    for options in ({}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 1e4}):
+        if options.get("boundary") == "neumann" and ("v_obstacle" in str(asked) or form == "flat"):
+            continue
+        if any(isinstance(item, rg.TransientAnalysis) for item in asked) and options:
+            continue
+        written = write_spice(scene(**options), tmp_path / "a.cir", dialect, form=form, tile=TILE, analyses=asked)
+        assert strangers(whole(written), dialect) == []
+
+
+def test_the_grammar_can_refuse() -> None:
+    assert strangers("r_1 a b 1k\n", "xyce") == ["r_1 a b 1k"]
+    assert strangers("r_1 a b 1.0\n", "spectre") == ["r_1 a b 1.0"]
+    assert strangers(".ac dec 10 1 2\n", "xyce") != []
+
+
+@pytest.mark.parametrize("dialect", ["ngspice", "ltspice", "hspice"])
+def test_a_transient_goes_from_scene_to_scene(tmp_path: Path, dialect: str) -> None:
+    asked = [rg.TransientAnalysis(4e-6, 4e-9, scene((1, 1), supply=2.0))]
+    written = write_spice(scene(), tmp_path / "a.cir", dialect, form="cells", tile=TILE, analyses=asked)
+    run(written.commands, dialect)
+    found = waves(tmp_path / "out.raw")
+    for moment, netlist in ((0, scene()), (-1, scene((1, 1), supply=2.0))):
+        tiled = expanded_netlist(netlist, TILE)
+        voltage = rg.solve(tiled).voltage
+        for node in range(1, tiled.node_count):
+            assert found[tiled.node_name(node)][moment] == pytest.approx(voltage[node], rel=0, abs=1e-6)
+
+
+def test_drives_step_too(tmp_path: Path) -> None:
+    before, after = scene(boundary="neumann"), scene((1, 1), boundary="neumann")
+    asked = [rg.TransientAnalysis(2e-5, 2e-8, after)]
+    written = write_spice(before, tmp_path / "a.cir", form="cells", tile=TILE, analyses=asked)
+    run(written.commands)
+    found, tiled = waves(tmp_path / "out.raw"), expanded_netlist(after, TILE)
+    voltage, blocked = rg.solve(tiled).voltage, int(tiled.layout.node[1, 1])
+    for node in set(range(1, tiled.node_count)) - {blocked}:  # that one discharges through open switches
+        assert found[tiled.node_name(node)][-1] == pytest.approx(voltage[node], rel=1e-3, abs=1e-3)
+
+
+def test_noise_is_that_of_the_resistance_seen(tmp_path: Path) -> None:
+    written = write_spice(scene(), tmp_path / "a.cir", analyses=[rg.NoiseAnalysis("n_2_2", 1.0, 10.0)])
+    run(written.commands)
+    density = waves(tmp_path / "out.raw")["onoise_spectrum"][0]
+    netlist = scene()
+    node = int(netlist.layout.node[2, 2])
+    probe = netlist.replace(
+        source_volts=np.zeros(len(netlist.source_volts)), current_nodes=[[0, node]], current_amps=[1.0]
+    )
+    resistance = rg.solve(probe, accuracy="normwise").voltage[node]
+    assert density == pytest.approx(math.sqrt(4 * 1.380649e-23 * 300.15 * resistance), rel=1e-4)
+
+
+def test_temperatures_are_swept(tmp_path: Path) -> None:
+    netlist = scene()
+    heated = netlist.replace(
+        tc1=np.linspace(0, 5e-3, len(netlist.conductance)), tc2=np.full(len(netlist.conductance), 1e-6)
+    )
+    written = write_spice(heated, tmp_path / "a.cir", analyses=[rg.TemperatureAnalysis((27.0, 87.0))])
+    run(written.commands)
+    factor = 1 + heated.tc1 * 60 + heated.tc2 * 3600
+    for celsius, scale in (("27.0", 1.0), ("87.0", factor)):
+        found = waves(tmp_path / f"celsius.raw.{celsius}")
+        voltage = rg.solve(netlist.replace(conductance=netlist.conductance / scale)).voltage
+        assert found["n_4_3"][0] == pytest.approx(voltage[netlist.layout.node[4, 3]], rel=0, abs=1e-9)
+
+
+@pytest.mark.parametrize("form", ["flat", "cells"])
+def test_mismatch_has_a_seed(tmp_path: Path, form: str) -> None:
+    texts = []
+    for i, seed in enumerate((1, 1, 2)):
+        written = write_spice(scene(), tmp_path / f"{i}.cir", form=form, analyses=[rg.MismatchAnalysis(0.02, seed)])
+        assert verdict(written.companion) == (0, "PASS")
+        texts.append((written.chip or written.path).read_text().replace(f"{i}.cir", ""))
+    assert texts[0] == texts[1] != texts[2]
+    value = np.array(
+        [
+            float(x)
+            for x in re.findall(r"resistance_\d=([\d.]+)" if form == "cells" else r"\nr_\S+ \S+ \S+ (\S+)", texts[0])
+        ]
+    )
+    assert 0.01 < np.std(value / 1e4) < 0.03
+
+
+@pytest.mark.parametrize("form", ["flat", "cells"])
+def test_ngspice_draws_mismatch(tmp_path: Path, form: str) -> None:
+    found = []
+    for name in ("a.cir", "b.cir"):
+        written = write_spice(scene(), tmp_path / name, form=form, analyses=[rg.MismatchAnalysis(0.05, 7, runs=4)])
+        assert written.companion is None
+        run(written.commands)
+        found.append([waves(tmp_path / f"run.raw.{i}")["n_4_3"][0] for i in range(1, 5)])
+    assert found[0] == found[1]
+    assert len(set(found[0])) == 4
+    assert np.allclose(found[0], rg.solve(scene()).voltage[scene().layout.node[4, 3]], rtol=0.1)
+
+
+def test_a_saturating_resistor_is_a_behavioural_source(tmp_path: Path) -> None:
+    netlist = ladder(4).replace(
+        nonlinear_nodes=[[2, 0], [3, 4]], nonlinear_current=[2e-4, 1e-3], nonlinear_voltage=[0.1, 0.2]
+    )
+    voltage = rg.solve(netlist).voltage
+    for dialect in ("ngspice", "ltspice", "hspice"):
+        write_spice(netlist, tmp_path / "a.cir", dialect)
+        (tmp_path / "run").write_text('* run\n.include "a.cir"\n.op\n.end\n')
+        run(tmp_path / "run", dialect)
+        found = waves(tmp_path / "out.raw")
+        for node in range(1, netlist.node_count):
+            assert found[netlist.node_name(node)][0] == pytest.approx(voltage[node], rel=0, abs=1e-9)
+    assert verdict(write_spice(netlist, tmp_path / "a.cir").companion) == (0, "PASS")
+    for dialect in ("xyce", "spectre"):
+        assert strangers(whole(write_spice(netlist, tmp_path / "b.cir", dialect)), dialect) == []
+
+
+def test_the_sidecar_tells_what_was_asked(tmp_path: Path) -> None:
+    asked = [rg.TransientAnalysis(1e-6, 1e-9), rg.NoiseAnalysis("n_0_0")]
+    expected = {"noise": {"density": 1e-8}}
+    written = write_spice(
+        scene(),
+        tmp_path / "a.cir",
+        analyses=asked,
+        expected=expected,
+        scene_sha256="00",
+        operating_point=rg.solve(scene()),
+        form="cells",
+    )
+    sidecar = json.loads(written.sidecar.read_text())
+    assert [item["kind"] for item in sidecar["analyses"]] == ["transient", "noise"]
+    assert sidecar["expected"] == expected
+    assert sidecar["scene_sha256"] == "00"
+    assert 0 < sidecar["difference_from_flat"] < 5e-3
+    with pytest.raises(rg.InputError, match="without NaN"):
+        write_spice(scene(), tmp_path / "a.cir", expected={"noise": float("nan")})
+
+
+@pytest.mark.parametrize(
+    ("asked", "options", "message"),
+    [
+        ([rg.NoiseAnalysis("n_9_9")], {}, "no node or voltage source 'n_9_9'"),
+        ([rg.Probe(("n_0_0",), ("r_1",))], {}, "'r_1'"),
+        ([rg.OperatingAnalysis(), rg.NoiseAnalysis("n_0_0")], {"dialect": "xyce"}, "one analysis per file"),
+        ([rg.TransientAnalysis(1.0, 0.1), rg.TransientAnalysis(1.0, 0.1)], {}, "one of each"),
+        ([rg.TransientAnalysis(1.0, 0.1, scene((1, 1)))], {}, "form='cells'"),
+    ],
+)
+def test_what_does_not_fit_is_refused(
+    tmp_path: Path, asked: list[object], options: dict[str, str], message: str
+) -> None:
+    with pytest.raises(rg.InputError, match=message):
+        write_spice(scene(), tmp_path / "a.cir", analyses=asked, **options)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("make", "values"),
+    [
+        (rg.TransientAnalysis, (1e-9, 1e-6)),
+        (rg.NoiseAnalysis, ("n", 10.0, 1.0)),
+        (rg.TemperatureAnalysis, ((-300.0,),)),
+        (rg.TemperatureAnalysis, ((),)),
+        (rg.MismatchAnalysis, (0.5,)),
+        (rg.MismatchAnalysis, (0.01, -1)),
+        (rg.Measure, ("a b", "n", "maximum")),
+        (rg.Measure, ("a", "n", "value")),
+        (rg.Measure, ("a", "n", "median")),
+        (rg.Probe, ((),)),
+    ],
+)
+def test_analyses_that_cannot_be_are_refused(make: type, values: tuple[object, ...]) -> None:
+    with pytest.raises(rg.InputError):
+        make(*values)
