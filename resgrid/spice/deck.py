@@ -155,7 +155,8 @@ def flatten(
     nodes = name_nodes(netlist, rules, held)
     elements = choose_elements(netlist, held)
     element_names = {kind: name_elements(netlist, kind, chosen, nodes) for kind, chosen in elements.items()}
-    values = _values(netlist, elements)
+    ohms = resistances(netlist.conductance[elements["resistor"]])
+    values = _values(netlist, elements, ohms)
     heading = tidy_title(_default_title(netlist) if title is None else title)
     left_out = netlist.names_of(np.flatnonzero(~held))
     head = [heading, _census(rules, nodes, elements), *_left_out_line(netlist, elements, left_out)]
@@ -169,18 +170,12 @@ def flatten(
         })
         for kind, chosen in elements.items()
     ]  # fmt: skip
-    text = "".join(
-        [
-            *(f"{rules.comment}{line}\n" for line in head),
-            *(f"{line}\n" for line in _preamble(netlist, rules, elements, additions)),
-            *(
-                f"{rules.comment}{kind}s\n{block.decode()}"
-                for kind, block in zip(elements, blocks, strict=True)
-                if len(block)
-            ),
-            rules.end and f"{rules.end}\n",
-        ]
-    )
+    head_lines = [f"{rules.comment}{line}\n" for line in head]
+    head_lines += [f"{line}\n" for line in _preamble(netlist, rules, elements, additions)]
+    body = [part for kind, block in zip(elements, blocks, strict=True) if len(block)
+            for part in (f"{rules.comment}{kind}s\n".encode(), block.data.data)]  # fmt: skip
+    end = f"{rules.end}\n" if rules.end else ""
+    text = b"".join(["".join(head_lines).encode(), *body, end.encode()]).decode("ascii")
     return FlatDeck(
         netlist=netlist,
         text=text,
@@ -194,7 +189,7 @@ def flatten(
         renamed_nodes=renamed(netlist, nodes),
         renamed_elements=renamed_elements(netlist, elements, element_names),
         resistors=element_names["resistor"],
-        resistor_value=resistances(netlist.conductance[elements["resistor"]]),
+        resistor_value=ohms,
     )
 
 
@@ -228,7 +223,9 @@ def resistances(conductance: NDArray[np.float64]) -> NDArray[np.float64]:
     return best
 
 
-def _values(netlist: Netlist, elements: Mapping[str, NDArray[np.int64]]) -> dict[str, dict[str, Texts]]:
+def _values(
+    netlist: Netlist, elements: Mapping[str, NDArray[np.int64]], ohms: NDArray[np.float64]
+) -> dict[str, dict[str, Texts]]:
     """Columns of numbers, per kind, by the names that the dialects' templates have for them."""
     chosen = elements["resistor"]
     none = np.zeros(len(netlist.conductance))
@@ -236,7 +233,7 @@ def _values(netlist: Netlist, elements: Mapping[str, NDArray[np.int64]]) -> dict
         "voltage source": {"value": _plain(netlist.source_volts, elements["voltage source"])},
         "current source": {"value": _plain(netlist.current_amps, elements["current source"])},
         "resistor": {
-            "value": numbers(resistances(netlist.conductance[chosen])),
+            "value": numbers(ohms),
             "tc1": _plain(none if netlist.tc1 is None else netlist.tc1, chosen),
             "tc2": _plain(none if netlist.tc2 is None else netlist.tc2, chosen),
         },

@@ -112,8 +112,11 @@ def _sorted(
     numbers = np.flatnonzero(kept if keep is None else kept & keep)
     place = (ends[:, 0] * len(held) + ends[:, 1])[numbers]
     order = np.argsort(place, kind="stable")
-    if np.any(np.diff(place[order]) == 0):
-        order = np.lexsort((value[numbers], place))
+    again = place[order[1:]] == place[order[:-1]]
+    if again.any():  # parallel elements, in the order of their values
+        alike = np.append(again, False) | np.append(False, again)
+        few = order[alike]
+        order[alike] = few[np.lexsort((value[numbers[few]], place[few]))]
     return numbers[order]
 
 
