@@ -9,19 +9,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.device.motion import free_motion
 from resgrid.device.reading import Reading, json_form
 from resgrid.device.spectrum import fastest_time_constant, slowest_modes
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.dynamics import Dynamics, charge_basis, dynamics_of, factor_resolvent
+from resgrid.nodal.energy import energy_meter
+from resgrid.nodal.factor import Factor
 from resgrid.nodal.initial import initial_state
 from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.nodal.transient import Transient, transient
 
 _POINTS = 256
 _MOST_VALUES = 3e7
-_FINENESS = 0.02
-"""Accuracy of the transient, relative to what counts as settled."""
+_RTOL = 1e-12
+_FINENESS = 0.005
+"""Accuracy of voltages, relative to what counts as settled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +43,8 @@ class Settling:
     time_constants : ndarray of float64, shape (k,)
         Slowest time constants of the circuit, slowest first, in seconds: eigenvalues of ``C v = tau G v``.
     mode : ndarray of float64, shape (nodes,)
-        Shape of the slowest mode: voltages that fall everywhere as ``exp(-t / tau)``; largest magnitude 1; 0 on rails.
+        Shape of the slowest mode: voltages that fall everywhere as ``exp(-t / tau)``; largest magnitude 1; 0 on rails,
+        NaN where a node floats.
     fastest : float
         Shortest time constant, in seconds.
     node_time : ndarray of float64, shape (nodes,)
@@ -53,8 +57,10 @@ class Settling:
         Power that they deliver from then on, in watts.
     final : ndarray of float64, shape (nodes,)
         Final voltages, in volts; NaN where a node floats.
-    transient : Transient
-        The motion that this was read from.
+    times : ndarray of float64, shape (t,)
+        In seconds, from 0 until past the time to settle.
+    distance : ndarray of float64, shape (t,)
+        Largest distance of a node from its final voltage at those times, in volts.
     """
 
     netlist: Netlist
@@ -68,10 +74,11 @@ class Settling:
     energy: float
     power: float
     final: NDArray[np.float64]
-    transient: Transient
+    times: NDArray[np.float64]
+    distance: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        for array in (self.time_constants, self.mode, self.node_time, self.final):
+        for array in (self.time_constants, self.mode, self.node_time, self.final, self.times, self.distance):
             array.flags.writeable = False
 
     @property
@@ -150,36 +157,74 @@ def analyse_settling(
         raise InputError(f"span = {span} must be positive and finite, in volts")
     dynamics = dynamics_of(netlist)
     tau, mode = slowest_modes(dynamics, modes, method)
-    final = _final(dynamics, method)
+    factors = factor_resolvent(dynamics, 0.0, method)
+    final = factors.solve(dynamics.drive, rtol=_RTOL)
     settled = dynamics.voltage(final)
     reach = float(np.nanmax(settled) - np.nanmin(settled)) if span is None else float(span)
     if reach == 0.0:
         raise InputError("every node ends at the same voltage: there is no span to settle within; give span in volts")
     band = reach / 2.0 ** (bits + 1)
-    bound = _bound(dynamics, initial_state(dynamics, initial) - final, float(tau[0]), band)
-    motion = _motion(netlist, initial, bound, _FINENESS * band, reach, method)
-    node_time = _last_crossing(motion.times, np.abs(motion.voltage - settled), band)
-    node_time[dynamics.floating] = np.nan
-    last = float(np.nanmax(node_time))
-    shape = np.nan_to_num(dynamics.voltage(mode[:, 0]) - dynamics.voltage(np.zeros(dynamics.size)))
+    start = initial_state(dynamics, initial)
+    bound = _bound(dynamics, start - final, float(tau[0]), band)
+    times, deviation = _approach(dynamics, factors, start - final, bound, _FINENESS * band)
+    row_time = _last_crossing(times, np.abs(deviation), band)
+    last = float(row_time.max(initial=0.0))
+    end = start - final if last == 0.0 else _at(times, deviation, last)
     return Settling(
         netlist=netlist,
         bits=bits,
         span=reach,
         time_constants=tau,
-        mode=shape / shape[np.argmax(np.abs(shape))],
+        mode=_at_nodes(dynamics, mode[:, 0] / mode[np.argmax(np.abs(mode[:, 0])), 0]),
         fastest=fastest_time_constant(dynamics),
-        node_time=node_time,
+        node_time=_at_nodes(dynamics, row_time),
         bound=bound,
-        energy=float(np.interp(last, motion.times, motion.energy)),
+        energy=_energy(dynamics, factors, final, start - final, end, last),
         power=_power(netlist, settled),
         final=settled,
-        transient=motion,
+        times=times,
+        distance=np.abs(deviation).max(axis=1),
     )
 
 
-def _final(dynamics: Dynamics, method: str) -> NDArray[np.float64]:
-    return factor_resolvent(dynamics, 0.0, method).solve(dynamics.drive, rtol=1e-12)
+def _approach(
+    dynamics: Dynamics, factors: Factor, deviation: NDArray[np.float64], bound: float, accuracy: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Times up to the bound, and every row's distance from its end at them."""
+    if bound == 0.0:
+        return np.zeros(1), deviation[None]
+    times = np.linspace(0.0, bound, int(np.clip(_MOST_VALUES / dynamics.size, 32, _POINTS)))
+    motion = free_motion(dynamics, factors, deviation, accuracy, float(times[1]))
+    return times, np.concatenate([deviation[None], motion.at(times[1:])])
+
+
+def _at(times: NDArray[np.float64], deviation: NDArray[np.float64], time: float) -> NDArray[np.float64]:
+    after = int(np.clip(np.searchsorted(times, time), 1, len(times) - 1))
+    part = (time - times[after - 1]) / (times[after] - times[after - 1])
+    return np.asarray((1.0 - part) * deviation[after - 1] + part * deviation[after])
+
+
+def _energy(
+    dynamics: Dynamics,
+    factors: Factor,
+    final: NDArray[np.float64],
+    start: NDArray[np.float64],
+    end: NDArray[np.float64],
+    time: float,
+) -> float:
+    """Energy that the sources deliver while the deviation goes from start to end: its integral is G^-1 C of the way."""
+    integral = final * time
+    if time > 0.0:
+        integral = integral + factors.solve(dynamics.capacitance.matrix @ (start - end), rtol=_RTOL)
+    return energy_meter(dynamics).delivered(time, end - start, integral)
+
+
+def _at_nodes(dynamics: Dynamics, value: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values of rows at nodes, 0 on rails, NaN where a node floats."""
+    result = np.where(np.isnan(dynamics.fixed), np.nan, 0.0)
+    solved = dynamics.row >= 0
+    result[solved] = value[dynamics.row[solved]]
+    return result
 
 
 def _bound(dynamics: Dynamics, deviation: NDArray[np.float64], tau: float, band: float) -> float:
@@ -203,15 +248,6 @@ def _smallest_eigenvalue(matrix: Any) -> float:
     if matrix.shape[0] <= 200:
         return float(np.linalg.eigvalsh(matrix.toarray())[0])
     return float(eigsh(matrix.tocsc(), 1, sigma=0.0, return_eigenvectors=False)[0])
-
-
-def _motion(
-    netlist: Netlist, initial: OperatingPoint | ArrayLike | None, bound: float, error: float, reach: float, method: str
-) -> Transient:
-    points = int(np.clip(_MOST_VALUES / netlist.node_count, 32, _POINTS))
-    times = np.linspace(0.0, bound, points) if bound > 0 else np.zeros(1)
-    tolerance = float(np.clip(error / reach, 1e-12, 1e-3))
-    return transient(netlist, times, initial=initial, tolerance=tolerance, solver=method)
 
 
 def _last_crossing(times: NDArray[np.float64], distance: NDArray[np.float64], band: float) -> NDArray[np.float64]:

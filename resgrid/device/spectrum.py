@@ -18,7 +18,9 @@ DENSE = 200
 """Rows up to which a dense eigenproblem is quicker."""
 
 _RTOL = 1e-12
-_FASTEST_RTOL = 1e-4
+_FASTEST_RTOL = 5e-3
+"""Residuals at which the iterations stop: all but rounding for the slow ones, whose twins (symmetric grids have many)
+come out late, and loose for the fastest, whose error is of the order of the square."""
 
 
 def slowest_modes(
@@ -77,7 +79,7 @@ def slowest_modes(
 
 
 def fastest_time_constant(dynamics: Dynamics) -> float:
-    """The shortest time constant, to 0.01 %, in seconds.
+    """The shortest time constant, to 1 % or better, in seconds.
 
     Nodes without capacitance are eliminated first, for they follow at once.
 

@@ -34,15 +34,14 @@ def plot_settling_curve(result: Settling, ax: Axes | None = None) -> Axes:
     matplotlib.axes.Axes
     """
     axes = axes_or_new(ax, 0.7)
-    motion = result.transient
     band = result.span / 2.0 ** (result.bits + 1)
-    distance = np.nanmax(np.abs(motion.voltage - result.final), axis=1)
-    axes.plot(motion.times, distance, color=PATHS[3], linewidth=1.4, label="largest distance of a node from its end")
+    times, distance = result.times, result.distance
+    axes.plot(times, distance, color=PATHS[3], linewidth=1.4, label="largest distance of a node from its end")
     tau, end = float(result.time_constants[0]), result.settle_time
-    slope = band * np.exp((end - motion.times) / tau)
+    slope = band * np.exp((end - times) / tau)
     near = slope < 3.0 * distance.max(initial=band)
     axes.plot(
-        motion.times[near], slope[near], color=PATHS[0], linewidth=1.0, linestyle=LINE_STYLES[1],
+        times[near], slope[near], color=PATHS[0], linewidth=1.0, linestyle=LINE_STYLES[1],
         label="slowest time constant alone",
     )  # fmt: skip
     axes.axhline(band, color="black", linewidth=0.8, linestyle=LINE_STYLES[3], label=f"half a {result.bits}-bit step")

@@ -62,7 +62,7 @@ def test_ngspice_integrates_the_same_noise(tmp_path: Path) -> None:
     said = subprocess.run(
         [shutil.which("ngspice"), "-n", "-b", "noise.cir"],
         cwd=tmp_path,
-        check=True,
+        check=False,
         capture_output=True,
         text=True,
         timeout=120,
