@@ -53,6 +53,7 @@ golden: $(INSTALLED)
 	$(BIN)/resgrid compile examples/scenes/lesson.toml --boundary neumann -o $(GOLDEN)/lesson_neumann.cir
 	$(BIN)/resgrid compile examples/scenes/lesson.toml --boundary neumann --drive start -o $(GOLDEN)/lesson_start.cir
 	$(BIN)/resgrid compile examples/scenes/lesson.toml --boundary wall --set chip.wall_resistance=33k -o $(GOLDEN)/lesson_wall.cir
+	$(BIN)/resgrid compile examples/scenes/lesson.toml --form cells -o $(GOLDEN)/lesson_cells.cir
 	$(BIN)/resgrid compile examples/scenes/ring.toml --set grid.axes.0.cells=16 --set grid.axes.1.cells=6 -o $(GOLDEN)/ring.cir
 	$(BIN)/resgrid compile examples/scenes/voxels.toml --set grid.axes.0.cells=4 --set grid.axes.1.cells=4 --set grid.axes.2.cells=4 -o $(GOLDEN)/voxels.cir
 

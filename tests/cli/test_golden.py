@@ -38,7 +38,7 @@ def test_the_command_line_still_writes_it(call, recipes, tmp_path, deck):
     scene = PROJECT / recipe[1]
     result = call(recipe[0], scene, *recipe[2:-1], made)
     assert result.exit_code == 0, result.stderr
-    for suffix in ("", ".ngspice"):
+    for suffix in ("", ".ngspice", *((".chip", ".pattern") if "--form" in recipe else ())):
         assert Path(f"{made}{suffix}").read_bytes() == Path(f"{deck}{suffix}").read_bytes()
     new, old = (json.loads(Path(f"{file}.json").read_text()) for file in (made, deck))
     assert new["nodes"].keys() == old["nodes"].keys()
