@@ -34,7 +34,12 @@ _FLOOR = 1e-15
 _NEGLIGIBLE = 1e-9
 """Largest violation of Kirchhoff's current law at the end, as a share of the largest current."""
 
-_SHORTER = 0.125
+_WORTHWHILE = 0.05
+"""Share of a Newton step from which nothing else is tried."""
+
+_SHORTER, _SHORTEST = 0.125, 1e-30
+_ROUNDING = 1e-12
+"""Rise of the co-content, as a share of the sum of its parts, that may be rounding."""
 
 _SATURATED = 14.0
 """``dV / V0`` from which the current of a nonlinear resistor is hard to tell from its ``I0``: then 1 in 1e12."""
@@ -51,7 +56,7 @@ class NewtonSolution:
     residual : tuple of float
         Largest violation of Kirchhoff's current law before every step and after the last one, in amperes.
     step : tuple of float
-        Share of every Newton step that was taken; 1 for a full one.
+        Share of every Newton step that was taken; 1 for a full one, 0 where secants took its place.
     """
 
     voltage: NDArray[np.float64]
@@ -62,7 +67,9 @@ class NewtonSolution:
 def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
     """Find the node voltages of a circuit with nonlinear resistors.
 
-    Damped: a step is shortened until the co-content falls along all of it.
+    Damped: a step is shortened until the co-content falls along all of it.  Where little of it would be left, deep in
+    saturation, a step with the secant conductances may be better: it minimises a quadratic above the co-content that
+    touches it (as iteratively reweighted least squares do), so that the co-content falls as well.
 
     Parameters
     ----------
@@ -94,14 +101,16 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
             if circuit.saturation(d) > _SATURATED:
                 refuse_saturated_cut(netlist, circuit.system)
             return NewtonSolution(circuit.voltage(x), tuple(residuals), tuple(steps))
-        factors = factor_system(circuit.linearised(d), method)
-        direction = factors.solve(-excess, rtol=1e-8)
-        share = _share(circuit, x, direction, excess)
-        x = x + share * direction
+        try:
+            move, share = _step(circuit, x, excess, method)
+        except AccuracyError:
+            refuse_saturated_cut(netlist, circuit.system)
+            raise
+        x = x + move
         steps.append(share)
         if len(steps) in {20, MOST_STEPS}:
             refuse_saturated_cut(netlist, circuit.system)
-        if share == 1.0 and np.abs(direction).max() <= 4 * _EPS * np.abs(x).max():
+        if share == 1.0 and np.abs(move).max() <= 4 * _EPS * np.abs(x).max():
             return NewtonSolution(circuit.voltage(x), tuple(residuals), tuple(steps))
     raise AccuracyError(
         f"Newton's method did not converge in {MOST_STEPS} steps: Kirchhoff's current law is still violated by "
@@ -262,9 +271,25 @@ class _Circuit:
         """Largest ``dV / V0`` across a nonlinear resistor."""
         return float(np.abs(d[len(self.netlist.conductance) :] / self.netlist.nonlinear_voltage).max(initial=0.0))
 
-    def linearised(self, d: NDArray[np.float64]) -> NodalSystem:
-        """The nodal system of the differential conductances."""
-        g, (a, b), size = self.slopes(d), self.rows.T, self.system.size
+    def content(self, x: NDArray[np.float64]) -> tuple[float, float]:
+        """The co-content in watts, and the sum of its parts' magnitudes."""
+        d, netlist, m = self.drops(x), self.netlist, len(self.netlist.conductance)
+        ratio = np.abs(d[m:] / netlist.nonlinear_voltage)
+        log_cosh = ratio + np.log1p(np.exp(-2 * ratio)) - np.log(2.0)
+        with np.errstate(over="ignore"):
+            stored = float(0.5 * np.sum(netlist.conductance * d[:m] ** 2))
+        stored += float(np.sum(netlist.nonlinear_current * netlist.nonlinear_voltage * log_cosh))
+        fed = self.injected * x
+        return stored - float(fed.sum()), stored + float(np.abs(fed).sum())
+
+    def secants(self, d: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Secant conductance of every element."""
+        m = len(self.netlist.conductance)
+        return np.append(self.netlist.conductance, secant_conductance(self.netlist, d[m:]))
+
+    def linear(self, g: NDArray[np.float64]) -> NodalSystem:
+        """The nodal system of a conductance for every element."""
+        (a, b), size = self.rows.T, self.system.size
         inner = (a >= 0) & (b >= 0) & (a != b)
         contact = (a >= 0) != (b >= 0)
         pairs = a[inner].astype(np.int32), b[inner].astype(np.int32)
@@ -275,6 +300,28 @@ class _Circuit:
             excess=np.asarray(np.bincount(np.maximum(a, b)[contact], g[contact], size), dtype=np.float64),
             rails=None,
         )
+
+
+def _step(
+    circuit: _Circuit, x: NDArray[np.float64], excess: NDArray[np.float64], method: str
+) -> tuple[NDArray[np.float64], float]:
+    """What to move by, and the share of a Newton step that it is: 0 for a step of the secants."""
+    d = circuit.drops(x)
+    here, size = circuit.content(x)
+    choices: list[tuple[float, NDArray[np.float64], float]] = []
+    try:
+        direction = factor_system(circuit.linear(circuit.slopes(d)), method).solve(-excess, rtol=1e-8)
+        share = _share(circuit, x, direction, excess)
+        there = circuit.content(x + share * direction)[0]
+        if share >= _WORTHWHILE and there <= here + _ROUNDING * size:
+            return share * direction, share
+        choices.append((there, share * direction, share))
+    except AccuracyError:  # differential conductances that vanish can leave the matrix singular
+        pass
+    move = factor_system(circuit.linear(circuit.secants(d)), method).solve(-excess, rtol=1e-8)
+    choices.append((circuit.content(x + move)[0], move, 0.0))
+    _, move, share = min(choices, key=lambda choice: choice[0])
+    return move, share
 
 
 def _share(
@@ -290,7 +337,7 @@ def _share(
     if slope(1.0) <= 0.1 * first:
         return 1.0
     high, low = 1.0, _SHORTER
-    while slope(low) > 0 and low > 0:
+    while slope(low) > 0 and low > _SHORTEST:
         high, low = low, low * _SHORTER
     while high - low > 0.1 * low:
         middle = 0.5 * (low + high)

@@ -12,7 +12,9 @@ from resgrid.errors import AccuracyError
 from resgrid.netlist import Netlist
 from resgrid.nodal.newton import differential_conductance, linear_netlist, newton, secant_conductance
 from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.nodal.saturation import refuse_saturated_cut
 from resgrid.nodal.solve import DIRECTION_RESIDUAL, solve
+from resgrid.nodal.system import assemble
 
 _SETTLED = 1e-13
 _MOST_PASSES = 8
@@ -40,6 +42,15 @@ def solve_nonlinear(netlist: Netlist, *, accuracy: str, method: str, rtol: float
     CircuitError, AccuracyError, BudgetError
         As `resgrid.solve`.
     """
+    try:
+        return _settled(netlist, accuracy=accuracy, method=method, rtol=rtol)
+    except AccuracyError:
+        # Voltages without bound look like any other failure until the flow through the circuit is asked.
+        refuse_saturated_cut(netlist, assemble(linear_netlist(netlist, netlist.nonlinear_current)))
+        raise
+
+
+def _settled(netlist: Netlist, *, accuracy: str, method: str, rtol: float) -> OperatingPoint:
     start = time.perf_counter()
     voltage = newton(netlist, method=method).voltage
     seconds = time.perf_counter() - start

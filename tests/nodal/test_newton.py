@@ -157,6 +157,35 @@ def test_the_overloaded_cut_is_named() -> None:
     assert rg.solve(netlist.replace(current_amps=netlist.current_amps * 0.39)).kcl_residual < 1e-9
 
 
+@pytest.mark.parametrize("seed", range(24))
+def test_extreme_circuits_are_solved_or_shown_to_be_overloaded(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    linear = random_grid(seed, side=int(rng.integers(3, 8)), decades=float(rng.uniform(0, 8)), drive=bool(seed % 2))
+    half = rng.random(len(linear.conductance)) < rng.choice([0.3, 0.9, 1.0])
+    volts = 10.0 ** rng.uniform(-5, 0.5, int(half.sum()))
+    netlist = linear.replace(
+        resistor_nodes=linear.resistor_nodes[~half],
+        conductance=linear.conductance[~half],
+        nonlinear_nodes=linear.resistor_nodes[half],
+        nonlinear_current=linear.conductance[half] * volts,
+        nonlinear_voltage=volts,
+        current_amps=linear.current_amps * 10.0 ** rng.uniform(-4, 0),
+    )
+    try:
+        point = rg.solve(netlist)
+    except rg.CircuitError as error:
+        words = str(error).split()
+        fed, least = float(words[words.index("drive") + 1]), float(words[words.index("than") + 1])
+        assert fed >= least * (1 - 1e-5)
+        return
+    v = point.voltage
+    d = v[netlist.nonlinear_nodes[:, 0]] - v[netlist.nonlinear_nodes[:, 1]]
+    slope = netlist.nonlinear_current / netlist.nonlinear_voltage
+    law = netlist.nonlinear_current * np.tanh(d / netlist.nonlinear_voltage)
+    np.testing.assert_allclose(point.nonlinear_amps, law, rtol=1e-6, atol=1e-14 * slope.max() * np.abs(v).max())
+    assert point.kcl_residual < 1e-9
+
+
 def test_small_signals_see_the_slope() -> None:
     netlist = saturating(rg.compile_space(wide_open(), boundary="neumann"), 0.5)
     point = rg.solve(netlist)
