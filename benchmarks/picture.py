@@ -53,11 +53,16 @@ def draw(rows: Sequence[Row]) -> Figure | None:
 
 def panel(ax: Axes, name: str, group: Sequence[Row]) -> Axes:
     """One problem: a line for every contender."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     for place, row in enumerate(group):
         _line(ax, place, row)
     ax.axvline(1.0, color=OURS, linewidth=1.0, alpha=0.5, zorder=0)
     ax.set_xscale("log")
+    ax.margins(x=0.12)
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     ax.xaxis.set_major_formatter("{x:g}")
+    ax.xaxis.set_minor_formatter(NullFormatter())
     ax.set_yticks(range(len(group)), [row.contender for row in group])
     ax.set_ylim(len(group) - 0.4, -0.6)
     for label, row in zip(ax.get_yticklabels(), group, strict=True):
