@@ -141,11 +141,13 @@ def _readable(choice: SceneChoice, read_as: str, root: str | None, report: Repor
 
 def _foretell(circuit: Netlist | ParsedDeck | None, run: Run, report: Report) -> None:
     """Say what the simulator will take, and refuse what will not end in time."""
-    from resgrid.spice.forecast import forecast_run, require_time
+    from resgrid.spice.forecast import costs_named, forecast_run, require_time
+    from resgrid.spice.ngspice import ngspice_version
 
     if circuit is None:
         return
-    expected: Forecast = forecast_run(circuit, run.engine)
+    version = ngspice_version() if run.engine == "ngspice" else ""
+    expected: Forecast = forecast_run(circuit, costs_named(run.engine, version))
     require_time(expected, run.timeout)
     tell = report.say if expected.seconds > _WORTH_TELLING else report.detail
     tell(str(expected))

@@ -52,7 +52,7 @@ def simulate_eecircuit(
     executable : path-like, optional
         Node; by default what ``RESGRID_NODE`` names, otherwise ``node``.
     direct : bool
-        Whether the deck may hold models.
+        The deck has its own analysis, and may hold models.
 
     Returns
     -------
@@ -71,7 +71,8 @@ def simulate_eecircuit(
     refuse_commands(data, source, models=direct)
     with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
         folder = Path(name)
-        (folder / "deck.cir").write_bytes(_END.sub(b"", data) + b"\n.options klu\n.op\n.end\n")
+        analysis = b"" if direct else b"\n.options klu\n.op"
+        (folder / "deck.cir").write_bytes(_END.sub(b"", data) + analysis + b"\n.end\n")
         words = [node, str(_SCRIPT), str(module), "deck.cir", "operating_point.raw"]
         status = run_quietly(words, folder, timeout, source, PACKAGE)
         complaints = log_complaints(folder, PACKAGE)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.errors import BudgetError
+from resgrid.errors import BudgetError, InputError
 from resgrid.netlist import GROUND, Netlist
 from resgrid.spice.parsed import ParsedDeck
 from resgrid.spice.subject import Subject, connected_parts_of, subject_of
@@ -57,6 +57,7 @@ class Costs:
 COSTS = {
     "ngspice": Costs(0.02, 2.5e-6, 1.33e-8, 3.5, 0.6, 12e6, 1.2e3, 50.0),
     "eecircuit": Costs(1.0, 2.5e-5, 1.0e-8, 2.0, 0.5, 300e6, 2.0e3, 50.0),
+    "ngspice-klu": Costs(0.02, 2.0e-5, 1.0e-8, 2.0, 0.5, 12e6, 1.5e3, 50.0),
 }
 """Seconds on one core of 2020s server hardware; other machines differ by a factor of two or so."""
 
@@ -68,7 +69,7 @@ class Forecast:
     Attributes
     ----------
     engine : str
-        ``"ngspice"`` (Markowitz ordering) or ``"eecircuit"`` (KLU).
+        ``"ngspice"`` (Markowitz ordering), ``"ngspice-klu"`` or ``"eecircuit"`` (both KLU).
     seconds : float
         Wall-clock time; right within a factor of three or so.
     memory : float
@@ -99,18 +100,48 @@ class Forecast:
         )
 
 
+_FIRST_WITH_KLU = 42
+
+
+def costs_named(engine: str, version: str) -> str:
+    """Key of `COSTS` for an engine: ngspice is another from version 42 on, the first with KLU.
+
+    Parameters
+    ----------
+    engine : str
+        One of `resgrid.spice.engines.ENGINES`.
+    version : str
+        Of ngspice, such as ``"39"`` or ``"44.2"``; an unknown one is taken for old.
+
+    Returns
+    -------
+    str
+    """
+    major = version.partition(".")[0].rstrip("+")
+    has_klu = engine == "ngspice" and major.isdecimal() and int(major) >= _FIRST_WITH_KLU
+    return "ngspice-klu" if has_klu else engine
+
+
 def forecast_run(circuit: Netlist | ParsedDeck, engine: str = "ngspice") -> Forecast:
     """Foretell time and memory of a simulator's operating point, in time proportional to the elements.
 
     Parameters
     ----------
     circuit : Netlist or ParsedDeck
-    engine : {"ngspice", "eecircuit"}
+    engine : {"ngspice", "ngspice-klu", "eecircuit"}
+        A key of `COSTS`; see `costs_named`.
 
     Returns
     -------
     Forecast
+
+    Raises
+    ------
+    InputError
+        If nothing is known of the engine.
     """
+    if engine not in COSTS:
+        raise InputError(f"nothing is known of the engine {engine!r}; it may be one of {', '.join(COSTS)}")
     subject = subject_of(circuit)
     size, width = core_of(subject)
     costs = COSTS[engine]
@@ -135,7 +166,7 @@ def require_time(expected: Forecast, timeout: float) -> None:
         If the forecast exceeds it; the message holds both.
     """
     if expected.seconds > timeout:
-        other = "" if expected.engine == "eecircuit" else ", take the faster engine (--engine eecircuit)"
+        other = "" if expected.engine != "ngspice" else ", take the faster engine (--engine eecircuit)"
         more = f"allow more (--timeout {max(expected.seconds * 3, 1):.0f})"
         raise BudgetError(f"{expected}, and {_duration(timeout)} is allowed: {more}{other} or check a smaller circuit")
 

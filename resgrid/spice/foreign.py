@@ -89,7 +89,7 @@ def _only_operating_point(data: bytes) -> bytes:
             dropping = _ANALYSIS.match(word) is not None
         if not (dropping and word):
             kept.append(row)
-    return b"\n".join([*kept, b".op", b".end", b""])
+    return b"\n".join([*kept, b".options klu", b".op", b".end", b""])
 
 
 def expected_of(deck: ParsedDeck, point: OperatingPoint, *, as_written: bool) -> Expected:

@@ -148,6 +148,15 @@ def test_check_holds_ngspice_against_our_solution(answer, call, deck, island, tm
     assert ".control" in answer("check", deck)["remark"] and not Path("pwned").exists()
 
 
+def test_a_device_taken_for_the_title_is_missed(answer, tmp_path):
+    deck = tmp_path / "untitled.sp"
+    deck.write_text("r1 a b 1k\nv1 a 0 1\nr2 b 0 1k\nr3 a b 3k\n.tran 1 2\n+ 0\n.end\n")
+    assert answer("solve", deck)["resistors"] == 3
+    data = answer("check", deck, code=1)
+    assert any("r1 is lost" in finding for finding in data["findings"])
+    assert any("untitled.sp:1: node b" in finding for finding in data["findings"])
+
+
 def test_a_run_that_would_take_too_long_ends_with_four(call, deck):
     result = call("check", deck, "--timeout", "0.001")
     assert result.exit_code == 4 and "--engine eecircuit" in result.stderr

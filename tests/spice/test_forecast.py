@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from resgrid.errors import BudgetError
+from resgrid.errors import BudgetError, InputError
 from resgrid.netlist import Netlist
-from resgrid.spice.forecast import core_of, forecast_run, require_time
+from resgrid.spice.forecast import core_of, costs_named, forecast_run, require_time
 from resgrid.spice.subject import subject_of
 
 
@@ -88,3 +88,21 @@ def test_what_would_not_end_in_time_is_refused_with_advice() -> None:
     fast = forecast_run(box(256, 256), "eecircuit")
     assert not fast.slow and 2 < fast.seconds < 15
     require_time(fast, 60.0)
+    with pytest.raises(InputError, match="nothing is known"):
+        forecast_run(box(4, 4), "spice3")
+
+
+@pytest.mark.parametrize(
+    ("engine", "version", "costs"),
+    [
+        ("ngspice", "39", "ngspice"),
+        ("ngspice", "41", "ngspice"),
+        ("ngspice", "42", "ngspice-klu"),
+        ("ngspice", "45.2", "ngspice-klu"),
+        ("ngspice", "44+", "ngspice-klu"),
+        ("ngspice", "unknown", "ngspice"),
+        ("eecircuit", "", "eecircuit"),
+    ],
+)
+def test_newer_versions_are_known_to_be_faster(engine: str, version: str, costs: str) -> None:
+    assert costs_named(engine, version) == costs
