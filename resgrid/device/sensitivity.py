@@ -19,8 +19,8 @@ from resgrid.device.reading import Reading, json_form
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.factor import Factor
-from resgrid.nodal.newton import differential_conductance, linear_netlist
 from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.nodal.secant import small_signal
 from resgrid.nodal.solve import factor
 from resgrid.space import Cell
 
@@ -149,7 +149,7 @@ def voltage_sensitivity(
 
 def adjoint_factor(point: OperatingPoint) -> Factor:
     """Factor the circuit, its nonlinear resistors replaced by their differential conductance, for many derivatives."""
-    return factor(_small_signal(point))
+    return factor(small_signal(point))
 
 
 def analyse_sensitivity(point: OperatingPoint, cells: ArrayLike) -> Sensitivity:
@@ -191,14 +191,6 @@ def analyse_sensitivity(point: OperatingPoint, cells: ArrayLike) -> Sensitivity:
         better = drift < flip
         flip[better], decision[better] = drift[better], number
     return Sensitivity(point, where, best, runner_up, margin, flip, decision)
-
-
-def _small_signal(point: OperatingPoint) -> Netlist:
-    netlist = point.netlist
-    if not len(netlist.nonlinear_current):
-        return netlist
-    across = np.subtract(*np.nan_to_num(point.voltage)[netlist.nonlinear_nodes.T])
-    return linear_netlist(netlist, differential_conductance(netlist, across))
 
 
 def _adjoint(factors: Factor, c: NDArray[np.float64]) -> NDArray[np.float64]:

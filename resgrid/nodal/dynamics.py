@@ -202,11 +202,11 @@ def require_linear(netlist: Netlist) -> None:
     ------
     InputError
     """
-    count = len(getattr(netlist, "nonlinear_current", ()))
+    count = len(netlist.nonlinear_current)
     if count:
         raise InputError(
             f"the netlist holds {count} nonlinear resistors, and this analysis is of linear circuits; "
-            "replace them by resistors of their small-signal resistance V0 / I0"
+            "give it resgrid.small_signal(operating_point)"
         )
 
 
