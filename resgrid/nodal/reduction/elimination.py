@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _MOST_ROUNDS = 20
 _CORRIDOR = 3.1
-_FEW = 0.05
+_FEW = 0.12
 _SMALL = 1000
 _LARGEST, _SMALLEST = 2.0**300, 2.0**-300
 
@@ -54,7 +54,7 @@ class Reduction:
 def may_reduce(system: NodalSystem) -> bool:
     """Tell cheaply whether elimination may take a fair share of the rows.
 
-    It may where one row in twenty has at most two neighbours, or where there are about three neighbours a row as in
+    It may where one row in eight has at most two neighbours, or where there are about three neighbours a row as in
     corridors two cells wide; and only within the range of conductances that products of them can bear.
     """
     n = system.size
