@@ -21,6 +21,7 @@ import numpy as np
 from resgrid.errors import InputError
 from resgrid.spice.deck import FlatDeck
 from resgrid.spice.expected import Expected
+from resgrid.spice.text.texts import Chosen, Texts, names, numbers, weave
 
 SCHEMA = 1
 _BLOCK_LINES = 16
@@ -108,7 +109,7 @@ def format_sidecar(
         **(more or {}),
     }
     fields = [f"{json.dumps(key)}: {json.dumps(value, sort_keys=True, allow_nan=False)}" for key, value in head.items()]
-    fields.append('"nodes": {\n' + ",\n".join(_node_lines(deck, expected)) + "\n}")
+    fields.append('"nodes": {\n' + _node_lines(deck, expected) + "\n}")
     return "{\n" + ",\n".join(fields) + "\n}\n"
 
 
@@ -208,17 +209,26 @@ def altered_lines(data: bytes, sidecar: Sidecar) -> list[tuple[int, int]]:
     return ranges
 
 
-def _node_lines(deck: FlatDeck, expected: Expected) -> list[str]:
-    voltages = [expected.voltage[name] for name in deck.node_names]
-    cells = ["null"] * len(deck.nodes)
-    netlist = deck.netlist
-    if netlist.layout is not None:
-        flat = netlist.cell_of_node()[deck.nodes]
-        index = np.unravel_index(np.maximum(flat, 0), netlist.layout.space.shape)
-        places = zip(flat.tolist(), *(axis.tolist() for axis in index), strict=True)
-        cells = ["null" if cell < 0 else str(place) for cell, *place in places]
-    rows = zip(deck.node_names, cells, voltages, strict=True)
-    return [f'"{name}": {{"cell": {cell}, "voltage": {voltage!r}}}' for name, cell, voltage in rows]
+def _node_lines(deck: FlatDeck, expected: Expected) -> str:
+    voltage = np.fromiter((expected.voltage[name] for name in deck.node_names), np.float64, len(deck.nodes))
+    columns: tuple[bytes | Texts | Chosen, ...]
+    columns = (b'"', deck.node_texts, b'": {"cell": ', *_cells(deck), b', "voltage": ', numbers(voltage), b"},\n")
+    return weave(len(deck.nodes), *columns).decode().removesuffix(",\n")
+
+
+def _cells(deck: FlatDeck) -> list[Chosen]:
+    """Columns that make ``[3, 7]`` of a node's cell, or ``null``."""
+    none = np.zeros(len(deck.nodes), dtype=np.int64)
+    if deck.netlist.layout is None:
+        return [names(["null"]).take(none)]
+    flat = deck.netlist.cell_of_node()[deck.nodes]
+    shape = deck.netlist.layout.space.shape
+    columns = []
+    for axis, index in enumerate(np.unravel_index(np.maximum(flat, 0), shape)):
+        first, otherwise = (", ", "") if axis else ("[", "null")
+        table = names([otherwise, *(f"{first}{i}" for i in range(shape[axis]))])
+        columns.append(table.take(np.where(flat < 0, none, index + 1)))
+    return [*columns, names(["", "]"]).take((flat >= 0).astype(np.int64))]
 
 
 def _versions() -> dict[str, str]:
