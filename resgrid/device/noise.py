@@ -174,12 +174,12 @@ def analyse_noise(
     return Noise(
         netlist=netlist,
         temperature=float(temperature),
-        resistance=_at_nodes(dynamics, resistance),
-        resistance_error=_at_nodes(dynamics, resistance_error),
-        limit=_at_nodes(dynamics, np.sqrt(scale * _elastance(dynamics))),
+        resistance=dynamics.at_nodes(resistance),
+        resistance_error=dynamics.at_nodes(resistance_error),
+        limit=dynamics.at_nodes(np.sqrt(scale * _elastance(dynamics))),
         band=None if band is None else (float(band[0]), float(band[1])),
-        total=None if total is None else _at_nodes(dynamics, total),
-        total_error=None if total_error is None else _at_nodes(dynamics, total_error),
+        total=None if total is None else dynamics.at_nodes(total),
+        total_error=None if total_error is None else dynamics.at_nodes(total_error),
         exact=exact,
     )
 
@@ -330,13 +330,6 @@ def _elastance(dynamics: Dynamics) -> NDArray[np.float64]:
         elastance[basis.charged] = inverse_diagonal(C.matrix[basis.charged][:, basis.charged])
     elastance[np.diff(basis.spread.indptr) > 0] = np.inf
     return elastance
-
-
-def _at_nodes(dynamics: Dynamics, value: NDArray[np.float64]) -> NDArray[np.float64]:
-    result = np.where(np.isnan(dynamics.fixed), np.nan, 0.0)
-    solved = dynamics.row >= 0
-    result[solved] = value[dynamics.row[solved]]
-    return result
 
 
 def _is_small(dynamics: Dynamics) -> bool:

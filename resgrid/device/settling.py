@@ -175,9 +175,9 @@ def analyse_settling(
         bits=bits,
         span=reach,
         time_constants=tau,
-        mode=_at_nodes(dynamics, mode[:, 0] / mode[np.argmax(np.abs(mode[:, 0])), 0]),
+        mode=dynamics.at_nodes(mode[:, 0] / mode[np.argmax(np.abs(mode[:, 0])), 0]),
         fastest=fastest_time_constant(dynamics),
-        node_time=_at_nodes(dynamics, row_time),
+        node_time=dynamics.at_nodes(row_time),
         bound=bound,
         energy=_energy(dynamics, factors, final, start - final, end, last),
         power=_power(netlist, settled),
@@ -217,14 +217,6 @@ def _energy(
     if time > 0.0:
         integral = integral + factors.solve(dynamics.capacitance.matrix @ (start - end), rtol=_RTOL)
     return energy_meter(dynamics).delivered(time, end - start, integral)
-
-
-def _at_nodes(dynamics: Dynamics, value: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Values of rows at nodes, 0 on rails, NaN where a node floats."""
-    result = np.where(np.isnan(dynamics.fixed), np.nan, 0.0)
-    solved = dynamics.row >= 0
-    result[solved] = value[dynamics.row[solved]]
-    return result
 
 
 def _bound(dynamics: Dynamics, deviation: NDArray[np.float64], tau: float, band: float) -> float:

@@ -99,6 +99,13 @@ class Dynamics:
         x[rows] = voltage[nodes[first]] - self.fixed[nodes[first]]
         return x
 
+    def at_nodes(self, value: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Values of rows at nodes, shape (nodes,): 0 on rails, NaN where a node floats."""
+        result = np.where(np.isnan(self.fixed), np.nan, 0.0)
+        solved = self.row >= 0
+        result[solved] = value[self.row[solved]]
+        return result
+
     def injection(self, nodes: NDArray[np.int64], amount: NDArray[np.float64]) -> NDArray[np.float64]:
         """Sum amounts given at nodes over rows, shape (n,); what reaches rails is left out."""
         inside = self.row[nodes] >= 0
