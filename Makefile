@@ -3,6 +3,7 @@
 # make check   lint, formatting, types, import order
 # make format  apply the formatter and the safe fixes
 # make bench   run resgrid and its peers, installed into .venv-bench, in turn (BENCH=full: large sizes; SECTIONS="plane memory")
+# make fuzz    read 100,000 mutated decks
 # make golden  write the decks in netlists/ anew
 # make clean   remove what was made here
 
@@ -23,7 +24,7 @@ INSTALLED_DEV := $(VENV)/.installed-dev
 BENCH_VENV := .venv-bench
 INSTALLED_BENCH := $(BENCH_VENV)/.installed
 
-.PHONY: demo test check format bench golden clean
+.PHONY: demo test check format bench fuzz golden clean
 .DELETE_ON_ERROR:
 
 demo: $(INSTALLED)
@@ -47,6 +48,9 @@ bench: $(INSTALLED_BENCH)
 	scripts/install_ngspice.sh || true
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 MKL_NUM_THREADS=1 NUMBA_NUM_THREADS=1 \
 	$(BENCH_VENV)/bin/python -m benchmarks $(SECTIONS) --scale $(BENCH) --seed $(SEED) $(if $(ROUNDS),--rounds $(ROUNDS))
+
+fuzz: $(INSTALLED_DEV)
+	$(BIN)/python tests/fuzz_decks.py $(or $(COUNT),100000)
 
 golden: $(INSTALLED)
 	$(BIN)/resgrid compile examples/scenes/lesson.toml -o $(GOLDEN)/lesson_dirichlet.cir

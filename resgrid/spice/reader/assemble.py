@@ -23,7 +23,7 @@ from resgrid.spice.reader.sources import Source
 _BULK_KINDS = ("resistor", "voltage source", "current source", "capacitor")
 
 
-def assemble_deck(collector: Collector, source: Source) -> ParsedDeck:
+def assemble_deck(collector: Collector, source: Source, limit: int | None) -> ParsedDeck:
     """Make the deck of everything that was collected.
 
     Raises
@@ -36,12 +36,12 @@ def assemble_deck(collector: Collector, source: Source) -> ParsedDeck:
     rules, journal = _ground_rules(collector), collector.journal
     scope = Scope(collector.top, rules)
     table = NodeTable(rules)
-    table.of("0")
+    table.of("0", 0)
     sheet = Sheet(table)
     for origin, bulk in collector.bulks:
         _add_bulk(bulk, origin, sheet)
     expander = Expander(rules, journal, frozenset(collector.common))
-    expander.check_size(collector.top)
+    expander.check_size(collector.top, limit)
     journal.raise_errors()
     expander.fill(scope, sheet, collector.top.cards)
     title = _settle_title(collector, scope, sheet, expander)
@@ -76,7 +76,7 @@ def _temperatures(collector: Collector, scope: Scope) -> tuple[float | None, flo
 
 def _add_bulk(bulk: Bulk, source: Source, sheet: Sheet) -> None:
     table = sheet.table
-    way = table.of_all(bulk.node_names)
+    way = table.of_all(bulk.node_names, source.number << 40 | bulk.node_line)
     nodes = way[bulk.nodes]
     for code, kind in enumerate(_BULK_KINDS):
         chosen = bulk.kind == code

@@ -88,13 +88,16 @@ class Scope:
     given: Mapping[str, float] = field(default_factory=dict)
     _known: dict[str, float] = field(default_factory=dict)
     _busy: list[str] = field(default_factory=list)
+    _deep: bool = False
 
     def __post_init__(self) -> None:
-        for name in self.block.parameters:
+        # forwards and, for those that refer to later ones, backwards, one step at a time
+        for name in (*self.block.parameters, *reversed(self.block.parameters)):
             try:
                 self.parameter(name)
             except (ExpressionError, CardError):
                 continue  # said when it is used
+        self._deep = True
 
     def parameter(self, name: str) -> float | None:
         """Value of a parameter, here or further out; None if there is none."""
@@ -109,7 +112,7 @@ class Scope:
             raise definition.card.error(
                 definition.offset, f"parameters define each other in a circle: {' -> '.join([*self._busy, name])}"
             )
-        if len(self._busy) >= MAX_CHAIN:
+        if len(self._busy) >= (MAX_CHAIN if self._deep else 1):
             raise definition.card.error(definition.offset, f"parameters refer to each other over {MAX_CHAIN} deep")
         self._busy.append(name)
         try:

@@ -33,6 +33,8 @@ class Bulk:
     ----------
     node_names : list of str
         As spelt first.
+    node_line : ndarray of int64, shape (nodes,)
+        Where that is.
     kind : ndarray of uint8, shape (n,)
         0 resistor, 1 voltage source, 2 current source, 3 capacitor.
     names : list of str
@@ -46,6 +48,7 @@ class Bulk:
     """
 
     node_names: list[str]
+    node_line: NDArray[np.int64]
     kind: NDArray[np.uint8]
     names: list[str]
     nodes: NDArray[np.int32]
@@ -86,7 +89,7 @@ def scan(data: bytes, start: int, rules: ReadingRules) -> Bulk | None:
     text = np.frombuffer(data, dtype=np.uint8)
     rows = data.count(b"\n", start)
     table = np.full(1 << max(6, (4 * rows).bit_length()), -1, dtype=np.int32)
-    keys, known = np.empty(2 * rows + 1, dtype=np.uint64), np.empty((2 * rows + 1, 2), dtype=np.int64)
+    keys, known = np.empty(2 * rows + 1, dtype=np.uint64), np.empty((2 * rows + 1, 3), dtype=np.int64)
     kind, found = np.empty(rows, dtype=np.uint8), np.empty(rows, dtype=np.uint8)
     name, nodes, token = (np.empty((rows, 2), dtype=np.int32) for _ in range(3))
     value, line = np.empty(rows), np.empty(rows, dtype=np.int32)
@@ -117,7 +120,8 @@ def scan(data: bytes, start: int, rules: ReadingRules) -> Bulk | None:
     other = _with_demoted(other[:others], line[:cards][~plain], data)
     keep = slice(cards) if plain.all() else np.flatnonzero(plain)
     return Bulk(
-        node_names=_texts(text, known[:node_count]),
+        node_names=_texts(text, known[:node_count, :2]),
+        node_line=known[:node_count, 2],
         kind=kind[keep],
         names=_texts(text, name[keep]),
         nodes=nodes[keep],

@@ -69,7 +69,8 @@ class Collector:
         self._stack = [self.top]
         start = source.data.index(b"\n") + 1
         line = _first_line(source.data[:start])
-        has_title = not _could_be_statement(line)
+        continued = source.data[start : start + _LOOKED_AT].lstrip(b" \t\n")[:1] == b"+"
+        has_title = not _could_be_statement(line, continued)
         if has_title:
             self.title = line.strip().lstrip("*").strip() or None
         lines = self._lines(source, start)
@@ -348,6 +349,7 @@ def temperature_of(collector: Collector, key: str, scope: Scope) -> float | None
     return None if found is None else scope.value(*found)[0]
 
 
+_LOOKED_AT = 200
 _ELEMENT_LETTERS = frozenset("rvilcsxRVILCSX")
 _STATEMENTS = frozenset((*_COMMANDS, *_ANALYSES, *_OUTPUTS, ".lib", ".inc", ".include", ".control", ".end", *_HINTS))
 
@@ -356,14 +358,14 @@ def _first_line(data: bytes) -> str:
     return decode(data)
 
 
-def _could_be_statement(line: str) -> bool:
+def _could_be_statement(line: str, continued: bool) -> bool:
     """Whether a first line may be more than a title: a known command, or a name and at least three words more."""
     words = line.split()
     if not words or words[0][0] == "*":
         return False
     if words[0][0] == ".":
         return words[0].lower() in _STATEMENTS
-    return words[0][0] in _ELEMENT_LETTERS and len(words) >= 4
+    return words[0][0] in _ELEMENT_LETTERS and (len(words) >= 4 or continued)
 
 
 def _bare_words(card: Card) -> list[Token]:

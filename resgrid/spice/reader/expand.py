@@ -14,11 +14,15 @@ from resgrid.spice.reader.elements import multiplier, number, read_element
 from resgrid.spice.reader.journal import CardError, Journal
 from resgrid.spice.reader.lines import Card
 from resgrid.spice.reader.rules import ReadingRules
-from resgrid.spice.reader.sheet import RESISTIVE, WIDTHS, NodeTable, Part, Sheet
+from resgrid.spice.reader.sheet import RESISTIVE, WIDTHS, NodeTable, Part, Sheet, order_of
 from resgrid.spice.reader.tokens import Setting, settings, split_positional, tokenise
 
 MAX_DEPTH = 50
 MAX_ELEMENTS = 20_000_000
+FREE_GROWTH, MAX_GROWTH = 500_000, 5000
+"""Elements that a deck may grow to whatever its size, and per card beyond."""
+
+_DEEP_MULTIPLIER = "m= counts for the subcircuits within, too; ngspice 39 does not hand it on to them"
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,10 +62,14 @@ class Expander:
     def fill(self, scope: Scope, sheet: Sheet, cards: Iterable[Card]) -> None:
         """Read the cards of a block into its sheet, calls expanded."""
         groups: dict[int, tuple[Flat, list[tuple[Call, float]]]] = {}
+        names: set[str] = set()
         for card in cards:
             try:
                 if card.text[0] in "xX":
                     call = self._call(card, scope.block)
+                    if call.name.lower() in names:
+                        raise card.error(0, f"{call.name} is called twice; instances need names of their own")
+                    names.add(call.name.lower())
                     given, factor = self._given(call, scope)
                     flat = self._flat(call, given, scope)
                     groups.setdefault(id(flat), (flat, []))[1].append((call, factor))
@@ -72,7 +80,7 @@ class Expander:
         for flat, calls in groups.values():
             _stamp(flat, calls, sheet)
 
-    def check_size(self, block: Block) -> None:
+    def check_size(self, block: Block, limit: int | None) -> None:
         """Refuse decks that call themselves or grow beyond measure, before anything is expanded.
 
         Raises
@@ -81,9 +89,12 @@ class Expander:
             If the deck has too many elements.
         """
         count = self._size(block, [])
-        if count > MAX_ELEMENTS:
+        cards = len(self._calls) + len(block.cards)
+        allowed = min(MAX_ELEMENTS, max(FREE_GROWTH, MAX_GROWTH * cards)) if limit is None else limit
+        if count > allowed:
             raise BudgetError(
-                f"the deck has {count:.3g} elements once subcircuits are expanded; at most {MAX_ELEMENTS:,} are read"
+                f"the deck has {count:.3g} elements once subcircuits are expanded; at most {allowed:,} are read from "
+                "one of its size; if that is meant, allow more (max_elements)"
             )
 
     def _size(self, block: Block, path: list[Block]) -> int:
@@ -137,6 +148,8 @@ class Expander:
             value = number(scope, call.card, setting.values[0], self.journal)
             if setting.key == "m" and "m" not in call.block.defaults:
                 factor = multiplier(call.card, value)
+                if any(card.text[0] in "xX" for card in call.block.cards):
+                    self.journal.note("warning", call.card.spot(setting.offset), _DEEP_MULTIPLIER)
             elif setting.key in call.block.parameters:
                 given[setting.key] = value
             else:
@@ -177,10 +190,10 @@ class Expander:
 
 def _stamp(flat: Flat, calls: list[tuple[Call, float]], sheet: Sheet) -> None:
     """Put a flattened subcircuit in place of every call of it, at once."""
-    way = _node_map(flat, calls, sheet.table)
     factor = np.array([factor for _, factor in calls])
     place = np.array([(call.card.file, call.card.line) for call, _ in calls], dtype=np.int64)
-    order = (place[:, 0] << 40) | place[:, 1]
+    order = order_of(place)
+    way = _node_map(flat, [call for call, _ in calls], order.tolist(), sheet.table)
     for kind, part in flat.parts.items():
         count = len(part.names)
         values = np.tile(part.values, (len(calls), 1))
@@ -197,15 +210,19 @@ def _stamp(flat: Flat, calls: list[tuple[Call, float]], sheet: Sheet) -> None:
         )
 
 
-def _node_map(flat: Flat, calls: list[tuple[Call, float]], table: NodeTable) -> NDArray[np.int64]:
-    way = np.empty((len(calls), len(flat.names)), dtype=np.int64)
+def _node_map(flat: Flat, calls: list[Call], orders: list[int], table: NodeTable) -> NDArray[np.int64]:
+    """Numbers in the table of the subcircuit's nodes, for every call; shape (calls, nodes)."""
     of = table.of
-    for row, (call, _) in zip(way, calls, strict=True):
-        row[: flat.ports] = [of(name) for name in call.nodes]
-        row[flat.ports :] = [
-            of(name if common else f"{call.name}.{name}")
-            for name, common in zip(flat.names[flat.ports :], flat.common[flat.ports :], strict=True)
-        ]
+    way = np.empty((len(calls), len(flat.names)), dtype=np.int64)
+    way[:, : flat.ports] = [[of(name, order) for name in call.nodes] for call, order in zip(calls, orders, strict=True)]
+    common = np.array(flat.common, dtype=np.bool_)
+    way[:, common] = [of(name, orders[0]) for name, is_common in zip(flat.names, flat.common, strict=True) if is_common]
+    own = np.flatnonzero(~common)[flat.ports :]
+    names = [flat.names[i] for i in own.tolist()]
+    inner = table.of_instances(
+        [f"{call.name}.{name}" for call in calls for name in names], [order for order in orders for _ in names]
+    )
+    way[:, own] = inner.reshape(len(calls), len(own))
     return way
 
 

@@ -11,6 +11,7 @@ import math
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 
 from resgrid.spice.reader.numerals import parse_numeral
 from resgrid.spice.reader.rules import ReadingRules
@@ -106,7 +107,8 @@ def evaluate(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> floa
     return value
 
 
-def _tokens(text: str) -> list[_Token]:
+@lru_cache(maxsize=4096)
+def _tokens(text: str) -> tuple[_Token, ...]:
     tokens: list[_Token] = []
     position = 0
     while not tokens or tokens[-1].kind != "end":
@@ -117,14 +119,14 @@ def _tokens(text: str) -> list[_Token]:
         kind = match.lastgroup or "end"
         tokens.append(_Token(kind, match.group(kind), match.start(kind)))
         position = match.end()
-    return tokens
+    return tuple(tokens)
 
 
 @dataclass
 class _Reader:
     """Precedence climbing over the tokens of one expression."""
 
-    tokens: list[_Token]
+    tokens: tuple[_Token, ...]
     rules: ReadingRules
     lookup: Lookup
     call: Call

@@ -105,6 +105,7 @@ def _node(
     keys: NDArray[np.uint64],
     known: NDArray[np.int64],
     count: int,
+    line: int,
 ) -> Any:
     """Number of a node name: that of its first occurrence (case folded), or ``count`` for a new one, then entered."""
     mask = np.int64(len(table) - 1)
@@ -116,6 +117,7 @@ def _node(
             keys[count] = key
             known[count, 0] = start
             known[count, 1] = stop
+            known[count, 2] = line
             return count
         if keys[number] == key and known[number, 1] - known[number, 0] == stop - start:
             first = known[number, 0]
@@ -164,8 +166,8 @@ def cut(  # noqa: PLR0912, PLR0915
         Hash table of node names, all -1.
     keys : ndarray of uint64
         Every node's hash.
-    known : ndarray of int64, shape (.., 2)
-        Where every node's name begins and ends.
+    known : ndarray of int64, shape (.., 3)
+        Where every node's name begins and ends first, and the line.
     kind, name, nodes, value, found, token, line : ndarray
         One row a plain card: its kind; first and last byte of its name; its nodes; the bits of its value, what that is
         (`READ` ...), and where it stands; its line.
@@ -199,6 +201,7 @@ def cut(  # noqa: PLR0912, PLR0915
                 keys,
                 known,
                 node_count,
+                number,
                 cards,
                 name,
                 nodes,
@@ -252,7 +255,7 @@ def cut(  # noqa: PLR0912, PLR0915
 @njit(cache=True, inline="always")
 def _begins_number(c: int) -> bool:
     """Whether it is a digit, a sign or a point."""
-    return 43 <= c <= 57 and c != 44 and c != 47
+    return 48 <= c <= 57 or 45 <= c <= 46 or c == 43
 
 
 @njit(cache=True)
@@ -275,6 +278,7 @@ def _card(
     keys: NDArray[np.uint64],
     known: NDArray[np.int64],
     node_count: int,
+    line: int,
     card: int,
     name: NDArray[np.int32],
     nodes: NDArray[np.int32],
@@ -304,10 +308,10 @@ def _card(
     found[card], value[card] = read_decimal(text, v, v_stop)
     token[card, 0], token[card, 1] = v, v_stop
     name[card, 0], name[card, 1] = start, name_stop
-    node = _node(text, a, a_stop, a_key, table, keys, known, node_count)
+    node = _node(text, a, a_stop, a_key, table, keys, known, node_count, line)
     node_count += node == node_count
     nodes[card, 0] = node
-    node = _node(text, b, b_stop, b_key, table, keys, known, node_count)
+    node = _node(text, b, b_stop, b_key, table, keys, known, node_count, line)
     node_count += node == node_count
     nodes[card, 1] = node
     return stop, node_count

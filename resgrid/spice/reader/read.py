@@ -25,6 +25,7 @@ def read_spice(
     *,
     dialect: str = "auto",
     root: str | os.PathLike[str] | None = None,
+    max_elements: int | None = None,
 ) -> ParsedDeck:
     r"""Read a resistive deck.
 
@@ -39,6 +40,9 @@ def read_spice(
         Whose rules to read it by; ``"auto"`` asks the deck's sidecar, then its text for signs; ngspice without.
     root : path-like, optional
         Folder below which files may be included; by default the deck's own.  Links are resolved before.
+    max_elements : int, optional
+        How many elements subcircuits may be expanded to; by default 500,000, or 5,000 a line if that is more, and at
+        most 20 million.
 
     Returns
     -------
@@ -58,15 +62,18 @@ def read_spice(
     >>> deck.title, deck.node_names, deck.resistance.tolist()
     ('divider', ('0', 'in', 'out'), [1000.0, 1000.0])
     """
-    return _read(path, dialect, root, LEAST_BYTES)
+    return read_with(path, dialect=dialect, root=root, max_elements=max_elements)
 
 
-def _read(
+def read_with(
     path: str | os.PathLike[str] | IO[str] | IO[bytes],
-    dialect: str,
-    root: str | os.PathLike[str] | None,
-    least_bytes: int,
+    *,
+    dialect: str = "auto",
+    root: str | os.PathLike[str] | None = None,
+    max_elements: int | None = None,
+    least_bytes: int = LEAST_BYTES,
 ) -> ParsedDeck:
+    """Read a deck as `read_spice`; files of at least so many bytes go through the compiled loops."""
     if dialect != "auto":
         rules_named(dialect)
     library, source = _open(path, root)
@@ -74,7 +81,7 @@ def _read(
     collector = Collector(library, rules, Journal(), quick=len(source.data) >= least_bytes)
     try:
         collector.deck(source)
-        return assemble_deck(collector, source)
+        return assemble_deck(collector, source, max_elements)
     except RecursionError:
         raise InputError(f"{source.name}: something in it is nested too deeply to be read") from None
 

@@ -37,37 +37,78 @@ class NodeTable:
     names: list[str] = field(default_factory=list)
     aliases: set[str] = field(default_factory=set)
     _number: dict[str, int] = field(default_factory=dict)
-    _waiting: bool = False
+    _entered: int = 0
+    _dotted: bool = False
+    _spelt_at: dict[int, int] = field(default_factory=dict)
+    _bulk_spelt_at: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
     @property
     def number(self) -> dict[str, int]:
         """Number of every name in lower case."""
-        if self._waiting:
-            self._waiting = False
-            self._number = dict(zip(map(str.lower, self.names), range(len(self.names)), strict=True))
+        count = len(self.names)
+        if self._entered < count:
+            later = self.names[self._entered :]
+            self._number.update(zip(map(str.lower, later), range(self._entered, count), strict=True))
             self._number.update(dict.fromkeys(self.aliases, 0))
+            self._entered = count
         return self._number
 
-    def of(self, name: str) -> int:
-        """Number of a node, a new one where there is none yet."""
+    def of(self, name: str, order: int) -> int:
+        """Number of a node, a new one where there is none yet.
+
+        Parameters
+        ----------
+        name : str
+        order : int
+            Where it is used; of several spellings the first in the deck stays.
+
+        Returns
+        -------
+        int
+        """
         folded = name.lower()
-        number = self.number
-        found = number.get(folded)
+        found = self._number.get(folded)
         if found is None:
-            ground = folded in self.rules.grounds
-            found = number["0"] if ground and "0" in number else len(self.names)
-            if found == len(self.names):
-                self.names.append("0" if ground else name)
-            number[folded] = found
-            if ground:
-                number["0"] = found
-                self.aliases |= {folded} - {"0"}
+            self._dotted |= "." in folded
+            found = self.number.get(folded)
+        if found is None:
+            return self._new(name, folded, order)
+        if self.names[found] != name and folded not in self.rules.grounds and order < self._spelling_place(found):
+            self.names[found] = name
+            self._spelt_at[found] = order
         return found
 
-    def of_all(self, names: list[str]) -> NDArray[np.int64]:
+    def _new(self, name: str, folded: str, order: int) -> int:
+        ground = folded in self.rules.grounds
+        found = self._number["0"] if ground and "0" in self._number else len(self.names)
+        if found == len(self.names):
+            self.names.append("0" if ground else name)
+            self._spelt_at[found] = order
+            self._entered += 1
+        self._number[folded] = found
+        if ground:
+            self._number["0"] = found
+            self.aliases |= {folded} - {"0"}
+        return found
+
+    def _spelling_place(self, number: int) -> int:
+        known = self._spelt_at.get(number)
+        if known is not None:
+            return known
+        return int(self._bulk_spelt_at[number]) if number < len(self._bulk_spelt_at) else 0
+
+    def of_instances(self, names: list[str], orders: list[int]) -> NDArray[np.int64]:
+        """Numbers of nodes within instances: new ones, unless names with a dot were used before; shape (n,)."""
+        if self._dotted:
+            return np.fromiter(map(self.of, names, orders), np.int64, len(names))
+        first = len(self.names)
+        self.names.extend(names)
+        return np.arange(first, first + len(names))
+
+    def of_all(self, names: list[str], orders: NDArray[np.int64]) -> NDArray[np.int64]:
         """Numbers of nodes that are all different, case folded; shape (n,)."""
         if len(self.names) > 1:
-            return np.fromiter(map(self.of, names), np.int64, len(names))
+            return np.fromiter(map(self.of, names, orders.tolist()), np.int64, len(names))
         is_ground = np.zeros(len(names), dtype=np.bool_)
         longest = max(map(len, self.rules.grounds))
         is_ground[
@@ -76,7 +117,7 @@ class NodeTable:
         self.aliases.update(name.lower() for name in compress(names, is_ground.tobytes()))
         self.aliases.discard("0")
         self.names.extend(compress(names, (~is_ground).tobytes()))
-        self._waiting = True
+        self._bulk_spelt_at = np.concatenate([np.zeros(1, dtype=np.int64), orders[~is_ground]])
         return np.where(is_ground, 0, np.cumsum(~is_ground))
 
 
@@ -131,7 +172,8 @@ class Sheet:
         """Add one element."""
         rows = self.rows[kind]
         rows.names.append(name)
-        rows.nodes.append(tuple(map(self.table.of, nodes)))
+        of, order = self.table.of, place[0] << 40 | place[1]
+        rows.nodes.append(tuple([of(node, order) for node in nodes]))
         rows.values.append(values)
         rows.place.append(place)
 
