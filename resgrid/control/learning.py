@@ -21,7 +21,9 @@ INSIDE = 1e-6
 """How far behind a touched surface the obstacle is taken to reach at least, in cells (of motion)."""
 
 
-def proven_cells(robot: Robot, axes: Sequence[Axis], point: ArrayLike) -> NDArray[np.bool_]:
+def proven_cells(
+    robot: Robot, axes: Sequence[Axis], point: ArrayLike, itself: NDArray[np.bool_] | None = None
+) -> NDArray[np.bool_]:
     """Cells that hold a configuration in which the robot meets a point of the workspace.
 
     If the point belongs to an obstacle, each of them is an obstacle cell by the conservative rule: that rule blocks
@@ -33,6 +35,8 @@ def proven_cells(robot: Robot, axes: Sequence[Axis], point: ArrayLike) -> NDArra
     axes : sequence of Axis
     point : array_like of float, shape (2,)
         A point of the obstacle.
+    itself : ndarray of bool, optional
+        Cells that the robot blocks without any obstacle, if they are known.
 
     Returns
     -------
@@ -41,7 +45,7 @@ def proven_cells(robot: Robot, axes: Sequence[Axis], point: ArrayLike) -> NDArra
     """
     place = tuple(np.asarray(point, dtype=np.float64).tolist())
     met = robot.occupancy(axes, [Ball(place, 0.0)], "conservative")
-    return met & ~robot.occupancy(axes, [], "conservative")
+    return met & ~(robot.occupancy(axes, [], "conservative") if itself is None else itself)
 
 
 def learn(space: ConfigurationSpace, cells: NDArray[np.bool_]) -> ConfigurationSpace:

@@ -49,6 +49,7 @@ class Loop:
         self.spacing = space.spacing
         self.time, self.torque = 0.0, np.zeros(space.ndim)
         self.trail: list[Vector] = []
+        self.barren: Vector | None = None
         self.anchor, self.waited, self.dithers = self.configuration, 0, 0
         self.reach = simulation.step * self.plant.cell_motion
         self.longest = simulation.step * float(space.spacing.min()) / self.controller.speed
@@ -84,14 +85,15 @@ class Loop:
         mode, velocity, longest = chosen
         if push.any():
             velocity = velocity + self.controller.admittance @ push
-            mode = Mode.PUSHED if mode is Mode.STREAMLINE else mode
+            mode, longest = Mode.PUSHED if mode is Mode.STREAMLINE else mode, self.longest
         velocity = self._stopped(self.controller.limited(velocity))
         around = self._look()
-        felt = self._touch(around, velocity)
+        # The way back has been taken before: nothing is in it, however near it leads past things.
+        felt = None if mode is Mode.RETREATING and not push.any() else self._touch(around, velocity)
         if felt is not None and felt.pressing.any():
             if self.simulation.learn and self._learn(felt, believed, push):
                 return
-            mode = _contact_mode(mode, felt)
+            mode, longest = _contact_mode(mode, felt), self.longest
         self._move(believed, mode, velocity, longest, around, felt, push)
 
     def _choose(self, believed: Vector, seen: Nominal) -> tuple[Mode, Vector, float] | None:
@@ -162,7 +164,7 @@ class Loop:
         self.configuration = after
         self.time += step
         self.clear -= self.reach
-        self._watch(after, mode)
+        self._watch(after, mode, bool(push.any()))
 
     def _time_step(self, velocity: Vector, longest: float, around: Surroundings | None) -> float:
         fastest = float((np.abs(velocity) / self.spacing).max())
@@ -185,9 +187,9 @@ class Loop:
         if mode is not Mode.RETREATING or pushed_off:
             self.trail.append(self.configuration)
 
-    def _watch(self, after: Vector, mode: Mode) -> None:
+    def _watch(self, after: Vector, mode: Mode, pushed: bool) -> None:
         """Notice that the robot has stayed within half a cell for long."""
-        if np.any(np.abs(after - self.anchor) > 0.5 * self.spacing):
+        if pushed or np.any(np.abs(after - self.anchor) > 0.5 * self.spacing):
             self.anchor, self.waited, self.dithers = after, 0, 0
             return
         self.waited += 1
@@ -205,7 +207,7 @@ class Loop:
         shaken = self.configuration + self.rng.uniform(-0.1, 0.1, self.space.ndim) * self.space.spacing
         shaken = self.plant.within_stops(shaken)
         self.clear = 0.0
-        if self._is_clear(shaken):
+        if self.plant.penetration(shaken)[0] == 0 and self._is_clear(shaken):
             self._record(self._sense(), np.zeros(self.space.ndim), Mode.DITHERING, None, np.zeros(self.space.ndim))
             self.trail.append(self.configuration)
             self.configuration = shaken
@@ -218,11 +220,14 @@ class Loop:
         if self.bias.any() or self.noise.any():
             true, seen = self.plant.pose(self.configuration), self.plant.pose(believed)
             points = np.array([true.carried(p, int(m), seen) for p, m in zip(points, felt.part[pressing], strict=True)])
+        if self.barren is not None and np.array_equal(points, self.barren):
+            return False
         proven = np.zeros(self.space.shape, dtype=np.bool_)
         for point in points:
-            proven |= proven_cells(self.plant.robot, self.space.axes, point)
+            proven |= proven_cells(self.plant.robot, self.space.axes, point, self.plant.itself)
         new = proven & (self.space.cell != Cell.OBSTACLE)
         if not new.any():
+            self.barren = points
             return False
         self.lessons.append(Lesson(len(self.recorder), np.argwhere(new), points))
         self._record(believed, np.zeros(self.space.ndim), Mode.LEARNING, felt, push)

@@ -126,6 +126,11 @@ class Plant:
         cell = np.where(hidden, np.uint8(Cell.OBSTACLE), space.cell)
         return ConfigurationSpace(space.axes, cell, space.conductivity)
 
+    @cached_property
+    def itself(self) -> NDArray[np.bool_]:
+        """Cells that the robot blocks without any obstacle: collisions with itself, virtual obstacles."""
+        return self.robot.occupancy(self.axes, [], "conservative")
+
     def only(self, number: int) -> Plant:
         """The same robot with one of the obstacles."""
         return make_plant(self.robot, self.axes, [self.obstacles[number]])
