@@ -1,8 +1,4 @@
-"""The hierarchy of ever coarser graphs that preconditions the multigrid solver.
-
-Aggregates never join across a wall: on grids they are the connected parts of blocks of two cells a side; on other
-netlists pairs of pairs along the strongest conductances (Notay 2010).
-"""
+"""The hierarchy of ever coarser graphs that preconditions the multigrid solver."""
 
 from __future__ import annotations
 
@@ -12,31 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.nodal.multigrid import aggregation
 from resgrid.nodal.multigrid.checkerboard import lay_out
 from resgrid.nodal.multigrid.checkerboard_kernels import Board
 from resgrid.nodal.multigrid.kernels import Stack
+from resgrid.nodal.multigrid.levels import Graph, Step, coarsen_down
 from resgrid.nodal.system import NodalSystem
 
-_COARSEST = 250
-_LEAST_GAIN = 0.9
-_MOST_LEVELS = 40
 _MOST_CONTRAST = 5.0
-
-
-@dataclass(frozen=True, eq=False)
-class _Graph:
-    """One level: conductances by rows, leaks to the rails, and where its nodes lie on a grid (None for netlists)."""
-
-    indptr: NDArray[np.int32]
-    indices: NDArray[np.int32]
-    conductance: NDArray[np.float64]
-    leak: NDArray[np.float64]
-    coordinate: NDArray[np.int32] | None
-
-    @property
-    def size(self) -> int:
-        return len(self.leak)
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,15 +57,15 @@ def build_hierarchy(system: NodalSystem) -> Hierarchy:
     unit = float(coupling.data.mean()) if coupling.nnz else float(system.excess.mean())
     cell = _cells(system)
     coordinate = None if cell is None or not _even(coupling.data) else _coordinates(system, cell)
-    finest = _Graph(coupling.indptr, coupling.indices, coupling.data / unit, system.excess / unit, coordinate)
-    graphs, aggregates = _coarsen_down(finest)
+    finest = Graph(coupling.indptr, coupling.indices, coupling.data / unit, system.excess / unit, coordinate)
+    graphs, steps = coarsen_down(finest)
     laid_out = None
-    if cell is not None and aggregates:
+    if cell is not None and steps:
         shape = system.netlist.layout.space.shape  # type: ignore[union-attr]
-        laid_out = lay_out(coupling, system.excess, cell, shape, aggregates[0], unit)
+        laid_out = lay_out(coupling, system.excess, cell, shape, steps[0].target, unit)
     if laid_out is None:
-        return Hierarchy(_stacked(graphs, aggregates), None, np.empty(0, dtype=np.int64), 0, unit)
-    return Hierarchy(_stacked(graphs[1:], aggregates[1:]), *laid_out, _reach(coupling), unit)
+        return Hierarchy(_stacked(graphs, steps), None, np.empty(0, dtype=np.int64), 0, unit)
+    return Hierarchy(_stacked(graphs[1:], steps[1:]), *laid_out, _reach(coupling), unit)
 
 
 def _reach(coupling: sparse.csr_array) -> int:
@@ -95,21 +73,6 @@ def _reach(coupling: sparse.csr_array) -> int:
     last = coupling.indptr[1:] - 1
     rows = np.flatnonzero(np.diff(coupling.indptr) > 0)
     return int(np.max(coupling.indices[last[rows]] - rows, initial=0))
-
-
-def _coarsen_down(graph: _Graph) -> tuple[list[_Graph], list[NDArray[np.int32]]]:
-    graphs, aggregates = [graph], []
-    while graph.size > _COARSEST and len(graphs) < _MOST_LEVELS:
-        aggregate, coarse = _coarsened(graph)
-        if coarse.size > _LEAST_GAIN * graph.size and graph.coordinate is not None:
-            graph = graphs[-1] = _Graph(graph.indptr, graph.indices, graph.conductance, graph.leak, None)
-            continue
-        if coarse.size > 0.98 * graph.size:
-            break
-        graphs.append(coarse)
-        aggregates.append(aggregate)
-        graph = coarse
-    return graphs, aggregates
 
 
 def _even(conductance: NDArray[np.float64]) -> bool:
@@ -136,31 +99,7 @@ def _coordinates(system: NodalSystem, cell: NDArray[np.int64]) -> NDArray[np.int
     return np.ascontiguousarray(np.stack(np.unravel_index(cell, layout.space.shape), axis=1), dtype=np.int32)
 
 
-def _coarsened(graph: _Graph) -> tuple[NDArray[np.int32], _Graph]:
-    if graph.coordinate is None:
-        return _paired_twice(graph)
-    aggregate, count = aggregation.aggregate_blocks(graph.indptr, graph.indices, graph.coordinate)
-    indptr, indices, conductance, leak = aggregation.coarsen(
-        graph.indptr, graph.indices, graph.conductance, graph.leak, aggregate, count
-    )
-    coordinate, width, members, mean = aggregation.block_shape(
-        graph.indptr, graph.conductance, aggregate, graph.coordinate, count
-    )
-    aggregation.lengthen(indptr, indices, conductance, leak, coordinate, width, members, mean)
-    return aggregate, _Graph(indptr, indices, conductance, leak, coordinate)
-
-
-def _paired_twice(graph: _Graph) -> tuple[NDArray[np.int32], _Graph]:
-    whole = np.arange(graph.size, dtype=np.int32)
-    for _ in range(2):
-        aggregate, count = aggregation.aggregate_pairs(graph.indptr, graph.indices, graph.conductance)
-        coarse = aggregation.coarsen(graph.indptr, graph.indices, graph.conductance, graph.leak, aggregate, count)
-        graph = _Graph(*coarse, None)
-        whole = aggregate[whole]
-    return whole, graph
-
-
-def _stacked(graphs: list[_Graph], aggregates: list[NDArray[np.int32]]) -> Stack:
+def _stacked(graphs: list[Graph], steps: list[Step]) -> Stack:
     sizes = [graph.size for graph in graphs]
     first = np.cumsum([0, *sizes])
     entries = np.cumsum([0, *(len(graph.indices) for graph in graphs)])
@@ -170,7 +109,8 @@ def _stacked(graphs: list[_Graph], aggregates: list[NDArray[np.int32]]) -> Stack
         inverse = np.where(degree > 0, 1.0 / degree, 0.0)
     starts = [graph.indptr[:-1] + entry for graph, entry in zip(graphs, entries, strict=False)]
     neighbours = [graph.indices + begin for graph, begin in zip(graphs, first, strict=False)]
-    parents = [aggregate + begin for aggregate, begin in zip(aggregates, first[1:], strict=False)]
+    targets = [np.where(step.target < 0, 0, step.target + begin) for step, begin in zip(steps, first[1:], strict=False)]
+    rows = [np.where(step.rows < 0, -1, step.rows + begin) for step, begin in zip(steps, first, strict=False)]
     return Stack(
         first.astype(np.int64),
         np.array([_red_end(graph, begin) for graph, begin in zip(graphs, first, strict=False)]),
@@ -179,25 +119,28 @@ def _stacked(graphs: list[_Graph], aggregates: list[NDArray[np.int32]]) -> Stack
         np.concatenate([graph.conductance for graph in graphs]).astype(np.float32),
         inverse.astype(np.float32),
         degree.astype(np.float32),
-        np.concatenate([*parents, np.zeros(sizes[-1], dtype=np.int32)]).astype(np.uint32),
+        np.concatenate([*targets, np.zeros(sizes[-1], dtype=np.int32)]).astype(np.uint32),
+        np.cumsum([0, *(len(step.rows) for step in steps), 0]),
+        np.concatenate([np.empty((0, 3), dtype=np.int64), *rows]),
+        np.concatenate([np.empty((0, 3)), *(step.weights for step in steps)]).astype(np.float32),
         _inverse(graphs[-1]),
         *work,
     )
 
 
-def _red_end(graph: _Graph, begin: int) -> int:
+def _red_end(graph: Graph, begin: int) -> int:
     """Behind the last of the first nodes, where these and the others have no neighbours among themselves; else -1."""
     row = np.repeat(np.arange(graph.size), np.diff(graph.indptr))
     red = int(np.min(graph.indices[row < graph.indices], initial=graph.size))
     return int(begin) + red if not np.any((row < red) == (graph.indices < red)) else -1
 
 
-def _degree(graph: _Graph) -> NDArray[np.float64]:
+def _degree(graph: Graph) -> NDArray[np.float64]:
     row = np.repeat(np.arange(graph.size), np.diff(graph.indptr))
     return np.asarray(np.bincount(row, graph.conductance, graph.size) + graph.leak, dtype=np.float64)
 
 
-def _inverse(graph: _Graph) -> NDArray[np.float32]:
+def _inverse(graph: Graph) -> NDArray[np.float32]:
     matrix = np.diag(_degree(graph) * (1.0 + 1e-7))
     row = np.repeat(np.arange(graph.size), np.diff(graph.indptr))
     matrix[row, graph.indices] -= graph.conductance

@@ -18,12 +18,13 @@ from resgrid.nodal.system import NodalSystem
 _MOST_ITERATIONS = 200
 _BURST = 1e-5
 _LEAST_GAIN = 0.5
+_ROUNDING = 2.0**-52
 
 
 def iterate(
     system: NodalSystem, hierarchy: Hierarchy, b: NDArray[np.float64], rtol: float
 ) -> tuple[NDArray[np.float64], float]:
-    """Solve until the residual norm is ``rtol |b|``, or nothing is gained any more.
+    """Solve until the residual norm is ``rtol |b|``, or rounding forbids more.
 
     Parameters
     ----------
@@ -51,9 +52,10 @@ def _iterate_on_board(
     burst = _Burst(hierarchy, board)
     matrix = (*_rows(system), 1.0 / system.degree, hierarchy.place, hierarchy.reach)
     x, last, left = np.zeros(len(b)), np.inf, _MOST_ITERATIONS
-    goal = rtol * float(np.linalg.norm(b))
+    wanted, rounding = rtol * float(np.linalg.norm(b)), _ROUNDING * float(system.degree.max(initial=0.0))
     while True:
         size = passes.black_residual(*matrix, b, x, burst.r)
+        goal = max(wanted, rounding * float(np.linalg.norm(x)))
         if not (size > goal and size < _LEAST_GAIN * last and left > 0):
             return x, size
         left -= burst.run(size, max(_BURST, 0.8 * goal / size), left)

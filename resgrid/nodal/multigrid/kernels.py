@@ -38,6 +38,12 @@ class Stack(NamedTuple):
         Of entries, and of the diagonal with its reciprocal.
     aggregate : ndarray of uint32, shape (nodes,)
         Node of the next level that a node belongs to, counted in all levels.
+    eliminated : ndarray of int64, shape (levels + 1,)
+        Where a level's entries in ``removed`` begin; a level that has some is left by elimination, not aggregation.
+    removed : ndarray of int64, shape (eliminated, 3)
+        Eliminated nodes in their order, and their neighbours, counted in all levels; -1 for none.
+    share : ndarray of float32, shape (eliminated, 3)
+        Shares of the two neighbours, and the reciprocal of the diagonal.
     coarsest : ndarray of float32
         Inverse of the last level's matrix.
     b, x, c, v, w, kept : ndarray of float32, shape (nodes,)
@@ -52,6 +58,9 @@ class Stack(NamedTuple):
     inverse: Singles
     diagonal: Singles
     aggregate: Unsigned
+    eliminated: Integers
+    removed: Integers
+    share: Singles
     coarsest: Singles
     b: Singles
     x: Singles
@@ -205,6 +214,36 @@ def _second_step(stack: Stack, level: int, energy: float, alpha: float) -> None:
 
 
 @njit(cache=True)
+def _carry(stack: Stack, level: int) -> None:
+    """Carry the currents of eliminated nodes to their neighbours, and those of the others to the next level."""
+    b, x = stack.b, stack.x
+    for i in range(stack.first[level], stack.first[level + 1]):
+        x[i] = b[i]
+    for k in range(stack.eliminated[level], stack.eliminated[level + 1]):
+        for end in range(2):
+            if stack.removed[k, 1 + end] >= 0:
+                x[stack.removed[k, 1 + end]] += stack.share[k, end] * x[stack.removed[k, 0]]
+    for i in range(stack.first[level], stack.first[level + 1]):
+        if stack.aggregate[i] > i:
+            b[stack.aggregate[i]] = x[i]
+
+
+@njit(cache=True)
+def _put_back(stack: Stack, level: int) -> None:
+    """Voltages of the nodes that stayed, then of those that were eliminated."""
+    x = stack.x
+    for i in range(stack.first[level], stack.first[level + 1]):
+        if stack.aggregate[i] > i:
+            x[i] = x[stack.aggregate[i]]
+    for k in range(stack.eliminated[level + 1] - 1, stack.eliminated[level] - 1, -1):
+        value = stack.share[k, 2] * x[stack.removed[k, 0]]
+        for end in range(2):
+            if stack.removed[k, 1 + end] >= 0:
+                value += stack.share[k, end] * x[stack.removed[k, 1 + end]]
+        x[stack.removed[k, 0]] = value
+
+
+@njit(cache=True)
 def cycle(stack: Stack, stop: float, first: int) -> None:
     """Approximate ``x = A^-1 b`` on the first level, by K-cycles from level ``first`` on (Notay & Vassilevski 2008).
 
@@ -220,6 +259,16 @@ def cycle(stack: Stack, stop: float, first: int) -> None:
         if level == last:
             _solve_coarsest(stack, level)
             level -= 1
+            continue
+        if stack.eliminated[level + 1] > stack.eliminated[level]:
+            if visits[level] == 0:
+                _carry(stack, level)
+                visits[level] = 1
+                level += 1
+            else:
+                _put_back(stack, level)
+                visits[level] = 0
+                level -= 1
             continue
         if visits[level] > 0:
             _ascend(stack, level)

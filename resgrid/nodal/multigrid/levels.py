@@ -1,0 +1,115 @@
+"""From one level of the hierarchy to the next: a graph of conductances and how it shrinks.
+
+Aggregates never join across a wall: on grids they are the connected parts of blocks of two cells a side; on other
+netlists pairs of pairs along the strongest conductances (Notay 2010).  Where a level has come down to corridors one
+node wide, its nodes of at most two neighbours are eliminated instead, which is exact.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from resgrid.nodal.multigrid import aggregation
+from resgrid.nodal.reduction.rows import eliminate_rows
+
+_COARSEST = 250
+_LEAST_GAIN = 0.9
+_MOST_LEVELS = 40
+_CORRIDORS = 0.3
+"""Share of nodes with at most two neighbours from which elimination takes the place of aggregation."""
+
+
+@dataclass(frozen=True, eq=False)
+class Graph:
+    """One level: conductances by rows, leaks to the rails, and where its nodes lie on a grid (None for netlists)."""
+
+    indptr: NDArray[np.int32]
+    indices: NDArray[np.int32]
+    conductance: NDArray[np.float64]
+    leak: NDArray[np.float64]
+    coordinate: NDArray[np.int32] | None
+
+    @property
+    def size(self) -> int:
+        """Number of nodes."""
+        return len(self.leak)
+
+
+@dataclass(frozen=True, eq=False)
+class Step:
+    """The way from a level to the next.
+
+    Attributes
+    ----------
+    target : ndarray of int32, shape (n,)
+        Node of the next level that a node belongs to; without meaning where it is eliminated.
+    rows : ndarray of int32, shape (eliminated, 3)
+        The eliminated nodes in their order, and their neighbours (-1 for none); empty where nodes are aggregated.
+    weights : ndarray of float64, shape (eliminated, 3)
+        Shares of the neighbours, and the reciprocal of the diagonal.
+    """
+
+    target: NDArray[np.int32]
+    rows: NDArray[np.int32]
+    weights: NDArray[np.float64]
+
+
+def coarsen_down(graph: Graph) -> tuple[list[Graph], list[Step]]:
+    """Coarsen a graph until it is small, or does not shrink any more."""
+    graphs: list[Graph] = [graph]
+    steps: list[Step] = []
+    while graph.size > _COARSEST and len(graphs) < _MOST_LEVELS:
+        narrow = np.count_nonzero(np.diff(graph.indptr) <= 2) > _CORRIDORS * graph.size
+        step, coarse = _eliminated(graph) if narrow and steps else _aggregated(graph)
+        if coarse.size > _LEAST_GAIN * graph.size and graph.coordinate is not None:
+            graph = graphs[-1] = Graph(graph.indptr, graph.indices, graph.conductance, graph.leak, None)
+            continue
+        if coarse.size > 0.98 * graph.size:
+            break
+        graphs.append(coarse)
+        steps.append(step)
+        graph = coarse
+    return graphs, steps
+
+
+def _aggregated(graph: Graph) -> tuple[Step, Graph]:
+    aggregate, coarse = _coarsened(graph)
+    return Step(aggregate, np.empty((0, 3), dtype=np.int32), np.empty((0, 3))), coarse
+
+
+def _eliminated(graph: Graph) -> tuple[Step, Graph]:
+    """Eliminate the nodes of at most two neighbours (`resgrid.nodal.reduction`)."""
+    coupling = sparse.csr_array((graph.conductance, graph.indices, graph.indptr), shape=(graph.size, graph.size))
+    shrunk = eliminate_rows(coupling, graph.leak)
+    core = shrunk.coupling
+    coordinate = None if graph.coordinate is None else graph.coordinate[shrunk.kept]
+    coarse = Graph(core.indptr, core.indices, core.data, shrunk.excess, coordinate)
+    return Step(shrunk.number, shrunk.record.rows, shrunk.record.weights[:, ::2]), coarse
+
+
+def _coarsened(graph: Graph) -> tuple[NDArray[np.int32], Graph]:
+    if graph.coordinate is None:
+        return _paired_twice(graph)
+    aggregate, count = aggregation.aggregate_blocks(graph.indptr, graph.indices, graph.coordinate)
+    indptr, indices, conductance, leak = aggregation.coarsen(
+        graph.indptr, graph.indices, graph.conductance, graph.leak, aggregate, count
+    )
+    coordinate, width, members, mean = aggregation.block_shape(
+        graph.indptr, graph.conductance, aggregate, graph.coordinate, count
+    )
+    aggregation.lengthen(indptr, indices, conductance, leak, coordinate, width, members, mean)
+    return aggregate, Graph(indptr, indices, conductance, leak, coordinate)
+
+
+def _paired_twice(graph: Graph) -> tuple[NDArray[np.int32], Graph]:
+    whole = np.arange(graph.size, dtype=np.int32)
+    for _ in range(2):
+        aggregate, count = aggregation.aggregate_pairs(graph.indptr, graph.indices, graph.conductance)
+        coarse = aggregation.coarsen(graph.indptr, graph.indices, graph.conductance, graph.leak, aggregate, count)
+        graph = Graph(*coarse, None)
+        whole = aggregate[whole]
+    return whole, graph
