@@ -98,14 +98,21 @@ class Loop:
 
     def _choose(self, believed: Vector, seen: Nominal) -> tuple[Mode, Vector, float] | None:
         """Mode, velocity without forces, and the longest time step for it."""
-        if seen.place == "off" and not self.noise.any():
-            return self._retreat()
         if seen.place == "off":
-            return Mode.RECOVERING, self.controller.nominal(believed).velocity, self.longest
+            unsure = self.noise.any() or (self.bias.any() and not self.trail)
+            return self._recover(believed) if unsure else self._retreat()
         if self.controller.response == "equipotential" and self.torque.any():
             following = following_velocity(seen.velocity, self.torque)
             return (Mode.FOLLOWING if following.any() else Mode.JAM), following, self.longest
         return Mode.STREAMLINE, seen.velocity, min(self.longest, seen.longest)
+
+    def _recover(self, believed: Vector) -> tuple[Mode, Vector, float] | None:
+        """Wrong belief may put the robot into a cell without a path, and no way back leads out of a mistake."""
+        try:
+            return Mode.RECOVERING, self.controller.nominal(believed).velocity, self.longest
+        except InputError as error:
+            self.ending = (Ending.STALLED, str(error))
+            return None
 
     def _retreat(self) -> tuple[Mode, Vector, float] | None:
         while self.trail:
@@ -184,7 +191,7 @@ class Loop:
         """Keep the way back: every configuration that was left, so that each step of it has been taken before."""
         away = np.abs(after - self.trail[-1]) if self.trail else np.zeros_like(after)
         pushed_off = mode is Mode.RETREATING and push.any() and np.any(away > _SAME * self.spacing)
-        if mode is not Mode.RETREATING or pushed_off:
+        if mode not in {Mode.RETREATING, Mode.RECOVERING} or pushed_off:
             self.trail.append(self.configuration)
 
     def _watch(self, after: Vector, mode: Mode, pushed: bool) -> None:
@@ -293,7 +300,9 @@ def _checked_start(simulation: Simulation, start: ArrayLike) -> Vector:
 
 
 def _static_ending(loop: Loop) -> tuple[Ending, str] | None:
-    """What the map alone decides."""
+    """What the map alone decides, where belief is exact."""
+    if loop.bias.any() or loop.noise.any():
+        return None
     believed = loop.plant.within_stops(loop.configuration + loop.bias)
     code = loop._code(believed)
     cell = tuple(loop.space.locate(believed).tolist())

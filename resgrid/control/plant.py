@@ -21,7 +21,7 @@ from resgrid.scene.place import to_space
 from resgrid.scene.scene import Scene
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
-_MOST_NEAR = 256
+_ROOM = 64
 
 
 class Bodies(NamedTuple):
@@ -102,9 +102,13 @@ class Plant:
         """
         from resgrid.control import kernels
 
-        found = np.empty((_MOST_NEAR, 9))
-        count = kernels.near_points(pose.segments, pose.radius, pose.part, *self.bodies, reach, found)
-        return found[:count]
+        room = _ROOM
+        while True:
+            found = np.empty((room, 9))
+            count = kernels.near_points(pose.segments, pose.radius, pose.part, *self.bodies, reach, found)
+            if count < room:
+                return found[:count]
+            room *= 4
 
     def within_stops(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
         """Configurations, shape (..., ndim), held between the mechanical stops."""

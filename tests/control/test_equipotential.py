@@ -14,7 +14,7 @@ number = st.floats(-1e3, 1e3, allow_subnormal=False).map(lambda x: x if abs(x) >
 pairs = st.integers(1, 4).flatmap(lambda n: st.tuples(*[st.lists(number, min_size=n, max_size=n).map(np.array)] * 2))
 
 
-@given(pairs, st.floats(0, 10))
+@given(pairs, st.floats(1e-3, 10) | st.just(0.0))
 def test_it_is_normal_to_the_streamline_and_gives_way_to_the_force(pair, c) -> None:
     v, f = pair
     phi = equipotential_velocity(v, f, c=c)
