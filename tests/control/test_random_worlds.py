@@ -1,0 +1,61 @@
+"""What learning promises, on random worlds; RESGRID_WORLDS=200 asks for more of them."""
+
+from __future__ import annotations
+
+import os
+
+import numpy as np
+import pytest
+import shapely
+from hidden import hiding
+
+from resgrid.control.log import Ending
+from resgrid.robots import Ball, Box, DiscRobot, PointRobot, Shape, to_shapely
+from resgrid.space import Cell, label_regions
+
+
+def with_path(blocked: np.ndarray, cell: np.ndarray) -> np.ndarray:
+    """Cells with a path to a goal cell that is not blocked."""
+    region = label_regions(~blocked, np.zeros(cell.ndim, bool))
+    return np.asarray((region > 0) & np.isin(region, region[(cell == Cell.GOAL) & (region > 0)]))
+
+
+def shapes(rng: np.random.Generator) -> list[Shape]:
+    """One to five boxes and discs; some walls have their edges on borders between cells."""
+    found: list[Shape] = []
+    for _ in range(rng.integers(1, 6)):
+        x, y, w, h = *rng.uniform(0, 8, 2), *rng.uniform(0.1, 2.0, 2)
+        if rng.random() < 0.3:
+            x, y, w, h = (np.round(2 * value) / 2 for value in (x, y, w + 0.25, h + 0.25))
+        found.append(Ball((x, y), w) if rng.random() < 0.3 else Box((x, y), (x + w, y + 2 * h)))
+    return found
+
+
+@pytest.mark.parametrize("seed", range(int(os.environ.get("RESGRID_WORLDS", "16"))))
+def test_who_has_a_path_arrives_and_who_has_none_is_told(seed: int) -> None:
+    """Connected under the conservative truth: arrives.  Cut off even where a cell with any free point is free: told."""
+    rng = np.random.default_rng(seed)
+    hidden = shapes(rng)
+    robot = PointRobot() if seed % 2 else DiscRobot(0.3)
+    sim = hiding(hidden, robot=robot, k=float(rng.choice([0.1, 0.98, 1.0])), friction=float(rng.uniform(0, 0.6)))
+    truth = sim.plant.true_space(sim.space)
+    sure = with_path(truth.cell == Cell.OBSTACLE, sim.space.cell)
+    solid = shapely.union_all([to_shapely(shape).buffer(robot.radius, quad_segs=64) for shape in hidden])
+    x, y = sim.space.axes
+    i, j = np.indices(sim.space.shape)
+    boxes = shapely.box(x.edges[i], y.edges[j], x.edges[i + 1], y.edges[j + 1])
+    maybe = with_path(shapely.area(shapely.difference(boxes, solid)) <= 1e-12, sim.space.cell)
+    cells = np.argwhere(sim.space.cell == Cell.FREE)[rng.integers(0, 16) :: 23]
+    cells = cells[sim.plant.penetration(sim.space.centre(cells)) == 0]
+    for cell in cells:
+        run = sim.run(sim.space.centre(cell))
+        at = tuple(cell)
+        assert not np.any(run.learnt & (truth.cell != Cell.OBSTACLE))
+        assert run.penetration < sim.plant.cell_motion
+        assert len(run.lessons) <= run.learnt.sum()
+        if sure[at]:
+            assert run.ending is Ending.ARRIVED, (at, run.message)
+        elif not maybe[at]:
+            assert run.ending in {Ending.NO_PATH, Ending.GOAL_BLOCKED}, (at, run.message)
+        if run.ending in {Ending.NO_PATH, Ending.GOAL_BLOCKED}:
+            assert not with_path(run.space.cell == Cell.OBSTACLE, run.space.cell)[at]
