@@ -95,7 +95,9 @@ def test_aggregates_never_join_across_a_wall() -> None:
     layout = system.netlist.layout
     cell = np.flatnonzero(layout.space.cell.ravel() == 0)
     coordinate = np.stack(np.unravel_index(cell, layout.space.shape), axis=1).astype(np.int32)
-    group_of, count = aggregation.aggregate_blocks(coupling.indptr, coupling.indices, coordinate)
+    group_of, count = aggregation.aggregate_blocks(
+        coupling.indptr, coupling.indices, coupling.data, coordinate, np.ones(2, dtype=np.int64), 0.1
+    )
     assert count == group_of.max() + 1 < system.size / 2
     for group in range(count):
         members = np.flatnonzero(group_of == group)

@@ -37,25 +37,47 @@ def _numbered(parent: Indices) -> tuple[Indices, int]:
 
 
 @njit(cache=True)
-def aggregate_blocks(indptr: Indices, indices: Indices, coordinate: Indices) -> tuple[Indices, int]:
-    """Aggregates: the connected parts of the graph within blocks of two cells a side."""
+def mean_along(indptr: Indices, indices: Indices, conductance: Floats, coordinate: Indices) -> Floats:
+    """Mean conductance along every axis; 0 where there is none."""
+    total, entries = np.zeros(coordinate.shape[1]), np.zeros(coordinate.shape[1])
+    for node in range(len(indptr) - 1):
+        for k in range(indptr[node], indptr[node + 1]):
+            for axis in range(coordinate.shape[1]):
+                if coordinate[node, axis] != coordinate[indices[k], axis]:
+                    total[axis] += conductance[k]
+                    entries[axis] += 1.0
+    return total / np.maximum(entries, 1.0)
+
+
+@njit(cache=True)
+def aggregate_blocks(
+    indptr: Indices, indices: Indices, conductance: Floats, coordinate: Indices, shift: Integers, weak: float
+) -> tuple[Indices, int]:
+    """Aggregates: the connected parts of the graph within blocks of ``2**shift`` cells along every axis.
+
+    A conductance connects unless it is ``weak`` beside the strongest ones at either end.
+    """
     parent = np.arange(len(indptr) - 1).astype(np.int32)
+    strongest = np.zeros(len(parent))
+    for node in range(len(parent)):
+        for k in range(indptr[node], indptr[node + 1]):
+            strongest[node] = max(strongest[node], conductance[k])
     for node in range(len(parent)):
         for k in range(indptr[node], indptr[node + 1]):
             other = indices[k]
             if other >= node:
                 break
-            together = True
+            together = conductance[k] >= weak * max(strongest[node], strongest[other])
             for axis in range(coordinate.shape[1]):
-                together &= coordinate[node, axis] >> 1 == coordinate[other, axis] >> 1
+                together &= coordinate[node, axis] >> shift[axis] == coordinate[other, axis] >> shift[axis]
             if together:
                 a, b = _find(parent, node), _find(parent, other)
                 parent[max(a, b)] = min(a, b)
-    return _numbered_by_colour(parent, coordinate)
+    return _numbered_by_colour(parent, coordinate, shift)
 
 
 @njit(cache=True)
-def _numbered_by_colour(parent: Indices, coordinate: Indices) -> tuple[Indices, int]:
+def _numbered_by_colour(parent: Indices, coordinate: Indices, shift: Integers) -> tuple[Indices, int]:
     """Number the trees, those in blocks of even index sum first: resistors join the two halves only."""
     aggregate = np.empty(len(parent), np.int32)
     count = 0
@@ -65,7 +87,7 @@ def _numbered_by_colour(parent: Indices, coordinate: Indices) -> tuple[Indices, 
                 continue
             total = 0
             for axis in range(coordinate.shape[1]):
-                total += coordinate[node, axis] >> 1
+                total += coordinate[node, axis] >> shift[axis]
             if total & 1 == colour:
                 aggregate[node] = count
                 count += 1
@@ -172,7 +194,7 @@ def lengthen(
 
 @njit(cache=True)
 def block_shape(
-    indptr: Indices, conductance: Floats, aggregate: Indices, coordinate: Indices, count: int
+    indptr: Indices, conductance: Floats, aggregate: Indices, coordinate: Indices, shift: Integers, count: int
 ) -> tuple[Indices, NDArray[np.uint8], Integers, Floats]:
     """Coarse coordinates, widths, member counts and mean conductances of aggregates within blocks."""
     ndim = coordinate.shape[1]
@@ -187,8 +209,8 @@ def block_shape(
             total[row] += conductance[k]
             entries[row] += 1.0
         for axis in range(ndim):
-            coarse[row, axis] = coordinate[node, axis] >> 1
-            seen[row, axis] |= 1 << (coordinate[node, axis] & 1)
+            coarse[row, axis] = coordinate[node, axis] >> shift[axis]
+            seen[row, axis] |= 1 << (coordinate[node, axis] & shift[axis])
     width = np.zeros(count, np.uint8)
     for row in range(count):
         for axis in range(ndim):

@@ -14,8 +14,6 @@ from resgrid.nodal.multigrid.kernels import Stack
 from resgrid.nodal.multigrid.levels import Graph, Step, coarsen_down
 from resgrid.nodal.system import NodalSystem
 
-_MOST_CONTRAST = 5.0
-
 
 @dataclass(frozen=True, eq=False)
 class Hierarchy:
@@ -56,7 +54,7 @@ def build_hierarchy(system: NodalSystem) -> Hierarchy:
     coupling = system.coupling
     unit = float(coupling.data.mean()) if coupling.nnz else float(system.excess.mean())
     cell = _cells(system)
-    coordinate = None if cell is None or not _even(coupling.data) else _coordinates(system, cell)
+    coordinate = None if cell is None else _coordinates(system, cell)
     finest = Graph(coupling.indptr, coupling.indices, coupling.data / unit, system.excess / unit, coordinate)
     graphs, steps = coarsen_down(finest)
     laid_out = None
@@ -73,11 +71,6 @@ def _reach(coupling: sparse.csr_array) -> int:
     last = coupling.indptr[1:] - 1
     rows = np.flatnonzero(np.diff(coupling.indptr) > 0)
     return int(np.max(coupling.indices[last[rows]] - rows, initial=0))
-
-
-def _even(conductance: NDArray[np.float64]) -> bool:
-    """Whether conductances are so much alike that blocks of cells make good aggregates."""
-    return bool(conductance.size and conductance.max() <= _MOST_CONTRAST * conductance.min())
 
 
 def _cells(system: NodalSystem) -> NDArray[np.int64] | None:

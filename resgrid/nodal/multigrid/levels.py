@@ -17,8 +17,12 @@ from resgrid.nodal.multigrid import aggregation
 from resgrid.nodal.reduction.rows import eliminate_rows
 
 _COARSEST = 250
-_LEAST_GAIN = 0.9
 _MOST_LEVELS = 40
+_LEAST_SHRINKAGE = 0.98
+_BLOCKS_SHRINK = 0.6
+"""Share of nodes above which blocks have fallen apart at weak conductances, and pairs take their place."""
+
+_WEAK = 0.1
 _CORRIDORS = 0.3
 """Share of nodes with at most two neighbours from which elimination takes the place of aggregation."""
 
@@ -63,12 +67,8 @@ def coarsen_down(graph: Graph) -> tuple[list[Graph], list[Step]]:
     graphs: list[Graph] = [graph]
     steps: list[Step] = []
     while graph.size > _COARSEST and len(graphs) < _MOST_LEVELS:
-        narrow = np.count_nonzero(np.diff(graph.indptr) <= 2) > _CORRIDORS * graph.size
-        step, coarse = _eliminated(graph) if narrow and steps else _aggregated(graph)
-        if coarse.size > _LEAST_GAIN * graph.size and graph.coordinate is not None:
-            graph = graphs[-1] = Graph(graph.indptr, graph.indices, graph.conductance, graph.leak, None)
-            continue
-        if coarse.size > 0.98 * graph.size:
+        step, coarse = _next(graph, first=not steps)
+        if coarse.size > _LEAST_SHRINKAGE * graph.size:
             break
         graphs.append(coarse)
         steps.append(step)
@@ -76,9 +76,18 @@ def coarsen_down(graph: Graph) -> tuple[list[Graph], list[Step]]:
     return graphs, steps
 
 
-def _aggregated(graph: Graph) -> tuple[Step, Graph]:
-    aggregate, coarse = _coarsened(graph)
-    return Step(aggregate, np.empty((0, 3), dtype=np.int32), np.empty((0, 3))), coarse
+def _next(graph: Graph, *, first: bool) -> tuple[Step, Graph]:
+    if not first and np.count_nonzero(np.diff(graph.indptr) <= 2) > _CORRIDORS * graph.size:
+        return _eliminated(graph)
+    if graph.coordinate is not None:
+        step, coarse = _blocks(graph, graph.coordinate)
+        if coarse.size <= _BLOCKS_SHRINK * graph.size:
+            return step, coarse
+    return _pairs_of_pairs(graph)
+
+
+def _aggregation(aggregate: NDArray[np.int32]) -> Step:
+    return Step(aggregate, np.empty((0, 3), dtype=np.int32), np.empty((0, 3)))
 
 
 def _eliminated(graph: Graph) -> tuple[Step, Graph]:
@@ -91,25 +100,23 @@ def _eliminated(graph: Graph) -> tuple[Step, Graph]:
     return Step(shrunk.number, shrunk.record.rows, shrunk.record.weights[:, ::2]), coarse
 
 
-def _coarsened(graph: Graph) -> tuple[NDArray[np.int32], Graph]:
-    if graph.coordinate is None:
-        return _paired_twice(graph)
-    aggregate, count = aggregation.aggregate_blocks(graph.indptr, graph.indices, graph.coordinate)
-    indptr, indices, conductance, leak = aggregation.coarsen(
-        graph.indptr, graph.indices, graph.conductance, graph.leak, aggregate, count
-    )
-    coordinate, width, members, mean = aggregation.block_shape(
-        graph.indptr, graph.conductance, aggregate, graph.coordinate, count
-    )
-    aggregation.lengthen(indptr, indices, conductance, leak, coordinate, width, members, mean)
-    return aggregate, Graph(indptr, indices, conductance, leak, coordinate)
+def _blocks(graph: Graph, coordinate: NDArray[np.int32]) -> tuple[Step, Graph]:
+    """Blocks of two cells along every axis but those that conduct badly, split where conductances are weak."""
+    rows = (graph.indptr, graph.indices, graph.conductance)
+    mean = aggregation.mean_along(*rows, coordinate)
+    shift = (mean > _WEAK * mean.max()).astype(np.int64)
+    aggregate, count = aggregation.aggregate_blocks(*rows, coordinate, shift, _WEAK)
+    coarse = aggregation.coarsen(*rows, graph.leak, aggregate, count)
+    shape = aggregation.block_shape(graph.indptr, graph.conductance, aggregate, coordinate, shift, count)
+    aggregation.lengthen(*coarse, *shape)
+    return _aggregation(aggregate), Graph(*coarse, shape[0])
 
 
-def _paired_twice(graph: Graph) -> tuple[NDArray[np.int32], Graph]:
+def _pairs_of_pairs(graph: Graph) -> tuple[Step, Graph]:
     whole = np.arange(graph.size, dtype=np.int32)
     for _ in range(2):
         aggregate, count = aggregation.aggregate_pairs(graph.indptr, graph.indices, graph.conductance)
         coarse = aggregation.coarsen(graph.indptr, graph.indices, graph.conductance, graph.leak, aggregate, count)
         graph = Graph(*coarse, None)
         whole = aggregate[whole]
-    return whole, graph
+    return _aggregation(whole), graph
