@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -60,6 +60,34 @@ class Note:
     def __str__(self) -> str:
         column = f":{self.column}" if self.column else ""
         return f"{self.file}:{self.line}{column}: {self.text}"
+
+
+class LateNames(Mapping[str, tuple[str, ...]]):
+    """Names of elements per kind, made when they are first asked for.
+
+    Parameters
+    ----------
+    makers : mapping of str to callable
+        What makes the names of each kind.
+    """
+
+    def __init__(self, makers: Mapping[str, Callable[[], Sequence[str]]]) -> None:
+        self._makers = dict(makers)
+        self._made: dict[str, tuple[str, ...]] = {}
+
+    def __getitem__(self, kind: str) -> tuple[str, ...]:
+        """Names of a kind."""
+        if kind not in self._made:
+            self._made[kind] = tuple(self._makers[kind]())
+        return self._made[kind]
+
+    def __iter__(self) -> Iterator[str]:
+        """Kinds."""
+        return iter(self._makers)
+
+    def __len__(self) -> int:
+        """Number of kinds."""
+        return len(self._makers)
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,8 +206,9 @@ class ParsedDeck:
         short = resistance == 0
         keeps = ~short
         all_kept = bool(keeps.all())
-        names = dict(self.element_names)
+        names = self.element_names
         if not all_kept:
+            names = dict(names)
             names["resistor"] = tuple(_pick(names["resistor"], keeps))
             names["voltage source"] += tuple(_pick(self.element_names["resistor"], short))
         shorts = self.resistor_nodes[short]

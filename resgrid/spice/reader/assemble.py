@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import math
-from itertools import compress
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
-from resgrid.spice.parsed import KINDS, NOMINAL_TEMPERATURE, ParsedDeck, rebase
+from resgrid.spice.parsed import KINDS, NOMINAL_TEMPERATURE, LateNames, ParsedDeck, rebase
 from resgrid.spice.reader.blocks import Scope
 from resgrid.spice.reader.bulk import Bulk
 from resgrid.spice.reader.collect import Collector, temperature_of
 from resgrid.spice.reader.expand import Expander
 from resgrid.spice.reader.journal import CardError, Journal, Spot
 from resgrid.spice.reader.rules import ReadingRules
-from resgrid.spice.reader.sheet import WIDTHS, NodeTable, Part, Sheet, joined_parts, order_of
+from resgrid.spice.reader.sheet import WIDTHS, NodeTable, Part, Sheet, joined_parts
 from resgrid.spice.reader.sources import Source
 
 _BULK_KINDS = ("resistor", "voltage source", "current source", "capacitor")
@@ -75,21 +74,16 @@ def _temperatures(collector: Collector, scope: Scope) -> tuple[float | None, flo
 
 
 def _add_bulk(bulk: Bulk, source: Source, sheet: Sheet) -> None:
-    table = sheet.table
-    way = table.of_all(bulk.node_names, source.number << 40 | bulk.node_line)
-    nodes = way[bulk.nodes]
+    way = sheet.table.of_all(bulk.node_names, source.number << 40 | bulk.node_line, bulk.short)
     for code, kind in enumerate(_BULK_KINDS):
         chosen = bulk.kind == code
-        which = np.flatnonzero(chosen)
-        if not which.size:
+        if not chosen.any():
             continue
-        values = np.zeros((len(which), WIDTHS[kind][1]))
-        values[:, 0] = bulk.value[which]
-        if kind == "resistor":
-            values[:, 4:] = math.nan
-        place = np.stack([np.full(len(which), source.number), bulk.line[which]], axis=1)
-        names = list(compress(bulk.names, chosen.tobytes()))
-        sheet.parts[kind].append(Part(names, nodes[which], values, place, order_of(place)))
+        line = bulk.line[chosen]
+        place = np.empty((len(line), 2), dtype=np.int64)
+        place[:, 0], place[:, 1] = source.number, line
+        values = bulk.value[chosen][:, np.newaxis]
+        sheet.parts[kind].append(Part(bulk.names(chosen), way[bulk.nodes[chosen]], values, place, None))
 
 
 def _settle_title(collector: Collector, scope: Scope, sheet: Sheet, expander: Expander) -> str | None:
@@ -123,7 +117,7 @@ def _settle_title(collector: Collector, scope: Scope, sheet: Sheet, expander: Ex
 def _with_switches(parts: dict[str, Part], node_count: int, files: tuple[str, ...], journal: Journal) -> Part:
     """Resistors, with every switch among them as the resistance of its state."""
     switches, resistors = parts["switch"], parts["resistor"]
-    if not switches.names:
+    if not len(switches.names):
         return resistors
     volts = _held_voltages(parts, node_count)
     control = volts[0][switches.nodes[:, 2]] - volts[0][switches.nodes[:, 3]]
@@ -143,7 +137,7 @@ def _with_switches(parts: dict[str, Part], node_count: int, files: tuple[str, ..
             if tied[i]
             else "is controlled by nodes that no voltage source holds"
         )
-        journal.error(CardError(Spot(files[file], line), f"the switch {switches.names[i]} {why}"))
+        journal.error(CardError(Spot(files[file], line), f"the switch {switches.names.make()[i]} {why}"))
     if inside.any():
         file, line = switches.place[int(np.argmax(inside))].tolist()
         journal.note("warning", Spot(files[file], line), "a switch within its hysteresis is off unless ON is said")
@@ -226,7 +220,7 @@ def _deck(
         current_amps=parts["current source"].values[:, 0].copy(),
         capacitor_nodes=nodes["capacitor"],
         capacitance=parts["capacitor"].values[:, 0].copy(),
-        element_names={kind: tuple(parts[kind].names) for kind in KINDS},
+        element_names=LateNames({kind: parts[kind].names.make for kind in KINDS}),
         place={kind: parts[kind].place for kind in KINDS},
         files=files,
         notes=collector.journal.notes(),
@@ -259,6 +253,8 @@ def _at_nominal(
     part: Part, nominal: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.float64] | None]:
     """Resistances and coefficients, counted from the deck's nominal temperature."""
+    if part.values.shape[1] == 1:
+        return part.values[:, 0], None, None
     ohms, tc1, tc2, rise, own, own_nominal = part.values.T
     if not (tc1.any() or tc2.any()):
         return ohms.copy(), None, None

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from resgrid.spice.reader.numerals import Numeral, parse_numeral
 from resgrid.spice.reader.rules import ReadingRules
+from resgrid.spice.reader.sheet import Names
 from resgrid.spice.reader.sources import decode
 
 LEAST_BYTES = 40_000
@@ -35,10 +36,14 @@ class Bulk:
         As spelt first.
     node_line : ndarray of int64, shape (nodes,)
         Where that is.
+    short : list of int
+        Nodes whose names are short enough to be ground's.
     kind : ndarray of uint8, shape (n,)
         0 resistor, 1 voltage source, 2 current source, 3 capacitor.
-    names : list of str
-        Of the elements.
+    text : ndarray of uint8
+        The file.
+    span : ndarray of int32, shape (n, 2)
+        Where the names of the elements stand in it.
     nodes : ndarray of int32, shape (n, 2)
         Index into ``node_names``.
     value : ndarray of float64, shape (n,)
@@ -49,12 +54,19 @@ class Bulk:
 
     node_names: list[str]
     node_line: NDArray[np.int64]
+    short: list[int]
     kind: NDArray[np.uint8]
-    names: list[str]
+    text: NDArray[np.uint8]
+    span: NDArray[np.int32]
     nodes: NDArray[np.int32]
     value: NDArray[np.float64]
     line: NDArray[np.int32]
     other: NDArray[np.int64]
+
+    def names(self, which: NDArray[np.bool_]) -> Names:
+        """Names of some elements."""
+        text, span = self.text, self.span[which]
+        return Names(len(span), lambda: _texts(text, span))
 
     def others(self, data: bytes) -> Iterator[tuple[int, str]]:
         """Lines that were not plain."""
@@ -65,7 +77,7 @@ class Bulk:
 def plain_lines(data: bytes, start: int) -> Iterator[tuple[int, str]]:
     """Every line of a file from a byte on, with its number."""
     number = data.count(b"\n", 0, start) + 1
-    return enumerate(decode(data[start:]).split("\n"), number)
+    return enumerate(map(decode, data[start:].split(b"\n")), number)
 
 
 def scan(data: bytes, start: int, rules: ReadingRules) -> Bulk | None:
@@ -112,6 +124,7 @@ def scan(data: bytes, start: int, rules: ReadingRules) -> Bulk | None:
         line,
         other,
     )
+    longest = max(map(len, rules.grounds))
     if outcome == TOO_HARD:
         return None
     value = value[:cards]
@@ -122,8 +135,10 @@ def scan(data: bytes, start: int, rules: ReadingRules) -> Bulk | None:
     return Bulk(
         node_names=_texts(text, known[:node_count, :2]),
         node_line=known[:node_count, 2],
+        short=np.flatnonzero(known[:node_count, 1] - known[:node_count, 0] <= longest).tolist(),
         kind=kind[keep],
-        names=_texts(text, name[keep]),
+        text=text,
+        span=name[keep],
         nodes=nodes[keep],
         value=value if plain.all() else value[plain],
         line=line[keep],

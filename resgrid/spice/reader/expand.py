@@ -14,7 +14,7 @@ from resgrid.spice.reader.elements import multiplier, number, read_element
 from resgrid.spice.reader.journal import CardError, Journal
 from resgrid.spice.reader.lines import Card
 from resgrid.spice.reader.rules import ReadingRules
-from resgrid.spice.reader.sheet import RESISTIVE, WIDTHS, NodeTable, Part, Sheet, order_of
+from resgrid.spice.reader.sheet import RESISTIVE, WIDTHS, Names, NodeTable, Part, Sheet, order_of, widened
 from resgrid.spice.reader.tokens import Setting, settings, split_positional, tokenise
 
 MAX_DEPTH = 50
@@ -184,7 +184,7 @@ class Expander:
             tuple(table.names),
             len(block.ports),
             common,
-            {kind: part for kind in WIDTHS if (part := sheet.joined(kind)).names},
+            {kind: part for kind in WIDTHS if len((part := sheet.joined(kind)).names)},
         )
 
 
@@ -195,13 +195,13 @@ def _stamp(flat: Flat, calls: list[tuple[Call, float]], sheet: Sheet) -> None:
     order = order_of(place)
     way = _node_map(flat, [call for call, _ in calls], order.tolist(), sheet.table)
     for kind, part in flat.parts.items():
-        count = len(part.names)
-        values = np.tile(part.values, (len(calls), 1))
+        count, names = len(part.names), part.names.make()
+        values = np.tile(widened(kind, part.values), (len(calls), 1))
         if np.any(factor != 1.0):
             _multiply(kind, values, np.repeat(factor, count))
         sheet.parts[kind].append(
             Part(
-                [f"{call.name}.{name}" for call, _ in calls for name in part.names],
+                Names.given([f"{call.name}.{name}" for call, _ in calls for name in names]),
                 way[:, part.nodes].reshape(-1, part.nodes.shape[1]),
                 values,
                 np.tile(part.place, (len(calls), 1)),

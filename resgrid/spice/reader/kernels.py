@@ -123,7 +123,8 @@ def _node(
             first = known[number, 0]
             same = True
             for i in range(stop - start):
-                if FOLDED[text[first + i]] != FOLDED[text[start + i]]:
+                x, y = text[first + i], text[start + i]
+                if x != y and FOLDED[x] != FOLDED[y]:
                     same = False
                     break
             if same:

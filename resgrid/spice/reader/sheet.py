@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from itertools import compress
 
@@ -105,15 +106,12 @@ class NodeTable:
         self.names.extend(names)
         return np.arange(first, first + len(names))
 
-    def of_all(self, names: list[str], orders: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Numbers of nodes that are all different, case folded; shape (n,)."""
+    def of_all(self, names: list[str], orders: NDArray[np.int64], short: list[int]) -> NDArray[np.int64]:
+        """Numbers of nodes that are all different, case folded, those of ground among the short ones; shape (n,)."""
         if len(self.names) > 1:
             return np.fromiter(map(self.of, names, orders.tolist()), np.int64, len(names))
         is_ground = np.zeros(len(names), dtype=np.bool_)
-        longest = max(map(len, self.rules.grounds))
-        is_ground[
-            [i for i, name in enumerate(names) if len(name) <= longest and name.lower() in self.rules.grounds]
-        ] = 1
+        is_ground[[i for i in short if names[i].lower() in self.rules.grounds]] = True
         self.aliases.update(name.lower() for name in compress(names, is_ground.tobytes()))
         self.aliases.discard("0")
         self.names.extend(compress(names, (~is_ground).tobytes()))
@@ -122,25 +120,49 @@ class NodeTable:
 
 
 @dataclass(frozen=True, eq=False)
+class Names:
+    """Names of elements, made when they are asked for."""
+
+    count: int
+    make: Callable[[], list[str]]
+
+    @classmethod
+    def given(cls, names: list[str]) -> Names:
+        """Names that are there already."""
+        return cls(len(names), lambda: names)
+
+    def __len__(self) -> int:
+        """How many they are."""
+        return self.count
+
+
+@dataclass(frozen=True, eq=False)
 class Part:
     """Elements of one kind as arrays.
 
     Attributes
     ----------
-    names : list of str
+    names : Names
     nodes : ndarray of int64, shape (n, nodes)
     values : ndarray of float64, shape (n, values)
+        Or, for resistors that have nothing else, ohms alone, shape (n, 1).
     place : ndarray of int64, shape (n, 2)
         File and line of the card that describes the element.
-    order : ndarray of int64, shape (n,)
-        File and line of the card of the deck that brings it, as one number.
+    order : ndarray of int64, shape (n,), or None
+        File and line of the card of the deck that brings it, as one number; None if that is its own place, and the
+        elements are in order.
     """
 
-    names: list[str]
+    names: Names
     nodes: NDArray[np.int64]
     values: NDArray[np.float64]
     place: NDArray[np.int64]
-    order: NDArray[np.int64]
+    order: NDArray[np.int64] | None
+
+    @property
+    def ordered(self) -> NDArray[np.int64]:
+        """Its order, made where there is none yet."""
+        return order_of(self.place) if self.order is None else self.order
 
 
 def order_of(place: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -183,7 +205,7 @@ class Sheet:
         width, count = WIDTHS[kind]
         place = np.array(rows.place, dtype=np.int64).reshape(-1, 2)
         own = Part(
-            rows.names,
+            Names.given(rows.names),
             np.array(rows.nodes, dtype=np.int64).reshape(-1, width),
             np.array(rows.values, dtype=np.float64).reshape(-1, count),
             place,
@@ -197,26 +219,42 @@ def joined_parts(kind: str, parts: list[Part]) -> Part:
     filled = [part for part in parts if len(part.names)]
     if len(filled) <= 1:
         return _sorted(filled[0]) if filled else _nothing(kind)
+    makers = [part.names.make for part in filled]
     return _sorted(
         Part(
-            [name for part in filled for name in part.names],
+            Names(sum(len(part.names) for part in filled), lambda: [name for make in makers for name in make()]),
             np.concatenate([part.nodes for part in filled]),
-            np.concatenate([part.values for part in filled]),
+            np.concatenate([widened(kind, part.values) for part in filled]),
             np.concatenate([part.place for part in filled]),
-            np.concatenate([part.order for part in filled]),
+            np.concatenate([part.ordered for part in filled]),
         )
     )
+
+
+def widened(kind: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """All values of elements, of resistors that were given by their ohms alone, too."""
+    if values.shape[1] == WIDTHS[kind][1]:
+        return values
+    full = np.zeros((len(values), WIDTHS[kind][1]))
+    full[:, :1] = values
+    full[:, 4:] = math.nan
+    return full
 
 
 def _nothing(kind: str) -> Part:
     width, count = WIDTHS[kind]
     no_place = np.empty((0, 2), dtype=np.int64)
-    return Part([], np.empty((0, width), np.int64), np.empty((0, count)), no_place, np.empty(0, np.int64))
+    return Part(Names.given([]), np.empty((0, width), np.int64), np.empty((0, count)), no_place, None)
 
 
 def _sorted(part: Part) -> Part:
-    if np.all(part.order[1:] >= part.order[:-1]):
+    if part.order is None or np.all(part.order[1:] >= part.order[:-1]):
         return part
     way = np.argsort(part.order, kind="stable")
-    names = part.names
-    return Part([names[i] for i in way.tolist()], part.nodes[way], part.values[way], part.place[way], part.order[way])
+    make = part.names.make
+
+    def sorted_names() -> list[str]:
+        names = make()
+        return [names[i] for i in way.tolist()]
+
+    return Part(Names(len(way), sorted_names), part.nodes[way], part.values[way], part.place[way], part.order[way])
