@@ -173,12 +173,58 @@ def _add(
     return count + 1
 
 
+@njit(cache=True, inline="always")
+def _misses(edge: Floats, x0: float, x1: float, y0: float, y1: float) -> bool:
+    """Whether an edge lies beside a box."""
+    ax, ay, bx, by = edge
+    return bool(max(ax, bx) < x0 or min(ax, bx) > x1 or max(ay, by) < y0 or min(ay, by) > y1)
+
+
+@njit(cache=True)
+def _add_end(
+    found: Floats, count: int, px: float, py: float, edge: Floats, before: Floats, owner: tuple[float, int, int],
+    reach: float,
+) -> int:  # fmt: skip
+    """A point of the robot before an edge, or before the corner where the edge starts."""
+    ax, ay, bx, by = edge
+    t = _share(px, py, ax, ay, bx, by)
+    radius, part, body = owner
+    if 0.0 < t < 1.0:
+        if (px - ax) * (by - ay) - (py - ay) * (bx - ax) <= 0.0:
+            return count
+        ax, ay = ax + t * (bx - ax), ay + t * (by - ay)
+    elif t >= 1.0 or _share(px, py, before[0], before[1], before[2], before[3]) < 1.0:
+        return count
+    return _add(found, count, px, py, ax, ay, radius, part, body, reach)
+
+
+@njit(cache=True)
+def _add_corner(
+    found: Floats, count: int, segment: Floats, edge: Floats, before: Floats, owner: tuple[float, int, int],
+    reach: float,
+) -> int:  # fmt: skip
+    """The corner where an edge starts before the inside of a segment, if the solid lies behind it."""
+    ax, ay, bx, by = segment
+    cx, cy = edge[0], edge[1]
+    t = _share(cx, cy, ax, ay, bx, by)
+    if not 0.0 < t < 1.0:
+        return count
+    px, py = ax + t * (bx - ax), ay + t * (by - ay)
+    ahead = (px - cx) * (edge[2] - cx) + (py - cy) * (edge[3] - cy)
+    behind = (px - cx) * (before[0] - cx) + (py - cy) * (before[1] - cy)
+    if ahead > 0.0 or behind > 0.0:
+        return count
+    radius, part, body = owner
+    return _add(found, count, px, py, cx, cy, radius, part, body, reach)
+
+
 @njit(cache=True)
 def near_points(
     segments: Floats,
     radius: Floats,
     part: Integers,
     edges: Floats,
+    edge_before: Integers,
     edge_body: Integers,
     discs: Floats,
     disc_body: Integers,
@@ -190,8 +236,10 @@ def near_points(
     """Pairs of near points of a robot (segments with a radius) and obstacles, within a reach.
 
     Two segments that do not cross are nearest where one of them ends, so the ends of both are looked at: two parallel
-    ones give both ends of their overlap.  Rows of `found`: the robot's surface point, the obstacle's, the unit normal
-    out of the obstacle, the gap, the part, the obstacle.  Returns how many there are.
+    ones give both ends of their overlap.  Edges have the solid on their left, and `edge_before` is the edge that ends
+    where one starts: only pairs with the solid behind the obstacle's point are kept.  Rows of `found`: the robot's
+    surface point, the obstacle's, the unit normal out of the obstacle, the gap, the part, the obstacle.  Returns how
+    many there are.
     """
     count = 0
     for s in range(len(segments)):
@@ -201,19 +249,13 @@ def near_points(
         y0, y1 = min(ay, by) - r - reach, max(ay, by) + r + reach
         single = ax == bx and ay == by
         for e in range(len(edges)):
-            cx, cy, dx, dy = edges[e]
-            if max(cx, dx) < x0 or min(cx, dx) > x1 or max(cy, dy) < y0 or min(cy, dy) > y1:
+            if _misses(edges[e], x0, x1, y0, y1):
                 continue
-            t = _share(ax, ay, cx, cy, dx, dy)
-            count = _add(found, count, ax, ay, cx + t * (dx - cx), cy + t * (dy - cy), r, part[s], edge_body[e], reach)
-            if single:
-                continue
-            t = _share(bx, by, cx, cy, dx, dy)
-            count = _add(found, count, bx, by, cx + t * (dx - cx), cy + t * (dy - cy), r, part[s], edge_body[e], reach)
-            t = _share(cx, cy, ax, ay, bx, by)
-            if 0.0 < t < 1.0:
-                px, py = ax + t * (bx - ax), ay + t * (by - ay)
-                count = _add(found, count, px, py, cx, cy, r, part[s], edge_body[e], reach)
+            before, radius_part = edges[edge_before[e]], (r, part[s], edge_body[e])
+            count = _add_end(found, count, ax, ay, edges[e], before, radius_part, reach)
+            if not single:
+                count = _add_end(found, count, bx, by, edges[e], before, radius_part, reach)
+                count = _add_corner(found, count, segments[s], edges[e], before, radius_part, reach)
         for d in range(len(discs)):
             cx, cy, size = discs[d]
             t = _share(cx, cy, ax, ay, bx, by)

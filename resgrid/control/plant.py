@@ -30,6 +30,9 @@ class Bodies(NamedTuple):
     Attributes
     ----------
     edges : ndarray of float64, shape (e, 4)
+        ``x0, y0, x1, y1``, the solid on the left.
+    edge_before : ndarray of int64, shape (e,)
+        Number of the edge that ends where each starts.
     edge_body : ndarray of int64, shape (e,)
     discs : ndarray of float64, shape (d, 3)
         Centre and radius.
@@ -40,6 +43,7 @@ class Bodies(NamedTuple):
     """
 
     edges: NDArray[np.float64]
+    edge_before: NDArray[np.int64]
     edge_body: NDArray[np.int64]
     discs: NDArray[np.float64]
     disc_body: NDArray[np.int64]
@@ -238,6 +242,7 @@ def _bodies(robot: Robot, axes: tuple[Axis, ...], shapes: Sequence[Shape]) -> Bo
     edges: list[tuple[float, ...]] = []
     discs: list[tuple[float, ...]] = []
     planes: list[tuple[float, ...]] = []
+    before: list[int] = []
     owners: tuple[list[int], list[int], list[int]] = ([], [], [])
     for number, shape in enumerate(shapes):
         for solid in _copies(robot, axes, shape):
@@ -250,13 +255,22 @@ def _bodies(robot: Robot, axes: tuple[Axis, ...], shapes: Sequence[Shape]) -> Bo
                     planes.append((normal[0] / length, normal[1] / length, offset / length))
                     owners[2].append(number)
                 case Box() | Polygon():
-                    rings = as_polygon(solid).rings
-                    sides = [(*a, *b) for ring in rings for a, b in zip(ring, (*ring[1:], ring[0]), strict=True)]
-                    edges += sides
-                    owners[0].extend([number] * len(sides))
+                    for ring in _solid_on_the_left(as_polygon(solid)):
+                        first, size = len(edges), len(ring)
+                        edges += [(*a, *b) for a, b in zip(ring, (*ring[1:], ring[0]), strict=True)]
+                        before += [first + (side - 1) % size for side in range(size)]
+                        owners[0].extend([number] * size)
     flat = [np.array(rows, dtype=np.float64).reshape(-1, n) for rows, n in ((edges, 4), (discs, 3), (planes, 3))]
     numbers = [np.array(owner, dtype=np.int64) for owner in owners]
-    return Bodies(flat[0], numbers[0], flat[1], numbers[1], flat[2], numbers[2])
+    return Bodies(flat[0], np.array(before, dtype=np.int64), numbers[0], flat[1], numbers[1], flat[2], numbers[2])
+
+
+def _solid_on_the_left(polygon: Polygon) -> list[list[tuple[float, ...]]]:
+    """Outer ring anticlockwise, holes clockwise; without repeated corners."""
+    import shapely
+
+    oriented = shapely.geometry.polygon.orient(shapely.Polygon(polygon.vertices, polygon.holes))
+    return [list(ring.coords)[:-1] for ring in (oriented.exterior, *oriented.interiors)]
 
 
 def _copies(robot: Robot, axes: tuple[Axis, ...], shape: Shape) -> list[Shape]:

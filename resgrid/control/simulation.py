@@ -82,13 +82,13 @@ class Simulation:
         nothing puts one back, so that there are at most |F| lessons.  (2) After the last one the robot follows the
         current of a harmonic function, which enters no cell twice, so that it reaches a goal unless it is stopped; what
         stops it is a contact in the closed cell that it is in or about to enter, both of which are in F, so that the
-        contact proves a new cell, and the lesson was not the last.  (Contact begins at a small gap, so that a point that
-        lies on a border between cells may prove nothing new at first: a robot that stands still is shaken loose.)  (3) A lesson holds only cells in which the
-        conservative rule finds an obstacle that is truly there (`proven_cells`), so a start that has a path in the true
-        world's conservative map never loses it; after a lesson the robot goes back the way it came, which is free
-        because it came that way, to the last cell that still has a path.  That cell exists unless the start's own has
-        none left, and only then is no path announced: the cells learnt, with those of the map, separate the start from
-        every goal.
+        contact proves a new cell, and the lesson was not the last.  (Contact begins at a small gap, so that a point
+        that lies on a border between cells may prove nothing new at first: a robot that stands still is shaken loose.)
+        (3) A lesson holds only cells in which the conservative rule finds an obstacle that is truly there
+        (`proven_cells`), so a start that has a path in the true world's conservative map never loses it; after a lesson
+        the robot goes back the way it came, which is free because it came that way, to the last cell that still has a
+        path.  That cell exists unless the start's own has none left, and only then is no path announced: the cells
+        learnt, with those of the map, separate the start from every goal.
 
         Parameters
         ----------
