@@ -150,3 +150,19 @@ def plain_currents(
         through[b] += abs(flow)
         power += flow * drop
     return power
+
+
+@njit(cache=True)
+def weak_share(indptr: Indices, indices: Indices, conductance: Floats, weak: float) -> float:
+    """Share of conductances below ``weak`` times the strongest one at either of their ends."""
+    n = len(indptr) - 1
+    strongest = np.zeros(n)
+    for i in range(n):
+        for k in range(indptr[i], indptr[i + 1]):
+            strongest[i] = max(strongest[i], conductance[k])
+    count = 0
+    for i in range(n):
+        for k in range(indptr[i], indptr[i + 1]):
+            if conductance[k] < weak * max(strongest[i], strongest[indices[k]]):
+                count += 1
+    return count / max(len(indices), 1)

@@ -17,13 +17,12 @@ from resgrid.nodal.system import NodalSystem
 
 METHODS: dict[str, Callable[[NodalSystem], Factor]] = {"direct": factor_direct, "multigrid": factor_multigrid}
 
-_VOLUME, _PLANE = 4.2, 3.5
-"""Neighbours a node from which a graph fills like a volume, and like a plane; less is mostly corridors."""
+_VOLUME, _CORRIDORS = 4.2, 3.4
+"""Neighbours a node above which factors fill like a volume, and below which the graph is mostly corridors."""
 
-_LARGE_VOLUME = 20_000
-_LARGE_PLANE = 1_000_000
-_MOST_CONTRAST = 1e3
-_MOST_DECADES = 150.0
+_SMALL = 2000
+_ROUGH = 0.25
+_WEAK = 0.1
 
 _FAIR_SHARE = 0.2
 """Share of the rows that elimination must take to be worth its way back and forth."""
@@ -32,7 +31,7 @@ _REDUCING = 220.0
 """Peak memory of elimination, in bytes a row."""
 
 
-def factor_system(system: NodalSystem, method: str, *, reduce: bool = True) -> Factor:
+def factor_system(system: NodalSystem, method: str, *, reduce: bool = True, accuracy: str = "direction") -> Factor:
     """Make a system ready to be solved, unless it would not fit in memory.
 
     Nodes with at most two neighbours are eliminated first where that pays (`resgrid.nodal.reduction`); the method then
@@ -44,6 +43,8 @@ def factor_system(system: NodalSystem, method: str, *, reduce: bool = True) -> F
     method : {"auto", "direct", "multigrid"}
     reduce : bool
         Whether nodes may be eliminated beforehand.
+    accuracy : {"direction", "normwise"}
+        What the solutions are for; ``"auto"`` asks for it.
 
     Returns
     -------
@@ -65,12 +66,12 @@ def factor_system(system: NodalSystem, method: str, *, reduce: bool = True) -> F
             return ReducedFactor(reduction, None)
         if reduction.count >= _FAIR_SHARE * system.size:
             dimensions = _dimensions(system)
-            return ReducedFactor(reduction, _factor_whole(reduction.core, method, dimensions))
-    return _factor_whole(system, method, _dimensions(system))
+            return ReducedFactor(reduction, _factor_whole(reduction.core, method, accuracy, dimensions))
+    return _factor_whole(system, method, accuracy, _dimensions(system))
 
 
-def _factor_whole(system: NodalSystem, method: str, dimensions: int) -> Factor:
-    name = choose_method(system) if method == "auto" else method
+def _factor_whole(system: NodalSystem, method: str, accuracy: str, dimensions: int) -> Factor:
+    name = choose_method(system, accuracy) if method == "auto" else method
     _require(estimate_memory(system, name, dimensions), system, name)
     return METHODS[name](system)
 
@@ -83,24 +84,58 @@ def _require(needed: float, system: NodalSystem, name: str) -> None:
     )
 
 
-def choose_method(system: NodalSystem) -> str:
-    """Choose a method beforehand.
+def choose_method(system: NodalSystem, accuracy: str = "direction") -> str:
+    """Choose a method beforehand: the one that would take less time.
 
-    Multigrid where direct factors fill too much: volumes beyond twenty thousand nodes, planes beyond a million.  Direct
-    where the conductances differ by many decades or the graph is mostly corridors, which fill little, smooth badly, and
-    between two rails lose more decades than refinement would want to win back nine by nine.
+    Direct where the system is small; where conductances differ so wildly from node to node that no coarse grid stands
+    for them; and between two rails where the potential falls by more decades than refinement wins back in that time,
+    some nine a pass.
+
+    Parameters
+    ----------
+    system : NodalSystem
+    accuracy : {"direction", "normwise"}
+
+    Returns
+    -------
+    str
+        ``"direct"`` or ``"multigrid"``.
     """
-    if not system.size or not system.coupling.nnz:
+    if system.size < _SMALL or not system.coupling.nnz or _rough(system):
         return "direct"
     neighbours = system.coupling.nnz / system.size
-    conductance = system.coupling.data
-    if conductance.max() > _MOST_CONTRAST * conductance.min():
-        return "direct"
-    volume = neighbours > _VOLUME and system.size > _LARGE_VOLUME
-    plane = neighbours > _PLANE and system.size > _LARGE_PLANE
-    if not (volume or plane) or _decades(system, volume=volume) > _MOST_DECADES:
-        return "direct"
-    return "multigrid"
+    decades = 0.0
+    if accuracy == "direction" and system.rails is not None:
+        decades = _decades(system, volume=neighbours > _VOLUME)
+    quicker = _multigrid_seconds(system, accuracy, decades) < _direct_seconds(system.size, neighbours)
+    return "multigrid" if quicker else "direct"
+
+
+def _direct_seconds(size: int, neighbours: float) -> float:
+    """Rough time of a direct solution; the constants were measured on random rectangles, mazes and boxes."""
+    if neighbours > _VOLUME:
+        return float(1.1e-9 * size**2)
+    if neighbours < _CORRIDORS:
+        return 2.5e-6 * size
+    return float(5.4e-6 * size * (size / 128e3) ** 0.2)
+
+
+def _multigrid_seconds(system: NodalSystem, accuracy: str, decades: float) -> float:
+    """Rough time of a multigrid solution: what comes once, and for every pass of refinement and rail."""
+    if accuracy == "normwise":
+        return 0.9e-6 * system.size
+    if system.rails is None:
+        return 1.6e-6 * system.size
+    passes = 2.0 + decades / 9.0
+    return (0.7e-6 + 0.7e-6 * passes) * system.size
+
+
+def _rough(system: NodalSystem) -> bool:
+    """Whether many conductances are weak beside the strongest one at either of their ends."""
+    from resgrid.nodal.assembly import weak_share
+
+    coupling = system.coupling
+    return bool(weak_share(coupling.indptr, coupling.indices, coupling.data, _WEAK) > _ROUGH)
 
 
 def _decades(system: NodalSystem, *, volume: bool) -> float:
@@ -117,7 +152,8 @@ def _decades(system: NodalSystem, *, volume: bool) -> float:
     levels, reached = breadth_first(coupling.indptr, coupling.indices, system.rails.to_low > 0)
     section = max(reached / max(levels, 1), 1.0)
     width, dimensions = (section**0.5, 2) if volume else (section, 1)
-    return float(levels * np.pi * np.sqrt(dimensions) / width / np.log(10.0))
+    # Widths vary: the narrow places count for more than the mean does.
+    return float(10.0 + 2.0 * levels * np.pi * np.sqrt(dimensions) / width / np.log(10.0))
 
 
 def estimate_memory(system: NodalSystem, method: str = "direct", dimensions: int | None = None) -> float:

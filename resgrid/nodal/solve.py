@@ -83,7 +83,7 @@ def solve(
     with _timed(seconds, "assemble"):
         system = assemble(netlist)
     with _timed(seconds, "factor"):
-        factors = factor_system(system, method) if system.size else None
+        factors = factor_system(system, method, accuracy=accuracy) if system.size else None
     name = factors.name if factors else "none"
     if accuracy == "normwise":
         with _timed(seconds, "substitute"):

@@ -98,7 +98,7 @@ class MultigridFactor:
         if not present.any():
             return np.zeros_like(m), np.zeros_like(e)
         top = int(e[present].max())
-        plain = m * power(np.maximum(e - top, -8))
+        plain = m * power(np.clip(e - top, -8, 0))
         largest = float(np.abs(plain).max())
         x, _ = self._iterate(plain / largest, _PASS)
         return x * largest, np.full_like(e, top)

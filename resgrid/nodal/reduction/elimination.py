@@ -12,14 +12,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
+from resgrid.nodal.reduction.rows import Elimination, eliminate_rows
 from resgrid.nodal.system import NodalSystem
 
 if TYPE_CHECKING:
-    from resgrid.nodal.reduction.kernels import Record, Web
+    from resgrid.nodal.reduction.kernels import Record
 
-_MOST_ROUNDS = 20
 _CORRIDOR = 3.1
 _FEW = 0.12
 _SMALL = 1000
@@ -81,77 +80,33 @@ def reduce_system(system: NodalSystem) -> Reduction:
     Returns
     -------
     Reduction
-
-    Notes
-    -----
-    Time and memory are linear in the number of conductances.  Conductances that come to join the same two rows are
-    merged at once where one of the rows is short; between two hubs they wait for a pass over all rows.
     """
-    from resgrid.nodal.reduction import kernels
-
-    n = system.size
-    web = _web(system)
-    record = kernels.Record(np.empty((n, 3), dtype=np.int32), np.empty((n, 6)))
-    count, doubled = kernels.eliminate(web, record, 0)
-    rounds = 1
-    while doubled and count < n and rounds < _MOST_ROUNDS:
-        kernels.merge_parallel(web)
-        count, doubled = kernels.eliminate(web, record, count)
-        rounds += 1
-    if doubled:
-        kernels.merge_parallel(web)
-    kept = np.flatnonzero(~web.gone)
-    core = _core(system, web, record, count, kept) if len(kept) else None
-    return Reduction(system, core, kept, kernels.Record(record.rows[:count], record.weights[:count]), count)
+    shrunk = eliminate_rows(system.coupling, system.excess)
+    core = _core(system, shrunk) if len(shrunk.kept) else None
+    return Reduction(system, core, shrunk.kept, shrunk.record, len(shrunk.record.rows))
 
 
-def _web(system: NodalSystem) -> Web:
-    from resgrid.nodal.reduction import kernels
-
-    coupling = system.coupling
-    if not coupling.has_sorted_indices:
-        coupling = coupling.sorted_indices()
-    indptr, indices = coupling.indptr.astype(np.int32), coupling.indices.astype(np.int32)
-    n = system.size
-    return kernels.Web(
-        start=indptr[:-1].copy(),
-        length=np.diff(indptr),
-        neighbour=indices,
-        twin=kernels.find_twins(indptr, indices),
-        g=coupling.data.astype(np.float64),
-        g_low=np.zeros(len(indices)),
-        excess=system.excess.astype(np.float64),
-        excess_low=np.zeros(n),
-        gone=np.zeros(n, dtype=np.bool_),
-    )
-
-
-def _core(system: NodalSystem, web: Web, record: Record, count: int, kept: NDArray[np.int64]) -> NodalSystem:
+def _core(system: NodalSystem, shrunk: Elimination) -> NodalSystem:
     """What is left, in double precision, with the currents that the eliminated rows pass on."""
     from resgrid.nodal.reduction import kernels
 
-    number = np.full(system.size, -1, dtype=np.int32)
-    number[kept] = np.arange(len(kept), dtype=np.int32)
-    indptr = np.concatenate([np.zeros(1, dtype=np.int32), np.cumsum(web.length[kept], dtype=np.int32)])
-    indices, conductance = kernels.pack(web, number, indptr)
-    coupling = sparse.csr_array((conductance, indices, indptr), shape=(len(kept), len(kept)))
-    coupling.sort_indices()
+    record, kept = shrunk.record, shrunk.kept
 
     def passed_on(currents: NDArray[np.float64]) -> NDArray[np.float64]:
         carried = currents.copy()
-        kernels.forward(record, count, carried)
+        kernels.forward(record, len(record.rows), carried)
         return carried[kept]
 
     rails = system.rails
     solved = system.unknown >= 0
     unknown = system.unknown.copy()
-    unknown[solved] = number[system.unknown[solved]]
+    unknown[solved] = shrunk.number[system.unknown[solved]]
     return replace(
         system,
         netlist=system.netlist.replace(layout=None),
         unknown=unknown,
-        coupling=coupling,
-        excess=web.excess[kept],
+        coupling=shrunk.coupling,
+        excess=shrunk.excess,
         feed=passed_on(system.feed),
         injected=passed_on(system.injected),
         rails=rails and replace(rails, to_high=passed_on(rails.to_high), to_low=passed_on(rails.to_low)),
