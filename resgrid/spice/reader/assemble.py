@@ -43,6 +43,7 @@ def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Pa
     expander.check_size(collector.top, limit)
     journal.raise_errors()
     expander.fill(scope, sheet, collector.top.cards)
+    journal.raise_errors()
     title = _settle_title(collector, scope, sheet, expander)
     temperatures = _temperatures(collector, scope)
     journal.raise_errors()

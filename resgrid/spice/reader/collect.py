@@ -73,8 +73,9 @@ class Collector:
         has_title = not _could_be_statement(line, continued)
         if has_title:
             self.title = line.strip().lstrip("*").strip() or None
-        lines = self._lines(source, start)
-        if not has_title:
+        aside = not has_title and line.lstrip()[0] != "."
+        lines = self._lines(source, start if has_title or aside else 0)
+        if aside:
             lines = chain([(1, line.rstrip("\n"))], lines)
         stream = cards(lines, source.number, source.name, self.rules, self.journal)
         if not has_title:

@@ -12,9 +12,10 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import pairwise
 
 from resgrid.spice.reader.numerals import parse_numeral
-from resgrid.spice.reader.rules import ReadingRules
+from resgrid.spice.reader.rules import RULES, ReadingRules
 
 MAX_NESTING = 60
 MAX_LENGTH = 10_000
@@ -96,6 +97,31 @@ def evaluate(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> floa
     """
     if len(text) > MAX_LENGTH:
         raise ExpressionError(0, f"an expression of {len(text)} characters; at most {MAX_LENGTH} are read")
+    names = _names(text)
+    if names is not None:
+        values = tuple(map(lookup, names))
+        if None not in values:
+            return _value_with(text, rules.name, values)
+    return _value(text, rules, lookup, call)
+
+
+@lru_cache(maxsize=4096)
+def _names(text: str) -> tuple[str, ...] | None:
+    """Parameters that an expression refers to; None if it calls functions, which may be the deck's own."""
+    tokens = _tokens(text)
+    if any(token.kind == "name" and after.text == "(" for token, after in pairwise(tokens)):
+        return None
+    return tuple(token.text.lower() for token in tokens if token.kind == "name")
+
+
+@lru_cache(maxsize=65536)
+def _value_with(text: str, dialect: str, values: tuple[float, ...]) -> float:
+    """Value of an expression without functions, given those of its parameters."""
+    given = dict(zip(_names(text) or (), values, strict=True))
+    return _value(text, RULES[dialect], given.get, lambda *_: None)
+
+
+def _value(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> float:
     reader = _Reader(_tokens(text), rules, lookup, call)
     try:
         value = reader.choice()

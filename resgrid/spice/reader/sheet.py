@@ -202,6 +202,8 @@ class Sheet:
     def joined(self, kind: str) -> Part:
         """All elements of a kind, in the order of the deck."""
         rows = self.rows[kind]
+        if not rows.names:
+            return joined_parts(kind, self.parts[kind])
         width, count = WIDTHS[kind]
         place = np.array(rows.place, dtype=np.int64).reshape(-1, 2)
         own = Part(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Literal
 
 from resgrid.spice.reader.lines import Card
@@ -14,6 +15,7 @@ _TOKEN = re.compile(
     r"[\s,]*(?:\{(?P<braces>[^{}]*)\}|'(?P<quotes>[^']*)'|\"(?P<string>[^\"]*)\"|(?P<mark>[=()])"
     r"|(?P<word>[^\s=(),{}'\"]+))"
 )
+_GAP = re.compile(r"[\s,]*")
 _KINDS: dict[str | None, Kind] = {
     "braces": "expression",
     "quotes": "expression",
@@ -49,23 +51,29 @@ def tokenise(card: Card) -> list[Token]:
     CardError
         If a quote or a brace is not closed.
     """
-    text = card.text
+    tokens, wrong = _cut(card.text)
+    if wrong >= 0:
+        raise card.error(wrong, f"{card.text[wrong]!r} is not closed, or closes nothing")
+    return list(tokens)
+
+
+@lru_cache(maxsize=8192)
+def _cut(text: str) -> tuple[tuple[Token, ...], int]:
+    """Tokens of a text, and the offset of what is none, or -1."""
     tokens: list[Token] = []
     position = 0
-    end = len(text.rstrip(" \t,\f\v\r\n\xa0"))
+    end = len(text.rstrip())
     while position < end:
         match = _TOKEN.match(text, position)
         if match is None:
-            rest = re.compile(r"[\s,]*").match(text, position)
-            offset = rest.end() if rest else position
-            if offset >= len(text):
-                break
-            raise card.error(offset, f"{text[offset]!r} is not closed, or closes nothing")
+            gap = _GAP.match(text, position)
+            position = gap.end() if gap is not None else position
+            return tuple(tokens), position if position < end else -1
         group = match.lastgroup
         assert group is not None
         tokens.append(Token(_KINDS[group], match.group(group), match.start(group)))
         position = match.end()
-    return tokens
+    return tuple(tokens), -1
 
 
 @dataclass(frozen=True)
