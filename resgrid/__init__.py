@@ -44,6 +44,7 @@ if TYPE_CHECKING:
         ToolMissingError,
     )
     from resgrid.netlist import Layout, Netlist
+    from resgrid.nodal.batch.many import solve_many
     from resgrid.nodal.drive import scale_drive
     from resgrid.nodal.operating_point import OperatingPoint
     from resgrid.nodal.secant import small_signal
@@ -192,6 +193,7 @@ _HOME = {
     "ToolMissingError": "resgrid.errors",
     "Layout": "resgrid.netlist",
     "Netlist": "resgrid.netlist",
+    "solve_many": "resgrid.nodal.batch.many",
     "scale_drive": "resgrid.nodal.drive",
     "OperatingPoint": "resgrid.nodal.operating_point",
     "small_signal": "resgrid.nodal.secant",
@@ -466,6 +468,7 @@ __all__ = [
     "simulation",
     "small_signal",
     "solve",
+    "solve_many",
     "streamline",
     "streamlines",
     "supply_drops",

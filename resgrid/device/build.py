@@ -167,9 +167,12 @@ def conductance_samples(netlist: Netlist, chip: Chip, seeds: Iterable[Any]) -> t
             switch = 1 / circuit.conductance[: len(switch)] - 1 / before.conductance
     wanted = [seed_of(seed) for seed in seeds]
     samples = np.empty((len(wanted), len(circuit.conductance)))
-    samples[:] = circuit.conductance
     m = len(switch)
-    resistance = 1 / circuit.conductance[:m] - switch
+    nominal, resistance = circuit.conductance[:m], 1 / circuit.conductance[:m] - switch
     for row, factors in zip(samples, _drawn_rows(drawn, chip, wanted), strict=True):
-        np.divide(1.0, resistance * factors + switch, out=row[:m])
+        if switch.any():
+            np.divide(1.0, resistance * factors + switch, out=row[:m])
+        else:
+            np.divide(nominal, factors, out=row[:m])
+        row[m:] = circuit.conductance[m:]
     return circuit, samples

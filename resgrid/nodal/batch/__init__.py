@@ -1,0 +1,1 @@
+"""Many circuits that differ in their conductances only, such as the chips of one wafer."""

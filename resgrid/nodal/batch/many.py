@@ -1,0 +1,118 @@
+"""Solve one circuit for many sets of conductances: what is the same for all chips is done once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.errors import InputError
+from resgrid.netlist import Netlist
+from resgrid.nodal.batch.boards import BoardBatch, board_batch
+from resgrid.nodal.batch.factored import FactoredBatch, factored_batch
+from resgrid.nodal.batch.pattern import pattern_of
+from resgrid.nodal.system import assemble
+
+CHUNK = 16
+"""Chips that one task of an executor solves."""
+
+_SMALL = 1000
+"""Rows up to which factors are quicker than multigrid."""
+
+_MOST_CONTRAST = 1e3
+
+Batch = BoardBatch | FactoredBatch
+
+
+def solve_many(
+    netlist: Netlist, conductances: ArrayLike, *, rtol: float = 1e-10, executor: Executor | None = None
+) -> NDArray[np.float64]:
+    """Find the node voltages of many chips that differ in their conductances only.
+
+    The equations are laid out once.  Every chip is solved by conjugate gradients from the voltages of the nominal one,
+    preconditioned by the nominal chip's coarse levels and its own finest one (grids), or by the nominal factors (other
+    circuits, small ones).  A chip's answer does not depend on which others are solved beside it.
+
+    Parameters
+    ----------
+    netlist : Netlist
+        The nominal chip; linear.
+    conductances : array_like of float, shape (chips, resistors)
+        In siemens; positive and finite.
+    rtol : float
+        Bound on the norm of the residual relative to that of the currents that the sources drive into the grid, or
+        what rounding allows.
+    executor : concurrent.futures.Executor, optional
+        Chips are solved in its threads (the loops release the lock) or processes, instead of one after the other.
+
+    Returns
+    -------
+    ndarray of float64, shape (chips, nodes)
+        In volts; NaN where a node floats.
+
+    Raises
+    ------
+    InputError
+        If the netlist has nonlinear resistors, or the conductances do not fit.
+    CircuitError
+        If the nominal chip has no operating point.
+    AccuracyError
+        If a chip is too far from the nominal one.
+    """
+    wanted = _checked(netlist, conductances)
+    if not 0 < rtol < 1:
+        raise InputError(f"rtol = {rtol} must lie between 0 and 1")
+    batch = prepare_batch(netlist)
+    if batch is None:
+        return np.tile(assemble(netlist).known, (len(wanted), 1))
+    chunks = [wanted[begin : begin + CHUNK] for begin in range(0, len(wanted), CHUNK)]
+    run: Callable[..., Iterable[NDArray[np.float64]]] = map if executor is None else executor.map
+    voltage = np.empty((len(wanted), netlist.node_count))
+    begin = 0
+    for part in run(partial(solve_batch, batch, rtol=rtol), chunks):
+        voltage[begin : begin + len(part)] = part
+        begin += len(part)
+    return voltage
+
+
+def prepare_batch(netlist: Netlist) -> Batch | None:
+    """Lay out what all chips of a kind share; None if the rails hold every node."""
+    system = assemble(netlist)
+    if not system.size:
+        return None
+    pattern = pattern_of(system)
+    data = system.coupling.data
+    if system.size > _SMALL and data.max(initial=0.0) <= _MOST_CONTRAST * data.min(initial=np.inf):
+        batch = board_batch(pattern)
+        if batch is not None:
+            return batch
+    return factored_batch(pattern)
+
+
+def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
+    """Voltages of some chips, shape (chips, nodes)."""
+    return batch.pattern.voltages(batch.solve(conductance, rtol))
+
+
+def _checked(netlist: Netlist, conductances: ArrayLike) -> NDArray[np.float64]:
+    if netlist.nonlinear_nodes.size:
+        raise InputError("nonlinear resistors have no conductances to exchange; solve such chips one by one")
+    try:
+        wanted = np.ascontiguousarray(conductances, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError("conductances must be one number per chip and resistor") from error
+    if wanted.ndim != 2 or wanted.shape[1] != len(netlist.conductance):
+        raise InputError(
+            f"conductances have shape {wanted.shape}, but the netlist has {len(netlist.conductance)} resistors; "
+            "give one row a chip"
+        )
+    good = np.isfinite(wanted) & (wanted > 0)
+    if not good.all():
+        chip, resistor = np.argwhere(~good)[0].tolist()
+        raise InputError(
+            f"chip {chip}: resistor {resistor} has conductance {wanted[chip, resistor]}; it must be positive and finite"
+        )
+    return wanted
