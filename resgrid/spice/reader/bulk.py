@@ -65,8 +65,8 @@ class Bulk:
 
     def names(self, which: NDArray[np.bool_]) -> Names:
         """Names of some elements."""
-        text, span = self.text, self.span[which]
-        return Names(len(span), lambda: _texts(text, span))
+        text, span = self.text, self.span
+        return Names(int(np.count_nonzero(which)), lambda: _texts(text, span[which]))
 
     def others(self, data: bytes) -> Iterator[tuple[int, str]]:
         """Lines that were not plain."""

@@ -86,10 +86,17 @@ class Library:
             path = _resolve(base / wanted, wanted)
             if not path.is_relative_to(self.root):
                 raise InputError(f"{wanted!r} lies outside {str(self.root)!r}: copy it, or name a wider root")
-            if path.exists():
+            if _exists(path):
                 return path, os.path.normpath(Path(beside.name).parent / wanted) if base == folder else wanted
             tried.append(path)
         raise InputError(f"the file {wanted!r} that is included does not exist (looked for {tried[0]})")
+
+
+def _exists(path: Path) -> bool:
+    try:
+        return path.exists()
+    except OSError:  # a name that is too long, a folder that may not be searched
+        return False
 
 
 def _resolve(path: Path, name: str) -> Path:

@@ -47,6 +47,7 @@ def test_includes_and_sections(root: Path) -> None:
         (".include nowhere.inc", "does not exist"),
         (".include ../outside.inc", "outside"),
         (".include /etc/passwd", "outside"),
+        (".include " + "x" * 5000, "does not exist"),
         (".include lib", "directory"),
         (".include link.inc", "outside"),
         (".include deck.cir", "circle"),
