@@ -238,6 +238,15 @@ def logarithm(m: Floats, e: Integers) -> Floats:
 
 
 @njit(cache=True)
+def complement(hi: Floats, lo: Floats, e: Integers) -> tuple[Floats, Floats]:
+    """``1 - x`` for scaled double-doubles of at most 1, as double-doubles that need no exponent."""
+    rest, rest_low = np.empty(len(hi)), np.empty(len(hi))
+    for i in range(len(hi)):
+        rest[i], rest_low[i] = _sum(1.0, 0.0, -_shift(hi[i], e[i]), -_shift(lo[i], e[i]))
+    return rest, rest_low
+
+
+@njit(cache=True)
 def difference(
     pairs: Integers,
     hi: Floats,

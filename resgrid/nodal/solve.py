@@ -31,6 +31,9 @@ CONVERGED = 1e-12
 
 _FLAT = 1e-12
 
+_LEAST_REST = 1e-3
+"""Smallest height above the low rail, as a share of both rails' distance, that is read off the drop."""
+
 
 def solve(
     netlist: Netlist,
@@ -148,12 +151,15 @@ def _entrywise_levels(system: NodalSystem, factors: Factor | None) -> tuple[list
     if system.rails is not None:
         rails = system.rails
         span = rails.high - rails.low
-        height, height_error = _solved(factors, rails.to_high)
-        drop, drop_error = _solved(factors, rails.to_low)
+        drop, error = _solved(factors, rails.to_low)
+        height = _complement(drop)
+        if height is None:
+            height, height_error = _solved(factors, rails.to_high)
+            error = max(error, height_error)
         return [
             readout.at_nodes(system, height, rails.low, span),
             readout.at_nodes(system, drop, rails.high, -span),
-        ], max(height_error, drop_error)
+        ], error
     drive = system.feed + system.injected
     rising, rising_error = _solved(factors, np.maximum(drive, 0.0))
     falling, falling_error = _solved(factors, np.maximum(-drive, 0.0))
@@ -162,6 +168,16 @@ def _entrywise_levels(system: NodalSystem, factors: Factor | None) -> tuple[list
     if not np.any(drive > 0):
         return [readout.at_nodes(system, falling, system.reference, -1.0)], falling_error
     return [readout.at_nodes(system, _minus(rising, falling), system.reference, 1.0)], max(rising_error, falling_error)
+
+
+def _complement(drop: Scaled) -> Scaled | None:
+    """The height above the low rail as what is left of the drop, where that is no small difference anywhere."""
+    from resgrid.nodal.kernels import complement
+
+    hi, lo = complement(drop.hi, drop.lo, drop.exponent)
+    if not hi.min(initial=1.0) > _LEAST_REST:
+        return None
+    return Scaled(hi, lo, np.zeros(len(hi), dtype=np.int64), drop.noise / _LEAST_REST)
 
 
 def _solved(factors: Factor | None, rhs: NDArray[np.float64]) -> tuple[Scaled, float]:

@@ -52,10 +52,10 @@ def _iterate_on_board(
     burst = _Burst(hierarchy, board)
     matrix = (*_rows(system), 1.0 / system.degree, hierarchy.place, hierarchy.reach)
     x, last, left = np.zeros(len(b)), np.inf, _MOST_ITERATIONS
-    wanted, rounding = rtol * float(np.linalg.norm(b)), _ROUNDING * float(system.degree.max(initial=0.0))
+    wanted, rounding = rtol * kernels.norm(b), _ROUNDING * float(system.degree.max(initial=0.0))
     while True:
         size = passes.black_residual(*matrix, b, x, burst.r)
-        goal = max(wanted, rounding * float(np.linalg.norm(x)))
+        goal = max(wanted, rounding * kernels.norm(x))
         if not (size > goal and size < _LEAST_GAIN * last and left > 0):
             return x, size
         left -= burst.run(size, max(_BURST, 0.8 * goal / size), left)
@@ -104,7 +104,7 @@ def _iterate_on_graph(
     matrix = _rows(system)
     n = len(b)
     x, r, z = np.zeros(n), b.copy(), np.empty(n, dtype=np.float32)
-    size, left = float(np.linalg.norm(b)), _MOST_ITERATIONS
+    size, left = kernels.norm(b), _MOST_ITERATIONS
     goal = rtol * size
     while size > goal and left > 0:
         p, s, w = np.zeros(n), np.zeros(n), np.empty(n)

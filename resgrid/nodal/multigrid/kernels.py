@@ -349,3 +349,12 @@ def subtract_product(
         r[i] = v
         total += v * v
     return math.sqrt(total)
+
+
+@njit(cache=True, fastmath={"contract", "reassoc"})
+def norm(x: Floats) -> float:
+    """Euclidean norm, on one thread."""
+    total = 0.0
+    for i in range(len(x)):
+        total += x[i] * x[i]
+    return math.sqrt(total)
