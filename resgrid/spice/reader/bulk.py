@@ -111,6 +111,7 @@ def scan(data: bytes, start: int, rules: ReadingRules) -> Bulk | None:
         start,
         data.count(b"\n", 0, start) + 1,
         b"//" in data,
+        _comment_starts(rules),
         _WORDS,
         table,
         keys,
@@ -144,6 +145,13 @@ def scan(data: bytes, start: int, rules: ReadingRules) -> Bulk | None:
         line=line[keep],
         other=other,
     )
+
+
+def _comment_starts(rules: ReadingRules) -> NDArray[np.bool_]:
+    """Bytes that make a line a comment when they stand first."""
+    starts = np.zeros(256, dtype=np.bool_)
+    starts[[ord(mark[0]) for mark in (*rules.comments, *("$" * rules.dollar_comments))]] = True
+    return starts
 
 
 def _read_values(

@@ -138,6 +138,7 @@ def cut(  # noqa: PLR0912, PLR0915
     start: int,
     first_line: int,
     has_slashes: bool,
+    comments: NDArray[np.bool_],
     words: tuple[Bytes, ...],
     table: NDArray[np.int32],
     keys: NDArray[np.uint64],
@@ -161,6 +162,8 @@ def cut(  # noqa: PLR0912, PLR0915
         The byte to begin at, and the number of its line.
     has_slashes : bool
         Whether ``//`` occurs in it.
+    comments : ndarray of bool, shape (256,)
+        Whether a line that begins with a byte (``/``: with two of them) is a comment, ``*`` apart.
     words : tuple of ndarray of uint8
         ``.end .alter .subckt .macro .ends .eom .control .endc .endl .if .data dc``.
     table : ndarray of int32, a power of two
@@ -222,7 +225,7 @@ def cut(  # noqa: PLR0912, PLR0915
         while text[stop] != 10:
             stop += 1
         position = stop + 1
-        if i == stop or c == 42:
+        if i == stop or c == 42 or (comments[c] and (c != 47 or text[i + 1] == 47)):
             continue
         if stop - i >= 2 and text[stop - 1] == 92 and text[stop - 2] == 92:
             return TOO_HARD, 0, 0, 0

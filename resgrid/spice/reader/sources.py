@@ -89,7 +89,9 @@ class Library:
             if _exists(path):
                 return path, os.path.normpath(Path(beside.name).parent / wanted) if base == folder else wanted
             tried.append(path)
-        raise InputError(f"the file {wanted!r} that is included does not exist (looked for {tried[0]})")
+        raise InputError(
+            f"the file {wanted[-80:]!r} that is included does not exist (looked in {str(tried[0].parent)!r})"
+        )
 
 
 def _exists(path: Path) -> bool:
