@@ -28,6 +28,8 @@ class Touch:
         The robot's surface point that faces it.
     normal : ndarray of float64, shape (m, 2)
         Unit normal, out of the obstacle.
+    inward : ndarray of float64, shape (m, 2)
+        Direction into the obstacle from its point.
     gap : ndarray of float64, shape (m,)
         In metres.
     part, body : ndarray of int64, shape (m,)
@@ -48,6 +50,7 @@ class Touch:
     point: NDArray[np.float64]
     on_robot: NDArray[np.float64]
     normal: NDArray[np.float64]
+    inward: NDArray[np.float64]
     gap: NDArray[np.float64]
     part: NDArray[np.int64]
     body: NDArray[np.int64]
@@ -69,7 +72,7 @@ class Surroundings:
 
     Attributes
     ----------
-    pairs : ndarray of float64, shape (n, 9)
+    pairs : ndarray of float64, shape (n, 11)
         As `resgrid.control.kernels.near_points` gives them.
     normal_rows, tangent_rows : ndarray of float64, shape (n, ndim)
         ``n . J`` and ``t . J``.
@@ -91,7 +94,7 @@ def surroundings(pose: Pose, pairs: NDArray[np.float64]) -> Surroundings:
     Parameters
     ----------
     pose : Pose
-    pairs : ndarray of float64, shape (n, 9)
+    pairs : ndarray of float64, shape (n, 11)
 
     Returns
     -------
@@ -152,6 +155,7 @@ def touch(
         point=pairs[:, 2:4].copy(),
         on_robot=pairs[:, 0:2].copy(),
         normal=normal.copy(),
+        inward=pairs[:, 9:11].copy(),
         gap=pairs[:, 6].copy(),
         part=pairs[:, 7].astype(np.int64),
         body=pairs[:, 8].astype(np.int64),

@@ -152,12 +152,13 @@ def _share(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> 
 
 @njit(cache=True)
 def _add(
-    found: Floats, count: int, px: float, py: float, ox: float, oy: float, radius: float, part: int, body: int,
-    reach: float,
+    found: Floats, count: int, px: float, py: float, ox: float, oy: float, inward: tuple[float, float],
+    owner: tuple[float, int, int], reach: float,
 ) -> int:  # fmt: skip
     """Keep a pair of near points: the robot's core at p, the obstacle's surface at o."""
     dx, dy = px - ox, py - oy
     apart = math.hypot(dx, dy)
+    radius, part, body = owner
     gap = apart - radius
     if gap > reach or apart <= 0.0 or count >= len(found):
         return count
@@ -169,7 +170,7 @@ def _add(
             return count
     row = found[count]
     row[0], row[1], row[2], row[3], row[4], row[5] = rx, ry, ox, oy, nx, ny
-    row[6], row[7], row[8] = gap, part, body
+    row[6], row[7], row[8], row[9], row[10] = gap, part, body, inward[0], inward[1]
     return count + 1
 
 
@@ -180,42 +181,39 @@ def _misses(edge: Floats, x0: float, x1: float, y0: float, y1: float) -> bool:
     return bool(max(ax, bx) < x0 or min(ax, bx) > x1 or max(ay, by) < y0 or min(ay, by) > y1)
 
 
+@njit(cache=True, inline="always")
+def _left_of(edge: Floats) -> tuple[float, float]:
+    """Unit normal of an edge into the solid, which lies on its left."""
+    dx, dy = edge[2] - edge[0], edge[3] - edge[1]
+    length = math.hypot(dx, dy)
+    return -dy / length, dx / length
+
+
+@njit(cache=True)
+def _inside_corner(edge: Floats, before: Floats) -> tuple[float, float]:
+    """Direction into the solid from the corner where an edge starts: between its two edges' normals."""
+    (ax, ay), (bx, by) = _left_of(edge), _left_of(before)
+    length = math.hypot(ax + bx, ay + by)
+    if length < 1e-9:
+        return (edge[2] - edge[0]) * 1e-9, (edge[3] - edge[1]) * 1e-9
+    return (ax + bx) / length, (ay + by) / length
+
+
 @njit(cache=True)
 def _add_end(
     found: Floats, count: int, px: float, py: float, edge: Floats, before: Floats, owner: tuple[float, int, int],
-    reach: float,
+    reach: float, facing: bool,
 ) -> int:  # fmt: skip
     """A point of the robot before an edge, or before the corner where the edge starts."""
     ax, ay, bx, by = edge
     t = _share(px, py, ax, ay, bx, by)
-    radius, part, body = owner
     if 0.0 < t < 1.0:
-        if (px - ax) * (by - ay) - (py - ay) * (bx - ax) <= 0.0:
+        if facing and (px - ax) * (by - ay) - (py - ay) * (bx - ax) <= 0.0:
             return count
-        ax, ay = ax + t * (bx - ax), ay + t * (by - ay)
-    elif t >= 1.0 or _share(px, py, before[0], before[1], before[2], before[3]) < 1.0:
+        return _add(found, count, px, py, ax + t * (bx - ax), ay + t * (by - ay), _left_of(edge), owner, reach)
+    if t >= 1.0 or (facing and _share(px, py, before[0], before[1], before[2], before[3]) < 1.0):
         return count
-    return _add(found, count, px, py, ax, ay, radius, part, body, reach)
-
-
-@njit(cache=True)
-def _add_corner(
-    found: Floats, count: int, segment: Floats, edge: Floats, before: Floats, owner: tuple[float, int, int],
-    reach: float,
-) -> int:  # fmt: skip
-    """The corner where an edge starts before the inside of a segment, if the solid lies behind it."""
-    ax, ay, bx, by = segment
-    cx, cy = edge[0], edge[1]
-    t = _share(cx, cy, ax, ay, bx, by)
-    if not 0.0 < t < 1.0:
-        return count
-    px, py = ax + t * (bx - ax), ay + t * (by - ay)
-    ahead = (px - cx) * (edge[2] - cx) + (py - cy) * (edge[3] - cy)
-    behind = (px - cx) * (before[0] - cx) + (py - cy) * (before[1] - cy)
-    if ahead > 0.0 or behind > 0.0:
-        return count
-    radius, part, body = owner
-    return _add(found, count, px, py, cx, cy, radius, part, body, reach)
+    return _add(found, count, px, py, ax, ay, _inside_corner(edge, before), owner, reach)
 
 
 @njit(cache=True)
@@ -231,15 +229,16 @@ def near_points(
     planes: Floats,
     plane_body: Integers,
     reach: float,
+    facing: bool,
     found: Floats,
 ) -> int:
     """Pairs of near points of a robot (segments with a radius) and obstacles, within a reach.
 
     Two segments that do not cross are nearest where one of them ends, so the ends of both are looked at: two parallel
     ones give both ends of their overlap.  Edges have the solid on their left, and `edge_before` is the edge that ends
-    where one starts: only pairs with the solid behind the obstacle's point are kept.  Rows of `found`: the robot's
-    surface point, the obstacle's, the unit normal out of the obstacle, the gap, the part, the obstacle.  Returns how
-    many there are.
+    where one starts.  With `facing`, ends of the robot count before the side of an edge that is free, and before a
+    corner only where it is nearer than its edges.  Rows of `found`: the robot's surface point, the obstacle's, the unit
+    normal between them, the gap, the part, the obstacle, and the direction into it.  Returns how many there are.
     """
     count = 0
     for s in range(len(segments)):
@@ -249,31 +248,35 @@ def near_points(
         y0, y1 = min(ay, by) - r - reach, max(ay, by) + r + reach
         single = ax == bx and ay == by
         for e in range(len(edges)):
-            if _misses(edges[e], x0, x1, y0, y1):
+            edge, before = edges[e], edges[edge_before[e]]
+            if _misses(edge, x0, x1, y0, y1):
                 continue
-            before, radius_part = edges[edge_before[e]], (r, part[s], edge_body[e])
-            count = _add_end(found, count, ax, ay, edges[e], before, radius_part, reach)
-            if not single:
-                count = _add_end(found, count, bx, by, edges[e], before, radius_part, reach)
-                count = _add_corner(found, count, segments[s], edges[e], before, radius_part, reach)
+            owner = (r, part[s], edge_body[e])
+            count = _add_end(found, count, ax, ay, edge, before, owner, reach, facing)
+            if single:
+                continue
+            count = _add_end(found, count, bx, by, edge, before, owner, reach, facing)
+            t = _share(edge[0], edge[1], ax, ay, bx, by)
+            if 0.0 < t < 1.0:
+                px, py = ax + t * (bx - ax), ay + t * (by - ay)
+                count = _add(found, count, px, py, edge[0], edge[1], _inside_corner(edge, before), owner, reach)
         for d in range(len(discs)):
             cx, cy, size = discs[d]
             t = _share(cx, cy, ax, ay, bx, by)
             px, py = ax + t * (bx - ax), ay + t * (by - ay)
             apart = math.hypot(px - cx, py - cy)
-            if apart > 0.0:
-                ox, oy = cx + size * (px - cx) / apart, cy + size * (py - cy) / apart
-                if apart > size:
-                    count = _add(found, count, px, py, ox, oy, r, part[s], disc_body[d], reach)
+            if apart > size:
+                nx, ny = (px - cx) / apart, (py - cy) / apart
+                owner = (r, part[s], disc_body[d])
+                count = _add(found, count, px, py, cx + size * nx, cy + size * ny, (-nx, -ny), owner, reach)
         for h in range(len(planes)):
             nx, ny, offset = planes[h]
             for end in range(1 if single else 2):
                 px, py = (ax, ay) if end == 0 else (bx, by)
                 height = nx * px + ny * py - offset
                 if height > 0.0:
-                    count = _add(
-                        found, count, px, py, px - height * nx, py - height * ny, r, part[s], plane_body[h], reach
-                    )
+                    owner = (r, part[s], plane_body[h])
+                    count = _add(found, count, px, py, px - height * nx, py - height * ny, (-nx, -ny), owner, reach)
     return count
 
 

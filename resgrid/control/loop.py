@@ -184,7 +184,7 @@ class Loop:
         return step
 
     def _is_clear(self, configuration: Vector) -> bool:
-        pairs = self.plant.near(self.plant.pose(configuration), self.simulation.margin)
+        pairs = self.plant.near(self.plant.pose(configuration), self.simulation.margin, facing=False)
         return not len(pairs) or float(pairs[:, 6].min()) >= min(0.2 * self.simulation.margin, 0.999 * self.clear)
 
     def _remember(self, mode: Mode, push: Vector, after: Vector) -> None:
@@ -222,7 +222,7 @@ class Loop:
     def _learn(self, felt: Touch, believed: Vector, push: Vector) -> bool:
         """Mark what the contacts prove; whether that was anything new."""
         pressing = felt.pressing
-        inner = felt.point - INSIDE * self.plant.cell_motion * felt.normal
+        inner = felt.point + INSIDE * self.plant.cell_motion * felt.inward
         points = inner[pressing]
         if self.bias.any() or self.noise.any():
             true, seen = self.plant.pose(self.configuration), self.plant.pose(believed)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import product
+from itertools import pairwise, product
 from math import hypot
 from typing import NamedTuple
 
@@ -91,7 +91,7 @@ class Plant:
         spacing = np.array([[axis.spacing for axis in self.axes]])
         return float(travel_bound(self.robot, np.zeros_like(spacing), spacing)[0])
 
-    def near(self, pose: Pose, reach: float) -> NDArray[np.float64]:
+    def near(self, pose: Pose, reach: float, facing: bool = True) -> NDArray[np.float64]:
         """Pairs of near points of the robot and the obstacles; see `resgrid.control.kernels.near_points`.
 
         Parameters
@@ -99,17 +99,19 @@ class Plant:
         pose : Pose
         reach : float
             In metres.
+        facing : bool
+            Leave out pairs that have no part in a contact: through a solid, or across a corner from an edge's end.
 
         Returns
         -------
-        ndarray of float64, shape (n, 9)
+        ndarray of float64, shape (n, 11)
         """
         from resgrid.control import kernels
 
         room = _ROOM
         while True:
-            found = np.empty((room, 9))
-            count = kernels.near_points(pose.segments, pose.radius, pose.part, *self.bodies, reach, found)
+            found = np.empty((room, 11))
+            count = kernels.near_points(pose.segments, pose.radius, pose.part, *self.bodies, reach, facing, found)
             if count < room:
                 return found[:count]
             room *= 4
@@ -270,7 +272,8 @@ def _solid_on_the_left(polygon: Polygon) -> list[list[tuple[float, ...]]]:
     import shapely
 
     oriented = shapely.geometry.polygon.orient(shapely.Polygon(polygon.vertices, polygon.holes))
-    return [list(ring.coords)[:-1] for ring in (oriented.exterior, *oriented.interiors)]
+    rings = [list(ring.coords) for ring in (oriented.exterior, *oriented.interiors)]
+    return [[b for a, b in pairwise(ring) if a != b] for ring in rings]
 
 
 def _copies(robot: Robot, axes: tuple[Axis, ...], shape: Shape) -> list[Shape]:

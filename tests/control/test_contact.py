@@ -72,7 +72,7 @@ def test_the_nearest_pair_is_as_near_as_shapely_says(robot: Robot, seed: int) ->
         own = pairs[pairs[:, 8] == body.number]
         assert own[:, 6].min() == pytest.approx(min(apart), abs=1e-9)
         assert apart[int(own[np.argmin(own[:, 6]), 7])] == pytest.approx(min(apart), abs=1e-9)
-    behind = shapely.points(pairs[:, 2:4] - 1e-6 * pairs[:, 4:6])
+    behind = shapely.points(pairs[:, 2:4] + 1e-6 * pairs[:, 9:11])
     solids = np.array([to_shapely(solid) for solid in SOLIDS])[pairs[:, 8].astype(int)]
     assert np.all(shapely.distance(solids, behind) <= (pairs[:, 8] == 1) * 1e-3)
     np.testing.assert_allclose(np.linalg.norm(pairs[:, 4:6], axis=1), 1.0)

@@ -45,7 +45,7 @@ def test_a_contact_proves_the_cell_it_is_made_in_and_no_free_cell(case, seed: in
         low, high = (low, middle) if met else (middle, high)
     pairs = plant.near(plant.pose(low), 1e-3)
     near = pairs[np.argmin(pairs[:, 6])]
-    proven = proven_cells(robot, axes, near[2:4] - INSIDE * plant.cell_motion * near[4:6])
+    proven = proven_cells(robot, axes, near[2:4] + INSIDE * plant.cell_motion * near[9:11])
     space = ConfigurationSpace(axes, np.zeros(tuple(axis.cells for axis in axes), np.uint8))
     itself = robot.occupancy(axes, [], "conservative")
     true = robot.occupancy(axes, SOLIDS, "conservative")
