@@ -90,7 +90,10 @@ def cards(lines: Iterable[Line], file: int, name: str, rules: ReadingRules, jour
         if continues and not glued:
             bare, column = bare[1:], column + 1
         glued = bare.endswith("\\\\")
-        bare = bare[:-2] if glued else bare
+        bare = bare[:-2].rstrip() if glued else bare
+        if pieces is None and not bare.strip():
+            glued = False
+            continue
         if pieces is None:
             pieces = _Pieces(number, [], [])
         pieces.texts.append(bare)

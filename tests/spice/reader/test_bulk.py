@@ -75,6 +75,7 @@ CARDS = st.sampled_from(
             "R14 a b 5\n* no\n\n+ m=3",
             ".end",
             "R15 a b 1\\\\",
+            "\\\\",
         ),
         *(
             "R16 a$b c 1",
