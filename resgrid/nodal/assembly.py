@@ -65,6 +65,47 @@ def known_range(pairs: Integers, known: Floats, part: Indices, lowest: Floats, h
 
 
 @njit(cache=True)
+def mark_fed(pairs: Integers, amps: Floats, known: Floats, part: Indices, fed: NDArray[np.bool_]) -> None:
+    """Mark the parts that current sources feed, in place."""
+    for k in range(len(pairs)):
+        if amps[k] == 0.0:
+            continue
+        for end in range(2):
+            if np.isnan(known[pairs[k, end]]):
+                fed[part[pairs[k, end]]] = True
+
+
+@njit(cache=True)
+def add_injected(pairs: Integers, amps: Floats, row: Integers, injected: Floats) -> None:
+    """Add the currents of current sources to the rows they lead to, and take them from those they come from."""
+    for k in range(len(pairs)):
+        i, j = row[pairs[k, 0]], row[pairs[k, 1]]
+        if i >= 0:
+            injected[i] -= amps[k]
+        if j >= 0:
+            injected[j] += amps[k]
+
+
+@njit(cache=True)
+def contacts(pairs: Integers, row: Integers) -> tuple[Integers, Integers, Integers]:
+    """Resistors with just one end on a row: their numbers, that end, and the other."""
+    count = 0
+    for k in range(len(pairs)):
+        if (row[pairs[k, 0]] >= 0) != (row[pairs[k, 1]] >= 0):
+            count += 1
+    number, inner, outer = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
+    at = 0
+    for k in range(len(pairs)):
+        a, b = pairs[k, 0], pairs[k, 1]
+        if (row[a] >= 0) == (row[b] >= 0):
+            continue
+        number[at] = k
+        inner[at], outer[at] = (a, b) if row[a] >= 0 else (b, a)
+        at += 1
+    return number, inner, outer
+
+
+@njit(cache=True)
 def conductances_by_row(
     pairs: Integers, conductance: Floats, row: Integers, size: int
 ) -> tuple[Indices, Indices, Floats]:

@@ -169,14 +169,13 @@ def _numbered(roots: NDArray[np.int64], count: int) -> NDArray[np.int64]:
 
 
 def _parts(netlist: Netlist, forest: SourceForest, known: NDArray[np.float64]) -> _Parts:
-    from resgrid.nodal.assembly import connected_parts, known_range
+    from resgrid.nodal.assembly import connected_parts, known_range, mark_fed
 
     number, of_node = connected_parts(netlist.resistor_nodes, _floating_ties(netlist, known), ~np.isnan(known))
     lowest, highest = np.full(number, np.inf), np.full(number, -np.inf)
     known_range(netlist.resistor_nodes, known, of_node, lowest, highest)
     fed = np.zeros(number, dtype=np.bool_)
-    nodes = netlist.current_nodes[netlist.current_amps != 0].ravel()
-    fed[of_node[nodes[np.isnan(known[nodes])]]] = True
+    mark_fed(netlist.current_nodes, netlist.current_amps, known, of_node, fed)
     fed[of_node[np.flatnonzero((forest.offset != 0) & np.isnan(known))]] = True
     return _Parts(of_node, lowest, highest, fed)
 
@@ -187,9 +186,9 @@ def _floating_ties(netlist: Netlist, known: NDArray[np.float64]) -> NDArray[np.i
 
 
 def _check_driven(netlist: Netlist, known: NDArray[np.float64], parts: _Parts) -> None:
-    fed = netlist.current_nodes[netlist.current_amps != 0].ravel() if parts.floating.any() else np.empty(0, np.int64)
-    stuck = fed[np.isnan(known[fed]) & parts.floating[parts.of_node[fed]]]
-    if stuck.size:
+    if np.any(parts.fed & parts.floating):
+        fed = netlist.current_nodes[netlist.current_amps != 0].ravel()
+        stuck = fed[np.isnan(known[fed]) & parts.floating[parts.of_node[fed]]]
         raise CircuitError(
             f"a current source feeds node {netlist.node_name(int(stuck.min()))}, which nothing ties to ground: "
             "its voltage has no bound; add a resistor to a rail or remove the source"
@@ -215,11 +214,9 @@ class _Contacts:
 
 
 def _contacts(netlist: Netlist, unknown: NDArray[np.int64], known: NDArray[np.float64]) -> _Contacts:
-    ends = netlist.resistor_nodes
-    solved = unknown[ends] >= 0
-    number = np.flatnonzero(solved[:, 0] != solved[:, 1])
-    inner = np.where(solved[number, 0], ends[number, 0], ends[number, 1])
-    outer = np.where(solved[number, 0], ends[number, 1], ends[number, 0])
+    from resgrid.nodal.assembly import contacts
+
+    number, inner, outer = contacts(netlist.resistor_nodes, unknown)
     return _Contacts(unknown[inner], inner, netlist.conductance[number], known[outer])
 
 
@@ -242,10 +239,10 @@ def _coupling(
 
 
 def _injected(netlist: Netlist, unknown: NDArray[np.int64], size: int) -> NDArray[np.float64]:
+    from resgrid.nodal.assembly import add_injected
+
     injected = np.zeros(size)
-    for column, sign in ((0, -1.0), (1, 1.0)):
-        row = unknown[netlist.current_nodes[:, column]]
-        injected += sign * _sum_by(row[row >= 0], netlist.current_amps[row >= 0], size)
+    add_injected(netlist.current_nodes, netlist.current_amps, unknown, injected)
     return injected
 
 
