@@ -66,10 +66,11 @@ class Faults:
             upward = None if netlist.layout is None else netlist.layout.nonlinear_upward[shorted[nonlinear]]
             bridges = bridges if upward is None else np.where(upward[:, np.newaxis], bridges, bridges[:, ::-1])
             faulty = faces.add_resistors(faulty, bridges, np.full(len(bridges), 1 / self.short_resistance), face)
-        return _without_stranded_currents(faces.keep_nonlinear(faulty, ~(opened | shorted)[nonlinear]))
+        return without_stranded_currents(faces.keep_nonlinear(faulty, ~(opened | shorted)[nonlinear]))
 
 
-def _without_stranded_currents(netlist: Netlist) -> Netlist:
+def without_stranded_currents(netlist: Netlist) -> Netlist:
+    """Leave out current sources that feed parts which nothing ties to ground."""
     if not netlist.current_nodes.size:
         return netlist
     from scipy.sparse import coo_array

@@ -1,0 +1,111 @@
+"""Shares of trials and how well they are known: score intervals (Wilson 1927)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from statistics import NormalDist
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+
+
+@dataclass(frozen=True)
+class Proportion:
+    """A share of trials, with its interval.
+
+    Attributes
+    ----------
+    value, low, high : float
+        The share that was seen, and the ends of the interval.
+    trials : int
+    confidence : float
+        Of the interval.
+    """
+
+    value: float
+    low: float
+    high: float
+    trials: int
+    confidence: float
+
+    @property
+    def half_width(self) -> float:
+        """Half the length of the interval."""
+        return 0.5 * (self.high - self.low)
+
+    def to_json(self) -> dict[str, Any]:
+        """Plain values."""
+        return {
+            "value": self.value,
+            "low": self.low,
+            "high": self.high,
+            "trials": self.trials,
+            "confidence": self.confidence,
+        }
+
+
+def wilson(share: NDArray[np.float64] | float, trials: float, confidence: float) -> tuple[Any, Any]:
+    """Ends of the score interval of shares of so many independent trials.
+
+    Parameters
+    ----------
+    share : float or ndarray of float64
+    trials : float
+        At least 1.
+    confidence : float
+        Between 0 and 1.
+
+    Returns
+    -------
+    low, high : float or ndarray of float64
+    """
+    z = quantile(confidence)
+    weight = 1.0 + z * z / trials
+    middle = (share + 0.5 * z * z / trials) / weight
+    half = z / weight * np.sqrt(share * (1.0 - np.asarray(share)) / trials + 0.25 * (z / trials) ** 2)
+    return np.maximum(middle - half, 0.0), np.minimum(middle + half, 1.0)
+
+
+def proportion(share: float, trials: int, confidence: float, effective: float | None = None) -> Proportion:
+    """A share of trials with its score interval, for an effective number of trials where it is another."""
+    low, high = wilson(share, trials if effective is None else effective, confidence)
+    return Proportion(share, min(float(low), share), max(float(high), share), trials, confidence)
+
+
+def effective_trials(total: int, squares: int, trials: int, members: int) -> float:
+    """How many independent trials tell as much as trials of clusters, whose members are not independent (Kish 1965).
+
+    It is ``p (1 - p)`` over the variance of the mean, which is estimated from the spread between clusters; at least
+    the number of clusters, at most that of all members.
+
+    Parameters
+    ----------
+    total, squares : int
+        Sum over the clusters of their successes, and of the squares of these.
+    trials : int
+        Number of clusters.
+    members : int
+        Of each cluster.
+
+    Returns
+    -------
+    float
+    """
+    share = total / (trials * members)
+    if trials < 2:
+        return float(trials)
+    # Whole numbers as long as differences matter.
+    variance = (trials * squares - total * total) / (trials * trials * (trials - 1)) / members**2
+    if variance <= 0.0:
+        return float(trials)
+    return float(min(max(share * (1.0 - share) / variance, trials), trials * members))
+
+
+def quantile(confidence: float) -> float:
+    """Standard deviations on either side of the mean that hold such a share of a normal distribution."""
+    if not 0 < confidence < 1:
+        raise InputError(f"confidence = {confidence} must lie between 0 and 1, such as 0.95")
+    return NormalDist().inv_cdf(0.5 + 0.5 * confidence)
