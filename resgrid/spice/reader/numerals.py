@@ -8,9 +8,9 @@ from dataclasses import dataclass
 
 from resgrid.spice.reader.rules import MIL, ReadingRules
 
-_NUMBER = re.compile(r"([+-]?)(\d+\.?\d*|\.\d+)(?:[eE]([+-]?\d{1,9}))?([^\W\d_]*)")
-_D_NUMBER = re.compile(r"([+-]?)(\d+\.?\d*|\.\d+)(?:[eEdD]([+-]?\d{1,9}))?([^\W\d_]*)")
-_INFIX = re.compile(r"([+-]?)(\d+)(meg|[tgkmunpfµμ])(\d+)[^\W\d_]*", re.IGNORECASE)
+_NUMBER = re.compile(r"([+-]?)(\d++(?:\.\d*+)?|\.\d++)(?:[eE]([+-]?\d{1,9}))?([^\W\d_]*+)")
+_D_NUMBER = re.compile(r"([+-]?)(\d++(?:\.\d*+)?|\.\d++)(?:[eEdD]([+-]?\d{1,9}))?([^\W\d_]*+)")
+_INFIX = re.compile(r"([+-]?)(\d++)(meg|[tgkmunpfµμ])(\d++)[^\W\d_]*+", re.IGNORECASE)
 _UNIT = "Ω"
 
 
