@@ -13,6 +13,7 @@ from resgrid.plot.profiles import plot_profile
 from resgrid.plot.robots import plot_robot_path, plot_tip_ways, plot_workspace
 from resgrid.plot.separations import plot_separation
 from resgrid.plot.slices import plot_slices
+from resgrid.plot.yields import plot_criticality, plot_exploration, plot_yield
 
 __all__ = [
     "new_figure",
@@ -20,7 +21,9 @@ __all__ = [
     "plot_circuit",
     "plot_clearance_curve",
     "plot_configurations",
+    "plot_criticality",
     "plot_currents",
+    "plot_exploration",
     "plot_noise",
     "plot_pair",
     "plot_path",
@@ -41,6 +44,7 @@ __all__ = [
     "plot_streamlines",
     "plot_tip_ways",
     "plot_workspace",
+    "plot_yield",
     "render_figure",
     "save_figure",
 ]

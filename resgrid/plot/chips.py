@@ -56,9 +56,9 @@ def plot_settling(result: Settling, ax: Axes | None = None) -> Axes:
     InputError
         If the space does not have two axes, or there is none.
     """
-    space = _space_of(result.netlist)
+    space = space_of(result.netlist)
     values = _free_cells(result.netlist, result.node_time)
-    axes = _draw_map(space, values, ax, f"time to settle to {result.bits} bits", "s")
+    axes = draw_map(space, values, ax, f"time to settle to {result.bits} bits", "s")
     axes.set_title(
         f"settles in {engineering(result.settle_time, 's')}; "
         f"slowest time constant {engineering(float(result.time_constants[0]), 's')}",
@@ -95,7 +95,7 @@ def plot_noise(result: Noise, ax: Axes | None = None, *, quantity: str | None = 
     if values is None:
         raise InputError("the noise within a band was not computed: give analyse_noise a band")
     label, unit = _NOISE[shown]
-    axes = _draw_map(_space_of(result.netlist), _free_cells(result.netlist, values), ax, label, unit)
+    axes = draw_map(space_of(result.netlist), _free_cells(result.netlist, values), ax, label, unit)
     if shown == "total" and result.band is not None:
         low, high = (engineering(limit, "Hz") for limit in result.band)
         axes.set_title(f"thermal noise from {low} to {high} at {result.temperature:.4g} K", fontsize=TEXT)
@@ -125,22 +125,22 @@ def plot_power(result: Power, ax: Axes | None = None, *, quantity: str = "heat")
     if quantity not in _POWER:
         raise InputError(f"quantity = {quantity!r} is unknown; it may be one of {', '.join(_POWER)}")
     netlist = result.point.netlist
-    space = _space_of(netlist)
+    space = space_of(netlist)
     label, unit = _POWER[quantity]
     if quantity == "droop":
         layout = netlist.layout
         assert layout is not None
         droop = np.where(layout.node >= 0, result.droop[layout.node], np.nan)
-        axes = _draw_map(space, np.abs(droop), ax, label, unit, rails=True)
+        axes = draw_map(space, np.abs(droop), ax, label, unit, rails=True)
         axes.set_title(f"largest droop {engineering(result.largest_droop, 'V')}", fontsize=TEXT)
         return axes
     heat = np.where(space.cell == Cell.FREE, result.cell_heat, np.nan)
     hottest = float(np.nanmax(heat)) if np.nanmax(heat, initial=0.0) > 0 else 0.0
     heat = np.maximum(heat, hottest * 10.0**-_HEAT_DECADES)
-    axes = _draw_map(space, heat, ax, label, unit, log=hottest > 0)
+    axes = draw_map(space, heat, ax, label, unit, log=hottest > 0)
     worst = result.worst()
     worst = worst[result.resistor[worst] > 0]
-    lines = _draw_resistors(netlist, worst, axes)
+    lines = draw_resistors(netlist, worst, axes)
     lines.set(color=FAILURE, linewidth=2.0, label=f"the {len(worst)} hottest resistors")
     axes.set_title(f"{engineering(result.total, 'W')} in all", fontsize=TEXT)
     refresh_legend(axes)
@@ -169,7 +169,7 @@ def plot_sensitivity(result: Sensitivity, ax: Axes | None = None, *, drift: floa
         If the space does not have two axes.
     """
     netlist = result.point.netlist
-    space = _space_of(netlist)
+    space = space_of(netlist)
     plane = plane_of(space)
     axes = axes_or_new(ax, plane.aspect)
     draw_cells(plane, axes)
@@ -177,7 +177,7 @@ def plot_sensitivity(result: Sensitivity, ax: Axes | None = None, *, drift: floa
     shown = np.flatnonzero(per_cent <= _WORTH_SHOWING)
     if shown.size:
         order = shown[np.argsort(-per_cent[shown], kind="stable")]
-        lines = _draw_resistors(netlist, order, axes)
+        lines = draw_resistors(netlist, order, axes)
         lowest = max(float(per_cent[order].min()), 0.01)
         lines.set(
             array=np.maximum(per_cent[order], lowest), cmap=strength_map().reversed(), linewidth=1.6,
@@ -186,7 +186,7 @@ def plot_sensitivity(result: Sensitivity, ax: Axes | None = None, *, drift: floa
         add_colour_bar(lines, axes, "drift of one resistor that changes a step (%)")
         _plain_ticks(lines)
     flips = result.flips(drift)
-    marked = _draw_resistors(netlist, flips[flips < len(netlist.conductance)], axes)
+    marked = draw_resistors(netlist, flips[flips < len(netlist.conductance)], axes)
     marked.set(color=FAILURE, linewidth=2.4, label=f"{len(flips)} resistors: {100 * drift:g} % suffices")
     centres = plane.place(space.centre(result.cells))
     axes.scatter(
@@ -226,7 +226,7 @@ def plot_precision(
     shown = np.where(np.isfinite(values), values, np.nan)
     label = "bits that a start needs" if starts else "bits that a cell needs"
     norm = Normalize(0.0, most) if most is not None else None
-    axes = _draw_map(result.space, shown, ax, label, "bit", norm=norm)
+    axes = draw_map(result.space, shown, ax, label, "bit", norm=norm)
     hopeless = np.isinf(values) & result.space.goal_connected
     if hopeless.any():
         from resgrid.plot.paint import paint_cells
@@ -237,7 +237,7 @@ def plot_precision(
     return axes
 
 
-def _draw_map(
+def draw_map(
     space: ConfigurationSpace,
     values: NDArray[np.float64],
     ax: Axes | None,
@@ -287,16 +287,22 @@ def _prefixed(values: NDArray[np.float64], unit: str) -> tuple[float, str]:
     """Factor to an engineering prefix that suits the values, and the unit with it."""
     finite = np.abs(values[np.isfinite(values)])
     largest = float(finite.max(initial=0.0))
-    if unit == "bit" or largest == 0.0:
+    if unit in {"bit", "%"} or largest == 0.0:
         return 1.0, unit
     power = int(np.clip(3 * np.floor(np.log10(largest) / 3.0), -24, 24))
     return 10.0**-power, EngFormatter.ENG_PREFIXES[power] + unit
 
 
-def _draw_resistors(netlist: Netlist, which: NDArray[np.int64], axes: Axes) -> LineCollection:
-    """Draw resistors as segments between the centres of their cells, to the border where they lead to the edge."""
+def draw_resistors(
+    netlist: Netlist, which: NDArray[np.int64], axes: Axes, faces: NDArray[np.int64] | None = None
+) -> LineCollection:
+    """Draw resistors as segments between the centres of their cells, to the border where they lead to the edge.
+
+    ``faces`` are those that the numbers stand for, by default the resistors'.
+    """
     layout = netlist.layout
     assert layout is not None
+    crossed = layout.resistor_face if faces is None else faces
     space = layout.space
     lower = np.array([axis.lower for axis in space.axes])
     upper = np.array([axis.upper for axis in space.axes])
@@ -306,7 +312,7 @@ def _draw_resistors(netlist: Netlist, which: NDArray[np.int64], axes: Axes) -> L
         grid = tuple(n + (a == axis) for a, n in enumerate(space.shape))
         count = int(np.prod(grid))
         for number in which.tolist():
-            face = int(layout.resistor_face[number])
+            face = int(crossed[number])
             if first <= face < first + count:
                 index = np.array(np.unravel_index(face - first, grid), dtype=np.float64)
                 middle = lower + (index + np.where(np.arange(space.ndim) == axis, 0.0, 0.5)) * space.spacing
@@ -328,7 +334,8 @@ def _free_cells(netlist: Netlist, value: NDArray[np.float64]) -> NDArray[np.floa
     return np.where(own, value[layout.node], np.nan)
 
 
-def _space_of(netlist: Netlist) -> ConfigurationSpace:
+def space_of(netlist: Netlist) -> ConfigurationSpace:
+    """The space that a netlist was compiled from, for a map."""
     if netlist.layout is None:
         raise InputError("this netlist was not compiled from a space, so there is no map to draw on")
     return netlist.layout.space
