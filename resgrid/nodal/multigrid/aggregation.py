@@ -170,14 +170,14 @@ def lengthen(
     conductance: Floats,
     leak: Floats,
     coordinate: Indices,
-    width: NDArray[np.uint8],
+    inner: Floats,
     members: Integers,
     mean: Floats,
 ) -> None:
     """Make coarse conductances know length, in place.
 
-    Two blocks of two cells are joined over twice the distance of their cells; a pinned point is reached through the
-    block around it.  ``width`` has bit ``a`` set where a block is two cells wide along axis ``a``.
+    From the middle of one block to the middle of the next lies half of either block's own resistance, in series with
+    what joins the two; a pinned point is reached through the block around it.
     """
     for row in range(len(leak)):
         for k in range(indptr[row], indptr[row + 1]):
@@ -186,34 +186,43 @@ def lengthen(
             for candidate in range(coordinate.shape[1]):
                 if coordinate[row, candidate] != coordinate[column, candidate]:
                     axis = candidate
-            wide = ((width[row] >> axis) & 1) + ((width[column] >> axis) & 1)
-            conductance[k] /= 1.0 + 0.5 * wide
+            resistance = 1.0 / conductance[k]
+            if inner[row, axis] > 0.0:
+                resistance += 0.5 / inner[row, axis]
+            if inner[column, axis] > 0.0:
+                resistance += 0.5 / inner[column, axis]
+            conductance[k] = 1.0 / resistance
         if leak[row] > 0.0 and members[row] > 1 and mean[row] > 0.0:
             leak[row] = 1.0 / (1.0 / leak[row] + 0.25 / (max(1.0, 0.5 * members[row]) * mean[row]))
 
 
 @njit(cache=True)
 def block_shape(
-    indptr: Indices, conductance: Floats, aggregate: Indices, coordinate: Indices, shift: Integers, count: int
-) -> tuple[Indices, NDArray[np.uint8], Integers, Floats]:
-    """Coarse coordinates, widths, member counts and mean conductances of aggregates within blocks."""
+    indptr: Indices,
+    indices: Indices,
+    conductance: Floats,
+    aggregate: Indices,
+    coordinate: Indices,
+    shift: Integers,
+    count: int,
+) -> tuple[Indices, Floats, Integers, Floats]:
+    """Coarse coordinates, conductances within aggregates along every axis, member counts and mean conductances."""
     ndim = coordinate.shape[1]
     coarse = np.zeros((count, ndim), np.int32)
-    seen = np.zeros((count, ndim), np.uint8)
+    inner = np.zeros((count, ndim))
     members = np.zeros(count, np.int64)
     total, entries = np.zeros(count), np.zeros(count)
     for node in range(len(aggregate)):
         row = aggregate[node]
         members[row] += 1
-        for k in range(indptr[node], indptr[node + 1]):
-            total[row] += conductance[k]
-            entries[row] += 1.0
         for axis in range(ndim):
             coarse[row, axis] = coordinate[node, axis] >> shift[axis]
-            seen[row, axis] |= 1 << (coordinate[node, axis] & shift[axis])
-    width = np.zeros(count, np.uint8)
-    for row in range(count):
-        for axis in range(ndim):
-            if seen[row, axis] == 3:
-                width[row] |= np.uint8(1 << axis)
-    return coarse, width, members, total / np.maximum(entries, 1.0)
+        for k in range(indptr[node], indptr[node + 1]):
+            other = indices[k]
+            total[row] += conductance[k]
+            entries[row] += 1.0
+            if other > node and aggregate[other] == row:
+                for axis in range(ndim):
+                    if coordinate[node, axis] != coordinate[other, axis]:
+                        inner[row, axis] += conductance[k]
+    return coarse, inner, members, total / np.maximum(entries, 1.0)

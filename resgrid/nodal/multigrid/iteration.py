@@ -19,6 +19,8 @@ _MOST_ITERATIONS = 200
 _BURST = 1e-5
 _LEAST_GAIN = 0.5
 _ROUNDING = 2.0**-52
+_ENOUGH = 0.25
+"""Residual after the first step of a K-cycle that spares the second."""
 
 
 def iterate(
@@ -94,7 +96,7 @@ class _Burst:
     def _precondition(self) -> None:
         first = self.stack.first[1]
         passes.restrict(self.board, self._z, self._red, self.stack.b[:first])
-        kernels.cycle(self.stack, 0.25, 1)
+        kernels.cycle(self.stack, _ENOUGH, 0 if len(self.board.faces) > 4 else 1)
         passes.prolong(self.board, self.stack.x[:first], self.r, self._red, self._z)
 
 

@@ -107,7 +107,7 @@ def _blocks(graph: Graph, coordinate: NDArray[np.int32]) -> tuple[Step, Graph]:
     shift = (mean > _WEAK * mean.max()).astype(np.int64)
     aggregate, count = aggregation.aggregate_blocks(*rows, coordinate, shift, _WEAK)
     coarse = aggregation.coarsen(*rows, graph.leak, aggregate, count)
-    shape = aggregation.block_shape(graph.indptr, graph.conductance, aggregate, coordinate, shift, count)
+    shape = aggregation.block_shape(*rows, aggregate, coordinate, shift, count)
     aggregation.lengthen(*coarse, *shape)
     return _aggregation(aggregate), Graph(*coarse, shape[0])
 
