@@ -19,7 +19,7 @@ from resgrid.spice.reader.decimal_kernels import read_decimal
 Bytes = NDArray[np.uint8]
 
 DONE, TOO_HARD = 0, 1
-"""Outcomes of `cut`: finished, or a file with conditions or library sections, to be read line by line."""
+"""Outcomes of `cut`: finished, or a file to be read line by line (conditions, sections, strange blanks)."""
 
 BAD, NAME, BLANK, BREAK = 0, 1, 2, 3
 _OFFSET = np.uint64(14695981039346656037)
@@ -227,7 +227,7 @@ def cut(  # noqa: PLR0912, PLR0915
         position = stop + 1
         if i == stop or c == 42 or (comments[c] and (c != 47 or text[i + 1] == 47)):
             continue
-        if stop - i >= 2 and text[stop - 1] == 92 and text[stop - 2] == 92:
+        if _is_strange(c) or (stop - i >= 2 and text[stop - 1] == 92 and text[stop - 2] == 92):
             return TOO_HARD, 0, 0, 0
         if c == 43 and last_is_plain:
             cards -= 1
@@ -240,6 +240,8 @@ def cut(  # noqa: PLR0912, PLR0915
             continue
         j = i
         while text[j] != 32 and text[j] != 9 and j < stop:
+            if _is_strange(text[j]):
+                return TOO_HARD, 0, 0, 0
             j += 1
         if in_control:
             in_control = not _is(text, i, j, endc)
@@ -260,6 +262,12 @@ def cut(  # noqa: PLR0912, PLR0915
 def _begins_number(c: int) -> bool:
     """Whether it is a digit, a sign or a point."""
     return 48 <= c <= 57 or 45 <= c <= 46 or c == 43
+
+
+@njit(cache=True, inline="always")
+def _is_strange(c: int) -> bool:
+    """Whether it is a control character, or part of one that may be blank beyond ASCII."""
+    return c < 32 or c > 126
 
 
 @njit(cache=True)
