@@ -28,12 +28,18 @@ if TYPE_CHECKING:
     from resgrid.control.pushes import Push, random_pushes
     from resgrid.control.simulation import Simulation, simulation
     from resgrid.device.build import build_chip, compile_chip, conductance_samples, mismatch_factors
+    from resgrid.device.criticality import Criticality, analyse_criticality
+    from resgrid.device.decks import write_chip_decks
+    from resgrid.device.exploration import Exploration, chip_with, explore_yield
+    from resgrid.device.ideal import ideal_netlist
     from resgrid.device.noise import Noise, analyse_noise, noise_covariance, noise_density
     from resgrid.device.passes import apply_passes, passes_from_json, passes_of, passes_to_json
     from resgrid.device.power import Power, analyse_power
     from resgrid.device.precision import Precision, analyse_precision
+    from resgrid.device.proportions import Proportion
     from resgrid.device.sensitivity import Sensitivity, analyse_sensitivity, voltage_sensitivity
     from resgrid.device.settling import Settling, analyse_settling
+    from resgrid.device.yields import Yield, analyse_yield
     from resgrid.errors import (
         AccuracyError,
         BudgetError,
@@ -77,7 +83,9 @@ if TYPE_CHECKING:
         plot_circuit,
         plot_clearance_curve,
         plot_configurations,
+        plot_criticality,
         plot_currents,
+        plot_exploration,
         plot_noise,
         plot_pair,
         plot_path,
@@ -97,6 +105,7 @@ if TYPE_CHECKING:
         plot_streamlines,
         plot_tip_ways,
         plot_workspace,
+        plot_yield,
         save_figure,
     )
     from resgrid.robots import Arm, DiscRobot, PointRobot, PolygonRobot
@@ -141,6 +150,19 @@ if TYPE_CHECKING:
     from resgrid.spice.writer import write_spice
 
 _HOME = {
+    "Yield": "resgrid.device.yields",
+    "analyse_yield": "resgrid.device.yields",
+    "Exploration": "resgrid.device.exploration",
+    "explore_yield": "resgrid.device.exploration",
+    "chip_with": "resgrid.device.exploration",
+    "Criticality": "resgrid.device.criticality",
+    "analyse_criticality": "resgrid.device.criticality",
+    "Proportion": "resgrid.device.proportions",
+    "ideal_netlist": "resgrid.device.ideal",
+    "write_chip_decks": "resgrid.device.decks",
+    "plot_criticality": "resgrid.plot",
+    "plot_exploration": "resgrid.plot",
+    "plot_yield": "resgrid.plot",
     "plot_bits_histogram": "resgrid.plot",
     "plot_noise": "resgrid.plot",
     "plot_power": "resgrid.plot",
@@ -330,10 +352,12 @@ __all__ = [
     "Collision",
     "ConfigurationSpace",
     "Controller",
+    "Criticality",
     "Defects",
     "DiscRobot",
     "Drops",
     "Ending",
+    "Exploration",
     "Field",
     "Finding",
     "Forecast",
@@ -358,6 +382,7 @@ __all__ = [
     "PowerBalance",
     "Precision",
     "Probe",
+    "Proportion",
     "Push",
     "Readout",
     "ResgridError",
@@ -380,13 +405,16 @@ __all__ = [
     "TransientStepper",
     "Verdict",
     "Walk",
+    "Yield",
     "__version__",
     "absorption",
+    "analyse_criticality",
     "analyse_noise",
     "analyse_power",
     "analyse_precision",
     "analyse_sensitivity",
     "analyse_settling",
+    "analyse_yield",
     "apply_overrides",
     "apply_passes",
     "basins",
@@ -399,17 +427,20 @@ __all__ = [
     "check_rules",
     "check_spice",
     "check_verdicts",
+    "chip_with",
     "clearance_curve",
     "compile_chip",
     "compile_space",
     "conductance_samples",
     "equipotential_velocity",
     "expanded_netlist",
+    "explore_yield",
     "factor",
     "field",
     "forecast_run",
     "format_deck",
     "free_volume_lost",
+    "ideal_netlist",
     "make_controller",
     "make_plant",
     "mismatch_factors",
@@ -427,7 +458,9 @@ __all__ = [
     "plot_circuit",
     "plot_clearance_curve",
     "plot_configurations",
+    "plot_criticality",
     "plot_currents",
+    "plot_exploration",
     "plot_noise",
     "plot_pair",
     "plot_path",
@@ -447,6 +480,7 @@ __all__ = [
     "plot_streamlines",
     "plot_tip_ways",
     "plot_workspace",
+    "plot_yield",
     "power_balance",
     "predict_simulators",
     "random_pushes",
@@ -481,6 +515,7 @@ __all__ = [
     "wall_clearance_curve",
     "workspace_clearance",
     "workspace_path",
+    "write_chip_decks",
     "write_path",
     "write_raw",
     "write_spice",

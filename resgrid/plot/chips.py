@@ -184,7 +184,7 @@ def plot_sensitivity(result: Sensitivity, ax: Axes | None = None, *, drift: floa
             norm=LogNorm(lowest, max(float(per_cent[order].max()), 2 * lowest)),
         )  # fmt: skip
         add_colour_bar(lines, axes, "drift of one resistor that changes a step (%)")
-        _plain_ticks(lines)
+        plain_ticks(lines)
     flips = result.flips(drift)
     marked = draw_resistors(netlist, flips[flips < len(netlist.conductance)], axes)
     marked.set(color=FAILURE, linewidth=2.4, label=f"{len(flips)} resistors: {100 * drift:g} % suffices")
@@ -267,12 +267,12 @@ def draw_map(
     finish(plane, axes)
     add_colour_bar(image, axes, f"{label} ({prefixed})" if prefixed else label)
     if log:
-        _plain_ticks(image)
+        plain_ticks(image)
     refresh_legend(axes)
     return axes
 
 
-def _plain_ticks(mappable: ScalarMappable) -> None:
+def plain_ticks(mappable: ScalarMappable) -> None:
     """Write 0.01, 20, 500 on a logarithmic colour bar."""
     bar = mappable.colorbar
     low, high = mappable.get_clim()

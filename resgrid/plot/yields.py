@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.colors import Normalize
+from matplotlib.colors import LogNorm, Normalize
 from numpy.typing import NDArray
 
 from resgrid.device.criticality import Criticality
 from resgrid.device.exploration import Exploration
 from resgrid.device.yields import Yield
 from resgrid.errors import InputError
-from resgrid.plot.chips import draw_map, draw_resistors, space_of
+from resgrid.plot.chips import draw_map, draw_resistors, plain_ticks, space_of
 from resgrid.plot.fields import add_colour_bar
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.plane import draw_cells, finish, plane_of
@@ -22,6 +22,21 @@ from resgrid.plot.symbols import engineering
 
 _FAULTS = ("open", "short")
 _MOST_LABELS = 80
+_HARMLESS, _CONTOUR = "#c8c8c8", "#E69F00"
+_UNITS = {
+    "resistance": "Ω",
+    "on": "Ω",
+    "off": "Ω",
+    "offset": "V",
+    "supply": "V",
+    "voltage": "V",
+    "capacitance": "F",
+    "bandwidth": "Hz",
+    "temperature": "°C",
+    "width": "m",
+    "length": "m",
+}
+"""By the last word of a key."""
 
 
 def plot_yield(result: Yield, ax: Axes | None = None) -> Axes:
@@ -79,7 +94,7 @@ def plot_exploration(result: Exploration, ax: Axes | None = None, *, share: floa
     if min(values.shape) > 1:
         levels = [level for level in (50.0, 90.0, 99.0) if values.min() < level < values.max()]
         if levels:
-            lines = axes.contour(values, levels=levels, colors="black", linewidths=0.9)
+            lines = axes.contour(values, levels=levels, colors=_CONTOUR, linewidths=1.4)
             axes.clabel(lines, fmt=lambda level: f"{level:g} %", fontsize=SMALL)
     if values.size <= _MOST_LABELS:
         for (row, column), value in np.ndenumerate(values):
@@ -92,7 +107,8 @@ def plot_exploration(result: Exploration, ax: Axes | None = None, *, share: floa
         (axes.yaxis, result.second, result.second_values),
     ):
         axis.set_ticks(range(len(ticks)), [_told(key, tick) for tick in ticks])
-        axis.set_label_text(key.replace("_", " ").replace(".", ", "))
+        unit = _UNITS.get(key.split("_")[-1].split(".")[-1])
+        axis.set_label_text(key.replace("_", " ").replace(".", ", ") + (f" ({unit})" if unit else ""))
     add_colour_bar(image, axes, "starts served (%)")
     axes.set_title(f"{result.trials} chips at every point", fontsize=TEXT)
     dress(axes)
@@ -118,8 +134,8 @@ def _told(key: str, value: Any) -> str:
     if key in {"mismatch", "defects.open_density", "defects.short_density"}:
         return f"{100 * value:g} %"
     if isinstance(value, float) and value:
-        return engineering(value, "")
-    return f"{value}"
+        return engineering(value, "").strip()
+    return f"{value:g}" if isinstance(value, float) else f"{value}"
 
 
 def plot_criticality(result: Criticality, ax: Axes | None = None, *, fault: str = "open") -> Axes:
@@ -152,24 +168,26 @@ def plot_criticality(result: Criticality, ax: Axes | None = None, *, fault: str 
     lost = result.open if fault == "open" else result.short
     layout = netlist.layout
     assert layout is not None
-    most = max(float(np.nanmax(lost, initial=0.0)), 1.0)
-    norm = Normalize(0.0, most)
+    norm = LogNorm(1.0, max(float(np.nanmax(lost, initial=0.0)), 2.0))
     bent = bool(layout.nonlinear_face.size)
     face = layout.nonlinear_face if bent else layout.resistor_face
     value = lost[len(netlist.conductance) :] if bent else lost[: len(face)]
     grid = np.flatnonzero((face >= 0) & np.isfinite(value))
+    draw_resistors(netlist, grid[value[grid] == 0], axes, face).set(color=_HARMLESS, linewidth=0.8)
     order = grid[np.argsort(value[grid], kind="stable")]
+    order = order[value[order] > 0]
     lines = draw_resistors(netlist, order, axes, face)
-    lines.set(array=value[order], cmap=strength_map(), norm=norm, linewidth=1.6)
+    lines.set(array=value[order], cmap=strength_map(), norm=norm, linewidth=2.0)
     cell, worst = _switches(result, lost)
     if cell.size:
         centre = plane.place(space.centre(np.stack(np.unravel_index(cell, space.shape), axis=1)))
         axes.scatter(
-            centre[:, 0], centre[:, 1], c=worst, cmap=strength_map(), norm=norm, s=16, marker="s", edgecolor="white", linewidth=0.4,
-            zorder=5, label="a switch of the cell",
+            centre[:, 0], centre[:, 1], c=worst, cmap=strength_map(), norm=norm, s=16, marker="s", edgecolor="white",
+            linewidth=0.4, zorder=5, label="a switch or load of the cell",
         )  # fmt: skip
     finish(plane, axes)
     add_colour_bar(lines, axes, "starts lost")
+    plain_ticks(lines)
     critical = int((np.nan_to_num(lost) > 0).sum())
     what = "open" if fault == "open" else f"shorted by {engineering(result.short_resistance, 'Ω')}"
     axes.set_title(
