@@ -101,17 +101,20 @@ def _transient(netlist: Netlist, settling: Settling, path: Path, words: dict[str
     off = netlist.replace(
         source_volts=np.zeros(len(netlist.source_volts)), current_amps=np.zeros(len(netlist.current_amps))
     )
-    nodes = _probed(netlist, settling.mode)
-    slowest = int(np.nanargmax(np.abs(settling.mode)))
+    nodes = _probed(netlist, settling.final)
     names = netlist.names_of(nodes)
+    held = np.bincount(netlist.capacitor_nodes[:, 0], netlist.capacitance, netlist.node_count)
+    weight = held * np.nan_to_num(settling.mode) / held.max()
     expected = {
-        "definition": "voltages in volts at these times in seconds after the supplies rise within the first time step; "
-        "the time constant is that of the slowest exponential, which is all that is left of the slowest node late on",
+        "definition": "voltages in volts at these times in seconds, counted from the beginning of the first time step, "
+        "in which the supplies rise; final ones in volts; the slowest time constant in seconds: with these weights the "
+        "sum of all distances from the final voltages falls as exp(-t / slowest_time_constant) exactly, where all "
+        "cells are listed",
         "times": times.tolist(),
         "voltage": {name: found.voltage[:, node].tolist() for name, node in zip(names, nodes, strict=True)},
         "final": {name: float(settling.final[node]) for name, node in zip(names, nodes, strict=True)},
         "slowest_time_constant": tau,
-        "slowest_node": netlist.node_name(slowest),
+        "weight": {name: float(weight[node]) for name, node in zip(names, nodes, strict=True)},
     }
     asked: list[Analysis] = [TransientAnalysis(stop, step, netlist), *_probe(netlist, nodes)]
     return write_spice(
@@ -158,7 +161,7 @@ def noisiest(noise: Noise) -> int:
 
 def _temperature(ideal: Netlist, chip: Chip, path: Path, words: dict[str, Any]) -> WrittenDeck:
     cold = build_chip(ideal, dataclasses.replace(chip, temperature=None))
-    nodes = _probed(cold, None)
+    nodes = _probed(cold, solve(cold).voltage)
     wanted = sorted({*CELSIUS, *(() if chip.temperature is None else (chip.temperature,))})
     voltages: dict[str, dict[str, float]] = {}
     for celsius in wanted:
@@ -177,21 +180,19 @@ def _temperature(ideal: Netlist, chip: Chip, path: Path, words: dict[str, Any]) 
     return write_spice(cold, path, analyses=asked, expected=expected, **words)
 
 
-def _probed(netlist: Netlist, weight: NDArray[np.float64] | None) -> NDArray[np.int64]:
-    """Nodes of free cells whose voltages are kept: all, or some spread evenly with the slowest one."""
+def _probed(netlist: Netlist, volts: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Nodes of cells whose voltages are kept: all that have one, or some spread evenly over a large grid."""
     layout = netlist.layout
     assert layout is not None
-    nodes = layout.free_node
+    nodes = np.unique(layout.node[layout.node >= 0])
+    nodes = nodes[np.isfinite(volts[nodes])]
     if len(nodes) <= _MOST_PROBES:
         return nodes
-    some = nodes[np.linspace(0, len(nodes) - 1, _FEW_PROBES).astype(np.int64)]
-    return some if weight is None else np.unique(np.append(some, np.nanargmax(np.abs(weight))))
+    return nodes[np.linspace(0, len(nodes) - 1, _FEW_PROBES).astype(np.int64)]
 
 
 def _probe(netlist: Netlist, nodes: NDArray[np.int64]) -> list[Analysis]:
-    layout = netlist.layout
-    assert layout is not None
-    return [] if len(nodes) == len(layout.free_node) else [Probe(tuple(netlist.names_of(nodes)))]
+    return [Probe(tuple(netlist.names_of(nodes)))] if netlist.node_count > _MOST_PROBES else []
 
 
 def _at_rest(netlist: Netlist) -> OperatingPoint:
