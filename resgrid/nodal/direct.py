@@ -19,6 +19,7 @@ from resgrid.errors import AccuracyError
 from resgrid.nodal.refine import Numbers, refine
 from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.system import NodalSystem
+from resgrid.nodal.watch import Watch
 
 REFINED = 1e-28
 """Componentwise backward error at which refinement stops: the noise of double-double arithmetic."""
@@ -47,7 +48,14 @@ class DirectFactor:
     plain: Callable[[NDArray[np.float64]], NDArray[np.float64]]
     name = "direct"
 
-    def solve(self, rhs: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
+    def solve(
+        self,
+        rhs: NDArray[np.float64],
+        *,
+        rtol: float = 1e-10,
+        guess: NDArray[np.float64] | None = None,
+        watch: Watch | None = None,
+    ) -> NDArray[np.float64]:
         """Solve to a normwise backward error.
 
         Parameters
@@ -56,6 +64,10 @@ class DirectFactor:
             Currents in amperes.
         rtol : float
             Bound on ``|b - A x| / (|A| |x| + |b|)``, in the maximum norm.
+        guess : ndarray of float64, shape (n,), optional
+            Not needed.
+        watch : Watch, optional
+            Told the backward error.
 
         Returns
         -------
@@ -67,6 +79,7 @@ class DirectFactor:
         AccuracyError
             If ``rtol`` cannot be reached; it carries the best answer.
         """
+        del guess
         system = self.system
         degree = system.degree
         x = self.plain(rhs)
@@ -76,17 +89,23 @@ class DirectFactor:
             scale = 2 * degree.max(initial=0.0) * np.abs(x).max(initial=0.0) + np.abs(rhs).max(initial=0.0)
             error = float(np.abs(residual).max(initial=0.0) / scale) if scale else 0.0
             if error <= rtol:
+                if watch is not None:
+                    watch.done(error)
                 return x
             x = x + self.plain(residual)
         raise AccuracyError(f"the direct solver stopped at a backward error of {error:.1e}, above rtol = {rtol:.1e}", x)
 
-    def solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled) -> tuple[Scaled, float]:
+    def solve_nonnegative(
+        self, rhs: NDArray[np.float64] | Scaled, *, watch: Watch | None = None
+    ) -> tuple[Scaled, float]:
         """Solve for a right-hand side without negative entries, entry by entry as accurately as can be.
 
         Parameters
         ----------
         rhs : ndarray of float64 or Scaled, shape (n,)
             Currents in amperes, none negative; of scaled ones ``lo`` is not used.
+        watch : Watch, optional
+            Told the backward error.
 
         Returns
         -------
@@ -95,7 +114,10 @@ class DirectFactor:
         error : float
             Its componentwise backward error.
         """
-        return refine(self.system, rhs, self._substitute, REFINED)
+        solution, error = refine(self.system, rhs, self._substitute, REFINED)
+        if watch is not None:
+            watch.done(error)
+        return solution, error
 
     def _substitute(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
         """Both substitutions, in scaled numbers."""

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.system import NodalSystem
+from resgrid.nodal.watch import Watch
 
 
 class Factor(Protocol):
@@ -24,10 +25,23 @@ class Factor(Protocol):
         """The method."""
         ...
 
-    def solve(self, rhs: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
-        """Solve to a normwise backward error ``rtol``: currents in amperes to voltages in volts, shape (n,)."""
+    def solve(
+        self,
+        rhs: NDArray[np.float64],
+        *,
+        rtol: float = 1e-10,
+        guess: NDArray[np.float64] | None = None,
+        watch: Watch | None = None,
+    ) -> NDArray[np.float64]:
+        """Solve to a normwise backward error ``rtol``: currents in amperes to voltages in volts, shape (n,).
+
+        An iteration begins with the ``guess``, and then also ends where it estimates the error of every voltage to be
+        at most ``rtol`` of the largest one; the direct method needs no guess.
+        """
         ...
 
-    def solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled) -> tuple[Scaled, float]:
+    def solve_nonnegative(
+        self, rhs: NDArray[np.float64] | Scaled, *, watch: Watch | None = None
+    ) -> tuple[Scaled, float]:
         """Solve for currents of one sign, entry by entry; returns voltages and their componentwise backward error."""
         ...

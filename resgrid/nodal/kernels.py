@@ -59,14 +59,14 @@ def _add(m: float, e: int, t: float, te: int) -> tuple[float, int]:
     return m, e
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def canonical(m: Floats, e: Integers) -> None:
     """Make scaled numbers canonical, in place."""
     for i in range(len(m)):
         m[i], e[i] = _canonical(m[i], e[i])
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def substitute(indptr: Indices, indices: Indices, lower: Floats, pivot: Floats, m: Floats, e: Integers) -> None:
     """Solve ``L D L^T x = b`` in place, in scaled numbers.
 
@@ -132,7 +132,7 @@ def _shift(value: float, steps: int) -> float:
     return 0.0 if steps < 0 else math.copysign(np.inf, value)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def correct(hi: Floats, lo: Floats, e: Integers, m: Floats, me: Integers) -> None:
     """Add the scaled numbers ``(m, me)`` to scaled double-doubles, in place."""
     for i in range(len(hi)):
@@ -150,7 +150,7 @@ def correct(hi: Floats, lo: Floats, e: Integers, m: Floats, me: Integers) -> Non
         hi[i], e[i] = scaled, exponent
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def residual(
     indptr: Indices,
     indices: Indices,
@@ -237,7 +237,7 @@ def logarithm(m: Floats, e: Integers) -> Floats:
     return out
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def complement(hi: Floats, lo: Floats, e: Integers) -> tuple[Floats, Floats]:
     """``1 - x`` for scaled double-doubles of at most 1, as double-doubles that need no exponent."""
     rest, rest_low = np.empty(len(hi)), np.empty(len(hi))

@@ -48,6 +48,12 @@ class OperatingPoint:
         How it was solved: ``"direct"``, ``"multigrid"``, or ``"elimination"`` where elimination left nothing.
     seconds : mapping of str to float
         Wall-clock time of each stage.
+    iterations : int
+        Steps of the iterative method, all right-hand sides and passes of refinement together; 0 for the direct method
+        and for elimination.
+    backward_error : float
+        Of the solution: componentwise for ``accuracy = "direction"``, normwise for ``"normwise"``.  Of a circuit with
+        nonlinear resistors it is the last linear system's.
     nonlinear_amps : ndarray of float64, shape (nonlinear resistors,)
         Current from a nonlinear resistor's first node to its second, in amperes (0 where it underflows).
     nonlinear_log_amps : ndarray of float64, shape (nonlinear resistors,)
@@ -70,6 +76,8 @@ class OperatingPoint:
     undriven: NDArray[np.int64]
     method: str
     seconds: Mapping[str, float]
+    iterations: int = 0
+    backward_error: float = 0.0
     nonlinear_amps: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     nonlinear_log_amps: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     nonlinear_direction: NDArray[np.int8] = field(default_factory=lambda: np.empty(0, dtype=np.int8))

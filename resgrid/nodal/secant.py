@@ -15,12 +15,15 @@ from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.saturation import refuse_saturated_cut
 from resgrid.nodal.solve import DIRECTION_RESIDUAL, solve
 from resgrid.nodal.system import assemble
+from resgrid.nodal.watch import Progress
 
 _SETTLED = 1e-13
 _MOST_PASSES = 8
 
 
-def solve_nonlinear(netlist: Netlist, *, accuracy: str, method: str, rtol: float) -> OperatingPoint:
+def solve_nonlinear(
+    netlist: Netlist, *, accuracy: str, method: str, rtol: float, progress: Progress | None = None
+) -> OperatingPoint:
     """Find the operating point of a netlist with nonlinear resistors; the rest of `resgrid.solve`.
 
     Newton's method gives voltages to the rounding of doubles; the linear circuit of the secant conductances at them
@@ -29,7 +32,7 @@ def solve_nonlinear(netlist: Netlist, *, accuracy: str, method: str, rtol: float
     Parameters
     ----------
     netlist : Netlist
-    accuracy, method, rtol
+    accuracy, method, rtol, progress
         As in `resgrid.solve`.
 
     Returns
@@ -43,14 +46,14 @@ def solve_nonlinear(netlist: Netlist, *, accuracy: str, method: str, rtol: float
         As `resgrid.solve`.
     """
     try:
-        return _settled(netlist, accuracy=accuracy, method=method, rtol=rtol)
+        return _settled(netlist, accuracy=accuracy, method=method, rtol=rtol, progress=progress)
     except AccuracyError:
         # Voltages without bound look like any other failure until the flow through the circuit is asked.
         refuse_saturated_cut(netlist, assemble(linear_netlist(netlist, netlist.nonlinear_current)))
         raise
 
 
-def _settled(netlist: Netlist, *, accuracy: str, method: str, rtol: float) -> OperatingPoint:
+def _settled(netlist: Netlist, *, accuracy: str, method: str, rtol: float, progress: Progress | None) -> OperatingPoint:
     start = time.perf_counter()
     voltage = newton(netlist, method=method).voltage
     seconds = time.perf_counter() - start
@@ -58,7 +61,7 @@ def _settled(netlist: Netlist, *, accuracy: str, method: str, rtol: float) -> Op
     best: OperatingPoint | None = None
     least = np.inf
     for _ in range(_MOST_PASSES):
-        point = solve(linear_netlist(netlist, secant), accuracy=accuracy, method=method, rtol=rtol)
+        point = solve(linear_netlist(netlist, secant), accuracy=accuracy, method=method, rtol=rtol, progress=progress)
         drop = point.resistor_current[len(netlist.conductance) :] / secant
         better = secant_conductance(netlist, drop)
         change = float(np.abs(better / secant - 1).max())

@@ -5,6 +5,8 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +20,10 @@ from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.plain import read_plain
 from resgrid.nodal.readout import Balance, Levels
 from resgrid.nodal.scaled import Scaled
+from resgrid.nodal.side_by_side import side_by_side
 from resgrid.nodal.sources import source_currents
 from resgrid.nodal.system import NodalSystem, Rails, assemble
+from resgrid.nodal.watch import Progress, Watch
 
 ACCURACIES = ("direction", "normwise")
 
@@ -42,6 +46,7 @@ def solve(
     method: str = "auto",
     rtol: float = 1e-10,
     threads: int = 1,
+    progress: Progress | None = None,
 ) -> OperatingPoint:
     """Find the operating point of a netlist.
 
@@ -60,7 +65,12 @@ def solve(
     rtol : float
         Backward error for ``"normwise"``.
     threads : int
-        No method uses more than one yet.
+        How many right-hand sides may be solved at the same time.  A field between two rails may take two (the drop
+        from one and the height above the other), and so do current sources of both signs; the digits are the same.
+    progress : callable, optional
+        Called after every step of an iterative method with the steps so far, the residual relative to where the
+        present pass began, and about how many seconds that pass still takes (None where nothing is gained).  With
+        several threads it is called from each.
 
     Returns
     -------
@@ -81,7 +91,8 @@ def solve(
     if netlist.nonlinear_nodes.size:
         from resgrid.nodal.secant import solve_nonlinear
 
-        return solve_nonlinear(netlist, accuracy=accuracy, method=method, rtol=rtol)
+        return solve_nonlinear(netlist, accuracy=accuracy, method=method, rtol=rtol, progress=progress)
+    watch = Watch(progress)
     seconds: dict[str, float] = {}
     with _timed(seconds, "assemble"):
         system = assemble(netlist)
@@ -90,14 +101,16 @@ def solve(
     name = factors.name if factors else "none"
     if accuracy == "normwise":
         with _timed(seconds, "substitute"):
-            x = factors.solve(system.feed + system.injected, rtol=rtol) if factors else np.zeros(0)
+            x = factors.solve(system.feed + system.injected, rtol=rtol, watch=watch) if factors else np.zeros(0)
         with _timed(seconds, "read"):
-            return read_plain(system, x, name, seconds)
+            point = read_plain(system, x, name, seconds)
+        return replace(point, iterations=watch.iterations, backward_error=watch.error)
     with _timed(seconds, "substitute"):
-        levels, error = _entrywise_levels(system, factors)
+        levels = _entrywise_levels(system, factors, watch, threads)
     with _timed(seconds, "read"):
         point, sums = _read_off(system, levels, name, seconds)
-    _check_direction(system, levels, point, sums, error)
+    point = replace(point, iterations=watch.iterations, backward_error=watch.error)
+    _check_direction(system, levels, point, sums)
     return point
 
 
@@ -146,28 +159,35 @@ def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
     seconds[stage] = time.perf_counter() - start
 
 
-def _entrywise_levels(system: NodalSystem, factors: Factor | None) -> tuple[list[Levels], float]:
-    """Node values in the representations that the circuit allows, and their largest backward error."""
+def _entrywise_levels(system: NodalSystem, factors: Factor | None, watch: Watch, threads: int) -> list[Levels]:
+    """Node values in the representations that the circuit allows."""
     if system.rails is not None:
         rails = system.rails
         span = rails.high - rails.low
-        drop, error = _solved(factors, rails.to_low)
-        height = _complement(drop)
-        if height is None:
-            height, height_error = _solved(factors, rails.to_high)
-            error = max(error, height_error)
+        drop, height = _drop_and_height(system, rails, factors, watch, threads)
         return [
             readout.at_nodes(system, height, rails.low, span),
             readout.at_nodes(system, drop, rails.high, -span),
-        ], error
+        ]
     drive = system.feed + system.injected
-    rising, rising_error = _solved(factors, np.maximum(drive, 0.0))
-    falling, falling_error = _solved(factors, np.maximum(-drive, 0.0))
+    rising, falling = _solved(factors, [np.maximum(drive, 0.0), np.maximum(-drive, 0.0)], watch, threads)
     if not np.any(drive < 0):
-        return [readout.at_nodes(system, rising, system.reference, 1.0)], rising_error
+        return [readout.at_nodes(system, rising, system.reference, 1.0)]
     if not np.any(drive > 0):
-        return [readout.at_nodes(system, falling, system.reference, -1.0)], falling_error
-    return [readout.at_nodes(system, _minus(rising, falling), system.reference, 1.0)], max(rising_error, falling_error)
+        return [readout.at_nodes(system, falling, system.reference, -1.0)]
+    return [readout.at_nodes(system, _minus(rising, falling), system.reference, 1.0)]
+
+
+def _drop_and_height(
+    system: NodalSystem, rails: Rails, factors: Factor | None, watch: Watch, threads: int
+) -> tuple[Scaled, Scaled]:
+    """The drop from the high rail and the height above the low one; at once, where both are likely to be needed."""
+    layout = system.netlist.layout
+    if threads > 1 and not (layout is not None and layout.boundary == "dirichlet"):
+        drop, height = _solved(factors, [rails.to_low, rails.to_high], watch, threads)
+        return drop, _complement(drop) or height
+    (drop,) = _solved(factors, [rails.to_low], watch, threads)
+    return drop, _complement(drop) or _solved(factors, [rails.to_high], watch, threads)[0]
 
 
 def _complement(drop: Scaled) -> Scaled | None:
@@ -180,10 +200,15 @@ def _complement(drop: Scaled) -> Scaled | None:
     return Scaled(hi, lo, np.zeros(len(hi), dtype=np.int64), drop.noise / _LEAST_REST)
 
 
-def _solved(factors: Factor | None, rhs: NDArray[np.float64]) -> tuple[Scaled, float]:
-    if factors is None or not rhs.any():
-        return Scaled.of(np.zeros(len(rhs))), 0.0
-    return factors.solve_nonnegative(rhs)
+def _solved(factors: Factor | None, currents: list[NDArray[np.float64]], watch: Watch, threads: int) -> list[Scaled]:
+    """Solve for right-hand sides of one sign each."""
+
+    def one(rhs: NDArray[np.float64]) -> Scaled:
+        if factors is None or not rhs.any():
+            return Scaled.of(np.zeros(len(rhs)))
+        return factors.solve_nonnegative(rhs, watch=watch)[0]
+
+    return side_by_side([partial(one, rhs) for rhs in currents], threads, watch.stop)
 
 
 def _minus(a: Scaled, b: Scaled) -> Scaled:
@@ -285,15 +310,13 @@ def _outflow(netlist: Netlist, amps: NDArray[np.float64]) -> NDArray[np.float64]
     return np.asarray(flow - readout.injected_currents(netlist))
 
 
-def _check_direction(
-    system: NodalSystem, levels: list[Levels], point: OperatingPoint, sums: Balance, error: float
-) -> None:
+def _check_direction(system: NodalSystem, levels: list[Levels], point: OperatingPoint, sums: Balance) -> None:
     """Refuse an answer that is not direction-safe."""
     netlist = system.netlist
-    if not error <= CONVERGED:
+    if not point.backward_error <= CONVERGED:
         raise AccuracyError(
-            f"method {point.method!r} reached a componentwise backward error of {error:.1e} only: the potential falls, "
-            "or the conductances differ, by more decades than it can hold; the answer is not returned",
+            f"method {point.method!r} reached a componentwise backward error of {point.backward_error:.1e} only: the "
+            "potential falls, or the conductances differ, by more decades than it can hold; the answer is not returned",
             point,
         )
     residual = readout.relative_residual(system, sums)

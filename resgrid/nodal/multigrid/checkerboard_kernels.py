@@ -125,7 +125,7 @@ def _into_black(board: Board, x: Reals, row: int, wrap: int, total: Reals) -> in
     return wrap
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def restrict(board: Board, y: Singles, red: Singles, coarse: Singles) -> None:
     """Relax the red cells after the black values ``y``, and sum the black residual into the first coarse level."""
     _relax_red(board, y, red)
@@ -143,7 +143,7 @@ def restrict(board: Board, y: Singles, red: Singles, coarse: Singles) -> None:
                 coarse[node] += total[k]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def prolong(board: Board, coarse: Singles, r: Floats, red: Singles, z: Singles) -> None:
     """Add the coarse answer to the black values ``z``, relax the red cells, then the black ones."""
     for k in range(len(z)):
@@ -182,7 +182,7 @@ def _relax(inverse: Singles, r: Floats, total: Singles, z: Singles) -> None:
         z[k] = inverse[k] * (r[k] + total[k])
 
 
-@njit(cache=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=_FAST)
 def multiply(board: Board, z: Singles, r: Floats, s: Floats, red: Floats, w: Floats) -> tuple[float, float, float]:
     """``w = S z`` with the Schur complement S of the black cells, in double; returns ``z.r``, ``z.w`` and ``z.s``."""
     rows, width = len(board.aside), board.width
@@ -228,7 +228,7 @@ def _products(z: Singles, r: Floats, w: Floats, s: Floats) -> tuple[float, float
     return a, b, c
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def advance(
     board: Board, z: Singles, w: Floats, p: Floats, s: Floats, x: Floats, r: Floats, beta: float, alpha: float
 ) -> float:
@@ -263,7 +263,7 @@ def _step(
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def black_residual(
     indptr: Unsigned,
     indices: Unsigned,
@@ -298,7 +298,7 @@ def black_residual(
     return math.sqrt(squares)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def add_black(place: Integers, correction: Floats, scale: float, x: Floats) -> None:
     """``x += scale * correction`` at the black cells."""
     for i in range(len(x)):

@@ -258,7 +258,7 @@ def _put_back(stack: Stack, level: int) -> None:
         x[stack.removed[k, 0]] = value
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def cycle(stack: Stack, stop: float, first: int) -> None:
     """Approximate ``x = A^-1 b`` on the first level, by K-cycles from level ``first`` on (Notay & Vassilevski 2008).
 
@@ -302,7 +302,7 @@ def cycle(stack: Stack, stop: float, first: int) -> None:
             level += 1
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def apply(stack: Stack, r: Floats, scale: float, z: Singles) -> None:
     """Precondition: ``z = cycle(r / scale)``, in single precision."""
     n = stack.first[1]
@@ -313,7 +313,7 @@ def apply(stack: Stack, r: Floats, scale: float, z: Singles) -> None:
         z[i] = stack.x[i]
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def multiply(
     indptr: Unsigned,
     indices: Unsigned,
@@ -338,7 +338,7 @@ def multiply(
     return zr, zw, zs
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def advance(z: Singles, w: Floats, p: Floats, s: Floats, x: Floats, r: Floats, beta: float, alpha: float) -> float:
     """One step of flexible conjugate gradients: ``p = z + beta p``, ``x += alpha p``, ``r -= alpha A p``; ``|r|^2``."""
     total = 0.0
@@ -351,7 +351,7 @@ def advance(z: Singles, w: Floats, p: Floats, s: Floats, x: Floats, r: Floats, b
     return total
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def subtract_product(
     indptr: Unsigned, indices: Unsigned, conductance: Floats, excess: Floats, b: Floats, x: Floats, r: Floats
 ) -> float:
@@ -366,7 +366,7 @@ def subtract_product(
     return math.sqrt(total)
 
 
-@njit(cache=True, fastmath={"contract", "reassoc"})
+@njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})
 def norm(x: Floats) -> float:
     """Euclidean norm, on one thread."""
     total = 0.0

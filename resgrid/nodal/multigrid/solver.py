@@ -11,6 +11,7 @@ digits of the largest entry: a potential that falls by 45 decades takes five pas
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +21,7 @@ from resgrid.errors import AccuracyError
 from resgrid.nodal.refine import Numbers, refine
 from resgrid.nodal.scaled import Scaled, power
 from resgrid.nodal.system import NodalSystem
+from resgrid.nodal.watch import Watch
 
 if TYPE_CHECKING:
     from resgrid.nodal.multigrid.hierarchy import Hierarchy
@@ -44,8 +46,19 @@ class MultigridFactor:
     hierarchy: Hierarchy
     name = "multigrid"
 
-    def solve(self, rhs: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
+    def solve(
+        self,
+        rhs: NDArray[np.float64],
+        *,
+        rtol: float = 1e-10,
+        guess: NDArray[np.float64] | None = None,
+        watch: Watch | None = None,
+    ) -> NDArray[np.float64]:
         """Solve to a normwise backward error; the residual norm is brought to ``rtol |b|`` where rounding allows.
+
+        From a guess on, the iteration also ends where it estimates the error of every voltage to be at most ``rtol``
+        of the largest one: where all currents meet in a few cells, as at the goal of open obstacles, the residual
+        norm asks for much more than that.
 
         Parameters
         ----------
@@ -53,6 +66,10 @@ class MultigridFactor:
             Currents in amperes.
         rtol : float
             Bound on ``|b - A x| / (|A| |x| + |b|)``.
+        guess : ndarray of float64, shape (n,), optional
+            Where to begin, in volts.
+        watch : Watch, optional
+            Told every step, and the backward error.
 
         Returns
         -------
@@ -64,7 +81,7 @@ class MultigridFactor:
         AccuracyError
             If the iteration stagnates above the bound; it carries the best answer.
         """
-        x, residual = self._iterate(rhs, rtol)
+        x, residual = self._iterate(rhs, rtol, guess, watch)
         degree = 2.0 * float(self.system.degree.max(initial=0.0))
         error = residual / (degree * float(np.linalg.norm(x)) + float(np.linalg.norm(rhs)) or 1.0)
         if not error <= rtol:
@@ -73,15 +90,21 @@ class MultigridFactor:
                 "use method = 'direct', or a larger rtol",
                 x,
             )
+        if watch is not None:
+            watch.done(error)
         return x
 
-    def solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled) -> tuple[Scaled, float]:
+    def solve_nonnegative(
+        self, rhs: NDArray[np.float64] | Scaled, *, watch: Watch | None = None
+    ) -> tuple[Scaled, float]:
         """Solve for a right-hand side without negative entries, entry by entry.
 
         Parameters
         ----------
         rhs : ndarray of float64 or Scaled, shape (n,)
             Currents in amperes, none negative.
+        watch : Watch, optional
+            Told every step, and the backward error.
 
         Returns
         -------
@@ -90,9 +113,12 @@ class MultigridFactor:
         error : float
             Its componentwise backward error.
         """
-        return refine(self.system, rhs, self._approximate, REFINED)
+        solution, error = refine(self.system, rhs, partial(self._approximate, watch), REFINED)
+        if watch is not None:
+            watch.done(error)
+        return solution, error
 
-    def _approximate(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
+    def _approximate(self, watch: Watch | None, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
         """Nine digits of ``A^-1`` times scaled numbers, relative to the largest."""
         present = m != 0
         if not present.any():
@@ -100,13 +126,15 @@ class MultigridFactor:
         top = int(e[present].max())
         plain = m * power(np.clip(e - top, -8, 0))
         largest = float(np.abs(plain).max())
-        x, _ = self._iterate(plain / largest, _PASS)
+        x, _ = self._iterate(plain / largest, _PASS, None, watch)
         return x * largest, np.full_like(e, top)
 
-    def _iterate(self, b: NDArray[np.float64], rtol: float) -> tuple[NDArray[np.float64], float]:
+    def _iterate(
+        self, b: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
+    ) -> tuple[NDArray[np.float64], float]:
         from resgrid.nodal.multigrid.iteration import iterate
 
-        return iterate(self.system, self.hierarchy, b, rtol)
+        return iterate(self.system, self.hierarchy, b, rtol, guess, watch)
 
 
 def factor_multigrid(system: NodalSystem) -> MultigridFactor:

@@ -303,7 +303,7 @@ def pack(web: Web, number: Indices, indptr: Indices) -> tuple[Indices, Floats]:
     return indices, conductance
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def forward(record: Record, count: int, b: Floats) -> None:
     """Carry the currents of eliminated rows to their neighbours, in place; plain doubles."""
     for k in range(count):
@@ -314,7 +314,7 @@ def forward(record: Record, count: int, b: Floats) -> None:
                 b[other] += record.weights[k, 2 * end] * value
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def backward(record: Record, count: int, x: Floats) -> None:
     """Turn the currents of eliminated rows into their voltages, in place; plain doubles."""
     for k in range(count - 1, -1, -1):
@@ -356,7 +356,7 @@ def _scaled_plus(hi: float, lo: float, e: int, t: float, t_low: float, te: int) 
     return _settle(s, s_low, e)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def forward_scaled(record: Record, count: int, hi: Floats, lo: Floats, e: Integers) -> None:
     """As `forward`, in scaled double-doubles (canonical on entry and on return)."""
     for k in range(count):
@@ -371,7 +371,7 @@ def forward_scaled(record: Record, count: int, hi: Floats, lo: Floats, e: Intege
                 hi[other], lo[other], e[other] = _scaled_plus(hi[other], lo[other], e[other], t, t_low, te)
 
 
-@njit(cache=True)
+@njit(cache=True, nogil=True)
 def backward_scaled(record: Record, count: int, hi: Floats, lo: Floats, e: Integers) -> None:
     """As `backward`, in scaled double-doubles (canonical on entry and on return)."""
     for k in range(count - 1, -1, -1):

@@ -13,6 +13,7 @@ from resgrid.nodal.reduction.elimination import Reduction
 from resgrid.nodal.refine import scaled_currents
 from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.system import NodalSystem
+from resgrid.nodal.watch import Watch
 
 ELIMINATION = "elimination"
 """The method's name where elimination leaves nothing to solve."""
@@ -47,7 +48,14 @@ class ReducedFactor:
         """The method that solves the core; ``"elimination"`` where nothing is left."""
         return self.inner.name if self.inner is not None else ELIMINATION
 
-    def solve(self, rhs: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
+    def solve(
+        self,
+        rhs: NDArray[np.float64],
+        *,
+        rtol: float = 1e-10,
+        guess: NDArray[np.float64] | None = None,
+        watch: Watch | None = None,
+    ) -> NDArray[np.float64]:
         """Solve to a normwise backward error of the whole system.
 
         Parameters
@@ -56,6 +64,10 @@ class ReducedFactor:
             Currents in amperes.
         rtol : float
             Bound on ``|b - A x| / (|A| |x| + |b|)``, in the maximum norm.
+        guess : ndarray of float64, shape (n,), optional
+            Where the method that solves the core begins.
+        watch : Watch, optional
+            Told every step of that method, and the backward error.
 
         Returns
         -------
@@ -72,28 +84,36 @@ class ReducedFactor:
         size = float(np.abs(rhs).max(initial=0.0))
         x, residual, error = np.zeros(len(rhs)), np.asarray(rhs, dtype=np.float64), np.inf
         for _ in range(_MOST_PASSES):
-            x = x + self._once(residual, rtol)
+            x = x + self._once(residual, rtol, guess, watch)
+            guess = None
             residual = rhs - (degree * x - coupling @ x)
             scale = norm * float(np.abs(x).max(initial=0.0)) + size
             error = float(np.abs(residual).max(initial=0.0)) / scale if scale else 0.0
             if error <= rtol:
+                if watch is not None:
+                    watch.done(error)
                 return x
         raise AccuracyError(
             f"method {self.name!r} stopped at a backward error of {error:.1e}, above rtol = {rtol:.1e}", x
         )
 
-    def _once(self, rhs: NDArray[np.float64], rtol: float) -> NDArray[np.float64]:
+    def _once(
+        self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
+    ) -> NDArray[np.float64]:
         from resgrid.nodal.reduction import kernels
 
         reduction = self.reduction
         x = rhs.copy()
         kernels.forward(reduction.record, reduction.count, x)
         if self.inner is not None:
-            x[reduction.kept] = self.inner.solve(x[reduction.kept], rtol=rtol)
+            begin = None if guess is None else guess[reduction.kept]
+            x[reduction.kept] = self.inner.solve(x[reduction.kept], rtol=rtol, guess=begin, watch=watch)
         kernels.backward(reduction.record, reduction.count, x)
         return x
 
-    def solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled) -> tuple[Scaled, float]:
+    def solve_nonnegative(
+        self, rhs: NDArray[np.float64] | Scaled, *, watch: Watch | None = None
+    ) -> tuple[Scaled, float]:
         """Solve for a right-hand side without negative entries, entry by entry.
 
         Both substitutions add and multiply non-negative numbers only, in scaled double-double: where nothing is left
@@ -104,6 +124,8 @@ class ReducedFactor:
         ----------
         rhs : ndarray of float64 or Scaled, shape (n,)
             Currents in amperes, none negative; of scaled ones ``lo`` is not used.
+        watch : Watch, optional
+            Told every step of the method that solves the core, and the backward error.
 
         Returns
         -------
@@ -120,16 +142,18 @@ class ReducedFactor:
         hi, lo, e = current.copy(), np.zeros(len(current)), scale.copy()
         kernels.forward_scaled(reduction.record, reduction.count, hi, lo, e)
         kept = reduction.kept
-        core, core_error = self._core_solution(Scaled(hi[kept], lo[kept], e[kept]))
+        core, core_error = self._core_solution(Scaled(hi[kept], lo[kept], e[kept]), watch)
         hi[kept], lo[kept], e[kept] = core.hi, core.lo, core.exponent
         kernels.backward_scaled(reduction.record, reduction.count, hi, lo, e)
         error = residual(
             coupling.indptr, coupling.indices, coupling.data, self.system.excess, current, scale,
             hi, lo, e, np.empty(len(hi)), np.empty(len(hi), dtype=np.int64),
         )  # fmt: skip
+        if watch is not None:
+            watch.done(max(error, core_error))
         return Scaled(hi, lo, e, core.noise), max(error, core_error)
 
-    def _core_solution(self, rhs: Scaled) -> tuple[Scaled, float]:
+    def _core_solution(self, rhs: Scaled, watch: Watch | None) -> tuple[Scaled, float]:
         if self.inner is None or not rhs.hi.any():
             return replace(rhs, noise=NOISE), 0.0
-        return self.inner.solve_nonnegative(rhs)
+        return self.inner.solve_nonnegative(rhs, watch=watch)
