@@ -26,6 +26,7 @@ VERBS = {
     "path": "resgrid.cli.path",
     "plot": "resgrid.cli.plot",
     "check": "resgrid.cli.check",
+    "chip": "resgrid.cli.chip",
     "convert": "resgrid.cli.convert",
     "info": "resgrid.cli.info",
 }

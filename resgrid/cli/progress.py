@@ -29,6 +29,7 @@ class Progress:
         self._seconds = seconds
         self._steps = steps
         self._done = 0
+        self._note = ""
         self._begin = time.perf_counter()
 
     def advance(self) -> None:
@@ -38,6 +39,14 @@ class Progress:
     def tell(self, done: int, total: int) -> None:
         """Told by the library itself: ``done`` of ``total`` steps."""
         self._done, self._steps = done, total
+
+    def note(self, text: str) -> None:
+        """What is known so far, for people."""
+        self._note = text
+
+    def told(self) -> str:
+        """What is known so far, and the time left."""
+        return f"{self._note}  {self.time_left()}" if self._note else self.time_left()
 
     def fraction(self) -> float | None:
         """Part of the stage that is done, in [0, 0.99]; None where nobody knows."""
@@ -105,4 +114,4 @@ def _paint(name: str, progress: Progress, finished: threading.Event) -> None:
         while not finished.wait(_REFRESH):
             fraction = progress.fraction()
             total = None if fraction is None else 1.0
-            bar.update(task, total=total, completed=fraction or 0.0, left=progress.time_left(), refresh=True)
+            bar.update(task, total=total, completed=fraction or 0.0, left=progress.told(), refresh=True)

@@ -74,7 +74,7 @@ class Exploration:
     def readings(self) -> Mapping[str, Reading]:
         """The least second value for 99 % at every first value, with definitions."""
         return {
-            f"least_at_{value}": Reading(
+            f"least_{self.second.rpartition('.')[2]}_at_{value}": Reading(
                 least,
                 "",
                 f"smallest {self.second} tried from which on the yield is at least 99 %, at {self.first} = {value}; "
