@@ -152,21 +152,21 @@ def _closed_up(indptr: Indices, fill: Indices, indices: Indices, data: Floats) -
 
 @njit(cache=True)
 def sort_row(indices: Indices, data: Floats, begin: int, end: int) -> None:
-    """Sort the entries ``begin ... end`` by column, in place."""
-    if end - begin > 64:
-        order = np.argsort(indices[begin:end], kind="mergesort")
-        indices[begin:end] = indices[begin:end][order]
-        data[begin:end] = data[begin:end][order]
-        return
-    for k in range(begin + 1, end):
-        column, value = indices[k], data[k]
-        place = k - 1
-        while place >= begin and indices[place] > column:
-            indices[place + 1] = indices[place]
-            data[place + 1] = data[place]
-            place -= 1
-        indices[place + 1] = column
-        data[place + 1] = value
+    """Sort the entries ``begin ... end`` by column, in place (Shell 1959: insertion in ever smaller steps)."""
+    step = 1
+    while 3 * step + 1 < end - begin:
+        step = 3 * step + 1
+    while step > 0:
+        for k in range(begin + step, end):
+            column, value = indices[k], data[k]
+            place = k - step
+            while place >= begin and indices[place] > column:
+                indices[place + step] = indices[place]
+                data[place + step] = data[place]
+                place -= step
+            indices[place + step] = column
+            data[place + step] = value
+        step //= 3
 
 
 @njit(cache=True)

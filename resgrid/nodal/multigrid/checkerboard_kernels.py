@@ -86,7 +86,8 @@ def _into_red(board: Board, x: Reals, row: int, wrap: int, total: Reals) -> int:
     faces, distance, width = board.faces, board.distance, board.width
     begin = board.margin + row * width
     end = begin + len(total)
-    total[:] = 0.0
+    for k in range(len(total)):
+        total[k] = 0.0
     for q in range(0, len(distance) - 1, 2):
         d, e = distance[q], distance[q + 1]
         _sum_pair(faces[q, begin:end], x[begin + d : end + d], faces[q + 1, begin:end], x[begin + e : end + e], total)
@@ -108,7 +109,8 @@ def _into_black(board: Board, x: Reals, row: int, wrap: int, total: Reals) -> in
     faces, distance, width = board.faces, board.distance, board.width
     begin = board.margin + row * width
     end = begin + len(total)
-    total[:] = 0.0
+    for k in range(len(total)):
+        total[k] = 0.0
     for q in range(0, len(distance) - 1, 2):
         a, b = begin - distance[q], end - distance[q]
         c, d = begin - distance[q + 1], end - distance[q + 1]
@@ -131,7 +133,8 @@ def restrict(board: Board, y: Singles, red: Singles, coarse: Singles) -> None:
     _relax_red(board, y, red)
     rows, width = len(board.aside), board.width
     scratch = np.empty(board.block * width, np.float32)
-    coarse[:] = 0.0
+    for node in range(len(coarse)):
+        coarse[node] = 0.0
     wrap = 0
     for row in range(0, rows, board.block):
         total = scratch[: min(board.block, rows - row) * width]
@@ -306,20 +309,26 @@ def add_black(place: Integers, correction: Floats, scale: float, x: Floats) -> N
             x[i] += scale * correction[place[i]]
 
 
+@njit(cache=True, nogil=True)
+def _add(amount: Floats, total: Floats) -> None:
+    for k in range(len(total)):
+        total[k] += amount[k]
+
+
 @njit(cache=True)
 def sum_faces(board: Board, red_degree: Floats, black_degree: Floats) -> None:
     """Add the conductances of all faces, as they are stored, to the leaks of both colours."""
-    ones = np.ones(len(board.aggregate))
+    ones, singles = np.ones(len(board.aggregate)), np.ones(len(board.aggregate), np.float32)
     rows, width = len(board.aside), board.width
     scratch = np.empty(board.block * width)
     red_wrap, black_wrap = 0, 0
     for row in range(0, rows, board.block):
         total = scratch[: min(board.block, rows - row) * width]
         begin = board.margin + row * width
-        red_wrap = _into_red(board, ones, row, red_wrap, total)
-        red_degree[begin : begin + len(total)] += total
+        red_wrap = _into_red(board, singles, row, red_wrap, total)
+        _add(total, red_degree[begin : begin + len(total)])
         black_wrap = _into_black(board, ones, row, black_wrap, total)
-        black_degree[begin : begin + len(total)] += total
+        _add(total, black_degree[begin : begin + len(total)])
 
 
 @njit(cache=True)

@@ -74,7 +74,7 @@ class Stack(NamedTuple):
     kept: Singles
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _drawn(stack: Stack, x: Singles, i: int) -> np.float32:
     """``sum_j g_ij x_j``; most rows of a plane and of a volume have four and six neighbours, and need no loop."""
     g, j = stack.conductance, stack.indices
@@ -89,7 +89,7 @@ def _drawn(stack: Stack, x: Singles, i: int) -> np.float32:
     return s
 
 
-@njit(cache=True, inline="always")
+@njit(cache=True)
 def _four(g: Singles, j: Unsigned, x: Singles, k: np.uint32) -> np.float32:
     return (g[k] * x[j[k]] + g[k + _ONE] * x[j[k + _ONE]]) + (
         g[k + _TWO] * x[j[k + _TWO]] + g[k + _THREE] * x[j[k + _THREE]]
