@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from resgrid.budget import require_memory
 from resgrid.cli.options import SceneChoice
+from resgrid.cli.first_run import NOTICE, is_first_run
 from resgrid.cli.report import Report
 from resgrid.errors import InputError
 
@@ -158,6 +159,8 @@ def solve_chip(job: Job, report: Report, boundary: str | None = None, start: int
     name = boundary if start is None else f"{boundary}_start_{start}"
     netlist = compile_chip(job, report, boundary, start)
     estimate = solve_seconds(netlist.node_count, job.space.ndim)
+    if is_first_run():
+        report.say(NOTICE)
     point = report.compute(f"solve the {name} chip", solve, netlist, seconds=estimate)
     if netlist.current_nodes.size:
         netlist = scale_drive(netlist, point)
