@@ -71,7 +71,7 @@ def load_tally(path: str | os.PathLike[str], mark: str) -> Tally | None:
         If it is no checkpoint, or one of another run.
     """
     try:
-        with np.load(Path(path), allow_pickle=False) as data:
+        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as data:
             found, trials = str(data["fingerprint"]), int(data["trials"])
             counts = [data[name] for name in ("reached", "complete", "squares")]
     except FileNotFoundError:

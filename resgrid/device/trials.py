@@ -19,6 +19,7 @@ from resgrid.device.walks import Eyes, Floor, eyes_of, floor_of, follow, walk
 from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
 from resgrid.nodal.batch.many import Batch, prepare_batch, solve_batch
+from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.secant import small_signal
 from resgrid.nodal.solve import solve
 from resgrid.scene.chip import Chip, Readout
@@ -129,6 +130,8 @@ def prepare(
     ------
     InputError
         If the netlist has not one node per cell, or does not suit an effect.
+    CircuitError
+        If the flawless chip has no operating point.
     """
     layout = tiled_layout(netlist, "robots that see the read-out")
     mask = layout.space.goal_connected if starts is None else layout.space.goal_connected & starts
@@ -136,7 +139,7 @@ def prepare(
     alike = not differs(chip)
     linear = chip.saturation_voltage is None and not _is_faulty(chip)
     nominal = build_chip(netlist, _flawless(chip))
-    point = solve(nominal) if blurred and (alike or _noisy(readouts)) else None
+    point = solve(nominal)
     return Experiment(
         netlist=netlist,
         chip=chip,
@@ -148,7 +151,7 @@ def prepare(
             for readout in readouts
         ),
         batch=prepare_batch(conductance_samples(netlist, chip, [])[0]) if blurred and linear and not alike else None,
-        volts=point.voltage if point is not None and alike else None,
+        volts=point.voltage if blurred and alike else None,
     )
 
 
@@ -232,20 +235,16 @@ def _flawless(chip: Chip) -> Chip:
     return dataclasses.replace(chip, mismatch=None, pelgrom=None, defects=healthy)
 
 
-def _noisy(readouts: Sequence[Readout]) -> bool:
-    return any(readout.noise_bandwidth is not None for readout in readouts)
-
-
 def die_temperature(chip: Chip) -> float:
     """Temperature of the die, in kelvin."""
     return ROOM if chip.temperature is None else ROOM + chip.temperature - NOMINAL_CELSIUS
 
 
-def _noise(nominal: Netlist, point: object, chip: Chip, readout: Readout) -> NDArray[np.float64] | None:
+def _noise(nominal: Netlist, point: OperatingPoint, chip: Chip, readout: Readout) -> NDArray[np.float64] | None:
     """Deviation of a measurement at every cell, in volts: thermal noise of the flawless chip in the read-out's band."""
     if readout.noise_bandwidth is None:
         return None
-    linear = small_signal(point) if nominal.nonlinear_nodes.size else nominal  # type: ignore[arg-type]
+    linear = small_signal(point) if nominal.nonlinear_nodes.size else nominal
     noise = analyse_noise(linear, band=(0.0, readout.noise_bandwidth), temperature=die_temperature(chip))
     assert noise.total is not None
     assert nominal.layout is not None

@@ -174,6 +174,8 @@ def analyse_yield(
     ------
     InputError
         If an argument is not admissible, the netlist does not suit the chip, or the checkpoint is of another run.
+    CircuitError
+        If the flawless chip has no operating point; a chip that a defect leaves without one serves no start.
     """
     _check(half_width, confidence, most, batch)
     experiment = prepare(

@@ -191,7 +191,7 @@ def plot_criticality(result: Criticality, ax: Axes | None = None, *, fault: str 
     critical = int((np.nan_to_num(lost) > 0).sum())
     what = "open" if fault == "open" else f"shorted by {engineering(result.short_resistance, 'Ω')}"
     axes.set_title(
-        f"{what}: {critical} of {result.examined} elements cost a start; {result.served} are served without a fault",
+        f"{what}: {critical} of {result.examined:,} elements cost some of {result.served} starts",
         fontsize=TEXT,
     )
     refresh_legend(axes)
