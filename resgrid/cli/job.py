@@ -158,7 +158,7 @@ def solve_chip(job: Job, report: Report, boundary: str | None = None, start: int
     boundary = boundary or job.scene.boundary
     name = boundary if start is None else f"{boundary}_start_{start}"
     netlist = compile_chip(job, report, boundary, start)
-    estimate = solve_seconds(netlist.node_count, job.space.ndim)
+    estimate = solve_seconds(netlist.node_count)
     if is_first_run():
         report.say(NOTICE)
     point = report.compute(f"solve the {name} chip", solve, netlist, seconds=estimate)
@@ -288,9 +288,9 @@ def start_cell(job: Job, number: int) -> tuple[int, ...]:
     return tuple(int(index) for index in cells[0])
 
 
-def solve_seconds(nodes: int, dimensions: int) -> float:
-    """Rough time of the direct method, in seconds, for the bar; measured on open grids."""
-    return 0.5 + (1.6e-8 * nodes**1.5 if dimensions <= 2 else 2.3e-9 * nodes**2)
+def solve_seconds(nodes: int) -> float:
+    """Rough time of a direction-safe solution, in seconds, for the bar."""
+    return 0.5 + 4e-6 * nodes
 
 
 def size_of(shape: Sequence[int]) -> str:
