@@ -1,0 +1,65 @@
+"""Sweeps over two values, against yields computed point by point."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from spaces import space_of
+
+import resgrid as rg
+
+
+def cells() -> rg.ConfigurationSpace:
+    cell = np.zeros((10, 10), dtype=np.uint8)
+    cell[3:7, 4] = 1
+    cell[1, 1] = 2
+    return space_of(cell)
+
+
+CHIP = rg.Chip(mismatch=0.05, goal_switch_on=100.0, readout=rg.Readout(offset=1e-3), seed=5)
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        (("mismatch", [0.0, 0.1]), ("readout.bits", [4, 8, 12])),
+        (("resistance", [1e3, 1e5]), ("readout.offset", [0.0, 0.01])),
+        (("boundary-free supply", [1.0]), ("readout.bits", [8])),
+    ],
+)
+def test_every_point_is_a_yield_of_its_own(first: tuple[str, list[float]], second: tuple[str, list[float]]) -> None:
+    if " " in first[0]:
+        with pytest.raises(rg.InputError, match="a chip has no key"):
+            rg.explore_yield(cells(), CHIP, first, second)
+        return
+    told = []
+    result = rg.explore_yield(cells(), CHIP, first, second, trials=12, progress=lambda *all: told.append(all))
+    assert told[-1][0] == told[-1][1] == result.share.size * 12
+    for (i, j), share in np.ndenumerate(result.share):
+        chip = rg.chip_with(CHIP, {first[0]: first[1][i], second[0]: second[1][j]})
+        alone = rg.analyse_yield(rg.ideal_netlist(cells(), chip), chip, most=12, batch=12)
+        assert share == alone.overall.value
+        assert (result.low[i, j], result.high[i, j]) == (alone.overall.low, alone.overall.high)
+
+
+def test_the_cheapest_value_is_the_first_from_which_the_yield_stays() -> None:
+    share = np.array([[0.5, 0.995, 0.98, 0.99, 1.0], [0.1, 0.2, 0.3, 0.4, 0.5], [1.0, 1.0, 1.0, 1.0, 1.0]])
+    result = rg.Exploration("a", "b", (1, 2, 3), (6, 8, 10, 12, 14), share, share, share, 10, 0.95)
+    assert result.cheapest(0.99) == [12, None, 6]
+    assert result.cheapest(0.5) == [6, 14, 6]
+    with pytest.raises(rg.InputError, match="share"):
+        result.cheapest(1.5)
+    assert result.to_json()["yield"] == share.tolist()
+
+
+def test_wrong_keys_and_values_are_named() -> None:
+    for first, message in (
+        (("readout.bit", [8]), "did you mean 'readout.bits'"),
+        (("readout.bits", [0]), "bits = 0"),
+        (("mismatch", []), "at least one value"),
+        (("readout", [1]), "a chip has no key"),
+    ):
+        with pytest.raises(rg.InputError, match=message):
+            rg.explore_yield(cells(), CHIP, first, ("supply", [1.0]))
+    with pytest.raises(rg.InputError, match="trials"):
+        rg.explore_yield(cells(), CHIP, ("mismatch", [0.1]), ("supply", [1.0]), trials=0)
