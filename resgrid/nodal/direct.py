@@ -10,9 +10,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from resgrid.errors import AccuracyError
@@ -20,6 +21,11 @@ from resgrid.nodal.refine import Numbers, refine
 from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.watch import Watch
+from resgrid.space import Cell
+
+if TYPE_CHECKING:
+    from resgrid.nodal.factor import Factor
+    from resgrid.nodal.update.change import Change
 
 REFINED = 1e-28
 """Componentwise backward error at which refinement stops: the noise of double-double arithmetic."""
@@ -39,6 +45,8 @@ class DirectFactor:
         Row ``order[k]`` of the system is row ``k`` of the factors.
     plain : callable
         SuperLU's own substitution, in doubles.
+    change : Change or None
+        What updates have changed since the netlist was compiled.
     """
 
     system: NodalSystem
@@ -46,7 +54,14 @@ class DirectFactor:
     pivot: NDArray[np.float64]
     order: NDArray[np.int64]
     plain: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    change: Change | None = None
     name = "direct"
+
+    def update(self, cells: ArrayLike, to: int = Cell.OBSTACLE) -> Factor:
+        """Factor the circuit again after free cells have become obstacles or goals (`update_factor`)."""
+        from resgrid.nodal.update.factors import update_factor
+
+        return update_factor(self, cells, to)
 
     def solve(
         self,

@@ -62,8 +62,8 @@ def build_hierarchy(system: NodalSystem) -> Hierarchy:
         shape = system.netlist.layout.space.shape  # type: ignore[union-attr]
         laid_out = lay_out(coupling, system.excess, cell, shape, steps[0].target, unit)
     if laid_out is None:
-        return Hierarchy(_stacked(graphs, steps), None, np.empty(0, dtype=np.int64), 0, unit)
-    return Hierarchy(_stacked(graphs[1:], steps[1:]), *laid_out, _reach(coupling), unit)
+        return Hierarchy(stack_levels(graphs, steps), None, np.empty(0, dtype=np.int64), 0, unit)
+    return Hierarchy(stack_levels(graphs[1:], steps[1:]), *laid_out, _reach(coupling), unit)
 
 
 def _reach(coupling: sparse.csr_array) -> int:
@@ -92,7 +92,8 @@ def _coordinates(system: NodalSystem, cell: NDArray[np.int64]) -> NDArray[np.int
     return np.ascontiguousarray(np.stack(np.unravel_index(cell, layout.space.shape), axis=1), dtype=np.int32)
 
 
-def _stacked(graphs: list[Graph], steps: list[Step]) -> Stack:
+def stack_levels(graphs: list[Graph], steps: list[Step]) -> Stack:
+    """Lay graphs, and the steps between them, one behind the other; the last one is inverted."""
     sizes = [graph.size for graph in graphs]
     first = np.cumsum([0, *sizes])
     entries = np.cumsum([0, *(len(graph.indices) for graph in graphs)])

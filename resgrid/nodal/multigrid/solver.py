@@ -15,16 +15,19 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from resgrid.errors import AccuracyError
+from resgrid.errors import AccuracyError, InputError
 from resgrid.nodal.refine import Numbers, refine
 from resgrid.nodal.scaled import Scaled, power
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.watch import Watch
+from resgrid.space import Cell
 
 if TYPE_CHECKING:
+    from resgrid.nodal.factor import Factor
     from resgrid.nodal.multigrid.hierarchy import Hierarchy
+    from resgrid.nodal.update.change import Change
 
 REFINED = 1e-20
 """Componentwise backward error at which refinement stops."""
@@ -40,11 +43,20 @@ class MultigridFactor:
     ----------
     system : NodalSystem
     hierarchy : Hierarchy
+    change : Change or None
+        What updates have changed since the netlist was compiled.
     """
 
     system: NodalSystem
     hierarchy: Hierarchy
+    change: Change | None = None
     name = "multigrid"
+
+    def update(self, cells: ArrayLike, to: int = Cell.OBSTACLE) -> Factor:
+        """Factor the circuit again after free cells have become obstacles or goals (`update_factor`)."""
+        from resgrid.nodal.update.factors import update_factor
+
+        return update_factor(self, cells, to)
 
     def solve(
         self,
@@ -81,6 +93,8 @@ class MultigridFactor:
         AccuracyError
             If the iteration stagnates above the bound; it carries the best answer.
         """
+        if guess is not None:
+            guess = self._improved(rhs, guess)
         x, residual = self._iterate(rhs, rtol, guess, watch)
         degree = 2.0 * float(self.system.degree.max(initial=0.0))
         error = residual / (degree * float(np.linalg.norm(x)) + float(np.linalg.norm(rhs)) or 1.0)
@@ -128,6 +142,17 @@ class MultigridFactor:
         largest = float(np.abs(plain).max())
         x, _ = self._iterate(plain / largest, _PASS, None, watch)
         return x * largest, np.full_like(e, top)
+
+    def _improved(self, b: NDArray[np.float64], guess: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The guess, made better where the last update has changed the circuit."""
+        if np.shape(guess) != np.shape(b):
+            raise InputError(f"the guess has shape {np.shape(guess)}, but the right-hand side {np.shape(b)}")
+        board, change = self.hierarchy.board, self.change
+        if board is None or change is None or change.reason:
+            return np.asarray(guess, dtype=np.float64)
+        from resgrid.nodal.update.window import improve_guess
+
+        return improve_guess(self.system, self.hierarchy, board, change, b, np.asarray(guess, dtype=np.float64))
 
     def _iterate(
         self, b: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import AccuracyError
 from resgrid.nodal.factor import Factor
@@ -14,6 +15,10 @@ from resgrid.nodal.refine import scaled_currents
 from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.watch import Watch
+from resgrid.space import Cell
+
+if TYPE_CHECKING:
+    from resgrid.nodal.update.change import Change
 
 ELIMINATION = "elimination"
 """The method's name where elimination leaves nothing to solve."""
@@ -33,10 +38,19 @@ class ReducedFactor:
     reduction : Reduction
     inner : Factor or None
         Solves the core; None where nothing is left.
+    change : Change or None
+        What updates have changed since the netlist was compiled.
     """
 
     reduction: Reduction
     inner: Factor | None
+    change: Change | None = None
+
+    def update(self, cells: ArrayLike, to: int = Cell.OBSTACLE) -> Factor:
+        """Factor the circuit again after free cells have become obstacles or goals (`update_factor`)."""
+        from resgrid.nodal.update.factors import update_factor
+
+        return update_factor(self, cells, to)
 
     @property
     def system(self) -> NodalSystem:

@@ -1,0 +1,357 @@
+"""Some cells become obstacles or goals: the nodal equations after that, rows numbered as before.
+
+A row whose cell has changed is cut off and pinned at its rail.  What led to its neighbours becomes their contact with
+that rail, by the compiler's rules: the free cell's conductivity counts alone, an obstacle stands behind its wall, and
+open obstacles leave nothing.  A uniform drive is shared out anew among the rows that are left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+
+from resgrid.errors import CircuitError, InputError
+from resgrid.netlist import Layout
+from resgrid.nodal.system import NodalSystem
+from resgrid.space import Cell, ConfigurationSpace
+
+_NEAR = 4096
+"""Rows that are searched for a way around the changed cells, before the whole circuit is."""
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """What has changed since the netlist was compiled.
+
+    Attributes
+    ----------
+    cells : ndarray of int64, shape (changed,)
+        Flat indices (C order) of all cells that changed.
+    codes : ndarray of uint8, shape (changed,)
+        What they have become (`Cell`).
+    pinned : ndarray of int64
+        Rows that no longer take part: those of changed cells, and of parts that nothing holds any more.
+    pairs : ndarray of int64, shape (p, 2)
+        Rows that the last update has separated: one that is cut off, and its neighbour.
+    reason : str
+        Why the factor was made anew; empty where what it had could be kept.
+    """
+
+    cells: NDArray[np.int64]
+    codes: NDArray[np.uint8]
+    pinned: NDArray[np.int64]
+    pairs: NDArray[np.int64]
+    reason: str = ""
+
+    def space(self, before: ConfigurationSpace) -> ConfigurationSpace:
+        """The space after all changes."""
+        cell = before.cell.copy()
+        cell.flat[self.cells] = self.codes
+        return ConfigurationSpace(before.axes, cell, before.conductivity)
+
+
+NOTHING = Change(
+    np.empty(0, dtype=np.int64), np.empty(0, dtype=np.uint8), np.empty(0, dtype=np.int64), np.empty((0, 2), np.int64)
+)
+
+
+def change_cells(system: NodalSystem, before: Change | None, cells: ArrayLike, to: int) -> tuple[NodalSystem, Change]:
+    """Turn free cells into obstacles or goals.
+
+    Parameters
+    ----------
+    system : NodalSystem
+        Of a netlist compiled with merged rails.
+    before : Change or None
+        What has changed in it already.
+    cells : array_like of int, shape (k, ndim)
+        Cell indices.
+    to : Cell
+        ``Cell.OBSTACLE`` or ``Cell.GOAL``.
+
+    Returns
+    -------
+    system : NodalSystem
+        With the same rows; its netlist is still the one before.
+    change : Change
+
+    Raises
+    ------
+    InputError
+        If a cell is not free, or the netlist does not come from a space with merged rails.
+    CircuitError
+        If nothing is driven any more.
+    """
+    layout = _checked_layout(system)
+    before = NOTHING if before is None else before
+    code = _checked_code(to)
+    flat = _fresh_cells(layout, before, cells, code)
+    row = _rows_of(system, layout, flat, code)
+    flat_rows, rows = flat[row >= 0], row[row >= 0]
+    contacts = _contacts(system, layout, flat_rows, rows, code)
+    changed = _cut_off(system, layout, rows, contacts, code)
+    lost, reason = _lost(system, changed, rows, contacts, before)
+    pinned = np.concatenate([before.pinned, rows, lost])
+    changed = _driven_again(_cut_loose(changed, lost), pinned)
+    pairs = np.stack([contacts.cut, contacts.neighbour], axis=1)
+    cells_after = np.concatenate([before.cells, flat])
+    codes_after = np.concatenate([before.codes, np.full(len(flat), code, dtype=np.uint8)])
+    return changed, Change(cells_after, codes_after, pinned, pairs, reason)
+
+
+def _checked_layout(system: NodalSystem) -> Layout:
+    layout = system.netlist.layout
+    if layout is None or layout.rails != "merged":
+        raise InputError(
+            "cells can only be updated in a circuit compiled from a space with rails = 'merged'; change the space or "
+            "the netlist, and factor it anew"
+        )
+    return layout
+
+
+def _checked_code(to: int) -> Cell:
+    if to not in (Cell.OBSTACLE, Cell.GOAL):
+        raise InputError(
+            f"to = {to!r}, but a cell may become Cell.OBSTACLE or Cell.GOAL only; to free cells, factor the changed "
+            "space anew"
+        )
+    return Cell(to)
+
+
+def _fresh_cells(layout: Layout, before: Change, cells: ArrayLike, code: Cell) -> NDArray[np.int64]:
+    """Flat indices of the cells that are to change and have not yet."""
+    shape = layout.space.shape
+    try:
+        index = np.asarray(cells)
+    except ValueError:
+        raise InputError("cells must be rows of cell indices of one length") from None
+    index = index.reshape(0, len(shape)) if index.size == 0 else np.atleast_2d(index)
+    if index.ndim != 2 or index.shape[1] != len(shape) or (index.size and index.dtype.kind not in "iu"):
+        raise InputError(f"cells must be whole numbers, {len(shape)} a cell, got {index.dtype} of shape {index.shape}")
+    outside = np.flatnonzero(np.any((index < 0) | (index >= shape), axis=1))
+    if outside.size:
+        raise InputError(f"the cell {tuple(index[outside[0]].tolist())} is not in the grid of {shape} cells")
+    flat = np.unique(np.ravel_multi_index(tuple(index.astype(np.int64).T), shape))
+    now = layout.space.cell.ravel()[flat].copy()
+    there, here = np.nonzero(before.cells[:, None] == flat[None, :]) if len(before.cells) else (flat[:0], flat[:0])
+    now[here] = before.codes[there]
+    taken = np.flatnonzero((now != Cell.FREE) & (now != code))
+    if taken.size:
+        cell = tuple(int(i) for i in np.unravel_index(flat[taken[0]], shape))
+        raise InputError(
+            f"the cell {cell} is {Cell(now[taken[0]]).name.lower()}, and only free cells can be updated; factor the "
+            "changed space anew"
+        )
+    return np.asarray(flat[now == Cell.FREE], dtype=np.int64)
+
+
+def _rows_of(system: NodalSystem, layout: Layout, flat: NDArray[np.int64], code: Cell) -> NDArray[np.int64]:
+    """Rows of cells; -1 where nothing flows, so that an obstacle makes no difference."""
+    node = layout.node.ravel()[flat]
+    row = np.where(node >= 0, system.unknown[node], -1)
+    if layout.start is not None and np.any(flat == np.ravel_multi_index(layout.start, layout.space.shape)):
+        raise InputError(f"the cell {layout.start} is the driven start; compile the space with another start")
+    if code == Cell.GOAL and np.any(row < 0):
+        cell = tuple(int(i) for i in np.unravel_index(flat[int(np.argmin(row))], layout.space.shape))
+        raise InputError(f"the cell {cell} is in a part that carries no current yet; factor the changed space anew")
+    return np.asarray(row, dtype=np.int64)
+
+
+@dataclass(frozen=True, eq=False)
+class _Contacts:
+    """Resistors of rows that are cut off: the row, its neighbour, where they are stored, what they become."""
+
+    cut: NDArray[np.int64]
+    neighbour: NDArray[np.int64]
+    entry: NDArray[np.int64]
+    mirror: NDArray[np.int64]
+    conductance: NDArray[np.float64]
+
+
+def _contacts(
+    system: NodalSystem, layout: Layout, flat: NDArray[np.int64], rows: NDArray[np.int64], code: Cell
+) -> _Contacts:
+    from resgrid.nodal.update import kernels
+
+    coupling, space = system.coupling, layout.space
+    here, there = _neighbours(space, flat)
+    node = layout.node.ravel()[there]
+    row = rows[here]
+    other = np.where(node >= 0, system.unknown[node], -1)
+    pairs, first, times = np.unique(
+        np.stack([row, other], axis=1)[other >= 0], axis=0, return_index=True, return_counts=True
+    )
+    entry = kernels.find_entries(coupling.indptr, coupling.indices, pairs[:, 0], pairs[:, 1])
+    mirror = kernels.find_entries(coupling.indptr, coupling.indices, pairs[:, 1], pairs[:, 0])
+    inner, outer = flat[here][other >= 0][first], there[other >= 0][first]
+    present = (entry >= 0) & (coupling.data[entry] > 0)
+    if np.count_nonzero(entry >= 0) != int(np.diff(coupling.indptr)[rows].sum()):
+        raise InputError("a cell that is to change has resistors to nodes that are no cells; factor the circuit anew")
+    pairs, entry, mirror, times = pairs[present], entry[present], mirror[present], times[present]
+    single = coupling.data[entry] / times
+    if space.conductivity is not None:
+        # Two half cells in series become the free one's conductivity alone.
+        c_inner, c_outer = space.conductivity.ravel()[inner[present]], space.conductivity.ravel()[outer[present]]
+        single = single * (0.5 * (c_inner + c_outer) / c_inner)
+    if code == Cell.OBSTACLE:
+        single = 0.0 * single if layout.boundary == "neumann" else 1.0 / (1.0 / single + layout.wall_resistance)
+    return _Contacts(pairs[:, 0], pairs[:, 1], entry, mirror, single * times)
+
+
+def _neighbours(space: ConfigurationSpace, flat: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Number of the cell and flat index of the neighbour, across every face that has one."""
+    index = np.stack(np.unravel_index(flat, space.shape))
+    here, there = [], []
+    for axis, size in enumerate(space.shape):
+        for step in (-1, 1):
+            moved = index.copy()
+            moved[axis] += step
+            if space.axes[axis].periodic and size > 1:
+                moved[axis] %= size
+            inside = np.flatnonzero((moved[axis] >= 0) & (moved[axis] < size))
+            here.append(inside)
+            there.append(np.ravel_multi_index(tuple(moved[:, inside]), space.shape))
+    return np.concatenate(here), np.concatenate(there)
+
+
+def _cut_off(
+    system: NodalSystem, layout: Layout, rows: NDArray[np.int64], contacts: _Contacts, code: Cell
+) -> NodalSystem:
+    """Move resistors to the rail, and pin the rows there."""
+    rails = system.rails
+    low, high = (layout.goal_voltage, layout.goal_voltage + layout.supply) if rails is None else (rails.low, rails.high)
+    at_high = code == Cell.OBSTACLE and layout.boundary != "neumann"
+    volts = high if at_high else low
+    coupling = system.coupling
+    data = coupling.data.copy()
+    data[contacts.entry] = data[contacts.mirror] = 0.0
+    stays = ~np.isin(contacts.neighbour, rows)
+    to, amount = contacts.neighbour[stays], contacts.conductance[stays]
+    pin = system.degree[rows]
+
+    def tied(before: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
+        after = before.copy()
+        np.add.at(after, to, factor * amount)
+        after[rows] = factor * pin
+        return after
+
+    changed = replace(
+        system,
+        coupling=_with_data(coupling, data),
+        excess=tied(system.excess, 1.0),
+        feed=tied(system.feed, volts - system.reference),
+        rails=rails
+        and replace(rails, to_high=tied(rails.to_high, float(at_high)), to_low=tied(rails.to_low, float(not at_high))),
+    )
+    _keep_degree(system, changed, np.unique(to))
+    return changed
+
+
+def _with_data(coupling: sparse.csr_array, data: NDArray[np.float64]) -> sparse.csr_array:
+    after = sparse.csr_array((data, coupling.indices, coupling.indptr), shape=coupling.shape)
+    after.has_sorted_indices = after.has_canonical_format = True
+    return after
+
+
+def _keep_degree(system: NodalSystem, changed: NodalSystem, touched: NDArray[np.int64]) -> None:
+    """Spare the changed system the sums of rows that are still the same; pinned ones keep theirs."""
+    from resgrid.nodal.update import kernels
+
+    degree = system.degree.copy()
+    total, _ = kernels.sum_rows(changed.coupling.indptr, changed.coupling.data, touched, 1.0)
+    degree[touched] = total + changed.excess[touched]
+    vars(changed)["degree"] = degree
+
+
+def _lost(
+    system: NodalSystem, changed: NodalSystem, rows: NDArray[np.int64], contacts: _Contacts, before: Change
+) -> tuple[NDArray[np.int64], str]:
+    """Rows that nothing holds any more, and a reason to build levels anew where the circuit has fallen apart."""
+    from resgrid.nodal.update import kernels
+
+    if not len(rows):
+        return rows, ""
+    coupling = changed.coupling
+    seeds = np.setdiff1d(contacts.neighbour, rows)
+    needed = np.array([int(np.any(tie[rows] > 0)) for tie in _ties(system)])
+    label = np.zeros(system.size, dtype=np.int32)
+    graph = (coupling.indptr, coupling.indices, coupling.data)
+    if len(seeds) and kernels.stay_together(*graph, seeds, *_ties(changed), needed, _NEAR, label):
+        return rows[:0], ""
+    return _search_all(changed, seeds, np.concatenate([before.pinned, rows]))
+
+
+def _ties(system: NodalSystem) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Conductances to the low and the high rail; of a single rail, twice the same."""
+    rails = system.rails
+    return (system.excess, system.excess) if rails is None else (rails.to_low, rails.to_high)
+
+
+def _search_all(
+    changed: NodalSystem, seeds: NDArray[np.int64], pinned: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], str]:
+    """The same for the whole circuit."""
+    from scipy.sparse.csgraph import connected_components
+
+    taking = np.ones(changed.size, dtype=np.bool_)
+    taking[pinned] = False
+    count, part = connected_components(without_zeros(changed).coupling, directed=False)
+    low, high = (np.bincount(part[taking], tie[taking], count) > 0 for tie in _ties(changed))
+    fed = np.bincount(part[taking], changed.injected[taking] != 0, count) > 0
+    driven = low & high & (fed if changed.rails is None else True)
+    if not driven.any():
+        raise CircuitError(
+            "nothing is driven any more: the changed cells leave no way between the rails, or from the drive to a goal"
+        )
+    here = np.unique(part[seeds])
+    whole = len(here) <= 1 and driven[here].all()
+    floating = np.flatnonzero(taking & ~(low | high)[part])
+    return floating, "" if whole else "the changed cells leave the circuit in parts"
+
+
+def without_zeros(system: NodalSystem) -> NodalSystem:
+    """The same equations, resistors that have been taken out left out of the rows."""
+    coupling = system.coupling.copy()
+    coupling.eliminate_zeros()
+    return replace(system, coupling=coupling)
+
+
+def _cut_loose(system: NodalSystem, lost: NDArray[np.int64]) -> NodalSystem:
+    """Pin rows that nothing holds at the reference, each alone."""
+    if not len(lost):
+        return system
+    coupling, degree = system.coupling, system.degree
+    gone = np.zeros(system.size, dtype=np.bool_)
+    gone[lost] = True
+    data = np.where(np.repeat(gone, np.diff(coupling.indptr)), 0.0, coupling.data)
+
+    def tied(before: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
+        return np.where(gone, factor * degree, before)
+
+    rails = system.rails
+    loose = replace(
+        system,
+        coupling=_with_data(coupling, data),
+        excess=tied(system.excess, 1.0),
+        feed=tied(system.feed, 0.0),
+        rails=rails and replace(rails, to_high=tied(rails.to_high, 0.0), to_low=tied(rails.to_low, 1.0)),
+    )
+    vars(loose)["degree"] = degree
+    return loose
+
+
+def _driven_again(system: NodalSystem, rows: NDArray[np.int64]) -> NodalSystem:
+    """Feed nothing into rows that no longer take part; a uniform drive goes into the others."""
+    if not system.injected.any():
+        return system
+    injected = system.injected.copy()
+    injected[rows] = 0.0
+    layout = system.netlist.layout
+    if layout is not None and layout.drive == "uniform":
+        injected *= np.count_nonzero(system.injected) / np.count_nonzero(injected)
+    driven = replace(system, injected=injected)
+    vars(driven)["degree"] = system.degree
+    return driven
