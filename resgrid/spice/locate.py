@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.spice.dialects import dialect_named
 from resgrid.spice.expected import Expected
 
 _MAX_FINDINGS = 5
@@ -19,17 +20,26 @@ _ELEMENT = re.compile(
     rf"(?P<name>[rvic][a-z0-9_]*) (?P<first>[a-z0-9_]+) (?P<second>[a-z0-9_]+) (?P<value>{_NUMBER})"
     rf"(?: tc1={_NUMBER} tc2={_NUMBER})?"
 )
+_NONLINEAR = re.compile(
+    rf"b[a-z0-9_]* (?P<first>[a-z0-9_]+) (?P<second>[a-z0-9_]+) "
+    rf"i=(?P<value>{_NUMBER})\*tanh\(v\((?P=first),(?P=second)\)/(?P<volts>{_NUMBER})\)"
+)
+_OPTIONS = dialect_named("ngspice").precise
 _GROUND = "0"
 
 
 @dataclass(frozen=True, eq=False)
 class _Elements:
-    """What a flat deck holds, lines counted from 1; ``ends`` are positions in ``nodes``, ground is 0."""
+    """What a flat deck holds, lines counted from 1; ``ends`` are positions in ``nodes``, ground is 0.
+
+    ``volts`` is ``V0`` of nonlinear resistors, 1 elsewhere.
+    """
 
     nodes: list[str]
     kind: NDArray[np.str_]
     ends: NDArray[np.int64]
     value: NDArray[np.float64]
+    volts: NDArray[np.float64]
     line: NDArray[np.int64]
 
 
@@ -65,28 +75,33 @@ def inspect_deck(data: bytes, expected: Expected, tolerance: float) -> list[str]
 
 def _parse(data: bytes, known: Mapping[str, float]) -> tuple[_Elements | None, list[str]]:
     number = {_GROUND: 0, **{name: i for i, name in enumerate(known, start=1)}}
-    rows: list[tuple[str, int, int, float, int]] = []
+    rows: list[tuple[str, int, int, float, float, int]] = []
     problems: list[str] = []
     for line, text in enumerate(data.decode("utf-8", "replace").split("\n"), start=1):
-        if not text or text.startswith("* ") or text == ".end":
+        if not text or text.startswith("* ") or text in (".end", _OPTIONS):
             continue
-        match = _ELEMENT.fullmatch(text)
+        match = _ELEMENT.fullmatch(text) or _NONLINEAR.fullmatch(text)
         if match is None:
             problems.append(f"line {line} is none that resgrid writes: {text[:80]!r}")
         elif match["first"] not in number or match["second"] not in number:
             stranger = match["first"] if match["first"] not in number else match["second"]
             problems.append(f"line {line} names the node {stranger}, which is not expected: {text[:80]!r}")
         else:
-            value = float(match["value"])
-            if not math.isfinite(value) or (text[0] == "r" and value <= 0):
+            value, volts = float(match["value"]), float(match["volts"]) if text[0] == "b" else 1.0
+            if not math.isfinite(value) or (text[0] in "rb" and min(value, volts) <= 0):
                 problems.append(f"line {line} has a value out of range: {text[:80]!r}")
             else:
-                rows.append((text[0], number[match["first"]], number[match["second"]], value, line))
+                rows.append((text[0], number[match["first"]], number[match["second"]], value, volts, line))
     if not rows:
         return None, (problems or ["the deck holds no element"])[:_MAX_FINDINGS]
-    kind, first, second, value_, line_ = zip(*rows, strict=True)
+    kind, first, second, value_, volts_, line_ = zip(*rows, strict=True)
     elements = _Elements(
-        list(number), np.array(kind), np.array([first, second]).T, np.array(value_), np.array(line_, dtype=np.int64)
+        list(number),
+        np.array(kind),
+        np.array([first, second]).T,
+        np.array(value_),
+        np.array(volts_),
+        np.array(line_, dtype=np.int64),
     )
     return elements, problems
 
@@ -134,7 +149,10 @@ def _currents(elements: _Elements, voltage: NDArray[np.float64]) -> tuple[NDArra
     is_resistor, is_current = elements.kind == "r", elements.kind == "i"
     conductance = np.where(is_resistor, 1 / np.where(is_resistor, elements.value, 1.0), 0.0)
     current = conductance * (first - second) + np.where(is_current, elements.value, 0.0)
-    return current, _ROUNDING * conductance * (np.abs(first) + np.abs(second))
+    is_nonlinear = elements.kind == "b"
+    current += np.where(is_nonlinear, elements.value * np.tanh((first - second) / elements.volts), 0.0)
+    steepest = conductance + np.where(is_nonlinear, elements.value / elements.volts, 0.0)
+    return current, _ROUNDING * steepest * (np.abs(first) + np.abs(second))
 
 
 def _lines_at(elements: _Elements, node: int) -> str:
