@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from resgrid.control.log import Ending, Mode, Run
     from resgrid.control.plant import Plant, make_plant
     from resgrid.control.pushes import Push, random_pushes
+    from resgrid.control.settling import GridSettling, Wavefront, grid_settling, wavefront
+    from resgrid.control.settling_ratio import SettlingSweep, announced, settling_sweep
     from resgrid.control.simulation import Simulation, simulation
     from resgrid.device.build import build_chip, compile_chip, conductance_samples, mismatch_factors
     from resgrid.device.criticality import Criticality, analyse_criticality
@@ -198,6 +200,13 @@ _HOME = {
     "random_pushes": "resgrid.control.pushes",
     "Simulation": "resgrid.control.simulation",
     "simulation": "resgrid.control.simulation",
+    "settling_sweep": "resgrid.control.settling_ratio",
+    "announced": "resgrid.control.settling_ratio",
+    "SettlingSweep": "resgrid.control.settling_ratio",
+    "wavefront": "resgrid.control.settling",
+    "Wavefront": "resgrid.control.settling",
+    "grid_settling": "resgrid.control.settling",
+    "GridSettling": "resgrid.control.settling",
     "build_chip": "resgrid.device.build",
     "compile_chip": "resgrid.device.build",
     "conductance_samples": "resgrid.device.build",
@@ -361,6 +370,7 @@ __all__ = [
     "Field",
     "Finding",
     "Forecast",
+    "GridSettling",
     "InputError",
     "Layout",
     "Measure",
@@ -392,6 +402,7 @@ __all__ = [
     "Sensitivity",
     "Separation",
     "Settling",
+    "SettlingSweep",
     "ShortPath",
     "Simulation",
     "Streamline",
@@ -405,6 +416,7 @@ __all__ = [
     "TransientStepper",
     "Verdict",
     "Walk",
+    "Wavefront",
     "Yield",
     "__version__",
     "absorption",
@@ -415,6 +427,7 @@ __all__ = [
     "analyse_sensitivity",
     "analyse_settling",
     "analyse_yield",
+    "announced",
     "apply_overrides",
     "apply_passes",
     "basins",
@@ -440,6 +453,7 @@ __all__ = [
     "forecast_run",
     "format_deck",
     "free_volume_lost",
+    "grid_settling",
     "ideal_netlist",
     "make_controller",
     "make_plant",
@@ -498,6 +512,7 @@ __all__ = [
     "scale_drive",
     "scene_schema",
     "separation",
+    "settling_sweep",
     "shorten",
     "simulation",
     "small_signal",
@@ -513,6 +528,7 @@ __all__ = [
     "unwrap",
     "voltage_sensitivity",
     "wall_clearance_curve",
+    "wavefront",
     "workspace_clearance",
     "workspace_path",
     "write_chip_decks",

@@ -339,3 +339,21 @@ def resolve_contacts(
             moved = max(moved, abs(force[k, 1] - before))
         if moved <= _SETTLED * size:
             return
+
+
+@njit(cache=True)
+def relax(
+    first: NDArray[np.int32], column: NDArray[np.int32], coupling: Floats, diagonal: Floats, drive: Floats,
+    omega: float, count: int, value: Floats, spare: Floats,
+) -> None:  # fmt: skip
+    """Sweeps of relaxation of ``G x = b``, row by row; ``omega`` 0 stands for Jacobi's, which read old values only."""
+    for _ in range(count):
+        if omega == 0.0:
+            spare[:] = value
+        source = spare if omega == 0.0 else value
+        for row in range(len(diagonal)):
+            total = drive[row]
+            for entry in range(first[row], first[row + 1]):
+                total += coupling[entry] * source[column[entry]]
+            mean = total / diagonal[row]
+            value[row] = mean if omega == 0.0 else value[row] + omega * (mean - value[row])

@@ -142,14 +142,19 @@ def scene_resolver(scene: Scene, k: float | None = None) -> Resolve:
     InputError
         If the scene is driven by its start: each start would need a chip of its own.
     """
+    return resolver(**scene_rules(scene, k))
+
+
+def scene_rules(scene: Scene, k: float | None = None) -> dict[str, Any]:
+    """What `resolver` needs to know of a scene; arguments and errors as `scene_resolver`."""
     share = k if k is not None else (scene.k[0] if scene.k else None)
     if scene.boundary == "neumann" and scene.drive == "start":
         raise InputError("a scene with drive = 'start' serves one start at a time; control needs drive = 'uniform'")
     rule = "dirichlet" if share is not None and scene.boundary == "neumann" else scene.boundary
-    return resolver(
-        k=share,
-        boundary=rule,
-        edge=scene.edge,
-        resistance=scene.chip.resistance,
-        wall_resistance=scene.chip.wall_resistance,
-    )
+    return {
+        "k": share,
+        "boundary": rule,
+        "edge": scene.edge,
+        "resistance": scene.chip.resistance,
+        "wall_resistance": scene.chip.wall_resistance,
+    }

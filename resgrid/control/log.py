@@ -37,6 +37,8 @@ class Mode(IntEnum):
     """Was shaken loose: a small random step after it had stood still for long."""
     ARRIVED = 10
     """Is in a goal cell."""
+    WAITING = 11
+    """Stood still where a grid that is still settling leads nowhere."""
 
 
 class Ending(StrEnum):

@@ -20,6 +20,7 @@ from resgrid.errors import InputError
 from resgrid.space import Cell
 
 if TYPE_CHECKING:
+    from resgrid.control.settling import LiveGrid
     from resgrid.control.simulation import Simulation
 
 Vector = NDArray[np.float64]
@@ -55,6 +56,10 @@ class Loop:
         self.longest = simulation.step * float(space.spacing.min()) / self.controller.speed
         self.clear = 0.0
         self.recorder = Recorder(space.ndim)
+        self.grid = _live_grid(simulation)
+        self.grid_time = 0.0
+        if self.grid is not None:
+            self.controller = self.controller.with_field(self.grid.field)
         self.ending: tuple[Ending, str] | None = _static_ending(self)
 
     def run(self) -> Run:
@@ -72,7 +77,17 @@ class Loop:
             believed = believed + self.noise * self.rng.uniform(-1.0, 1.0, len(self.noise))
         return self.plant.within_stops(believed)
 
+    def _settle(self) -> None:
+        """Read the grid anew where it has moved since the last step."""
+        if self.grid is None:
+            return
+        crossed = (self.time - self.grid_time) * self.controller.speed / float(self.spacing.min())
+        self.grid_time = self.time
+        if self.grid.advance(crossed):
+            self.controller = self.controller.with_field(self.grid.field)
+
     def _advance(self) -> None:
+        self._settle()
         believed = self.believed = self._sense()
         seen = self.controller.seen(believed)
         if seen.place == "goal":
@@ -99,6 +114,8 @@ class Loop:
     def _choose(self, believed: Vector, seen: Nominal) -> tuple[Mode, Vector, float] | None:
         """Mode, velocity without forces, and the longest time step for it."""
         if seen.place == "off":
+            if self.grid is not None and self.space.goal_connected[tuple(self.space.locate(believed))]:
+                return Mode.WAITING, np.zeros_like(believed), self.longest
             unsure = self.noise.any() or (self.bias.any() and not self.trail)
             return self._recover(believed) if unsure else self._retreat()
         if self.controller.response == "equipotential" and self.torque.any():
@@ -200,6 +217,9 @@ class Loop:
             self.anchor, self.waited, self.dithers = after, 0, 0
             return
         self.waited += 1
+        if mode is Mode.WAITING:
+            self._lose_patience()
+            return
         if self.waited < _PATIENCE:
             return
         if self.dithers < _DITHERS and self.simulation.learn:
@@ -209,6 +229,15 @@ class Loop:
             self.ending = (Ending.JAM, "the contact force lies along the streamline, which following cannot overcome")
         else:
             self.ending = (Ending.STALLED, f"the robot has stayed within half a cell for {_PATIENCE} steps")
+
+    def _lose_patience(self) -> None:
+        assert self.simulation.settling is not None
+        patience = self.simulation.settling.patience
+        if self.waited * self.simulation.step >= patience:
+            self.ending = (
+                Ending.STALLED, f"no current leaves the robot's cell of the unsettled grid, and {patience:g} cells' "
+                "time of waiting has not changed that: let the grid settle faster, or move more slowly",
+            )  # fmt: skip
 
     def _dither(self) -> None:
         shaken = self.configuration + self.rng.uniform(-0.1, 0.1, self.space.ndim) * self.space.spacing
@@ -257,7 +286,11 @@ class Loop:
                 Ending.NO_PATH, "the obstacle cells learnt, with those of the map, separate the start from every goal"
             )  # fmt: skip
             return
-        self.controller = self.controller.with_field(self.simulation.resolve(self.space))
+        if self.grid is None:
+            self.controller = self.controller.with_field(self.simulation.resolve(self.space))
+            return
+        self.grid.change(self.space)
+        self.controller = self.controller.with_field(self.grid.field)
 
     def _code(self, believed: Vector) -> int:
         return int(self.space.cell[tuple(self.space.locate(believed))])
@@ -273,6 +306,20 @@ class Loop:
         self._record(believed, none, Mode.ARRIVED if arrived else self.recorder.last_mode, None, none)
         goal = int(self.space.goal_region[tuple(self.space.locate(believed))]) if arrived else None
         return self.recorder.run(self.ending, goal, tuple(self.lessons), self.space, self.controller.field, self.plant)
+
+
+def _live_grid(simulation: Simulation) -> LiveGrid | None:
+    """The grid at time 0, already on the rails of the map as it is now."""
+    if simulation.settling is None:
+        return None
+    from resgrid.control.settling import LiveGrid, check_same_grid
+
+    before = simulation.before if simulation.before is not None else simulation.space
+    check_same_grid(before, simulation.space)
+    grid = LiveGrid(simulation.settling, before)
+    if before is not simulation.space:
+        grid.change(simulation.space)
+    return grid
 
 
 def _contact_mode(mode: Mode, felt: Touch) -> Mode:

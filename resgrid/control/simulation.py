@@ -19,6 +19,7 @@ from resgrid.space import ConfigurationSpace
 if TYPE_CHECKING:
     from resgrid.control.log import Run
     from resgrid.control.pushes import Force, Push
+    from resgrid.control.settling import GridSettling
     from resgrid.scene.scene import Scene
 
 
@@ -40,6 +41,10 @@ class Simulation:
     step : float
         No axis moves by more than this share of a cell in a step, so that no point of the robot moves farther than this
         share of its largest motion across a cell.
+    settling : GridSettling or None
+        How the grid settles while the robot follows it; None: at once.
+    before : ConfigurationSpace or None
+        Then, the map that the grid had settled to at time 0; None: the same one.
     """
 
     controller: Controller
@@ -48,6 +53,8 @@ class Simulation:
     friction: float = 0.2
     learn: bool = True
     step: float = 0.2
+    settling: GridSettling | None = None
+    before: ConfigurationSpace | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.friction < np.inf:

@@ -139,7 +139,12 @@ def field_of(point: OperatingPoint) -> Field:
         raise InputError("this netlist was not compiled from a space, so it has no field")
     if point.potential is None:
         raise InputError("this circuit has more rails or drives than a field is defined for")
-    direction, log_current = _face_currents(point, layout, _unit_volts(point, layout))
+    direction, log_current = face_currents(
+        layout,
+        _unit_volts(point, layout),
+        (layout.resistor_face, layout.resistor_upward, point.resistor_direction, point.resistor_log_current),
+        (layout.nonlinear_face, layout.nonlinear_upward, point.nonlinear_direction, point.nonlinear_log_amps),
+    )
     field = Field(
         space=layout.space,
         potential=_per_cell(layout, point.potential),
@@ -192,17 +197,32 @@ def _per_cell(layout: Layout, value: NDArray[np.float64]) -> NDArray[np.float64]
     return np.where(layout.node >= 0, value[layout.node], np.nan)
 
 
-def _face_currents(
-    point: OperatingPoint, layout: Layout, volts: float
+def face_currents(
+    layout: Layout,
+    volts: float,
+    *elements: tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]],
 ) -> tuple[tuple[NDArray[np.int8], ...], tuple[NDArray[np.float64], ...]]:
+    """Currents of resistors as currents through cell faces.
+
+    Parameters
+    ----------
+    layout : Layout
+    volts : float
+        Between potential 0 and potential 1, with their sign.
+    *elements : tuple of ndarray
+        Of each kind of resistor: the face it crosses (-1 for none), whether its first node lies below, the sign of its
+        current from its first node, and the natural logarithm of the amperes.
+
+    Returns
+    -------
+    direction, log_current : tuple of ndarray
+        As a `Field` holds them.
+    """
     shapes = [face_shape(layout.space.shape, axis) for axis in range(layout.space.ndim)]
     sizes = [int(np.prod(shape)) for shape in shapes]
     direction = np.zeros(sum(sizes), dtype=np.int8)
     log_current = np.full(sum(sizes), -np.inf)
-    for face, upward, sign, log_amps in (
-        (layout.resistor_face, layout.resistor_upward, point.resistor_direction, point.resistor_log_current),
-        (layout.nonlinear_face, layout.nonlinear_upward, point.nonlinear_direction, point.nonlinear_log_amps),
-    ):
+    for face, upward, sign, log_amps in elements:
         crosses = face >= 0
         along = np.where(upward, 1, -1) * int(np.sign(volts))
         direction[face[crosses]] = (sign * along)[crosses]
