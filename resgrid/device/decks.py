@@ -33,7 +33,8 @@ CELSIUS = (-40.0, 27.0, 85.0, 125.0)
 BAND = 100.0
 """Upper limit of the noise band, in reciprocals of the fastest time constant (as angular frequency)."""
 
-_STEPS = 600
+_POINTS = 20
+_STEPS = 400
 _MOMENTS = 10
 _MOST_PROBES = 1000
 _FEW_PROBES = 64
@@ -139,14 +140,18 @@ def _noise(netlist: Netlist, settling: Settling, path: Path, words: dict[str, An
         "density": float(np.sqrt(noise.density[node])),
         "limit": limit if np.isfinite(limit) else None,
     }
-    asked = [NoiseAnalysis(netlist.node_name(node), *band, points=20)]
+    asked = [NoiseAnalysis(netlist.node_name(node), *band, points=_POINTS)]
     return write_spice(netlist, path, analyses=asked, expected=expected, **words)
 
 
 def noise_band(settling: Settling) -> tuple[float, float]:
-    """From a hundredth of the lowest corner frequency to a hundred times the highest one, in hertz."""
-    low = 0.01 / (2.0 * np.pi * float(settling.time_constants[0]))
-    return float(f"{low:.3g}"), float(f"{BAND / (2.0 * np.pi * settling.fastest):.3g}")
+    """From a hundredth of the lowest corner frequency to a hundred times the highest one, in hertz.
+
+    The upper limit is one of the simulator's frequencies, which it would otherwise stop short of.
+    """
+    low = float(f"{0.01 / (2.0 * np.pi * float(settling.time_constants[0])):.3g}")
+    points = int(np.ceil(_POINTS * np.log10(BAND / (2.0 * np.pi * settling.fastest * low))))
+    return low, low * 10.0 ** (points / _POINTS)
 
 
 def noisiest(noise: Noise) -> int:

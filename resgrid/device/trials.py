@@ -140,6 +140,8 @@ def prepare(
     linear = chip.saturation_voltage is None and not _is_faulty(chip)
     nominal = build_chip(netlist, _flawless(chip))
     point = solve(nominal)
+    bands = {readout.noise_bandwidth for readout in readouts} - {None}
+    noise = {band: _noise(nominal, point, chip, band) for band in bands if band is not None}
     return Experiment(
         netlist=netlist,
         chip=chip,
@@ -147,7 +149,7 @@ def prepare(
         floor=floor_of(layout),
         starts=mask.ravel(),
         eyes=tuple(
-            None if is_ideal(readout) else eyes_of(readout, layout, _noise(nominal, point, chip, readout))
+            None if is_ideal(readout) else eyes_of(readout, layout, noise.get(readout.noise_bandwidth or 0.0))
             for readout in readouts
         ),
         batch=prepare_batch(conductance_samples(netlist, chip, [])[0]) if blurred and linear and not alike else None,
@@ -240,12 +242,10 @@ def die_temperature(chip: Chip) -> float:
     return ROOM if chip.temperature is None else ROOM + chip.temperature - NOMINAL_CELSIUS
 
 
-def _noise(nominal: Netlist, point: OperatingPoint, chip: Chip, readout: Readout) -> NDArray[np.float64] | None:
+def _noise(nominal: Netlist, point: OperatingPoint, chip: Chip, bandwidth: float) -> NDArray[np.float64]:
     """Deviation of a measurement at every cell, in volts: thermal noise of the flawless chip in the read-out's band."""
-    if readout.noise_bandwidth is None:
-        return None
     linear = small_signal(point) if nominal.nonlinear_nodes.size else nominal
-    noise = analyse_noise(linear, band=(0.0, readout.noise_bandwidth), temperature=die_temperature(chip))
+    noise = analyse_noise(linear, band=(0.0, bandwidth), temperature=die_temperature(chip))
     assert noise.total is not None
     assert nominal.layout is not None
     node = nominal.layout.node.ravel()
