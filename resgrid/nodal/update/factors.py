@@ -58,7 +58,7 @@ def update_factor(factors: Factor, cells: ArrayLike, to: int) -> Factor:
         return _anew(system, change, "factors of the direct method are made again", METHODS["direct"])
     board = factors.hierarchy.board
     if board is not None and not change.reason and len(change.pinned) <= _LARGE * system.size:
-        return MultigridFactor(system, patch_levels(factors.hierarchy, board, system, change), change)
+        return MultigridFactor(system, patch_levels(factors.hierarchy, board, factors.system, system, change), change)
     reason = "the grid has no two colours" if board is None else "many cells have changed"
     return _anew(system, change, reason, METHODS["multigrid"])
 

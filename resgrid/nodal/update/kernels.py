@@ -23,6 +23,17 @@ def find_entries(indptr: Indices, indices: Indices, rows: Integers, columns: Int
 
 
 @njit(cache=True)
+def first_neighbours(indptr: Indices, indices: Indices, data: Floats, rows: Integers) -> Integers:
+    """The first neighbour that every row still has; -1 for none."""
+    found = np.full(len(rows), -1)
+    for k in range(len(rows)):
+        for entry in range(indptr[rows[k]], indptr[rows[k] + 1]):
+            if found[k] < 0 and data[entry] > 0.0:
+                found[k] = indices[entry]
+    return found
+
+
+@njit(cache=True)
 def sum_rows(indptr: Indices, data: Floats, rows: Integers, unit: float) -> tuple[Floats, Floats]:
     """Sums of rows, in doubles and as the board stores them: rounded to single precision, in units."""
     total, stored = np.zeros(len(rows)), np.zeros(len(rows))
