@@ -12,6 +12,8 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
 Integers = NDArray[np.int64]
 
+_SAMPLE = 50_000
+
 
 @njit(cache=True)
 def _find(parent: Indices, node: int) -> int:
@@ -37,10 +39,32 @@ def _numbered(parent: Indices) -> tuple[Indices, int]:
 
 
 @njit(cache=True)
+def coordinates(cell: Integers, shape: Integers) -> Indices:
+    """Indices of cells given by their place in C order."""
+    out = np.empty((len(cell), len(shape)), np.int32)
+    for node in range(len(cell)):
+        rest = cell[node]
+        for axis in range(len(shape) - 1, -1, -1):
+            out[node, axis] = rest % shape[axis]
+            rest //= shape[axis]
+    return out
+
+
+@njit(cache=True)
+def reach(indptr: Indices, indices: Indices) -> int:
+    """How many rows behind its own a row has neighbours."""
+    most = 0
+    for row in range(len(indptr) - 1):
+        if indptr[row + 1] > indptr[row]:
+            most = max(most, indices[indptr[row + 1] - 1] - row)
+    return most
+
+
+@njit(cache=True)
 def mean_along(indptr: Indices, indices: Indices, conductance: Floats, coordinate: Indices) -> Floats:
-    """Mean conductance along every axis; 0 where there is none."""
+    """Mean conductance along every axis, of a sample; 0 where there is none."""
     total, entries = np.zeros(coordinate.shape[1]), np.zeros(coordinate.shape[1])
-    for node in range(len(indptr) - 1):
+    for node in range(0, len(indptr) - 1, max(1, len(indptr) // _SAMPLE)):
         for k in range(indptr[node], indptr[node + 1]):
             for axis in range(coordinate.shape[1]):
                 if coordinate[node, axis] != coordinate[indices[k], axis]:
@@ -55,13 +79,14 @@ def aggregate_blocks(
 ) -> tuple[Indices, int]:
     """Aggregates: the connected parts of the graph within blocks of ``2**shift`` cells along every axis.
 
-    A conductance connects unless it is ``weak`` beside the strongest ones at either end.
+    A conductance connects unless it is less than ``weak`` times the strongest one at either end.
     """
     parent = np.arange(len(indptr) - 1).astype(np.int32)
     strongest = np.zeros(len(parent))
-    for node in range(len(parent)):
-        for k in range(indptr[node], indptr[node + 1]):
-            strongest[node] = max(strongest[node], conductance[k])
+    if weak > 0.0:
+        for node in range(len(parent)):
+            for k in range(indptr[node], indptr[node + 1]):
+                strongest[node] = max(strongest[node], conductance[k])
     for node in range(len(parent)):
         for k in range(indptr[node], indptr[node + 1]):
             other = indices[k]

@@ -6,7 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.nodal.multigrid.checkerboard_kernels import Board, fill_faces, place_cells, sum_faces
+from resgrid.nodal.multigrid.checkerboard_kernels import (
+    Board,
+    fill_faces,
+    invert_degrees,
+    place_cells,
+    spread_unknowns,
+    sum_faces,
+)
 
 _LEAST_WIDTH = 4
 _BLOCK = 1024
@@ -65,10 +72,9 @@ def lay_out(
     if count < 0:
         return None
     wrap_red, wrap_black, wrap_conductance = _wraps(coupling, place, wraps[:count], unit)
-    red, black = place < 0, place >= 0
-    red_place, black_place = -1 - place[red], place[black]
     degrees = np.zeros((2, places))
-    degrees[0, red_place], degrees[1, black_place] = excess[red] / unit, excess[black] / unit
+    black_aggregate = np.full(places, -1, dtype=np.int32)
+    spread_unknowns(place, excess, aggregate, unit, *degrees, black_aggregate)
     board = Board(
         faces=faces,
         distance=distance,
@@ -83,12 +89,10 @@ def lay_out(
         red_inverse=degrees[0],
         black_degree=degrees[1],
         black_inverse=np.zeros(places, dtype=np.float32),
-        aggregate=np.full(places, -1, dtype=np.int32),
+        aggregate=black_aggregate,
     )
     sum_faces(board, *degrees)
-    board.red_inverse[red_place] = 1.0 / board.red_inverse[red_place]
-    board.black_inverse[black_place] = 1.0 / board.black_degree[black_place]
-    board.aggregate[black_place] = aggregate[black]
+    invert_degrees(*degrees, board.black_inverse)
     return board, place
 
 

@@ -383,3 +383,32 @@ def fill_faces(
             else:
                 return -1
     return count
+
+
+@njit(cache=True)
+def spread_unknowns(
+    place: Integers,
+    excess: Floats,
+    aggregate: Indices,
+    unit: float,
+    red_leak: Floats,
+    black_leak: Floats,
+    black_aggregate: Indices,
+) -> None:
+    """Leaks to the rails of both colours, and the black cells' aggregates, at their places."""
+    for i in range(len(place)):
+        if place[i] < 0:
+            red_leak[-1 - place[i]] = excess[i] / unit
+        else:
+            black_leak[place[i]] = excess[i] / unit
+            black_aggregate[place[i]] = aggregate[i]
+
+
+@njit(cache=True)
+def invert_degrees(red_degree: Floats, black_degree: Floats, black_inverse: Singles) -> None:
+    """Reciprocals where there is an unknown: of red degrees in place, of black ones beside them."""
+    for k in range(len(red_degree)):
+        if red_degree[k] > 0.0:
+            red_degree[k] = 1.0 / red_degree[k]
+        if black_degree[k] > 0.0:
+            black_inverse[k] = 1.0 / black_degree[k]

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
+from resgrid.nodal.multigrid import aggregation
 from resgrid.nodal.multigrid.checkerboard import lay_out
 from resgrid.nodal.multigrid.checkerboard_kernels import Board
 from resgrid.nodal.multigrid.kernels import Stack
@@ -63,14 +63,9 @@ def build_hierarchy(system: NodalSystem) -> Hierarchy:
         laid_out = lay_out(coupling, system.excess, cell, shape, steps[0].target, unit)
     if laid_out is None:
         return Hierarchy(stack_levels(graphs, steps), None, np.empty(0, dtype=np.int64), 0, unit)
-    return Hierarchy(stack_levels(graphs[1:], steps[1:]), *laid_out, _reach(coupling), unit)
-
-
-def _reach(coupling: sparse.csr_array) -> int:
-    """How many rows behind its own a row has neighbours."""
-    last = coupling.indptr[1:] - 1
-    rows = np.flatnonzero(np.diff(coupling.indptr) > 0)
-    return int(np.max(coupling.indices[last[rows]] - rows, initial=0))
+    return Hierarchy(
+        stack_levels(graphs[1:], steps[1:]), *laid_out, aggregation.reach(coupling.indptr, coupling.indices), unit
+    )
 
 
 def _cells(system: NodalSystem) -> NDArray[np.int64] | None:
@@ -89,7 +84,7 @@ def _cells(system: NodalSystem) -> NDArray[np.int64] | None:
 def _coordinates(system: NodalSystem, cell: NDArray[np.int64]) -> NDArray[np.int32]:
     layout = system.netlist.layout
     assert layout is not None
-    return np.ascontiguousarray(np.stack(np.unravel_index(cell, layout.space.shape), axis=1), dtype=np.int32)
+    return aggregation.coordinates(cell, np.array(layout.space.shape))
 
 
 def stack_levels(graphs: list[Graph], steps: list[Step]) -> Stack:

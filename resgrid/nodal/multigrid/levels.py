@@ -105,7 +105,9 @@ def _blocks(graph: Graph, coordinate: NDArray[np.int32]) -> tuple[Step, Graph]:
     rows = (graph.indptr, graph.indices, graph.conductance)
     mean = aggregation.mean_along(*rows, coordinate)
     shift = (mean > _WEAK * mean.max()).astype(np.int64)
-    aggregate, count = aggregation.aggregate_blocks(*rows, coordinate, shift, _WEAK)
+    g = graph.conductance
+    weak = _WEAK if g.min() < _WEAK * g.max() else 0.0
+    aggregate, count = aggregation.aggregate_blocks(*rows, coordinate, shift, weak)
     coarse = aggregation.coarsen(*rows, graph.leak, aggregate, count)
     shape = aggregation.block_shape(*rows, aggregate, coordinate, shift, count)
     aggregation.lengthen(*coarse, *shape)
