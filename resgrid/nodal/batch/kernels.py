@@ -54,9 +54,9 @@ def refill(
                     faces[face[k], -1 - here] = single
                 else:
                     board.wrap_conductance[-1 - face[k]] = single
-        inverse[i] = 1.0 / true
         largest = max(largest, true)
         if here < 0:
+            inverse[i] = 1.0 / true
             board.red_inverse[-1 - here] = 1.0 / stored
         else:
             board.black_degree[here] = stored

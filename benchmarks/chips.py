@@ -1,0 +1,95 @@
+"""Measure many chips of one grid beside a loop of SuperLU.  ``python -m benchmarks.chips [chips [side]]``.
+
+Both solve the same matrices on one thread, block by block in turn; all cores are reported apart.  SuperLU gets its
+matrices ready made; resgrid's time counts from the conductances, and once more from the seeds.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+import numpy as np
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+
+from resgrid.device.build import conductance_samples
+from resgrid.device.ideal import ideal_netlist
+from resgrid.netlist import Netlist
+from resgrid.nodal.batch.many import solve_many
+from resgrid.nodal.solve import solve
+from resgrid.nodal.system import assemble
+from resgrid.scene.chip import Chip
+from resgrid.space import Axis, ConfigurationSpace
+
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
+_BLOCKS = 10
+_RTOL = 1e-10
+
+
+def grid(side: int) -> ConfigurationSpace:
+    """A square with a few walls and a goal."""
+    cell = np.zeros((side, side), dtype=np.uint8)
+    cell[side // 6 : side // 2, side // 3] = cell[2 * side // 3, side // 4 : 3 * side // 4] = 1
+    cell[side // 12, 6 * side // 7] = 2
+    return ConfigurationSpace([Axis(name, 0.0, 1.0, side, False, "m") for name in "xy"], cell)
+
+
+def timed(function: Callable[[], Any]) -> tuple[Any, float, float]:
+    """What a function returns, and its seconds on the clock and on the processor."""
+    wall, busy = time.perf_counter(), time.process_time()
+    value = function()
+    return value, time.perf_counter() - wall, time.process_time() - busy
+
+
+def matrices(netlist: Netlist, conductance: np.ndarray) -> list[tuple[Any, np.ndarray, np.ndarray]]:
+    """Nodal matrices, right-hand sides and the nodes that they solve for."""
+    ready = []
+    for chip in conductance:
+        system = assemble(netlist.replace(conductance=chip))
+        matrix = sparse.csc_matrix(sparse.diags_array(system.degree) - system.coupling)
+        ready.append((matrix, system.feed + system.injected, np.flatnonzero(system.unknown >= 0)))
+    return ready
+
+
+def main(chips: int = 1000, side: int = 128) -> None:
+    """Print throughputs and their ratios."""
+    kind = Chip(mismatch=0.02)
+    ideal = ideal_netlist(grid(side), kind)
+    solve_many(ideal, np.tile(ideal.conductance, (2, 1)))  # compiled
+    seconds = np.zeros((4, 2))
+    error, size = 0.0, max(chips // _BLOCKS, 1)
+    for begin in range(0, chips, size):
+        seeds = [(0, k) for k in range(begin, min(begin + size, chips))]
+        (circuit, conductance), *seconds_drawn = timed(lambda seeds=seeds: conductance_samples(ideal, kind, seeds))
+        found, *ours = timed(lambda c=circuit, g=conductance: solve_many(c, g, rtol=_RTOL))
+        ready = matrices(circuit, conductance)
+        theirs_found, *theirs = timed(lambda ready=ready: [spsolve(matrix, rhs) for matrix, rhs, _ in ready])
+        with ThreadPoolExecutor() as threads:
+            _, *cores = timed(lambda c=circuit, g=conductance, t=threads: solve_many(c, g, rtol=_RTOL, executor=t))
+        for volts, x, (_, _, nodes) in zip(found, theirs_found, ready, strict=True):
+            error = max(error, float(np.abs(volts[nodes] - x).max()))
+        seconds += [seconds_drawn, ours, theirs, cores]
+    alone = timed(lambda: [solve(circuit.replace(conductance=g)) for g in conductance[:5]])
+    names = ("draw the chips", "resgrid.solve_many", "scipy spsolve", f"solve_many, {os.cpu_count()} threads")
+    for name, (wall, busy) in zip(names, 1e3 * seconds / chips, strict=True):
+        sys.stdout.write(f"{name:28} {wall:8.3f} ms a chip on the clock, {busy:8.3f} on the processor\n")
+    sys.stdout.write(f"{'a loop of resgrid.solve':28} {200 * alone[1]:8.3f} ms a chip\n")
+    drawn, ours, theirs, cores = seconds[:, 1]
+    sys.stdout.write(
+        f"{chips} chips of {side} x {side}: {theirs / ours:.1f} times the throughput of spsolve on one thread "
+        f"({theirs / (ours + drawn):.1f} with drawing the chips); on the clock {seconds[2, 0] / seconds[1, 0]:.1f}, "
+        f"with all cores {seconds[2, 0] / seconds[3, 0]:.1f}; residual at most {_RTOL:g} of the right-hand side, "
+        f"largest difference {error:.1e} V of 1 V\n"
+    )
+
+
+if __name__ == "__main__":
+    if os.environ.get("OMP_NUM_THREADS") != "1":  # the libraries read it when they are loaded
+        words = [sys.executable, "-m", "benchmarks.chips", *sys.argv[1:]]
+        os.execve(words[0], words, {**os.environ, **dict.fromkeys(_THREADS, "1")})
+    main(*map(int, sys.argv[1:]))
