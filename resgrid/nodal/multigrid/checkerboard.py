@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.nodal.multigrid.checkerboard_kernels import (
-    Board,
+from resgrid.nodal.multigrid.checkerboard_kernels import Board
+from resgrid.nodal.multigrid.checkerboard_setup import (
     fill_faces,
     invert_degrees,
     place_cells,

@@ -43,8 +43,8 @@ def iterate(
 ) -> tuple[NDArray[np.float64], float]:
     """Solve until the residual norm is ``rtol |b|``, or rounding forbids more.
 
-    From a guess on, an error of at most ``rtol`` in every voltage, relative to the largest one, is enough too.  It is
-    judged by its energy norm, which the steps tell (Hestenes & Stiefel 1952; Strakos & Tichy 2002).
+    From a guess on, an error of at most ``rtol`` in every voltage, relative to the largest one, is enough too, as the
+    steps tell it (after Hestenes & Stiefel 1952; Strakos & Tichy 2002).
 
     Parameters
     ----------
@@ -74,22 +74,26 @@ def iterate(
 class _Error:
     """Judges from the steps of conjugate gradients whether the error is small enough already.
 
-    A step lessens the square of the error's energy norm by ``(z.r)^2 / p.A p``; what the steps to come would lessen it
-    by is a geometric series.  The norm is in volts: squared, times ``unit``, it is a power.
+    A step lessens the square of the error's energy norm by ``(z.r)^2 / p.A p``.  How fast that falls tells how far
+    the steps to come still go, as a geometric series that begins with this one.
     """
 
-    def __init__(self, b: NDArray[np.float64], guess: NDArray[np.float64] | None, rtol: float, unit: float) -> None:
+    def __init__(self, guess: NDArray[np.float64] | None, rtol: float) -> None:
         self.small = False
-        self._unit, self._near, self._last = unit, 0.0, 0.0
-        if guess is not None:
-            largest = max(float(guess.max(initial=0.0)), -float(guess.min(initial=0.0)))
-            self._near = rtol * min(largest, math.sqrt(max(float(b @ guess), 0.0) / unit))
+        self._near = 0.0 if guess is None else rtol * _largest(guess)
+        self._last = 0.0
 
-    def lessened(self, power: float) -> None:
-        """A step has lessened the square by so much, in watts."""
-        ratio = min(power / self._last, _SLOWEST) if self._last > 0.0 else _SLOWEST
+    def moved(self, direction: NDArray[np.float64], factor: float, power: float) -> None:
+        """A step has gone ``factor`` times a direction, and has lessened the squared norm by so much."""
+        if not self._near:
+            return
+        ratio = math.sqrt(min(power / self._last, _SLOWEST) if self._last > 0.0 else _SLOWEST)
         self._last = power
-        self.small = math.sqrt(power / self._unit * ratio / (1.0 - ratio)) <= self._near
+        self.small = abs(factor) * _largest(direction) * ratio / (1.0 - ratio) <= self._near
+
+
+def _largest(values: NDArray[np.float64]) -> float:
+    return max(float(values.max(initial=0.0)), -float(values.min(initial=0.0)))
 
 
 def _iterate_on_board(
@@ -101,7 +105,7 @@ def _iterate_on_board(
     guess: NDArray[np.float64] | None,
     watch: Watch,
 ) -> tuple[NDArray[np.float64], float]:
-    error = _Error(b, guess, rtol, hierarchy.unit)
+    error = _Error(guess, rtol)
     burst = _Burst(hierarchy, board, error, watch)
     matrix = (*_rows(system), 1.0 / system.degree, hierarchy.place, hierarchy.reach)
     x, last, left = np.zeros(len(b)) if guess is None else guess.copy(), np.inf, _MOST_ITERATIONS
@@ -146,7 +150,8 @@ class _Burst:
                 break
             work = (self._z, self._w, self._p, self._s, self.x, self.r)
             self.left = math.sqrt(passes.advance(self.board, *work, beta, zr / self._energy))
-            self._error.lessened(zr * zr / self._energy * size * size / self._unit)
+            power, step = zr * zr / self._energy * size * size, zr / self._energy * size / self._unit
+            self._error.moved(self._p, step, power)
             self._watch.step(self.left * size)
             steps += 1
         return steps
@@ -169,7 +174,7 @@ def _iterate_on_graph(
     matrix, stack = _rows(system), _own_work(hierarchy.stack)
     n = len(b)
     x, r, z = np.zeros(n), b.copy(), np.empty(n, dtype=np.float32)
-    goal, left, error = rtol * kernels.norm(b), _MOST_ITERATIONS, _Error(b, guess, rtol, hierarchy.unit)
+    goal, left, error = rtol * kernels.norm(b), _MOST_ITERATIONS, _Error(guess, rtol)
     if guess is not None:
         x = guess.copy()
         kernels.subtract_product(*matrix, b, x, r)
@@ -186,7 +191,7 @@ def _iterate_on_graph(
             if not energy > 0.0:
                 break
             recursive = float(np.sqrt(kernels.advance(z, w, p, s, trial, r, beta, zr / energy)))
-            error.lessened(zr * zr / energy)
+            error.moved(p, zr / energy, zr * zr / energy)
             watch.step(recursive)
             left -= 1
         true = kernels.subtract_product(*matrix, b, trial, r)
