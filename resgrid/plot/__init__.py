@@ -1,8 +1,11 @@
 """Pictures: every function takes values and an axes, draws, and returns the axes; only `save_figure` writes."""
 
+from resgrid.plot.animations import run_frames, save_animation, wavefront_frames
 from resgrid.plot.chip_curves import plot_bits_histogram, plot_precision_page, plot_served, plot_settling_curve
 from resgrid.plot.chips import plot_noise, plot_power, plot_precision, plot_sensitivity, plot_settling
 from resgrid.plot.circuits import plot_circuit
+from resgrid.plot.control import plot_run, plot_runs_by_k
+from resgrid.plot.control_maps import plot_dirichlet_share, plot_settling_sweep, plot_velocities, plot_wavefront
 from resgrid.plot.curves import plot_clearance_curve
 from resgrid.plot.fields import plot_currents, plot_potential, plot_space
 from resgrid.plot.figures import new_figure, render_figure, save_figure
@@ -23,6 +26,7 @@ __all__ = [
     "plot_configurations",
     "plot_criticality",
     "plot_currents",
+    "plot_dirichlet_share",
     "plot_exploration",
     "plot_noise",
     "plot_pair",
@@ -33,18 +37,26 @@ __all__ = [
     "plot_precision_page",
     "plot_profile",
     "plot_robot_path",
+    "plot_run",
+    "plot_runs_by_k",
     "plot_scene_page",
     "plot_sensitivity",
     "plot_separation",
     "plot_served",
     "plot_settling",
     "plot_settling_curve",
+    "plot_settling_sweep",
     "plot_slices",
     "plot_space",
     "plot_streamlines",
     "plot_tip_ways",
+    "plot_velocities",
+    "plot_wavefront",
     "plot_workspace",
     "plot_yield",
     "render_figure",
+    "run_frames",
+    "save_animation",
     "save_figure",
+    "wavefront_frames",
 ]

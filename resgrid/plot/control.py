@@ -1,0 +1,306 @@
+"""Pictures of controlled motion: workspace with contact forces, configuration space with modes and lessons."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import product
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from resgrid.control.log import ContactLog, Ending, Mode, Run
+from resgrid.control.plant import plant_of
+from resgrid.errors import InputError
+from resgrid.plot.fields import plot_space
+from resgrid.plot.figures import new_figure
+from resgrid.plot.paint import VIRTUAL, paint_cells
+from resgrid.plot.robots import mark_shapes, plot_robot_path
+from resgrid.plot.style import FAILURE, GOAL, PATHS, TEXT, refresh_legend
+from resgrid.robots import Arm, CellSet, HalfSpace, Shape
+from resgrid.scene.place import to_space
+from resgrid.scene.scene import Scene
+from resgrid.space import Cell, ConfigurationSpace
+
+MODES: dict[Mode, tuple[str, Any]] = {
+    Mode.STREAMLINE: ("#0072B2", "-"),
+    Mode.PUSHED: ("#CC79A7", "-"),
+    Mode.SLIDING: ("#D55E00", "-"),
+    Mode.STICKING: (FAILURE, "-"),
+    Mode.FOLLOWING: ("#E69F00", "-"),
+    Mode.JAM: (FAILURE, "-"),
+    Mode.LEARNING: ("#000000", "-"),
+    Mode.RETREATING: ("#000000", (0, (2, 1))),
+    Mode.RECOVERING: ("#009E73", "-"),
+    Mode.DITHERING: ("#56B4E9", (0, (1, 1))),
+    Mode.WAITING: (FAILURE, (0, (1, 1))),
+    Mode.ARRIVED: ("#0072B2", "-"),
+}
+"""Colour and line style of the way in every mode."""
+
+HIDDEN = "#b96b6b"
+LEARNT = "#D55E00"
+FORCE = "#B2182B"
+_PAGE = 7.4
+_MOST_ARROWS = 8
+
+
+def plot_run(run: Run, scene: Scene, *, title: str = "", caption: str = "") -> Figure:
+    """Draw a controlled motion.
+
+    Parameters
+    ----------
+    run : Run
+    scene : Scene
+        The one that it was simulated in.
+    title, caption : str
+        Above and below the figure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Workspace with hidden obstacles, contact forces and some poses of the robot; beside it, where the configuration
+        space has two axes, the way in colours of the modes, with cells learnt circled.
+    """
+    flat = run.space.ndim == 2
+    figure = new_figure(_PAGE, 4.6 + 0.15 * (caption.count("\n") + 2 if caption else 0))
+    left = figure.add_subplot(1, 2, 1) if flat else figure.add_subplot()
+    plot_run_workspace(run, scene, left)
+    if flat:
+        plot_run_configurations(run, scene, figure.add_subplot(1, 2, 2))
+    if title:
+        figure.suptitle(title, fontsize=TEXT + 2)
+    if caption:
+        figure.supxlabel("\n" + caption, fontsize=TEXT - 1, x=0.02, ha="left")
+    return figure
+
+
+def plot_run_workspace(run: Run, scene: Scene, axes: Axes) -> Axes:
+    """Draw what happened in the workspace: poses, the way of the tip, contact forces.
+
+    Parameters
+    ----------
+    run : Run
+    scene : Scene
+    axes : matplotlib.axes.Axes
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    known, hidden, goals = bodies_of(scene)
+    way = thinned(run.configuration)
+    plot_robot_path(way, scene.robot, run.space, (*known, *hidden), goals, axes)
+    dress_workspace(scene, hidden, axes)
+    draw_forces(run.contacts, _few(run.contacts), axes)
+    zoom(run, scene, axes)
+    refresh_legend(axes)
+    return axes
+
+
+def zoom(run: Run, scene: Scene, axes: Axes) -> None:
+    """Show what a motion is about: the robot on its way, bounded obstacles and goals."""
+    known, hidden, goals = bodies_of(scene)
+    bounded = [shape for shape in (*known, *hidden, *goals) if not isinstance(shape, HalfSpace | CellSet)]
+    boxes = [np.array(shape.bounds) for shape in bounded]
+    poses = run.configuration[np.linspace(0, len(run.configuration) - 1, 24).astype(np.int64)]
+    boxes += [np.array(shape.bounds).reshape(2, 2) for pose in poses for shape in scene.robot.shapes_at(pose)]
+    if scene.map is not None:
+        boxes.append(np.stack([run.space.lower, run.space.upper]))
+    low, high = np.concatenate(boxes).min(axis=0), np.concatenate(boxes).max(axis=0)
+    middle, half = (low + high) / 2, 0.56 * float((high - low).max())
+    axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
+
+
+def bodies_of(scene: Scene) -> tuple[list[Shape], list[Shape], list[Shape]]:
+    """Obstacles on the map, hidden ones, and goals that are shapes, all in the coordinates of the space."""
+    known, hidden = ([to_space(shape, scene.frame) for shape in shapes] for shapes in (scene.obstacles, scene.hidden))
+    goals = [to_space(goal, scene.frame) for goal in scene.goals if isinstance(goal, Shape)]
+    return known, hidden, goals
+
+
+def dress_workspace(scene: Scene, hidden: Sequence[Shape], axes: Axes) -> None:
+    """Mark what the map does not show, and what came from a map file."""
+    if scene.map is not None:
+        blocked = CellSet(scene.axes, scene.map.cell == Cell.OBSTACLE)
+        paint_cells(ConfigurationSpace(scene.axes, scene.map.cell), blocked.mask, "#3d3d3d", "obstacle", axes)
+    if hidden:
+        mark_shapes(hidden, axes, HIDDEN, "hidden obstacle", 2.4)
+
+
+def draw_forces(contacts: ContactLog, rows: NDArray[np.int64], axes: Axes) -> Any:
+    """Arrows of contact forces on the robot, the largest as long as a tenth of the picture."""
+    if not len(contacts.step):
+        return None
+    size = float(np.abs(np.diff(axes.get_xlim()))[0])
+    largest = float(np.hypot(*contacts.force.T).max())
+    arrows = contacts.force[rows] * (0.12 * size / largest)
+    return axes.quiver(
+        *contacts.point[rows].T, *arrows.T, color=FORCE, angles="xy", scale_units="xy", scale=1.0, width=0.006,
+        zorder=9, label="contact force",
+    )  # fmt: skip
+
+
+def _few(contacts: ContactLog) -> NDArray[np.int64]:
+    count = len(contacts.step)
+    return np.unique(np.linspace(0, count - 1, min(count, _MOST_ARROWS)).astype(np.int64)) if count else np.arange(0)
+
+
+def plot_run_configurations(run: Run, scene: Scene, axes: Axes, *, way: bool = True) -> Axes:
+    """Draw what happened in a configuration space of two axes: the way in colours of its modes, the cells learnt.
+
+    Parameters
+    ----------
+    run : Run
+    scene : Scene
+    axes : matplotlib.axes.Axes
+    way : bool
+        Draw the way; otherwise the map alone.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        If the space does not have two axes.
+    """
+    if run.space.ndim != 2:
+        raise InputError(f"the configuration space of this motion has {run.space.ndim} axes, and a picture has two")
+    learnt = run.learnt
+    plant = plant_of(scene)
+    known = ConfigurationSpace(run.space.axes, np.where(learnt, np.uint8(Cell.FREE), run.space.cell))
+    plot_space(known, axes)
+    if isinstance(scene.robot, Arm):
+        virtual = plant.itself & (known.cell == Cell.OBSTACLE)
+        bodies = scene.robot.occupancy(scene.axes, plant.obstacles[: plant.known], "conservative")
+        paint_cells(known, virtual & ~_touched(scene, plant.obstacles[: plant.known], bodies), VIRTUAL, "virtual", axes)
+    hidden = (plant.true_space(known).cell == Cell.OBSTACLE) & (known.cell != Cell.OBSTACLE)
+    if hidden.any():
+        paint_cells(known, hidden, "#e3bcbc", "hidden obstacle", axes)
+    if way:
+        draw_way(run, axes)
+        draw_lessons(run, learnt, axes)
+        _mark_ends(run, axes)
+    axes.set_title("Configuration space", fontsize=TEXT)
+    refresh_legend(axes)
+    return axes
+
+
+def _touched(scene: Scene, shapes: Sequence[Shape], bodies: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Cells in which an arm meets an obstacle, strips along singularities left out."""
+    from dataclasses import replace
+
+    assert isinstance(scene.robot, Arm)
+    bare = replace(scene.robot, singularity_cells=None, singularity_width=None)
+    return bodies & bare.occupancy(scene.axes, shapes, "conservative")
+
+
+def thinned(configuration: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Configurations without repetitions, for a way."""
+    keep = np.ones(len(configuration), dtype=np.bool_)
+    keep[1:] = np.any(np.diff(configuration, axis=0) != 0.0, axis=1)
+    return configuration[keep]
+
+
+def draw_way(run: Run, axes: Axes) -> None:
+    """The way in colours of its modes, with copies where it crosses seams."""
+    way = run.configuration
+    copies = [by for by in seam_shifts(run.space) if _is_inside(way + by, run.space)]
+    for by in copies:
+        axes.plot(*(way + by).T, color="white", linewidth=3.0, zorder=3.8)
+    steps = np.stack([way[:-1], way[1:]], axis=1)
+    moves = np.any(steps[:, 0] != steps[:, 1], axis=1)
+    for mode, (colour, line) in MODES.items():
+        chosen = steps[moves & (run.mode[:-1] == mode)]
+        if len(chosen):
+            lines = list(np.concatenate([chosen + by for by in copies]))
+            axes.add_collection(LineCollection(lines, colors=colour, linestyles=[line], linewidths=1.7, zorder=4.2))
+            axes.plot([], [], color=colour, linestyle=line, linewidth=1.7, label=mode.name.lower())
+    taught = way[[lesson.step for lesson in run.lessons]]
+    if len(taught):
+        taught = wrapped(taught, run.space)
+        axes.scatter(taught[:, 0], taught[:, 1], s=12, marker="D", color="black", zorder=5, label="learning")
+
+
+def seam_shifts(space: ConfigurationSpace) -> list[NDArray[np.float64]]:
+    """Shifts by which what crosses seams is drawn again."""
+    turns = [range(-2, 3) if ring else range(1) for ring in space.periodic]
+    return [np.array(by) * (space.upper - space.lower) for by in product(*turns)]
+
+
+def _is_inside(points: NDArray[np.float64], space: ConfigurationSpace) -> bool:
+    return bool(np.any(np.all((points >= space.lower) & (points <= space.upper), axis=-1)))
+
+
+def wrapped(points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:
+    """Points brought back into the grid across periodic seams."""
+    extent = space.upper - space.lower
+    return np.where(space.periodic, space.lower + np.mod(points - space.lower, extent), points)
+
+
+def draw_lessons(run: Run, learnt: NDArray[np.bool_], axes: Axes) -> None:
+    """Circle the cells learnt."""
+    if not learnt.any():
+        return
+    centres = run.space.centre(np.argwhere(learnt))
+    axes.scatter(
+        centres[:, 0], centres[:, 1], s=9 if len(centres) < 60 else 5, marker="o", facecolor="none", edgecolor=LEARNT,
+        linewidth=0.6, zorder=3, label="cell learnt",
+    )  # fmt: skip
+
+
+def _mark_ends(run: Run, axes: Axes) -> None:
+    start, end = wrapped(run.configuration[[0, -1]], run.space)
+    axes.scatter(start[0], start[1], s=22, facecolor="white", edgecolor="black", linewidth=0.9, zorder=6, label="start")
+    if run.ending is Ending.ARRIVED:
+        axes.scatter(end[0], end[1], s=70, marker="*", facecolor=GOAL, edgecolor="black", linewidth=0.7, zorder=6)
+    else:
+        label = str(run.ending).replace("_", " ")
+        axes.scatter(end[0], end[1], s=34, marker="x", color=FAILURE, linewidth=1.6, zorder=6, label=label)
+
+
+def plot_runs_by_k(
+    runs: Sequence[Run], shares: Sequence[float], scene: Scene, *, title: str = "", caption: str = ""
+) -> Figure:
+    """Draw the same motion at several blends: ways of the tip, and ways through the configuration space.
+
+    Parameters
+    ----------
+    runs : sequence of Run
+    shares : sequence of float
+        The k of each.
+    scene : Scene
+        With a configuration space of two axes.
+    title, caption : str
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+    """
+    from resgrid.planning.workspace import workspace_path
+
+    figure = new_figure(_PAGE, 4.6 + 0.15 * (caption.count("\n") + 2 if caption else 0))
+    left, right = figure.subplots(1, 2)
+    known, hidden, goals = bodies_of(scene)
+    plot_robot_path(runs[0].configuration[:1], scene.robot, runs[0].space, (*known, *hidden), goals, left, ghosts=1)
+    dress_workspace(scene, hidden, left)
+    plot_run_configurations(runs[0], scene, right, way=False)
+    for run, k, colour in zip(runs, shares, PATHS, strict=False):
+        label = f"k = {k:g}" + ("" if run.ending is Ending.ARRIVED else f" ({run.ending})").replace("_", " ")
+        way = thinned(run.configuration)
+        left.plot(*workspace_path(way, scene.robot, run.space).T, color=colour, linewidth=1.4, zorder=6, label=label)
+        for by in seam_shifts(run.space):
+            right.plot(*(way + by).T, color=colour, linewidth=1.4, zorder=4, label=label)
+    zoom(runs[0], scene, left)
+    for axes in (left, right):
+        refresh_legend(axes)
+    if title:
+        figure.suptitle(title, fontsize=TEXT + 2)
+    if caption:
+        figure.supxlabel("\n" + caption, fontsize=TEXT - 1, x=0.02, ha="left")
+    return figure

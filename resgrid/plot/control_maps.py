@@ -1,0 +1,236 @@
+"""Diagrams of control: velocities at a contact (figure 14), the share of Dirichlet in a blend, the settling grid."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import SymLogNorm
+from matplotlib.figure import Figure
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.control.controller import make_controller
+from resgrid.control.equipotential import following_velocity
+from resgrid.control.settling import Wavefront
+from resgrid.control.settling_ratio import SettlingSweep
+from resgrid.errors import InputError
+from resgrid.planning.field import Field
+from resgrid.planning.shares import dirichlet_share
+from resgrid.planning.trace import streamline
+from resgrid.plot.fields import add_colour_bar, draw_shading
+from resgrid.plot.figures import axes_or_new, new_figure
+from resgrid.plot.plane import Plane, draw_cells, draw_image, finish, plane_of
+from resgrid.plot.shading import shading_of
+from resgrid.plot.style import FAILURE, PATHS, SMALL, add_swatch, dress, refresh_legend
+from resgrid.space import Cell
+
+_FAINT = 1e-4
+"""Change of the potential at which its colours begin, as a share of the largest one."""
+
+_UNITS = {"jacobi": "Jacobi sweeps", "sor": "SOR sweeps", "chip": "chip, units of $RC$"}
+
+
+def plot_velocities(
+    field: Field, point: ArrayLike, force: ArrayLike, admittance: ArrayLike, ax: Axes | None = None
+) -> Axes:
+    """Draw what control does at one point: the diagram of figure 14 of Connolly & Grupen (1992).
+
+    Parameters
+    ----------
+    field : Field
+        Of two axes.
+    point, force : array_like of float, shape (2,)
+        A configuration, and the generalised force of a contact there.
+    admittance : array_like of float, shape (2, 2)
+    ax : matplotlib.axes.Axes, optional
+        Made when None.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        Equipotentials, the streamline, the force ``F``, the nominal velocity ``V0``, ``V = V0 + A F``, and the velocity
+        along the equipotential.
+
+    Raises
+    ------
+    InputError
+        If the space does not have two axes, or a value is not as `make_controller` wants it.
+    """
+    plane = plane_of(field.space)
+    at, push = np.asarray(point, dtype=np.float64), np.asarray(force, dtype=np.float64)
+    controller = make_controller(field, admittance=admittance)
+    nominal = controller.nominal(at).velocity
+    answer = controller.admittance @ push
+    axes = axes_or_new(ax, plane.aspect)
+    shading = shading_of(field)
+    draw_shading(plane, shading, shading.values, axes).set_alpha(0.35)
+    draw_cells(plane, axes)
+    x, y = (axis.centres for axis in field.space.axes)
+    height = np.ma.masked_invalid(shading.values)
+    level = shading.values[tuple(field.space.locate(at))]
+    axes.contour(x, y, height.T, levels=[level], colors="black", linewidths=1.6, zorder=3)
+    axes.plot([], [], color="black", linewidth=1.6, label="the robot's equipotential")
+    path = streamline(field, at)
+    axes.plot(*path.points.T, color="black", linewidth=1.2, linestyle=(0, (4, 2)), zorder=4, label="streamline")
+    scale = 0.22 * float((field.space.upper - field.space.lower).max()) / controller.speed
+    along = following_velocity(nominal, push)
+    _arrow(axes, at, nominal * scale, PATHS[3], "nominal velocity $V_0$")
+    _arrow(axes, at, push * (0.8 * scale * controller.speed / float(np.linalg.norm(push))), FAILURE, "force $F$")
+    _arrow(axes, at + nominal * scale, answer * scale, PATHS[2], "answer $AF$")
+    _arrow(axes, at, (nominal + answer) * scale, PATHS[4], "$V = V_0 + AF$")
+    _arrow(axes, at, along * scale, PATHS[0], r"along the equipotential, $v_\phi$")
+    axes.scatter(at[:1], at[1:], s=26, color="black", zorder=8, label="robot")
+    finish(plane, axes)
+    refresh_legend(axes)
+    return axes
+
+
+def _arrow(axes: Axes, tail: NDArray[np.float64], vector: NDArray[np.float64], colour: str, label: str) -> None:
+    axes.quiver(
+        tail[:1], tail[1:], vector[:1], vector[1:], color=colour, angles="xy", scale_units="xy", scale=1.0,
+        width=0.011, zorder=7, label=label,
+    )  # fmt: skip
+
+
+def plot_dirichlet_share(dirichlet: Field, neumann: Field, k: float, ax: Axes | None = None) -> Axes:
+    """Draw where a blend is Dirichlet and where it is Neumann, whatever its weight says.
+
+    Parameters
+    ----------
+    dirichlet, neumann : Field
+        Of one space with two axes.
+    k : float
+    ax : matplotlib.axes.Axes, optional
+        Made when None.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        If the space does not have two axes, or as `dirichlet_share`.
+    """
+    plane = plane_of(dirichlet.space)
+    axes = axes_or_new(ax, plane.aspect)
+    share = np.where(dirichlet.space.goal_connected, dirichlet_share(dirichlet, neumann, k), np.nan)
+    image = draw_image(plane, share, axes, cmap="PuOr_r", vmin=0.0, vmax=1.0, zorder=0.5)
+    x, y = (axis.centres for axis in dirichlet.space.axes)
+    inside = np.ma.masked_invalid(share.T)
+    if inside.count() and inside.min() < 0.5 < inside.max():
+        axes.contour(x, y, inside, levels=[0.5], colors="black", linewidths=0.8, zorder=1.5)
+        axes.plot([], [], color="black", linewidth=0.8, label="both equal")
+    draw_cells(plane, axes)
+    finish(plane, axes)
+    add_colour_bar(image, axes, rf"share of the Dirichlet gradient, $k$ = {k:g}")
+    refresh_legend(axes)
+    return axes
+
+
+def plot_settling_sweep(sweeps: Sequence[SettlingSweep], ax: Axes | None = None) -> Axes:
+    """Draw how long a robot takes to arrive while its grid settles, over the ratio of both speeds.
+
+    Parameters
+    ----------
+    sweeps : sequence of SettlingSweep
+        Of the same world.
+    ax : matplotlib.axes.Axes, optional
+        Made when None.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+        A cross where the robot did not arrive.
+
+    Raises
+    ------
+    InputError
+        If there is none.
+    """
+    if not sweeps:
+        raise InputError("there is no sweep to draw: give at least one")
+    axes = new_figure(5.4, 3.8).add_subplot() if ax is None else ax
+    for sweep, colour, marker in zip(sweeps, (PATHS[3], PATHS[0], PATHS[4]), "osD", strict=False):
+        came = sweep.arrived
+        label = f"{_UNITS[sweep.settling.method]}: settles in {sweep.settle:,.0f}"
+        axes.plot(sweep.ratio, sweep.time, color=colour, linewidth=0.8, alpha=0.6, zorder=2)
+        axes.plot(sweep.ratio[came], sweep.time[came], marker, color=colour, markersize=4.5, label=label, zorder=3)
+        axes.plot(sweep.ratio[~came], sweep.time[~came], "x", color=colour, markersize=7, markeredgewidth=1.8, zorder=3)
+    if not all(sweep.arrived.all() for sweep in sweeps):
+        axes.plot([], [], "x", color="black", markersize=7, markeredgewidth=1.8, label="did not arrive")
+    instant = sweeps[0].instant
+    axes.axhline(instant, color="black", linewidth=0.8, linestyle=(0, (4, 2)), label="grid settled before the start")
+    axes.set(xscale="log", yscale="log")
+    axes.set_xlabel("robot's speed against settling: cells crossed while the grid settles")
+    axes.set_ylabel("time of the run (cells at full speed)")
+    dress(axes)
+    refresh_legend(axes, columns=2)
+    return axes
+
+
+def plot_wavefront(front: Wavefront, shown: Sequence[int] | None = None) -> Figure:
+    """Draw how a change of the map spreads, as a row of pictures.
+
+    Parameters
+    ----------
+    front : Wavefront
+        Of a space with two axes.
+    shown : sequence of int, optional
+        Which of its times; by default at most six of them.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Raises
+    ------
+    InputError
+        If the space does not have two axes.
+    """
+    plane_of(front.after)
+    count = len(front.cells)
+    rows = np.unique(np.linspace(0, count - 1, min(count, 6)).astype(int)) if shown is None else np.asarray(shown)
+    columns = min(len(rows), 3)
+    lines = -(-len(rows) // columns)
+    figure = new_figure(7.4, 2.6 * lines + 0.4)
+    for place, row in enumerate(rows.tolist(), 1):
+        axes = figure.add_subplot(lines, columns, place)
+        draw_wavefront(front, row, axes)
+        if place % columns == 0 or place == len(rows):
+            add_colour_bar(axes.images[0], axes, r"change of $\phi$")
+        if place <= len(rows) - columns:
+            axes.set_xlabel("")
+        if place % columns != 1:
+            axes.set_ylabel("")
+    return figure
+
+
+def draw_wavefront(front: Wavefront, row: int, axes: Axes) -> None:
+    """One moment of a wavefront: how far the potential is from where it was."""
+    plane = plane_of(front.after)
+    change = front.potential[row] - front.first
+    limit = wavefront_limit(front)
+    draw_image(plane, change, axes, cmap="RdBu_r", norm=SymLogNorm(limit * _FAINT, vmin=-limit, vmax=limit), zorder=0.5)
+    draw_cells(plane, axes)
+    mark_new(front, plane, axes)
+    finish(plane, axes)
+    title = f"after {front.cells[row]:.3g} cells, {front.distance[row]:.2g} from its end"
+    axes.set_title(title, fontsize=SMALL)
+
+
+def mark_new(front: Wavefront, plane: Plane, axes: Axes) -> None:
+    """Paint the cells that became obstacles."""
+    new = (front.after.cell == Cell.OBSTACLE) & (front.before.cell != Cell.OBSTACLE)
+    colours = np.zeros((*plane.cell.shape, 4), dtype=np.uint8)
+    colours[new] = (185, 107, 107, 255)
+    draw_image(plane, colours, axes, zorder=2.3)
+    add_swatch(axes, "new obstacle", "#b96b6b")
+
+
+def wavefront_limit(front: Wavefront) -> float:
+    """Largest change of the potential worth a colour."""
+    change = np.abs(front.potential - front.first)
+    finite = change[np.isfinite(change)]
+    return max(float(np.quantile(finite, 0.995)), 1e-12) if len(finite) else 1.0
