@@ -23,8 +23,8 @@ _MOST_ITERATIONS = 200
 _BURST = 1e-5
 _LEAST_GAIN = 0.5
 _ROUNDING = 2.0**-52
-_SLOWEST = 0.9
-"""By what share of the step before a step may be expected to lessen the squared error at most."""
+_FASTEST, _SLOWEST = 0.3, 0.95
+"""Bounds on how much shorter the next step is expected to be, which two steps alone tell badly."""
 
 _DRIFT = 2.0
 """By how much the true residual may exceed the recursive one where the iteration has ended on its error."""
@@ -87,7 +87,8 @@ class _Error:
         """A step has gone ``factor`` times a direction, and has lessened the squared norm by so much."""
         if not self._near:
             return
-        ratio = math.sqrt(min(power / self._last, _SLOWEST) if self._last > 0.0 else _SLOWEST)
+        ratio = math.sqrt(power / self._last) if self._last > 0.0 else _SLOWEST
+        ratio = min(max(ratio, _FASTEST), _SLOWEST)
         self._last = power
         self.small = abs(factor) * _largest(direction) * ratio / (1.0 - ratio) <= self._near
 

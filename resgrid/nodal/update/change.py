@@ -323,7 +323,8 @@ def _cut_loose(system: NodalSystem, lost: NDArray[np.int64]) -> NodalSystem:
     """Pin rows that nothing holds at the reference, each alone."""
     if not len(lost):
         return system
-    coupling, degree = system.coupling, system.degree
+    coupling = system.coupling
+    degree = np.where(system.degree > 0, system.degree, system.degree.max())
     gone = np.zeros(system.size, dtype=np.bool_)
     gone[lost] = True
     data = np.where(np.repeat(gone, np.diff(coupling.indptr)), 0.0, coupling.data)

@@ -1,0 +1,250 @@
+"""Cells that become obstacles or goals after factoring: the same answer as that of the changed space, compiled anew."""
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from spaces import space_of, spaces
+
+from resgrid.compiler import compile_space
+from resgrid.errors import CircuitError, InputError
+from resgrid.nodal import methods
+from resgrid.nodal.solve import factor, solve
+from resgrid.nodal.watch import Watch
+from resgrid.space import Axis, Cell, ConfigurationSpace
+
+BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 7e3}]
+
+
+def boxes(shape: tuple[int, ...], seed: int, periodic: bool = False) -> ConfigurationSpace:
+    """Random boxes as obstacles, the goal in the middle of a free place."""
+    rng = np.random.default_rng(seed)
+    cell = np.zeros(shape, dtype=np.uint8)
+    while np.mean(cell) < 0.15:
+        low, side = rng.integers(0, shape), rng.integers(1, np.array(shape) // 6 + 2)
+        cell[tuple(slice(a, a + b) for a, b in zip(low, side, strict=True))] = 1
+    middle = tuple(size // 2 for size in shape)
+    cell[tuple(slice(m - 2, m + 3) for m in middle)] = 0
+    cell[middle] = 2
+    axes = [Axis("xyzw"[a], 0, n, n, periodic and a == 0) for a, n in enumerate(shape)]
+    return ConfigurationSpace(axes, cell)
+
+
+def changed(space: ConfigurationSpace, cells: np.ndarray, to: int) -> ConfigurationSpace:
+    cell = space.cell.copy()
+    cell[tuple(cells.T)] = to
+    return ConfigurationSpace(space.axes, cell, space.conductivity)
+
+
+def voltage_by_cell(system: object, x: np.ndarray) -> np.ndarray:
+    """Voltages of the cells that have a row, NaN elsewhere."""
+    node = system.netlist.layout.node.ravel()
+    row = np.where(node >= 0, system.unknown[node], -1)
+    return np.where(row >= 0, x[row] + system.reference, np.nan)
+
+
+def free_cells(space: ConfigurationSpace, count: int, seed: int) -> np.ndarray:
+    free = np.argwhere(space.goal_connected)
+    return np.random.default_rng(seed).permutation(free)[:count]
+
+
+def assert_same_as_fresh(factors: object, space: ConfigurationSpace, options: dict[str, object]) -> None:
+    """Normwise and entrywise."""
+    netlist = compile_space(space, **options)
+    fresh = solve(netlist, method="direct")
+    system = factors.system
+    x = factors.solve(system.feed + system.injected, rtol=1e-12)
+    found = voltage_by_cell(system, x)
+    node = netlist.layout.node.ravel()
+    expected = np.where(node >= 0, fresh.voltage[node], np.nan)
+    both = np.isfinite(found) & np.isfinite(expected) & (space.cell.ravel() == Cell.FREE)
+    assert both.any()
+    np.testing.assert_allclose(found[both], expected[both], rtol=0, atol=1e-7 * np.nanmax(np.abs(expected)))
+    if system.rails is None or fresh.log_drop is None:
+        return
+    drop, error = factors.solve_nonnegative(system.rails.to_low)
+    assert error < 1e-12
+    log_drop = voltage_by_cell(system, drop.log) - system.reference
+    expected = np.where(node >= 0, fresh.log_drop[node], np.nan)
+    both &= np.isfinite(expected)
+    np.testing.assert_allclose(log_drop[both], expected[both], rtol=1e-9, atol=1e-9)
+
+
+@pytest.fixture
+def whole(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is eliminated beforehand."""
+    monkeypatch.setattr(methods, "may_reduce", lambda _: False)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    spaces(),
+    st.sampled_from(BOUNDARIES),
+    st.sampled_from(["direct", "multigrid"]),
+    st.sampled_from([Cell.OBSTACLE, Cell.GOAL]),
+    st.integers(1, 4),
+    st.integers(0, 1000),
+)
+def test_small_spaces_after_an_update(
+    space: ConfigurationSpace, options: dict[str, object], method: str, to: Cell, count: int, seed: int
+) -> None:
+    cells = free_cells(space, count, seed)
+    assume(len(cells) > 0)
+    after = changed(space, cells, to)
+    try:
+        before = compile_space(space, **options)
+        factors = factor(before, method=method)
+        solve(compile_space(after, **options))
+        updated = factors.update(cells, to)
+    except (CircuitError, InputError):
+        assume(False)
+    assume(updated.system.size > len(updated.change.pinned))
+    assert_same_as_fresh(updated, after, options)
+
+
+@pytest.mark.parametrize("options", BOUNDARIES)
+@pytest.mark.parametrize("shape", [(70, 60), (20, 18, 16), (9, 10, 9, 8)])
+@pytest.mark.usefixtures("whole")
+def test_multigrid_keeps_its_levels_and_finds_the_new_answer(
+    shape: tuple[int, ...], options: dict[str, object]
+) -> None:
+    space = boxes(shape, len(shape), periodic=len(shape) == 2)
+    factors = factor(compile_space(space, **options), method="multigrid")
+    old = factors.solve(factors.system.feed + factors.system.injected)
+    cells = free_cells(space, 6, 1)
+    after = changed(space, cells, Cell.OBSTACLE)
+    updated = factors.update(cells)
+    assert updated.change.reason == ""
+    assert_same_as_fresh(updated, after, options)
+    right = updated.system.feed + updated.system.injected
+    exact = updated.solve(right, rtol=1e-13)
+    cold, warm = Watch(), Watch()
+    updated.solve(right, rtol=1e-8, watch=cold)
+    found = updated.solve(right, rtol=1e-8, guess=old, watch=warm)
+    assert warm.iterations < cold.iterations
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-6 * np.abs(exact).max())
+    assert updated.change.space(space).cell.tolist() == after.cell.tolist()
+    # And again, on top: some become goals.
+    more = free_cells(after, 3, 2)
+    assert_same_as_fresh(updated.update(more, Cell.GOAL), changed(after, more, Cell.GOAL), options)
+
+
+@pytest.mark.usefixtures("whole")
+def test_the_factor_before_an_update_is_left_as_it_was() -> None:
+    space = boxes((40, 40), 3)
+    factors = factor(compile_space(space), method="multigrid")
+    right = factors.system.feed + factors.system.injected
+    before = factors.solve(right)
+    factors.update(free_cells(space, 5, 1)).solve(right)
+    assert np.array_equal(factors.solve(right), before)
+
+
+@pytest.mark.parametrize("options", BOUNDARIES)
+@pytest.mark.usefixtures("whole")
+def test_a_part_that_is_cut_off_is_told_and_solved(options: dict[str, object]) -> None:
+    cell = np.zeros((40, 30), dtype=np.uint8)
+    cell[20, 1:] = 1
+    cell[5, 5] = 2
+    space = space_of(cell)
+    factors = factor(compile_space(space, **options), method="multigrid")
+    door = np.array([[20, 0]])
+    updated = factors.update(door)
+    assert "in parts" in updated.change.reason
+    after = changed(space, door, Cell.OBSTACLE)
+    system = updated.system
+    netlist = compile_space(after, **options)
+    fresh = solve(netlist)
+    found = voltage_by_cell(system, updated.solve(system.feed + system.injected, rtol=1e-12)).reshape(cell.shape)
+    np.testing.assert_allclose(found[:20][cell[:20] == 0], fresh.voltage[netlist.layout.node[:20][cell[:20] == 0]])
+    with pytest.raises(CircuitError, match="nothing is driven any more"):
+        updated.update([[4, 5], [6, 5], [5, 4], [5, 6]])
+
+
+def test_a_start_behind_the_way_out_drives_nothing() -> None:
+    corridor = np.zeros((30, 1), dtype=np.uint8)
+    corridor[0] = 2
+    netlist = compile_space(space_of(corridor), boundary="neumann", drive="start", start=(29, 0))
+    factors = factor(netlist)
+    with pytest.raises(CircuitError, match="nothing is driven any more"):
+        factors.update([[10, 0]])
+    with pytest.raises(InputError, match="driven start"):
+        factors.update([[29, 0]])
+
+
+def test_what_cannot_be_updated_is_refused() -> None:
+    cell = np.zeros((12, 12), dtype=np.uint8)
+    cell[3, 3], cell[8, 8] = 2, 1
+    factors = factor(compile_space(space_of(cell)))
+    for cells, to, message in (
+        ([[1, 1]], Cell.FREE, "factor the changed space anew"),
+        ([[1, 1]], 7, "Cell.OBSTACLE or Cell.GOAL"),
+        ([[12, 1]], Cell.OBSTACLE, "not in the grid"),
+        ([[1, 1, 1]], Cell.OBSTACLE, "whole numbers"),
+        ([[1.5, 1]], Cell.OBSTACLE, "whole numbers"),
+        ([[1, 1], [2]], Cell.OBSTACLE, "one length"),
+        ([[3, 3]], Cell.OBSTACLE, "goal"),
+        ([[8, 8]], Cell.GOAL, "obstacle"),
+    ):
+        with pytest.raises(InputError, match=message):
+            factors.update(cells, to)
+    with pytest.raises(InputError, match="merged"):
+        factor(compile_space(space_of(cell), rails="cells")).update([[1, 1]])
+    nothing = factors.update(np.empty((0, 2), dtype=int))
+    assert nothing.change is not None
+    assert nothing.system is factors.system
+    assert factors.update([[8, 8]]).change.cells.size == 0
+
+
+@pytest.mark.parametrize("method", ["direct", "multigrid"])
+@pytest.mark.parametrize("options", [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 1e12}])
+@pytest.mark.usefixtures("whole")
+def test_two_threads_find_the_same_digits(method: str, options: dict[str, object]) -> None:
+    netlist = compile_space(boxes((50, 45), 4), **options)
+    one, two = solve(netlist, method=method), solve(netlist, method=method, threads=2)
+    assert np.array_equal(one.voltage, two.voltage, equal_nan=True)
+    assert np.array_equal(one.resistor_log_current, two.resistor_log_current)
+
+
+@pytest.mark.usefixtures("whole")
+def test_iterations_errors_and_progress_are_told() -> None:
+    netlist = compile_space(boxes((60, 50), 5))
+    told: list[tuple[int, float, float | None]] = []
+    point = solve(netlist, method="multigrid", accuracy="normwise", progress=lambda *step: told.append(step))
+    assert point.iterations == len(told) > 3
+    assert [step[0] for step in told] == list(range(1, len(told) + 1))
+    assert 0 < point.backward_error <= 1e-10
+    assert told[-1][1] < told[0][1]
+    assert all(left is None or left >= 0 for _, _, left in told)
+    direct = solve(netlist, method="direct")
+    assert direct.iterations == 0
+    assert 0 <= direct.backward_error < 1e-25
+
+
+@pytest.mark.usefixtures("whole")
+def test_an_interrupt_ends_an_iteration_between_two_steps() -> None:
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    for threads in (1, 2):
+        with pytest.raises(KeyboardInterrupt):
+            solve(
+                compile_space(boxes((50, 45), 4), boundary="wall", wall_resistance=1e12),
+                method="multigrid",
+                threads=threads,
+                progress=interrupt,
+            )
+
+
+@pytest.mark.usefixtures("whole")
+def test_a_guess_spares_steps_and_a_wrong_one_does_no_harm() -> None:
+    for method in ("multigrid", "direct"):
+        factors = factor(compile_space(boxes((60, 50), 6)), method=method)
+        right = factors.system.feed + factors.system.injected
+        x = factors.solve(right, rtol=1e-12)
+        watch = Watch()
+        assert np.allclose(factors.solve(right, rtol=1e-8, guess=x, watch=watch), x, atol=1e-9)
+        assert watch.iterations == 0
+        wild = np.random.default_rng(0).standard_normal(len(x))
+        assert np.allclose(factors.solve(right, rtol=1e-10, guess=wild), x, atol=1e-6)
+    with pytest.raises(InputError, match="guess has shape"):
+        factor(compile_space(boxes((60, 50), 6)), method="multigrid").solve(right, guess=x[:-1])
