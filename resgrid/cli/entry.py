@@ -27,6 +27,7 @@ VERBS = {
     "plot": "resgrid.cli.plot",
     "check": "resgrid.cli.check",
     "chip": "resgrid.cli.chip",
+    "control": "resgrid.cli.control",
     "convert": "resgrid.cli.convert",
     "info": "resgrid.cli.info",
 }

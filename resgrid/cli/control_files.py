@@ -1,0 +1,136 @@
+"""Controlled motions as files and as text: a log of every step, and what each run came to."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from resgrid.cli.job import Job, place_of
+from resgrid.cli.output import emit_file, emit_text
+from resgrid.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from resgrid.cli.control import Motion
+
+SUFFIXES = (".npz", ".csv")
+
+
+def check_log(target: str) -> None:
+    """Refuse a log that no format is known for, before anything is computed.
+
+    Raises
+    ------
+    InputError
+        If the suffix is unknown.
+    """
+    if target != "-" and Path(target).suffix.lower() not in SUFFIXES:
+        raise InputError(f"-o {target}: a log is written as .npz or .csv, and this name ends in neither")
+
+
+def write_log(target: str, motions: Sequence[Motion], job: Job) -> None:
+    """Write every step of every run as the target's suffix says: ``.npz``, or ``.csv`` (also ``-``)."""
+    if target != "-" and Path(target).suffix.lower() == ".npz":
+        emit_file(target, ".npz", lambda path: _write_npz(path, motions))
+    else:
+        emit_text(target, csv_text(motions, job))
+
+
+def csv_text(motions: Sequence[Motion], job: Job) -> str:
+    """Runs as a table, one step a line, in axis units; of several contacts of a step, the strongest."""
+    import csv
+
+    text = io.StringIO()
+    table = csv.writer(text, lineterminator="\n")
+    names = [axis.name for axis in job.space.axes]
+    kinds = ("", "_believed", "_rate", "_torque", "_push")
+    contact = ("contact_x", "contact_y", "force_x", "force_y", "part", "body", "sticking")
+    table.writerow(["run", "k", "t", "mode", *(n + kind for kind in kinds for n in names), "contacts", *contact])
+    for number, motion in enumerate(motions):
+        table.writerows([number, repr(motion.k), *row] for row in _rows(motion))
+    return text.getvalue()
+
+
+def _rows(motion: Motion) -> list[list[str]]:
+    import numpy as np
+
+    from resgrid.control.log import Mode
+
+    run, felt = motion.run, motion.run.contacts
+    values = np.hstack([run.configuration, run.believed, run.velocity, run.torque, run.push]).tolist()
+    size = np.hypot(*felt.force.T)
+    rows = []
+    for step, (time, mode) in enumerate(zip(run.time.tolist(), run.mode.tolist(), strict=True)):
+        first, last = np.searchsorted(felt.step, [step, step + 1]).tolist()
+        strongest = [""] * 7
+        if last > first:
+            one = first + int(np.argmax(size[first:last]))
+            strongest = [repr(v) for v in [*felt.point[one].tolist(), *felt.force[one].tolist()]]
+            strongest += [str(int(v)) for v in (felt.part[one], felt.body[one], felt.sticking[one])]
+        rows.append([repr(time), Mode(mode).name.lower(), *map(repr, values[step]), str(last - first), *strongest])
+    return rows
+
+
+def _write_npz(path: Path, motions: Sequence[Motion]) -> None:
+    import numpy as np
+
+    from resgrid.control.log import Mode
+
+    arrays: dict[str, NDArray[np.generic]] = {
+        "k": np.array([motion.k for motion in motions]),
+        "start": np.array([motion.start for motion in motions]),
+        "outcome": np.array([str(motion.run.ending) for motion in motions]),
+        "mode_names": np.array([mode.name.lower() for mode in Mode]),
+    }
+    for number, motion in enumerate(motions):
+        run = motion.run
+        for name in ("time", "configuration", "believed", "velocity", "mode", "torque", "push", "learnt"):
+            arrays[f"{name}_{number}"] = getattr(run, name)
+        for name, column in vars(run.contacts).items():
+            arrays[f"contact_{name}_{number}"] = column
+    with path.open("wb") as file:
+        np.savez(file, **arrays)  # type: ignore[arg-type]
+
+
+def run_data(motion: Motion) -> dict[str, Any]:
+    """A run as ``--json`` gives it."""
+    import numpy as np
+
+    from resgrid.control.log import Mode
+
+    run = motion.run
+    modes, counts = np.unique(run.mode, return_counts=True)
+    return {
+        "outcome": str(run.ending),
+        "message": run.message,
+        "goal": run.goal,
+        "start": list(motion.start),
+        "end": run.configuration[-1],
+        "k": motion.k,
+        "time": run.time[-1],
+        "steps": len(run.time) - 1,
+        "modes": {Mode(mode).name.lower(): count for mode, count in zip(modes.tolist(), counts.tolist(), strict=True)},
+        "cells_learnt": int(run.learnt.sum()),
+        "resolves": len(run.lessons),
+        "contacts": len(run.contacts.step),
+        "parts_touched": np.unique(run.contacts.part),
+        "penetration": run.penetration,
+        "cell_motion": motion.simulation.plant.cell_motion,
+    }
+
+
+def run_line(motion: Motion) -> str:
+    """A run in one line, for people."""
+    run = motion.run
+    head = f"start {place_of(motion.start)}, k = {motion.k:g}: {run.ending} after {run.time[-1]:.4g} s"
+    solves = "1 re-solve" if len(run.lessons) == 1 else f"{len(run.lessons)} re-solves"
+    learnt = f", {int(run.learnt.sum())} cells learnt in {solves}" if run.lessons else ""
+    touches = len(run.contacts.step)
+    felt = f", {touches} contact{'s' if touches > 1 else ''}" if touches else ""
+    deep = f", penetration {run.penetration:.3g} m"
+    why = "" if str(run.ending) == "arrived" else f": {run.message}"
+    return f"{head}{felt}{learnt}{deep}{why}"
