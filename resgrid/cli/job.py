@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from resgrid.budget import require_memory
-from resgrid.cli.options import SceneChoice
 from resgrid.cli.first_run import NOTICE, is_first_run
+from resgrid.cli.options import SceneChoice
 from resgrid.cli.report import Report
 from resgrid.errors import InputError
 

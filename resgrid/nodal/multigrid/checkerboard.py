@@ -74,7 +74,7 @@ def lay_out(
     wrap_red, wrap_black, wrap_conductance = _wraps(coupling, place, wraps[:count], unit)
     degrees = np.zeros((2, places))
     black_aggregate = np.full(places, -1, dtype=np.int32)
-    spread_unknowns(place, excess, aggregate, unit, *degrees, black_aggregate)
+    spread_unknowns(place, excess, aggregate, unit, degrees[0], degrees[1], black_aggregate)
     board = Board(
         faces=faces,
         distance=distance,
@@ -91,8 +91,8 @@ def lay_out(
         black_inverse=np.zeros(places, dtype=np.float32),
         aggregate=black_aggregate,
     )
-    sum_faces(board, *degrees)
-    invert_degrees(*degrees, board.black_inverse)
+    sum_faces(board, degrees[0], degrees[1])
+    invert_degrees(degrees[0], degrees[1], board.black_inverse)
     return board, place
 
 
