@@ -7,7 +7,7 @@ levels stand one behind the other in flat arrays (`Stack`), so that the cycle ca
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -75,7 +75,7 @@ class Stack(NamedTuple):
 
 
 @njit(cache=True)
-def _drawn(stack: Stack, x: Singles, i: int) -> np.float32:
+def _drawn(stack: Stack, x: Singles, i: int) -> Any:
     """``sum_j g_ij x_j``; most rows of a plane and of a volume have four and six neighbours, and need no loop."""
     g, j = stack.conductance, stack.indices
     k, end = stack.indptr[i], stack.indptr[i + 1]
@@ -90,7 +90,7 @@ def _drawn(stack: Stack, x: Singles, i: int) -> np.float32:
 
 
 @njit(cache=True)
-def _four(g: Singles, j: Unsigned, x: Singles, k: np.uint32) -> np.float32:
+def _four(g: Singles, j: Unsigned, x: Singles, k: np.uint32) -> Any:
     return (g[k] * x[j[k]] + g[k + _ONE] * x[j[k + _ONE]]) + (
         g[k + _TWO] * x[j[k + _TWO]] + g[k + _THREE] * x[j[k + _THREE]]
     )

@@ -89,7 +89,7 @@ def _tie(stack: Stack, nodes: NDArray[np.int64], leak: NDArray[np.float64]) -> S
     last = len(stack.first) - 2
     for level in range(last + 1):
         nodes, member = np.unique(nodes, return_inverse=True)
-        leak = np.bincount(member, leak)
+        leak = np.asarray(np.bincount(member, leak), dtype=np.float64)
         if level == last:
             coarsest = _hold(coarsest, nodes - stack.first[level], leak)
         diagonal[nodes] += leak
