@@ -15,7 +15,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
-from benchmarks import accuracy, decks, grids, memory, pipeline, simulator, table
+from benchmarks import accuracy, decks, grids, memory, pipeline, simulator, table, updates
 from benchmarks.picture import write_picture
 from benchmarks.rows import Row, Scale
 
@@ -29,6 +29,8 @@ SECTIONS: tuple[tuple[str, Callable[[Scale], list[Row]]], ...] = (
     ("mazes", grids.mazes),
     ("growth", grids.growth),
     ("direction", accuracy.direction),
+    ("update", updates.update),
+    ("threads", updates.threads),
     ("memory", memory.memory),
     ("simulator", simulator.simulator),
     ("decks", decks.decks),

@@ -6,6 +6,7 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,10 +31,11 @@ _COMPILE_BYTES = 80
 
 @dataclass(frozen=True, eq=False)
 class Job:
-    """A scene and the space that was cut from it."""
+    """A scene, the space that was cut from it, and how many threads may solve it."""
 
     scene: Scene
     space: ConfigurationSpace
+    threads: int = 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,7 +81,8 @@ def open_job(choice: SceneChoice, report: Report, *, require_goal: bool = True) 
         scene = load_scene(choice)
     cells = math.prod(axis.cells for axis in scene.axes)
     with report.stage("cut it into cells", seconds=3e-7 * cells) as progress:
-        return Job(scene, sample(scene, require_goal=require_goal, progress=progress.tell))
+        space = sample(scene, require_goal=require_goal, progress=progress.tell)
+    return Job(scene, space, choice.threads)
 
 
 def load_scene(choice: SceneChoice) -> Scene:
@@ -155,16 +158,18 @@ def solve_chip(job: Job, report: Report, boundary: str | None = None, start: int
     from resgrid.nodal.drive import scale_drive
     from resgrid.nodal.solve import solve
 
+    run = partial(solve, threads=job.threads)
     boundary = boundary or job.scene.boundary
     name = boundary if start is None else f"{boundary}_start_{start}"
     netlist = compile_chip(job, report, boundary, start)
     estimate = solve_seconds(netlist.node_count)
     if is_first_run():
         report.say(NOTICE)
-    point = report.compute(f"solve the {name} chip", solve, netlist, seconds=estimate)
+    point = report.compute(f"solve the {name} chip", run, netlist, seconds=estimate, iterates=True)
     if netlist.current_nodes.size:
         netlist = scale_drive(netlist, point)
-        point = report.compute("solve it with its drive scaled to the supply", solve, netlist, seconds=estimate)
+        again = "solve it with its drive scaled to the supply"
+        point = report.compute(again, run, netlist, seconds=estimate, iterates=True)
     return Chip(name, netlist, point)
 
 
@@ -317,5 +322,7 @@ def solution_summary(chip: Chip, space: ConfigurationSpace) -> dict[str, Any]:
         "kcl_residual": chip.point.kcl_residual,
         "power": chip.point.power,
         "solver": chip.point.method,
+        "iterations": chip.point.iterations,
+        "backward_error": chip.point.backward_error,
         "seconds": dict(chip.point.seconds),
     }

@@ -35,6 +35,7 @@ SCENE_OPTIONS: tuple[Decorator, ...] = (
     click.option("--spacing", metavar="H", help="Map: width of a cell, where the map does not say."),
     click.option("--origin", metavar="X,Y", help="Map: lower corner, where the map does not say."),
     click.option("--unit", metavar="NAME", help="Map: unit of lengths, where the map does not say."),
+    click.option("--threads", metavar="N", default="1", show_default=True, help="Threads that may solve at a time."),
 )
 REPORT_OPTIONS: tuple[Decorator, ...] = (
     click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output."),
@@ -69,11 +70,14 @@ class SceneChoice:
         How to read a map, for `read_scene`.
     changes : mapping
         Keys of the scene to change, for `apply_overrides`.
+    threads : int
+        How many may solve at a time, for `solve`.
     """
 
     source: str
     map_options: Mapping[str, Any]
     changes: Mapping[str, Any]
+    threads: int = 1
 
 
 def with_scene(*, required: bool = True, metavar: str = "SCENE") -> Decorator:
@@ -153,7 +157,13 @@ def scene_choice(source: str, given: Mapping[str, Any]) -> SceneChoice:
         if not equals or not key.strip():
             raise InputError(f"--set {setting!r}: expected KEY=VALUE, such as chip.supply=3.3")
         changes[key.strip()] = value.strip()
-    return SceneChoice(source, _map_options(given), _consistent(changes))
+    return SceneChoice(source, _map_options(given), _consistent(changes), _threads(given["threads"]))
+
+
+def _threads(text: str) -> int:
+    if not text.strip().isdecimal() or int(text) < 1:
+        raise InputError(f"--threads {text!r}: expected a whole number, at least 1")
+    return int(text)
 
 
 def _consistent(changes: dict[str, Any]) -> dict[str, Any]:
@@ -205,4 +215,4 @@ def _decorated(function: Callable[..., Any], options: tuple[Decorator, ...]) -> 
     return function
 
 
-_NAMES = ("boundary", "drive", "edge", "resistance", "goal", "start", "cells", "k", "settings", *_MAP_KEYS)
+_NAMES = ("boundary", "drive", "edge", "resistance", "goal", "start", "cells", "k", "settings", "threads", *_MAP_KEYS)

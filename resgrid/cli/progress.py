@@ -30,6 +30,7 @@ class Progress:
         self._steps = steps
         self._done = 0
         self._note = ""
+        self._left: float | None = None
         self._begin = time.perf_counter()
 
     def advance(self) -> None:
@@ -44,6 +45,10 @@ class Progress:
         """What is known so far, for people."""
         self._note = text
 
+    def follow(self, _steps: int, residual: float, seconds_left: float | None) -> None:
+        """Told by an iteration: how small its residual is, and about how long it still takes."""
+        self._note, self._left = f"residual {residual:.0e}", seconds_left
+
     def told(self) -> str:
         """What is known so far, and the time left."""
         return f"{self._note}  {self.time_left()}" if self._note else self.time_left()
@@ -52,6 +57,8 @@ class Progress:
         """Part of the stage that is done, in [0, 0.99]; None where nobody knows."""
         if self._steps:
             return min(self._done / self._steps, 0.99)
+        if self._left is not None:
+            return min(self._elapsed() / (self._elapsed() + self._left), 0.99)
         return min(self._elapsed() / self._seconds, 0.99) if self._seconds else None
 
     def time_left(self) -> str:
@@ -61,7 +68,7 @@ class Progress:
             return f"{elapsed:.0f} s so far"
         if self._steps:
             return f"about {elapsed * (1 - fraction) / fraction:.0f} s left"
-        left = (self._seconds or 0.0) - elapsed
+        left = (self._seconds or 0.0) - elapsed if self._left is None else self._left
         return f"about {left:.0f} s left" if left > 0 else f"{elapsed:.0f} s so far, longer than expected"
 
     def _elapsed(self) -> float:

@@ -76,7 +76,9 @@ class Report:
             yield progress
         self.detail(f"{name}: {time.perf_counter() - begin:.2f} s")
 
-    def compute(self, name: str, function: Callable[..., Value], *arguments: Any, seconds: float) -> Value:
+    def compute(
+        self, name: str, function: Callable[..., Value], *arguments: Any, seconds: float, iterates: bool = False
+    ) -> Value:
         """A stage that is one long call of the library, which an interrupt need not wait for.
 
         Parameters
@@ -88,6 +90,8 @@ class Report:
         *arguments
         seconds : float
             Estimate of the time it takes.
+        iterates : bool
+            Whether it takes a ``progress`` to tell the steps of an iteration, as `resgrid.solve` does.
 
         Returns
         -------
@@ -96,14 +100,15 @@ class Report:
         """
         outcome: list[tuple[Value | None, BaseException | None]] = []
 
-        def work() -> None:
+        def work(options: dict[str, Any]) -> None:
             try:
-                outcome.append((function(*arguments), None))
+                outcome.append((function(*arguments, **options), None))
             except BaseException as error:  # carried over to the thread that waits
                 outcome.append((None, error))
 
-        with self.stage(name, seconds=seconds):
-            worker = threading.Thread(target=work, name=_WORKER, daemon=True)
+        with self.stage(name, seconds=seconds) as progress:
+            options = {"progress": progress.follow} if iterates else {}
+            worker = threading.Thread(target=work, args=(options,), name=_WORKER, daemon=True)
             worker.start()
             worker.join()
         value, error = outcome[0]
