@@ -65,8 +65,9 @@ def solve(
     rtol : float
         Backward error for ``"normwise"``.
     threads : int
-        How many right-hand sides may be solved at the same time.  A field between two rails may take two (the drop
-        from one and the height above the other), and so do current sources of both signs; the digits are the same.
+        How many right-hand sides may be solved at the same time.  A field whose ties to the high rail are weak takes
+        two (the drop from that rail, and the height above the other), and so do current sources of both signs; the
+        digits are the same.
     progress : callable, optional
         Called after every step of an iterative method with the steps so far, the residual relative to where the
         present pass began, and about how many seconds that pass still takes (None where nothing is gained).  With
@@ -181,9 +182,11 @@ def _entrywise_levels(system: NodalSystem, factors: Factor | None, watch: Watch,
 def _drop_and_height(
     system: NodalSystem, rails: Rails, factors: Factor | None, watch: Watch, threads: int
 ) -> tuple[Scaled, Scaled]:
-    """The drop from the high rail and the height above the low one; at once, where both are likely to be needed."""
-    layout = system.netlist.layout
-    if threads > 1 and not (layout is not None and layout.boundary == "dirichlet"):
+    """The drop from the high rail and the height above the low one; at once, where both are sure to be needed.
+
+    All that flows into the low rail comes from the high one: ``to_low * height`` is at most the sum of ``to_high``.
+    """
+    if threads > 1 and rails.to_high.sum() < _LEAST_REST * rails.to_low.max(initial=0.0):
         drop, height = _solved(factors, [rails.to_low, rails.to_high], watch, threads)
         return drop, _complement(drop) or height
     (drop,) = _solved(factors, [rails.to_low], watch, threads)

@@ -18,8 +18,8 @@ from resgrid.netlist import Layout
 from resgrid.nodal.system import NodalSystem
 from resgrid.space import Cell, ConfigurationSpace
 
-_NEAR = 4096
-"""Rows that are searched for a way around the changed cells, before the whole circuit is."""
+_NEAR, _NEAR_SHARE = 4096, 16
+"""Rows searched for a way around the changed cells, before the whole circuit is: so many, or one in so many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -277,9 +277,9 @@ def _lost(
     coupling = changed.coupling
     seeds = np.setdiff1d(contacts.neighbour, rows)
     needed = np.array([int(np.any(tie[rows] > 0)) for tie in _ties(system)])
-    label = np.zeros(system.size, dtype=np.int32)
+    label, most = np.zeros(system.size, dtype=np.int32), max(_NEAR, system.size // _NEAR_SHARE)
     graph = (coupling.indptr, coupling.indices, coupling.data)
-    if len(seeds) and kernels.stay_together(*graph, seeds, *_ties(changed), needed, _NEAR, label):
+    if len(seeds) and kernels.stay_together(*graph, seeds, *_ties(changed), needed, most, label):
         return rows[:0], ""
     return _search_all(changed, seeds, np.concatenate([before.pinned, rows]))
 
