@@ -165,7 +165,7 @@ def _entrywise_levels(system: NodalSystem, factors: Factor | None, watch: Watch,
     if system.rails is not None:
         rails = system.rails
         span = rails.high - rails.low
-        drop, height = _drop_and_height(system, rails, factors, watch, threads)
+        drop, height = _drop_and_height(rails, factors, watch, threads)
         return [
             readout.at_nodes(system, height, rails.low, span),
             readout.at_nodes(system, drop, rails.high, -span),
@@ -179,9 +179,7 @@ def _entrywise_levels(system: NodalSystem, factors: Factor | None, watch: Watch,
     return [readout.at_nodes(system, _minus(rising, falling), system.reference, 1.0)]
 
 
-def _drop_and_height(
-    system: NodalSystem, rails: Rails, factors: Factor | None, watch: Watch, threads: int
-) -> tuple[Scaled, Scaled]:
+def _drop_and_height(rails: Rails, factors: Factor | None, watch: Watch, threads: int) -> tuple[Scaled, Scaled]:
     """The drop from the high rail and the height above the low one; at once, where both are sure to be needed.
 
     All that flows into the low rail comes from the high one: ``to_low * height`` is at most the sum of ``to_high``.
