@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from resgrid.nodal.secant import small_signal
     from resgrid.nodal.solve import factor, solve
     from resgrid.nodal.transient import Transient, TransientStepper, transient, transient_stepper
+    from resgrid.nodal.watch import Watch
     from resgrid.planning.behaviour import ClearanceCurve, clearance_curve, wall_clearance_curve
     from resgrid.planning.blend import blend
     from resgrid.planning.certify import certify
@@ -254,6 +255,7 @@ _HOME = {
     "TransientStepper": "resgrid.nodal.transient",
     "transient": "resgrid.nodal.transient",
     "transient_stepper": "resgrid.nodal.transient",
+    "Watch": "resgrid.nodal.watch",
     "Blocking": "resgrid.planning.scene_parts",
     "blocking": "resgrid.planning.scene_parts",
     "Walk": "resgrid.planning.walk",
@@ -436,6 +438,7 @@ __all__ = [
     "TransientStepper",
     "Verdict",
     "Walk",
+    "Watch",
     "Wavefront",
     "Yield",
     "__version__",
