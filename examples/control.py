@@ -26,6 +26,7 @@ class ToyRobot:
         return self.q.copy(), np.array([0.8 if pushed else 0.0, 0.0])
 
     def move(self, qdot: np.ndarray) -> None:
+        """Let one control period pass at this velocity."""
         self.q += PERIOD * qdot
         self.time += PERIOD
 
@@ -50,7 +51,7 @@ def main(folder: Path = Path("out/control")) -> dict[str, float]:
     axes = rg.plot_potential(field)
     planned = rg.streamline(field, scene.starts[0])
     rg.plot_streamlines([planned], field.space, axes)
-    axes.plot(*np.array(way).T, color="black", linewidth=1.6, label="way of the robot, pushed from 12 s to 14 s", zorder=5)
+    axes.plot(*np.array(way).T, color="black", label="way of the robot, pushed from 12 s to 14 s", zorder=5)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), fontsize=7, frameon=False, ncols=2)
     rg.save_figure(axes.figure, folder / "control.png")
     off = max(float(np.linalg.norm(planned.points - point, axis=1).min()) for point in way)

@@ -1,8 +1,11 @@
-"""Figures 1 to 13 of Connolly & Grupen, "Applications of Harmonic Functions to Robotics" (1992).
+"""Figures 1 to 19 of Connolly & Grupen, "Applications of Harmonic Functions to Robotics" (1992).
 
 Run it with ``python examples/figures.py``; the pictures go into ``out/figures``, laid out as in the paper: the
 workspace on the left, the configuration space of a planar arm with two links on the right.  The paper gives no
 coordinates; the scenes fix a geometry, and starts, that tell the same story.
+
+Figures 14 to 19 are about control: contact with obstacles that the map does not show, and planning while the grid still
+settles; with them come two animations.
 
 The paper's captions and text disagree about which k is which.  Here the formula decides: phi = k phi_D + (1 - k) phi_N,
 so that k = 1 is Dirichlet (obstacles repel) and k = 0 is Neumann (paths may slide along them).
@@ -23,9 +26,15 @@ from resgrid.space import label_regions
 SCENES = Path(__file__).resolve().parent / "scenes"
 
 
-def main(folder: Path = Path("out/figures")) -> dict[str, float]:
+def main(folder: Path = Path("out/figures"), *, long: bool = False) -> dict[str, float]:
     folder.mkdir(parents=True, exist_ok=True)
     numbers = problem_a(folder) | two_goals(folder) | problem_b(folder)
+    figure_14(folder)
+    numbers |= control_problem(folder, "container", free=15, blind=16, learning=None)
+    numbers |= control_problem(folder, "chair", free=17, blind=18, learning=19)
+    if long:  # some minutes
+        numbers |= settling(folder, rg.read_scene(SCENES / "chair.toml"))
+        animations(folder)
     print(f"the figures are in {folder}")
     return numbers
 
@@ -129,6 +138,102 @@ def problem_b(folder: Path) -> dict[str, float]:
     return {"cut_off": float((free & ~space.goal_connected).sum() / free.sum()), "paths": outcomes.count("reached")}
 
 
+def figure_14(folder: Path) -> None:
+    """Velocity, force and admittance at one contact, and the equipotential that a robot may follow instead."""
+    cell = np.zeros((40, 32), dtype=np.uint8)
+    cell[34, 4:6] = rg.Cell.GOAL
+    space = rg.ConfigurationSpace([rg.Axis("x", 0, 4, 40, unit="m"), rg.Axis("y", 0, 3.2, 32, unit="m")], cell)
+    field = rg.plan(space, k=0.2).field
+    axes = rg.plot_velocities(field, point=(1.65, 1.84), force=(0.15, 1.0), admittance=0.15)
+    axes.fill([1.2, 2.1, 2.1, 1.2], [1.2, 1.2, 1.78, 1.78], color="#b96b6b", zorder=3, label="obstacle not on the map")
+    axes.set_title("Figure 14", fontsize=10)
+    refresh_legend(axes)
+    rg.save_figure(axes.figure, folder / "figure_14.png")
+    print("figure 14: a contact force F turns the velocity V0 by A F, or onto the equipotential")
+
+
+def control_problem(folder: Path, name: str, *, free: int, blind: int, learning: int | None) -> dict[str, float]:
+    """Figures 15 to 19: a free run, the same with an obstacle that is not on the map, and with what touch teaches."""
+    scene = rg.read_scene(SCENES / f"{name}.toml")
+    planner = rg.plan(scene, k=0.98)
+    start, bare = scene.starts[0], scene.replace(hidden=())
+    numbers = {}
+
+    # The map's field alone: no contact, all the way on a streamline.
+    run = rg.simulation(bare, k=0.98, field=planner.field).run(start)
+    control_figure(folder, free, run, bare, f"{scene.title}, k = 0.98: the free run.")
+    numbers[f"figure_{free}_arrived"] = run.ending == rg.Ending.ARRIVED
+
+    # The hidden obstacle is felt; while it is, the robot follows the equipotential.  Nothing is computed again.
+    sim = rg.simulation(scene, k=0.98, field=planner.field, learn=False)
+    run = sim.run(start)
+    parts = sorted({int(part) + 1 for part in run.contacts.part})
+    caption = f"A hidden obstacle deflects link {parts[0]} (force in red); nothing is recomputed."
+    control_figure(folder, blind, run, scene, f"{scene.title}, k = 0.98. {caption}")
+    tip = rg.workspace_path(run.configuration[run.contacts.step], scene.robot, planner.space)
+    numbers[f"figure_{blind}_arrived"] = run.ending == rg.Ending.ARRIVED
+    numbers[f"figure_{blind}_from_tip"] = float(np.linalg.norm(tip - run.contacts.point, axis=1).min())
+
+    # The same with learning: each contact proves cells to be obstacle, and the field is solved again.
+    taught = replace(sim, learn=True).run(start)
+    numbers[f"{name}_learnt"] = int(taught.learnt.sum())
+    numbers[f"{name}_wrong"] = int((taught.learnt & (sim.plant.true_space(sim.space).cell != rg.Cell.OBSTACLE)).sum())
+    if learning is not None:
+        numbers[f"figure_{learning}_arrived"] = taught.ending == rg.Ending.ARRIVED
+        caption = f"{numbers[f'{name}_learnt']} cells learnt (circles) in {len(taught.lessons)} re-solve."
+        control_figure(folder, learning, taught, scene, f"{scene.title}, k = 0.98. {caption}")
+
+    # Other blends.  Far from the goal a weight of 0.98 acts almost as Neumann: the map of shares shows where.
+    shares = (0.98, 0.0, 0.5, 1.0)
+    for world, number, kind in ((bare, free, "the free run"), (scene, blind, "with the hidden obstacle")):
+        fields = [planner.at(k).field for k in shares]
+        runs = [rg.simulation(world, k=k, field=f, learn=False).run(start) for k, f in zip(shares, fields, strict=True)]
+        figure = rg.plot_runs_by_k(runs, shares, world, title=f"As figure {number}: {kind}, at several k")
+        rg.save_figure(figure, folder / f"figure_{number}_by_k.png")
+        numbers[f"{name}_by_k_{number}"] = sum(run.ending == rg.Ending.ARRIVED for run in runs)
+    rg.save_figure(
+        rg.plot_dirichlet_share(planner.obstacle_field, planner.open_field, 0.98).figure, folder / f"share_{name}.png"
+    )
+    share = rg.dirichlet_share(planner.obstacle_field, planner.open_field, 0.98)[planner.space.goal_connected]
+    numbers[f"{name}_mostly_neumann"] = float(np.mean(share < 0.5))
+    return numbers
+
+
+def control_figure(folder: Path, number: int, run: rg.Run, scene: rg.Scene, caption: str) -> None:
+    rg.save_figure(rg.plot_run(run, scene, title=f"Figure {number}", caption=caption), folder / f"figure_{number}.png")
+    print(f"figure {number}: {caption}")
+
+
+RATIOS = (1, 10, 100, 300, 1e3, 2e3, 3e3, 1e4, 1e5)
+
+
+def settling(folder: Path, scene: rg.Scene, ratios: tuple[float, ...] = RATIOS) -> dict[str, float]:
+    """The hidden obstacle is put on the map while the robot is on its way; how fast may it be against the grid."""
+    sim, numbers, sweeps = rg.simulation(scene, k=0.98), {}, []
+    for method in ("chip", "jacobi", "sor"):
+        sweep = rg.settling_sweep(sim, scene.starts[0], rg.grid_settling(scene, method=method, k=0.98), ratios)
+        sweeps.append(sweep)
+        numbers |= {f"{method}_safe": sweep.safe_ratio, f"{method}_fails": sweep.failing_ratio}
+        print(f"{method}: arrives up to {sweep.safe_ratio} cells a settling time, fails from {sweep.failing_ratio}")
+    rg.save_figure(rg.plot_settling_sweep(sweeps).figure, folder / "settling.png")
+    settles = rg.grid_settling(scene, pace=4.0, k=0.98)
+    front = rg.wavefront(settles, sim.space, sim.plant.true_space(sim.space), np.array([0, 1, 3, 10, 30, 100.0]))
+    rg.save_figure(rg.plot_wavefront(front), folder / "wavefront.png")
+    return numbers
+
+
+def animations(folder: Path) -> None:
+    """The robot that learns; and the wavefront of an obstacle that is put on the map while the robot moves."""
+    scene = rg.read_scene(SCENES / "chair.toml")
+    sim = rg.simulation(scene, k=0.98)
+    rg.save_animation(rg.run_frames(sim.run(scene.starts[0]), scene), folder / "chair.gif")
+    settles = rg.grid_settling(scene, pace=4.0, k=0.98)
+    world = rg.announced(sim, settles)
+    front = rg.wavefront(settles, sim.space, world.space, np.arange(80) * 0.75)
+    frames = rg.wavefront_frames(front, world.run(scene.starts[0]))
+    rg.save_animation(frames, folder / "wavefront.gif", rate=10)
+
+
 def strips(scene: rg.Scene, space: rg.ConfigurationSpace) -> np.ndarray:
     """Cells that are obstacles for the singularity's sake alone: no link touches anything there."""
     bare = replace(scene.robot, singularity_cells=None, singularity_width=None)
@@ -183,4 +288,4 @@ def family(folder, number, paths, scene, space, virtual, caption) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    main(long=True)

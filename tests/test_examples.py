@@ -47,3 +47,10 @@ def test_the_careful_blend_keeps_farther_away(tmp_path: Path) -> None:
     clearance = [results[k][1] for k in (0.0, 0.5, 1.0)]
     assert clearance == sorted(clearance)
     assert (tmp_path / "blend.png").is_file()
+
+
+def test_a_pushed_robot_with_a_loop_of_its_own_arrives(tmp_path: Path) -> None:
+    numbers = load("control").main(tmp_path)
+    assert (tmp_path / "control.png").is_file()
+    assert numbers["off"] > 0.3  # metres
+    assert numbers["time"] < 25

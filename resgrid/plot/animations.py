@@ -126,7 +126,8 @@ def _write_gif(frames: Iterator[Frame], path: Path, rate: float) -> None:
     first = next(frames)
     rest = (picture(frame) for frame in frames)
     duration = max(round(100 / rate), 1) * 10
-    picture(first).save(path, format="GIF", save_all=True, append_images=rest, duration=duration, loop=0)
+    with path.open("wb") as file:
+        picture(first).save(file, format="GIF", save_all=True, append_images=rest, duration=duration, loop=0)
 
 
 def _write_mp4(frames: Iterator[Frame], path: Path, rate: float) -> None:

@@ -176,9 +176,9 @@ def plot_run_configurations(run: Run, scene: Scene, axes: Axes, *, way: bool = T
     known = ConfigurationSpace(run.space.axes, np.where(learnt, np.uint8(Cell.FREE), run.space.cell))
     plot_space(known, axes)
     if isinstance(scene.robot, Arm):
-        virtual = plant.itself & (known.cell == Cell.OBSTACLE)
-        bodies = scene.robot.occupancy(scene.axes, plant.obstacles[: plant.known], "conservative")
-        paint_cells(known, virtual & ~_touched(scene, plant.obstacles[: plant.known], bodies), VIRTUAL, "virtual", axes)
+        virtual = plant.itself & (known.cell == Cell.OBSTACLE) & ~_touched(scene, plant.obstacles[: plant.known])
+        if virtual.any():
+            paint_cells(known, virtual, VIRTUAL, "virtual obstacle", axes)
     hidden = (plant.true_space(known).cell == Cell.OBSTACLE) & (known.cell != Cell.OBSTACLE)
     if hidden.any():
         paint_cells(known, hidden, "#e3bcbc", "hidden obstacle", axes)
@@ -191,13 +191,13 @@ def plot_run_configurations(run: Run, scene: Scene, axes: Axes, *, way: bool = T
     return axes
 
 
-def _touched(scene: Scene, shapes: Sequence[Shape], bodies: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _touched(scene: Scene, shapes: Sequence[Shape]) -> NDArray[np.bool_]:
     """Cells in which an arm meets an obstacle, strips along singularities left out."""
     from dataclasses import replace
 
     assert isinstance(scene.robot, Arm)
     bare = replace(scene.robot, singularity_cells=None, singularity_width=None)
-    return bodies & bare.occupancy(scene.axes, shapes, "conservative")
+    return bare.occupancy(scene.axes, shapes, "conservative")
 
 
 def thinned(configuration: NDArray[np.float64]) -> NDArray[np.float64]:

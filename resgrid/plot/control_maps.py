@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.control.controller import make_controller
@@ -163,6 +164,9 @@ def plot_settling_sweep(sweeps: Sequence[SettlingSweep], ax: Axes | None = None)
     instant = sweeps[0].instant
     axes.axhline(instant, color="black", linewidth=0.8, linestyle=(0, (4, 2)), label="grid settled before the start")
     axes.set(xscale="log", yscale="log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axes.yaxis.set_minor_locator(NullLocator())
     axes.set_xlabel("robot's speed against settling: cells crossed while the grid settles")
     axes.set_ylabel("time of the run (cells at full speed)")
     dress(axes)

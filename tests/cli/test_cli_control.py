@@ -1,0 +1,156 @@
+"""The verb control: what it prints and writes, that a seed decides all, and what it refuses."""
+
+from __future__ import annotations
+
+import csv
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+ROOM = """schema = 1
+title = "Room"
+starts = [[4.2, 7.2]]
+k = [0.98, 1.0]
+[robot]
+type = "point"
+radius = 0.2
+[grid]
+axes = [{ name = "x", lower = 0, upper = 8, cells = 16 }, { name = "y", lower = 0, upper = 8, cells = 16 }]
+[[goal]]
+point = [4.2, 0.7]
+[[hidden]]
+shape = "rectangle"
+lower = [2.5, 3.0]
+upper = [6.2, 4.0]
+"""
+
+
+@pytest.fixture
+def hidden(tmp_path):
+    file = tmp_path / "hidden.toml"
+    file.write_text(ROOM)
+    return file
+
+
+def test_it_says_what_each_run_came_to(answer, call, hidden) -> None:
+    (run,) = answer("control", hidden)["runs"]
+    assert (run["outcome"], run["goal"], run["k"]) == ("arrived", 0, 0.98)
+    assert run["start"] == [4.2, 7.2]
+    assert run["cells_learnt"] > 0
+    assert run["resolves"] > 0
+    assert sum(run["modes"].values()) == run["steps"] + 1
+    assert run["modes"]["learning"] == run["resolves"]
+    assert 0 <= run["penetration"] < run["cell_motion"]
+    assert "cells learnt in" in call("control", hidden).stdout
+    both = answer("control", hidden, "--k", "0.5", "--k", "1", "--start", "4.2,7.2", "--start", "1,7")["runs"]
+    assert [(run["k"], run["start"][0]) for run in both] == [(0.5, 4.2), (0.5, 1), (1, 4.2), (1, 1)]
+
+
+def test_what_does_not_arrive_exits_with_1(answer, call, hidden) -> None:
+    (run,) = answer("control", hidden, "--steps", 5, code=1)["runs"]
+    assert run["outcome"] == "out_of_steps"
+    done = call("control", hidden, "--no-learn", "--friction", "1", "--response", "admittance", "--start", "3.2,7.2")
+    assert done.exit_code == 1
+    assert "stalled" in done.stdout
+    walled = hidden.with_name("walled.toml")
+    walled.write_text(ROOM.replace("[2.5, 3.0]", "[0.0, 3.0]").replace("[6.2, 4.0]", "[8.0, 4.0]"))
+    (run,) = answer("control", walled, code=1)["runs"]
+    assert run["outcome"] == "no_path"
+    covered = hidden.with_name("covered.toml")
+    covered.write_text(ROOM.replace("[2.5, 3.0]", "[3.9, 0.4]").replace("[6.2, 4.0]", "[4.6, 1.2]"))
+    (run,) = answer("control", covered, code=1)["runs"]
+    assert run["outcome"] == "goal_blocked"
+    assert "cover every goal" in call("control", covered, "--announce").stderr
+
+
+def test_the_log_has_every_step(call, answer, hidden, tmp_path) -> None:
+    table = list(csv.DictReader(io.StringIO(call("control", hidden, "--pushes", 4, "-o", "-").stdout)))
+    file = tmp_path / "log.npz"
+    (run,) = answer("control", hidden, "--pushes", 4, "-o", file)["runs"]
+    with np.load(file) as log:
+        assert len(table) == run["steps"] + 1 == len(log["time_0"])
+        for name, column in (
+            ("t", log["time_0"]),
+            ("x", log["configuration_0"][:, 0]),
+            ("y_rate", log["velocity_0"][:, 1]),
+        ):
+            assert [float(row[name]) for row in table] == column.tolist()
+        names = log["mode_names"]
+        assert [row["mode"] for row in table] == names[log["mode_0"]].tolist()
+        counts = np.bincount(log["contact_step_0"], minlength=len(table))
+        assert [int(row["contacts"]) for row in table] == counts.tolist()
+        assert log["learnt_0"].sum() == run["cells_learnt"]
+        assert log["push_0"].any()
+    touched = [row for row in table if row["contacts"] != "0"]
+    assert touched
+    assert all(row["body"] == "0" and row["force_x"] for row in touched)
+
+
+def test_a_seed_decides_all(call, hidden, tmp_path) -> None:
+    logs = [
+        call("control", hidden, "--noise", "0.2", "--pushes", 3, "--seed", seed, "-o", "-").stdout for seed in (1, 1, 2)
+    ]
+    assert logs[0] == logs[1] != logs[2]
+
+
+def test_it_draws_an_animation(call, hidden, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("resgrid.cli.control.FRAMES", 3)
+    file = tmp_path / "run.gif"
+    done = call("control", hidden, "--animate", file)
+    assert done.exit_code == 0
+    assert f"wrote {file}" in done.stderr
+    with Image.open(file) as picture:
+        assert picture.n_frames > 2
+
+
+def test_the_grid_may_settle_meanwhile(answer, hidden) -> None:
+    (run,) = answer("control", hidden, "--settle", "sor", "--pace", 30)["runs"]
+    assert run["outcome"] == "arrived"
+    (run,) = answer("control", hidden, "--announce", "--pace", 1e-4, code=1)["runs"]
+    assert run["outcome"] == "stalled"
+    assert run["modes"]["waiting"] > 10
+    assert run["cells_learnt"] == 0
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["--start", "nan,1"], "finite"),
+        (["--start", "4.2,3.5"], "inside hidden[0]"),
+        (["--start", "40,3.5"], "outside"),
+        (["--admittance", "1,2,0,1"], "not symmetric"),
+        (["--admittance", "1,2,3"], "give 1 number, 2, or 4"),
+        (["--admittance", "1,-1"], "not positive definite"),
+        (["--push", "1,2,nan,0"], "finite"),
+        (["--push", "1,2,0"], "force of 2 entries"),
+        (["--push", "1,0,0,1"], "times"),
+        (["--push-size", "inf"], "finite"),
+        (["--bias", "a"], "numbers"),
+        (["--noise", "1,2,3"], "noise"),
+        (["--friction", "nan"], "friction"),
+        (["--speed", "-1"], "speed"),
+        (["--response", "flee"], "one of admittance, equipotential"),
+        (["--settle", "gauss"], "one of jacobi, sor, chip"),
+        (["--settle", "chip", "--pace", "0"], "pace"),
+        (["--animate", "x.txt"], ".gif or .mp4"),
+        (["--animate", "x.gif", "--start", "1,7", "--start", "2,7"], "one run"),
+        (["-o", "x.txt"], ".npz or .csv"),
+        (["-o", "-", "--json"], "standard output"),
+        (["--k", "2"], "k"),
+        (["--drive", "start", "--boundary", "neumann"], "uniform"),
+    ],
+)
+def test_bad_input_is_one_clear_message(call, hidden, words, says) -> None:
+    done = call("control", hidden, *words)
+    assert done.exit_code == 2
+    assert says in done.stderr
+    assert "Traceback" not in done.stderr
+    assert done.stderr.count("error:") == 1
+
+
+def test_a_scene_without_a_start_or_beyond_the_plane_is_refused(call, hidden, scenes) -> None:
+    hidden.write_text(ROOM.replace("starts = [[4.2, 7.2]]\n", ""))
+    assert "there is no start" in call("control", hidden).stderr
+    assert "in the plane alone" in call("control", scenes / "voxels.toml").stderr
