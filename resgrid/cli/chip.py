@@ -8,9 +8,8 @@ from typing import Any
 
 import click
 
-from resgrid.cli.chip_analyses import ANALYSES, run_analysis
 from resgrid.cli.chip_report import Section, format_html, format_markdown, shown
-from resgrid.cli.chip_study import Limits, Study, open_study
+from resgrid.cli.chip_study import ANALYSES, Limits, Study, open_study
 from resgrid.cli.compile import dialect_option
 from resgrid.cli.failures import NEGATIVE
 from resgrid.cli.folder import SUMMARY, whole_folder
@@ -64,6 +63,8 @@ def command(
     names = _names(only)
     _check(at_least)
     bounds = Limits(**limits, sweep=tuple(_sweep(text) for text in sweep), checkpoint=folder)
+    from resgrid.cli.chip_analyses import run_analysis
+
     with whole_folder(folder) as made:
         study = open_study(choice, report, bounds)
         sections = [run_analysis(name, study, made, report) for name in names]

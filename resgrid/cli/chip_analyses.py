@@ -31,8 +31,8 @@ Pictures = dict[str, tuple[str, str, Any, dict[str, Any]]]
 
 
 def run_analysis(name: str, study: Study, made: Path, report: Report) -> Section:
-    """Do one of `ANALYSES`, and draw its pictures into a folder."""
-    return ANALYSES[name](study, made, report)
+    """Do one of the analyses, and draw its pictures into a folder."""
+    return _BY_NAME[name](study, made, report)
 
 
 def _power(study: Study, made: Path, report: Report) -> Section:
@@ -323,7 +323,7 @@ def _draw(study: Study, made: Path, wanted: Pictures, *, always: bool = False) -
 
 Analysis = Callable[[Study, Path, Report], Section]
 
-ANALYSES: dict[str, Analysis] = {
+_BY_NAME: dict[str, Analysis] = {
     "yield": _yield,
     "precision": _precision,
     "settling": _settling,
@@ -333,4 +333,3 @@ ANALYSES: dict[str, Analysis] = {
     "exploration": _exploration,
     "defects": _defects,
 }
-"""Every analysis by its name, in the order of the report."""

@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from resgrid.scene import Chip
 
 
+ANALYSES = ("yield", "precision", "settling", "noise", "power", "sensitivity", "exploration", "defects")
+"""Every analysis, in the order of the report."""
+
+
 @dataclass(frozen=True)
 class Limits:
     """How long to go on, and where an interrupted run is taken up.

@@ -24,6 +24,7 @@ _SMALL = 2.0 ** -(BITS // 2)
 _SPLITTER = 2.0**27 + 1.0
 _LOG_BASE = BITS * math.log(2.0)
 _SETTLED = 1e-29
+_PARTS = 64.0
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -203,29 +204,73 @@ def residual(
 
 
 @njit(cache=True)
-def breadth_first(indptr: Indices, indices: Indices, seeds: NDArray[np.bool_]) -> tuple[int, int]:
-    """Number of levels and of nodes that a breadth-first search from some nodes reaches."""
-    seen = seeds.copy()
-    queue = np.empty(len(seeds), np.int64)
+def _steps_from(indptr: Indices, indices: Indices, seeds: NDArray[np.bool_]) -> Indices:
+    """Steps of a breadth-first search from some nodes to every node; -1 where it does not come."""
+    steps = np.full(len(seeds), -1, np.int32)
+    queue = np.empty(len(seeds), np.int32)
     tail = 0
     for node in range(len(seeds)):
         if seeds[node]:
+            steps[node] = 0
             queue[tail] = node
             tail += 1
-    head, levels = 0, 0
+    head = 0
     while head < tail:
-        levels += 1
-        level_end = tail
-        while head < level_end:
-            node = queue[head]
-            head += 1
-            for k in range(indptr[node], indptr[node + 1]):
-                other = indices[k]
-                if not seen[other]:
-                    seen[other] = True
-                    queue[tail] = other
-                    tail += 1
-    return levels, tail
+        node = queue[head]
+        head += 1
+        for k in range(indptr[node], indptr[node + 1]):
+            if steps[indices[k]] < 0:
+                steps[indices[k]] = steps[node] + 1
+                queue[tail] = indices[k]
+                tail += 1
+    return steps
+
+
+@njit(cache=True)
+def decay(indptr: Indices, indices: Indices, low: NDArray[np.bool_], high: NDArray[np.bool_], rate: float) -> float:
+    """Estimate by how many factors of e a potential between two rails falls, from the low rail to the farthest node.
+
+    Where the nearest contact with the high rail lies ``r`` steps away it falls by ``rate / (2 r + 1)`` a step; the way
+    on which it falls least counts (shortest paths by buckets, Dial 1969).
+    """
+    n = len(low)
+    depth = _steps_from(indptr, indices, high)
+    costs = np.zeros(n, np.int32)
+    for node in range(n):
+        costs[node] = max(1, int(_PARTS * rate / (2.0 * depth[node] + 1.0))) if depth[node] >= 0 else 0
+    buckets = int(_PARTS * rate) + 2
+    first = np.full(buckets, -1, np.int32)
+    entry, after = np.empty(len(indices) + n, np.int32), np.empty(len(indices) + n, np.int32)
+    fall = np.full(n, -1, np.int64)
+    done = np.zeros(n, np.bool_)
+    size = 0
+    for node in range(n):
+        if low[node]:
+            fall[node] = 0
+            entry[size], after[size], first[0] = node, first[0], size
+            size += 1
+    now, most, waiting = 0, 0, size
+    while waiting > 0:
+        item = first[now % buckets]
+        if item < 0:
+            now += 1
+            continue
+        first[now % buckets] = after[item]
+        waiting -= 1
+        node = entry[item]
+        if done[node]:
+            continue
+        done[node] = True
+        most = now
+        for k in range(indptr[node], indptr[node + 1]):
+            other = indices[k]
+            value = now + costs[other]
+            if not done[other] and (fall[other] < 0 or value < fall[other]):
+                fall[other] = value
+                entry[size], after[size], first[value % buckets] = other, first[value % buckets], size
+                size += 1
+                waiting += 1
+    return most / _PARTS
 
 
 @njit(cache=True)

@@ -22,6 +22,10 @@ _VOLUME, _CORRIDORS = 4.2, 3.4
 
 _SMALL = 2000
 _ROUGH = 0.25
+_MOST_DECADES = 120.0
+_WHOLE_STEPS = 0.7
+"""Potentials fall over straight distances, ways on a grid are longer."""
+
 _WEAK = 0.1
 
 _FAIR_SHARE = 0.2
@@ -107,6 +111,8 @@ def choose_method(system: NodalSystem, accuracy: str = "direction") -> str:
     decades = 0.0
     if accuracy == "direction" and system.rails is not None:
         decades = _decades(system, volume=neighbours > _VOLUME)
+    if decades > _MOST_DECADES:
+        return "direct"
     quicker = _multigrid_seconds(system, accuracy, decades) < _direct_seconds(system.size, neighbours)
     return "multigrid" if quicker else "direct"
 
@@ -127,7 +133,7 @@ def _multigrid_seconds(system: NodalSystem, accuracy: str, decades: float) -> fl
     if system.rails is None:
         return 1.6e-6 * system.size
     passes = 2.0 + decades / 9.0
-    return (0.7e-6 + 0.7e-6 * passes) * system.size
+    return (0.8e-6 + 0.35e-6 * passes) * system.size
 
 
 def _rough(system: NodalSystem) -> bool:
@@ -141,19 +147,17 @@ def _rough(system: NodalSystem) -> bool:
 def _decades(system: NodalSystem, *, volume: bool) -> float:
     """Rough number of decades that a potential between two rails falls over the graph; 0 for other circuits.
 
-    Along a corridor ``w`` cells wide it falls by ``exp(-pi sqrt(d) / w)`` a cell, in ``d = 1`` or 2 cross dimensions;
-    length and width are those of a breadth-first search from the low rail.
+    Along a corridor ``w`` cells wide it falls by ``exp(-pi sqrt(d) / w)`` a cell, in ``d = 1`` or 2 cross dimensions.
+    On 20 spaces and maps the estimate was 0.9 to 1.7 times the true number, in volumes 2 times.
     """
     if system.rails is None:
         return 0.0
-    from resgrid.nodal.kernels import breadth_first
+    from resgrid.nodal.kernels import decay
 
-    coupling = system.coupling
-    levels, reached = breadth_first(coupling.indptr, coupling.indices, system.rails.to_low > 0)
-    section = max(reached / max(levels, 1), 1.0)
-    width, dimensions = (section**0.5, 2) if volume else (section, 1)
-    # Widths vary: the narrow places count for more than the mean does.
-    return float(10.0 + 2.0 * levels * np.pi * np.sqrt(dimensions) / width / np.log(10.0))
+    coupling, rails = system.coupling, system.rails
+    rate = np.pi * np.sqrt(2.0 if volume else 1.0)
+    factors = decay(coupling.indptr, coupling.indices, rails.to_low > 0, rails.to_high > 0, rate)
+    return float(_WHOLE_STEPS * factors / np.log(10.0))
 
 
 def estimate_memory(system: NodalSystem, method: str = "direct", dimensions: int | None = None) -> float:

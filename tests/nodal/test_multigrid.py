@@ -114,9 +114,12 @@ def test_coarse_levels_conserve_what_ties_them_to_the_rails_where_lengths_do_not
     assert sizes[-1] <= 250
 
 
-def test_auto_takes_multigrid_for_volumes_and_direct_for_planes_and_corridors() -> None:
-    plane = assemble(compile_space(space_of(blocks((80, 80), 1))))
-    assert methods.choose_method(plane) == "direct"
+def test_auto_takes_multigrid_unless_a_system_is_small_or_rough() -> None:
+    little = assemble(compile_space(space_of(blocks((40, 40), 1))))
+    assert methods.choose_method(little) == "direct"
+    plane = assemble(compile_space(space_of(blocks((80, 80), 1)), boundary="neumann"))
+    assert methods.choose_method(plane) == "multigrid"
+    assert methods.choose_method(plane, "normwise") == "multigrid"
     volume = assemble(compile_space(space_of(blocks((32, 32, 32), 1))))
     assert methods.choose_method(volume) == "multigrid"
     rough = compile_space(

@@ -234,7 +234,7 @@ def test_open_rooms_and_conductances_out_of_range_are_left_alone() -> None:
     room[0, 0] = 2
     system = assemble(compile_space(space_of(room)))
     assert not may_reduce(system)
-    assert factor_system(system, "auto").name == "direct"
+    assert factor_system(system, "auto").name != "elimination"
     pairs = np.array([[1, 0], [1, 2], [2, 0]])
     assert may_reduce(grounded(pairs, np.ones(3)))
     assert not may_reduce(grounded(pairs, np.array([1.0, 1e-100, 1.0])))
