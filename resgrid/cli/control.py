@@ -38,6 +38,7 @@ class Motion:
 @with_scene()
 @output_option("Write a log of every step to FILE.npz or .csv; - prints CSV.")
 @click.option("--animate", metavar="FILE", type=click.Path(), help="Write an animation: .gif, or .mp4 with ffmpeg.")
+@click.option("--wavefront", metavar="FILE", type=click.Path(), help="With --announce: animate the potential's change.")
 @click.option("--learn/--no-learn", default=True, show_default=True, help="Mark in the map what is touched.")
 @click.option(
     "--push", metavar="T,S,F,...", multiple=True,
@@ -61,8 +62,8 @@ class Motion:
 @click.option("--announce", is_flag=True, help="At time 0 hidden obstacles are put on the map, and the grid settles.")
 @with_report
 def command(
-    choice: SceneChoice, output: str | None, animate: str | None, seed: int, steps: int, announce: bool,
-    report: Report, **words: Any,
+    choice: SceneChoice, output: str | None, animate: str | None, wavefront: str | None, seed: int, steps: int,
+    announce: bool, report: Report, **words: Any,
 ) -> int:  # fmt: skip
     """Move the robot of SCENE from each start by V = V0 + A F, with the scene's hidden obstacles in its way.
 
@@ -73,21 +74,27 @@ def command(
         raise InputError("-o - and --json both want standard output; choose one")
     if output is not None:
         check_log(output)
-    if animate is not None:
-        from resgrid.plot.animations import check_animation
-
-        check_animation(animate)
+    films = {"--animate": animate, "--wavefront": wavefront}
+    _check_films(films, announce)
     if announce and words["settle"] is None:
         words["settle"] = "chip"
     job = open_job(choice, report)
     require_starts(job)
     shares = job.scene.k if "k" in choice.changes else job.scene.k[:1]
-    if animate is not None and len(shares or (None,)) * len(job.scene.starts) > 1:
-        raise InputError("--animate shows one run: choose a start with --start X,Y and a blend with --k K")
+    for option, file in films.items():
+        if file is not None and len(shares or (None,)) * len(job.scene.starts) > 1:
+            raise InputError(f"{option} shows one run: choose a start with --start X,Y and a blend with --k K")
     motions = [
         motion for k in shares or (None,) for motion in _moved(job, k, words, seed, steps, announce, report)
     ]  # fmt: skip
-    _write(job, motions, output, animate, report)
+    _write(job, motions, output, report)
+    if animate is not None:
+        _draw_run(animate, motions[0], job, report)
+    if wavefront is not None:
+        _draw_wavefront(wavefront, motions[0], job, report)
+    if output != "-":
+        data = {"scene": job.scene.title, "runs": [run_data(motion) for motion in motions]}
+        report.finish(data, [run_line(motion) for motion in motions])
     return 0 if all(str(motion.run.ending) == "arrived" for motion in motions) else NEGATIVE
 
 
@@ -124,21 +131,48 @@ def _moved(
     return motions
 
 
-def _write(job: Job, motions: list[Motion], output: str | None, animate: str | None, report: Report) -> None:
+def _check_films(films: dict[str, str | None], announce: bool) -> None:
+    """Refuse animations that cannot be made, before anything is computed."""
+    for file in films.values():
+        if file is not None:
+            from resgrid.plot.animations import check_animation
+
+            check_animation(file)
+    if films["--wavefront"] is not None and not announce:
+        raise InputError("--wavefront shows how an obstacle spreads that is put on the map: give --announce too")
+
+
+def _write(job: Job, motions: list[Motion], output: str | None, report: Report) -> None:
     if output is not None:
         write_log(output, motions, job)
         if output != "-":
             report.say(f"wrote {output}")
-    if animate is not None:
-        from resgrid.plot.animations import run_frames, save_animation
 
-        with report.stage(f"draw {Path(animate).name}", steps=FRAMES) as progress:
-            frames = run_frames(motions[0].run, job.scene, count=FRAMES)
-            save_animation(frames, animate, progress=lambda _: progress.advance())
-        report.say(f"wrote {animate}")
-    if output != "-":
-        data = {"scene": job.scene.title, "runs": [run_data(motion) for motion in motions]}
-        report.finish(data, [run_line(motion) for motion in motions])
+
+def _draw_run(file: str, motion: Motion, job: Job, report: Report) -> None:
+    from resgrid.plot.animations import run_frames, save_animation
+
+    with report.stage(f"draw {Path(file).name}", steps=FRAMES) as progress:
+        frames = run_frames(motion.run, job.scene, count=FRAMES)
+        save_animation(frames, file, progress=lambda _: progress.advance())
+    report.say(f"wrote {file}")
+
+
+def _draw_wavefront(file: str, motion: Motion, job: Job, report: Report) -> None:
+    """The change of the potential for as long as the robot was on its way."""
+    import numpy as np
+
+    from resgrid.control.settling import wavefront
+    from resgrid.plot.animations import save_animation, wavefront_frames
+
+    sim = motion.simulation
+    assert sim.settling is not None
+    crossed = float(motion.run.time[-1]) * sim.controller.speed / float(job.space.spacing.min())
+    with report.stage("follow the wavefront", seconds=10.0):
+        front = wavefront(sim.settling, job.space, sim.space, np.linspace(0.0, crossed, FRAMES))
+    with report.stage(f"draw {Path(file).name}", steps=FRAMES) as progress:
+        save_animation(wavefront_frames(front, motion.run), file, rate=10.0, progress=lambda _: progress.advance())
+    report.say(f"wrote {file}")
 
 
 def _numbers(option: str, text: str) -> list[float]:

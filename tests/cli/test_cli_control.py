@@ -105,6 +105,14 @@ def test_it_draws_an_animation(call, hidden, tmp_path, monkeypatch) -> None:
         assert picture.n_frames > 2
 
 
+def test_it_draws_the_wavefront_of_what_is_announced(call, hidden, tmp_path, monkeypatch) -> None:
+    monkeypatch.setattr("resgrid.cli.control.FRAMES", 3)
+    file = tmp_path / "front.gif"
+    assert call("control", hidden, "--announce", "--wavefront", file).exit_code == 0
+    with Image.open(file) as picture:
+        assert picture.n_frames == 3
+
+
 def test_the_grid_may_settle_meanwhile(answer, hidden) -> None:
     (run,) = answer("control", hidden, "--settle", "sor", "--pace", 30)["runs"]
     assert run["outcome"] == "arrived"
@@ -136,6 +144,7 @@ def test_the_grid_may_settle_meanwhile(answer, hidden) -> None:
         (["--settle", "chip", "--pace", "0"], "pace"),
         (["--animate", "x.txt"], ".gif or .mp4"),
         (["--animate", "x.gif", "--start", "1,7", "--start", "2,7"], "one run"),
+        (["--wavefront", "x.gif"], "give --announce too"),
         (["-o", "x.txt"], ".npz or .csv"),
         (["-o", "-", "--json"], "standard output"),
         (["--k", "2"], "k"),
