@@ -295,18 +295,34 @@ def contact_rows(
 
 
 @njit(cache=True)
-def _set_force(
-    row: Floats, give: Floats, wanted: float, least: float, most: float, before: float, velocity: Floats
-) -> float:
-    """Force, between bounds, that gives a contact the wanted speed; the velocity follows.  Returns the force."""
-    mobility, speed = 0.0, 0.0
-    for i in range(len(row)):
-        mobility += row[i] * give[i]
-        speed += row[i] * velocity[i]
-    force = min(max(before + (wanted - speed) / mobility, least), most)
-    for i in range(len(row)):
-        velocity[i] += (force - before) * give[i]
-    return force
+def _coulomb(
+    normal: float, cross: float, tangent: float, approach: float, slip: float, friction: float
+) -> tuple[float, float]:
+    """Normal and tangential force of one contact that moves at ``(approach, slip)`` without them.
+
+    A unit normal force changes these speeds by ``normal`` and ``cross``, a unit tangential one by ``cross`` and
+    ``tangent``.  The law may be met apart, sticking, or slipping to either side: the first that meets it is taken.
+    """
+    if approach >= 0.0:
+        return 0.0, 0.0
+    alone = -approach / normal
+    if friction <= 0.0 or tangent <= _LEAST_MOBILITY * normal:
+        return alone, 0.0
+    determinant = normal * tangent - cross * cross
+    if determinant > _LEAST_MOBILITY * normal * tangent:
+        press = (cross * slip - tangent * approach) / determinant
+        rub = (cross * approach - normal * slip) / determinant
+        if press >= 0.0 and abs(rub) <= friction * press:
+            return press, rub
+    for side in (1.0, -1.0):
+        moves = normal - side * friction * cross
+        if moves <= 0.0:
+            continue
+        press = -approach / moves
+        if side * (slip + (cross - side * friction * tangent) * press) >= 0.0:
+            return press, -side * friction * press
+    rub = -(slip + cross * alone) / tangent
+    return alone, min(max(rub, -friction * alone), friction * alone)
 
 
 @njit(cache=True)
@@ -316,27 +332,28 @@ def resolve_contacts(
 ) -> None:  # fmt: skip
     """Contact forces that keep ``n . J qdot >= target``, with Coulomb friction; ``velocity`` is changed in place.
 
-    Projected Gauss-Seidel on the complementarity problem ``0 <= f_n, n . J qdot - target >= 0``, one of them 0, and
-    ``|f_t| <= mu f_n``, opposing ``t . J qdot``.  ``force[k]`` ends as normal and tangential force.  A contact whose
-    force could not move the robot is left out.
+    Gauss-Seidel over the contacts on the complementarity problem ``0 <= f_n, n . J qdot - target >= 0``, one of them 0,
+    and ``|f_t| <= mu f_n``, opposing ``t . J qdot``; each contact is solved exactly while the others keep their forces.
+    ``force[k]`` ends as normal and tangential force.  A contact whose force could not move the robot is left out.
     """
     count = len(normal)
     give_n, give_t = normal @ admittance, tangent @ admittance
     can_n, can_t = np.sum(give_n * normal, axis=1), np.sum(give_t * tangent, axis=1)
+    cross = np.sum(give_n * tangent, axis=1)
     least = _LEAST_MOBILITY * max(can_n.max(), can_t.max())
     for _ in range(_SWEEPS):
         moved, size = 0.0, 0.0
         for k in range(count):
             if can_n[k] <= least:
                 continue
-            before = force[k, 0]
-            force[k, 0] = _set_force(normal[k], give_n[k], target[k], 0.0, np.inf, before, velocity)
-            moved, size = max(moved, abs(force[k, 0] - before)), max(size, force[k, 0])
-            if friction <= 0.0 or can_t[k] <= least:
-                continue
-            before, limit = force[k, 1], friction * force[k, 0]
-            force[k, 1] = _set_force(tangent[k], give_t[k], 0.0, -limit, limit, before, velocity)
-            moved = max(moved, abs(force[k, 1] - before))
+            press, rub = force[k, 0], force[k, 1]
+            approach = np.dot(normal[k], velocity) - target[k] - can_n[k] * press - cross[k] * rub
+            slip = np.dot(tangent[k], velocity) - cross[k] * press - can_t[k] * rub
+            force[k, 0], force[k, 1] = _coulomb(can_n[k], cross[k], can_t[k], approach, slip, friction)
+            for i in range(len(velocity)):
+                velocity[i] += (force[k, 0] - press) * give_n[k, i] + (force[k, 1] - rub) * give_t[k, i]
+            moved = max(moved, abs(force[k, 0] - press), abs(force[k, 1] - rub))
+            size = max(size, force[k, 0])
         if moved <= _SETTLED * size:
             return
 
