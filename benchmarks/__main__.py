@@ -15,7 +15,7 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
-from benchmarks import accuracy, decks, grids, memory, pipeline, simulator, table, updates
+from benchmarks import accuracy, chips, decks, grids, memory, pipeline, simulator, table, updates
 from benchmarks.picture import write_picture
 from benchmarks.rows import Row, Scale
 
@@ -31,6 +31,7 @@ SECTIONS: tuple[tuple[str, Callable[[Scale], list[Row]]], ...] = (
     ("direction", accuracy.direction),
     ("update", updates.update),
     ("threads", updates.threads),
+    ("chips", chips.chips),
     ("memory", memory.memory),
     ("simulator", simulator.simulator),
     ("decks", decks.decks),

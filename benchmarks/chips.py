@@ -11,12 +11,14 @@ import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
+from benchmarks.rows import Row, Scale, Spread
 from resgrid.device.build import conductance_samples
 from resgrid.device.ideal import ideal_netlist
 from resgrid.netlist import Netlist
@@ -56,15 +58,32 @@ def matrices(netlist: Netlist, conductance: np.ndarray) -> list[tuple[Any, np.nd
     return ready
 
 
-def main(chips: int = 1000, side: int = 128) -> None:
-    """Print throughputs and their ratios."""
+@dataclass(frozen=True)
+class Throughput:
+    """Milliseconds a chip, on the clock and on the processor, and the largest difference from spsolve in volts."""
+
+    drawn: tuple[float, float]
+    ours: tuple[float, float]
+    theirs: tuple[float, float]
+    cores: tuple[float, float]
+    alone: float
+    error: float
+
+    @property
+    def ratio(self) -> float:
+        """Times the throughput of a loop of spsolve, one thread."""
+        return self.theirs[1] / self.ours[1]
+
+
+def measure(count: int, side: int) -> Throughput:
+    """Solve mismatched chips, and the same matrices by spsolve, block by block in turn."""
     kind = Chip(mismatch=0.02)
     ideal = ideal_netlist(grid(side), kind)
     solve_many(ideal, np.tile(ideal.conductance, (2, 1)))  # compiled
     seconds = np.zeros((4, 2))
-    error, size = 0.0, max(chips // _BLOCKS, 1)
-    for begin in range(0, chips, size):
-        seeds = [(0, k) for k in range(begin, min(begin + size, chips))]
+    error, size = 0.0, max(count // _BLOCKS, 1)
+    for begin in range(0, count, size):
+        seeds = [(0, k) for k in range(begin, min(begin + size, count))]
         (circuit, conductance), *seconds_drawn = timed(lambda seeds=seeds: conductance_samples(ideal, kind, seeds))
         found, *ours = timed(lambda c=circuit, g=conductance: solve_many(c, g, rtol=_RTOL))
         ready = matrices(circuit, conductance)
@@ -75,16 +94,39 @@ def main(chips: int = 1000, side: int = 128) -> None:
             error = max(error, float(np.abs(volts[nodes] - x).max()))
         seconds += [seconds_drawn, ours, theirs, cores]
     alone = timed(lambda: [solve(circuit.replace(conductance=g)) for g in conductance[:5]])
-    names = ("draw the chips", "resgrid.solve_many", "scipy spsolve", f"solve_many, {os.cpu_count()} threads")
-    for name, (wall, busy) in zip(names, 1e3 * seconds / chips, strict=True):
+    drawn, ours, theirs, cores = (tuple(pair) for pair in (1e3 * seconds / count).tolist())
+    return Throughput(drawn, ours, theirs, cores, 200 * alone[1], error)
+
+
+def chips(scale: Scale) -> list[Row]:
+    """Mismatched chips of one circuit, against a loop of spsolve over the same matrices, by processor time."""
+    count, side = {"tiny": (4, 16), "quick": (200, 128), "full": (1000, 128)}[scale.name]
+    found = measure(count, side)
+    name, unit = f"{count:,} chips of {side}^2", "x spsolve's throughput"
+    drawing = found.theirs[1] / (found.ours[1] + found.drawn[1])
+    return [
+        Row(name, 1e-3 * count * found.ours[0], Spread(found.ratio, found.ratio, found.ratio), unit),
+        Row(f"{name}, drawing included", None, Spread(drawing, drawing, drawing), unit),
+    ]
+
+
+def main(count: int = 1000, side: int = 128) -> None:
+    """Print throughputs and their ratios."""
+    found = measure(count, side)
+    rows = {
+        "draw the chips": found.drawn,
+        "resgrid.solve_many": found.ours,
+        "scipy spsolve": found.theirs,
+        f"solve_many, {os.cpu_count()} threads": found.cores,
+    }
+    for name, (wall, busy) in rows.items():
         sys.stdout.write(f"{name:28} {wall:8.3f} ms a chip on the clock, {busy:8.3f} on the processor\n")
-    sys.stdout.write(f"{'a loop of resgrid.solve':28} {200 * alone[1]:8.3f} ms a chip\n")
-    drawn, ours, theirs, cores = seconds[:, 1]
+    sys.stdout.write(f"{'a loop of resgrid.solve':28} {found.alone:8.3f} ms a chip\n")
     sys.stdout.write(
-        f"{chips} chips of {side} x {side}: {theirs / ours:.1f} times the throughput of spsolve on one thread "
-        f"({theirs / (ours + drawn):.1f} with drawing the chips); on the clock {seconds[2, 0] / seconds[1, 0]:.1f}, "
-        f"with all cores {seconds[2, 0] / seconds[3, 0]:.1f}; residual at most {_RTOL:g} of the right-hand side, "
-        f"largest difference {error:.1e} V of 1 V\n"
+        f"{count} chips of {side} x {side}: {found.ratio:.1f} times the throughput of spsolve on one thread "
+        f"({found.theirs[1] / (found.ours[1] + found.drawn[1]):.1f} with drawing the chips); on the clock "
+        f"{found.theirs[0] / found.ours[0]:.1f}, with all cores {found.theirs[0] / found.cores[0]:.1f}; residual at "
+        f"most {_RTOL:g} of the right-hand side, largest difference {found.error:.1e} V of 1 V\n"
     )
 
 
