@@ -93,7 +93,7 @@ def command(
     if wavefront is not None:
         _draw_wavefront(wavefront, motions[0], job, report)
     if output != "-":
-        data = {"scene": job.scene.title, "runs": [run_data(motion) for motion in motions]}
+        data = {"scene": job.scene.title, "runs": [run_data(motion, job) for motion in motions]}
         report.finish(data, [run_line(motion) for motion in motions])
     return 0 if all(str(motion.run.ending) == "arrived" for motion in motions) else NEGATIVE
 

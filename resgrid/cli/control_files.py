@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from resgrid.cli.control import Motion
+    from resgrid.control.log import Run
+    from resgrid.scene import Frame
 
 SUFFIXES = (".npz", ".csv")
 
@@ -35,13 +37,43 @@ def check_log(target: str) -> None:
 def write_log(target: str, motions: Sequence[Motion], job: Job) -> None:
     """Write every step of every run as the target's suffix says: ``.npz``, or ``.csv`` (also ``-``)."""
     if target != "-" and Path(target).suffix.lower() == ".npz":
-        emit_file(target, ".npz", lambda path: _write_npz(path, motions))
+        emit_file(target, ".npz", lambda path: _write_npz(path, motions, job))
     else:
         emit_text(target, csv_text(motions, job))
 
 
+def columns_of(run: Run, frame: Frame) -> dict[str, NDArray[np.generic]]:
+    """Every column of a run, places and vectors in world coordinates; those of contacts begin with ``contact_``."""
+
+    def place(points: NDArray[np.float64]) -> NDArray[np.float64]:
+        return points if frame.is_world else frame.to_world(points)
+
+    def vector(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+        return vectors if frame.is_world else frame.to_world(vectors) - frame.to_world((0.0, 0.0))
+
+    felt = run.contacts
+    return {
+        "time": run.time,
+        "mode": run.mode,
+        "configuration": place(run.configuration),
+        "believed": place(run.believed),
+        "velocity": vector(run.velocity),
+        "torque": vector(run.torque),
+        "push": vector(run.push),
+        "learnt": run.learnt,
+        "contact_step": felt.step,
+        "contact_point": place(felt.point),
+        "contact_normal": vector(felt.normal),
+        "contact_force": vector(felt.force),
+        "contact_gap": felt.gap,
+        "contact_part": felt.part,
+        "contact_body": felt.body,
+        "contact_sticking": felt.sticking,
+    }
+
+
 def csv_text(motions: Sequence[Motion], job: Job) -> str:
-    """Runs as a table, one step a line, in axis units; of several contacts of a step, the strongest."""
+    """Runs as a table, one step a line, in world coordinates; of several contacts of a step, the strongest."""
     import csv
 
     text = io.StringIO()
@@ -51,31 +83,31 @@ def csv_text(motions: Sequence[Motion], job: Job) -> str:
     contact = ("contact_x", "contact_y", "force_x", "force_y", "part", "body", "sticking")
     table.writerow(["run", "k", "t", "mode", *(n + kind for kind in kinds for n in names), "contacts", *contact])
     for number, motion in enumerate(motions):
-        table.writerows([number, repr(motion.k), *row] for row in _rows(motion))
+        table.writerows([number, repr(motion.k), *row] for row in _rows(columns_of(motion.run, job.scene.frame)))
     return text.getvalue()
 
 
-def _rows(motion: Motion) -> list[list[str]]:
+def _rows(columns: dict[str, NDArray[Any]]) -> list[list[str]]:
     import numpy as np
 
     from resgrid.control.log import Mode
 
-    run, felt = motion.run, motion.run.contacts
-    values = np.hstack([run.configuration, run.believed, run.velocity, run.torque, run.push]).tolist()
-    size = np.hypot(*felt.force.T)
+    values = np.hstack([columns[name] for name in ("configuration", "believed", "velocity", "torque", "push")]).tolist()
+    force, steps = columns["contact_force"], columns["contact_step"]
+    size = np.hypot(*force.T)
     rows = []
-    for step, (time, mode) in enumerate(zip(run.time.tolist(), run.mode.tolist(), strict=True)):
-        first, last = np.searchsorted(felt.step, [step, step + 1]).tolist()
+    for step, (time, mode) in enumerate(zip(columns["time"].tolist(), columns["mode"].tolist(), strict=True)):
+        first, last = np.searchsorted(steps, [step, step + 1]).tolist()
         strongest = [""] * 7
         if last > first:
             one = first + int(np.argmax(size[first:last]))
-            strongest = [repr(v) for v in [*felt.point[one].tolist(), *felt.force[one].tolist()]]
-            strongest += [str(int(v)) for v in (felt.part[one], felt.body[one], felt.sticking[one])]
+            strongest = [repr(v) for v in [*columns["contact_point"][one].tolist(), *force[one].tolist()]]
+            strongest += [str(int(columns[f"contact_{name}"][one])) for name in ("part", "body", "sticking")]
         rows.append([repr(time), Mode(mode).name.lower(), *map(repr, values[step]), str(last - first), *strongest])
     return rows
 
 
-def _write_npz(path: Path, motions: Sequence[Motion]) -> None:
+def _write_npz(path: Path, motions: Sequence[Motion], job: Job) -> None:
     import numpy as np
 
     from resgrid.control.log import Mode
@@ -87,16 +119,13 @@ def _write_npz(path: Path, motions: Sequence[Motion]) -> None:
         "mode_names": np.array([mode.name.lower() for mode in Mode]),
     }
     for number, motion in enumerate(motions):
-        run = motion.run
-        for name in ("time", "configuration", "believed", "velocity", "mode", "torque", "push", "learnt"):
-            arrays[f"{name}_{number}"] = getattr(run, name)
-        for name, column in vars(run.contacts).items():
-            arrays[f"contact_{name}_{number}"] = column
+        for name, column in columns_of(motion.run, job.scene.frame).items():
+            arrays[f"{name}_{number}"] = column
     with path.open("wb") as file:
         np.savez(file, **arrays)  # type: ignore[arg-type]
 
 
-def run_data(motion: Motion) -> dict[str, Any]:
+def run_data(motion: Motion, job: Job) -> dict[str, Any]:
     """A run as ``--json`` gives it."""
     import numpy as np
 
@@ -109,7 +138,7 @@ def run_data(motion: Motion) -> dict[str, Any]:
         "message": run.message,
         "goal": run.goal,
         "start": list(motion.start),
-        "end": run.configuration[-1],
+        "end": job.scene.frame.to_world(run.configuration[-1]),
         "k": motion.k,
         "time": run.time[-1],
         "steps": len(run.time) - 1,

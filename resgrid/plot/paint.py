@@ -27,5 +27,7 @@ def paint_cells(space: ConfigurationSpace, mask: NDArray[np.bool_], colour: str,
     """
     pixels = np.zeros((*space.shape, 4), dtype=np.uint8)
     pixels[mask] = np.round(255 * np.array(to_rgba(colour)))
+    aspect = axes.get_aspect()
     draw_image(plane_of(space), pixels, axes, zorder=2.2)
+    axes.set_aspect(aspect)
     add_swatch(axes, label, colour)

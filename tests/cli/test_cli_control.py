@@ -88,6 +88,22 @@ def test_the_log_has_every_step(call, answer, hidden, tmp_path) -> None:
     assert all(row["body"] == "0" and row["force_x"] for row in touched)
 
 
+def test_the_log_of_a_turned_map_is_in_world_coordinates(call, tmp_path) -> None:
+    grid = np.full((40, 60), 254, np.uint8)
+    grid[10:30, 25:30] = 0
+    Image.fromarray(grid).save(tmp_path / "m.pgm")
+    keys = "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    (tmp_path / "m.yaml").write_text(f"image: m.pgm\nresolution: 0.1\norigin: [1.0, 2.0, 0.5]\n{keys}")
+    done = call("control", tmp_path / "m.yaml", "--goal", "4.6,6.5", "--start", "1.5,4", "--k", "0.98", "-o", "-")
+    rows = list(csv.DictReader(io.StringIO(done.stdout)))
+    way = np.array([[float(row["x"]), float(row["y"])] for row in rows])
+    times = np.array([float(row["t"]) for row in rows])
+    rates = np.array([[float(row["x_rate"]), float(row["y_rate"])] for row in rows])
+    np.testing.assert_allclose(way[0], (1.5, 4.0))
+    assert np.hypot(*(way[-1] - (4.6, 6.5))) < 0.1
+    np.testing.assert_allclose(np.diff(way, axis=0), rates[:-1] * np.diff(times)[:, None], atol=1e-9)
+
+
 def test_a_seed_decides_all(call, hidden, tmp_path) -> None:
     logs = [
         call("control", hidden, "--noise", "0.2", "--pushes", 3, "--seed", seed, "-o", "-").stdout for seed in (1, 1, 2)
