@@ -191,3 +191,21 @@ def test_impossible_settings_are_refused(scenes) -> None:
     assert (settling.k, settling.boundary, settling.boundaries()) == (0.98, "dirichlet", ("dirichlet", "neumann"))
     with pytest.raises(InputError, match="cover every goal"):
         announced(hiding([Box((4.0, 0.5), (4.5, 1.0))], robot=PointRobot()), GridSettling(k=0.98))
+
+
+@settings(deadline=None, max_examples=12)
+@given(st.integers(0, 10_000), st.sampled_from(["jacobi", "sor", "chip"]), st.floats(0.3, 30.0))
+def test_a_patient_robot_always_arrives_and_never_enters_what_is_on_the_map(seed, method, pace) -> None:
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(0.5, 6.0, (3, 2))
+    boxes = [Box(tuple(low), tuple(low + rng.uniform(0.3, 1.7, 2))) for low in corners]
+    sim = hiding(boxes, robot=PointRobot(), learn=False)
+    truth = sim.plant.true_space(sim.space)
+    starts = np.argwhere(truth.goal_connected)
+    if not truth.goal_count or not len(starts):
+        return
+    world = announced(sim, GridSettling(method, pace=pace, patience=1e5, k=0.98))
+    run = world.run(truth.centre(starts[rng.integers(len(starts))]))
+    assert run.ending is Ending.ARRIVED, run.message
+    assert run.penetration == 0.0
+    assert np.all(truth.cell[tuple(truth.locate(run.configuration).T)] != Cell.OBSTACLE)
