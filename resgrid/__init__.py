@@ -23,10 +23,11 @@ if TYPE_CHECKING:
     from resgrid.compiler import compile_space
     from resgrid.control.controller import Controller, make_controller
     from resgrid.control.equipotential import equipotential_velocity
+    from resgrid.control.fronts import Wavefront, wavefront
     from resgrid.control.log import Ending, Mode, Run
     from resgrid.control.plant import Plant, make_plant
     from resgrid.control.pushes import Push, random_pushes
-    from resgrid.control.settling import GridSettling, Wavefront, grid_settling, wavefront
+    from resgrid.control.settling import GridSettling, grid_settling
     from resgrid.control.settling_ratio import SettlingSweep, announced, settling_sweep
     from resgrid.control.simulation import Simulation, simulation
     from resgrid.device.build import build_chip, compile_chip, conductance_samples, mismatch_factors
@@ -224,8 +225,8 @@ _HOME = {
     "settling_sweep": "resgrid.control.settling_ratio",
     "announced": "resgrid.control.settling_ratio",
     "SettlingSweep": "resgrid.control.settling_ratio",
-    "wavefront": "resgrid.control.settling",
-    "Wavefront": "resgrid.control.settling",
+    "wavefront": "resgrid.control.fronts",
+    "Wavefront": "resgrid.control.fronts",
     "grid_settling": "resgrid.control.settling",
     "GridSettling": "resgrid.control.settling",
     "build_chip": "resgrid.device.build",

@@ -162,7 +162,7 @@ def _draw_wavefront(file: str, motion: Motion, job: Job, report: Report) -> None
     """The change of the potential for as long as the robot was on its way."""
     import numpy as np
 
-    from resgrid.control.settling import wavefront
+    from resgrid.control.fronts import wavefront
     from resgrid.plot.animations import save_animation, wavefront_frames
 
     sim = motion.simulation

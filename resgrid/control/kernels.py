@@ -363,7 +363,11 @@ def relax(
     first: NDArray[np.int32], column: NDArray[np.int32], coupling: Floats, diagonal: Floats, drive: Floats,
     omega: float, count: int, value: Floats, spare: Floats,
 ) -> None:  # fmt: skip
-    """Sweeps of relaxation of ``G x = b``, row by row; ``omega`` 0 stands for Jacobi's, which read old values only."""
+    """Sweeps of relaxation of ``G x = b``, row by row; ``omega`` 0 stands for Jacobi's, which read old values only.
+
+    The solution is known not to be negative.  Over-relaxation overshoots, and is held at 0: projected SOR (Cryer 1971)
+    converges to the same solution.
+    """
     for _ in range(count):
         if omega == 0.0:
             spare[:] = value
@@ -373,4 +377,4 @@ def relax(
             for entry in range(first[row], first[row + 1]):
                 total += coupling[entry] * source[column[entry]]
             mean = total / diagonal[row]
-            value[row] = mean if omega == 0.0 else value[row] + omega * (mean - value[row])
+            value[row] = mean if omega == 0.0 else max(value[row] + omega * (mean - value[row]), 0.0)

@@ -217,7 +217,7 @@ class Loop:
             self.anchor, self.waited, self.dithers = after, 0, 0
             return
         self.waited += 1
-        if mode is Mode.WAITING:
+        if self.grid is not None and not self.grid.settled and mode in {Mode.WAITING, Mode.STREAMLINE}:
             self._lose_patience()
             return
         if self.waited < _PATIENCE:
@@ -235,8 +235,8 @@ class Loop:
         patience = self.simulation.settling.patience
         if self.waited * self.simulation.step >= patience:
             self.ending = (
-                Ending.STALLED, f"no current leaves the robot's cell of the unsettled grid, and {patience:g} cells' "
-                "time of waiting has not changed that: let the grid settle faster, or move more slowly",
+                Ending.STALLED, f"the unsettled grid leads nowhere from here, and {patience:g} cells' time of waiting "
+                "has not changed that: let the grid settle faster, or move more slowly",
             )  # fmt: skip
 
     def _dither(self) -> None:

@@ -6,14 +6,15 @@ capacitor at every node, by implicit steps in time.
 
 Voltages are counted from the obstacle rail (Dirichlet, walls) or from the goal rail (Neumann).  The right-hand sides
 then hold no negative number, and neither a Jacobi sweep nor a backward Euler step subtracts: a voltage keeps its
-relative accuracy far from the goals, and lies between those of the rails at every moment.  So no current ever runs into
-an obstacle, however far the grid is from settled, and a robot that follows the current meets none that is on the map.
-But until it has settled there may be local minima: cells that no current leaves.
+relative accuracy far from the goals, and lies between those of the rails at every moment.  Over-relaxation overshoots;
+it is held at the rail (projected SOR).  So no current ever runs into an obstacle, however far the grid is from settled,
+and a robot that follows the current meets none that is on the map.  But until it has settled there may be local minima:
+cells that no current leaves.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -163,6 +164,11 @@ class LiveGrid:
         return moved
 
     @property
+    def settled(self) -> bool:
+        """Whether every voltage is at its end."""
+        return all(part.settled for part in self._parts)
+
+    @property
     def distance(self) -> float:
         """Largest distance of a potential, as a field shows it, from its end."""
         apart = np.abs(self.field.potential - self._end.potential)
@@ -200,7 +206,7 @@ class _Part:
         drive, solver = self._dynamics.drive, "direct" if self._dynamics.size <= _DIRECT else "auto"
         self._end = factor_resolvent(self._dynamics, 0.0, solver).solve(drive, rtol=1e-12) if len(drive) else drive
         self._step = _stepping(self._dynamics, settling, solver)
-        self._settled = False
+        self.settled = False
 
     @property
     def voltage(self) -> Vector:
@@ -219,15 +225,15 @@ class _Part:
 
     def settle(self) -> None:
         """Jump to the end."""
-        self._x, self._settled = self._end.copy(), True
+        self._x, self.settled = self._end.copy(), True
 
     def advance(self, count: int) -> bool:
         """Make so many steps, unless it has settled; whether any was made."""
-        if self._settled or not count:
+        if self.settled or not count:
             return False
         self._x = self._step(self._x, count)
-        self._settled = bool(np.all(np.abs(self._x - self._end) <= _SETTLED * np.abs(self._end)))
-        if self._settled:
+        self.settled = bool(np.all(np.abs(self._x - self._end) <= _SETTLED * np.abs(self._end)))
+        if self.settled:
             self._x = self._end.copy()
         return True
 
@@ -322,82 +328,6 @@ def field_now(netlist: Netlist, voltage: Vector) -> Field:
         edge=layout.edge,
         k=0.0 if layout.boundary == "neumann" else 1.0,
     )
-
-
-@dataclass(frozen=True, eq=False)
-class Wavefront:
-    """How a change of the map spreads.
-
-    Attributes
-    ----------
-    before, after : ConfigurationSpace
-        The map that the grid had settled to, and the one it is settling to.
-    cells : ndarray of float64, shape (t,)
-        When: in cells that the robot could have crossed.
-    potential : ndarray of float64, shape (t, *shape of the space)
-        At those times; NaN in cells without a node.
-    distance : ndarray of float64, shape (t,)
-        Largest distance of a potential from its end.
-    first : ndarray of float64, shape of the space
-        Potential before the change.
-    """
-
-    before: ConfigurationSpace
-    after: ConfigurationSpace
-    cells: NDArray[np.float64]
-    potential: NDArray[np.float64]
-    distance: NDArray[np.float64]
-    first: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        for array in (self.cells, self.potential, self.distance, self.first):
-            array.flags.writeable = False
-
-
-def wavefront(
-    settling: GridSettling, before: ConfigurationSpace, after: ConfigurationSpace, cells: NDArray[np.float64]
-) -> Wavefront:
-    """Follow a change of the map through the grid.
-
-    Parameters
-    ----------
-    settling : GridSettling
-    before, after : ConfigurationSpace
-        Of the same axes.
-    cells : ndarray of float64, shape (t,)
-        When to look: in cells that the robot could have crossed since the change, ascending.
-
-    Returns
-    -------
-    Wavefront
-
-    Raises
-    ------
-    InputError
-        If the maps have different axes, or the times do not ascend.
-    CircuitError
-        If nothing can be driven.
-    """
-    when = np.asarray(cells, dtype=np.float64)
-    if when.ndim != 1 or not len(when) or not np.isfinite(when).all() or when[0] < 0 or np.any(np.diff(when) < 0):
-        raise InputError("times of a wavefront must be finite, at least 0 and ascending, in cells crossed")
-    check_same_grid(before, after)
-    grid = LiveGrid(settling, before)
-    first = grid.field.potential
-    grid.change(after)
-    frames, distance = [], []
-    for _ in _stops(grid, when):
-        frames.append(grid.field.potential)
-        distance.append(grid.distance)
-    return Wavefront(before, after, when.copy(), np.array(frames), np.array(distance), first)
-
-
-def _stops(grid: LiveGrid, when: NDArray[np.float64]) -> Iterator[float]:
-    now = 0.0
-    for time in when.tolist():
-        grid.advance(time - now)
-        now = time
-        yield time
 
 
 def check_same_grid(before: ConfigurationSpace, after: ConfigurationSpace) -> None:

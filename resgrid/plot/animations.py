@@ -16,8 +16,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from resgrid.control.fronts import Wavefront
 from resgrid.control.log import Mode, Run
-from resgrid.control.settling import Wavefront
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.files import atomic_path
 from resgrid.plot.control import (

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.control.controller import make_controller
 from resgrid.control.equipotential import following_velocity
-from resgrid.control.settling import Wavefront
+from resgrid.control.fronts import Wavefront
 from resgrid.control.settling_ratio import SettlingSweep
 from resgrid.errors import InputError
 from resgrid.planning.field import Field

@@ -7,13 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hidden import hiding, square
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from resgrid.compiler import compile_space
+from resgrid.control.fronts import wavefront
 from resgrid.control.learning import resolver
 from resgrid.control.log import Ending, Mode
-from resgrid.control.settling import GridSettling, LiveGrid, field_now, grid_settling, wavefront
+from resgrid.control.settling import GridSettling, LiveGrid, field_now, grid_settling
 from resgrid.control.settling_ratio import announced, settle_time, settling_sweep
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND
@@ -86,8 +87,8 @@ def test_a_jacobi_sweep_is_the_mean_of_the_neighbours() -> None:
 
 
 @settings(deadline=None, max_examples=20)
-@given(st.integers(0, 10_000), st.sampled_from(["jacobi", "chip"]), st.floats(0.01, 50.0))
-def test_no_current_ever_runs_into_an_obstacle_and_voltages_stay_between_the_rails(seed, method, pace) -> None:
+@given(st.integers(0, 10_000), st.sampled_from(["jacobi", "sor", "chip"]), st.floats(0.01, 50.0))
+def test_no_current_ever_runs_into_an_obstacle_and_no_voltage_beyond_its_rail(seed, method, pace) -> None:
     rng = np.random.default_rng(seed)
     cell = np.where(rng.random((9, 8)) < 0.2, Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
     cell[4, 4] = Cell.GOAL
@@ -100,7 +101,8 @@ def test_no_current_ever_runs_into_an_obstacle_and_voltages_stay_between_the_rai
         grid.advance(1.0)
         field = grid.field
         inside = field.potential[np.isfinite(field.potential)]
-        assert np.all((inside >= 0.0) & (inside <= 1.0))
+        assert np.all(inside <= 1.0)
+        assert method == "sor" or np.all(inside >= 0.0)
         wall = after.cell == Cell.OBSTACLE
         for axis in range(2):
             low = np.moveaxis(field.face_direction[axis], axis, 0)[:-1]
@@ -195,6 +197,8 @@ def test_impossible_settings_are_refused(scenes) -> None:
 
 @settings(deadline=None, max_examples=12)
 @given(st.integers(0, 10_000), st.sampled_from(["jacobi", "sor", "chip"]), st.floats(0.3, 30.0))
+@example(193, "jacobi", 1.0)
+@example(1183, "sor", 1.0)
 def test_a_patient_robot_always_arrives_and_never_enters_what_is_on_the_map(seed, method, pace) -> None:
     rng = np.random.default_rng(seed)
     corners = rng.uniform(0.5, 6.0, (3, 2))

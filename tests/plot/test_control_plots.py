@@ -10,8 +10,9 @@ from matplotlib.quiver import Quiver
 from PIL import Image
 
 import resgrid as rg
+from resgrid.control.fronts import Wavefront, wavefront
 from resgrid.control.log import Mode, Run
-from resgrid.control.settling import GridSettling, Wavefront, wavefront
+from resgrid.control.settling import GridSettling
 from resgrid.control.settling_ratio import SettlingSweep
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.plot.animations import check_animation, frame_rows, run_frames, save_animation, wavefront_frames
