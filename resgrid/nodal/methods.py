@@ -21,7 +21,9 @@ _VOLUME, _CORRIDORS = 4.2, 3.4
 """Neighbours a node above which factors fill like a volume, and below which the graph is mostly corridors."""
 
 _SMALL = 2000
-_ROUGH = 0.25
+_ROUGH, _ROUGH_VOLUME = 0.25, 0.5
+"""Share of weak conductances above which cycles are too many; in a volume direct factors cost so much more."""
+
 _MOST_DECADES = 120.0
 _WHOLE_STEPS = 0.7
 """Potentials fall over straight distances, ways on a grid are longer."""
@@ -105,9 +107,11 @@ def choose_method(system: NodalSystem, accuracy: str = "direction") -> str:
     str
         ``"direct"`` or ``"multigrid"``.
     """
-    if system.size < _SMALL or not system.coupling.nnz or _rough(system):
+    if system.size < _SMALL or not system.coupling.nnz:
         return "direct"
     neighbours = system.coupling.nnz / system.size
+    if _weak_share(system) > (_ROUGH_VOLUME if neighbours > _VOLUME else _ROUGH):
+        return "direct"
     decades = 0.0
     if accuracy == "direction" and system.rails is not None:
         decades = _decades(system, volume=neighbours > _VOLUME)
@@ -136,12 +140,12 @@ def _multigrid_seconds(system: NodalSystem, accuracy: str, decades: float) -> fl
     return (0.8e-6 + 0.35e-6 * passes) * system.size
 
 
-def _rough(system: NodalSystem) -> bool:
-    """Whether many conductances are weak beside the strongest one at either of their ends."""
+def _weak_share(system: NodalSystem) -> float:
+    """Share of conductances that are weak beside the strongest one at either of their ends."""
     from resgrid.nodal.assembly import weak_share
 
     coupling = system.coupling
-    return bool(weak_share(coupling.indptr, coupling.indices, coupling.data, _WEAK) > _ROUGH)
+    return float(weak_share(coupling.indptr, coupling.indices, coupling.data, _WEAK))
 
 
 def _decades(system: NodalSystem, *, volume: bool) -> float:
