@@ -284,7 +284,7 @@ def plot_runs_by_k(
     """
     from resgrid.planning.workspace import workspace_path
 
-    figure = new_figure(_PAGE, 4.6 + 0.15 * (caption.count("\n") + 2 if caption else 0))
+    figure = new_figure(_PAGE, 5.0 + 0.15 * (caption.count("\n") + 2 if caption else 0))
     left, right = figure.subplots(1, 2)
     known, hidden, goals = bodies_of(scene)
     plot_robot_path(runs[0].configuration[:1], scene.robot, runs[0].space, (*known, *hidden), goals, left, ghosts=1)
