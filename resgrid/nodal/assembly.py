@@ -14,7 +14,8 @@ Integers = NDArray[np.int64]
 
 
 @njit(cache=True)
-def _find(parent: Indices, node: int) -> int:
+def find(parent: Indices, node: int) -> int:
+    """Root of a node in a union-find, whose trees have their smallest node as root; halves the way there."""
     while parent[node] != node:
         parent[node] = parent[parent[node]]
         node = parent[node]
@@ -22,8 +23,9 @@ def _find(parent: Indices, node: int) -> int:
 
 
 @njit(cache=True)
-def _join(parent: Indices, a: int, b: int) -> None:
-    a, b = _find(parent, a), _find(parent, b)
+def join(parent: Indices, a: int, b: int) -> None:
+    """Make one tree of the trees of two nodes."""
+    a, b = find(parent, a), find(parent, b)
     if a != b:
         parent[max(a, b)] = min(a, b)
 
@@ -36,13 +38,13 @@ def connected_parts(pairs: Integers, ties: Integers, held: NDArray[np.bool_]) ->
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
         if not held[a] and not held[b]:
-            _join(parent, a, b)
+            join(parent, a, b)
     for k in range(len(ties)):
-        _join(parent, ties[k, 0], ties[k, 1])
+        join(parent, ties[k, 0], ties[k, 1])
     part = np.empty(count, np.int32)
     number = 0
     for node in range(count):
-        root = _find(parent, node)
+        root = find(parent, node)
         if root == node:
             part[node] = number
             number += 1

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.nodal.assembly import sort_row
+from resgrid.nodal.assembly import find, join, sort_row
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -16,20 +16,12 @@ _SAMPLE = 50_000
 
 
 @njit(cache=True)
-def _find(parent: Indices, node: int) -> int:
-    while parent[node] != node:
-        parent[node] = parent[parent[node]]
-        node = parent[node]
-    return node
-
-
-@njit(cache=True)
 def _numbered(parent: Indices) -> tuple[Indices, int]:
     """Number the trees of a union-find in the order of their roots, which are their smallest nodes."""
     aggregate = np.empty(len(parent), np.int32)
     count = 0
     for node in range(len(parent)):
-        root = _find(parent, node)
+        root = find(parent, node)
         if root == node:
             aggregate[node] = count
             count += 1
@@ -96,8 +88,7 @@ def aggregate_blocks(
             for axis in range(coordinate.shape[1]):
                 together &= coordinate[node, axis] >> shift[axis] == coordinate[other, axis] >> shift[axis]
             if together:
-                a, b = _find(parent, node), _find(parent, other)
-                parent[max(a, b)] = min(a, b)
+                join(parent, node, other)
     return _numbered_by_colour(parent, coordinate, shift)
 
 
@@ -117,7 +108,7 @@ def _numbered_by_colour(parent: Indices, coordinate: Indices, shift: Integers) -
                 aggregate[node] = count
                 count += 1
     for node in range(len(parent)):
-        aggregate[node] = aggregate[_find(parent, node)]
+        aggregate[node] = aggregate[find(parent, node)]
     return aggregate, count
 
 
@@ -142,8 +133,7 @@ def aggregate_pairs(indptr: Indices, indices: Indices, conductance: Floats) -> t
         if partner < 0:
             continue
         taken[node] = taken[partner] = True
-        a, b = _find(parent, node), _find(parent, partner)
-        parent[max(a, b)] = min(a, b)
+        join(parent, node, partner)
     return _numbered(parent)
 
 

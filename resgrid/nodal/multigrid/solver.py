@@ -1,11 +1,6 @@
-"""Conjugate gradients preconditioned by multigrid.
+"""The multigrid method as a factor: normwise answers, and entrywise ones by refinement.
 
-From the top: `factor_multigrid` coarsens the circuit into a hierarchy of graphs (`hierarchy`).  `MultigridFactor.solve`
-runs flexible conjugate gradients (Notay 2000) in double precision; every step is preconditioned by one cycle in single
-precision (`kernels.cycle`): Gauss-Seidel forth on the way down, back on the way up, K-cycles on the coarse levels.
-Where the recursive residual has drifted from the true one, the iteration starts again from the true one.
-`MultigridFactor.solve_nonnegative` wraps it in refinement (`resgrid.nodal.refine`), each pass of which gains nine
-digits of the largest entry: a potential that falls by 45 decades takes five passes.
+The algorithm is told on one page in `resgrid.nodal.multigrid`.
 """
 
 from __future__ import annotations
