@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from resgrid.cli.control_files import check_log, run_data, run_line, write_log
+from resgrid.cli.control_files import Motion, check_log, run_data, run_line, write_log
 from resgrid.cli.failures import NEGATIVE
 from resgrid.cli.job import Job, open_job
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
@@ -17,21 +16,10 @@ from resgrid.cli.report import Report
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
-    from resgrid.control.log import Run
     from resgrid.control.pushes import Push
     from resgrid.control.simulation import Simulation
 
 FRAMES = 120
-
-
-@dataclass(frozen=True, eq=False)
-class Motion:
-    """A run, and what it belongs to."""
-
-    start: tuple[float, ...]
-    k: float
-    run: Run
-    simulation: Simulation
 
 
 @click.command("control", short_help="Move the robot by its field, feel obstacles, learn them.")

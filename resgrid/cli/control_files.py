@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,11 +16,21 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from resgrid.cli.control import Motion
     from resgrid.control.log import Run
+    from resgrid.control.simulation import Simulation
     from resgrid.scene import Frame
 
 SUFFIXES = (".npz", ".csv")
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """A run, and what it belongs to."""
+
+    start: tuple[float, ...]
+    k: float
+    run: Run
+    simulation: Simulation
 
 
 def check_log(target: str) -> None:

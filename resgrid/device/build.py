@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.compiler import compile_space
 from resgrid.device import faces
+from resgrid.device.ideal import compile_cells
 from resgrid.device.passes import apply_passes, passes_of
 from resgrid.device.randomness import Seed, seed_of
 from resgrid.device.resistors import Mismatch, drawn_factors
@@ -76,17 +76,7 @@ def compile_chip(
     InputError, CircuitError
         As `compile_space` and `build_chip`.
     """
-    ideal = compile_space(
-        space,
-        boundary=boundary,
-        drive=drive,
-        edge=edge,
-        rails="cells",
-        resistance=chip.resistance,
-        supply=chip.supply,
-        wall_resistance=chip.wall_resistance if boundary == "wall" else None,
-        start=start,
-    )
+    ideal = compile_cells(space, chip, boundary=boundary, drive=drive, edge=edge, start=start)
     return build_chip(ideal, chip, seed)
 
 

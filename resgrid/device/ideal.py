@@ -12,6 +12,29 @@ from resgrid.scene.chip import Chip
 from resgrid.space import ConfigurationSpace
 
 
+def compile_cells(
+    space: ConfigurationSpace,
+    chip: Chip,
+    *,
+    boundary: str,
+    drive: str | None,
+    edge: str | Sequence[str],
+    start: Sequence[int] | None,
+) -> Netlist:
+    """Compile a configuration space with one node per cell and the chip's resistance, supply and wall."""
+    return compile_space(
+        space,
+        boundary=boundary,
+        drive=drive,
+        edge=edge,
+        rails="cells",
+        resistance=chip.resistance,
+        supply=chip.supply,
+        wall_resistance=chip.wall_resistance if boundary == "wall" else None,
+        start=start,
+    )
+
+
 def ideal_netlist(
     space: ConfigurationSpace,
     chip: Chip,
@@ -40,15 +63,5 @@ def ideal_netlist(
     InputError, CircuitError
         As `compile_space`.
     """
-    netlist = compile_space(
-        space,
-        boundary=boundary,
-        drive=drive,
-        edge=edge,
-        rails="cells",
-        resistance=chip.resistance,
-        supply=chip.supply,
-        wall_resistance=chip.wall_resistance if boundary == "wall" else None,
-        start=start,
-    )
+    netlist = compile_cells(space, chip, boundary=boundary, drive=drive, edge=edge, start=start)
     return scale_drive(netlist, solve(netlist)) if netlist.current_nodes.size else netlist
