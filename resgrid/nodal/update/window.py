@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.nodal.multigrid.checkerboard_kernels import Board
-from resgrid.nodal.multigrid.hierarchy import Hierarchy, stack_levels
+from resgrid.nodal.multigrid.hierarchy import Hierarchy
 from resgrid.nodal.multigrid.iteration import iterate
 from resgrid.nodal.multigrid.levels import Graph, coarsen_down
+from resgrid.nodal.multigrid.stack import stack_levels
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.update.change import Change
 from resgrid.nodal.update.levels import coordinates
