@@ -108,6 +108,16 @@ def contacts(pairs: Integers, row: Integers) -> tuple[Integers, Integers, Intege
 
 
 @njit(cache=True)
+def add_conductances(pairs: Integers, conductance: Floats, row: Integers, degree: Floats) -> None:
+    """Add the conductances between different rows to both rows' degree."""
+    for k in range(len(pairs)):
+        i, j = row[pairs[k, 0]], row[pairs[k, 1]]
+        if i >= 0 and j >= 0 and i != j:
+            degree[i] += conductance[k]
+            degree[j] += conductance[k]
+
+
+@njit(cache=True)
 def conductances_by_row(
     pairs: Integers, conductance: Floats, row: Integers, size: int
 ) -> tuple[Indices, Indices, Floats]:

@@ -189,7 +189,6 @@ def factor_resolvent(dynamics: Dynamics, rate: float, method: str = "auto") -> F
         netlist=netlist,
         forest=dynamics.forest,
         unknown=dynamics.row,
-        coupling=sparse.csr_array(G.coupling + rate * C.coupling) if rate else G.coupling,
         excess=G.excess + rate * C.excess,
         feed=none,
         injected=dynamics.drive,
@@ -198,6 +197,7 @@ def factor_resolvent(dynamics: Dynamics, rate: float, method: str = "auto") -> F
         known=np.where(dynamics.row >= 0, np.nan, dynamics.fixed),
         undriven=np.empty(0, dtype=np.int64),
         floating=dynamics.floating,
+        derived=sparse.csr_array(G.coupling + rate * C.coupling) if rate else G.coupling,
     )
     return factor_system(system, method)
 

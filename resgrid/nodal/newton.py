@@ -296,7 +296,7 @@ class _Circuit:
         entries = np.append(g[inner], g[inner]), (np.append(*pairs), np.append(*pairs[::-1]))
         return dataclasses.replace(
             self.system,
-            coupling=sparse.coo_array(entries, shape=(size, size)).tocsr(),
+            derived=sparse.coo_array(entries, shape=(size, size)).tocsr(),
             excess=np.asarray(np.bincount(np.maximum(a, b)[contact], g[contact], size), dtype=np.float64),
             rails=None,
         )

@@ -46,8 +46,6 @@ class NodalSystem:
         How the voltage sources tie the nodes.
     unknown : ndarray of int64, shape (nodes,)
         Row of every node that is solved for, -1 elsewhere; nodes tied by floating sources share a row.
-    coupling : scipy.sparse.csr_array, shape (n, n)
-        The positive conductances ``g_ij`` between rows, in siemens; symmetric, no diagonal.
     excess : ndarray of float64, shape (n,)
         Conductance from every row to nodes of known voltage, in siemens.
     feed : ndarray of float64, shape (n,)
@@ -64,12 +62,13 @@ class NodalSystem:
         Nodes of those parts.
     floating : ndarray of int64
         Nodes that nothing ties to ground.
+    derived : scipy.sparse.csr_array or None, shape (n, n)
+        The `coupling` of a system that was derived from another one; None where the netlist's resistors make it.
     """
 
     netlist: Netlist
     forest: SourceForest
     unknown: NDArray[np.int64]
-    coupling: sparse.csr_array
     excess: NDArray[np.float64]
     feed: NDArray[np.float64]
     injected: NDArray[np.float64]
@@ -78,6 +77,7 @@ class NodalSystem:
     known: NDArray[np.float64]
     undriven: NDArray[np.int64]
     floating: NDArray[np.int64]
+    derived: sparse.csr_array | None = None
 
     @property
     def size(self) -> int:
@@ -85,9 +85,31 @@ class NodalSystem:
         return len(self.excess)
 
     @cached_property
+    def coupling(self) -> sparse.csr_array:
+        """The positive conductances ``g_ij`` between rows, in siemens, shape (n, n); symmetric, no diagonal.
+
+        Compressed rows, made when first asked for: a grid's multigrid and its normwise answer do without.
+        """
+        if self.derived is not None:
+            return self.derived
+        from resgrid.nodal.assembly import conductances_by_row
+
+        netlist, size = self.netlist, self.size
+        indptr, indices, data = conductances_by_row(netlist.resistor_nodes, netlist.conductance, self.unknown, size)
+        coupling = sparse.csr_array((data, indices, indptr), shape=(size, size))
+        coupling.has_sorted_indices = coupling.has_canonical_format = True
+        return coupling
+
+    @cached_property
     def degree(self) -> NDArray[np.float64]:
         """Diagonal of the matrix, in siemens, shape (n,): all conductances at a row, summed."""
-        return np.asarray(self.coupling.sum(axis=1) + self.excess, dtype=np.float64)
+        if self.derived is not None:
+            return np.asarray(self.derived.sum(axis=1) + self.excess, dtype=np.float64)
+        from resgrid.nodal.assembly import add_conductances
+
+        degree = self.excess.copy()
+        add_conductances(self.netlist.resistor_nodes, self.netlist.conductance, self.unknown, degree)
+        return degree
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,7 +163,7 @@ def assemble(netlist: Netlist) -> NodalSystem:
     contact = _contacts(netlist, unknown, known)
     reference = float(contact.volts.min(initial=np.inf)) if contact.volts.size else 0.0
     size = int(unknown.max(initial=-1)) + 1
-    coupling, internal_feed = _coupling(netlist, unknown, offset, size)
+    internal_feed = _offset_feed(netlist, unknown, offset, size)
     height = contact.volts - reference - offset[contact.node]
     injected = _injected(netlist, unknown, size)
     plain = not injected.any() and not offset.any()
@@ -149,7 +171,6 @@ def assemble(netlist: Netlist) -> NodalSystem:
         netlist=netlist,
         forest=forest,
         unknown=unknown,
-        coupling=coupling,
         excess=_sum_by(contact.row, contact.conductance, size),
         feed=internal_feed + _sum_by(contact.row, contact.conductance * height, size),
         injected=injected,
@@ -220,22 +241,17 @@ def _contacts(netlist: Netlist, unknown: NDArray[np.int64], known: NDArray[np.fl
     return _Contacts(unknown[inner], inner, netlist.conductance[number], known[outer])
 
 
-def _coupling(
+def _offset_feed(
     netlist: Netlist, unknown: NDArray[np.int64], offset: NDArray[np.float64], size: int
-) -> tuple[sparse.csr_array, NDArray[np.float64]]:
-    """Conductances between rows, and what the offsets of floating sources drive through them."""
-    from resgrid.nodal.assembly import conductances_by_row
-
-    indptr, indices, data = conductances_by_row(netlist.resistor_nodes, netlist.conductance, unknown, size)
-    coupling = sparse.csr_array((data, indices, indptr), shape=(size, size))
-    coupling.has_sorted_indices = coupling.has_canonical_format = True
+) -> NDArray[np.float64]:
+    """What the offsets of floating sources drive through the conductances between rows."""
     if not offset.any():
-        return coupling, np.zeros(size)
+        return np.zeros(size)
     rows = unknown[netlist.resistor_nodes]
     inner = (rows >= 0).all(axis=1) & (rows[:, 0] != rows[:, 1])
     a, b = rows[inner].T
     step = netlist.conductance[inner] * np.subtract(*offset[netlist.resistor_nodes[inner]].T)
-    return coupling, _sum_by(b, step, size) - _sum_by(a, step, size)
+    return _sum_by(b, step, size) - _sum_by(a, step, size)
 
 
 def _injected(netlist: Netlist, unknown: NDArray[np.int64], size: int) -> NDArray[np.float64]:

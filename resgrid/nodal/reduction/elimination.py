@@ -105,7 +105,7 @@ def _core(system: NodalSystem, shrunk: Elimination) -> NodalSystem:
         system,
         netlist=system.netlist.replace(layout=None),
         unknown=unknown,
-        coupling=shrunk.coupling,
+        derived=shrunk.coupling,
         excess=shrunk.excess,
         feed=passed_on(system.feed),
         injected=passed_on(system.injected),

@@ -240,7 +240,7 @@ def _cut_off(
 
     changed = replace(
         system,
-        coupling=_with_data(coupling, data),
+        derived=_with_data(coupling, data),
         excess=tied(system.excess, 1.0),
         feed=tied(system.feed, volts - system.reference),
         rails=rails
@@ -316,7 +316,7 @@ def without_zeros(system: NodalSystem) -> NodalSystem:
     """The same equations, resistors that have been taken out left out of the rows."""
     coupling = system.coupling.copy()
     coupling.eliminate_zeros()
-    return replace(system, coupling=coupling)
+    return replace(system, derived=coupling)
 
 
 def _cut_loose(system: NodalSystem, lost: NDArray[np.int64]) -> NodalSystem:
@@ -335,7 +335,7 @@ def _cut_loose(system: NodalSystem, lost: NDArray[np.int64]) -> NodalSystem:
     rails = system.rails
     loose = replace(
         system,
-        coupling=_with_data(coupling, data),
+        derived=_with_data(coupling, data),
         excess=tied(system.excess, 1.0),
         feed=tied(system.feed, 0.0),
         rails=rails and replace(rails, to_high=tied(rails.to_high, 0.0), to_low=tied(rails.to_low, 1.0)),

@@ -129,5 +129,5 @@ def _open_window(
     where = coordinates(hierarchy, board, rows, layout.space.shape)
     graphs, steps = coarsen_down(Graph(indptr, indices, data / unit, excess / unit, where))
     levels = Hierarchy(stack_levels(graphs, steps), None, np.empty(0, dtype=np.int64), 0, unit)
-    inner = replace(system, coupling=sparse.csr_array((data, indices, indptr), shape=(len(rows),) * 2), excess=excess)
+    inner = replace(system, derived=sparse.csr_array((data, indices, indptr), shape=(len(rows),) * 2), excess=excess)
     return Window(rows, inner, levels, outward, residual)
