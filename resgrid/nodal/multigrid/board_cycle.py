@@ -1,0 +1,210 @@
+"""The cycle over coarse boards, and over the graphs below them, as one compiled loop.
+
+A board is solved for its black nodes alone: red ones are eliminated exactly on the way down and put back on the way up.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from resgrid.nodal.multigrid.board_passes import (
+    FAST,
+    Board,
+    Floats,
+    Indices,
+    Integers,
+    Singles,
+    add_into_black,
+    multiply,
+    prolong,
+    relax_red,
+    restrict,
+    scale,
+)
+from resgrid.nodal.multigrid.kernels import Stack, cycle
+
+
+class Boards(NamedTuple):
+    """Coarse boards in single precision, one behind the other, with work space.
+
+    Places of level ``l`` stand at ``places[l] ... places[l + 1]``, its rows, links and faces at the corresponding
+    stretches of their arrays; arrays over both colours have room for twice as many.
+
+    Attributes
+    ----------
+    places, rows, first_link : ndarray of int64, shape (levels + 1,)
+    width, margin, block : ndarray of int64, shape (levels,)
+    distance : ndarray of int64, shape (levels, 2 ndim - 1)
+    aside : ndarray of int64
+    faces, links : ndarray of float32
+    link_red, link_black, link_order : ndarray of int32
+    red_inverse, black_inverse, black_degree : ndarray of float32
+    aggregate : ndarray of int32
+        Node of the next level that a black place belongs to; graph nodes count from 1.
+    b, x : ndarray of float32
+        Currents and voltages of both colours, and of the graph's nodes behind them.
+    f, z, v, c, red : ndarray of float32
+        Work space over places: right-hand side and answer of the black nodes, products, first direction, red values.
+    """
+
+    places: Integers
+    rows: Integers
+    first_link: Integers
+    width: Integers
+    margin: Integers
+    block: Integers
+    distance: Integers
+    aside: Integers
+    faces: Singles
+    links: Singles
+    link_red: Indices
+    link_black: Indices
+    link_order: Indices
+    red_inverse: Singles
+    black_inverse: Singles
+    black_degree: Singles
+    aggregate: Indices
+    b: Singles
+    x: Singles
+    f: Singles
+    z: Singles
+    v: Singles
+    c: Singles
+    red: Singles
+
+
+@njit(cache=True)
+def _board(boards: Boards, level: int) -> Board:
+    """One of the boards."""
+    sides = boards.distance.shape[1] + 1
+    a, e = boards.places[level], boards.places[level + 1]
+    k, m = boards.first_link[level], boards.first_link[level + 1]
+    return Board(
+        boards.faces[sides * a : sides * e].reshape((sides, e - a)),
+        boards.distance[level],
+        boards.aside[boards.rows[level] : boards.rows[level + 1]],
+        boards.width[level],
+        boards.margin[level],
+        boards.block[level],
+        boards.link_red[k:m],
+        boards.link_black[k:m],
+        boards.link_order[k:m],
+        boards.links[k:m],
+        boards.red_inverse[a:e],
+        boards.black_inverse[a:e],
+        boards.black_degree[a:e],
+    )
+
+
+@njit(cache=True)
+def _fold(board: Board, b: Singles, red: Singles, f: Singles, z: Singles) -> None:
+    """Eliminate the red nodes: ``f`` is what the black ones are due, ``z`` its relaxation."""
+    places = len(red)
+    scale(board.red_inverse, b[:places], red)
+    add_into_black(board, red, b[places:], f)
+    scale(board.black_inverse, f, z)
+
+
+@njit(cache=True, fastmath=FAST)
+def _dot(a: Singles, b: Singles) -> float:
+    total = 0.0
+    for k in range(len(a)):
+        total += np.float64(a[k]) * np.float64(b[k])
+    return total
+
+
+@njit(cache=True, fastmath=FAST)
+def _combine(a: float, x: Singles, b: float, y: Singles, out: Singles) -> None:
+    one, other = np.float32(a), np.float32(b)
+    for k in range(len(out)):
+        out[k] = one * x[k] + other * y[k]
+
+
+@njit(cache=True)
+def _first_step(
+    board: Board, stop: float, f: Singles, red: Singles, z: Singles, c: Singles, v: Singles, energy: Floats,
+    alpha: Floats,
+) -> bool:  # fmt: skip
+    """First step of the K-cycle, along ``z``; returns whether it suffices (``z`` is then the answer)."""
+    alpha[0], energy[0], _ = multiply(board, z, f, f, red, v)
+    if not energy[0] > 0.0:
+        return True
+    step, size = alpha[0] / energy[0], _dot(f, f)
+    _combine(1.0, f, -step, v, f)
+    if not _dot(f, f) > stop * stop * size:
+        _combine(step, z, 0.0, z, z)
+        return True
+    c[:] = z
+    scale(board.black_inverse, f, z)
+    return False
+
+
+@njit(cache=True)
+def _second_step(
+    board: Board, energy: float, alpha: float, f: Singles, red: Singles, c: Singles, v: Singles, z: Singles
+) -> None:
+    """Second step, along ``z`` made conjugate to the first direction ``c``; leaves the answer in ``z``."""
+    gamma = _dot(z, v)
+    rest, product, _ = multiply(board, z, f, f, red, v)
+    second = product - gamma * gamma / energy
+    step = rest / second if second > 0.0 else 0.0
+    _combine((alpha - gamma * step) / energy, c, step, z, z)
+
+
+@njit(cache=True)
+def _put_back(board: Board, b: Singles, z: Singles, x: Singles) -> None:
+    """Voltages of the black nodes, and of the red ones that follow."""
+    places = len(z)
+    x[places:] = z
+    relax_red(board, b[:places], z, x[:places])
+
+
+@njit(cache=True, nogil=True)
+def cycle_boards(boards: Boards, stack: Stack, stop: float, first: int) -> None:
+    """Approximate ``x = A^-1 b`` on the first coarse level, by K-cycles from level ``first`` on.
+
+    The K-cycle takes one or two steps of flexible conjugate gradients, each preconditioned by the cycle below; the
+    second is spared where the first has brought the residual under ``stop`` times the right-hand side (Notay &
+    Vassilevski 2008).
+    """
+    count = len(boards.width)
+    visits = np.zeros(count + 1, np.int64)
+    energy, alpha = np.zeros(count + 1), np.zeros(count + 1)
+    level = 0
+    while level >= 0:
+        begin = 2 * boards.places[level]
+        if level == count:
+            nodes = stack.first[1]
+            stack.b[:nodes] = boards.b[begin + 1 : begin + 1 + nodes]
+            cycle(stack, stop, max(0, first - count))
+            boards.x[begin + 1 : begin + 1 + nodes] = stack.x[:nodes]
+            level -= 1
+            continue
+        board = _board(boards, level)
+        a, e = boards.places[level], boards.places[level + 1]
+        below = 2 * e
+        beyond = len(boards.b) if level + 1 == count else 2 * boards.places[level + 2]
+        f, z, v, c, red = boards.f[a:e], boards.z[a:e], boards.v[a:e], boards.c[a:e], boards.red[a:e]
+        aggregate, b, x = boards.aggregate[a:e], boards.b[begin:below], boards.x[begin:below]
+        visit = visits[level]
+        if visit == 0:
+            _fold(board, b, red, f, z)
+        else:
+            prolong(board, aggregate, boards.x[below:beyond], f, red, z)
+        done = visit > 0 and level < first
+        if visit == 1 and not done:
+            done = _first_step(board, stop, f, red, z, c, v, energy[level : level + 1], alpha[level : level + 1])
+        elif visit == 2:
+            _second_step(board, energy[level], alpha[level], f, red, c, v, z)
+            done = True
+        if done:
+            _put_back(board, b, z, x)
+            visits[level] = 0
+            level -= 1
+        else:
+            visits[level] += 1
+            restrict(board, aggregate, z, red, boards.b[below:beyond])
+            level += 1

@@ -1,0 +1,122 @@
+"""The levels of a grid: boards while most of their nodes lie on a lattice, graphs below."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.nodal.multigrid import board_setup
+from resgrid.nodal.multigrid.board_cycle import Boards
+from resgrid.nodal.multigrid.board_passes import Board
+from resgrid.nodal.multigrid.boards import LEAST_WIDTH, WEAK, Level, coarsen, to_board, to_graph
+from resgrid.nodal.multigrid.kernels import Stack
+from resgrid.nodal.multigrid.levels import Graph, coarsen_down
+from resgrid.nodal.multigrid.stack import stack_levels
+
+_SMALL = 1000
+_SHRINKAGE = 0.6
+"""Share of nodes above which a board has fallen apart, and a graph takes its place."""
+
+_MOST_EXTRAS = 0.1
+"""Share of nodes beside the lattice above which a graph serves better than a board."""
+
+
+@dataclass(frozen=True, eq=False)
+class GridLevels:
+    """A grid's first level by colour, and all that preconditions it.
+
+    Attributes
+    ----------
+    true, board : Board
+        The first level in double and in single precision.
+    place : ndarray of int32, shape (n,)
+        Place of every unknown, red ones first, black ones behind.
+    aggregate : ndarray of int32, shape (places,)
+        Node of the next level that a black place belongs to.
+    boards : Boards
+        The coarse boards; there may be none.
+    stack : Stack
+        The graphs below them.
+    unit : float
+        Conductance that counts as 1, in siemens.
+    """
+
+    true: Board
+    board: Board
+    place: NDArray[np.int32]
+    aggregate: NDArray[np.int32]
+    boards: Boards
+    stack: Stack
+    unit: float
+
+
+def coarsen_grid(level: Level, place: NDArray[np.int32], unit: float) -> GridLevels:
+    """Coarsen a grid's first level down to a graph whose matrix can be inverted."""
+    levels, targets = [level], []
+    _, least, greatest = board_setup.conductances_along(level.faces)
+    weak = WEAK if least < WEAK * greatest else 0.0
+    while True:
+        made = coarsen(levels[-1], weak)
+        if made is None:
+            break
+        coarse, target = made
+        if coarse.size > _SHRINKAGE * levels[-1].size:
+            break
+        levels.append(coarse)
+        targets.append(target[1].copy())
+        extras = sum(len(cell) for cell in coarse.extra_cell)
+        if coarse.size < _SMALL or coarse.lattice.width < LEAST_WIDTH or extras > _MOST_EXTRAS * coarse.size:
+            break
+    graph, number = to_graph(levels[-1])
+    if len(levels) > 1:
+        graphs, steps = coarsen_down(graph)
+        targets[-1] = np.where(targets[-1] > 0, number[targets[-1]] + 1, 0).astype(np.int32)
+    else:
+        graphs, steps = coarsen_down(graph)
+        aggregate = np.where(number >= 0, steps[0].target[number] + 1, 0).astype(np.int32)
+        targets, graphs, steps = [aggregate[level.lattice.places :]], graphs[1:], steps[1:]
+    return GridLevels(
+        to_board(level, np.float64),
+        to_board(level, np.float32),
+        place,
+        targets[0],
+        lay_behind([to_board(coarse, np.float32) for coarse in levels[1:-1]], targets[1:], graphs[0].size, level),
+        stack_levels(graphs, steps),
+        unit,
+    )
+
+
+def lay_behind(boards: list[Board], targets: list[NDArray[np.int32]], nodes: int, level: Level) -> Boards:
+    """Lay boards one behind the other, and work space for them and for the nodes of the graph below."""
+
+    def joined(parts: list[NDArray], kind: type) -> NDArray:
+        return np.concatenate([np.empty(0, dtype=kind), *(part.ravel() for part in parts)]).astype(kind, copy=False)
+
+    places = np.cumsum([0, *(board.faces.shape[1] for board in boards)])
+    vectors = np.zeros((2, 2 * places[-1] + 1 + nodes), dtype=np.float32)
+    distance = np.array([board.distance for board in boards]).reshape(len(boards), len(level.faces) - 1)
+    return Boards(
+        places=places,
+        rows=np.cumsum([0, *(len(board.aside) for board in boards)]),
+        first_link=np.cumsum([0, *(len(board.links) for board in boards)]),
+        width=np.array([board.width for board in boards], dtype=np.int64),
+        margin=np.array([board.margin for board in boards], dtype=np.int64),
+        block=np.array([board.block for board in boards], dtype=np.int64),
+        distance=distance.astype(np.int64),
+        aside=joined([board.aside for board in boards], np.int64),
+        faces=joined([board.faces for board in boards], np.float32),
+        links=joined([board.links for board in boards], np.float32),
+        link_red=joined([board.link_red for board in boards], np.int32),
+        link_black=joined([board.link_black for board in boards], np.int32),
+        link_order=joined([board.link_order for board in boards], np.int32),
+        red_inverse=joined([board.red_inverse for board in boards], np.float32),
+        black_inverse=joined([board.black_inverse for board in boards], np.float32),
+        black_degree=joined([board.black_degree for board in boards], np.float32),
+        aggregate=joined(targets, np.int32),
+        b=vectors[0],
+        x=vectors[1],
+        **dict(zip("fzvc", np.zeros((4, places[-1]), dtype=np.float32), strict=True)),
+        red=np.zeros(places[-1], dtype=np.float32),
+    )
