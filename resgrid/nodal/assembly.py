@@ -31,26 +31,28 @@ def join(parent: Indices, a: int, b: int) -> None:
 
 
 @njit(cache=True)
-def connected_parts(pairs: Integers, ties: Integers, held: NDArray[np.bool_]) -> tuple[int, Indices]:
-    """Number the parts that resistors and floating sources join; nodes that are held join nothing."""
-    count = len(held)
-    parent = np.arange(count).astype(np.int32)
+def join_parts(pairs: Integers, part: Indices) -> None:
+    """Join the nodes that resistors or floating sources connect, in place; nodes marked -1 join nothing."""
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
-        if not held[a] and not held[b]:
-            join(parent, a, b)
-    for k in range(len(ties)):
-        join(parent, ties[k, 0], ties[k, 1])
-    part = np.empty(count, np.int32)
+        if part[a] >= 0 and part[b] >= 0 and part[a] != part[b]:
+            join(part, a, b)
+
+
+@njit(cache=True)
+def number_parts(part: Indices) -> int:
+    """Turn a union-find into the number of every node's part, in place; returns how many parts there are.
+
+    A node's parent comes before it, and has its number by then.
+    """
     number = 0
-    for node in range(count):
-        root = find(parent, node)
-        if root == node:
+    for node in range(len(part)):
+        if part[node] == node:
             part[node] = number
             number += 1
-        else:
-            part[node] = part[root]
-    return number, part
+        elif part[node] >= 0:
+            part[node] = part[part[node]]
+    return number
 
 
 @njit(cache=True)
@@ -58,27 +60,131 @@ def known_range(pairs: Integers, known: Floats, part: Indices, lowest: Floats, h
     """Widen every part's range of known voltages that its resistors reach, in place."""
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
-        if np.isnan(known[a]) == np.isnan(known[b]):
+        if (part[a] >= 0) == (part[b] >= 0):
             continue
-        if np.isnan(known[b]):
+        if part[b] >= 0:
             a, b = b, a
         lowest[part[a]] = min(lowest[part[a]], known[b])
         highest[part[a]] = max(highest[part[a]], known[b])
 
 
 @njit(cache=True)
-def mark_fed(pairs: Integers, amps: Floats, known: Floats, part: Indices, fed: NDArray[np.bool_]) -> None:
+def mark_fed(pairs: Integers, amps: Floats, part: Indices, fed: NDArray[np.bool_]) -> None:
     """Mark the parts that current sources feed, in place."""
     for k in range(len(pairs)):
-        if amps[k] == 0.0:
-            continue
-        for end in range(2):
-            if np.isnan(known[pairs[k, end]]):
-                fed[part[pairs[k, end]]] = True
+        a, b = part[pairs[k, 0]], part[pairs[k, 1]]
+        if amps[k] != 0.0:
+            if a >= 0:
+                fed[a] = True
+            if b >= 0:
+                fed[b] = True
 
 
 @njit(cache=True)
-def add_injected(pairs: Integers, amps: Floats, row: Integers, injected: Floats) -> None:
+def number_rows(
+    part: Indices, driven: NDArray[np.bool_], lowest: Floats, root: Integers, known: Floats
+) -> tuple[int, Integers, Integers]:
+    """Turn the number of every node's part into its row in the equations, in place; -1 where it has none.
+
+    A node of a part that is not driven has the only known voltage there, or infinity where there is none.  Nodes of
+    one ``root``, which comes before them, share its row; empty where every node is its own.  Returns the number of
+    rows, and the nodes that are not driven: those of known voltage, and those that float.
+    """
+    flat = floating = 0
+    for node in range(len(part)):
+        if part[node] >= 0 and not driven[part[node]]:
+            if lowest[part[node]] < np.inf:
+                flat += 1
+            else:
+                floating += 1
+    undriven, loose = np.empty(flat, np.int64), np.empty(floating, np.int64)
+    rows = flat = floating = 0
+    for node in range(len(part)):
+        own = part[node]
+        if own < 0:
+            continue
+        if driven[own]:
+            if len(root) > 0 and root[node] != node:
+                part[node] = part[root[node]]
+            else:
+                part[node] = rows
+                rows += 1
+            continue
+        part[node] = -1
+        if lowest[own] < np.inf:
+            known[node] = lowest[own]
+            undriven[flat] = node
+            flat += 1
+        else:
+            loose[floating] = node
+            floating += 1
+    return rows, undriven, loose
+
+
+@njit(cache=True)
+def add_contacts(
+    pairs: Integers,
+    conductance: Floats,
+    row: Indices,
+    known: Floats,
+    low: float,
+    high: float,
+    excess: Floats,
+    feed: Floats,
+) -> bool:
+    """Add the resistors between rows and nodes of known voltage: their conductance, and the current from ``low`` up.
+
+    Returns whether all those voltages are ``low`` or ``high``.
+    """
+    two = True
+    for k in range(len(pairs)):
+        a, b = pairs[k, 0], pairs[k, 1]
+        i = row[a]
+        if (i >= 0) == (row[b] >= 0):
+            continue
+        if i < 0:
+            i, b = row[b], a
+        excess[i] += conductance[k]
+        if known[b] != low:
+            feed[i] += conductance[k] * (known[b] - low)
+            two &= known[b] == high
+    return two
+
+
+@njit(cache=True)
+def rail_contacts(
+    pairs: Integers, conductance: Floats, row: Indices, known: Floats, high: float, to_high: Floats, to_low: Floats
+) -> None:
+    """Add the conductances between rows and two rails."""
+    for k in range(len(pairs)):
+        a, b = pairs[k, 0], pairs[k, 1]
+        i = row[a]
+        if (i >= 0) == (row[b] >= 0):
+            continue
+        if i < 0:
+            i, b = row[b], a
+        if known[b] == high:
+            to_high[i] += conductance[k]
+        else:
+            to_low[i] += conductance[k]
+
+
+@njit(cache=True)
+def add_offsets(pairs: Integers, conductance: Floats, row: Indices, offset: Floats, feed: Floats) -> None:
+    """Add what the offsets of floating sources drive through the resistors at rows."""
+    for k in range(len(pairs)):
+        a, b = pairs[k, 0], pairs[k, 1]
+        i, j = row[a], row[b]
+        if i == j:
+            continue
+        if i >= 0:
+            feed[i] -= conductance[k] * (offset[a] - (offset[b] if j >= 0 else 0.0))
+        if j >= 0:
+            feed[j] += conductance[k] * ((offset[a] if i >= 0 else 0.0) - offset[b])
+
+
+@njit(cache=True)
+def add_injected(pairs: Integers, amps: Floats, row: Indices, injected: Floats) -> None:
     """Add the currents of current sources to the rows they lead to, and take them from those they come from."""
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
@@ -89,26 +195,7 @@ def add_injected(pairs: Integers, amps: Floats, row: Integers, injected: Floats)
 
 
 @njit(cache=True)
-def contacts(pairs: Integers, row: Integers) -> tuple[Integers, Integers, Integers]:
-    """Resistors with just one end on a row: their numbers, that end, and the other."""
-    count = 0
-    for k in range(len(pairs)):
-        if (row[pairs[k, 0]] >= 0) != (row[pairs[k, 1]] >= 0):
-            count += 1
-    number, inner, outer = np.empty(count, np.int64), np.empty(count, np.int64), np.empty(count, np.int64)
-    at = 0
-    for k in range(len(pairs)):
-        a, b = pairs[k, 0], pairs[k, 1]
-        if (row[a] >= 0) == (row[b] >= 0):
-            continue
-        number[at] = k
-        inner[at], outer[at] = (a, b) if row[a] >= 0 else (b, a)
-        at += 1
-    return number, inner, outer
-
-
-@njit(cache=True)
-def add_conductances(pairs: Integers, conductance: Floats, row: Integers, degree: Floats) -> None:
+def add_conductances(pairs: Integers, conductance: Floats, row: Indices, degree: Floats) -> None:
     """Add the conductances between different rows to both rows' degree."""
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
@@ -119,7 +206,7 @@ def add_conductances(pairs: Integers, conductance: Floats, row: Integers, degree
 
 @njit(cache=True)
 def conductances_by_row(
-    pairs: Integers, conductance: Floats, row: Integers, size: int
+    pairs: Integers, conductance: Floats, row: Indices, size: int
 ) -> tuple[Indices, Indices, Floats]:
     """Symmetric compressed rows of the conductances between rows: sorted, parallel resistors summed, no diagonal."""
     indptr = np.zeros(size + 1, np.int32)

@@ -210,7 +210,7 @@ class _Circuit:
         return np.concatenate([self.netlist.resistor_nodes, self.netlist.nonlinear_nodes])
 
     @cached_property
-    def rows(self) -> NDArray[np.int64]:
+    def rows(self) -> NDArray[np.int32]:
         return self.system.unknown[self.ends]
 
     @cached_property

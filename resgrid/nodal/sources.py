@@ -24,26 +24,41 @@ class SourceForest:
 
     Attributes
     ----------
-    root : ndarray of int64, shape (nodes,)
-        Node that every node's voltage is counted from: ground, a tree's first node, or the node itself.
-    offset : ndarray of float64, shape (nodes,)
-        Voltage above the root, in volts.
-    order : ndarray of int64
-        Nodes of the trees, parents before children.
-    parent_source : ndarray of int64, shape (nodes,)
-        Source that ties a node to its parent, -1 for roots.
-    parent : ndarray of int64, shape (nodes,)
-        Parent node, -1 for roots.
+    count : int
+        Number of nodes of the circuit.
+    order : ndarray of int64, shape (tied nodes,)
+        The nodes that sources tie, and ground; parents before children.
+    base : ndarray of int64, shape (tied nodes,)
+        Node that the voltage of each is counted from: ground, or its tree's first node.
+    height : ndarray of float64, shape (tied nodes,)
+        Its voltage above that node, in volts.
+    above, source : ndarray of int64, shape (tied nodes,)
+        Its parent, and the source that ties it there; -1 for roots.
     loop : ndarray of bool, shape (sources,)
         Sources that belong to a loop of sources.
     """
 
-    root: NDArray[np.int64]
-    offset: NDArray[np.float64]
+    count: int
     order: NDArray[np.int64]
-    parent_source: NDArray[np.int64]
-    parent: NDArray[np.int64]
+    base: NDArray[np.int64]
+    height: NDArray[np.float64]
+    above: NDArray[np.int64]
+    source: NDArray[np.int64]
     loop: NDArray[np.bool_]
+
+    @property
+    def root(self) -> NDArray[np.int64]:
+        """Node that every node's voltage is counted from, shape (nodes,): itself, where no source ties it."""
+        root = np.arange(self.count)
+        root[self.order] = self.base
+        return root
+
+    @property
+    def offset(self) -> NDArray[np.float64]:
+        """Voltage of every node above its root, in volts, shape (nodes,)."""
+        offset = np.zeros(self.count)
+        offset[self.order] = self.height
+        return offset
 
 
 def tie_sources(netlist: Netlist) -> SourceForest:
@@ -54,22 +69,27 @@ def tie_sources(netlist: Netlist) -> SourceForest:
     CircuitError
         If a loop of sources contradicts itself; the message names its last source and the voltage left over.
     """
-    count = netlist.node_count
-    ends, volts = netlist.source_nodes, netlist.source_volts
-    order, parent = _walk(ends, count)
-    parent_source = _tree_sources(ends, parent, count)
-    root = np.arange(count)
-    offset = np.zeros(count)
+    tied = np.unique(np.append(netlist.source_nodes, GROUND))
+    ends, volts = np.searchsorted(tied, netlist.source_nodes), netlist.source_volts
+    order, parent = _walk(ends, len(tied))
+    source = _tree_sources(ends, parent)
+    base, height = np.arange(len(tied)), np.zeros(len(tied))
     for node in order[parent[order] >= 0].tolist():
-        source, up = int(parent_source[node]), int(parent[node])
-        root[node] = root[up]
-        sign = 1.0 if ends[source, 0] == node else -1.0
-        offset[node] = offset[up] + sign * volts[source]
+        up, tie = int(parent[node]), int(source[node])
+        base[node] = base[up]
+        height[node] = height[up] + (volts[tie] if ends[tie, 0] == node else -volts[tie])
     closing = np.ones(len(volts), dtype=np.bool_)
-    closing[parent_source[parent_source >= 0]] = False
-    _check_loops(netlist, offset, closing)
-    loop = _loops(ends, closing, parent, parent_source)
-    return SourceForest(root, offset, order, parent_source, parent, loop)
+    closing[source[source >= 0]] = False
+    _check_loops(netlist, height[ends[:, 0]] - height[ends[:, 1]] - volts, closing)
+    return SourceForest(
+        count=netlist.node_count,
+        order=tied[order],
+        base=tied[base[order]],
+        height=height[order],
+        above=np.where(parent >= 0, tied[parent], -1)[order],
+        source=source[order],
+        loop=_loops(ends, closing, parent, source),
+    )
 
 
 def source_currents(netlist: Netlist, forest: SourceForest, outflow: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -88,14 +108,13 @@ def source_currents(netlist: Netlist, forest: SourceForest, outflow: NDArray[np.
         In amperes; NaN for sources in a loop, with a warning.
     """
     current = np.full(len(netlist.source_volts), np.nan)
-    remaining = outflow.copy()
-    for node in forest.order[::-1].tolist():
-        source = int(forest.parent_source[node])
-        if source < 0:
-            continue
-        from_source = remaining[node]
-        current[source] = -from_source if netlist.source_nodes[source, 0] == node else from_source
-        remaining[forest.parent[node]] += from_source
+    remaining = {node: float(outflow[node]) for node in forest.order.tolist()}
+    ties = zip(forest.order.tolist(), forest.above.tolist(), forest.source.tolist(), strict=True)
+    for node, above, source in reversed(list(ties)):
+        if source >= 0:
+            from_source = remaining[node]
+            current[source] = -from_source if netlist.source_nodes[source, 0] == node else from_source
+            remaining[above] += from_source
     if forest.loop.any():
         current[forest.loop] = np.nan
         warnings.warn(
@@ -104,32 +123,26 @@ def source_currents(netlist: Netlist, forest: SourceForest, outflow: NDArray[np.
     return current
 
 
-def _walk(ends: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Nodes tied by sources, parents before children, and the parent of each; ground is the first root."""
+def _walk(ends: NDArray[np.int64], size: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Tied nodes, parents before children, and the parent of each; ground, which is node 0, is the first root."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import breadth_first_order, connected_components
 
-    parent = np.full(count, -1, dtype=np.int64)
-    tied = np.unique(np.append(ends, GROUND))
-    local = np.searchsorted(tied, ends)
-    size = len(tied)
-    graph = coo_array((np.ones(len(ends)), (local[:, 0], local[:, 1])), shape=(size, size))
+    graph = coo_array((np.ones(len(ends)), tuple(ends.T)), shape=(size, size))
     _, tree = connected_components(graph, directed=False)
     _, roots = np.unique(tree, return_index=True)
     # A virtual node above all roots turns the forest into one tree, walked at once.
-    rows = np.append(local[:, 0], np.full(len(roots), size))
-    columns = np.append(local[:, 1], roots)
+    rows = np.append(ends[:, 0], np.full(len(roots), size))
+    columns = np.append(ends[:, 1], roots)
     whole = coo_array((np.ones(len(rows)), (rows, columns)), shape=(size + 1, size + 1)).tocsr()
     order, above = breadth_first_order(whole, size, directed=False)
-    order = order[1:]
-    child = order[above[order] != size]
-    parent[tied[child]] = tied[above[child]]
-    return tied[order], parent
+    parent = above[:size].astype(np.int64)
+    return order[1:].astype(np.int64), np.where(parent == size, -1, parent)
 
 
-def _tree_sources(ends: NDArray[np.int64], parent: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """For every node with a parent, the first source that joins the two."""
-    found = np.full(count, -1, dtype=np.int64)
+def _tree_sources(ends: NDArray[np.int64], parent: NDArray[np.int64]) -> NDArray[np.int64]:
+    """For every node with a parent, the first source that joins the two; -1 for the others."""
+    found = np.full(len(parent), -1, dtype=np.int64)
     number = np.arange(len(ends))[::-1]
     for child, up in ((0, 1), (1, 0)):
         nodes = ends[number, child]
@@ -138,17 +151,15 @@ def _tree_sources(ends: NDArray[np.int64], parent: NDArray[np.int64], count: int
     return found
 
 
-def _check_loops(netlist: Netlist, offset: NDArray[np.float64], closing: NDArray[np.bool_]) -> None:
-    plus, minus = netlist.source_nodes[closing].T
-    left_over = offset[plus] - offset[minus] - netlist.source_volts[closing]
+def _check_loops(netlist: Netlist, left_over: NDArray[np.float64], closing: NDArray[np.bool_]) -> None:
     scale = np.max(np.abs(netlist.source_volts), initial=0.0)
-    bad = np.flatnonzero(np.abs(left_over) > _TOLERANCE * scale)
+    bad = np.flatnonzero(closing & (np.abs(left_over) > _TOLERANCE * scale))
     if bad.size:
-        source = int(np.flatnonzero(closing)[bad[0]])
+        source = int(bad[0])
         names = netlist.names_of(netlist.source_nodes[source])
         raise CircuitError(
             f"voltage source {source} between nodes {names[0]} and {names[1]} contradicts the other sources by "
-            f"{abs(left_over[bad[0]]):g} V: remove it, or put a resistor into the loop"
+            f"{abs(left_over[source]):g} V: remove it, or put a resistor into the loop"
         )
 
 

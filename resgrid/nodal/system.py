@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Any
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.errors import CircuitError
-from resgrid.netlist import GROUND, Layout, Netlist
+from resgrid.netlist import GROUND, Netlist
 from resgrid.nodal.sources import SourceForest, tie_sources
+
+Ties = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,14 +25,35 @@ class Rails:
     ----------
     high, low : float
         Voltages in volts; ``high`` is the obstacle rail (or the driven start) where there is a layout.
-    to_high, to_low : ndarray of float64, shape (n,)
-        Conductance from every row to either rail, in siemens.
+    ties : callable
+        Returns `to_high` and `to_low`.
     """
 
     high: float
     low: float
-    to_high: NDArray[np.float64]
-    to_low: NDArray[np.float64]
+    ties: Callable[[], Ties]
+
+    @cached_property
+    def _tied(self) -> Ties:
+        return self.ties()
+
+    @property
+    def to_high(self) -> NDArray[np.float64]:
+        """Conductance from every row to the high rail, in siemens, shape (n,); found when first asked for."""
+        return self._tied[0]
+
+    @property
+    def to_low(self) -> NDArray[np.float64]:
+        """The same for the low rail."""
+        return self._tied[1]
+
+    def tied(self, to_high: NDArray[np.float64], to_low: NDArray[np.float64]) -> Rails:
+        """Return the same rails, with other ties of the rows to them."""
+        return Rails(self.high, self.low, partial(_pair, to_high, to_low))
+
+
+def _pair(to_high: NDArray[np.float64], to_low: NDArray[np.float64]) -> Ties:
+    return to_high, to_low
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +67,7 @@ class NodalSystem:
     ----------
     forest : SourceForest
         How the voltage sources tie the nodes.
-    unknown : ndarray of int64, shape (nodes,)
+    unknown : ndarray of int32, shape (nodes,)
         Row of every node that is solved for, -1 elsewhere; nodes tied by floating sources share a row.
     excess : ndarray of float64, shape (n,)
         Conductance from every row to nodes of known voltage, in siemens.
@@ -68,7 +91,7 @@ class NodalSystem:
 
     netlist: Netlist
     forest: SourceForest
-    unknown: NDArray[np.int64]
+    unknown: NDArray[np.int32]
     excess: NDArray[np.float64]
     feed: NDArray[np.float64]
     injected: NDArray[np.float64]
@@ -114,7 +137,17 @@ class NodalSystem:
 
 @dataclass(frozen=True, eq=False)
 class _Parts:
-    """Connected parts of the unknown nodes, and what holds each."""
+    """Connected parts of the nodes that no source ties to ground, and what holds each part.
+
+    Attributes
+    ----------
+    of_node : ndarray of int32, shape (nodes,)
+        Number of every node's part, -1 for nodes tied to ground.
+    lowest, highest : ndarray of float64, shape (parts,)
+        The range of known voltages that a part's resistors reach, in volts; infinite where they reach none.
+    fed : ndarray of bool, shape (parts,)
+        Whether current sources or the offsets of floating voltage sources drive it.
+    """
 
     of_node: NDArray[np.int32]
     lowest: NDArray[np.float64]
@@ -149,67 +182,68 @@ def assemble(netlist: Netlist) -> NodalSystem:
     CircuitError
         If voltage sources contradict each other, a current source feeds a part that floats, or nothing is driven.
     """
+    from resgrid.nodal import assembly
+
     forest = tie_sources(netlist)
-    held = forest.root == forest.root[GROUND]
-    known = np.where(held, forest.offset, np.nan)
-    parts = _parts(netlist, forest, known)
+    held = forest.order[forest.base == GROUND]
+    known = np.full(netlist.node_count, np.nan)
+    known[held] = forest.height[forest.base == GROUND]
+    parts = _parts(netlist, forest, held, known)
     _check_driven(netlist, known, parts)
-    driven_node = parts.driven[parts.of_node] & ~held
-    undriven_node = ~parts.driven[parts.of_node] & ~parts.floating[parts.of_node] & ~held
-    known[undriven_node] = parts.lowest[parts.of_node][undriven_node]
-    unknown = np.full(netlist.node_count, -1, dtype=np.int64)
-    unknown[driven_node] = _numbered(forest.root[driven_node], netlist.node_count)
-    offset = np.where(driven_node, forest.offset, 0.0)
-    contact = _contacts(netlist, unknown, known)
-    reference = float(contact.volts.min(initial=np.inf)) if contact.volts.size else 0.0
-    size = int(unknown.max(initial=-1)) + 1
-    internal_feed = _offset_feed(netlist, unknown, offset, size)
-    height = contact.volts - reference - offset[contact.node]
-    injected = _injected(netlist, unknown, size)
-    plain = not injected.any() and not offset.any()
+    driven = parts.driven
+    low, high = parts.lowest[driven].min(initial=np.inf), parts.highest[driven].max(initial=-np.inf)
+    root = forest.root if len(held) < len(forest.order) else np.empty(0, dtype=np.int64)
+    size, undriven, floating = assembly.number_rows(parts.of_node, driven, parts.lowest, root, known)
+    unknown = parts.of_node
+    reference = float(low) if size else 0.0
+    excess, feed, injected = np.zeros(size), np.zeros(size), np.zeros(size)
+    pairs, conductance = netlist.resistor_nodes, netlist.conductance
+    two = assembly.add_contacts(pairs, conductance, unknown, known, reference, high, excess, feed)
+    assembly.add_injected(netlist.current_nodes, netlist.current_amps, unknown, injected)
+    lifted = _lifted(forest, unknown)
+    if lifted:
+        assembly.add_offsets(pairs, conductance, unknown, forest.offset, feed)
+    plain = two and low < high and not lifted and not injected.any()
     return NodalSystem(
         netlist=netlist,
         forest=forest,
         unknown=unknown,
-        excess=_sum_by(contact.row, contact.conductance, size),
-        feed=internal_feed + _sum_by(contact.row, contact.conductance * height, size),
+        excess=excess,
+        feed=feed,
         injected=injected,
         reference=reference,
-        rails=_rails(netlist.layout, contact, size) if plain else None,
+        rails=_rails(netlist, unknown, known, float(low), float(high)) if plain else None,
         known=known,
-        undriven=np.flatnonzero(undriven_node),
-        floating=np.flatnonzero(parts.floating[parts.of_node] & ~held),
+        undriven=undriven,
+        floating=floating,
     )
 
 
-def _numbered(roots: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """Number the roots that occur, in ascending order: the rows."""
-    occurs = np.zeros(count, dtype=np.bool_)
-    occurs[roots] = True
-    return np.asarray(np.cumsum(occurs)[roots] - 1, dtype=np.int64)
+def _parts(netlist: Netlist, forest: SourceForest, held: NDArray[np.int64], known: NDArray[np.float64]) -> _Parts:
+    from resgrid.nodal.assembly import join_parts, known_range, mark_fed, number_parts
 
-
-def _parts(netlist: Netlist, forest: SourceForest, known: NDArray[np.float64]) -> _Parts:
-    from resgrid.nodal.assembly import connected_parts, known_range, mark_fed
-
-    number, of_node = connected_parts(netlist.resistor_nodes, _floating_ties(netlist, known), ~np.isnan(known))
+    part = np.arange(netlist.node_count, dtype=np.int32)
+    part[held] = -1
+    join_parts(netlist.resistor_nodes, part)
+    join_parts(netlist.source_nodes, part)
+    number = number_parts(part)
     lowest, highest = np.full(number, np.inf), np.full(number, -np.inf)
-    known_range(netlist.resistor_nodes, known, of_node, lowest, highest)
+    known_range(netlist.resistor_nodes, known, part, lowest, highest)
     fed = np.zeros(number, dtype=np.bool_)
-    mark_fed(netlist.current_nodes, netlist.current_amps, known, of_node, fed)
-    fed[of_node[np.flatnonzero((forest.offset != 0) & np.isnan(known))]] = True
-    return _Parts(of_node, lowest, highest, fed)
+    mark_fed(netlist.current_nodes, netlist.current_amps, part, fed)
+    fed[part[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
+    return _Parts(part, lowest, highest, fed)
 
 
-def _floating_ties(netlist: Netlist, known: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Voltage sources between nodes of unknown voltage join them into one part."""
-    return netlist.source_nodes[np.isnan(known[netlist.source_nodes]).all(axis=1)]
+def _lifted(forest: SourceForest, unknown: NDArray[np.int32]) -> bool:
+    """Whether a floating source holds a node above another one that is solved for."""
+    return bool(np.any((unknown[forest.order] >= 0) & (forest.height != 0)))
 
 
 def _check_driven(netlist: Netlist, known: NDArray[np.float64], parts: _Parts) -> None:
     if np.any(parts.fed & parts.floating):
         fed = netlist.current_nodes[netlist.current_amps != 0].ravel()
-        stuck = fed[np.isnan(known[fed]) & parts.floating[parts.of_node[fed]]]
+        stuck = fed[(parts.of_node[fed] >= 0) & parts.floating[parts.of_node[fed]]]
         raise CircuitError(
             f"a current source feeds node {netlist.node_name(int(stuck.min()))}, which nothing ties to ground: "
             "its voltage has no bound; add a resistor to a rail or remove the source"
@@ -224,58 +258,19 @@ def _check_driven(netlist: Netlist, known: NDArray[np.float64], parts: _Parts) -
         )
 
 
-@dataclass(frozen=True, eq=False)
-class _Contacts:
-    """Resistors from a row to a node of known voltage."""
-
-    row: NDArray[np.int64]
-    node: NDArray[np.int64]
-    conductance: NDArray[np.float64]
-    volts: NDArray[np.float64]
-
-
-def _contacts(netlist: Netlist, unknown: NDArray[np.int64], known: NDArray[np.float64]) -> _Contacts:
-    from resgrid.nodal.assembly import contacts
-
-    number, inner, outer = contacts(netlist.resistor_nodes, unknown)
-    return _Contacts(unknown[inner], inner, netlist.conductance[number], known[outer])
+def _rails(
+    netlist: Netlist, unknown: NDArray[np.int32], known: NDArray[np.float64], lowest: float, highest: float
+) -> Rails:
+    """Both rails; a layout says which of them the obstacles are on."""
+    upside_down = netlist.layout is not None and netlist.layout.supply < 0
+    high, low = (lowest, highest) if upside_down else (highest, lowest)
+    return Rails(high, low, partial(_ties, netlist, unknown, known, high))
 
 
-def _offset_feed(
-    netlist: Netlist, unknown: NDArray[np.int64], offset: NDArray[np.float64], size: int
-) -> NDArray[np.float64]:
-    """What the offsets of floating sources drive through the conductances between rows."""
-    if not offset.any():
-        return np.zeros(size)
-    rows = unknown[netlist.resistor_nodes]
-    inner = (rows >= 0).all(axis=1) & (rows[:, 0] != rows[:, 1])
-    a, b = rows[inner].T
-    step = netlist.conductance[inner] * np.subtract(*offset[netlist.resistor_nodes[inner]].T)
-    return _sum_by(b, step, size) - _sum_by(a, step, size)
+def _ties(netlist: Netlist, unknown: NDArray[np.int32], known: NDArray[np.float64], high: float) -> Ties:
+    from resgrid.nodal.assembly import rail_contacts
 
-
-def _injected(netlist: Netlist, unknown: NDArray[np.int64], size: int) -> NDArray[np.float64]:
-    from resgrid.nodal.assembly import add_injected
-
-    injected = np.zeros(size)
-    add_injected(netlist.current_nodes, netlist.current_amps, unknown, injected)
-    return injected
-
-
-def _rails(layout: Layout | None, contact: _Contacts, size: int) -> Rails | None:
-    low, high = float(contact.volts.min(initial=np.inf)), float(contact.volts.max(initial=-np.inf))
-    if not low < high or not np.all((contact.volts == low) | (contact.volts == high)):
-        return None
-    if layout is not None and layout.supply < 0:
-        low, high = high, low
-    at_high = contact.volts == high
-    return Rails(
-        high=high,
-        low=low,
-        to_high=_sum_by(contact.row, contact.conductance * at_high, size),
-        to_low=_sum_by(contact.row, contact.conductance * ~at_high, size),
-    )
-
-
-def _sum_by(row: NDArray[np.integer[Any]], amount: NDArray[np.float64], size: int) -> NDArray[np.float64]:
-    return np.asarray(np.bincount(row, amount, size), dtype=np.float64)
+    size = int(unknown.max(initial=-1)) + 1
+    to_high, to_low = np.zeros(size), np.zeros(size)
+    rail_contacts(netlist.resistor_nodes, netlist.conductance, unknown, known, high, to_high, to_low)
+    return to_high, to_low

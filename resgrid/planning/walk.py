@@ -152,7 +152,7 @@ def _goal_of_node(netlist: Netlist, layout: Layout) -> NDArray[np.int64]:
     return goal
 
 
-def _to_goal(netlist: Netlist, node_goal: NDArray[np.int64], unknown: NDArray[np.int64], size: int) -> sparse.csr_array:
+def _to_goal(netlist: Netlist, node_goal: NDArray[np.int64], unknown: NDArray[np.int32], size: int) -> sparse.csr_array:
     entries: list[NDArray[np.float64]] = []
     for here, there in ((0, 1), (1, 0)):
         row = unknown[netlist.resistor_nodes[:, here]]

@@ -90,7 +90,7 @@ def choose_elements(netlist: Netlist, held: NDArray[np.bool_]) -> dict[str, NDAr
     with np.errstate(over="ignore"):
         if np.isinf(1 / netlist.conductance).any():
             raise InputError("a resistance is beyond the largest number; leave that resistor out: it is open")
-    parents = tie_sources(netlist).parent_source
+    parents = tie_sources(netlist).source
     keeps_source = np.zeros(len(netlist.source_volts), dtype=np.bool_)
     keeps_source[parents[parents >= 0]] = True
     return {

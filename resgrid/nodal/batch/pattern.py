@@ -83,7 +83,7 @@ class Pattern:
 def pattern_of(system: NodalSystem) -> Pattern:
     """Find out where the conductances of a netlist go in its nodal system."""
     ends = system.netlist.resistor_nodes
-    rows = system.unknown[ends]
+    rows = system.unknown[ends].astype(np.int64)
     offset = np.where(system.unknown >= 0, system.forest.offset, 0.0)
     solved = rows >= 0
     inner = np.flatnonzero(solved.all(axis=1) & (rows[:, 0] != rows[:, 1]))

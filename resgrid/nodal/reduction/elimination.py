@@ -109,5 +109,5 @@ def _core(system: NodalSystem, shrunk: Elimination) -> NodalSystem:
         excess=shrunk.excess,
         feed=passed_on(system.feed),
         injected=passed_on(system.injected),
-        rails=rails and replace(rails, to_high=passed_on(rails.to_high), to_low=passed_on(rails.to_low)),
+        rails=rails and replace(rails, ties=lambda: (passed_on(rails.to_high), passed_on(rails.to_low))),
     )

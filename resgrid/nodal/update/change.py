@@ -243,8 +243,7 @@ def _cut_off(
         derived=_with_data(coupling, data),
         excess=tied(system.excess, 1.0),
         feed=tied(system.feed, volts - system.reference),
-        rails=rails
-        and replace(rails, to_high=tied(rails.to_high, float(at_high)), to_low=tied(rails.to_low, float(not at_high))),
+        rails=rails and rails.tied(tied(rails.to_high, float(at_high)), tied(rails.to_low, float(not at_high))),
     )
     _keep_degree(system, changed, np.unique(to))
     return changed
@@ -338,7 +337,7 @@ def _cut_loose(system: NodalSystem, lost: NDArray[np.int64]) -> NodalSystem:
         derived=_with_data(coupling, data),
         excess=tied(system.excess, 1.0),
         feed=tied(system.feed, 0.0),
-        rails=rails and replace(rails, to_high=tied(rails.to_high, 0.0), to_low=tied(rails.to_low, 1.0)),
+        rails=rails and rails.tied(tied(rails.to_high, 0.0), tied(rails.to_low, 1.0)),
     )
     vars(loose)["degree"] = degree
     return loose
