@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
 from resgrid.nodal.batch.pattern import Pattern
-from resgrid.nodal.multigrid.checkerboard_kernels import Board
+from resgrid.nodal.multigrid.board_passes import Board
+from resgrid.nodal.multigrid.grid_levels import GridLevels, own_vectors
 from resgrid.nodal.multigrid.hierarchy import Hierarchy, build_hierarchy
 from resgrid.nodal.multigrid.kernels import Stack
+from resgrid.nodal.multigrid.stack import own_work
 
 _MOST_ITERATIONS = 200
 
@@ -25,7 +26,9 @@ class BoardBatch:
     ----------
     pattern : Pattern
     hierarchy : Hierarchy
-        Of the nominal chip, with a board.
+        Of the nominal chip.
+    grid : GridLevels
+        Its boards.
     face : ndarray of int64, shape (entries,)
         Where the entries of red rows belong on the board, as `kernels.refill` takes it.
     start : ndarray of float64, shape (n,)
@@ -34,6 +37,7 @@ class BoardBatch:
 
     pattern: Pattern
     hierarchy: Hierarchy
+    grid: GridLevels
     face: NDArray[np.int64]
     start: NDArray[np.float64]
     name = "multigrid"
@@ -55,21 +59,21 @@ class BoardBatch:
         """
         from resgrid.nodal.batch import kernels
 
-        system, hierarchy = self.pattern.system, self.hierarchy
-        board, stack = _own_copies(hierarchy)
-        indptr, indices = system.coupling.indptr.view(np.uint32), system.coupling.indices.view(np.uint32)
-        inverse, places = np.empty(system.size), len(board.aggregate)
-        doubles, singles = np.empty((6, places)), np.empty((2, places), dtype=np.float32)
+        system, unit = self.pattern.system, self.hierarchy.unit
+        grid, stack = _own_copies(self.hierarchy, self.grid)
+        places = len(grid.aggregate)
+        vectors, singles = np.zeros((4, 2, places)), np.zeros((3, places), dtype=np.float32)
         solution = np.empty((len(conductance), system.size))
         for x, chip in zip(solution, conductance, strict=True):
             entries, excess, b = self.pattern.rows(chip)
-            degree = kernels.refill(indptr, entries, excess, self.face, hierarchy.place, hierarchy.unit, board, inverse)
-            x[:] = self.start
+            degree = kernels.refill(
+                system.coupling.indptr, entries, excess, self.face, grid.place, unit, grid.true, grid.board
+            )
             residual = kernels.solve_board(
-                board, stack, indptr, indices, entries, excess, inverse, hierarchy.place, hierarchy.reach,
-                hierarchy.unit, degree, b, rtol, _MOST_ITERATIONS, x, doubles, singles,
+                grid.true, grid.board, grid.aggregate, grid.boards, stack, grid.place, b / unit, rtol,
+                _MOST_ITERATIONS, self.start, x, vectors, singles,
             )  # fmt: skip
-            check_error(residual, degree, x, b, rtol)
+            check_error(residual * unit, degree * unit, x, b, rtol)
         return solution
 
 
@@ -90,30 +94,36 @@ def board_batch(pattern: Pattern) -> BoardBatch | None:
 
     system = pattern.system
     hierarchy = build_hierarchy(system)
-    if hierarchy.board is None:
+    if hierarchy.grid is None:
         return None
     start, _ = iterate(system, hierarchy, system.feed + system.injected, 1e-12)
-    return BoardBatch(pattern, hierarchy, _faces(pattern, hierarchy, hierarchy.board), start)
+    return BoardBatch(pattern, hierarchy, hierarchy.grid, _faces(pattern, hierarchy.grid), start)
 
 
-def _faces(pattern: Pattern, hierarchy: Hierarchy, board: Board) -> NDArray[np.int64]:
-    coupling, place = pattern.system.coupling, hierarchy.place
+def _faces(pattern: Pattern, grid: GridLevels) -> NDArray[np.int64]:
+    coupling, place, board = pattern.system.coupling, grid.place.astype(np.int64), grid.board
+    places = len(grid.aggregate)
     row = np.repeat(np.arange(len(place)), np.diff(coupling.indptr))
     of_entry = np.zeros(len(row), dtype=np.int64)
-    entry = np.flatnonzero(place[row] < 0)
-    here, there = -1 - place[row[entry]], place[coupling.indices[entry]]
+    entry = np.flatnonzero(place[row] < places)
+    here, there = place[row[entry]], place[coupling.indices[entry]] - places
     away = there - here
     face = np.full(len(entry), -1)
     face[away == board.aside[(here - board.margin) // board.width]] = len(board.distance)
     for q, distance in enumerate(board.distance.tolist()):
         face[away == distance] = q
-    wraps = np.flatnonzero(face < 0)
-    face[wraps[np.argsort(here[wraps], kind="stable")]] = -1 - np.arange(len(wraps))
+    links = np.flatnonzero(face < 0)
+    face[links[np.argsort(here[links], kind="stable")]] = -1 - np.arange(len(links))
     of_entry[entry] = face
     return of_entry
 
 
-def _own_copies(hierarchy: Hierarchy) -> tuple[Board, Stack]:
-    """Board and work space that nobody else writes to."""
-    assert hierarchy.board is not None
-    return copy.deepcopy(hierarchy.board), copy.deepcopy(hierarchy.stack)
+def _own_copies(hierarchy: Hierarchy, grid: GridLevels) -> tuple[GridLevels, Stack]:
+    """Boards and work space that nobody else writes to."""
+    own = replace(grid, true=_copied(grid.true), board=_copied(grid.board), boards=own_vectors(grid.boards))
+    return own, own_work(hierarchy.stack)
+
+
+def _copied(board: Board) -> Board:
+    arrays = ("faces", "links", "red_inverse", "black_inverse", "black_degree")
+    return board._replace(**{name: getattr(board, name).copy() for name in arrays})

@@ -11,102 +11,107 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.nodal.multigrid.checkerboard_kernels import (
+from resgrid.nodal.multigrid.board_cycle import Boards, cycle_boards
+from resgrid.nodal.multigrid.board_passes import (
     Board,
-    add_black,
+    Singles,
     advance,
+    begin_burst,
     black_residual,
     multiply,
     prolong,
     restrict,
 )
-from resgrid.nodal.multigrid.kernels import Stack, cycle
+from resgrid.nodal.multigrid.kernels import Stack
 
 Floats = NDArray[np.float64]
-Unsigned = NDArray[np.uint32]
+Indices = NDArray[np.int32]
 Integers = NDArray[np.int64]
 
-_BURST = 1e-5
 _LEAST_GAIN = 0.5
 _ROUNDING = 2.0**-52
+_SAFETY = 0.8
+_ENOUGH = 0.25
 
 
 @njit(cache=True, nogil=True)
 def refill(
-    indptr: Unsigned, conductance: Floats, excess: Floats, face: Integers, place: Integers, unit: float, board: Board,
-    inverse: Floats,
+    indptr: Indices, conductance: Floats, excess: Floats, face: Integers, place: Indices, unit: float, true: Board,
+    board: Board,
 ) -> float:  # fmt: skip
-    """Write the conductances of a chip onto the board; returns its largest diagonal entry, in siemens.
+    """Write the conductances of a chip onto both boards; returns its largest diagonal entry, in units.
 
-    ``face`` says where an entry of a red row belongs: its face, or -1 less its wrap.
+    ``face`` says where an entry of a red row belongs: its face, or -1 less its link.
     """
-    faces, scale = board.faces, 1.0 / unit
-    largest = 0.0
+    scale, largest, places = 1.0 / unit, 0.0, len(true.black_degree)
     for i in range(len(place)):
-        here = place[i]
-        true, stored = excess[i], excess[i] * scale
+        here, degree = place[i], excess[i] * scale
         for k in range(indptr[i], indptr[i + 1]):
-            single = np.float32(conductance[k] * scale)
-            true += conductance[k]
-            stored += single
-            if here < 0:
+            g = conductance[k] * scale
+            degree += g
+            if here < places:
                 if face[k] >= 0:
-                    faces[face[k], -1 - here] = single
+                    true.faces[face[k], here] = g
+                    board.faces[face[k], here] = g
                 else:
-                    board.wrap_conductance[-1 - face[k]] = single
-        largest = max(largest, true)
-        if here < 0:
-            inverse[i] = 1.0 / true
-            board.red_inverse[-1 - here] = 1.0 / stored
+                    true.links[-1 - face[k]] = g
+                    board.links[-1 - face[k]] = g
+        largest = max(largest, degree)
+        if here < places:
+            true.red_inverse[here] = 1.0 / degree
+            board.red_inverse[here] = 1.0 / degree
         else:
-            board.black_degree[here] = stored
-            board.black_inverse[here] = np.float32(1.0 / stored)
+            true.black_degree[here - places] = degree
+            board.black_inverse[here - places] = 1.0 / degree
     return largest
 
 
 @njit(cache=True, nogil=True)
 def solve_board(
-    board: Board, stack: Stack, indptr: Unsigned, indices: Unsigned, conductance: Floats, excess: Floats,
-    inverse: Floats, place: Integers, reach: int, unit: float, degree: float, b: Floats, rtol: float, most: int,
-    x: Floats, doubles: Floats, singles: NDArray[np.float32],
+    true: Board, board: Board, aggregate: Indices, boards: Boards, stack: Stack, place: Indices, b: Floats,
+    rtol: float, most: int, start: Floats, solution: Floats, vectors: Floats, singles: Singles,
 ) -> float:  # fmt: skip
-    """Improve ``x`` until the residual is ``rtol |b|`` or rounding forbids more; returns the norm of the residual.
+    """Solve from a start until the residual is ``rtol |b|`` or rounding forbids more; returns the norm of the residual.
 
-    As `resgrid.nodal.multigrid.iteration`, in one piece.  ``doubles`` and ``singles`` are work space of 6 and 2 rows
-    of places.
+    As `resgrid.nodal.multigrid.board_iteration`, in one piece.  ``vectors`` and ``singles`` are work space of four
+    times two and of three rows of places.
     """
-    r, correction, p, s, w, double = doubles[0], doubles[1], doubles[2], doubles[3], doubles[4], doubles[5]
-    z, red = singles[0], singles[1]
-    doubles[:] = 0.0
-    singles[:] = 0.0
-    wanted, energy, last = rtol * math.sqrt(np.dot(b, b)), 0.0, np.inf
+    x, currents, r, p, s, w = vectors[0], vectors[1], vectors[2, 0], vectors[2, 1], vectors[3, 0], vectors[3, 1]
+    f, z, red = singles[0], singles[1], singles[2]
+    p[:], s[:] = 0.0, 0.0
+    places = len(r)
+    flat_x, flat_b, squares = x.ravel(), currents.ravel(), 0.0
+    for i in range(len(place)):
+        flat_x[place[i]] = start[i]
+        flat_b[place[i]] = b[i]
+        squares += b[i] * b[i]
+    degree = np.max(true.black_degree)
+    for k in range(places):
+        if true.red_inverse[k] > 0.0:
+            degree = max(degree, 1.0 / true.red_inverse[k])
+    wanted, energy, last = rtol * math.sqrt(squares), 0.0, np.inf
     while True:
-        size = black_residual(indptr, indices, conductance, excess, inverse, place, reach, b, x, r)
-        goal = max(wanted, _ROUNDING * degree * math.sqrt(np.dot(x, x)))
+        size = black_residual(true, currents, x, r)
+        goal = max(wanted, _ROUNDING * degree * math.sqrt(np.dot(flat_x, flat_x)))
         if not (size > goal and size < _LEAST_GAIN * last and most > 0):
-            return size
-        gain = max(_BURST, 0.8 * goal / size)
-        for k in range(len(r)):
-            correction[k] = 0.0
-            r[k] /= size
-            z[k] = np.float32(board.black_inverse[k] * r[k])
+            break
+        begin_burst(board.black_inverse, size, r, f, z)
         left = 1.0
-        while left > gain and most > 0:
-            _precondition(board, stack, r, red, z)
-            zr, zw, zs = multiply(board, z, r, s, double, w)
+        while left > _SAFETY * goal / size and most > 0:
+            restrict(board, aggregate, z, red, boards.b[: boards.size])
+            cycle_boards(boards, stack, _ENOUGH, 0)
+            prolong(board, aggregate, boards.x[: boards.size], f, red, z)
+            zr, zw, zs = multiply(true, z, r, s, x[0], w)
             beta = -zs / energy if energy > 0.0 else 0.0
             energy = zw + beta * zs
             if not energy > 0.0:
                 break
-            left = math.sqrt(advance(board, z, w, p, s, correction, r, beta, zr / energy))
+            squares = advance(
+                board.black_inverse, board.block * board.width, w, p, s, x[1], r, f, z, beta, zr / energy, size
+            )
+            left = math.sqrt(squares)
             most -= 1
-        add_black(place, correction, size / unit, x)
         last = size
-
-
-@njit(cache=True, nogil=True)
-def _precondition(board: Board, stack: Stack, r: Floats, red: NDArray[np.float32], z: NDArray[np.float32]) -> None:
-    first = stack.first[1]
-    restrict(board, z, red, stack.b[:first])
-    cycle(stack, 0.25, 1)
-    prolong(board, stack.x[:first], r, red, z)
+    for i in range(len(place)):
+        solution[i] = flat_x[place[i]]
+    return size

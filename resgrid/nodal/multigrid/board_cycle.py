@@ -35,6 +35,8 @@ class Boards(NamedTuple):
 
     Attributes
     ----------
+    size : int
+        Nodes of the first level below the board that it preconditions: places of both colours, or a graph's nodes.
     places, rows, first_link : ndarray of int64, shape (levels + 1,)
     width, margin, block : ndarray of int64, shape (levels,)
     distance : ndarray of int64, shape (levels, 2 ndim - 1)
@@ -50,6 +52,7 @@ class Boards(NamedTuple):
         Work space over places: right-hand side and answer of the black nodes, products, first direction, red values.
     """
 
+    size: int
     places: Integers
     rows: Integers
     first_link: Integers
@@ -103,9 +106,9 @@ def _board(boards: Boards, level: int) -> Board:
 def _fold(board: Board, b: Singles, red: Singles, f: Singles, z: Singles) -> None:
     """Eliminate the red nodes: ``f`` is what the black ones are due, ``z`` its relaxation."""
     places = len(red)
-    scale(board.red_inverse, b[:places], red)
+    scale(board.red_inverse, 0, places, b, 0, red)
     add_into_black(board, red, b[places:], f)
-    scale(board.black_inverse, f, z)
+    scale(board.black_inverse, 0, len(z), f, 0, z)
 
 
 @njit(cache=True, fastmath=FAST)
@@ -138,7 +141,7 @@ def _first_step(
         _combine(step, z, 0.0, z, z)
         return True
     c[:] = z
-    scale(board.black_inverse, f, z)
+    scale(board.black_inverse, 0, len(z), f, 0, z)
     return False
 
 

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.nodal.multigrid import board_passes as passes
-from resgrid.nodal.multigrid.board_cycle import Boards, cycle_boards
-from resgrid.nodal.multigrid.grid_hierarchy import GridLevels
+from resgrid.nodal.multigrid.board_cycle import cycle_boards
+from resgrid.nodal.multigrid.grid_levels import GridLevels, own_vectors
+from resgrid.nodal.multigrid.hierarchy import Hierarchy
 from resgrid.nodal.multigrid.kernels import norm
 from resgrid.nodal.multigrid.stack import own_work
 from resgrid.nodal.multigrid.stopping import DRIFT, LEAST_GAIN, MOST_ITERATIONS, ErrorBound
@@ -24,10 +25,12 @@ _ENOUGH = 0.25
 """Residual after the first step of a K-cycle that spares the second."""
 
 _SAFETY = 0.8
+"""The recursive residual is brought below the goal by this factor."""
 
 
 def iterate_on_board(
-    levels: GridLevels,
+    hierarchy: Hierarchy,
+    grid: GridLevels,
     b: NDArray[np.float64],
     rtol: float,
     guess: NDArray[np.float64] | None,
@@ -35,13 +38,13 @@ def iterate_on_board(
 ) -> tuple[NDArray[np.float64], float]:
     """As `resgrid.nodal.multigrid.iteration.iterate`, over the black cells of a grid."""
     error = ErrorBound(guess, rtol)
-    true, unit = levels.true, levels.unit
+    true, unit, place = grid.true, hierarchy.unit, grid.place
     places = len(true.black_degree)
     x, currents = np.zeros((2, 2 * places))
-    currents[levels.place] = b / unit
-    x[levels.place] = 0.0 if guess is None else guess
+    currents[place] = b / unit
+    x[place] = 0.0 if guess is None else guess
     x, currents = x.reshape(2, places), currents.reshape(2, places)
-    burst = _Burst(levels, error, watch)
+    burst = _Burst(hierarchy, grid, error, watch)
     last, left = np.inf, MOST_ITERATIONS
     wanted, rounding = rtol * norm(b) / unit, _ROUNDING * _largest_degree(true)
     while True:
@@ -49,7 +52,7 @@ def iterate_on_board(
         goal = max(wanted, rounding * math.hypot(norm(x[0]), norm(x[1])))
         error.small &= size <= max(DRIFT * burst.left * last, goal)
         if error.small or not (size > goal and size < LEAST_GAIN * last and left > 0):
-            return x.ravel()[levels.place], size * unit
+            return x.ravel()[place], size * unit
         if not math.isfinite(last):
             watch.begin(size * unit, goal * unit)
         left -= burst.run(x, size, _SAFETY * goal / size, left)
@@ -65,20 +68,19 @@ def _largest_degree(board: passes.Board) -> float:
 class _Burst:
     """Some steps on the black cells; search directions outlive a burst."""
 
-    def __init__(self, levels: GridLevels, error: ErrorBound, watch: Watch) -> None:
-        self._levels, self._boards, self._stack = levels, _own_vectors(levels.boards), own_work(levels.stack)
-        places = len(levels.aggregate)
+    def __init__(self, hierarchy: Hierarchy, grid: GridLevels, error: ErrorBound, watch: Watch) -> None:
+        self._grid, self._boards, self._stack = grid, own_vectors(grid.boards), own_work(hierarchy.stack)
+        self._unit = hierarchy.unit
+        places = len(grid.aggregate)
         self._z, self._f, self._red = np.zeros((3, places), dtype=np.float32)
         self.r, self._p, self._s, self._w = np.zeros((4, places))
         self._energy = 0.0
         self._error, self._watch = error, watch
-        self._begin = 2 * int(self._boards.places[1]) if len(self._boards.width) else 1 + len(self._stack.b)
-        self._first = 0
         self.left = 1.0
 
     def run(self, x: NDArray[np.float64], size: float, gain: float, most: int) -> int:
         """Reduce the residual ``r``, of norm ``size``, by a factor ``gain``; returns the steps taken."""
-        board, true, levels = self._levels.board, self._levels.true, self._levels
+        board, true = self._grid.board, self._grid.true
         passes.begin_burst(board.black_inverse, size, self.r, self._f, self._z)
         self.left, steps = 1.0, 0
         while self.left > gain and steps < most and not self._error.small:
@@ -95,20 +97,13 @@ class _Burst:
                     self._z, beta, alpha, size,
                 )
             )  # fmt: skip
-            self._error.moved(self._p, alpha * size, alpha * zr * size * size * levels.unit)
-            self._watch.step(self.left * size * levels.unit)
+            self._error.moved(self._p, alpha * size, alpha * zr * size * size * self._unit)
+            self._watch.step(self.left * size * self._unit)
             steps += 1
         return steps
 
     def _precondition(self) -> None:
-        levels, boards = self._levels, self._boards
-        first = 2 * int(boards.places[1]) if len(boards.width) else len(boards.b)
-        passes.restrict(levels.board, levels.aggregate, self._z, self._red, boards.b[:first])
-        cycle_boards(boards, self._stack, _ENOUGH, self._first)
-        passes.prolong(levels.board, levels.aggregate, boards.x[:first], self._f, self._red, self._z)
-
-
-def _own_vectors(boards: Boards) -> Boards:
-    """The same boards with work space of their own, so that one hierarchy can serve several solves at a time."""
-    vectors = {name: np.zeros_like(getattr(boards, name)) for name in ("b", "x", "f", "z", "v", "c", "red")}
-    return boards._replace(**vectors)
+        grid, boards = self._grid, self._boards
+        passes.restrict(grid.board, grid.aggregate, self._z, self._red, boards.b[: boards.size])
+        cycle_boards(boards, self._stack, _ENOUGH, 0)
+        passes.prolong(grid.board, grid.aggregate, boards.x[: boards.size], self._f, self._red, self._z)

@@ -66,64 +66,61 @@ class Board(NamedTuple):
 
 
 @njit(cache=True, fastmath=FAST)
-def _sum_pair(g: Reals, x: Reals, h: Reals, y: Reals, total: Reals) -> None:
-    for k in range(len(total)):
-        total[k] += g[k] * x[k] + h[k] * y[k]
+def _product(g: Reals, q: int, at: int, x: Reals, there: int, count: int, total: Reals, to: int) -> None:
+    """``total = g x`` over ``count`` places; without signs, no index is asked whether it counts from the end."""
+    face, g_at, x_at, t_at = np.uint64(q), np.uint64(at), np.uint64(there), np.uint64(to)
+    for i in range(count):
+        k = np.uint64(i)
+        total[t_at + k] = g[face, g_at + k] * x[x_at + k]
 
 
 @njit(cache=True, fastmath=FAST)
-def _product(g: Reals, x: Reals, total: Reals) -> None:
-    for k in range(len(total)):
-        total[k] = g[k] * x[k]
+def _add_product(g: Reals, q: int, at: int, x: Reals, there: int, count: int, total: Reals, to: int) -> None:
+    face, g_at, x_at, t_at = np.uint64(q), np.uint64(at), np.uint64(there), np.uint64(to)
+    for i in range(count):
+        k = np.uint64(i)
+        total[t_at + k] += g[face, g_at + k] * x[x_at + k]
 
 
 @njit(cache=True, fastmath=FAST)
-def _sum_one(g: Reals, x: Reals, total: Reals) -> None:
-    for k in range(len(total)):
-        total[k] += g[k] * x[k]
-
-
-@njit(cache=True, fastmath=FAST)
-def into_red(board: Board, x: Reals, row: int, total: Reals) -> None:
-    """``total = sum_j g_ij x_j`` across the faces of the red cells of a block of rows."""
-    faces, distance, width = board.faces, board.distance, board.width
-    begin = board.margin + row * width
-    end = begin + len(total)
-    last, used = len(distance), width - 1
-    _product(faces[last - 1, begin:end], x[begin:end], total)
-    for q in range(0, last - 1, 2):
-        d, e = distance[q], distance[q + 1]
-        _sum_pair(faces[q, begin:end], x[begin + d : end + d], faces[q + 1, begin:end], x[begin + e : end + e], total)
-    for i in range(len(total) // width):
+def into_red(board: Board, x: Reals, block: int, total: Reals, to: int) -> None:
+    """``total = sum_j g_ij x_j`` across the faces of the red cells of a block of rows, from place ``to`` on."""
+    row, begin, count = extent(board, block)
+    last, width = len(board.distance), board.width
+    _product(board.faces, last - 1, begin, x, begin, count, total, to)
+    for q in range(last - 1):
+        _add_product(board.faces, q, begin, x, begin + board.distance[q], count, total, to)
+    for i in range(count // width):
         at = begin + i * width
-        there = at + board.aside[row + i]
-        _sum_one(faces[last, at : at + used], x[there : there + used], total[i * width : i * width + used])
+        _add_product(board.faces, last, at, x, at + board.aside[row + i], width - 1, total, to + i * width)
 
 
 @njit(cache=True, fastmath=FAST)
-def into_black(board: Board, x: Reals, row: int, total: Reals) -> None:
-    """``total = sum_j g_ij x_j`` across the faces of the black cells of a block of rows."""
-    faces, distance, width = board.faces, board.distance, board.width
-    begin = board.margin + row * width
-    end = begin + len(total)
-    last, used = len(distance), width - 1
-    _product(faces[last - 1, begin:end], x[begin:end], total)
-    for q in range(0, last - 1, 2):
-        a, b = begin - distance[q], end - distance[q]
-        c, d = begin - distance[q + 1], end - distance[q + 1]
-        _sum_pair(faces[q, a:b], x[a:b], faces[q + 1, c:d], x[c:d], total)
-    for i in range(len(total) // width):
+def into_black(board: Board, x: Reals, block: int, total: Reals, to: int) -> None:
+    """``total = sum_j g_ij x_j`` across the faces of the black cells of a block of rows, from place ``to`` on."""
+    row, begin, count = extent(board, block)
+    last, width = len(board.distance), board.width
+    _product(board.faces, last - 1, begin, x, begin, count, total, to)
+    for q in range(last - 1):
+        there = begin - board.distance[q]
+        _add_product(board.faces, q, there, x, there, count, total, to)
+    for i in range(count // width):
         there = begin + i * width - board.aside[row + i]
-        _sum_one(faces[last, there : there + used], x[there : there + used], total[i * width : i * width + used])
+        _add_product(board.faces, last, there, x, there, width - 1, total, to + i * width)
 
 
 @njit(cache=True)
-def link_into_red(board: Board, drawn: Reals, begin: int, link: int, total: Reals) -> int:
-    """Add what links draw into a block of red cells; returns the next link."""
-    while link < len(drawn) and board.link_red[link] < begin + len(total):
-        total[board.link_red[link] - begin] += drawn[link]
-        link += 1
-    return link
+def extent(board: Board, block: int) -> tuple[int, int, int]:
+    """First row of a block, its first place, and how many places it has."""
+    row = block * board.block
+    return row, board.margin + row * board.width, min(board.block, len(board.aside) - row) * board.width
+
+
+@njit(cache=True)
+def row_blocks(board: Board) -> tuple[int, int]:
+    """How many blocks of rows there are, and how many blocks a neighbour may lie ahead."""
+    blocks = -(-len(board.aside) // board.block)
+    return blocks, (board.margin + board.block * board.width - 1) // (board.block * board.width)
 
 
 @njit(cache=True)
@@ -136,37 +133,29 @@ def drawn_from_black(board: Board, x: Reals) -> Reals:
 
 
 @njit(cache=True)
-def _row_blocks(board: Board) -> tuple[int, int]:
-    """How many blocks of rows there are, and how many blocks a neighbour may lie ahead."""
-    blocks = -(-len(board.aside) // board.block)
-    return blocks, (board.margin + board.block * board.width - 1) // (board.block * board.width)
-
-
-@njit(cache=True)
-def _extent(board: Board, block: int) -> tuple[int, int, int]:
-    """First row of a block, and where its places begin and end."""
-    row = block * board.block
-    begin = board.margin + row * board.width
-    return row, begin, begin + min(board.block, len(board.aside) - row) * board.width
+def link_into_red(board: Board, drawn: Reals, begin: int, count: int, link: int, total: Reals) -> int:
+    """Add what links draw into the red cells of a block; returns the next link."""
+    while link < len(drawn) and board.link_red[link] < begin + count:
+        total[board.link_red[link] - begin] += drawn[link]
+        link += 1
+    return link
 
 
 @njit(cache=True, fastmath=FAST)
-def _relax(inverse: Reals, fed: Reals, total: Reals, value: Reals) -> None:
-    for k in range(len(total)):
-        value[k] = inverse[k] * (fed[k] + total[k])
+def scale(inverse: Reals, begin: int, count: int, total: Reals, to: int, value: Reals) -> None:
+    """``value = inverse * total``, the total from place ``to`` on."""
+    at, t_at = np.uint64(begin), np.uint64(to)
+    for i in range(count):
+        k = np.uint64(i)
+        value[at + k] = inverse[at + k] * total[t_at + k]
 
 
 @njit(cache=True, fastmath=FAST)
-def scale(inverse: Reals, total: Reals, value: Reals) -> None:
-    """``value = inverse * total``."""
-    for k in range(len(total)):
-        value[k] = inverse[k] * total[k]
-
-
-@njit(cache=True, fastmath=FAST)
-def _remainder(degree: Reals, x: Reals, total: Reals) -> None:
-    for k in range(len(total)):
-        total[k] = degree[k] * x[k] - total[k]
+def _relax(inverse: Reals, fed: Reals, begin: int, count: int, total: Reals, value: Reals) -> None:
+    at = np.uint64(begin)
+    for i in range(count):
+        k = np.uint64(i)
+        value[at + k] = inverse[at + k] * (fed[at + k] + total[k])
 
 
 @njit(cache=True, nogil=True)
@@ -177,26 +166,25 @@ def restrict(board: Board, aggregate: Indices, z: Singles, red: Singles, coarse:
     As in the other passes, the red cells go ahead by as many rows as there are between neighbours, so that the faces
     are read once; links are seen to at either end.
     """
-    scratch = np.empty(board.block * board.width, np.float32)
+    total = np.empty(board.block * board.width, np.float32)
     drawn, link = drawn_from_black(board, z), 0
-    for node in range(len(coarse)):
-        coarse[node] = 0.0
-    blocks, ahead = _row_blocks(board)
+    coarse[:] = 0.0
+    blocks, ahead = row_blocks(board)
     for block in range(blocks + ahead):
         if block < blocks:
-            row, begin, end = _extent(board, block)
-            total = scratch[: end - begin]
-            into_red(board, z, row, total)
-            link = link_into_red(board, drawn, begin, link, total)
-            scale(board.red_inverse[begin:end], total, red[begin:end])
+            _, begin, count = extent(board, block)
+            into_red(board, z, block, total, 0)
+            link = link_into_red(board, drawn, begin, count, link, total)
+            scale(board.red_inverse, begin, count, total, 0, red)
         if block >= ahead:
-            row, begin, end = _extent(board, block - ahead)
-            total = scratch[: end - begin]
-            into_black(board, red, row, total)
-            for k in range(len(total)):
-                coarse[aggregate[begin + k]] += total[k]
-    for k in range(len(board.links)):
-        coarse[aggregate[board.link_black[k]]] += board.links[k] * red[board.link_red[k]]
+            into_black(board, red, block - ahead, total, 0)
+            _, begin, count = extent(board, block - ahead)
+            at = np.uint64(begin)
+            for i in range(count):
+                k = np.uint64(i)
+                coarse[np.uint32(aggregate[at + k])] += total[k]
+    for m in range(len(board.links)):
+        coarse[aggregate[board.link_black[m]]] += board.links[m] * red[board.link_red[m]]
     coarse[0] = 0.0
 
 
@@ -204,25 +192,23 @@ def restrict(board: Board, aggregate: Indices, z: Singles, red: Singles, coarse:
 def prolong(board: Board, aggregate: Indices, coarse: Singles, f: Singles, red: Singles, z: Singles) -> None:
     """Add the next level's answer to the black values ``z``, let the red cells follow, then relax the black ones."""
     for k in range(len(z)):
-        z[k] += coarse[aggregate[k]]
-    scratch = np.empty(board.block * board.width, np.float32)
+        z[k] += coarse[np.uint32(aggregate[k])]
+    total = np.empty(board.block * board.width, np.float32)
     drawn, link = drawn_from_black(board, z), 0
-    blocks, ahead = _row_blocks(board)
+    blocks, ahead = row_blocks(board)
     for block in range(blocks + ahead):
         if block < blocks:
-            row, begin, end = _extent(board, block)
-            total = scratch[: end - begin]
-            into_red(board, z, row, total)
-            link = link_into_red(board, drawn, begin, link, total)
-            scale(board.red_inverse[begin:end], total, red[begin:end])
+            _, begin, count = extent(board, block)
+            into_red(board, z, block, total, 0)
+            link = link_into_red(board, drawn, begin, count, link, total)
+            scale(board.red_inverse, begin, count, total, 0, red)
         if block >= ahead:
-            row, begin, end = _extent(board, block - ahead)
-            total = scratch[: end - begin]
-            into_black(board, red, row, total)
-            _relax(board.black_inverse[begin:end], f[begin:end], total, z[begin:end])
-    for k in range(len(board.links)):
-        black = board.link_black[k]
-        z[black] += board.black_inverse[black] * board.links[k] * red[board.link_red[k]]
+            into_black(board, red, block - ahead, total, 0)
+            _, begin, count = extent(board, block - ahead)
+            _relax(board.black_inverse, f, begin, count, total, z)
+    for m in range(len(board.links)):
+        black = board.link_black[m]
+        z[black] += board.black_inverse[black] * board.links[m] * red[board.link_red[m]]
 
 
 @njit(cache=True, nogil=True)
@@ -231,38 +217,42 @@ def multiply(board: Board, z: Singles, r: Reals, s: Reals, red: Reals, w: Reals)
 
     It is formed in the precision of the board.
     """
-    scratch = np.empty(board.block * board.width, board.faces.dtype)
+    total = np.empty(board.block * board.width, board.faces.dtype)
     drawn, link = drawn_from_black(board, z), 0
     zr, zw, zs = 0.0, 0.0, 0.0
-    blocks, ahead = _row_blocks(board)
+    blocks, ahead = row_blocks(board)
     for block in range(blocks + ahead):
         if block < blocks:
-            row, begin, end = _extent(board, block)
-            total = scratch[: end - begin]
-            into_red(board, z, row, total)
-            link = link_into_red(board, drawn, begin, link, total)
-            scale(board.red_inverse[begin:end], total, red[begin:end])
+            _, begin, count = extent(board, block)
+            into_red(board, z, block, total, 0)
+            link = link_into_red(board, drawn, begin, count, link, total)
+            scale(board.red_inverse, begin, count, total, 0, red)
         if block >= ahead:
-            row, begin, end = _extent(board, block - ahead)
-            total = w[begin:end]
-            into_black(board, red, row, total)
-            _remainder(board.black_degree[begin:end], z[begin:end], total)
-            a, b, c = _products(z[begin:end], r[begin:end], total, s[begin:end])
+            _, begin, count = extent(board, block - ahead)
+            into_black(board, red, block - ahead, w, begin)
+            a, b, c = _products(board.black_degree, z, r, s, begin, count, w)
             zr, zw, zs = zr + a, zw + b, zs + c
-    for k in range(len(board.links)):
-        black, drawn_here = board.link_black[k], board.links[k] * red[board.link_red[k]]
+    for m in range(len(board.links)):
+        black, drawn_here = board.link_black[m], board.links[m] * red[board.link_red[m]]
         w[black] -= drawn_here
         zw -= z[black] * drawn_here
     return zr, zw, zs
 
 
 @njit(cache=True, fastmath=FAST)
-def _products(z: Singles, r: Reals, w: Reals, s: Reals) -> tuple[float, float, float]:
+def _products(
+    degree: Reals, z: Singles, r: Reals, s: Reals, begin: int, count: int, w: Reals
+) -> tuple[float, float, float]:
+    """``w = degree z - w`` on a block, and its share of ``z.r``, ``z.w`` and ``z.s``."""
     a, b, c = 0.0, 0.0, 0.0
-    for k in range(len(z)):
+    at = np.uint64(begin)
+    for i in range(count):
+        k = at + np.uint64(i)
         one = np.float64(z[k])
+        v = degree[k] * one - w[k]
+        w[k] = v
         a += one * r[k]
-        b += one * w[k]
+        b += one * v
         c += one * s[k]
     return a, b, c
 
@@ -270,31 +260,25 @@ def _products(z: Singles, r: Reals, w: Reals, s: Reals) -> tuple[float, float, f
 @njit(cache=True)
 def relax_red(board: Board, fed: Reals, black: Reals, red: Reals) -> None:
     """``red = (fed + G black) / degree``."""
-    scratch = np.empty(board.block * board.width, board.faces.dtype)
+    total = np.empty(board.block * board.width, board.faces.dtype)
     drawn, link = drawn_from_black(board, black), 0
-    for block in range(_row_blocks(board)[0]):
-        row, begin, end = _extent(board, block)
-        total = scratch[: end - begin]
-        into_red(board, black, row, total)
-        link = link_into_red(board, drawn, begin, link, total)
-        _relax(board.red_inverse[begin:end], fed[begin:end], total, red[begin:end])
+    for block in range(row_blocks(board)[0]):
+        _, begin, count = extent(board, block)
+        into_red(board, black, block, total, 0)
+        link = link_into_red(board, drawn, begin, count, link, total)
+        _relax(board.red_inverse, fed, begin, count, total, red)
 
 
 @njit(cache=True)
 def add_into_black(board: Board, red: Reals, fed: Reals, total: Reals) -> None:
     """``total = fed + G red`` at the black cells."""
-    for block in range(_row_blocks(board)[0]):
-        row, begin, end = _extent(board, block)
-        into_black(board, red, row, total[begin:end])
-        _add(fed[begin:end], total[begin:end])
-    for k in range(len(board.links)):
-        total[board.link_black[k]] += board.links[k] * red[board.link_red[k]]
-
-
-@njit(cache=True, fastmath=FAST)
-def _add(fed: Reals, total: Reals) -> None:
-    for k in range(len(total)):
-        total[k] += fed[k]
+    for block in range(row_blocks(board)[0]):
+        _, begin, count = extent(board, block)
+        into_black(board, red, block, total, begin)
+        for k in range(begin, begin + count):
+            total[k] += fed[k]
+    for m in range(len(board.links)):
+        total[board.link_black[m]] += board.links[m] * red[board.link_red[m]]
 
 
 @njit(cache=True, nogil=True)

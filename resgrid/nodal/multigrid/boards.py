@@ -12,7 +12,7 @@ from resgrid.nodal.multigrid.board_passes import Board
 from resgrid.nodal.multigrid.levels import Graph
 
 LEAST_WIDTH = 4
-_BLOCK = 1024
+_BLOCK = 2048
 """Places a pass takes at a time: what it touches stays in the first cache."""
 
 _PADDING = 16

@@ -1,4 +1,4 @@
-"""The hierarchy of ever coarser graphs that preconditions the multigrid solver."""
+"""The hierarchy that preconditions the multigrid solver: boards and graphs for grids, graphs for other netlists."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
-from resgrid.nodal.multigrid import aggregation
-from resgrid.nodal.multigrid.checkerboard import lay_out
-from resgrid.nodal.multigrid.checkerboard_kernels import Board
+from resgrid.nodal.multigrid.aggregation import coordinates
+from resgrid.nodal.multigrid.boards import lay_out
+from resgrid.nodal.multigrid.grid_levels import GridLevels, coarsen_grid
 from resgrid.nodal.multigrid.kernels import Stack
 from resgrid.nodal.multigrid.levels import Graph, coarsen_down
 from resgrid.nodal.multigrid.stack import stack_levels
@@ -23,21 +24,15 @@ class Hierarchy:
     Attributes
     ----------
     stack : Stack
-        The levels as graphs; with a board they begin with the first coarse one.
-    board : Board or None
-        The first level by colour, where the circuit is a grid of two colours.
-    place : ndarray of int64, shape (n,)
-        Where every unknown lies on the board: its black place, or -1 less its red place; empty without a board.
-    reach : int
-        How many rows behind its own a row of the system has neighbours.
+        The levels that are graphs: all of them, or those below the boards.
+    grid : GridLevels or None
+        The boards, where the circuit is a grid of two colours.
     unit : float
         Conductance that counts as 1 on all levels, in siemens.
     """
 
     stack: Stack
-    board: Board | None
-    place: NDArray[np.int64]
-    reach: int
+    grid: GridLevels | None
     unit: float
 
 
@@ -52,21 +47,35 @@ def build_hierarchy(system: NodalSystem) -> Hierarchy:
     -------
     Hierarchy
     """
+    layout = system.netlist.layout
+    if layout is not None:
+        pairs, conductance, row, node = _resistors(system, layout.node)
+        unit = float(conductance.mean())
+        laid_out = lay_out(pairs, conductance, row, node, system.excess, unit)
+        made = None if laid_out is None else coarsen_grid(*laid_out)
+        if made is not None:
+            return Hierarchy(made[1], made[0], unit)
     coupling = system.coupling
     unit = float(coupling.data.mean()) if coupling.nnz else float(system.excess.mean())
     cell = _cells(system)
-    coordinate = None if cell is None else _coordinates(system, cell)
-    finest = Graph(coupling.indptr, coupling.indices, coupling.data / unit, system.excess / unit, coordinate)
-    graphs, steps = coarsen_down(finest)
-    laid_out = None
-    if cell is not None and steps:
-        shape = system.netlist.layout.space.shape  # type: ignore[union-attr]
-        laid_out = lay_out(coupling, system.excess, cell, shape, steps[0].target, unit)
-    if laid_out is None:
-        return Hierarchy(stack_levels(graphs, steps), None, np.empty(0, dtype=np.int64), 0, unit)
-    return Hierarchy(
-        stack_levels(graphs[1:], steps[1:]), *laid_out, aggregation.reach(coupling.indptr, coupling.indices), unit
-    )
+    where = None if cell is None or layout is None else coordinates(cell, np.array(layout.node.shape))
+    finest = Graph(coupling.indptr, coupling.indices, coupling.data / unit, system.excess / unit, where)
+    return Hierarchy(stack_levels(*coarsen_down(finest)), None, unit)
+
+
+def _resistors(
+    system: NodalSystem, node: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int32], NDArray[np.int64]]:
+    """Pairs of nodes with their conductance, the row of every node, and the node of every cell.
+
+    Where a system was derived from another one, its rows count as the nodes.
+    """
+    if system.derived is None:
+        return system.netlist.resistor_nodes, system.netlist.conductance, system.unknown, node
+    upper = sparse.triu(system.derived, format="coo")
+    row = np.where(node >= 0, system.unknown[node], -1).astype(np.int64)
+    pairs = np.stack([upper.row, upper.col], axis=1).astype(np.int64)
+    return pairs, upper.data, np.arange(system.size, dtype=np.int32), row
 
 
 def _cells(system: NodalSystem) -> NDArray[np.int64] | None:
@@ -80,9 +89,3 @@ def _cells(system: NodalSystem) -> NDArray[np.int64] | None:
     cell = np.empty(system.size, dtype=np.int64)
     cell[system.unknown[nodes]] = cell_of[nodes]
     return cell
-
-
-def _coordinates(system: NodalSystem, cell: NDArray[np.int64]) -> NDArray[np.int32]:
-    layout = system.netlist.layout
-    assert layout is not None
-    return aggregation.coordinates(cell, np.array(layout.space.shape))

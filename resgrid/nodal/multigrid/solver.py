@@ -142,12 +142,7 @@ class MultigridFactor:
         """The guess, made better where the last update has changed the circuit."""
         if np.shape(guess) != np.shape(b):
             raise InputError(f"the guess has shape {np.shape(guess)}, but the right-hand side {np.shape(b)}")
-        board, change = self.hierarchy.board, self.change
-        if board is None or change is None or change.reason:
-            return np.asarray(guess, dtype=np.float64)
-        from resgrid.nodal.update.window import improve_guess
-
-        return improve_guess(self.system, self.hierarchy, board, change, b, np.asarray(guess, dtype=np.float64))
+        return np.asarray(guess, dtype=np.float64)
 
     def _iterate(
         self, b: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None

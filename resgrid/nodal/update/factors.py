@@ -16,7 +16,6 @@ from resgrid.nodal.multigrid.solver import MultigridFactor
 from resgrid.nodal.reduction.reduced_factor import ELIMINATION, ReducedFactor
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.update.change import Change, change_cells, without_zeros
-from resgrid.nodal.update.levels import patch_levels
 
 _LARGE = 0.03
 """Share of the rows from which levels are built anew."""
@@ -56,10 +55,7 @@ def update_factor(factors: Factor, cells: ArrayLike, to: int) -> Factor:
         return _anew(system, change, "eliminated nodes are eliminated again", partial(factor_system, method=name))
     if isinstance(factors, DirectFactor):
         return _anew(system, change, "factors of the direct method are made again", METHODS["direct"])
-    board = factors.hierarchy.board
-    if board is not None and not change.reason and len(change.pinned) <= _LARGE * system.size:
-        return MultigridFactor(system, patch_levels(factors.hierarchy, board, factors.system, system, change), change)
-    reason = "the grid has no two colours" if board is None else "many cells have changed"
+    reason = "the levels are made again"
     return _anew(system, change, reason, METHODS["multigrid"])
 
 

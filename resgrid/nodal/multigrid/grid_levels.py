@@ -37,10 +37,6 @@ class GridLevels:
         Node of the next level that a black place belongs to.
     boards : Boards
         The coarse boards; there may be none.
-    stack : Stack
-        The graphs below them.
-    unit : float
-        Conductance that counts as 1, in siemens.
     """
 
     true: Board
@@ -48,12 +44,25 @@ class GridLevels:
     place: NDArray[np.int32]
     aggregate: NDArray[np.int32]
     boards: Boards
-    stack: Stack
-    unit: float
 
 
-def coarsen_grid(level: Level, place: NDArray[np.int32], unit: float) -> GridLevels:
-    """Coarsen a grid's first level down to a graph whose matrix can be inverted."""
+def coarsen_grid(level: Level, place: NDArray[np.int32]) -> tuple[GridLevels, Stack] | None:
+    """Coarsen a grid's first level down to a graph whose matrix can be inverted.
+
+    Parameters
+    ----------
+    level : Level
+    place : ndarray of int32, shape (n,)
+        Place of every unknown, red ones first.
+
+    Returns
+    -------
+    grid : GridLevels
+    stack : Stack
+        The graphs below the boards.
+    None
+        Where the grid does not shrink.
+    """
     levels, targets = [level], []
     _, least, greatest = board_setup.conductances_along(level.faces)
     weak = WEAK if least < WEAK * greatest else 0.0
@@ -70,22 +79,23 @@ def coarsen_grid(level: Level, place: NDArray[np.int32], unit: float) -> GridLev
         if coarse.size < _SMALL or coarse.lattice.width < LEAST_WIDTH or extras > _MOST_EXTRAS * coarse.size:
             break
     graph, number = to_graph(levels[-1])
-    if len(levels) > 1:
-        graphs, steps = coarsen_down(graph)
-        targets[-1] = np.where(targets[-1] > 0, number[targets[-1]] + 1, 0).astype(np.int32)
+    graphs, steps = coarsen_down(graph)
+    if targets:
+        targets[-1] = _counted(number, targets[-1])
     else:
-        graphs, steps = coarsen_down(graph)
-        aggregate = np.where(number >= 0, steps[0].target[number] + 1, 0).astype(np.int32)
-        targets, graphs, steps = [aggregate[level.lattice.places :]], graphs[1:], steps[1:]
-    return GridLevels(
-        to_board(level, np.float64),
-        to_board(level, np.float32),
-        place,
-        targets[0],
-        lay_behind([to_board(coarse, np.float32) for coarse in levels[1:-1]], targets[1:], graphs[0].size, level),
-        stack_levels(graphs, steps),
-        unit,
-    )
+        if not steps:
+            return None
+        number[number >= 0] = steps[0].target[number[number >= 0]]
+        targets = [_counted(number, np.arange(level.lattice.places, 2 * level.lattice.places))]
+        graphs, steps = graphs[1:], steps[1:]
+    boards = lay_behind([to_board(coarse, np.float32) for coarse in levels[1:-1]], targets[1:], graphs[0].size, level)
+    grid = GridLevels(to_board(level, np.float64), to_board(level, np.float32), place, targets[0], boards)
+    return grid, stack_levels(graphs, steps)
+
+
+def _counted(number: NDArray[np.int32], place: NDArray[np.integer]) -> NDArray[np.int32]:
+    """Numbers of a graph's nodes at some places, counted from 1; 0 for none, as at place 0."""
+    return (number[place] + 1).astype(np.int32)
 
 
 def lay_behind(boards: list[Board], targets: list[NDArray[np.int32]], nodes: int, level: Level) -> Boards:
@@ -98,6 +108,7 @@ def lay_behind(boards: list[Board], targets: list[NDArray[np.int32]], nodes: int
     vectors = np.zeros((2, 2 * places[-1] + 1 + nodes), dtype=np.float32)
     distance = np.array([board.distance for board in boards]).reshape(len(boards), len(level.faces) - 1)
     return Boards(
+        size=2 * int(places[1]) if boards else 1 + nodes,
         places=places,
         rows=np.cumsum([0, *(len(board.aside) for board in boards)]),
         first_link=np.cumsum([0, *(len(board.links) for board in boards)]),
@@ -120,3 +131,9 @@ def lay_behind(boards: list[Board], targets: list[NDArray[np.int32]], nodes: int
         **dict(zip("fzvc", np.zeros((4, places[-1]), dtype=np.float32), strict=True)),
         red=np.zeros(places[-1], dtype=np.float32),
     )
+
+
+def own_vectors(boards: Boards) -> Boards:
+    """The same boards with work space of their own, so that one hierarchy can serve several solves at a time."""
+    vectors = {name: np.zeros_like(getattr(boards, name)) for name in ("b", "x", "f", "z", "v", "c", "red")}
+    return boards._replace(**vectors)
