@@ -213,7 +213,7 @@ def _solved(factors: Factor | None, currents: list[NDArray[np.float64]], watch: 
 
 
 def _minus(a: Scaled, b: Scaled) -> Scaled:
-    from resgrid.nodal.kernels import correct
+    from resgrid.nodal.refine_kernels import correct
 
     hi, lo, exponent = a.hi.copy(), a.lo.copy(), a.exponent.copy()
     correct(hi, lo, exponent, -b.hi, b.exponent)
