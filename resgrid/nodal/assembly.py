@@ -269,6 +269,13 @@ def sort_row(indices: Indices, data: Floats, begin: int, end: int) -> None:
 
 
 @njit(cache=True)
+def spread(row: Indices, x: Floats, known: Floats, reference: float, height: Floats) -> None:
+    """Heights of all nodes above the reference, from those of the rows and from known voltages."""
+    for node in range(len(row)):
+        height[node] = x[row[node]] if row[node] >= 0 else known[node] - reference
+
+
+@njit(cache=True)
 def plain_currents(
     pairs: Integers, conductance: Floats, height: Floats, amps: Floats, outflow: Floats, through: Floats
 ) -> float:

@@ -111,6 +111,13 @@ class NodalSystem:
         """Number of rows."""
         return len(self.excess)
 
+    @property
+    def drive(self) -> NDArray[np.float64]:
+        """All that drives the rows, in amperes, shape (n,): feed and injected currents together."""
+        if not self.injected.any():
+            return self.feed
+        return self.feed + self.injected if self.feed.any() else self.injected
+
     @cached_property
     def coupling(self) -> sparse.csr_array:
         """The positive conductances ``g_ij`` between rows, in siemens, shape (n, n); symmetric, no diagonal.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from resgrid.nodal.system import NodalSystem, assemble
 from resgrid.space import ConfigurationSpace
 from tests.spaces import space_of, spaces
 
-RULES: tuple[dict[str, object], ...] = (
+RULES: tuple[dict[str, Any], ...] = (
     {},
     {"boundary": "neumann"},
     {"boundary": "wall", "wall_resistance": 3e4},
@@ -60,7 +61,7 @@ def check(system: NodalSystem) -> None:
 
 @settings(deadline=None, max_examples=60)
 @given(space=spaces(), rules=st.sampled_from(RULES), seed=st.integers(0, 99))
-def test_rows_are_sums_over_resistors(space: ConfigurationSpace, rules: dict[str, object], seed: int) -> None:
+def test_rows_are_sums_over_resistors(space: ConfigurationSpace, rules: dict[str, Any], seed: int) -> None:
     try:
         netlist = compile_space(space, **rules)
         spread = np.random.default_rng(seed).uniform(0.5, 2.0, len(netlist.conductance))
@@ -109,7 +110,7 @@ def test_floating_sources_share_rows(seed: int) -> None:
 @settings(deadline=None, max_examples=60)
 @given(space=spaces(), rules=st.sampled_from(RULES), decades=st.sampled_from([0.0, 3.0]), seed=st.integers(0, 99))
 def test_counts_are_those_of_the_compressed_rows(
-    space: ConfigurationSpace, rules: dict[str, object], decades: float, seed: int
+    space: ConfigurationSpace, rules: dict[str, Any], decades: float, seed: int
 ) -> None:
     try:
         netlist = compile_space(space, **rules)
