@@ -12,7 +12,7 @@ from resgrid.nodal.multigrid.checkerboard import lay_out
 from resgrid.nodal.multigrid.checkerboard_kernels import Board
 from resgrid.nodal.multigrid.kernels import Stack
 from resgrid.nodal.multigrid.levels import Graph, coarsen_down
-from resgrid.nodal.multigrid.stack import stack_levels
+from resgrid.nodal.multigrid.stack import stack_graph, stack_levels
 from resgrid.nodal.system import NodalSystem
 
 
@@ -57,13 +57,15 @@ def build_hierarchy(system: NodalSystem) -> Hierarchy:
     cell = _cells(system)
     coordinate = None if cell is None else _coordinates(system, cell)
     finest = Graph(coupling.indptr, coupling.indices, coupling.data / unit, system.excess / unit, coordinate)
+    if cell is None:
+        return Hierarchy(stack_graph(finest), None, np.empty(0, dtype=np.int64), 0, unit)
     graphs, steps = coarsen_down(finest)
     laid_out = None
-    if cell is not None and steps:
+    if steps:
         shape = system.netlist.layout.space.shape  # type: ignore[union-attr]
         laid_out = lay_out(coupling, system.excess, cell, shape, steps[0].target, unit)
     if laid_out is None:
-        return Hierarchy(stack_levels(graphs, steps), None, np.empty(0, dtype=np.int64), 0, unit)
+        return Hierarchy(stack_levels(graphs, steps, free=True), None, np.empty(0, dtype=np.int64), 0, unit)
     return Hierarchy(
         stack_levels(graphs[1:], steps[1:]), *laid_out, aggregation.reach(coupling.indptr, coupling.indices), unit
     )

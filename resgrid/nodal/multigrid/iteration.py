@@ -61,7 +61,7 @@ def iterate(
     """
     watch = Watch() if watch is None else watch
     if hierarchy.board is None:
-        return iterate_on_graph(system, hierarchy.stack, b, rtol, guess, watch)
+        return iterate_on_graph(system, hierarchy.stack, hierarchy.unit, b, rtol, guess, watch)
     return _iterate_on_board(system, hierarchy, hierarchy.board, b, rtol, guess, watch)
 
 
