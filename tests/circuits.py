@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from resgrid.netlist import Netlist
-from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.nodal.operating_point import OperatingPoint, Readings
 
 
 def ladder(rungs: int = 4) -> Netlist:
@@ -68,12 +68,14 @@ def dense_solution(netlist: Netlist) -> OperatingPoint:
         voltage=voltage,
         log_drop=None,
         potential=None,
-        resistor_current=through,
-        resistor_log_current=np.log(np.abs(through) + 1e-300),
-        resistor_direction=np.sign(through).astype(np.int8),
-        source_current=current,
-        power=float(np.sum(through * (first - second))),
-        kcl_residual=0.0,
+        ammeters=Readings(
+            resistor_current=through,
+            resistor_log_current=np.log(np.abs(through) + 1e-300),
+            resistor_direction=np.sign(through).astype(np.int8),
+            source_current=current,
+            power=float(np.sum(through * (first - second))),
+            kcl_residual=0.0,
+        ),
         floating=np.empty(0, dtype=np.int64),
         undriven=np.empty(0, dtype=np.int64),
         method="dense",

@@ -21,7 +21,7 @@ from resgrid.device.resistors import Temperature
 from resgrid.device.settling import Settling, analyse_settling
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.nodal.operating_point import OperatingPoint, Readings
 from resgrid.nodal.secant import small_signal
 from resgrid.nodal.solve import solve
 from resgrid.nodal.transient import transient
@@ -208,12 +208,14 @@ def _at_rest(netlist: Netlist) -> OperatingPoint:
         voltage=np.zeros(netlist.node_count),
         log_drop=None,
         potential=None,
-        resistor_current=np.zeros(m),
-        resistor_log_current=np.full(m, -np.inf),
-        resistor_direction=np.zeros(m, dtype=np.int8),
-        source_current=np.zeros(len(netlist.source_volts)),
-        power=0.0,
-        kcl_residual=0.0,
+        ammeters=Readings(
+            resistor_current=np.zeros(m),
+            resistor_log_current=np.full(m, -np.inf),
+            resistor_direction=np.zeros(m, dtype=np.int8),
+            source_current=np.zeros(len(netlist.source_volts)),
+            power=0.0,
+            kcl_residual=0.0,
+        ),
         floating=np.empty(0, dtype=np.int64),
         undriven=np.empty(0, dtype=np.int64),
         method="none",

@@ -269,6 +269,13 @@ def sort_row(indices: Indices, data: Floats, begin: int, end: int) -> None:
 
 
 @njit(cache=True)
+def spread(row: Indices, x: Floats, known: Floats, reference: float, height: Floats) -> None:
+    """Heights of all nodes above the reference, from those of the rows and from known voltages."""
+    for node in range(len(row)):
+        height[node] = x[row[node]] if row[node] >= 0 else known[node] - reference
+
+
+@njit(cache=True)
 def plain_currents(
     pairs: Integers, conductance: Floats, height: Floats, amps: Floats, outflow: Floats, through: Floats
 ) -> float:
@@ -290,6 +297,38 @@ def plain_currents(
         through[b] += abs(flow)
         power += flow * drop
     return power
+
+
+@njit(cache=True)
+def strongest_of_pairs(
+    pairs: Integers, conductance: Floats, row: Indices, strongest: Floats, neighbours: NDArray[np.int8]
+) -> tuple[int, float, float]:
+    """Find every row's strongest conductance, and count its neighbours up to three.
+
+    Returns how many conductances there are between rows, their smallest and their largest.
+    """
+    count, smallest, largest = 0, np.inf, 0.0
+    for k in range(len(pairs)):
+        i, j = row[pairs[k, 0]], row[pairs[k, 1]]
+        if i < 0 or j < 0 or i == j:
+            continue
+        count += 1
+        g = conductance[k]
+        smallest, largest = min(smallest, g), max(largest, g)
+        strongest[i], strongest[j] = max(strongest[i], g), max(strongest[j], g)
+        neighbours[i], neighbours[j] = min(neighbours[i] + 1, 3), min(neighbours[j] + 1, 3)
+    return count, smallest, largest
+
+
+@njit(cache=True)
+def weak_pairs(pairs: Integers, conductance: Floats, row: Indices, strongest: Floats, weak: float) -> int:
+    """Count the conductances below ``weak`` times the strongest one at either of their rows."""
+    count = 0
+    for k in range(len(pairs)):
+        i, j = row[pairs[k, 0]], row[pairs[k, 1]]
+        if i >= 0 and j >= 0 and i != j and conductance[k] < weak * max(strongest[i], strongest[j]):
+            count += 1
+    return count
 
 
 @njit(cache=True)

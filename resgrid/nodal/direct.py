@@ -129,13 +129,14 @@ class DirectFactor:
         error : float
             Its componentwise backward error.
         """
-        solution, error = refine(self.system, rhs, self._substitute, REFINED)
+        solution, error = refine(self.system, rhs, self._substitute, REFINED, exact=True)
         if watch is not None:
             watch.done(error)
         return solution, error
 
-    def _substitute(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
-        """Both substitutions, in scaled numbers."""
+    def _substitute(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
+        """Both substitutions, in scaled numbers, as accurate as the factors are."""
+        del accuracy
         from resgrid.nodal.kernels import substitute
 
         permuted, exponent = m[self.order], e[self.order]

@@ -23,7 +23,6 @@ _LARGE = 2.0 ** (BITS // 2)
 _SMALL = 2.0 ** -(BITS // 2)
 _SPLITTER = 2.0**27 + 1.0
 _LOG_BASE = BITS * math.log(2.0)
-_SETTLED = 1e-29
 _PARTS = 64.0
 
 Floats = NDArray[np.float64]
@@ -131,76 +130,6 @@ def _shift(value: float, steps: int) -> float:
     if steps == -1:
         return value * _INVERSE
     return 0.0 if steps < 0 else math.copysign(np.inf, value)
-
-
-@njit(cache=True, nogil=True)
-def correct(hi: Floats, lo: Floats, e: Integers, m: Floats, me: Integers) -> None:
-    """Add the scaled numbers ``(m, me)`` to scaled double-doubles, in place."""
-    for i in range(len(hi)):
-        if m[i] == 0.0:
-            continue
-        if hi[i] == 0.0 or me[i] > e[i] + 1:
-            hi[i], e[i] = _canonical(m[i], me[i])
-            lo[i] = 0.0
-            continue
-        if me[i] == e[i] + 1:
-            hi[i], lo[i], e[i] = hi[i] * _INVERSE, lo[i] * _INVERSE, me[i]
-        hi[i], lo[i] = _sum(hi[i], lo[i], _shift(m[i], me[i] - e[i]), 0.0)
-        scaled, exponent = _canonical(hi[i], e[i])
-        lo[i] = _shift(lo[i], e[i] - exponent)
-        hi[i], e[i] = scaled, exponent
-
-
-@njit(cache=True, nogil=True)
-def residual(
-    indptr: Indices,
-    indices: Indices,
-    conductance: Floats,
-    excess: Floats,
-    injected: Floats,
-    injected_e: Integers,
-    hi: Floats,
-    lo: Floats,
-    e: Integers,
-    out: Floats,
-    out_e: Integers,
-) -> float:
-    """Residual of KCL in scaled numbers ``(out, out_e)``; returns its componentwise backward error.
-
-    Row ``i`` is ``b_i - s_i x_i + sum_j g_ij (x_j - x_i)``: differences come first, so that off-diagonals and row
-    excess never meet in a rounded diagonal.  Each row has the exponent of its largest value.  The backward error is
-    ``max |r_i| / (b + |A| |x|)_i`` (Oettli & Prager 1964).  Rows that are right to the noise of double-double come out
-    as 0, so that a correction can turn to those that are smaller by many decades.
-    """
-    worst = 0.0
-    for i in range(len(hi)):
-        top = np.int64(-(2**62))
-        if injected[i] != 0.0:
-            top = injected_e[i]
-        if hi[i] != 0.0:
-            top = max(top, e[i])
-        for k in range(indptr[i], indptr[i + 1]):
-            if hi[indices[k]] != 0.0:
-                top = max(top, e[indices[k]])
-        own, own_low = _shift(hi[i], e[i] - top), _shift(lo[i], e[i] - top)
-        b = _shift(injected[i], injected_e[i] - top)
-        p, q = _two_product(excess[i], own)
-        r, r_low = _sum(b, 0.0, -p, -(q + excess[i] * own_low))
-        size = abs(b) + abs(p)
-        for k in range(indptr[i], indptr[i + 1]):
-            j = indices[k]
-            x = _shift(hi[j], e[j] - top)
-            d, d_low = _sum(x, _shift(lo[j], e[j] - top), -own, -own_low)
-            p, q = _two_product(conductance[k], d)
-            r, r_low = _sum(r, r_low, p, q + conductance[k] * d_low)
-            size += conductance[k] * (abs(x) + abs(own))
-        out[i] = r + r_low
-        out_e[i] = top if out[i] != 0.0 else 0
-        if size > 0.0:
-            worst = max(worst, abs(out[i]) / size)
-        if abs(out[i]) <= _SETTLED * size:
-            out[i], out_e[i] = 0.0, 0
-    return worst
 
 
 @njit(cache=True)

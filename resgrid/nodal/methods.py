@@ -28,8 +28,6 @@ _MOST_DECADES = 120.0
 _WHOLE_STEPS = 0.7
 """Potentials fall over straight distances, ways on a grid are longer."""
 
-_WEAK = 0.1
-
 _FAIR_SHARE = 0.2
 """Share of the rows that elimination must take to be worth its way back and forth."""
 
@@ -107,10 +105,11 @@ def choose_method(system: NodalSystem, accuracy: str = "direction") -> str:
     str
         ``"direct"`` or ``"multigrid"``.
     """
-    if system.size < _SMALL or not system.coupling.nnz:
+    found = system.connections
+    if system.size < _SMALL or not found.entries:
         return "direct"
-    neighbours = system.coupling.nnz / system.size
-    if _weak_share(system) > (_ROUGH_VOLUME if neighbours > _VOLUME else _ROUGH):
+    neighbours = found.entries / system.size
+    if found.weak > (_ROUGH_VOLUME if neighbours > _VOLUME else _ROUGH):
         return "direct"
     decades = 0.0
     if accuracy == "direction" and system.rails is not None:
@@ -140,14 +139,6 @@ def _multigrid_seconds(system: NodalSystem, accuracy: str, decades: float) -> fl
     return (0.8e-6 + 0.35e-6 * passes) * system.size
 
 
-def _weak_share(system: NodalSystem) -> float:
-    """Share of conductances that are weak beside the strongest one at either of their ends."""
-    from resgrid.nodal.assembly import weak_share
-
-    coupling = system.coupling
-    return float(weak_share(coupling.indptr, coupling.indices, coupling.data, _WEAK))
-
-
 def _decades(system: NodalSystem, *, volume: bool) -> float:
     """Rough number of decades that a potential between two rails falls over the graph; 0 for other circuits.
 
@@ -172,7 +163,7 @@ def estimate_memory(system: NodalSystem, method: str = "direct", dimensions: int
     """
     n = system.size
     if method == "multigrid":
-        return 400.0 * n + 40.0 * system.coupling.nnz
+        return 400.0 * n + 40.0 * system.connections.entries
     fill = {
         0: 3.0 * n,
         1: 3.0 * n,

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,50 @@ from resgrid.netlist import Netlist
 
 
 @dataclass(frozen=True, eq=False)
+class Readings:
+    """What the ammeters read, and whether it adds up.
+
+    Attributes
+    ----------
+    resistor_current, resistor_log_current, resistor_direction, source_current, power, kcl_residual
+        As the attributes of `OperatingPoint`.
+    """
+
+    resistor_current: NDArray[np.float64]
+    resistor_log_current: NDArray[np.float64]
+    resistor_direction: NDArray[np.int8]
+    source_current: NDArray[np.float64]
+    power: float
+    kcl_residual: float
+
+    def __post_init__(self) -> None:
+        for array in (self.resistor_current, self.resistor_log_current, self.resistor_direction, self.source_current):
+            array.flags.writeable = False
+
+
+@dataclass(frozen=True, eq=False)
+class Ammeters:
+    """Readings that are taken when first asked for, and kept.
+
+    Attributes
+    ----------
+    read : callable
+        Takes the readings, the same ones every time.
+    """
+
+    read: Callable[[], Readings]
+
+    @cached_property
+    def readings(self) -> Readings:
+        """The readings."""
+        return self.read()
+
+
+@dataclass(frozen=True, eq=False)
 class OperatingPoint:
     """The direct-current solution of a netlist.
+
+    The currents of a normwise answer are computed from its voltages when first asked for.
 
     Attributes
     ----------
@@ -28,18 +71,8 @@ class OperatingPoint:
     potential : ndarray of float64, shape (nodes,), or None
         With two rails ``1 - u``, taken from whichever of both is smaller.  With one rail and currents of one sign the
         height above (or below) that rail, scaled to a maximum of 1.  None otherwise.
-    resistor_current : ndarray of float64, shape (resistors,)
-        Current from a resistor's first node to its second, in amperes (0 where it underflows).
-    resistor_log_current : ndarray of float64, shape (resistors,)
-        Natural logarithm of its magnitude; -inf where no current flows.
-    resistor_direction : ndarray of int8, shape (resistors,)
-        Its sign: 1 from the first node to the second, -1 back, 0 none.
-    source_current : ndarray of float64, shape (sources,)
-        Current into the plus terminal of every voltage source (SPICE's sign), in amperes; NaN in a loop of sources.
-    power : float
-        Power dissipated in the resistors, nonlinear ones included, in watts.
-    kcl_residual : float
-        Largest violation of Kirchhoff's current law at a node, relative to the current through that same node.
+    ammeters : Readings or Ammeters
+        Currents, power and KCL residual, at hand or to be read: the point has each reading as a property.
     floating : ndarray of int64
         Nodes that no path of resistors or voltage sources ties to ground; their voltage is NaN.
     undriven : ndarray of int64
@@ -66,12 +99,7 @@ class OperatingPoint:
     voltage: NDArray[np.float64]
     log_drop: NDArray[np.float64] | None
     potential: NDArray[np.float64] | None
-    resistor_current: NDArray[np.float64]
-    resistor_log_current: NDArray[np.float64]
-    resistor_direction: NDArray[np.int8]
-    source_current: NDArray[np.float64]
-    power: float
-    kcl_residual: float
+    ammeters: Readings | Ammeters
     floating: NDArray[np.int64]
     undriven: NDArray[np.int64]
     method: str
@@ -83,11 +111,48 @@ class OperatingPoint:
     nonlinear_direction: NDArray[np.int8] = field(default_factory=lambda: np.empty(0, dtype=np.int8))
 
     def __post_init__(self) -> None:
-        for name in ("voltage", "log_drop", "potential", "resistor_current", "resistor_log_current"):
-            array = getattr(self, name)
+        for array in (self.voltage, self.log_drop, self.potential):
             if array is not None:
                 array.flags.writeable = False
-        for array in (self.resistor_direction, self.source_current, self.floating, self.undriven):
+        for array in (self.floating, self.undriven):
             array.flags.writeable = False
         for array in (self.nonlinear_amps, self.nonlinear_log_amps, self.nonlinear_direction):
             array.flags.writeable = False
+
+    @property
+    def readings(self) -> Readings:
+        """What the ammeters read."""
+        return self.ammeters if isinstance(self.ammeters, Readings) else self.ammeters.readings
+
+    @property
+    def resistor_current(self) -> NDArray[np.float64]:
+        """Current from a resistor's first node to its second, in amperes, shape (resistors,); 0 where it underflows."""
+        return self.readings.resistor_current
+
+    @property
+    def resistor_log_current(self) -> NDArray[np.float64]:
+        """Natural logarithm of its magnitude, shape (resistors,); -inf where no current flows."""
+        return self.readings.resistor_log_current
+
+    @property
+    def resistor_direction(self) -> NDArray[np.int8]:
+        """Its sign, shape (resistors,): 1 from the first node to the second, -1 back, 0 none."""
+        return self.readings.resistor_direction
+
+    @property
+    def source_current(self) -> NDArray[np.float64]:
+        """Current into the plus terminal of every voltage source, in amperes, shape (sources,).
+
+        The sign is SPICE's; NaN in a loop of sources.
+        """
+        return self.readings.source_current
+
+    @property
+    def power(self) -> float:
+        """Power dissipated in the resistors, nonlinear ones included, in watts."""
+        return self.readings.power
+
+    @property
+    def kcl_residual(self) -> float:
+        """Largest violation of Kirchhoff's current law at a node, relative to the current through that same node."""
+        return self.readings.kcl_residual

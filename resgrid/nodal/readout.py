@@ -122,7 +122,9 @@ def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
     """Current that the current sources feed into every node, in amperes; shape (nodes,)."""
     count = netlist.node_count
     taken, fed = netlist.current_nodes.T
-    return np.asarray(np.bincount(fed, netlist.current_amps, count) - np.bincount(taken, netlist.current_amps, count))
+    amps = netlist.current_amps
+    # Counts of nothing come as whole numbers, whatever their weights.
+    return np.asarray(np.bincount(fed, amps, count) - np.bincount(taken, amps, count), dtype=np.float64)
 
 
 def balance(netlist: Netlist, flow: Currents) -> Balance:

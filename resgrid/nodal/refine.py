@@ -1,7 +1,8 @@
-"""Refinement in scaled double-double: from an approximate inverse to an answer that is right entry by entry.
+"""Refinement of scaled double-doubles: from an approximate inverse to an answer that is right entry by entry.
 
-The residual is computed with differences first, relative to each node's own exponent, so that every pass gains the
-digits of the approximate inverse wherever it is any good, and goes on until nothing is left to gain.
+The residual is computed with differences first, relative to the currents at each node, so that every pass gains the
+digits of the approximate inverse wherever it is any good.  It ends where KCL holds to the rounding of currents at every
+node, however small they are there, or where nothing is left to gain.
 """
 
 from __future__ import annotations
@@ -11,22 +12,35 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.nodal.scaled import BITS, Scaled
+from resgrid.nodal.scaled import BITS, Scaled, power
 from resgrid.nodal.system import NodalSystem
 
 _MOST_STEPS = 60
 _LEAST_GAIN = 0.5
 
+_MARGIN = 0.01
+"""Share of the violation allowed that the last pass aims at."""
+
+_FLAT = 1e-14
+"""Share of currents in ``(b + |A| |x|)_i`` below which they may be what rounding leaves of none."""
+
+_LEAST_PLAIN = 1e-200
+"""Smallest value that needs no exponent; residuals are up to a hundred decades smaller."""
 
 Numbers = tuple[NDArray[np.float64], NDArray[np.int64]]
 """Scaled numbers in single doubles: mantissas and exponents."""
+
+Approximation = Callable[[NDArray[np.float64], NDArray[np.int64], float], Numbers]
+"""About ``A^-1`` times scaled numbers, right to a share (the third argument) of the largest; may be better."""
 
 
 def refine(
     system: NodalSystem,
     rhs: NDArray[np.float64] | Scaled,
-    approximate: Callable[[NDArray[np.float64], NDArray[np.int64]], Numbers],
-    target: float,
+    approximate: Approximation,
+    floor: float,
+    *,
+    exact: bool = False,
 ) -> tuple[Scaled, float]:
     """Solve for a right-hand side without negative entries.
 
@@ -36,9 +50,11 @@ def refine(
     rhs : ndarray of float64 or Scaled, shape (n,)
         Currents in amperes, none negative; of scaled ones ``lo`` is not used.
     approximate : callable
-        Takes and returns scaled numbers: about ``A^-1`` times its argument.
-    target : float
-        Componentwise backward error at which to stop.
+        Takes scaled numbers and the accuracy wanted, and returns scaled numbers.
+    floor : float
+        Componentwise backward error to reach where hardly any current flows; everywhere, if ``exact``.
+    exact : bool
+        Whether KCL is to hold relative to the voltages, not just to the currents at every node.
 
     Returns
     -------
@@ -47,35 +63,136 @@ def refine(
     error : float
         Its componentwise backward error.
     """
-    from resgrid.nodal import kernels
+    pair = _Answer(system, rhs, floor, exact)
+    best, size, gain = np.inf, np.inf, 0.0
+    while pair.steps < _MOST_STEPS:
+        pair.improve(*approximate(pair.residual, pair.exponent, gain))
+        if not (pair.error < _LEAST_GAIN * best or pair.log_size < size + np.log(_LEAST_GAIN)):
+            pair.take_back()
+            break
+        best, size = pair.error, pair.log_size
+        if pair.left <= 1.0:
+            break
+        gain = _MARGIN / pair.left
+    return pair.solution, float(best)
 
-    coupling = system.coupling
-    n = system.size
-    answer = Scaled.of(np.zeros(n))
-    current, scale = scaled_currents(rhs)
-    row_error, exponent = current.copy(), scale.copy()
-    best, error, size = answer, np.inf, np.inf
-    for _ in range(_MOST_STEPS):
-        m, e = approximate(row_error, exponent)
-        answer = Scaled(answer.hi.copy(), answer.lo.copy(), answer.exponent.copy())
-        kernels.correct(answer.hi, answer.lo, answer.exponent, m, e)
-        now = kernels.residual(
-            coupling.indptr, coupling.indices, coupling.data, system.excess, current, scale,
-            answer.hi, answer.lo, answer.exponent, row_error, exponent,
+
+class _Answer:
+    """Double-doubles that are corrected step by step, and their residual; with exponents only where needed."""
+
+    def __init__(self, system: NodalSystem, rhs: NDArray[np.float64] | Scaled, floor: float, exact: bool) -> None:
+        n = system.size
+        self._system, self._floor, self._exact, self.steps = system, floor, exact, 0
+        self._current, self._scale = scaled_currents(rhs)
+        self._now, self._last = _zeros(n), _zeros(n)
+        self._plain = not exact and _without_exponent(self._current, self._scale)
+        self.residual, self.exponent = self._current.copy(), self._scale.copy()
+        self.error = self.left = np.inf
+
+    @property
+    def solution(self) -> Scaled:
+        """The answer, in canonical numbers."""
+        from resgrid.nodal.refine_kernels import canonical_pairs
+
+        canonical_pairs(*self._now)
+        return Scaled(*self._now)
+
+    @property
+    def log_size(self) -> float:
+        """Natural logarithm of the largest entry of the residual."""
+        with np.errstate(divide="ignore"):
+            if self._plain:
+                return float(np.log(max(self.residual.max(initial=0.0), -self.residual.min(initial=0.0))))
+            log = np.log(np.abs(self.residual)) + self.exponent * (BITS * np.log(2.0))
+        return float(np.max(log, initial=-np.inf))
+
+    def improve(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> None:
+        """Add a correction, and compute the residual."""
+        from resgrid.nodal.refine_kernels import correct, corrected
+
+        self.steps += 1
+        self._now, self._last = self._last, self._now
+        if self._plain and not _without_exponent(m, e):
+            self._leave_plain()
+        if self._plain:
+            corrected(*self._last[:2], m, *self._now[:2])
+        else:
+            for new, old in zip(self._now, self._last, strict=True):
+                new[:] = old
+            correct(*self._now, m, e)
+        self._compute_residual()
+
+    def take_back(self) -> None:
+        """Forget the last correction."""
+        self._now, self._last = self._last, self._now
+
+    def _compute_residual(self) -> None:
+        """Judge relative to the currents, and where they are too small for that, relative to the voltages."""
+        if not self._exact:
+            least, share = self._residual_of_currents()
+            if self._plain and least < _LEAST_PLAIN:
+                self._leave_plain()
+                _, share = self._residual_of_currents()
+            if self.left > 1.0 or share > _FLAT:
+                return
+            self._leave_plain()
+            self._exact = True
+        self._exact_residual()
+
+    def _residual_of_currents(self) -> tuple[float, float]:
+        from resgrid.nodal.refine_kernels import residual
+
+        self.error, self.left, least, share = residual(
+            *self._rows, self._current, self._scale, *self._now,
+            self._plain, self._floor, _kept(self.steps), self.residual, self.exponent,
         )  # fmt: skip
-        log_size = _log_largest(row_error, exponent)
-        if not (now < _LEAST_GAIN * error or log_size < size + np.log(_LEAST_GAIN)):
-            break
-        best, error, size = answer, now, log_size
-        if error <= target:
-            break
-    return best, float(error)
+        return least, share
+
+    def _exact_residual(self) -> None:
+        from resgrid.nodal.refine_kernels import exact_residual
+
+        self.error = exact_residual(
+            *self._rows, self._current, self._scale, *self._now, self.residual, self.exponent
+        )  # fmt: skip
+        self.left = self.error / self._floor
+
+    @property
+    def _rows(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
+        coupling = self._system.coupling
+        return coupling.indptr, coupling.indices, coupling.data, self._system.excess
+
+    def _leave_plain(self) -> None:
+        from resgrid.nodal.kernels import canonical
+        from resgrid.nodal.refine_kernels import canonical_pairs
+
+        self._plain = False
+        canonical(self._current, self._scale)
+        canonical_pairs(*self._now)
+        canonical_pairs(*self._last)
 
 
-def _log_largest(m: NDArray[np.float64], e: NDArray[np.int64]) -> float:
-    """Logarithm of the largest magnitude."""
-    with np.errstate(divide="ignore"):
-        return float(np.max(np.log(np.abs(m)) + e * (BITS * np.log(2.0)), initial=-np.inf))
+def _zeros(n: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+    return np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.int64)
+
+
+def _kept(step: int) -> float:
+    """Roundings by which a row may violate KCL that has been found right before.
+
+    More at every step: on the verge of a bound that stands still, rows would come and go, and what they stir up
+    would drown others that are smaller by many decades.
+    """
+    return 1.0 if step == 1 else 4.0 * step
+
+
+def _without_exponent(m: NDArray[np.float64], e: NDArray[np.int64]) -> bool:
+    """Write scaled numbers as doubles, in place, if their range allows."""
+    lowest, highest = e.min(initial=0), e.max(initial=0)
+    if lowest < -2 or highest > 1:
+        return False
+    if lowest < 0 or highest > 0:
+        m *= power(e)
+        e[:] = 0
+    return True
 
 
 def scaled_currents(rhs: NDArray[np.float64] | Scaled) -> Numbers:

@@ -115,13 +115,16 @@ def _in_place(netlist: Netlist, point: OperatingPoint, change: float, seconds: f
     return dataclasses.replace(
         point,
         netlist=netlist,
-        resistor_current=point.resistor_current[:m],
-        resistor_log_current=point.resistor_log_current[:m],
-        resistor_direction=point.resistor_direction[:m],
+        ammeters=dataclasses.replace(
+            point.readings,
+            resistor_current=point.resistor_current[:m],
+            resistor_log_current=point.resistor_log_current[:m],
+            resistor_direction=point.resistor_direction[:m],
+            kcl_residual=max(point.kcl_residual, change),
+        ),
         nonlinear_amps=point.resistor_current[m:],
         nonlinear_log_amps=point.resistor_log_current[m:],
         nonlinear_direction=point.resistor_direction[m:],
-        kcl_residual=max(point.kcl_residual, change),
         method=f"newton, {point.method}",
         seconds={"newton": seconds, **point.seconds},
     )

@@ -16,7 +16,7 @@ from resgrid.netlist import Netlist
 from resgrid.nodal import readout
 from resgrid.nodal.factor import Factor
 from resgrid.nodal.methods import factor_system
-from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.nodal.operating_point import OperatingPoint, Readings
 from resgrid.nodal.plain import read_plain
 from resgrid.nodal.readout import Balance, Levels
 from resgrid.nodal.scaled import Scaled
@@ -102,7 +102,8 @@ def solve(
     name = factors.name if factors else "none"
     if accuracy == "normwise":
         with _timed(seconds, "substitute"):
-            x = factors.solve(system.feed + system.injected, rtol=rtol, watch=watch) if factors else np.zeros(0)
+            x = factors.solve(system.drive, rtol=rtol, watch=watch) if factors else np.zeros(0)
+            del factors
         with _timed(seconds, "read"):
             point = read_plain(system, x, name, seconds)
         return replace(point, iterations=watch.iterations, backward_error=watch.error)
@@ -170,7 +171,7 @@ def _entrywise_levels(system: NodalSystem, factors: Factor | None, watch: Watch,
             readout.at_nodes(system, height, rails.low, span),
             readout.at_nodes(system, drop, rails.high, -span),
         ]
-    drive = system.feed + system.injected
+    drive = system.drive
     rising, falling = _solved(factors, [np.maximum(drive, 0.0), np.maximum(-drive, 0.0)], watch, threads)
     if not np.any(drive < 0):
         return [readout.at_nodes(system, rising, system.reference, 1.0)]
@@ -213,7 +214,7 @@ def _solved(factors: Factor | None, currents: list[NDArray[np.float64]], watch: 
 
 
 def _minus(a: Scaled, b: Scaled) -> Scaled:
-    from resgrid.nodal.kernels import correct
+    from resgrid.nodal.refine_kernels import correct
 
     hi, lo, exponent = a.hi.copy(), a.lo.copy(), a.exponent.copy()
     correct(hi, lo, exponent, -b.hi, b.exponent)
@@ -240,12 +241,14 @@ def _read_off(
         voltage=voltage,
         log_drop=log_drop,
         potential=potential,
-        resistor_current=amps,
-        resistor_log_current=flow.log_amps,
-        resistor_direction=flow.direction,
-        source_current=source_currents(netlist, system.forest, _outflow(netlist, amps)),
-        power=power,
-        kcl_residual=float(np.max(readout.relative_residual(system, sums), initial=0.0)),
+        ammeters=Readings(
+            resistor_current=amps,
+            resistor_log_current=flow.log_amps,
+            resistor_direction=flow.direction,
+            source_current=source_currents(netlist, system.forest, _outflow(netlist, amps)),
+            power=power,
+            kcl_residual=float(np.max(readout.relative_residual(system, sums), initial=0.0)),
+        ),
         floating=system.floating,
         undriven=system.undriven,
         method=method,

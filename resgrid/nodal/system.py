@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,9 @@ from scipy import sparse
 from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Netlist
 from resgrid.nodal.sources import SourceForest, tie_sources
+
+if TYPE_CHECKING:
+    from resgrid.nodal.connections import Connections
 
 Ties = tuple[NDArray[np.float64], NDArray[np.float64]]
 
@@ -107,6 +111,13 @@ class NodalSystem:
         """Number of rows."""
         return len(self.excess)
 
+    @property
+    def drive(self) -> NDArray[np.float64]:
+        """All that drives the rows, in amperes, shape (n,): feed and injected currents together."""
+        if not self.injected.any():
+            return self.feed
+        return self.feed + self.injected if self.feed.any() else self.injected
+
     @cached_property
     def coupling(self) -> sparse.csr_array:
         """The positive conductances ``g_ij`` between rows, in siemens, shape (n, n); symmetric, no diagonal.
@@ -122,6 +133,13 @@ class NodalSystem:
         coupling = sparse.csr_array((data, indices, indptr), shape=(size, size))
         coupling.has_sorted_indices = coupling.has_canonical_format = True
         return coupling
+
+    @cached_property
+    def connections(self) -> Connections:
+        """Counts of neighbours and a comparison of conductances, which a method is chosen by."""
+        from resgrid.nodal.connections import count_connections
+
+        return count_connections(self)
 
     @cached_property
     def degree(self) -> NDArray[np.float64]:
@@ -244,10 +262,11 @@ def _check_driven(netlist: Netlist, known: NDArray[np.float64], parts: _Parts) -
     if np.any(parts.fed & parts.floating):
         fed = netlist.current_nodes[netlist.current_amps != 0].ravel()
         stuck = fed[(parts.of_node[fed] >= 0) & parts.floating[parts.of_node[fed]]]
-        raise CircuitError(
-            f"a current source feeds node {netlist.node_name(int(stuck.min()))}, which nothing ties to ground: "
-            "its voltage has no bound; add a resistor to a rail or remove the source"
-        )
+        if stuck.size:
+            raise CircuitError(
+                f"a current source feeds node {netlist.node_name(int(stuck.min()))}, which nothing ties to ground: "
+                "its voltage has no bound; add a resistor to a rail or remove the source"
+            )
     if parts.driven.any():
         return
     ends = known[netlist.resistor_nodes]

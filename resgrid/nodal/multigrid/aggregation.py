@@ -16,21 +16,6 @@ _SAMPLE = 50_000
 
 
 @njit(cache=True)
-def _numbered(parent: Indices) -> tuple[Indices, int]:
-    """Number the trees of a union-find in the order of their roots, which are their smallest nodes."""
-    aggregate = np.empty(len(parent), np.int32)
-    count = 0
-    for node in range(len(parent)):
-        root = find(parent, node)
-        if root == node:
-            aggregate[node] = count
-            count += 1
-        else:
-            aggregate[node] = aggregate[root]
-    return aggregate, count
-
-
-@njit(cache=True)
 def coordinates(cell: Integers, shape: Integers) -> Indices:
     """Indices of cells given by their place in C order."""
     out = np.empty((len(cell), len(shape)), np.int32)
@@ -110,31 +95,6 @@ def _numbered_by_colour(parent: Indices, coordinate: Indices, shift: Integers) -
     for node in range(len(parent)):
         aggregate[node] = aggregate[find(parent, node)]
     return aggregate, count
-
-
-@njit(cache=True)
-def aggregate_pairs(indptr: Indices, indices: Indices, conductance: Floats) -> tuple[Indices, int]:
-    """Aggregates: every node with its strongest neighbour that is still alone, or with that neighbour's pair."""
-    n = len(indptr) - 1
-    parent = np.arange(n).astype(np.int32)
-    taken = np.zeros(n, np.bool_)
-    for node in range(n):
-        if taken[node]:
-            continue
-        best, partner = 0.0, -1
-        strongest, neighbour = 0.0, -1
-        for k in range(indptr[node], indptr[node + 1]):
-            if conductance[k] > strongest:
-                strongest, neighbour = conductance[k], indices[k]
-            if conductance[k] > best and not taken[indices[k]]:
-                best, partner = conductance[k], indices[k]
-        if partner < 0 or best < 0.25 * strongest:
-            partner = neighbour
-        if partner < 0:
-            continue
-        taken[node] = taken[partner] = True
-        join(parent, node, partner)
-    return _numbered(parent)
 
 
 @njit(cache=True)

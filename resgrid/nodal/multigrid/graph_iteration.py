@@ -1,56 +1,85 @@
-"""Flexible conjugate gradients over the rows of a netlist that is no grid."""
+"""Flexible conjugate gradients over the rows of a netlist that is no grid.
+
+They run in the order of the first level, over its conductances in single precision, in bursts: after each the true
+residual is formed from the true conductances, and the next begins with it, search directions kept.
+"""
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.nodal.multigrid import kernels
-from resgrid.nodal.multigrid.kernels import Stack
+from resgrid.nodal.multigrid import graph_kernels as passes
+from resgrid.nodal.multigrid.kernels import Stack, norm
 from resgrid.nodal.multigrid.stack import own_work
 from resgrid.nodal.multigrid.stopping import DRIFT, LEAST_GAIN, MOST_ITERATIONS, ErrorBound
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.watch import Watch
 
+_BURST = 1e-5
+_ROUNDING = 2.0**-52
+
 
 def iterate_on_graph(
     system: NodalSystem,
     stack: Stack,
+    unit: float,
     b: NDArray[np.float64],
     rtol: float,
     guess: NDArray[np.float64] | None,
     watch: Watch,
 ) -> tuple[NDArray[np.float64], float]:
-    """As `resgrid.nodal.multigrid.iteration.iterate`, over the rows of a netlist."""
-    matrix, stack = matrix_rows(system), own_work(stack)
-    n = len(b)
-    x, r, z = np.zeros(n), b.copy(), np.empty(n, dtype=np.float32)
-    goal, left, error = rtol * kernels.norm(b), MOST_ITERATIONS, ErrorBound(guess, rtol)
-    if guess is not None:
-        x = guess.copy()
-        kernels.subtract_product(*matrix, b, x, r)
-    size = kernels.norm(r)
-    watch.begin(size, goal)
-    while size > goal and left > 0 and not error.small:
-        p, s, w = np.zeros(n), np.zeros(n), np.empty(n)
-        trial, recursive, energy = x.copy(), size, 0.0
-        while recursive > 0.7 * goal and left > 0 and not error.small:
-            kernels.apply(stack, r, recursive, z)
-            zr, zw, zs = kernels.multiply(*matrix, z, r, s, w)
-            beta = -zs / energy if energy > 0.0 else 0.0
-            energy = zw + beta * zs
-            if not energy > 0.0:
+    """As `resgrid.nodal.multigrid.iteration.iterate`, over the rows of a netlist; ``unit`` is the hierarchy's."""
+    error = ErrorBound(guess, rtol)
+    burst = _Burst(stack, system.excess[stack.order] / unit, unit, error, watch)
+    matrix = (*matrix_rows(system), stack.order)
+    x, last, left = np.zeros(len(b)) if guess is None else guess.copy(), np.inf, MOST_ITERATIONS
+    wanted, rounding = rtol * norm(b), _ROUNDING * float(system.degree.max(initial=0.0))
+    while True:
+        size = passes.residual_in_order(*matrix, b, x, burst.r)
+        goal = max(wanted, rounding * norm(x))
+        error.small &= size <= max(DRIFT * burst.left * last, goal)
+        if error.small or not (size > goal and size < LEAST_GAIN * last and left > 0):
+            return x, size
+        if not math.isfinite(last):
+            watch.begin(size, goal)
+        left -= burst.run(size, max(_BURST, 0.8 * goal / size), left)
+        passes.add_in_order(stack.order, burst.x, size / unit, x)
+        last = size
+
+
+class _Burst:
+    """Some steps from a residual of norm 1; search directions outlive a burst."""
+
+    def __init__(self, stack: Stack, leak: NDArray[np.float64], unit: float, error: ErrorBound, watch: Watch) -> None:
+        n = len(leak)
+        self._stack, self._leak = own_work(stack), leak
+        self._z, self._w = np.empty(n, dtype=np.float32), np.empty(n)
+        self.r, self.x, self._p, self._s = np.zeros((4, n))
+        self._energy = 0.0
+        self._error, self._watch, self._unit = error, watch, unit
+        self.left = 1.0
+
+    def run(self, size: float, gain: float, most: int) -> int:
+        """Reduce ``r``, of norm ``size``, by a factor ``gain``; ``size x`` corrects it; returns the steps taken."""
+        self.x[:] = 0.0
+        self.r /= size
+        self.left, steps = 1.0, 0
+        while self.left > gain and steps < most and not self._error.small:
+            passes.precondition(self._stack, self.r, self.left, self._z)
+            zr, zw, zs = passes.multiply(self._stack, self._leak, self._z, self.r, self._s, self._w)
+            beta = -zs / self._energy if self._energy > 0.0 else 0.0
+            self._energy = zw + beta * zs
+            if not self._energy > 0.0:
                 break
-            recursive = float(np.sqrt(kernels.advance(z, w, p, s, trial, r, beta, zr / energy)))
-            error.moved(p, zr / energy, zr * zr / energy)
-            watch.step(recursive)
-            left -= 1
-        true = kernels.subtract_product(*matrix, b, trial, r)
-        if not true < LEAST_GAIN * size:
-            break
-        error.small &= true <= max(DRIFT * recursive, goal)
-        x, size = trial, true
-    return x, size
+            step = zr / self._energy
+            self.left = math.sqrt(passes.advance(self._z, self._w, self._p, self._s, self.x, self.r, beta, step))
+            self._error.moved(self._p, step * size / self._unit, zr * step * size * size)
+            self._watch.step(self.left * size)
+            steps += 1
+        return steps
 
 
 def matrix_rows(

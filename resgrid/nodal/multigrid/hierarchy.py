@@ -13,7 +13,7 @@ from resgrid.nodal.multigrid.boards import lay_out
 from resgrid.nodal.multigrid.grid_levels import GridLevels, coarsen_grid
 from resgrid.nodal.multigrid.kernels import Stack
 from resgrid.nodal.multigrid.levels import Graph, coarsen_down
-from resgrid.nodal.multigrid.stack import stack_levels
+from resgrid.nodal.multigrid.stack import stack_graph, stack_levels
 from resgrid.nodal.system import NodalSystem
 
 
@@ -60,7 +60,8 @@ def build_hierarchy(system: NodalSystem) -> Hierarchy:
     cell = _cells(system)
     where = None if cell is None or layout is None else coordinates(cell, np.array(layout.node.shape))
     finest = Graph(coupling.indptr, coupling.indices, coupling.data / unit, system.excess / unit, where)
-    return Hierarchy(stack_levels(*coarsen_down(finest)), None, unit)
+    stack = stack_graph(finest) if where is None else stack_levels(*coarsen_down(finest), free=True)
+    return Hierarchy(stack, None, unit)
 
 
 def _resistors(

@@ -1,6 +1,6 @@
 """Compiled loops of the multigrid solver: smoothing, the K-cycle, and the products of conjugate gradients.
 
-A level is a graph of conductances in compressed rows (sorted, no diagonal) with a leak to the rails at every node.  All
+A level is a graph of conductances in compressed rows (no diagonal) with a leak to the rails at every node.  All
 levels stand one behind the other in flat arrays (`Stack`), so that the cycle can recurse in compiled code.
 """
 
@@ -36,6 +36,8 @@ class Stack(NamedTuple):
         elsewhere -1.
     indptr : ndarray of uint32, shape (nodes + 1,)
         Row starts, in the entries of all levels.
+    middle : ndarray of uint32, shape (nodes,)
+        Where in a row the nodes begin that come after it.
     indices : ndarray of uint32
         Neighbours, counted in all levels.
     conductance, inverse, diagonal : ndarray of float32
@@ -50,6 +52,8 @@ class Stack(NamedTuple):
         Shares of the two neighbours, and the reciprocal of the diagonal.
     coarsest : ndarray of float32
         Inverse of the last level's matrix.
+    order : ndarray of int32, shape (first[1],)
+        Node of the given graph that stands at each place of the first level.
     b, x, c, v, w, kept : ndarray of float32, shape (nodes,)
         Work space.
     """
@@ -57,6 +61,7 @@ class Stack(NamedTuple):
     first: Integers
     red: Integers
     indptr: Unsigned
+    middle: Unsigned
     indices: Unsigned
     conductance: Singles
     inverse: Singles
@@ -66,6 +71,7 @@ class Stack(NamedTuple):
     removed: Integers
     share: Singles
     coarsest: Singles
+    order: NDArray[np.int32]
     b: Singles
     x: Singles
     c: Singles
@@ -122,35 +128,38 @@ def _descend_by_colour(stack: Stack, begin: int, red: int, end: int) -> None:
 
 @njit(cache=True)
 def _descend_in_order(stack: Stack, begin: int, end: int) -> None:
-    """Forward: after the sweep row ``i`` lacks only its later neighbours, its residual is ``sum_{j > i} g_ij x_j``."""
-    for i in range(begin, end):
-        s = stack.b[i]
-        for k in range(stack.indptr[i], stack.indptr[i + 1]):
-            j = stack.indices[k]
-            if j > i:
-                break
-            s += stack.conductance[k] * stack.x[j]
-        stack.x[i] = s * stack.inverse[i]
-    for i in range(begin, end):
+    """Forward: after the sweep row ``i`` lacks only its later neighbours, its residual is ``sum_{j > i} g_ij x_j``.
+
+    Loops run over parts of arrays from zero on: a counter that is never negative needs no check.
+    """
+    g, j, b, x = stack.conductance, stack.indices, stack.b, stack.x
+    row, middle = stack.indptr[begin : end + 1], stack.middle[begin:end]
+    own, mine, inverse, aggregate = x[begin:end], b[begin:end], stack.inverse[begin:end], stack.aggregate[begin:end]
+    for i in range(len(own)):
         s = np.float32(0.0)
-        for k in range(stack.indptr[i], stack.indptr[i + 1]):
-            j = stack.indices[k]
-            if j > i:
-                s += stack.conductance[k] * stack.x[j]
-        stack.b[stack.aggregate[i]] += s
+        for k in range(row[i], middle[i]):
+            s += g[k] * x[j[k]]
+        own[i] = (mine[i] + s) * inverse[i]
+    for i in range(len(own)):
+        s = np.float32(0.0)
+        for k in range(middle[i], row[i + 1]):
+            s += g[k] * x[j[k]]
+        b[aggregate[i]] += s
+
+
+@njit(cache=True)
+def _ascend(stack: Stack, level: int) -> None:
+    """Add the next level's answer, then Gauss-Seidel in the reverse order."""
+    begin, end = stack.first[level], stack.first[level + 1]
+    if stack.red[level] >= 0:
+        _ascend_by_colour(stack, begin, stack.red[level], end)
+    else:
+        _ascend_in_order(stack, begin, end)
 
 
 @njit(cache=True, fastmath=_FAST)
-def _ascend(stack: Stack, level: int) -> None:
-    """Add the next level's answer, then Gauss-Seidel in the reverse order."""
-    begin, end, red = stack.first[level], stack.first[level + 1], stack.red[level]
+def _ascend_by_colour(stack: Stack, begin: int, red: int, end: int) -> None:
     b, x = stack.b, stack.x
-    if red < 0:
-        for i in range(begin, end):
-            x[i] += x[stack.aggregate[i]]
-        for i in range(end - 1, begin - 1, -1):
-            x[i] = (b[i] + _drawn(stack, x, i)) * stack.inverse[i]
-        return
     for i in range(begin, red):
         x[i] += x[stack.aggregate[i]]
     for i in range(red, end):
@@ -159,12 +168,50 @@ def _ascend(stack: Stack, level: int) -> None:
         x[i] = (b[i] + _drawn(stack, x, i)) * stack.inverse[i]
 
 
+@njit(cache=True)
+def _ascend_in_order(stack: Stack, begin: int, end: int) -> None:
+    g, j, x = stack.conductance, stack.indices, stack.x
+    own, mine, inverse, aggregate = (
+        x[begin:end],
+        stack.b[begin:end],
+        stack.inverse[begin:end],
+        stack.aggregate[begin:end],
+    )
+    row, after = stack.indptr[begin:end], stack.indptr[begin + 1 : end + 1]
+    n = len(own)
+    for i in range(n):
+        own[i] += x[aggregate[i]]
+    for back in range(n):
+        at = np.uint32(n - 1 - back)
+        s = np.float32(0.0)
+        for k in range(row[at], after[at]):
+            s += g[k] * x[j[k]]
+        own[at] = (mine[at] + s) * inverse[at]
+
+
 @njit(cache=True, fastmath=_FAST)
 def _multiply(stack: Stack, level: int, x: Singles, y: Singles) -> float:
     """``y = A x`` on one level; returns ``x . y``."""
-    for i in range(stack.first[level], stack.first[level + 1]):
+    begin, end = stack.first[level], stack.first[level + 1]
+    if stack.red[level] < 0:
+        return _multiply_rows(stack, begin, end, x, y)
+    for i in range(begin, end):
         y[i] = stack.diagonal[i] * x[i] - _drawn(stack, x, i)
-    return _dot(x, y, stack.first[level], stack.first[level + 1])
+    return _dot(x, y, begin, end)
+
+
+@njit(cache=True)
+def _multiply_rows(stack: Stack, begin: int, end: int, x: Singles, y: Singles) -> float:
+    g, j = stack.conductance, stack.indices
+    row, own, out, diagonal = stack.indptr[begin : end + 1], x[begin:end], y[begin:end], stack.diagonal[begin:end]
+    total = 0.0
+    for i in range(len(own)):
+        s = np.float32(0.0)
+        for k in range(row[i], row[i + 1]):
+            s += g[k] * x[j[k]]
+        out[i] = diagonal[i] * own[i] - s
+        total += np.float64(own[i]) * np.float64(out[i])
+    return total
 
 
 @njit(cache=True, fastmath=_FAST)
@@ -177,13 +224,14 @@ def _dot(a: Singles, b: Singles, begin: int, end: int) -> float:
 
 @njit(cache=True)
 def _solve_coarsest(stack: Stack, level: int) -> None:
-    begin = stack.first[level]
-    n = stack.first[level + 1] - begin
-    for i in range(n):
-        s = np.float32(0.0)
-        for j in range(n):
-            s += stack.coarsest[i, j] * stack.b[begin + j]
-        stack.x[begin + i] = s
+    """The inverse times the right-hand side, row after row of the symmetric inverse."""
+    begin, end = stack.first[level], stack.first[level + 1]
+    b, x = stack.b[begin:end], stack.x[begin:end]
+    x[:] = 0.0
+    for j in range(len(b)):
+        row, value = stack.coarsest[j], b[j]
+        for i in range(len(x)):
+            x[i] += row[i] * value
 
 
 @njit(cache=True, fastmath=_FAST)
@@ -300,70 +348,6 @@ def cycle(stack: Stack, stop: float, first: int) -> None:
             visits[level] += 1
             _descend(stack, level)
             level += 1
-
-
-@njit(cache=True, nogil=True)
-def apply(stack: Stack, r: Floats, scale: float, z: Singles) -> None:
-    """Precondition: ``z = cycle(r / scale)``, in single precision."""
-    n = stack.first[1]
-    for i in range(n):
-        stack.b[i] = np.float32(r[i] / scale)
-    cycle(stack, 0.25, 1)
-    for i in range(n):
-        z[i] = stack.x[i]
-
-
-@njit(cache=True, nogil=True)
-def multiply(
-    indptr: Unsigned,
-    indices: Unsigned,
-    conductance: Floats,
-    excess: Floats,
-    z: Singles,
-    r: Floats,
-    s: Floats,
-    w: Floats,
-) -> tuple[float, float, float]:
-    """``w = A z`` in double precision, differences first; returns ``z.r``, ``z.w`` and ``z.s``."""
-    zr, zw, zs = 0.0, 0.0, 0.0
-    for i in range(len(r)):
-        zi = np.float64(z[i])
-        total = excess[i] * zi
-        for k in range(indptr[i], indptr[i + 1]):
-            total += conductance[k] * (zi - np.float64(z[indices[k]]))
-        w[i] = total
-        zr += zi * r[i]
-        zw += zi * total
-        zs += zi * s[i]
-    return zr, zw, zs
-
-
-@njit(cache=True, nogil=True)
-def advance(z: Singles, w: Floats, p: Floats, s: Floats, x: Floats, r: Floats, beta: float, alpha: float) -> float:
-    """One step of flexible conjugate gradients: ``p = z + beta p``, ``x += alpha p``, ``r -= alpha A p``; ``|r|^2``."""
-    total = 0.0
-    for i in range(len(r)):
-        p[i] = z[i] + beta * p[i]
-        s[i] = w[i] + beta * s[i]
-        x[i] += alpha * p[i]
-        r[i] -= alpha * s[i]
-        total += r[i] * r[i]
-    return total
-
-
-@njit(cache=True, nogil=True)
-def subtract_product(
-    indptr: Unsigned, indices: Unsigned, conductance: Floats, excess: Floats, b: Floats, x: Floats, r: Floats
-) -> float:
-    """``r = b - A x``, differences first; returns ``|r|``."""
-    total = 0.0
-    for i in range(len(r)):
-        v = b[i] - excess[i] * x[i]
-        for k in range(indptr[i], indptr[i + 1]):
-            v += conductance[k] * (x[indices[k]] - x[i])
-        r[i] = v
-        total += v * v
-    return math.sqrt(total)
 
 
 @njit(cache=True, nogil=True, fastmath={"contract", "reassoc"})

@@ -1,7 +1,7 @@
 """From one level of the hierarchy to the next: a graph of conductances and how it shrinks.
 
 Aggregates never join across a wall: on grids they are the connected parts of blocks of two cells a side; on other
-netlists pairs of pairs along the strongest conductances (Notay 2010).  Where a level has come down to corridors one
+netlists they are grown node by node along the strongest conductances.  Where a level has come down to corridors one
 node wide, its nodes of at most two neighbours are eliminated instead, which is exact.
 """
 
@@ -13,18 +13,21 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.nodal.multigrid import aggregation
+from resgrid.nodal.multigrid import aggregation, clusters
 from resgrid.nodal.reduction.rows import eliminate_rows
 
 _COARSEST = 250
 _MOST_LEVELS = 40
 _LEAST_SHRINKAGE = 0.98
 _BLOCKS_SHRINK = 0.6
-"""Share of nodes above which blocks have fallen apart at weak conductances, and pairs take their place."""
+"""Share of nodes above which blocks have fallen apart at weak conductances; others are grown in their place."""
 
 _WEAK = 0.1
 _CORRIDORS = 0.3
 """Share of nodes with at most two neighbours from which elimination takes the place of aggregation."""
+
+_MEMBERS = 4
+"""Nodes of an aggregate that is grown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +86,7 @@ def _next(graph: Graph, *, first: bool) -> tuple[Step, Graph]:
         step, coarse = _blocks(graph, graph.coordinate)
         if coarse.size <= _BLOCKS_SHRINK * graph.size:
             return step, coarse
-    return _pairs_of_pairs(graph)
+    return _clusters(graph)
 
 
 def _aggregation(aggregate: NDArray[np.int32]) -> Step:
@@ -114,11 +117,8 @@ def _blocks(graph: Graph, coordinate: NDArray[np.int32]) -> tuple[Step, Graph]:
     return _aggregation(aggregate), Graph(*coarse, shape[0])
 
 
-def _pairs_of_pairs(graph: Graph) -> tuple[Step, Graph]:
-    whole = np.arange(graph.size, dtype=np.int32)
-    for _ in range(2):
-        aggregate, count = aggregation.aggregate_pairs(graph.indptr, graph.indices, graph.conductance)
-        coarse = aggregation.coarsen(graph.indptr, graph.indices, graph.conductance, graph.leak, aggregate, count)
-        graph = Graph(*coarse, None)
-        whole = aggregate[whole]
-    return _aggregation(whole), graph
+def _clusters(graph: Graph) -> tuple[Step, Graph]:
+    """Aggregates grown along the strongest conductances (`resgrid.nodal.multigrid.clusters`)."""
+    rows = (graph.indptr, graph.indices, graph.conductance, graph.leak)
+    aggregate, count = clusters.grow_aggregates(*rows, _MEMBERS)
+    return _aggregation(aggregate), Graph(*clusters.sum_up(*rows, aggregate, count), None)

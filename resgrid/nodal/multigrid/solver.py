@@ -25,9 +25,10 @@ if TYPE_CHECKING:
     from resgrid.nodal.update.change import Change
 
 REFINED = 1e-20
-"""Componentwise backward error at which refinement stops."""
+"""Componentwise backward error that is enough where no current flows."""
 
-_PASS = 1e-9
+_PASS, _LEAST_PASS = 1e-9, 1e-3
+"""By how much a pass of refinement lessens the residual: at most, and at least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,16 +128,20 @@ class MultigridFactor:
             watch.done(error)
         return solution, error
 
-    def _approximate(self, watch: Watch | None, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
-        """Nine digits of ``A^-1`` times scaled numbers, relative to the largest."""
-        present = m != 0
-        if not present.any():
+    def _approximate(
+        self, watch: Watch | None, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float
+    ) -> Numbers:
+        """Up to nine digits of ``A^-1`` times scaled numbers, relative to the largest."""
+        top = 0
+        if e.any() and m.any():
+            top = int(e[m != 0].max())
+            m = m * power(np.clip(e - top, -8, 0))
+        largest = max(float(m.max(initial=0.0)), -float(m.min(initial=0.0)))
+        if not largest:
             return np.zeros_like(m), np.zeros_like(e)
-        top = int(e[present].max())
-        plain = m * power(np.clip(e - top, -8, 0))
-        largest = float(np.abs(plain).max())
-        x, _ = self._iterate(plain / largest, _PASS, None, watch)
-        return x * largest, np.full_like(e, top)
+        x, _ = self._iterate(m / largest, min(max(accuracy, _PASS), _LEAST_PASS), None, watch)
+        x *= largest
+        return x, np.full_like(e, top)
 
     def _improved(self, b: NDArray[np.float64], guess: NDArray[np.float64]) -> NDArray[np.float64]:
         """The guess, made better where the last update has changed the circuit."""

@@ -1,64 +1,117 @@
-"""The levels of a hierarchy, laid one behind the other for the compiled cycle."""
+"""The levels of a hierarchy, laid one behind the other for the compiled cycle.
+
+A level that is no grid is renumbered by colour, so that neighbouring rows of a sweep do not wait for one another, and
+within a colour by length in windows: the ends of its loops can then be foreseen, which is half of the time.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.nodal.multigrid import clusters, ordering
 from resgrid.nodal.multigrid.kernels import Stack
-from resgrid.nodal.multigrid.levels import Graph, Step
+from resgrid.nodal.multigrid.levels import Graph, Step, coarsen_down
+
+_FAR = 0.5
+"""Share of neighbours numbered far apart above which a graph is renumbered before anything else."""
+
+_WINDOW = 4096
 
 
-def stack_levels(graphs: list[Graph], steps: list[Step]) -> Stack:
-    """Lay graphs, and the steps between them, one behind the other; the last one is inverted."""
-    sizes = [graph.size for graph in graphs]
-    first = np.cumsum([0, *sizes])
-    entries = np.cumsum([0, *(len(graph.indices) for graph in graphs)])
-    degree = np.concatenate([_degree(graph) for graph in graphs])
-    work = [np.zeros(first[-1], dtype=np.float32) for _ in range(6)]
-    with np.errstate(divide="ignore"):
-        inverse = np.where(degree > 0, 1.0 / degree, 0.0)
-    starts = [graph.indptr[:-1] + entry for graph, entry in zip(graphs, entries, strict=False)]
-    neighbours = [graph.indices + begin for graph, begin in zip(graphs, first, strict=False)]
-    targets = [np.where(step.target < 0, 0, step.target + begin) for step, begin in zip(steps, first[1:], strict=False)]
-    rows = [np.where(step.rows < 0, -1, step.rows + begin) for step, begin in zip(steps, first, strict=False)]
+def stack_graph(graph: Graph) -> Stack:
+    """Coarsen a graph that is no grid, and lay out its levels.
+
+    Parameters
+    ----------
+    graph : Graph
+
+    Returns
+    -------
+    Stack
+        Whose ``order`` says where the graph's nodes stand.
+    """
+    rows = (graph.indptr, graph.indices, graph.conductance, graph.leak)
+    if not clusters.far_share(*rows[:2]) > _FAR:
+        return stack_levels(*coarsen_down(graph), free=True)
+    order = clusters.breadth_first(*rows[:2])
+    stack = stack_levels(*coarsen_down(Graph(*clusters.renumber(*rows, order), None)), free=True)
+    return stack._replace(order=order[stack.order])
+
+
+def stack_levels(graphs: list[Graph], steps: list[Step], *, free: bool = False) -> Stack:
+    """Lay graphs, and the steps between them, one behind the other; the last one is inverted.
+
+    Parameters
+    ----------
+    graphs, steps : list
+        As of `coarsen_down`.
+    free : bool
+        Whether the first level may be renumbered, too.
+
+    Returns
+    -------
+    Stack
+    """
+    first = np.cumsum([0, *(graph.size for graph in graphs)])
+    entry = np.cumsum([0, *(len(graph.indices) for graph in graphs)])
+    red = np.array([_red_end(graph) for graph in graphs])
+    keep = [len(step.rows) > 0 for step in steps] + [True]
+    keep[0] |= not free
+    order = [_order(graph, kept or end >= 0) for graph, kept, end in zip(graphs, keep, red, strict=True)]
+    rank = [ordering.inverse_of(places) for places in order]
+    indptr, middle = np.empty(first[-1] + 1, dtype=np.uint32), np.empty(first[-1], dtype=np.uint32)
+    indices, conductance = np.empty(entry[-1], dtype=np.uint32), np.empty(entry[-1], dtype=np.float32)
+    inverse, diagonal = np.empty((2, first[-1]), dtype=np.float32)
+    aggregate = np.zeros(first[-1], dtype=np.uint32)
+    for level, graph in enumerate(graphs):
+        rows = (graph.indptr, graph.indices, graph.conductance, graph.leak, order[level], rank[level])
+        ordering.lay_rows(
+            *rows, first[level], entry[level], indptr, middle, indices, conductance, inverse, diagonal
+        )  # fmt: skip
+    for level, step in enumerate(steps):
+        own = aggregate[first[level] : first[level + 1]]
+        ordering.lay_aggregates(step.target, order[level], rank[level + 1], first[level + 1], own)
     return Stack(
-        first.astype(np.int64),
-        np.array([_red_end(graph, begin) for graph, begin in zip(graphs, first, strict=False)]),
-        np.concatenate([*starts, entries[-1:]]).astype(np.uint32),
-        np.concatenate(neighbours).astype(np.uint32),
-        np.concatenate([graph.conductance for graph in graphs]).astype(np.float32),
-        inverse.astype(np.float32),
-        degree.astype(np.float32),
-        np.concatenate([*targets, np.zeros(sizes[-1], dtype=np.int32)]).astype(np.uint32),
+        first,
+        np.where(red >= 0, red + first[:-1], -1),
+        indptr,
+        middle,
+        indices,
+        conductance,
+        inverse,
+        diagonal,
+        aggregate,
         np.cumsum([0, *(len(step.rows) for step in steps), 0]),
-        np.concatenate([np.empty((0, 3), dtype=np.int64), *rows]),
+        np.concatenate([np.empty((0, 3), dtype=np.int64), *_removed(steps, first)]),
         np.concatenate([np.empty((0, 3)), *(step.weights for step in steps)]).astype(np.float32),
         _inverse(graphs[-1]),
-        *work,
+        order[0],
+        *np.zeros((6, first[-1]), dtype=np.float32),
     )
-
-
-def _red_end(graph: Graph, begin: int) -> int:
-    """Behind the last of the first nodes, where these and the others have no neighbours among themselves; else -1."""
-    row = np.repeat(np.arange(graph.size), np.diff(graph.indptr))
-    red = int(np.min(graph.indices[row < graph.indices], initial=graph.size))
-    return int(begin) + red if not np.any((row < red) == (graph.indices < red)) else -1
-
-
-def _degree(graph: Graph) -> NDArray[np.float64]:
-    row = np.repeat(np.arange(graph.size), np.diff(graph.indptr))
-    return np.asarray(np.bincount(row, graph.conductance, graph.size) + graph.leak, dtype=np.float64)
-
-
-def _inverse(graph: Graph) -> NDArray[np.float32]:
-    matrix = np.diag(_degree(graph) * (1.0 + 1e-7))
-    row = np.repeat(np.arange(graph.size), np.diff(graph.indptr))
-    matrix[row, graph.indices] -= graph.conductance
-    return np.linalg.inv(matrix).astype(np.float32)
 
 
 def own_work(stack: Stack) -> Stack:
     """The same levels with work space of its own, so that one hierarchy can serve several solves at a time."""
     b, x, c, v, w, kept = np.zeros((6, len(stack.b)), dtype=np.float32)
     return stack._replace(b=b, x=x, c=c, v=v, w=w, kept=kept)
+
+
+def _order(graph: Graph, kept: bool) -> NDArray[np.int32]:
+    if kept:
+        return np.arange(graph.size, dtype=np.int32)
+    return ordering.order_by_colour(graph.indptr, graph.indices, _WINDOW)
+
+
+def _removed(steps: list[Step], first: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Eliminated nodes and their neighbours, counted in all levels; their levels keep their numbering."""
+    return [np.where(step.rows < 0, -1, step.rows + begin) for step, begin in zip(steps, first, strict=False)]
+
+
+def _red_end(graph: Graph) -> int:
+    """Behind the last of the first nodes, where these and the others have no neighbours among themselves; else -1."""
+    return -1 if graph.coordinate is None else int(ordering.red_end(graph.indptr, graph.indices))
+
+
+def _inverse(graph: Graph) -> NDArray[np.float32]:
+    return ordering.inverse_matrix(graph.indptr, graph.indices, graph.conductance, graph.leak)

@@ -57,17 +57,12 @@ def may_reduce(system: NodalSystem) -> bool:
     corridors two cells wide; and only within the range of conductances that products of them can bear.
     """
     n = system.size
-    coupling = system.coupling
-    if not n or coupling.nnz >= 2**31:
+    found = system.connections
+    if not n or found.entries >= 2**31:
         return False
-    if coupling.nnz > _CORRIDOR * n and n > _SMALL:
-        low = np.count_nonzero(np.diff(coupling.indptr) <= 2)
-        if low < _FEW * n:
-            return False
-    present = system.excess[system.excess > 0]
-    largest = max(coupling.data.max(initial=0.0), present.max(initial=0.0))
-    smallest = min(coupling.data.min(initial=np.inf), present.min(initial=np.inf))
-    return bool(largest < _LARGEST and smallest > _SMALLEST)
+    if found.entries > _CORRIDOR * n and n > _SMALL and found.few < _FEW * n:
+        return False
+    return found.largest < _LARGEST and found.smallest > _SMALLEST
 
 
 def reduce_system(system: NodalSystem) -> Reduction:

@@ -148,8 +148,8 @@ class ReducedFactor:
         error : float
             Componentwise backward error: the larger one of the core and of the whole system.
         """
-        from resgrid.nodal.kernels import residual
         from resgrid.nodal.reduction import kernels
+        from resgrid.nodal.refine_kernels import exact_residual
 
         reduction, coupling = self.reduction, self.system.coupling
         current, scale = scaled_currents(rhs)
@@ -159,7 +159,7 @@ class ReducedFactor:
         core, core_error = self._core_solution(Scaled(hi[kept], lo[kept], e[kept]), watch)
         hi[kept], lo[kept], e[kept] = core.hi, core.lo, core.exponent
         kernels.backward_scaled(reduction.record, reduction.count, hi, lo, e)
-        error = residual(
+        error = exact_residual(
             coupling.indptr, coupling.indices, coupling.data, self.system.excess, current, scale,
             hi, lo, e, np.empty(len(hi)), np.empty(len(hi), dtype=np.int64),
         )  # fmt: skip

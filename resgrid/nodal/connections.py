@@ -1,0 +1,73 @@
+"""How the rows of a nodal system hang together: the few numbers that a method is chosen by."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from resgrid.netlist import Layout
+    from resgrid.nodal.system import NodalSystem
+
+WEAK = 0.1
+"""A conductance is weak below this share of the strongest one at either of its ends."""
+
+
+@dataclass(frozen=True)
+class Connections:
+    """Counts over the conductances between rows.
+
+    Attributes
+    ----------
+    entries : int
+        Twice their number: the entries of the `coupling`.
+    few : int
+        Number of rows with at most two neighbours.
+    weak : float
+        Share of conductances that are weak beside the strongest one at either of their ends.
+    smallest, largest : float
+        The range of the conductances, those to rails included, in siemens.
+    """
+
+    entries: int
+    few: int
+    weak: float
+    smallest: float
+    largest: float
+
+
+def count_connections(system: NodalSystem) -> Connections:
+    """Count the neighbours of all rows, and compare their conductances.
+
+    On a grid the resistors are counted one by one, so that no compressed rows are needed; there only the two across
+    a ring of two cells are parallel.
+    """
+    from resgrid.nodal import assembly
+
+    netlist = system.netlist
+    if system.derived is None and _is_simple(netlist.layout):
+        strongest, neighbours = np.zeros(system.size), np.zeros(system.size, dtype=np.int8)
+        graph = netlist.resistor_nodes, netlist.conductance, system.unknown
+        inner, smallest, largest = assembly.strongest_of_pairs(*graph, strongest, neighbours)
+        weak = assembly.weak_pairs(*graph, strongest, WEAK) / max(inner, 1)
+        entries, few = 2 * inner, int(np.count_nonzero(neighbours <= 2))
+    else:
+        coupling = system.coupling
+        entries, few = coupling.nnz, int(np.count_nonzero(np.diff(coupling.indptr) <= 2))
+        weak = assembly.weak_share(coupling.indptr, coupling.indices, coupling.data, WEAK)
+        smallest, largest = coupling.data.min(initial=np.inf), coupling.data.max(initial=0.0)
+    present = system.excess[system.excess > 0]
+    return Connections(
+        entries=entries,
+        few=few,
+        weak=float(weak),
+        smallest=float(min(smallest, present.min(initial=np.inf))),
+        largest=float(max(largest, present.max(initial=0.0))),
+    )
+
+
+def _is_simple(layout: Layout | None) -> bool:
+    """Whether no two resistors join the same cells."""
+    return layout is not None and not any(axis.periodic and axis.cells == 2 for axis in layout.space.axes)

@@ -1,0 +1,203 @@
+"""Compiled loops that aggregate a graph without coordinates: grown aggregates, their sums, and a local numbering.
+
+Loops over neighbours avoid branches that cannot be foreseen; they would take most of the time.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int32]
+
+_WEAK = 0.1
+"""Share of its conductances (or of the first node's) by which a node must hang on an aggregate to join it."""
+
+_BESIDE_STRONGEST = 0.25
+"""It may join, too, if it hangs on it by so much of the first node's strongest conductance."""
+
+
+@njit(cache=True)
+def far_share(indptr: Indices, indices: Indices) -> float:
+    """Share of a sample of neighbours that are numbered far apart: by more than a sixteenth of all."""
+    n = len(indptr) - 1
+    far, entries = 0, 0
+    for i in range(0, n, max(1, n // 2000)):
+        for k in range(indptr[i], indptr[i + 1]):
+            far += abs(indices[k] - i) > n // 16
+            entries += 1
+    return far / max(entries, 1)
+
+
+@njit(cache=True)
+def breadth_first(indptr: Indices, indices: Indices) -> Indices:
+    """The nodes in an order that keeps neighbours together (after Cuthill & McKee 1969)."""
+    n = len(indptr) - 1
+    order = np.empty(n + 1, np.int32)
+    seen = np.zeros(n, np.uint8)
+    size = 0
+    for first in range(n):
+        if seen[first]:
+            continue
+        seen[first] = 1
+        order[size] = first
+        head = size
+        size += 1
+        while head < size:
+            i = order[head]
+            head += 1
+            for k in range(indptr[i], indptr[i + 1]):
+                j = indices[k]
+                order[size] = j
+                size += 1 - seen[j]
+                seen[j] = 1
+    return order[:n]
+
+
+@njit(cache=True)
+def renumber(
+    indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, order: Indices
+) -> tuple[Indices, Indices, Floats, Floats]:
+    """The same graph with its nodes in another order."""
+    n = len(order)
+    rank = np.empty(n, np.int32)
+    for place in range(n):
+        rank[order[place]] = place
+    new_indptr, new_leak = np.zeros(n + 1, np.int32), np.empty(n)
+    new_indices, new_conductance = np.empty_like(indices), np.empty_like(conductance)
+    size = 0
+    for place in range(n):
+        i = order[place]
+        new_leak[place] = leak[i]
+        for k in range(indptr[i], indptr[i + 1]):
+            new_indices[size] = rank[indices[k]]
+            new_conductance[size] = conductance[k]
+            size += 1
+        new_indptr[place + 1] = size
+    return new_indptr, new_indices, new_conductance, new_leak
+
+
+@njit(cache=True)
+def grow_aggregates(
+    indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, most: int
+) -> tuple[Indices, int]:
+    """Aggregates of up to ``most`` nodes, grown one by one.
+
+    From the first node that is still alone an aggregate takes in, again and again, the neighbour that hangs on it most:
+    by the greatest sum of conductances, over the root of all that the neighbour has.  A node that finds no free
+    neighbour joins the aggregate at the other end of its strongest conductance.
+    """
+    n = len(indptr) - 1
+    degree, scale, strongest = _degrees(indptr, conductance, leak)
+    aggregate = np.full(n, -1, np.int32)
+    members = np.zeros(n, np.int32)
+    weight = np.zeros(n)
+    candidate = np.empty(n + 1, np.int32)
+    count = 0
+    for first in range(n):
+        if aggregate[first] >= 0:
+            continue
+        aggregate[first] = count
+        size, new, found = 1, first, 0
+        while True:
+            for k in range(indptr[new], indptr[new + 1]):
+                j = indices[k]
+                free = aggregate[j] < 0
+                candidate[found] = j
+                found += free & (weight[j] == 0.0)
+                weight[j] += conductance[k] if free else 0.0
+            if size == most:
+                break
+            best, joins = 0.0, -1
+            for c in range(found):
+                j = candidate[c]
+                hold = weight[j] * scale[j]
+                joins = j if hold > best else joins
+                best = hold if hold > best else best
+            if joins < 0:
+                break
+            needed = min(_WEAK * min(degree[first], degree[joins]), _BESIDE_STRONGEST * strongest[first])
+            if weight[joins] < needed:
+                break
+            aggregate[joins] = count
+            weight[joins] = 0.0
+            new = joins
+            size += 1
+        for c in range(found):
+            weight[candidate[c]] = 0.0
+        if size == 1:
+            host = _host(indptr, indices, conductance, aggregate, members, first, most)
+            if host >= 0:
+                aggregate[first] = host
+                members[host] += 1
+                continue
+        members[count] = size
+        count += 1
+    return aggregate, count
+
+
+@njit(cache=True)
+def _degrees(indptr: Indices, conductance: Floats, leak: Floats) -> tuple[Floats, Floats, Floats]:
+    """All conductances of a node summed, one over the root of that, and the strongest one."""
+    n = len(leak)
+    degree, scale, strongest = np.empty(n), np.empty(n), np.empty(n)
+    for i in range(n):
+        total, most = leak[i], 0.0
+        for k in range(indptr[i], indptr[i + 1]):
+            total += conductance[k]
+            most = max(most, conductance[k])
+        degree[i], strongest[i] = total, most
+        scale[i] = 1.0 / np.sqrt(total) if total > 0.0 else 0.0
+    return degree, scale, strongest
+
+
+@njit(cache=True)
+def _host(
+    indptr: Indices, indices: Indices, conductance: Floats, aggregate: Indices, members: Indices, node: int, most: int
+) -> int:
+    """The aggregate on the other end of a node's strongest conductance, unless it is half as large again; else -1."""
+    best, host = 0.0, -1
+    for k in range(indptr[node], indptr[node + 1]):
+        if conductance[k] > best:
+            best, host = conductance[k], aggregate[indices[k]]
+    return host if host >= 0 and members[host] < most + most // 2 else -1
+
+
+@njit(cache=True)
+def sum_up(
+    indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, aggregate: Indices, count: int
+) -> tuple[Indices, Indices, Floats, Floats]:
+    """Sum conductances between aggregates, and leaks within them; rows come out unsorted."""
+    n = len(leak)
+    start = np.zeros(count + 1, np.int32)
+    for node in range(n):
+        start[aggregate[node] + 1] += 1
+    for row in range(count):
+        start[row + 1] += start[row]
+    member, fill = np.empty(n, np.int32), start[:-1].copy()
+    for node in range(n):
+        member[fill[aggregate[node]]] = node
+        fill[aggregate[node]] += 1
+    new_indptr, new_leak = np.zeros(count + 1, np.int32), np.zeros(count)
+    new_indices, new_conductance = np.empty(len(indices) + 1, np.int32), np.empty(len(indices) + 1)
+    place, inner = np.full(count, -1, np.int32), len(indices)
+    size = 0
+    for row in range(count):
+        begin = size
+        place[row] = inner
+        for m in range(start[row], start[row + 1]):
+            node = member[m]
+            new_leak[row] += leak[node]
+            for k in range(indptr[node], indptr[node + 1]):
+                column = aggregate[indices[k]]
+                known = place[column] >= begin
+                at = place[column] if known else size
+                place[column] = at
+                new_indices[at] = column
+                new_conductance[at] = conductance[k] + (new_conductance[at] if known else 0.0)
+                size += not known
+        place[row] = -1
+        new_indptr[row + 1] = size
+    return new_indptr, new_indices[:size].copy(), new_conductance[:size].copy(), new_leak

@@ -1,0 +1,85 @@
+"""Compiled passes of conjugate gradients over a netlist's rows, in the order of the first level."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from resgrid.nodal.multigrid.kernels import Floats, Singles, Stack, Unsigned, cycle
+
+Indices = NDArray[np.int32]
+
+_FAST = {"contract", "reassoc", "nsz", "arcp"}
+_ENOUGH = 0.25
+"""Residual after the first step of a K-cycle that spares the second."""
+
+
+@njit(cache=True, nogil=True)
+def precondition(stack: Stack, r: Floats, size: float, z: Singles) -> None:
+    """``z = cycle(r / size)``, in single precision."""
+    n = stack.first[1]
+    scale = 1.0 / size
+    for i in range(n):
+        stack.b[i] = np.float32(r[i] * scale)
+    cycle(stack, _ENOUGH, 1)
+    for i in range(n):
+        z[i] = stack.x[i]
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def multiply(
+    stack: Stack, leak: Floats, z: Singles, r: Floats, s: Floats, w: Floats
+) -> tuple[float, float, float]:  # fmt: skip
+    """``w = A z`` over single conductances in double precision, differences first; ``z.r``, ``z.w`` and ``z.s``."""
+    row, g, j = stack.indptr, stack.conductance, stack.indices
+    zr, zw, zs = 0.0, 0.0, 0.0
+    for i in range(len(z)):
+        zi = np.float64(z[i])
+        total = leak[i] * zi
+        for k in range(row[i], row[i + 1]):
+            total += np.float64(g[k]) * (zi - np.float64(z[j[k]]))
+        w[i] = total
+        zr += zi * r[i]
+        zw += zi * total
+        zs += zi * s[i]
+    return zr, zw, zs
+
+
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def advance(z: Singles, w: Floats, p: Floats, s: Floats, x: Floats, r: Floats, beta: float, alpha: float) -> float:
+    """One step of flexible conjugate gradients: ``p = z + beta p``, ``x += alpha p``, ``r -= alpha A p``; ``|r|^2``."""
+    total = 0.0
+    for i in range(len(r)):
+        p[i] = z[i] + beta * p[i]
+        s[i] = w[i] + beta * s[i]
+        x[i] += alpha * p[i]
+        r[i] -= alpha * s[i]
+        total += r[i] * r[i]
+    return total
+
+
+@njit(cache=True, nogil=True)
+def add_in_order(order: Indices, correction: Floats, scale: float, x: Floats) -> None:
+    """Add ``scale`` times a correction, which stands in the order of the first level."""
+    for place in range(len(order)):
+        x[order[place]] += scale * correction[place]
+
+
+@njit(cache=True, nogil=True)
+def residual_in_order(
+    indptr: Unsigned, indices: Unsigned, conductance: Floats, excess: Floats, order: Indices, b: Floats, x: Floats,
+    r: Floats,
+) -> float:  # fmt: skip
+    """``r = b - A x`` in the order of the first level, differences first; returns ``|r|``."""
+    total = 0.0
+    for place in range(len(order)):
+        i = order[place]
+        v = b[i] - excess[i] * x[i]
+        for k in range(indptr[i], indptr[i + 1]):
+            v += conductance[k] * (x[indices[k]] - x[i])
+        r[place] = v
+        total += v * v
+    return math.sqrt(total)
