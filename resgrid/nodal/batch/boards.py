@@ -113,7 +113,7 @@ def _faces(pattern: Pattern, grid: GridLevels) -> NDArray[np.int64]:
     for q, distance in enumerate(board.distance.tolist()):
         face[away == distance] = q
     links = np.flatnonzero(face < 0)
-    face[links[np.argsort(here[links], kind="stable")]] = -1 - np.arange(len(links))
+    face[links[np.lexsort((there[links], here[links]))]] = -1 - np.arange(len(links))
     of_entry[entry] = face
     return of_entry
 

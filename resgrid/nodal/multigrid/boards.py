@@ -101,7 +101,7 @@ class Level:
     degree : ndarray of float64, shape (2, places)
         All conductances at a place, summed.
     ends : ndarray of int32, shape (links, 2)
-        Red and black places of the links, by red places.
+        Red and black places of the links, in the order of both.
     axis : ndarray of int32, shape (links,)
     links : ndarray of float64, shape (links,)
     extra_cell : tuple of two ndarrays of int64
@@ -161,9 +161,7 @@ def lay_out(
     lattice = Lattice(node.shape)
     width, margin, places = lattice.width, lattice.margin, lattice.places
     place = np.full(len(excess), -1, dtype=np.int32)
-    cells = board_setup.place_cells(
-        node.ravel(), row, node.shape[-1], lattice.colour, width, margin, places, place
-    )
+    cells = board_setup.place_cells(node.ravel(), row, node.shape[-1], lattice.colour, width, margin, places, place)
     if cells != len(excess):
         return None
     faces = np.zeros((2 * node.ndim, places))
@@ -191,7 +189,7 @@ def _rings(
     ends = np.sort(place[row[pairs]], axis=1) - np.array([0, lattice.places], dtype=np.int32)
     red, black = (np.stack(cells_at(lattice, colour, ends[:, colour])) for colour in range(2))
     axis = np.argmax(red != black, axis=0).astype(np.int32)
-    order = np.argsort(ends[:, 0], kind="stable")
+    order = np.lexsort((ends[:, 1], ends[:, 0]))
     return np.ascontiguousarray(ends[order], dtype=np.int32), axis[order], conductance[order]
 
 

@@ -12,7 +12,7 @@ from resgrid.nodal.multigrid.board_cycle import Boards
 from resgrid.nodal.multigrid.board_passes import Board
 from resgrid.nodal.multigrid.boards import LEAST_WIDTH, WEAK, Level, coarsen, to_board, to_graph
 from resgrid.nodal.multigrid.kernels import Stack
-from resgrid.nodal.multigrid.levels import Graph, coarsen_down
+from resgrid.nodal.multigrid.levels import coarsen_down
 from resgrid.nodal.multigrid.stack import stack_levels
 
 _SMALL = 1000
