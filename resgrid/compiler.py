@@ -8,7 +8,7 @@ Grupen 1992, section 2).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -43,9 +43,10 @@ class _Rules:
 
 @dataclass(frozen=True, eq=False)
 class _Nodes:
-    """Node numbers: of every cell (-1 for none), of the obstacle rail (-1 for none) and of the goal rails."""
+    """Node numbers: of every cell (-1 for none), free cells, the obstacle rail (-1 for none) and the goal rails."""
 
     cell: NDArray[np.int64]
+    free: NDArray[np.int64]
     obstacle: int
     goals: tuple[int, ...]
     count: int
@@ -128,14 +129,13 @@ def compile_space(
     nodes = _number_nodes(space, rules)
     resistors = _join(space, rules, nodes)
     source_nodes, source_volts = _voltage_sources(space, rules, nodes)
-    current_nodes, current_amps = _uniform_drive(space, rules, nodes)
-    free_node = nodes.cell[(space.cell == Cell.FREE) & (nodes.cell >= 0)]
+    current_nodes, current_amps = _uniform_drive(rules, nodes)
     layout = Layout(
         space=space,
         node=nodes.cell,
         resistor_face=resistors.face,
         resistor_upward=resistors.upward,
-        free_node=free_node,
+        free_node=nodes.free,
         obstacle_node=nodes.obstacle,
         goal_nodes=nodes.goals,
         boundary=rules.boundary,
@@ -231,12 +231,14 @@ def _number_nodes(space: ConfigurationSpace, rules: _Rules) -> _Nodes:
     own = _cells_with_node(space, rules)
     node = np.full(space.shape, _NO_NODE, dtype=np.int64)
     count = int(np.count_nonzero(own))
-    node[own] = np.arange(first, first + count)
+    numbers = np.arange(first, first + count)
+    node[own] = numbers
+    free = numbers if rules.rails == "merged" else node[own & (space.cell == Cell.FREE)]
     if goals:
         node[space.cell == Cell.OBSTACLE] = obstacle
         goal = space.cell == Cell.GOAL
         node[goal] = np.array(goals)[space.goal_region[goal]]
-    return _Nodes(node, obstacle, goals, first + count)
+    return _Nodes(node, free, obstacle, goals, first + count)
 
 
 def _has_obstacle_rail(space: ConfigurationSpace, rules: _Rules) -> bool:
@@ -254,82 +256,119 @@ def _cells_with_node(space: ConfigurationSpace, rules: _Rules) -> NDArray[np.boo
 
 
 def _join(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes) -> _Resistors:
-    parts: list[_Resistors] = []
-    first_face = 0
-    for axis, size in enumerate(space.shape):
-        shape = face_shape(space.shape, axis)
-        faces = np.arange(first_face, first_face + np.prod(shape)).reshape(shape)
-        parts.append(_neighbours(space, rules, nodes, axis, _slab(faces, axis, 1, size), (0, size - 1), (1, size)))
-        if space.axes[axis].periodic and size > 1:
-            parts.append(_neighbours(space, rules, nodes, axis, _slab(faces, axis, 0, 1), (size - 1, size), (0, 1)))
-        elif rules.edge[axis] == "obstacle" and nodes.obstacle >= 0:
-            parts.append(_edge_contacts(space, rules, nodes, axis, _slab(faces, axis, 0, 1), (0, 1), upward=False))
-            end = (size - 1, size)
-            parts.append(
-                _edge_contacts(space, rules, nodes, axis, _slab(faces, axis, size, size + 1), end, upward=True)
-            )
-        first_face += int(np.prod(shape))
-    return _Resistors(
-        np.concatenate([part.nodes for part in parts]),
-        np.concatenate([part.conductance for part in parts]),
-        np.concatenate([part.face for part in parts]),
-        np.concatenate([part.upward for part in parts]),
+    groups = list(_groups(space, rules, nodes))
+    ends = [0, *np.cumsum([np.count_nonzero(group.kept) for group in groups]).tolist()]
+    joined = _Resistors(
+        np.empty((ends[-1], 2), dtype=np.int64),
+        np.empty(ends[-1]),
+        np.empty(ends[-1], dtype=np.int64),
+        np.empty(ends[-1], dtype=np.bool_),
     )
+    for group, first, last in zip(groups, ends, ends[1:], strict=False):
+        part = _Resistors(*(column[first:last] for column in vars(joined).values()))
+        if group.upper is None:
+            _fill_contacts(space, rules, nodes, group, part)
+        else:
+            _fill_neighbours(space, rules, nodes, group, part)
+    return joined
+
+
+@dataclass(frozen=True, eq=False)
+class _Group:
+    """Resistors that cross a slab of faces across one axis.
+
+    Attributes
+    ----------
+    axis : int
+    kept : ndarray of bool
+        Which faces of the slab have one.
+    faces : tuple of int, int
+        The slab, among the faces along the axis.
+    first_face : int
+        Number of the axis's first face.
+    lower, upper : tuple of int, int
+        Slabs of the cells before and behind the faces; ``upper`` is None where the obstacle rail lies beyond.
+    """
+
+    axis: int
+    kept: NDArray[np.bool_]
+    faces: tuple[int, int]
+    first_face: int
+    lower: tuple[int, int]
+    upper: tuple[int, int] | None
+
+
+def _groups(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes) -> Iterator[_Group]:
+    first_face = 0
+    present, free = nodes.cell >= 0, space.cell == Cell.FREE
+
+    def pairs(axis: int, lower: tuple[int, int], upper: tuple[int, int]) -> NDArray[np.bool_]:
+        kept = np.asarray(_slab(present, axis, *lower) & _slab(present, axis, *upper))
+        if rules.rails == "merged":
+            kept &= _slab(free, axis, *lower) | _slab(free, axis, *upper)
+        return kept
+
+    for axis, size in enumerate(space.shape):
+        lower, upper, first, last = (0, size - 1), (1, size), (0, 1), (size - 1, size)
+        yield _Group(axis, pairs(axis, lower, upper), (1, size), first_face, lower, upper)
+        if space.axes[axis].periodic and size > 1:
+            yield _Group(axis, pairs(axis, last, first), first, first_face, last, first)
+        elif rules.edge[axis] == "obstacle" and nodes.obstacle >= 0:
+            on_edge = free if rules.rails == "merged" else present
+            yield _Group(axis, _slab(on_edge, axis, *first), first, first_face, first, None)
+            yield _Group(axis, _slab(on_edge, axis, *last), (size, size + 1), first_face, last, None)
+        first_face += int(np.prod(face_shape(space.shape, axis)))
 
 
 def _slab(array: NDArray[Any], axis: int, start: int, stop: int) -> NDArray[Any]:
     return array[(slice(None),) * axis + (slice(start, stop),)]
 
 
-def _neighbours(
-    space: ConfigurationSpace,
-    rules: _Rules,
-    nodes: _Nodes,
-    axis: int,
-    faces: NDArray[np.int64],
-    lower: tuple[int, int],
-    upper: tuple[int, int],
-) -> _Resistors:
+def _places(kept: NDArray[np.bool_], shape: tuple[int, ...], axis: int, slab: tuple[int, int]) -> NDArray[np.int64]:
+    """Flat indices (C order) of what is kept in a slab of an array of that shape."""
+    whole = np.zeros(shape, dtype=np.bool_)
+    _slab(whole, axis, *slab)[...] = kept
+    return np.flatnonzero(whole)
+
+
+def _fill_neighbours(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes, group: _Group, part: _Resistors) -> None:
     """Resistors from the cells in the slab ``lower`` to their neighbours in the slab ``upper``."""
-    node_pair = _slab(nodes.cell, axis, *lower), _slab(nodes.cell, axis, *upper)
-    cell_pair = _slab(space.cell, axis, *lower), _slab(space.cell, axis, *upper)
-    keep = (node_pair[0] >= 0) & (node_pair[1] >= 0)
-    if rules.rails == "merged":
-        keep &= (cell_pair[0] == Cell.FREE) | (cell_pair[1] == Cell.FREE)
-    ends = np.stack([node[keep] for node in node_pair], axis=1)
-    conductance = np.full(len(ends), _unit_conductance(space, rules, axis))
+    assert group.upper is not None
+    axis, node = group.axis, nodes.cell.reshape(-1)
+    lower = _places(group.kept, space.shape, axis, group.lower)
+    ahead = (group.upper[0] - group.lower[0]) * int(np.prod(space.shape[axis + 1 :]))
+    part.nodes[:, 0] = node[lower]
+    part.nodes[:, 1] = node[lower + ahead]
+    part.face[:] = _places(group.kept, face_shape(space.shape, axis), axis, group.faces)
+    part.face[:] += group.first_face
+    part.upward[:] = True
+    conductance = part.conductance
+    conductance[:] = _unit_conductance(space, rules, axis)
+    if space.conductivity is None and rules.wall_resistance == 0:
+        return
+    upper = lower + ahead
+    codes = space.cell.reshape(-1)[lower], space.cell.reshape(-1)[upper]
     if space.conductivity is not None:
-        c = space.conductivity
-        pair = _slab(c, axis, *lower)[keep], _slab(c, axis, *upper)[keep]
-        conductance *= _series(*pair, *(cell[keep] == Cell.FREE for cell in cell_pair))
+        c = space.conductivity.reshape(-1)
+        conductance *= _series(c[lower], c[upper], *(code == Cell.FREE for code in codes))
     if rules.wall_resistance > 0:
-        codes = [cell[keep] for cell in cell_pair]
-        contact = np.minimum(*codes) == Cell.FREE
-        contact &= np.maximum(*codes) == Cell.OBSTACLE
+        contact = (np.minimum(*codes) == Cell.FREE) & (np.maximum(*codes) == Cell.OBSTACLE)
         conductance[contact] = _behind_wall(conductance[contact], rules)
-    return _Resistors(ends, conductance, faces[keep], np.ones(len(ends), dtype=np.bool_))
 
 
-def _edge_contacts(
-    space: ConfigurationSpace,
-    rules: _Rules,
-    nodes: _Nodes,
-    axis: int,
-    faces: NDArray[np.int64],
-    border: tuple[int, int],
-    *,
-    upward: bool,
-) -> _Resistors:
+def _fill_contacts(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes, group: _Group, part: _Resistors) -> None:
     """Resistors from border cells to the obstacle rail beyond the edge of the grid."""
-    node = _slab(nodes.cell, axis, *border)
-    keep = _slab(space.cell, axis, *border) == Cell.FREE
-    if rules.rails == "cells":
-        keep = node >= 0
-    ends = np.stack([node[keep], np.full(np.count_nonzero(keep), nodes.obstacle)], axis=1)
-    conductance = np.full(len(ends), _unit_conductance(space, rules, axis))
+    axis = group.axis
+    cell = _places(group.kept, space.shape, axis, group.lower)
+    part.nodes[:, 0] = nodes.cell.reshape(-1)[cell]
+    part.nodes[:, 1] = nodes.obstacle
+    part.face[:] = _places(group.kept, face_shape(space.shape, axis), axis, group.faces)
+    part.face[:] += group.first_face
+    part.upward[:] = group.faces[0] > 0
+    conductance = np.full(len(cell), _unit_conductance(space, rules, axis))
     if space.conductivity is not None:
-        conductance *= _slab(space.conductivity, axis, *border)[keep]
-    return _Resistors(ends, _behind_wall(conductance, rules), faces[keep], np.full(len(ends), upward))
+        conductance *= space.conductivity.reshape(-1)[cell]
+    part.conductance[:] = _behind_wall(conductance, rules)
 
 
 def _unit_conductance(space: ConfigurationSpace, rules: _Rules, axis: int) -> float:
@@ -373,13 +412,13 @@ def _voltage_sources(
     return np.stack([tied, np.full(len(tied), GROUND)], axis=1), np.concatenate(volts)
 
 
-def _uniform_drive(
-    space: ConfigurationSpace, rules: _Rules, nodes: _Nodes
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _uniform_drive(rules: _Rules, nodes: _Nodes) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """The same current into every free node; with open obstacles these are connected to a goal."""
     if rules.drive != "uniform":
         return np.empty((0, 2), dtype=np.int64), np.empty(0)
-    fed = nodes.cell[space.goal_connected]
+    fed = nodes.free
     if not fed.size:
         raise CircuitError("nothing is driven: no free cell is connected to a goal; move the goal or open a way to it")
-    amps = np.full(fed.size, rules.supply / (rules.resistance * fed.size))
-    return np.stack([np.full(fed.size, GROUND), fed], axis=1), amps
+    pairs = np.empty((fed.size, 2), dtype=np.int64)
+    pairs[:, 0], pairs[:, 1] = GROUND, fed
+    return pairs, np.full(fed.size, rules.supply / (rules.resistance * fed.size))

@@ -191,13 +191,13 @@ class Netlist:
                 object.__setattr__(self, name, _column(name, value, width, dtype))
         for kind, names in _KINDS.items():
             self._check_kind(kind, names)
-        if not np.all(np.isfinite(self.conductance) & (self.conductance > 0)):
+        if not _all_within(self.conductance, 0.0, np.inf):
             bad = int(np.flatnonzero(~(np.isfinite(self.conductance) & (self.conductance > 0)))[0])
             raise InputError(
                 f"resistor {bad} between nodes {self.resistor_nodes[bad].tolist()} has conductance "
                 f"{self.conductance[bad]}; it must be positive and finite (a short is a 0 V source)"
             )
-        if not np.all(np.isfinite(self.capacitance) & (self.capacitance >= 0)):
+        if np.any(self.capacitance < 0):
             raise InputError("capacitance must be finite and not negative")
         for name, unit in (("nonlinear_current", "amperes"), ("nonlinear_voltage", "volts")):
             if not np.all(getattr(self, name) > 0):
@@ -215,11 +215,11 @@ class Netlist:
             value = getattr(self, name)
             if value is not None and len(value) != len(nodes):
                 raise InputError(f"{name} has {len(value)} entries, but there are {len(nodes)} of {names[0]}")
-            if value is not None and not np.all(np.isfinite(value)):
+            if value is not None and name != "conductance" and not _all_within(value, -np.inf, np.inf):
                 raise InputError(
                     f"{name} holds a value that is not finite: {kind} {int(np.argmin(np.isfinite(value)))}"
                 )
-        if nodes.size and not (nodes.min() >= 0 and nodes.max() < self.node_count):
+        if nodes.size and not nodes.view(np.uint64).max() < self.node_count:  # negative ones are huge there
             raise InputError(f"{names[0]} names a node outside 0 ... {self.node_count - 1}")
 
     def node_name(self, node: int) -> str:
@@ -322,6 +322,11 @@ _GRAPH_KEYS = (
     ("capacitor", "capacitor_nodes", {"capacitance": "capacitance"}),
     ("nonlinear resistor", "nonlinear_nodes", {"current": "nonlinear_current", "voltage": "nonlinear_voltage"}),
 )
+
+
+def _all_within(value: NDArray[np.float64], low: float, high: float) -> bool:
+    """Whether all values lie strictly between two; NaN does not."""
+    return not value.size or bool(low < value.min() and value.max() < high)
 
 
 def _column(name: str, value: ArrayLike, width: int, dtype: Any) -> NDArray[Any]:

@@ -22,7 +22,6 @@ _INVERSE = 2.0**-BITS
 _LARGE = 2.0 ** (BITS // 2)
 _SMALL = 2.0 ** -(BITS // 2)
 _SPLITTER = 2.0**27 + 1.0
-_LOG_BASE = BITS * math.log(2.0)
 _PARTS = 64.0
 
 Floats = NDArray[np.float64]
@@ -200,91 +199,3 @@ def decay(indptr: Indices, indices: Indices, low: NDArray[np.bool_], high: NDArr
                 size += 1
                 waiting += 1
     return most / _PARTS
-
-
-@njit(cache=True)
-def logarithm(m: Floats, e: Integers) -> Floats:
-    """Natural logarithm of scaled non-negative numbers; -inf for 0."""
-    out = np.empty(len(m))
-    for i in range(len(m)):
-        out[i] = math.log(m[i]) + e[i] * _LOG_BASE if m[i] > 0.0 else -np.inf
-    return out
-
-
-@njit(cache=True, nogil=True)
-def complement(hi: Floats, lo: Floats, e: Integers) -> tuple[Floats, Floats]:
-    """``1 - x`` for scaled double-doubles of at most 1, as double-doubles that need no exponent."""
-    rest, rest_low = np.empty(len(hi)), np.empty(len(hi))
-    for i in range(len(hi)):
-        rest[i], rest_low[i] = _sum(1.0, 0.0, -_shift(hi[i], e[i]), -_shift(lo[i], e[i]))
-    return rest, rest_low
-
-
-@njit(cache=True)
-def difference(
-    pairs: Integers,
-    hi: Floats,
-    lo: Floats,
-    e: Integers,
-    noise: float,
-    log_drop: Floats,
-    log_scale: Floats,
-) -> NDArray[np.int8]:
-    """Sign and logarithm of ``x[pairs[:, 0]] - x[pairs[:, 1]]`` of scaled double-doubles.
-
-    ``log_drop`` receives the logarithm of the magnitude, ``log_scale`` that of the larger of both magnitudes.  A
-    difference of at most ``noise`` times the larger magnitude counts as zero.
-    """
-    sign = np.zeros(len(pairs), dtype=np.int8)
-    for k in range(len(pairs)):
-        i, j = pairs[k]
-        top = max(e[i], e[j])
-        if hi[i] == 0.0:
-            top = e[j]
-        elif hi[j] == 0.0:
-            top = e[i]
-        a, a_low = _shift(hi[i], e[i] - top), _shift(lo[i], e[i] - top)
-        b, b_low = _shift(hi[j], e[j] - top), _shift(lo[j], e[j] - top)
-        d, d_low = _sum(a, a_low, -b, -b_low)
-        d += d_low
-        size = max(abs(a), abs(b))
-        log_scale[k] = math.log(size) + top * _LOG_BASE if size > 0.0 else -np.inf
-        log_drop[k] = -np.inf
-        if abs(d) > noise * size:
-            sign[k] = 1 if d > 0.0 else -1
-            log_drop[k] = math.log(abs(d)) + top * _LOG_BASE
-    return sign
-
-
-@njit(cache=True)
-def through_current(
-    pairs: Integers, direction: NDArray[np.int8], log_current: Floats, injected: Floats, largest: Floats, net: Floats
-) -> Floats:
-    """Half the sum of all current magnitudes at every node, and their net sum, relative to the node's largest one.
-
-    ``largest`` receives the logarithm of the largest current at every node (-inf for none), ``net`` the net current
-    into the node divided by it; the result is divided by it as well.
-    """
-    n = len(largest)
-    for i in range(n):
-        largest[i] = math.log(abs(injected[i])) if injected[i] != 0.0 else -np.inf
-        net[i] = 0.0
-    for k in range(len(pairs)):
-        for end in range(2):
-            largest[pairs[k, end]] = max(largest[pairs[k, end]], log_current[k])
-    total = np.zeros(n)
-    for i in range(n):
-        if injected[i] != 0.0:
-            net[i] = math.copysign(math.exp(math.log(abs(injected[i])) - largest[i]), injected[i])
-            total[i] = abs(net[i])
-    for k in range(len(pairs)):
-        if direction[k] == 0:
-            continue
-        i, j = pairs[k]
-        out = direction[k] * math.exp(log_current[k] - largest[i])
-        net[i] -= out
-        total[i] += abs(out)
-        into = direction[k] * math.exp(log_current[k] - largest[j])
-        net[j] += into
-        total[j] += abs(into)
-    return 0.5 * total

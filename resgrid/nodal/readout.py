@@ -1,121 +1,48 @@
-"""From the solution of the nodal equations to voltages, potentials and currents that keep their last digits.
+"""From the values of nodes to voltages, potentials and currents that keep their last digits.
 
-A current is a difference of two node values.  Where a circuit hangs between two rails, both the potential ``phi`` and
-the drop ``u = 1 - phi`` are known to full relative accuracy, and the smaller of the two is differenced.
+A current is a difference of two node values, both counted from the nearer rail; nothing is rounded before that.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.netlist import Netlist
-from resgrid.nodal.scaled import Scaled
+from resgrid.nodal.entrywise import NodeValues
+from resgrid.nodal.operating_point import OperatingPoint, Readings
+from resgrid.nodal.scaled import logarithm, power
+from resgrid.nodal.sources import source_currents
 from resgrid.nodal.system import NodalSystem
 
 HARMLESS = 1e-7
 """Share of a node's through-current that may be dropped where float64 values of its ends are equal."""
 
+_FLAT = 1e-12
 
-@dataclass(frozen=True, eq=False)
-class Levels:
-    """Node values of one representation: ``sign * scale`` volts each, counted from a rail.
-
-    Attributes
-    ----------
-    value : Scaled, shape (nodes,)
-    volts : float
-        Volts a unit; negative where the value grows as the voltage falls.
-    """
-
-    value: Scaled
-    volts: float
-
-
-@dataclass(frozen=True, eq=False)
-class Currents:
-    """Resistor currents: sign, from the first node to the second, and natural logarithm of the amperes."""
-
-    direction: NDArray[np.int8]
-    log_amps: NDArray[np.float64]
-
-    @property
-    def amps(self) -> NDArray[np.float64]:
-        """Plain currents, shape (resistors,); 0 where they underflow."""
-        return np.asarray(self.direction * np.exp(self.log_amps), dtype=np.float64)
+_NONE = -(2**62)
+_LEAST_EXPONENT = -2
+_ORDINARY = 1e-60
+"""Smallest current of a unit, in amperes, that leaves products of plain values in range; its inverse is the largest."""
 
 
 @dataclass(frozen=True, eq=False)
 class Balance:
-    """Kirchhoff's current law at every node.
+    """Kirchhoff's current law at every node, in units of ``2**(256 exponent)`` amperes.
 
     Attributes
     ----------
-    log_largest : ndarray of float64, shape (nodes,)
-        Natural logarithm of the largest current at a node, in amperes.
+    exponent : ndarray of int64, shape (nodes,)
     through, net : ndarray of float64, shape (nodes,)
-        Half the sum of all magnitudes, and the net current into the node, both divided by the largest.
+        Half the sum of all magnitudes, and the net current into the node.
     """
 
-    log_largest: NDArray[np.float64]
+    exponent: NDArray[np.int64]
     through: NDArray[np.float64]
     net: NDArray[np.float64]
-
-
-def at_nodes(system: NodalSystem, rows: Scaled, zero: float, volts: float) -> Levels:
-    """Spread the values of rows over nodes; known voltages are converted.
-
-    Parameters
-    ----------
-    system : NodalSystem
-    rows : Scaled, shape (n,)
-        Solution of the nodal equations.
-    zero, volts : float
-        The voltage that value 0 stands for, and the volts of a unit.
-    """
-    known = ~np.isnan(system.known)
-    hi = np.zeros(len(known))
-    lo = np.zeros(len(known))
-    exponent = np.zeros(len(known), dtype=np.int64)
-    hi[known] = (system.known[known] - zero) / volts
-    solved = system.unknown >= 0
-    row = system.unknown[solved]
-    hi[solved], lo[solved], exponent[solved] = rows.hi[row], rows.lo[row], rows.exponent[row]
-    offset = np.where(solved, system.forest.offset, 0.0) / volts
-    if offset.any():
-        # Offsets occur only in circuits without two rails, whose values do not leave the range of a double.
-        return Levels(Scaled.of(Scaled(hi, lo, exponent).plain + offset), volts)
-    return Levels(Scaled(hi, lo, exponent, rows.noise), volts)
-
-
-def currents(netlist: Netlist, levels: list[Levels]) -> Currents:
-    """Resistor currents from the representation whose values are smaller at either end.
-
-    A difference that is noise counts as no current.
-
-    Parameters
-    ----------
-    netlist : Netlist
-    levels : list of Levels
-        One representation, or two counted from either rail.
-    """
-    from resgrid.nodal.kernels import difference
-
-    pairs = netlist.resistor_nodes
-    count = len(pairs)
-    direction = np.zeros(count, dtype=np.int8)
-    log_amps, smallest = np.full(count, -np.inf), np.full(count, np.inf)
-    for level in levels:
-        log_drop, log_scale = np.empty(count), np.empty(count)
-        value = level.value
-        sign = difference(pairs, value.hi, value.lo, value.exponent, value.noise, log_drop, log_scale)
-        better = log_scale < smallest
-        direction[better] = sign[better] * np.int8(np.sign(level.volts))
-        log_amps[better] = log_drop[better] + np.log(abs(level.volts))
-        smallest[better] = log_scale[better]
-    return Currents(direction, log_amps + np.log(netlist.conductance))
 
 
 def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
@@ -127,35 +54,168 @@ def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
     return np.asarray(np.bincount(fed, amps, count) - np.bincount(taken, amps, count), dtype=np.float64)
 
 
-def balance(netlist: Netlist, flow: Currents) -> Balance:
-    """Sum the currents at every node, each relative to the largest one there."""
-    from resgrid.nodal.kernels import through_current
+def read_off(
+    system: NodalSystem, values: NodeValues, method: str, seconds: Mapping[str, float]
+) -> tuple[OperatingPoint, Balance]:
+    """Read everything off the values of the nodes.
 
-    injected = injected_currents(netlist)
-    largest, net = np.empty(netlist.node_count), np.empty(netlist.node_count)
-    through = through_current(netlist.resistor_nodes, flow.direction, flow.log_amps, injected, largest, net)
-    return Balance(largest, through, net)
+    Parameters
+    ----------
+    system : NodalSystem
+    values : NodeValues
+    method : str
+    seconds : mapping of str to float
 
-
-def drop_unresolved(netlist: Netlist, flow: Currents, sums: Balance, stored: NDArray[np.float64]) -> Currents:
-    """Set currents to zero that run between nodes of equal stored value, where the nodes' balance does not notice.
-
-    ``stored`` falls along the current, up to rounding; after this it falls strictly along every current that matters.
+    Returns
+    -------
+    point : OperatingPoint
+    sums : Balance
+        By which the field may be judged.
     """
-    a, b = netlist.resistor_nodes.T
-    falls = (stored[a] > stored[b]) * np.int8(1) - (stored[a] < stored[b]) * np.int8(1)
-    with np.errstate(divide="ignore"):
-        log_through = np.log(sums.through) + sums.log_largest
-    tied = (flow.direction != 0) & (falls != flow.direction)
-    tied &= flow.log_amps <= np.log(HARMLESS) + np.minimum(log_through[a], log_through[b])
-    return Currents(np.where(tied, np.int8(0), flow.direction).astype(np.int8), np.where(tied, -np.inf, flow.log_amps))
+    netlist = system.netlist
+    plain = _plain_where_possible(values, netlist)
+    log_drop, potential = _stored(system, values)
+    amps, exponent, power_sum = _currents(netlist, values, plain)
+    sums = _balance(netlist, amps, exponent, plain)
+    stored, sign = (log_drop, -1.0) if log_drop is not None else (potential, 1.0)
+    if stored is not None:
+        _drop_unresolved(netlist, amps, exponent, sums, plain, stored, float(np.sign(values.volts)) * sign)
+    residual = relative_residual(system, sums)
+    scale = 1.0 if plain else power(sums.exponent)
+    point = OperatingPoint(
+        netlist=netlist,
+        voltage=_voltage(system, values),
+        log_drop=log_drop,
+        potential=potential,
+        ammeters=Readings(
+            resistor_current=amps if plain else amps * power(exponent),
+            resistor_log_current=logarithm(np.abs(amps), exponent),
+            resistor_direction=np.sign(amps).astype(np.int8),
+            source_current=source_currents(netlist, system.forest, -sums.net * scale),
+            power=power_sum,
+            kcl_residual=float(residual.max(initial=0.0)),
+        ),
+        floating=system.floating,
+        undriven=system.undriven,
+        method=method,
+        seconds=seconds,
+    )
+    return point, sums
 
 
 def relative_residual(system: NodalSystem, sums: Balance) -> NDArray[np.float64]:
     """Violation of KCL at every node that is solved for and tied by no source, relative to its through-current."""
-    own = system.unknown >= 0
+    own = (system.unknown >= 0) & (sums.through > 0)
     own[system.forest.order] = False
     residual = np.zeros(len(own))
-    carries = own & (sums.through > 0)
-    residual[carries] = np.abs(sums.net[carries]) / sums.through[carries]
+    np.divide(np.abs(sums.net), sums.through, out=residual, where=own)
     return residual
+
+
+def flat(system: NodalSystem, values: NodeValues, sums: Balance, nodes: NDArray[np.int64]) -> NDArray[np.bool_]:
+    """Which nodes no drive feeds and carry less current than differences of their values can tell."""
+    row = system.unknown[nodes]
+    value = values.value
+    log_value = logarithm(np.abs(value.hi[nodes]), value.exponent[nodes]) + np.log(abs(values.volts))
+    log_through = logarithm(sums.through[nodes], sums.exponent[nodes])
+    small = log_through <= np.log(_FLAT) + np.log(system.degree[row]) + log_value
+    return np.asarray((system.injected[row] == 0) & small)
+
+
+def _plain_where_possible(values: NodeValues, netlist: Netlist) -> bool:
+    """Write the values as doubles, in place, if their currents stay far from the ends of the range."""
+    value, g = values.value, netlist.conductance
+    unit = abs(values.volts)
+    if value.exponent.min(initial=0) < _LEAST_EXPONENT or value.exponent.max(initial=0) > 0:
+        return False
+    if not (unit * g.min(initial=1.0) > _ORDINARY and unit * g.max(initial=1.0) < 1.0 / _ORDINARY):
+        return False
+    if value.exponent.any():
+        scale = power(value.exponent)
+        value.hi[:] *= scale
+        value.lo[:] *= scale
+        value.exponent[:] = 0
+    return True
+
+
+def _currents(
+    netlist: Netlist, values: NodeValues, plain: bool
+) -> tuple[NDArray[np.float64], NDArray[np.int64], float]:
+    """Currents as scaled numbers (without exponents where ``plain``), and the power."""
+    from resgrid.nodal.readout_kernels import currents
+
+    count, value = len(netlist.conductance), values.value
+    amps, exponent = np.empty(count), np.zeros(0 if plain else count, dtype=np.int64)
+    power_sum = currents(
+        netlist.resistor_nodes, netlist.conductance, value.hi, value.lo, value.exponent, values.down,
+        values.volts, values.noise, value.noise, plain, amps, exponent,
+    )  # fmt: skip
+    return amps, exponent, float(power_sum)
+
+
+def _balance(netlist: Netlist, amps: NDArray[np.float64], exponent: NDArray[np.int64], plain: bool) -> Balance:
+    """Sum the currents at every node, relative to the largest one there."""
+    from resgrid.nodal.kernels import canonical
+    from resgrid.nodal.readout_kernels import add_currents, frames
+
+    net = injected_currents(netlist)
+    frame = np.zeros(len(net), dtype=np.int64)
+    if not plain:
+        own = frame.copy()
+        canonical(net, own)
+        frame[:] = np.where(net != 0, own, _NONE)
+        frames(netlist.resistor_nodes, amps, exponent, frame)
+        frame[frame == _NONE] = 0
+        net *= power(np.where(net != 0, own - frame, 0))
+    total = np.abs(net)
+    add_currents(netlist.resistor_nodes, amps, exponent, frame, plain, net, total)
+    total *= 0.5
+    return Balance(frame, total, net)
+
+
+def _drop_unresolved(
+    netlist: Netlist,
+    amps: NDArray[np.float64],
+    exponent: NDArray[np.int64],
+    sums: Balance,
+    plain: bool,
+    stored: NDArray[np.float64],
+    sign: float,
+) -> None:
+    """Set currents to 0, in place, that run between nodes of equal stored value, where the balance does not notice.
+
+    ``sign * stored`` falls along the current, up to rounding; after this it falls along every current that matters.
+    """
+    from resgrid.nodal.readout_kernels import drop_unresolved
+
+    drop_unresolved(
+        netlist.resistor_nodes, amps, exponent, sums.exponent, plain, sums.net, sums.through, stored, sign, HARMLESS
+    )
+
+
+def _stored(system: NodalSystem, values: NodeValues) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
+    """``log_drop`` and ``potential`` of every node, where they exist."""
+    height = values.height
+    if system.rails is None:
+        top = height[system.unknown >= 0].max(initial=0.0)
+        one_rail = not system.feed.any() and (np.all(system.injected >= 0) or np.all(system.injected <= 0))
+        if not (one_rail and top > 0):
+            return None, None
+        height /= top
+        height[system.floating] = np.nan
+        return None, height
+    height[(height < 0) | (height > 1)] = np.nan
+    height[system.floating] = np.nan
+    log_drop = values.value.log
+    above = np.flatnonzero(~values.down)
+    log_drop[above] = np.log1p(-height[above])
+    log_drop[np.isnan(height)] = np.nan
+    return log_drop, height
+
+
+def _voltage(system: NodalSystem, values: NodeValues) -> NDArray[np.float64]:
+    plain = values.value.plain
+    volts = values.zero + values.volts * plain
+    if system.rails is not None:
+        volts = np.where(values.down, system.rails.high - values.volts * plain, volts)
+    return np.where(system.unknown >= 0, volts, system.known)

@@ -14,6 +14,12 @@ NOISE = 2.0**-70
 """Relative difference of two refined values below which it is noise."""
 
 
+_LOG_BASE = BITS * np.log(2.0)
+_LEAST, _MOST = -5, 4
+_POWERS = np.append(np.ldexp(1.0, BITS * np.arange(_LEAST, _MOST)), np.inf)
+_POWERS.flags.writeable = False
+
+
 @dataclass(frozen=True, eq=False)
 class Scaled:
     """Numbers ``(hi + lo) * 2**(256 exponent)``; three arrays of one shape.
@@ -44,11 +50,18 @@ class Scaled:
     @property
     def log(self) -> NDArray[np.float64]:
         """Natural logarithm of the values; -inf for those that are not positive."""
-        from resgrid.nodal.kernels import logarithm
-
-        return np.asarray(logarithm(self.hi, self.exponent), dtype=np.float64)
+        return logarithm(self.hi, self.exponent)
 
 
 def power(exponent: NDArray[np.int64]) -> NDArray[np.float64]:
     """``2**(256 exponent)``: 0 or infinity beyond the range of a double."""
-    return np.asarray(np.exp2(float(BITS) * exponent), dtype=np.float64)
+    return np.asarray(_POWERS[np.clip(exponent, _LEAST, _MOST) - _LEAST])
+
+
+def logarithm(m: NDArray[np.float64], e: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Natural logarithm of scaled numbers; -inf for those that are not positive."""
+    with np.errstate(divide="ignore"):
+        log = np.log(np.maximum(m, 0.0))
+    if e.any():
+        log += e * _LOG_BASE
+    return np.asarray(log)

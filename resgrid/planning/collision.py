@@ -71,13 +71,11 @@ def risk(circuit: Netlist | OperatingPoint | Walk) -> Risk:
     AccuracyError
         If the conductances differ by more decades than the factors can hold.
     """
-    from resgrid.nodal.kernels import logarithm
-
     walk = random_walk(circuit)
     second = 1.0 / walk.layout.resistance
     degree = walk.degree
     u = walk.solve(walk.to_goal.T @ np.ones(walk.to_goal.shape[0]))
-    log_u = np.minimum(logarithm(u.hi, u.exponent), 0.0)
+    log_u = np.minimum(u.log, 0.0)
     ones = np.ones(len(degree))
     return Risk(
         success=_placed(walk, np.exp(log_u), 0.0, 1.0, 0.0),

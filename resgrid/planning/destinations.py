@@ -101,8 +101,6 @@ def absorption(circuit: Netlist | OperatingPoint | Walk) -> Absorption:
     BudgetError
         If the answer would not fit in memory.
     """
-    from resgrid.nodal.kernels import logarithm
-
     walk = random_walk(circuit)
     space = walk.layout.space
     require_memory(
@@ -115,7 +113,7 @@ def absorption(circuit: Netlist | OperatingPoint | Walk) -> Absorption:
         contact = walk.to_goal[[goal]].toarray().ravel()
         if contact.any():
             at = walk.solve(contact)
-            values = np.minimum(logarithm(at.hi, at.exponent), 0.0)
+            values = np.minimum(at.log, 0.0)
             log_probability[goal] = walk.per_cell(values, obstacle=-np.inf, goal=-np.inf)
         log_probability[goal][space.goal_region == goal] = 0.0
     log_probability[:, (walk.row < 0) & (space.cell == Cell.FREE)] = -np.inf
