@@ -128,8 +128,6 @@ def compile_space(
         raise InputError("the space has no goal cell: add a goal, or make it at least one cell large")
     nodes = _number_nodes(space, rules)
     resistors = _join(space, rules, nodes)
-    source_nodes, source_volts = _voltage_sources(space, rules, nodes)
-    current_nodes, current_amps = _uniform_drive(rules, nodes)
     layout = Layout(
         space=space,
         node=nodes.cell,
@@ -138,24 +136,14 @@ def compile_space(
         free_node=nodes.free,
         obstacle_node=nodes.obstacle,
         goal_nodes=nodes.goals,
-        boundary=rules.boundary,
-        drive=rules.drive,
-        edge=rules.edge,
-        rails=rules.rails,
-        resistance=rules.resistance,
-        supply=rules.supply,
-        goal_voltage=rules.goal_voltage,
-        start=rules.start,
-        wall_resistance=rules.wall_resistance,
+        **vars(rules),
     )
     return Netlist(
-        node_count=nodes.count,
-        resistor_nodes=resistors.nodes,
-        conductance=resistors.conductance,
-        source_nodes=source_nodes,
-        source_volts=source_volts,
-        current_nodes=current_nodes,
-        current_amps=current_amps,
+        nodes.count,
+        resistors.nodes,
+        resistors.conductance,
+        *_voltage_sources(space, rules, nodes),
+        *_uniform_drive(rules, nodes),
         layout=layout,
     )
 
@@ -258,18 +246,12 @@ def _cells_with_node(space: ConfigurationSpace, rules: _Rules) -> NDArray[np.boo
 def _join(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes) -> _Resistors:
     groups = list(_groups(space, rules, nodes))
     ends = [0, *np.cumsum([np.count_nonzero(group.kept) for group in groups]).tolist()]
-    joined = _Resistors(
-        np.empty((ends[-1], 2), dtype=np.int64),
-        np.empty(ends[-1]),
-        np.empty(ends[-1], dtype=np.int64),
-        np.empty(ends[-1], dtype=np.bool_),
-    )
+    count = ends[-1]
+    pairs = np.empty((count, 2), dtype=np.int64)
+    joined = _Resistors(pairs, np.empty(count), np.empty(count, dtype=np.int64), np.empty(count, dtype=np.bool_))
     for group, first, last in zip(groups, ends, ends[1:], strict=False):
         part = _Resistors(*(column[first:last] for column in vars(joined).values()))
-        if group.upper is None:
-            _fill_contacts(space, rules, nodes, group, part)
-        else:
-            _fill_neighbours(space, rules, nodes, group, part)
+        _fill(space, rules, nodes, group, part)
     return joined
 
 
@@ -277,17 +259,9 @@ def _join(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes) -> _Resistors
 class _Group:
     """Resistors that cross a slab of faces across one axis.
 
-    Attributes
-    ----------
-    axis : int
-    kept : ndarray of bool
-        Which faces of the slab have one.
-    faces : tuple of int, int
-        The slab, among the faces along the axis.
-    first_face : int
-        Number of the axis's first face.
-    lower, upper : tuple of int, int
-        Slabs of the cells before and behind the faces; ``upper`` is None where the obstacle rail lies beyond.
+    ``kept`` tells which faces of the slab have one; ``faces`` is the slab, of those along the axis, which are numbered
+    from ``first_face`` on; ``lower`` and ``upper`` are the slabs of cells before and behind them, the latter None where
+    the obstacle rail lies beyond.
     """
 
     axis: int
@@ -331,44 +305,42 @@ def _places(kept: NDArray[np.bool_], shape: tuple[int, ...], axis: int, slab: tu
     return np.flatnonzero(whole)
 
 
-def _fill_neighbours(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes, group: _Group, part: _Resistors) -> None:
-    """Resistors from the cells in the slab ``lower`` to their neighbours in the slab ``upper``."""
-    assert group.upper is not None
+def _fill(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes, group: _Group, part: _Resistors) -> None:
+    """Resistors from the cells before the faces to those behind them, or to the obstacle rail."""
     axis, node = group.axis, nodes.cell.reshape(-1)
-    lower = _places(group.kept, space.shape, axis, group.lower)
-    ahead = (group.upper[0] - group.lower[0]) * int(np.prod(space.shape[axis + 1 :]))
-    part.nodes[:, 0] = node[lower]
-    part.nodes[:, 1] = node[lower + ahead]
+    here = _places(group.kept, space.shape, axis, group.lower)
+    there = None
+    if group.upper is not None:
+        there = here + (group.upper[0] - group.lower[0]) * int(np.prod(space.shape[axis + 1 :]))
+    part.nodes[:, 0] = node[here]
+    part.nodes[:, 1] = nodes.obstacle if there is None else node[there]
     part.face[:] = _places(group.kept, face_shape(space.shape, axis), axis, group.faces)
     part.face[:] += group.first_face
-    part.upward[:] = True
-    conductance = part.conductance
-    conductance[:] = _unit_conductance(space, rules, axis)
-    if space.conductivity is None and rules.wall_resistance == 0:
-        return
-    upper = lower + ahead
-    codes = space.cell.reshape(-1)[lower], space.cell.reshape(-1)[upper]
+    part.upward[:] = there is not None or group.faces[0] > 0
+    part.conductance[:] = _unit_conductance(space, rules, axis)
+    if there is None:
+        if space.conductivity is not None:
+            part.conductance[:] *= space.conductivity.reshape(-1)[here]
+        part.conductance[:] = _behind_wall(part.conductance, rules)
+    elif space.conductivity is not None or rules.wall_resistance > 0:
+        _combine(space, rules, here, there, part.conductance)
+
+
+def _combine(
+    space: ConfigurationSpace,
+    rules: _Rules,
+    here: NDArray[np.int64],
+    there: NDArray[np.int64],
+    conductance: NDArray[np.float64],
+) -> None:
+    """Put both cells' conductivities, and the wall's resistance, into the conductances between them, in place."""
+    codes = space.cell.reshape(-1)[here], space.cell.reshape(-1)[there]
     if space.conductivity is not None:
         c = space.conductivity.reshape(-1)
-        conductance *= _series(c[lower], c[upper], *(code == Cell.FREE for code in codes))
+        conductance *= _series(c[here], c[there], *(code == Cell.FREE for code in codes))
     if rules.wall_resistance > 0:
         contact = (np.minimum(*codes) == Cell.FREE) & (np.maximum(*codes) == Cell.OBSTACLE)
         conductance[contact] = _behind_wall(conductance[contact], rules)
-
-
-def _fill_contacts(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes, group: _Group, part: _Resistors) -> None:
-    """Resistors from border cells to the obstacle rail beyond the edge of the grid."""
-    axis = group.axis
-    cell = _places(group.kept, space.shape, axis, group.lower)
-    part.nodes[:, 0] = nodes.cell.reshape(-1)[cell]
-    part.nodes[:, 1] = nodes.obstacle
-    part.face[:] = _places(group.kept, face_shape(space.shape, axis), axis, group.faces)
-    part.face[:] += group.first_face
-    part.upward[:] = group.faces[0] > 0
-    conductance = np.full(len(cell), _unit_conductance(space, rules, axis))
-    if space.conductivity is not None:
-        conductance *= space.conductivity.reshape(-1)[cell]
-    part.conductance[:] = _behind_wall(conductance, rules)
 
 
 def _unit_conductance(space: ConfigurationSpace, rules: _Rules, axis: int) -> float:
