@@ -168,34 +168,34 @@ def decay(indptr: Indices, indices: Indices, low: NDArray[np.bool_], high: NDArr
         costs[node] = max(1, int(_PARTS * rate / (2.0 * depth[node] + 1.0))) if depth[node] >= 0 else 0
     buckets = int(_PARTS * rate) + 2
     first = np.full(buckets, -1, np.int32)
-    entry, after = np.empty(len(indices) + n, np.int32), np.empty(len(indices) + n, np.int32)
-    fall = np.full(n, -1, np.int64)
-    done = np.zeros(n, np.bool_)
+    # Entries of the lists of nodes in the buckets: the node, and the entry after it.
+    entry = np.empty((len(indices) + n, 2), np.int32)
+    fall = np.full(n, 2**31 - 1, np.int32)
     size = 0
     for node in range(n):
         if low[node]:
             fall[node] = 0
-            entry[size], after[size], first[0] = node, first[0], size
+            entry[size, 0], entry[size, 1], first[0] = node, first[0], size
             size += 1
     now, most, waiting = 0, 0, size
     while waiting > 0:
-        item = first[now % buckets]
+        bucket = now % buckets
+        item = first[bucket]
         if item < 0:
             now += 1
             continue
-        first[now % buckets] = after[item]
+        node, first[bucket] = entry[item]
         waiting -= 1
-        node = entry[item]
-        if done[node]:
+        if fall[node] != now:
             continue
-        done[node] = True
         most = now
         for k in range(indptr[node], indptr[node + 1]):
             other = indices[k]
             value = now + costs[other]
-            if not done[other] and (fall[other] < 0 or value < fall[other]):
+            if value < fall[other]:
                 fall[other] = value
-                entry[size], after[size], first[value % buckets] = other, first[value % buckets], size
+                bucket = value % buckets
+                entry[size, 0], entry[size, 1], first[bucket] = other, first[bucket], size
                 size += 1
                 waiting += 1
     return most / _PARTS

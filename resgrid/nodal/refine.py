@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from resgrid.nodal.scaled import BITS, Scaled, power
 from resgrid.nodal.system import NodalSystem
 
+_NONE = np.zeros(0, dtype=np.int64)
 _MOST_STEPS = 60
 _LEAST_GAIN = 0.5
 
@@ -28,7 +29,7 @@ _LEAST_PLAIN = 1e-200
 """Smallest value that needs no exponent; residuals are up to a hundred decades smaller."""
 
 Numbers = tuple[NDArray[np.float64], NDArray[np.int64]]
-"""Scaled numbers in single doubles: mantissas and exponents."""
+"""Scaled numbers in single doubles: mantissas and exponents; no exponents (an empty array) where all are 0."""
 
 Approximation = Callable[[NDArray[np.float64], NDArray[np.int64], float], Numbers]
 """About ``A^-1`` times scaled numbers, right to a share (the third argument) of the largest; may be better."""
@@ -84,25 +85,33 @@ class _Answer:
         n = system.size
         self._system, self._floor, self._exact, self.steps = system, floor, exact, 0
         self._current, self._scale = scaled_currents(rhs)
-        self._now, self._last = _zeros(n), _zeros(n)
         self._plain = not exact and _without_exponent(self._current, self._scale)
+        if self._plain:
+            self._scale = _NONE
+        self._now, self._last = self._zeros(n), self._zeros(n)
         self.residual, self.exponent = self._current.copy(), self._scale.copy()
-        self.error = self.left = np.inf
+        self.error = self.left = self._largest = np.inf
+
+    def _zeros(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
+        return np.zeros(n), np.zeros(n), _NONE if self._plain else np.zeros(n, dtype=np.int64)
 
     @property
     def solution(self) -> Scaled:
         """The answer, in canonical numbers."""
         from resgrid.nodal.refine_kernels import canonical_pairs
 
-        canonical_pairs(*self._now)
-        return Scaled(*self._now)
+        hi, lo, e = self._now
+        if self._plain:
+            e = np.zeros(len(hi), dtype=np.int64)
+        canonical_pairs(hi, lo, e)
+        return Scaled(hi, lo, e)
 
     @property
     def log_size(self) -> float:
         """Natural logarithm of the largest entry of the residual."""
         with np.errstate(divide="ignore"):
             if self._plain:
-                return float(np.log(max(self.residual.max(initial=0.0), -self.residual.min(initial=0.0))))
+                return float(np.log(self._largest))
             log = np.log(np.abs(self.residual)) + self.exponent * (BITS * np.log(2.0))
         return float(np.max(log, initial=-np.inf))
 
@@ -111,15 +120,15 @@ class _Answer:
         from resgrid.nodal.refine_kernels import correct, corrected
 
         self.steps += 1
-        self._now, self._last = self._last, self._now
         if self._plain and not _without_exponent(m, e):
             self._leave_plain()
+        self._now, self._last = self._last, self._now
         if self._plain:
             corrected(*self._last[:2], m, *self._now[:2])
         else:
             for new, old in zip(self._now, self._last, strict=True):
                 new[:] = old
-            correct(*self._now, m, e)
+            correct(*self._now, m, e if e.size else np.zeros(len(m), dtype=np.int64))
         self._compute_residual()
 
     def take_back(self) -> None:
@@ -142,7 +151,7 @@ class _Answer:
     def _residual_of_currents(self) -> tuple[float, float]:
         from resgrid.nodal.refine_kernels import residual
 
-        self.error, self.left, least, share = residual(
+        self.error, self.left, self._largest, least, share = residual(
             *self._rows, self._current, self._scale, *self._now,
             self._plain, self._floor, _kept(self.steps), self.residual, self.exponent,
         )  # fmt: skip
@@ -165,14 +174,16 @@ class _Answer:
         from resgrid.nodal.kernels import canonical
         from resgrid.nodal.refine_kernels import canonical_pairs
 
+        if not self._plain:
+            return
+        n = len(self._current)
         self._plain = False
+        self._scale, self.exponent = np.zeros(n, dtype=np.int64), np.zeros(n, dtype=np.int64)
         canonical(self._current, self._scale)
+        self._now = (*self._now[:2], np.zeros(n, dtype=np.int64))
+        self._last = (*self._last[:2], np.zeros(n, dtype=np.int64))
         canonical_pairs(*self._now)
         canonical_pairs(*self._last)
-
-
-def _zeros(n: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    return np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.int64)
 
 
 def _kept(step: int) -> float:
@@ -191,7 +202,6 @@ def _without_exponent(m: NDArray[np.float64], e: NDArray[np.int64]) -> bool:
         return False
     if lowest < 0 or highest > 0:
         m *= power(e)
-        e[:] = 0
     return True
 
 

@@ -115,7 +115,7 @@ def residual(
     kept: float,
     out: Floats,
     out_e: Integers,
-) -> tuple[float, float, float, float]:
+) -> tuple[float, float, float, float, float]:
     """Residual of KCL in scaled numbers ``(out, out_e)``, and how large it is.
 
     Row ``i`` is ``b_i - s_i x_i + sum_j g_ij (x_j - x_i)``: differences come first, so that off-diagonals and row
@@ -134,14 +134,16 @@ def residual(
     left : float
         Largest violation relative to what is allowed: `_EXACT` of the row's currents, or ``floor`` times
         ``(b + |A| |x|)_i`` where that is more.
+    largest : float
+        Largest magnitude of a residual, where ``plain``.
     least : float
         Smallest magnitude of a value other than 0, where ``plain``.
     share : float
         Smallest ratio of a row's currents to ``(b + |A| |x|)_i``.
 
-    Infinite, infinite, 0 and 0 where a residual is not finite.
+    Infinite, infinite, infinite, 0 and 0 where a residual is not finite.
     """
-    backward, left, least, share = 0.0, 0.0, np.inf, 1.0
+    backward, left, largest, least, share = 0.0, 0.0, 0.0, np.inf, 1.0
     for i in range(len(hi)):
         top = 0 if plain else _row_exponent(indptr, indices, injected, injected_e, hi, e, i)
         own, own_low = _relative(hi[i], e, i, top, plain), _relative(lo[i], e, i, top, plain)
@@ -160,7 +162,7 @@ def residual(
             least = min(least, abs(own))
         wrong = abs(r)
         if not math.isfinite(wrong):
-            return np.inf, np.inf, 0.0, 0.0
+            return np.inf, np.inf, np.inf, 0.0, 0.0
         if wrong > backward * size:
             backward = wrong / size
         if flow < share * size:
@@ -170,12 +172,13 @@ def residual(
             rounding *= kept
         if wrong <= max(rounding, _SETTLED * size):
             r, top = 0.0, 0
-        elif wrong > left * max(_EXACT * flow, floor * size):
-            left = wrong / max(_EXACT * flow, floor * size)
+        else:
+            largest = max(largest, wrong)
+            left = max(left, wrong / max(_EXACT * flow, floor * size))
         out[i] = r
         if not plain:
             out_e[i] = top
-    return backward, left, least, share
+    return backward, left, largest, least, share
 
 
 @njit(cache=True, nogil=True)

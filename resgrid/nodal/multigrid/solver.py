@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 REFINED = 1e-20
 """Componentwise backward error that is enough where no current flows."""
 
-_PASS, _LEAST_PASS = 1e-9, 1e-3
+_PASS, _LEAST_PASS = 1e-11, 1e-3
 """By how much a pass of refinement lessens the residual: at most, and at least."""
 
 
@@ -131,7 +131,7 @@ class MultigridFactor:
     def _approximate(
         self, watch: Watch | None, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float
     ) -> Numbers:
-        """Up to nine digits of ``A^-1`` times scaled numbers, relative to the largest."""
+        """Up to eleven digits of ``A^-1`` times scaled numbers, relative to the largest."""
         top = 0
         if e.any() and m.any():
             top = int(e[m != 0].max())
