@@ -16,6 +16,8 @@ from resgrid.nodal.multigrid.kernels import Stack
 from resgrid.nodal.multigrid.stack import own_work
 
 _MOST_ITERATIONS = 200
+_DEPTH = 12
+"""Steps of a burst at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,7 +64,7 @@ class BoardBatch:
         system, unit = self.pattern.system, self.hierarchy.unit
         grid, stack = _own_copies(self.hierarchy, self.grid)
         places = len(grid.aggregate)
-        vectors, singles = np.zeros((4, 2, places)), np.zeros((3, places), dtype=np.float32)
+        vectors, singles = np.zeros((3, 2, places)), np.zeros((3 + 1 + _DEPTH, places), dtype=np.float32)
         solution = np.empty((len(conductance), system.size))
         for x, chip in zip(solution, conductance, strict=True):
             entries, excess, b = self.pattern.rows(chip)
@@ -71,7 +73,7 @@ class BoardBatch:
             )
             residual = kernels.solve_board(
                 grid.true, grid.board, grid.aggregate, grid.boards, stack, grid.place, b / unit, rtol,
-                _MOST_ITERATIONS, self.start, x, vectors, singles,
+                _MOST_ITERATIONS, self.start, x, vectors, singles[:3], singles[3:],
             )  # fmt: skip
             check_error(residual * unit, degree * unit, x, b, rtol)
         return solution

@@ -18,6 +18,7 @@ from resgrid.nodal.multigrid.board_passes import (
     advance,
     begin_burst,
     black_residual,
+    gather_steps,
     multiply,
     prolong,
     restrict,
@@ -31,6 +32,7 @@ Integers = NDArray[np.int64]
 _LEAST_GAIN = 0.5
 _ROUNDING = 2.0**-52
 _SAFETY = 0.8
+_BURST = 1e-6
 _ENOUGH = 0.25
 
 
@@ -69,49 +71,60 @@ def refill(
 @njit(cache=True, nogil=True)
 def solve_board(
     true: Board, board: Board, aggregate: Indices, boards: Boards, stack: Stack, place: Indices, b: Floats,
-    rtol: float, most: int, start: Floats, solution: Floats, vectors: Floats, singles: Singles,
+    rtol: float, most: int, start: Floats, solution: Floats, vectors: Floats, singles: Singles, z: Singles,
 ) -> float:  # fmt: skip
     """Solve from a start until the residual is ``rtol |b|`` or rounding forbids more; returns the norm of the residual.
 
-    As `resgrid.nodal.multigrid.board_iteration`, in one piece.  ``vectors`` and ``singles`` are work space of four
-    times two and of three rows of places.
+    As `resgrid.nodal.multigrid.board_iteration`, in one piece.  ``vectors`` and ``singles`` are work space of three
+    times two and of three rows of places, ``z`` of one more than steps are kept.
     """
-    x, currents, r, p, s, w = vectors[0], vectors[1], vectors[2, 0], vectors[2, 1], vectors[3, 0], vectors[3, 1]
-    f, z, red = singles[0], singles[1], singles[2]
+    x, currents, residual, p = vectors[0], vectors[1], vectors[2, 0], vectors[2, 1]
+    r, s, w = singles[0], singles[1], singles[2]
     p[:], s[:] = 0.0, 0.0
-    places = len(r)
     flat_x, flat_b, squares = x.ravel(), currents.ravel(), 0.0
     for i in range(len(place)):
         flat_x[place[i]] = start[i]
         flat_b[place[i]] = b[i]
         squares += b[i] * b[i]
-    degree = np.max(true.black_degree)
-    for k in range(places):
-        if true.red_inverse[k] > 0.0:
-            degree = max(degree, 1.0 / true.red_inverse[k])
-    wanted, energy, last = rtol * math.sqrt(squares), 0.0, np.inf
+    depth, energy, last = len(z) - 1, 0.0, np.inf
+    on_x, on_p = np.zeros(depth), np.zeros(depth)
+    wanted, rounding = rtol * math.sqrt(squares), _ROUNDING * _largest_degree(true)
     while True:
-        size = black_residual(true, currents, x, r)
-        goal = max(wanted, _ROUNDING * degree * math.sqrt(np.dot(flat_x, flat_x)))
+        size = black_residual(true, currents, x, residual)
+        goal = max(wanted, rounding * math.sqrt(np.dot(flat_x, flat_x)))
         if not (size > goal and size < _LEAST_GAIN * last and most > 0):
             break
-        begin_burst(board.black_inverse, size, r, f, z)
-        left = 1.0
-        while left > _SAFETY * goal / size and most > 0:
-            restrict(board, aggregate, z, red, boards.b[: boards.size])
+        begin_burst(board.black_inverse, size, residual, r, z[0])
+        left, count, before_x, before_p = 1.0, 0, 0.0, 1.0
+        gain = max(_BURST, _SAFETY * goal / size)
+        while left > gain and most > 0 and count < depth:
+            restrict(board, aggregate, z[count], boards.b[: boards.size])
             cycle_boards(boards, stack, _ENOUGH, 0)
-            prolong(board, aggregate, boards.x[: boards.size], f, red, z)
-            zr, zw, zs = multiply(true, z, r, s, x[0], w)
+            prolong(board, aggregate, boards.x[: boards.size], r, z[count])
+            zr, zw, zs = multiply(true, z[count], r, s, w)
             beta = -zs / energy if energy > 0.0 else 0.0
             energy = zw + beta * zs
             if not energy > 0.0:
                 break
-            squares = advance(
-                board.black_inverse, board.block * board.width, w, p, s, x[1], r, f, z, beta, zr / energy, size
-            )
-            left = math.sqrt(squares)
+            on_p[:count] *= beta
+            on_p[count], before_p = 1.0, beta * before_p
+            count += 1
+            on_x[:count] += zr / energy * on_p[:count]
+            before_x += zr / energy * before_p
+            left = math.sqrt(advance(board.black_inverse, w, s, r, z[count], beta, zr / energy))
             most -= 1
+        gather_steps(z[:count], on_x, before_x, on_p, before_p, size, p, x[1])
+        on_x[:] = 0.0
         last = size
     for i in range(len(place)):
         solution[i] = flat_x[place[i]]
     return size
+
+
+@njit(cache=True)
+def _largest_degree(board: Board) -> float:
+    degree = np.max(board.black_degree)
+    for k in range(len(board.red_inverse)):
+        if board.red_inverse[k] > 0.0:
+            degree = max(degree, 1.0 / board.red_inverse[k])
+    return degree

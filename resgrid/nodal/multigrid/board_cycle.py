@@ -22,7 +22,6 @@ from resgrid.nodal.multigrid.board_passes import (
     prolong,
     relax_red,
     restrict,
-    scale,
 )
 from resgrid.nodal.multigrid.kernels import Stack, cycle
 
@@ -106,9 +105,15 @@ def _board(boards: Boards, level: int) -> Board:
 def _fold(board: Board, b: Singles, red: Singles, f: Singles, z: Singles) -> None:
     """Eliminate the red nodes: ``f`` is what the black ones are due, ``z`` its relaxation."""
     places = len(red)
-    scale(board.red_inverse, 0, places, b, 0, red)
+    _times(board.red_inverse, b[:places], red)
     add_into_black(board, red, b[places:], f)
-    scale(board.black_inverse, 0, len(z), f, 0, z)
+    _times(board.black_inverse, f, z)
+
+
+@njit(cache=True, fastmath=FAST)
+def _times(a: Singles, b: Singles, product: Singles) -> None:
+    for k in range(len(product)):
+        product[k] = a[k] * b[k]
 
 
 @njit(cache=True, fastmath=FAST)
@@ -128,11 +133,11 @@ def _combine(a: float, x: Singles, b: float, y: Singles, out: Singles) -> None:
 
 @njit(cache=True)
 def _first_step(
-    board: Board, stop: float, f: Singles, red: Singles, z: Singles, c: Singles, v: Singles, energy: Floats,
+    board: Board, stop: float, f: Singles, z: Singles, c: Singles, v: Singles, energy: Floats,
     alpha: Floats,
 ) -> bool:  # fmt: skip
     """First step of the K-cycle, along ``z``; returns whether it suffices (``z`` is then the answer)."""
-    alpha[0], energy[0], _ = multiply(board, z, f, f, red, v)
+    alpha[0], energy[0], _ = multiply(board, z, f, f, v)
     if not energy[0] > 0.0:
         return True
     step, size = alpha[0] / energy[0], _dot(f, f)
@@ -141,17 +146,17 @@ def _first_step(
         _combine(step, z, 0.0, z, z)
         return True
     c[:] = z
-    scale(board.black_inverse, 0, len(z), f, 0, z)
+    _times(board.black_inverse, f, z)
     return False
 
 
 @njit(cache=True)
 def _second_step(
-    board: Board, energy: float, alpha: float, f: Singles, red: Singles, c: Singles, v: Singles, z: Singles
+    board: Board, energy: float, alpha: float, f: Singles, c: Singles, v: Singles, z: Singles
 ) -> None:
     """Second step, along ``z`` made conjugate to the first direction ``c``; leaves the answer in ``z``."""
     gamma = _dot(z, v)
-    rest, product, _ = multiply(board, z, f, f, red, v)
+    rest, product, _ = multiply(board, z, f, f, v)
     second = product - gamma * gamma / energy
     step = rest / second if second > 0.0 else 0.0
     _combine((alpha - gamma * step) / energy, c, step, z, z)
@@ -196,12 +201,12 @@ def cycle_boards(boards: Boards, stack: Stack, stop: float, first: int) -> None:
         if visit == 0:
             _fold(board, b, red, f, z)
         else:
-            prolong(board, aggregate, boards.x[below:beyond], f, red, z)
+            prolong(board, aggregate, boards.x[below:beyond], f, z)
         done = visit > 0 and level < first
         if visit == 1 and not done:
-            done = _first_step(board, stop, f, red, z, c, v, energy[level : level + 1], alpha[level : level + 1])
+            done = _first_step(board, stop, f, z, c, v, energy[level : level + 1], alpha[level : level + 1])
         elif visit == 2:
-            _second_step(board, energy[level], alpha[level], f, red, c, v, z)
+            _second_step(board, energy[level], alpha[level], f, c, v, z)
             done = True
         if done:
             _put_back(board, b, z, x)
@@ -209,5 +214,5 @@ def cycle_boards(boards: Boards, stack: Stack, stop: float, first: int) -> None:
             level -= 1
         else:
             visits[level] += 1
-            restrict(board, aggregate, z, red, boards.b[below:beyond])
+            restrict(board, aggregate, z, boards.b[below:beyond])
             level += 1

@@ -1,7 +1,7 @@
 """Flexible conjugate gradients on the black cells of a grid.
 
-They run in double precision, preconditioned in single precision, until the recursive residual is small enough; then
-the true one is formed, and if rounding has parted them, the next burst begins with it, search directions kept.
+They run in bursts of at most six digits: after each the true residual is formed in double precision, and the next
+begins with it, search directions kept.
 """
 
 from __future__ import annotations
@@ -23,6 +23,12 @@ from resgrid.nodal.watch import Watch
 _ROUNDING = 2.0**-52
 _ENOUGH = 0.25
 """Residual after the first step of a K-cycle that spares the second."""
+
+_BURST = 1e-6
+"""Gain of a burst: vectors in single precision allow no more."""
+
+_DEPTH = 8
+"""Steps that are kept before they are gone."""
 
 _SAFETY = 0.8
 """The recursive residual is brought below the goal by this factor."""
@@ -48,14 +54,14 @@ def iterate_on_board(
     last, left = np.inf, MOST_ITERATIONS
     wanted, rounding = rtol * norm(b) / unit, _ROUNDING * _largest_degree(true)
     while True:
-        size = passes.black_residual(true, currents, x, burst.r)
+        size = passes.black_residual(true, currents, x, burst.residual)
         goal = max(wanted, rounding * math.hypot(norm(x[0]), norm(x[1])))
         error.small &= size <= max(DRIFT * burst.left * last, goal)
         if error.small or not (size > goal and size < LEAST_GAIN * last and left > 0):
             return x.ravel()[place], size * unit
         if not math.isfinite(last):
             watch.begin(size * unit, goal * unit)
-        left -= burst.run(x, size, _SAFETY * goal / size, left)
+        left -= burst.run(x, size, max(_BURST, _SAFETY * goal / size), left)
         last = size
 
 
@@ -66,44 +72,73 @@ def _largest_degree(board: passes.Board) -> float:
 
 
 class _Burst:
-    """Some steps on the black cells; search directions outlive a burst."""
+    """Some steps on the black cells; search directions outlive a burst.
+
+    Vectors are in single precision, but for the answer: it is summed from the preconditioned residuals at the end,
+    so that what the recursive residual stands for is known to all digits.
+    """
 
     def __init__(self, hierarchy: Hierarchy, grid: GridLevels, error: ErrorBound, watch: Watch) -> None:
         self._grid, self._boards, self._stack = grid, own_vectors(grid.boards), own_work(hierarchy.stack)
         self._unit = hierarchy.unit
         places = len(grid.aggregate)
-        self._z, self._f, self._red = np.zeros((3, places), dtype=np.float32)
-        self.r, self._p, self._s, self._w = np.zeros((4, places))
+        self.residual, self._p = np.zeros((2, places))
+        self._r, self._s, self._w = np.zeros((3, places), dtype=np.float32)
+        self._z = np.zeros((_DEPTH, places), dtype=np.float32)
+        self._on_x, self._on_p = np.zeros((2, _DEPTH + 1))
+        self._on_p[-1] = 1.0
+        self._count = 0
         self._energy = 0.0
         self._error, self._watch = error, watch
         self.left = 1.0
 
     def run(self, x: NDArray[np.float64], size: float, gain: float, most: int) -> int:
-        """Reduce the residual ``r``, of norm ``size``, by a factor ``gain``; returns the steps taken."""
+        """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the steps taken."""
         board, true = self._grid.board, self._grid.true
-        passes.begin_burst(board.black_inverse, size, self.r, self._f, self._z)
+        passes.begin_burst(board.black_inverse, size, self.residual, self._r, self._z[0])
         self.left, steps = 1.0, 0
         while self.left > gain and steps < most and not self._error.small:
-            self._precondition()
-            zr, zw, zs = passes.multiply(true, self._z, self.r, self._s, x[0], self._w)
+            z = self._z[self._count]
+            self._precondition(z)
+            zr, zw, zs = passes.multiply(true, z, self._r, self._s, self._w)
             beta = -zs / self._energy if self._energy > 0.0 else 0.0
             self._energy = zw + beta * zs
             if not self._energy > 0.0:
                 break
             alpha = zr / self._energy
-            self.left = math.sqrt(
-                passes.advance(
-                    board.black_inverse, board.block * board.width, self._w, self._p, self._s, x[1], self.r, self._f,
-                    self._z, beta, alpha, size,
-                )
-            )  # fmt: skip
-            self._error.moved(self._p, alpha * size, alpha * zr * size * size * self._unit)
+            self._note(beta, alpha)
+            if self._error.asked:
+                far = abs(alpha) * size * passes.largest_step(self._z[: self._count], *self._used(self._on_p), self._p)
+                self._error.moved(far, alpha * zr * size * size * self._unit)
+            if self._count == _DEPTH:
+                self._gather(x[1], size)
+            inverse, z = board.black_inverse, self._z[self._count]
+            self.left = math.sqrt(passes.advance(inverse, self._w, self._s, self._r, z, beta, alpha))
             self._watch.step(self.left * size * self._unit)
             steps += 1
+        self._gather(x[1], size)
         return steps
 
-    def _precondition(self) -> None:
+    def _precondition(self, z: NDArray[np.float32]) -> None:
         grid, boards = self._grid, self._boards
-        passes.restrict(grid.board, grid.aggregate, self._z, self._red, boards.b[: boards.size])
+        passes.restrict(grid.board, grid.aggregate, z, boards.b[: boards.size])
         cycle_boards(boards, self._stack, _ENOUGH, 0)
-        passes.prolong(grid.board, grid.aggregate, boards.x[: boards.size], self._f, self._red, self._z)
+        passes.prolong(grid.board, grid.aggregate, boards.x[: boards.size], self._r, z)
+
+    def _note(self, beta: float, alpha: float) -> None:
+        """Note a step ``alpha`` along the direction ``z + beta p``."""
+        self._on_p *= beta
+        self._on_p[self._count] = 1.0
+        self._on_x += alpha * self._on_p
+        self._count += 1
+
+    def _used(self, shares: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
+        return shares[: self._count], float(shares[-1])
+
+    def _gather(self, x: NDArray[np.float64], size: float) -> None:
+        """Go the steps noted."""
+        passes.gather_steps(
+            self._z[: self._count], *self._used(self._on_x), *self._used(self._on_p), size, self._p, x
+        )
+        self._on_x[:], self._on_p[:], self._count = 0.0, 0.0, 0
+        self._on_p[-1] = 1.0

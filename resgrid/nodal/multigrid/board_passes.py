@@ -22,6 +22,7 @@ Indices = NDArray[np.int32]
 Integers = NDArray[np.int64]
 Reals = NDArray[np.floating[Any]]
 
+_WINDOW = 4
 FAST = {"contract", "reassoc", "nsz", "arcp"}
 
 
@@ -96,17 +97,20 @@ def into_red(board: Board, x: Reals, block: int, total: Reals, to: int) -> None:
 
 
 @njit(cache=True, fastmath=FAST)
-def into_black(board: Board, x: Reals, block: int, total: Reals, to: int) -> None:
-    """``total = sum_j g_ij x_j`` across the faces of the black cells of a block of rows, from place ``to`` on."""
+def into_black(board: Board, x: Reals, first: int, block: int, total: Reals, to: int) -> None:
+    """``total = sum_j g_ij x_j`` across the faces of the black cells of a block of rows, from place ``to`` on.
+
+    ``x`` begins at place ``first``.
+    """
     row, begin, count = extent(board, block)
     last, width = len(board.distance), board.width
-    _product(board.faces, last - 1, begin, x, begin, count, total, to)
+    _product(board.faces, last - 1, begin, x, begin - first, count, total, to)
     for q in range(last - 1):
         there = begin - board.distance[q]
-        _add_product(board.faces, q, there, x, there, count, total, to)
+        _add_product(board.faces, q, there, x, there - first, count, total, to)
     for i in range(count // width):
         there = begin + i * width - board.aside[row + i]
-        _add_product(board.faces, last, there, x, there, width - 1, total, to + i * width)
+        _add_product(board.faces, last, there, x, there - first, width - 1, total, to + i * width)
 
 
 @njit(cache=True)
@@ -117,14 +121,71 @@ def extent(board: Board, block: int) -> tuple[int, int, int]:
 
 
 @njit(cache=True)
-def row_blocks(board: Board) -> tuple[int, int]:
-    """How many blocks of rows there are, and how many blocks a neighbour may lie ahead."""
-    blocks = -(-len(board.aside) // board.block)
-    return blocks, (board.margin + board.block * board.width - 1) // (board.block * board.width)
+def row_blocks(board: Board) -> int:
+    """How many blocks of rows there are."""
+    return -(-len(board.aside) // board.block)
+
+
+class _Window(NamedTuple):
+    """The red values around the rows that a pass has come to, from place ``first[0]`` on.
+
+    Attributes
+    ----------
+    red : ndarray of float
+    first : ndarray of int64, shape (1,)
+    kept : int
+        How many values behind a block may still be asked for.
+    ahead : int
+        How many blocks red cells go ahead of black ones, so that all neighbours of these are there.
+    """
+
+    red: Reals
+    first: Integers
+    kept: int
+    ahead: int
 
 
 @njit(cache=True)
-def drawn_from_black(board: Board, x: Reals) -> Reals:
+def _open_window(board: Board) -> _Window:
+    places = board.block * board.width
+    ahead = -(-board.margin // places)
+    kept = ahead * places + board.margin
+    red = np.zeros(_WINDOW * (kept + places), board.faces.dtype)
+    return _Window(red, np.array([board.margin - kept]), kept, ahead)
+
+
+@njit(cache=True)
+def _move_window(board: Board, window: _Window, block: int) -> int:
+    """Make room for a block of red values; returns where in the window it begins."""
+    begin = board.margin + block * board.block * board.width
+    if begin + board.block * board.width - window.first[0] > len(window.red):
+        behind = begin - window.kept - window.first[0]
+        window.red[: window.kept] = window.red[behind : behind + window.kept]
+        window.first[0] = begin - window.kept
+    return begin - window.first[0]
+
+
+@njit(cache=True)
+def _lead(board: Board, window: _Window, x: Reals, block: int, link: int, linked: Reals) -> int:
+    """``red = G x / degree`` on a block of rows; ``linked`` notes it where links begin.  Returns the next link."""
+    at = _move_window(board, window, block)
+    if block >= row_blocks(board):
+        window.red[at : at + board.block * board.width] = 0.0
+        return link
+    _, begin, count = extent(board, block)
+    into_red(board, x, block, window.red, at)
+    from_link = link
+    while link < len(board.links) and board.link_red[link] < begin + count:
+        window.red[at + board.link_red[link] - begin] += linked[link]
+        link += 1
+    _scale(board.red_inverse, begin, count, window.red, at)
+    for m in range(from_link, link):
+        linked[m] = window.red[at + board.link_red[m] - begin]
+    return link
+
+
+@njit(cache=True)
+def _drawn(board: Board, x: Reals) -> Reals:
     """What every link draws into its red cell."""
     drawn = np.empty(len(board.links), board.links.dtype)
     for k in range(len(drawn)):
@@ -132,22 +193,13 @@ def drawn_from_black(board: Board, x: Reals) -> Reals:
     return drawn
 
 
-@njit(cache=True)
-def link_into_red(board: Board, drawn: Reals, begin: int, count: int, link: int, total: Reals) -> int:
-    """Add what links draw into the red cells of a block; returns the next link."""
-    while link < len(drawn) and board.link_red[link] < begin + count:
-        total[board.link_red[link] - begin] += drawn[link]
-        link += 1
-    return link
-
-
 @njit(cache=True, fastmath=FAST)
-def scale(inverse: Reals, begin: int, count: int, total: Reals, to: int, value: Reals) -> None:
-    """``value = inverse * total``, the total from place ``to`` on."""
-    at, t_at = np.uint64(begin), np.uint64(to)
+def _scale(inverse: Reals, begin: int, count: int, value: Reals, to: int) -> None:
+    """``value = inverse * value``, the value from place ``to`` on."""
+    at, v_at = np.uint64(begin), np.uint64(to)
     for i in range(count):
         k = np.uint64(i)
-        value[at + k] = inverse[at + k] * total[t_at + k]
+        value[v_at + k] *= inverse[at + k]
 
 
 @njit(cache=True, fastmath=FAST)
@@ -159,97 +211,85 @@ def _relax(inverse: Reals, fed: Reals, begin: int, count: int, total: Reals, val
 
 
 @njit(cache=True, nogil=True)
-def restrict(board: Board, aggregate: Indices, z: Singles, red: Singles, coarse: Singles) -> None:
+def restrict(board: Board, aggregate: Indices, z: Singles, coarse: Singles) -> None:
     """Let the red cells follow the black values ``z``, and sum the black residual into the next level.
 
     ``aggregate`` leads from a black place to its node there; from unused places to node 0, which nothing belongs to.
     As in the other passes, the red cells go ahead by as many rows as there are between neighbours, so that the faces
-    are read once; links are seen to at either end.
+    are read once, and red values need not be kept; links are seen to at either end.
     """
     total = np.empty(board.block * board.width, np.float32)
-    drawn, link = drawn_from_black(board, z), 0
+    linked, link = _drawn(board, z), 0
     coarse[:] = 0.0
-    blocks, ahead = row_blocks(board)
-    for block in range(blocks + ahead):
-        if block < blocks:
-            _, begin, count = extent(board, block)
-            into_red(board, z, block, total, 0)
-            link = link_into_red(board, drawn, begin, count, link, total)
-            scale(board.red_inverse, begin, count, total, 0, red)
-        if block >= ahead:
-            into_black(board, red, block - ahead, total, 0)
-            _, begin, count = extent(board, block - ahead)
+    window = _open_window(board)
+    for block in range(row_blocks(board) + window.ahead):
+        link = _lead(board, window, z, block, link, linked)
+        if block >= window.ahead:
+            into_black(board, window.red, window.first[0], block - window.ahead, total, 0)
+            _, begin, count = extent(board, block - window.ahead)
             at = np.uint64(begin)
             for i in range(count):
                 k = np.uint64(i)
                 coarse[np.uint32(aggregate[at + k])] += total[k]
     for m in range(len(board.links)):
-        coarse[aggregate[board.link_black[m]]] += board.links[m] * red[board.link_red[m]]
+        coarse[aggregate[board.link_black[m]]] += board.links[m] * linked[m]
     coarse[0] = 0.0
 
 
 @njit(cache=True, nogil=True)
-def prolong(board: Board, aggregate: Indices, coarse: Singles, f: Singles, red: Singles, z: Singles) -> None:
+def prolong(board: Board, aggregate: Indices, coarse: Singles, f: Singles, z: Singles) -> None:
     """Add the next level's answer to the black values ``z``, let the red cells follow, then relax the black ones."""
     for k in range(len(z)):
         z[k] += coarse[np.uint32(aggregate[k])]
     total = np.empty(board.block * board.width, np.float32)
-    drawn, link = drawn_from_black(board, z), 0
-    blocks, ahead = row_blocks(board)
-    for block in range(blocks + ahead):
-        if block < blocks:
-            _, begin, count = extent(board, block)
-            into_red(board, z, block, total, 0)
-            link = link_into_red(board, drawn, begin, count, link, total)
-            scale(board.red_inverse, begin, count, total, 0, red)
-        if block >= ahead:
-            into_black(board, red, block - ahead, total, 0)
-            _, begin, count = extent(board, block - ahead)
+    linked, link = _drawn(board, z), 0
+    window = _open_window(board)
+    for block in range(row_blocks(board) + window.ahead):
+        link = _lead(board, window, z, block, link, linked)
+        if block >= window.ahead:
+            into_black(board, window.red, window.first[0], block - window.ahead, total, 0)
+            _, begin, count = extent(board, block - window.ahead)
             _relax(board.black_inverse, f, begin, count, total, z)
     for m in range(len(board.links)):
         black = board.link_black[m]
-        z[black] += board.black_inverse[black] * board.links[m] * red[board.link_red[m]]
+        z[black] += board.black_inverse[black] * board.links[m] * linked[m]
 
 
 @njit(cache=True, nogil=True)
-def multiply(board: Board, z: Singles, r: Reals, s: Reals, red: Reals, w: Reals) -> tuple[float, float, float]:
+def multiply(board: Board, z: Singles, r: Singles, s: Singles, w: Singles) -> tuple[float, float, float]:
     """``w = S z`` with the Schur complement S of the black cells; returns ``z.r``, ``z.w`` and ``z.s``.
 
     It is formed in the precision of the board.
     """
     total = np.empty(board.block * board.width, board.faces.dtype)
-    drawn, link = drawn_from_black(board, z), 0
+    linked, link = _drawn(board, z), 0
     zr, zw, zs = 0.0, 0.0, 0.0
-    blocks, ahead = row_blocks(board)
-    for block in range(blocks + ahead):
-        if block < blocks:
-            _, begin, count = extent(board, block)
-            into_red(board, z, block, total, 0)
-            link = link_into_red(board, drawn, begin, count, link, total)
-            scale(board.red_inverse, begin, count, total, 0, red)
-        if block >= ahead:
-            _, begin, count = extent(board, block - ahead)
-            into_black(board, red, block - ahead, w, begin)
-            a, b, c = _products(board.black_degree, z, r, s, begin, count, w)
+    window = _open_window(board)
+    for block in range(row_blocks(board) + window.ahead):
+        link = _lead(board, window, z, block, link, linked)
+        if block >= window.ahead:
+            into_black(board, window.red, window.first[0], block - window.ahead, total, 0)
+            _, begin, count = extent(board, block - window.ahead)
+            a, b, c = _products(board.black_degree, z, r, s, begin, count, total, w)
             zr, zw, zs = zr + a, zw + b, zs + c
     for m in range(len(board.links)):
-        black, drawn_here = board.link_black[m], board.links[m] * red[board.link_red[m]]
-        w[black] -= drawn_here
-        zw -= z[black] * drawn_here
+        black, drawn = board.link_black[m], board.links[m] * linked[m]
+        w[black] -= drawn
+        zw -= z[black] * drawn
     return zr, zw, zs
 
 
 @njit(cache=True, fastmath=FAST)
 def _products(
-    degree: Reals, z: Singles, r: Reals, s: Reals, begin: int, count: int, w: Reals
+    degree: Reals, z: Singles, r: Singles, s: Singles, begin: int, count: int, total: Reals, w: Singles
 ) -> tuple[float, float, float]:
-    """``w = degree z - w`` on a block, and its share of ``z.r``, ``z.w`` and ``z.s``."""
+    """``w = degree z - total`` on a block, and its share of ``z.r``, ``z.w`` and ``z.s``."""
     a, b, c = 0.0, 0.0, 0.0
     at = np.uint64(begin)
     for i in range(count):
         k = at + np.uint64(i)
         one = np.float64(z[k])
-        v = degree[k] * one - w[k]
+        v = degree[k] * one - total[np.uint64(i)]
         w[k] = v
         a += one * r[k]
         b += one * v
@@ -261,20 +301,22 @@ def _products(
 def relax_red(board: Board, fed: Reals, black: Reals, red: Reals) -> None:
     """``red = (fed + G black) / degree``."""
     total = np.empty(board.block * board.width, board.faces.dtype)
-    drawn, link = drawn_from_black(board, black), 0
-    for block in range(row_blocks(board)[0]):
+    drawn, link = _drawn(board, black), 0
+    for block in range(row_blocks(board)):
         _, begin, count = extent(board, block)
         into_red(board, black, block, total, 0)
-        link = link_into_red(board, drawn, begin, count, link, total)
+        while link < len(drawn) and board.link_red[link] < begin + count:
+            total[board.link_red[link] - begin] += drawn[link]
+            link += 1
         _relax(board.red_inverse, fed, begin, count, total, red)
 
 
 @njit(cache=True)
 def add_into_black(board: Board, red: Reals, fed: Reals, total: Reals) -> None:
     """``total = fed + G red`` at the black cells."""
-    for block in range(row_blocks(board)[0]):
+    for block in range(row_blocks(board)):
         _, begin, count = extent(board, block)
-        into_black(board, red, block, total, begin)
+        into_black(board, red, 0, block, total, begin)
         for k in range(begin, begin + count):
             total[k] += fed[k]
     for m in range(len(board.links)):
@@ -303,49 +345,57 @@ def _subtract(degree: Floats, x: Floats, r: Floats) -> float:
 
 
 @njit(cache=True, nogil=True)
-def begin_burst(inverse: Singles, size: float, r: Floats, f: Singles, z: Singles) -> None:
-    """Divide the residual ``r`` by its norm, and relax it."""
+def begin_burst(inverse: Singles, size: float, residual: Floats, r: Singles, z: Singles) -> None:
+    """Divide the residual by its norm, and relax it."""
     for k in range(len(r)):
-        r[k] /= size
-        f[k] = r[k]
-        z[k] = inverse[k] * f[k]
+        r[k] = residual[k] / size
+        z[k] = inverse[k] * r[k]
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def advance(
+    inverse: Singles, w: Singles, s: Singles, r: Singles, z: Singles, beta: float, alpha: float
+) -> float:
+    """One step of flexible conjugate gradients: ``s = w + beta s``, ``r -= alpha s``; returns ``|r|^2``.
+
+    Leaves the relaxed residual in ``z``.
+    """
+    total = 0.0
+    for k in range(len(r)):
+        product = w[k] + beta * s[k]
+        s[k] = product
+        v = np.float32(r[k] - alpha * product)
+        r[k] = v
+        z[k] = inverse[k] * v
+        total += np.float64(v) * np.float64(v)
+    return total
+
+
+@njit(cache=True, nogil=True, fastmath=FAST)
+def gather_steps(
+    z: Singles, on_x: Floats, before_x: float, on_p: Floats, before_p: float, size: float, p: Floats, x: Floats
+) -> None:
+    """Add ``size`` times what the steps have gone to ``x``, and leave the last direction in ``p``.
+
+    Both are sums of preconditioned residuals, the rows of ``z``, and of the direction ``p`` before them.
+    """
+    for k in range(len(x)):
+        ahead, far = before_p * p[k], before_x * p[k]
+        for j in range(len(z)):
+            one = np.float64(z[j, k])
+            ahead += on_p[j] * one
+            far += on_x[j] * one
+        p[k] = ahead
+        x[k] += size * far
 
 
 @njit(cache=True, nogil=True)
-def advance(
-    inverse: Singles, chunk: int, w: Floats, p: Floats, s: Floats, x: Floats, r: Floats, f: Singles, z: Singles,
-    beta: float, alpha: float, size: float,
-) -> float:  # fmt: skip
-    """One step of flexible conjugate gradients, ``size`` times of which goes into ``x``; returns ``|r|^2``.
-
-    Leaves the next residual in ``f``, and relaxed in ``z``.
-    """
-    total = 0.0
-    for begin in range(0, len(r), chunk):
-        end = min(begin + chunk, len(r))
-        total += _step(
-            inverse[begin:end], w[begin:end], p[begin:end], s[begin:end], x[begin:end], r[begin:end], f[begin:end],
-            z[begin:end], beta, alpha, alpha * size,
-        )  # fmt: skip
-    return total
-
-
-@njit(cache=True, fastmath=FAST)
-def _step(
-    inverse: Singles, w: Floats, p: Floats, s: Floats, x: Floats, r: Floats, f: Singles, z: Singles, beta: float,
-    alpha: float, far: float,
-) -> float:  # fmt: skip
-    for k in range(len(z)):
-        p[k] = z[k] + beta * p[k]
-    for k in range(len(z)):
-        x[k] += far * p[k]
-    for k in range(len(z)):
-        s[k] = w[k] + beta * s[k]
-    total = 0.0
-    for k in range(len(z)):
-        v = r[k] - alpha * s[k]
-        r[k] = v
-        f[k] = v
-        z[k] = inverse[k] * f[k]
-        total += v * v
-    return total
+def largest_step(z: Singles, on_p: Floats, before_p: float, p: Floats) -> float:
+    """Largest entry of the last direction, as of `gather_steps`."""
+    most = 0.0
+    for k in range(len(p)):
+        ahead = before_p * p[k]
+        for j in range(len(z)):
+            ahead += on_p[j] * z[j, k]
+        most = max(most, abs(ahead))
+    return most

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from resgrid.nodal.multigrid import graph_kernels as passes
 from resgrid.nodal.multigrid.kernels import Stack, norm
 from resgrid.nodal.multigrid.stack import own_work
-from resgrid.nodal.multigrid.stopping import DRIFT, LEAST_GAIN, MOST_ITERATIONS, ErrorBound
+from resgrid.nodal.multigrid.stopping import DRIFT, LEAST_GAIN, MOST_ITERATIONS, ErrorBound, largest
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.watch import Watch
 
@@ -76,7 +76,8 @@ class _Burst:
                 break
             step = zr / self._energy
             self.left = math.sqrt(passes.advance(self._z, self._w, self._p, self._s, self.x, self.r, beta, step))
-            self._error.moved(self._p, step * size / self._unit, zr * step * size * size)
+            if self._error.asked:
+                self._error.moved(abs(step) * size / self._unit * largest(self._p), zr * step * size * size)
             self._watch.step(self.left * size)
             steps += 1
         return steps

@@ -28,18 +28,22 @@ class ErrorBound:
 
     def __init__(self, guess: NDArray[np.float64] | None, rtol: float) -> None:
         self.small = False
-        self._near = 0.0 if guess is None else rtol * _largest(guess)
+        self._near = 0.0 if guess is None else rtol * largest(guess)
         self._last = 0.0
 
-    def moved(self, direction: NDArray[np.float64], factor: float, power: float) -> None:
-        """A step has gone ``factor`` times a direction, and has lessened the squared norm by so much."""
-        if not self._near:
-            return
+    @property
+    def asked(self) -> bool:
+        """Whether steps are judged at all, as they are from a guess on."""
+        return self._near > 0.0
+
+    def moved(self, far: float, power: float) -> None:
+        """A step has moved no voltage by more than ``far``, and has lessened the squared norm by so much."""
         ratio = math.sqrt(power / self._last) if self._last > 0.0 else _SLOWEST
         ratio = min(max(ratio, _FASTEST), _SLOWEST)
         self._last = power
-        self.small = abs(factor) * _largest(direction) * ratio / (1.0 - ratio) <= self._near
+        self.small = far * ratio / (1.0 - ratio) <= self._near
 
 
-def _largest(values: NDArray[np.float64]) -> float:
+def largest(values: NDArray[np.float64]) -> float:
+    """Largest magnitude."""
     return max(float(values.max(initial=0.0)), -float(values.min(initial=0.0)))
