@@ -82,13 +82,13 @@ def mark_fed(pairs: Integers, amps: Floats, part: Indices, fed: NDArray[np.bool_
 
 @njit(cache=True)
 def number_rows(
-    part: Indices, driven: NDArray[np.bool_], lowest: Floats, root: Integers, known: Floats
-) -> tuple[int, Integers, Integers]:
+    part: Indices, driven: NDArray[np.bool_], lowest: Floats, root: Integers
+) -> tuple[int, Integers, Floats, Integers]:
     """Turn the number of every node's part into its row in the equations, in place; -1 where it has none.
 
-    A node of a part that is not driven has the only known voltage there, or infinity where there is none.  Nodes of
-    one ``root``, which comes before them, share its row; empty where every node is its own.  Returns the number of
-    rows, and the nodes that are not driven: those of known voltage, and those that float.
+    A node of a part that is not driven has the lowest known voltage there, the only one, and floats where that is
+    infinite.  Nodes of one ``root``, which comes before them, share its row; empty where every node is its own.
+    Returns the number of rows, the nodes that are not driven, their voltages, and the nodes that float.
     """
     flat = floating = 0
     for node in range(len(part)):
@@ -97,7 +97,7 @@ def number_rows(
                 flat += 1
             else:
                 floating += 1
-    undriven, loose = np.empty(flat, np.int64), np.empty(floating, np.int64)
+    undriven, volts, loose = np.empty(flat, np.int64), np.empty(flat), np.empty(floating, np.int64)
     rows = flat = floating = 0
     for node in range(len(part)):
         own = part[node]
@@ -112,13 +112,12 @@ def number_rows(
             continue
         part[node] = -1
         if lowest[own] < np.inf:
-            known[node] = lowest[own]
-            undriven[flat] = node
+            undriven[flat], volts[flat] = node, lowest[own]
             flat += 1
         else:
             loose[floating] = node
             floating += 1
-    return rows, undriven, loose
+    return rows, undriven, volts, loose
 
 
 @njit(cache=True)
@@ -269,10 +268,10 @@ def sort_row(indices: Indices, data: Floats, begin: int, end: int) -> None:
 
 
 @njit(cache=True)
-def spread(row: Indices, x: Floats, known: Floats, reference: float, height: Floats) -> None:
-    """Heights of all nodes above the reference, from those of the rows and from known voltages."""
+def spread(row: Indices, x: Floats, reference: float, volts: Floats) -> None:
+    """Turn known voltages into heights of all nodes above the reference, with those of the rows, in place."""
     for node in range(len(row)):
-        height[node] = x[row[node]] if row[node] >= 0 else known[node] - reference
+        volts[node] = x[row[node]] if row[node] >= 0 else volts[node] - reference
 
 
 @njit(cache=True)

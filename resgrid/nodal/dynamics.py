@@ -194,8 +194,8 @@ def factor_resolvent(dynamics: Dynamics, rate: float, method: str = "auto") -> F
         injected=dynamics.drive,
         reference=0.0,
         rails=None,
-        known=np.where(dynamics.row >= 0, np.nan, dynamics.fixed),
         undriven=np.empty(0, dtype=np.int64),
+        undriven_volts=np.empty(0),
         floating=dynamics.floating,
         derived=sparse.csr_array(G.coupling + rate * C.coupling) if rate else G.coupling,
     )

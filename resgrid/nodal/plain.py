@@ -59,8 +59,8 @@ def _heights(system: NodalSystem, x: NDArray[np.float64]) -> NDArray[np.float64]
     """Voltages of all nodes above the reference."""
     from resgrid.nodal.assembly import spread
 
-    height = np.empty(len(system.unknown))
-    spread(system.unknown, x, system.known, system.reference, height)
+    height = system.known_voltages()
+    spread(system.unknown, x, system.reference, height)
     forest = system.forest
     lifted = (system.unknown[forest.order] >= 0) & (forest.height != 0)
     height[forest.order[lifted]] += forest.height[lifted]

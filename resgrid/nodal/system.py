@@ -83,10 +83,10 @@ class NodalSystem:
         The lowest known voltage in contact with the rows, in volts.
     rails : Rails or None
         The two rails, if the known voltages take just two values and nothing else drives the circuit.
-    known : ndarray of float64, shape (nodes,)
-        Voltages known beforehand, in volts: rails, and parts that a single rail holds; NaN elsewhere.
     undriven : ndarray of int64
-        Nodes of those parts.
+        Nodes of parts that a single rail holds.
+    undriven_volts : ndarray of float64
+        Their voltages.
     floating : ndarray of int64
         Nodes that nothing ties to ground.
     derived : scipy.sparse.csr_array or None, shape (n, n)
@@ -101,8 +101,8 @@ class NodalSystem:
     injected: NDArray[np.float64]
     reference: float
     rails: Rails | None
-    known: NDArray[np.float64]
     undriven: NDArray[np.int64]
+    undriven_volts: NDArray[np.float64]
     floating: NDArray[np.int64]
     derived: sparse.csr_array | None = None
 
@@ -110,6 +110,20 @@ class NodalSystem:
     def size(self) -> int:
         """Number of rows."""
         return len(self.excess)
+
+    @cached_property
+    def known(self) -> NDArray[np.float64]:
+        """Voltages known beforehand, in volts, shape (nodes,): rails, and `undriven` nodes; NaN elsewhere."""
+        return self.known_voltages()
+
+    def known_voltages(self) -> NDArray[np.float64]:
+        """Return a new array of the `known` voltages."""
+        forest = self.forest
+        known = np.full(forest.count, np.nan)
+        held = forest.base == GROUND
+        known[forest.order[held]] = forest.height[held]
+        known[self.undriven] = self.undriven_volts
+        return known
 
     @property
     def drive(self) -> NDArray[np.float64]:
@@ -203,24 +217,22 @@ def assemble(netlist: Netlist) -> NodalSystem:
     from resgrid.nodal import assembly
 
     forest = tie_sources(netlist)
-    held = forest.order[forest.base == GROUND]
-    known = np.full(netlist.node_count, np.nan)
-    known[held] = forest.height[forest.base == GROUND]
-    parts = _parts(netlist, forest, held, known)
-    _check_driven(netlist, known, parts)
+    held, offset = forest.order[forest.base == GROUND], forest.offset
+    parts = _parts(netlist, forest, held, offset)
+    _check_driven(netlist, offset, parts)
     driven = parts.driven
     low, high = parts.lowest[driven].min(initial=np.inf), parts.highest[driven].max(initial=-np.inf)
     root = forest.root if len(held) < len(forest.order) else np.empty(0, dtype=np.int64)
-    size, undriven, floating = assembly.number_rows(parts.of_node, driven, parts.lowest, root, known)
+    size, undriven, volts, floating = assembly.number_rows(parts.of_node, driven, parts.lowest, root)
     unknown = parts.of_node
     reference = float(low) if size else 0.0
     excess, feed, injected = np.zeros(size), np.zeros(size), np.zeros(size)
     pairs, conductance = netlist.resistor_nodes, netlist.conductance
-    two = assembly.add_contacts(pairs, conductance, unknown, known, reference, high, excess, feed)
+    two = assembly.add_contacts(pairs, conductance, unknown, offset, reference, high, excess, feed)
     assembly.add_injected(netlist.current_nodes, netlist.current_amps, unknown, injected)
     lifted = _lifted(forest, unknown)
     if lifted:
-        assembly.add_offsets(pairs, conductance, unknown, forest.offset, feed)
+        assembly.add_offsets(pairs, conductance, unknown, offset, feed)
     plain = two and low < high and not lifted and not injected.any()
     return NodalSystem(
         netlist=netlist,
@@ -230,14 +242,14 @@ def assemble(netlist: Netlist) -> NodalSystem:
         feed=feed,
         injected=injected,
         reference=reference,
-        rails=_rails(netlist, unknown, known, float(low), float(high)) if plain else None,
-        known=known,
+        rails=_rails(netlist, unknown, forest, float(low), float(high)) if plain else None,
         undriven=undriven,
+        undriven_volts=volts,
         floating=floating,
     )
 
 
-def _parts(netlist: Netlist, forest: SourceForest, held: NDArray[np.int64], known: NDArray[np.float64]) -> _Parts:
+def _parts(netlist: Netlist, forest: SourceForest, held: NDArray[np.int64], volts: NDArray[np.float64]) -> _Parts:
     from resgrid.nodal.assembly import join_parts, known_range, mark_fed, number_parts
 
     part = np.arange(netlist.node_count, dtype=np.int32)
@@ -246,7 +258,7 @@ def _parts(netlist: Netlist, forest: SourceForest, held: NDArray[np.int64], know
     join_parts(netlist.source_nodes, part)
     number = number_parts(part)
     lowest, highest = np.full(number, np.inf), np.full(number, -np.inf)
-    known_range(netlist.resistor_nodes, known, part, lowest, highest)
+    known_range(netlist.resistor_nodes, volts, part, lowest, highest)
     fed = np.zeros(number, dtype=np.bool_)
     mark_fed(netlist.current_nodes, netlist.current_amps, part, fed)
     fed[part[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
@@ -258,7 +270,7 @@ def _lifted(forest: SourceForest, unknown: NDArray[np.int32]) -> bool:
     return bool(np.any((unknown[forest.order] >= 0) & (forest.height != 0)))
 
 
-def _check_driven(netlist: Netlist, known: NDArray[np.float64], parts: _Parts) -> None:
+def _check_driven(netlist: Netlist, volts: NDArray[np.float64], parts: _Parts) -> None:
     if np.any(parts.fed & parts.floating):
         fed = netlist.current_nodes[netlist.current_amps != 0].ravel()
         stuck = fed[(parts.of_node[fed] >= 0) & parts.floating[parts.of_node[fed]]]
@@ -269,7 +281,7 @@ def _check_driven(netlist: Netlist, known: NDArray[np.float64], parts: _Parts) -
             )
     if parts.driven.any():
         return
-    ends = known[netlist.resistor_nodes]
+    ends = np.where(parts.of_node < 0, volts, np.nan)[netlist.resistor_nodes]
     if not np.any(np.abs(ends[:, 0] - ends[:, 1]) > 0):
         raise CircuitError(
             "nothing is driven: no part of the circuit touches two rails or is fed a current, so that nothing flows; "
@@ -277,19 +289,17 @@ def _check_driven(netlist: Netlist, known: NDArray[np.float64], parts: _Parts) -
         )
 
 
-def _rails(
-    netlist: Netlist, unknown: NDArray[np.int32], known: NDArray[np.float64], lowest: float, highest: float
-) -> Rails:
+def _rails(netlist: Netlist, unknown: NDArray[np.int32], forest: SourceForest, lowest: float, highest: float) -> Rails:
     """Both rails; a layout says which of them the obstacles are on."""
     upside_down = netlist.layout is not None and netlist.layout.supply < 0
     high, low = (lowest, highest) if upside_down else (highest, lowest)
-    return Rails(high, low, partial(_ties, netlist, unknown, known, high))
+    return Rails(high, low, partial(_ties, netlist, unknown, forest, high))
 
 
-def _ties(netlist: Netlist, unknown: NDArray[np.int32], known: NDArray[np.float64], high: float) -> Ties:
+def _ties(netlist: Netlist, unknown: NDArray[np.int32], forest: SourceForest, high: float) -> Ties:
     from resgrid.nodal.assembly import rail_contacts
 
     size = int(unknown.max(initial=-1)) + 1
     to_high, to_low = np.zeros(size), np.zeros(size)
-    rail_contacts(netlist.resistor_nodes, netlist.conductance, unknown, known, high, to_high, to_low)
+    rail_contacts(netlist.resistor_nodes, netlist.conductance, unknown, forest.offset, high, to_high, to_low)
     return to_high, to_low

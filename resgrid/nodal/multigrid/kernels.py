@@ -103,7 +103,7 @@ def _four(g: Singles, j: Unsigned, x: Singles, k: np.uint32) -> Any:
 
 
 @njit(cache=True)
-def _descend(stack: Stack, level: int) -> None:
+def descend(stack: Stack, level: int) -> None:
     """Gauss-Seidel from zero, and the residual summed into the next level's right-hand side."""
     end = stack.first[level + 1]
     for node in range(end, stack.first[level + 2]):
@@ -170,14 +170,10 @@ def _ascend_by_colour(stack: Stack, begin: int, red: int, end: int) -> None:
 
 @njit(cache=True)
 def _ascend_in_order(stack: Stack, begin: int, end: int) -> None:
+    """Backward; ``w`` keeps the changes."""
     g, j, x = stack.conductance, stack.indices, stack.x
-    own, mine, inverse, aggregate = (
-        x[begin:end],
-        stack.b[begin:end],
-        stack.inverse[begin:end],
-        stack.aggregate[begin:end],
-    )
-    row, after = stack.indptr[begin:end], stack.indptr[begin + 1 : end + 1]
+    own, mine, inverse, change = x[begin:end], stack.b[begin:end], stack.inverse[begin:end], stack.w[begin:end]
+    aggregate, row, after = stack.aggregate[begin:end], stack.indptr[begin:end], stack.indptr[begin + 1 : end + 1]
     n = len(own)
     for i in range(n):
         own[i] += x[aggregate[i]]
@@ -186,32 +182,40 @@ def _ascend_in_order(stack: Stack, begin: int, end: int) -> None:
         s = np.float32(0.0)
         for k in range(row[at], after[at]):
             s += g[k] * x[j[k]]
-        own[at] = (mine[at] + s) * inverse[at]
-
-
-@njit(cache=True, fastmath=_FAST)
-def _multiply(stack: Stack, level: int, x: Singles, y: Singles) -> float:
-    """``y = A x`` on one level; returns ``x . y``."""
-    begin, end = stack.first[level], stack.first[level + 1]
-    if stack.red[level] < 0:
-        return _multiply_rows(stack, begin, end, x, y)
-    for i in range(begin, end):
-        y[i] = stack.diagonal[i] * x[i] - _drawn(stack, x, i)
-    return _dot(x, y, begin, end)
+        new = (mine[at] + s) * inverse[at]
+        change[at] = new - own[at]
+        own[at] = new
 
 
 @njit(cache=True)
-def _multiply_rows(stack: Stack, begin: int, end: int, x: Singles, y: Singles) -> float:
-    g, j = stack.conductance, stack.indices
-    row, own, out, diagonal = stack.indptr[begin : end + 1], x[begin:end], y[begin:end], stack.diagonal[begin:end]
-    total = 0.0
-    for i in range(len(own)):
+def _multiply_after(stack: Stack, begin: int, end: int, y: Singles) -> float:
+    """``y = A x`` behind the way up; returns ``x . y``.
+
+    What the backward sweep leaves over of a row is due to the changes of earlier rows, which came after it.
+    """
+    g, j, change = stack.conductance, stack.indices, stack.w
+    own, mine, out = stack.x[begin:end], stack.b[begin:end], y[begin:end]
+    row, middle = stack.indptr[begin:end], stack.middle[begin:end]
+    n, total = len(own), 0.0
+    for back in range(n):
+        at = np.uint32(n - 1 - back)
         s = np.float32(0.0)
-        for k in range(row[i], row[i + 1]):
-            s += g[k] * x[j[k]]
-        out[i] = diagonal[i] * own[i] - s
-        total += np.float64(own[i]) * np.float64(out[i])
+        for k in range(row[at], middle[at]):
+            s += g[k] * change[j[k]]
+        out[at] = mine[at] - s
+        total += np.float64(own[at]) * np.float64(out[at])
     return total
+
+
+@njit(cache=True, fastmath=_FAST)
+def _multiply(stack: Stack, level: int, y: Singles) -> float:
+    """``y = A x`` on one level, behind the way up; returns ``x . y``."""
+    begin, end = stack.first[level], stack.first[level + 1]
+    if stack.red[level] < 0:
+        return _multiply_after(stack, begin, end, y)
+    for i in range(begin, end):
+        y[i] = stack.diagonal[i] * stack.x[i] - _drawn(stack, stack.x, i)
+    return _dot(stack.x, y, begin, end)
 
 
 @njit(cache=True, fastmath=_FAST)
@@ -242,7 +246,7 @@ def _first_step(stack: Stack, level: int, stop: float, energy: Floats, alpha: Fl
     for i in range(begin, end):
         c[i] = x[i]
         kept[i] = b[i]
-    energy[level] = _multiply(stack, level, c, v)
+    energy[level] = _multiply(stack, level, v)
     if not energy[level] > 0.0:
         return True
     alpha[level] = _dot(c, b, begin, end)
@@ -263,7 +267,7 @@ def _second_step(stack: Stack, level: int, energy: float, alpha: float) -> None:
     """Second step of the K-cycle along ``x``, made conjugate to the first direction ``c``."""
     begin, end = stack.first[level], stack.first[level + 1]
     b, x, c, v, w, kept = stack.b, stack.x, stack.c, stack.v, stack.w, stack.kept
-    beta = _multiply(stack, level, x, w)
+    beta = _multiply(stack, level, w)
     gamma = _dot(x, v, begin, end)
     rest = _dot(x, b, begin, end)
     second = beta - gamma * gamma / energy
@@ -307,8 +311,8 @@ def _put_back(stack: Stack, level: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def cycle(stack: Stack, stop: float, first: int) -> None:
-    """Approximate ``x = A^-1 b`` on the first level, by K-cycles from level ``first`` on (Notay & Vassilevski 2008).
+def cycle(stack: Stack, stop: float, first: int, top: int = 0) -> None:
+    """Approximate ``x = A^-1 b`` on level ``top``, by K-cycles from level ``first`` on (Notay & Vassilevski 2008).
 
     The K-cycle takes one or two steps of flexible conjugate gradients, each preconditioned by the cycle below; the
     second is spared where the first has brought the residual under ``stop`` times the right-hand side.  The recursion
@@ -317,8 +321,8 @@ def cycle(stack: Stack, stop: float, first: int) -> None:
     last = len(stack.first) - 2
     visits = np.zeros(last + 1, np.int64)
     energy, alpha = np.zeros(last + 1), np.zeros(last + 1)
-    level = 0
-    while level >= 0:
+    level = top
+    while level >= top:
         if level == last:
             _solve_coarsest(stack, level)
             level -= 1
@@ -346,7 +350,7 @@ def cycle(stack: Stack, stop: float, first: int) -> None:
             level -= 1
         else:
             visits[level] += 1
-            _descend(stack, level)
+            descend(stack, level)
             level += 1
 
 

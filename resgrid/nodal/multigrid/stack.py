@@ -58,6 +58,8 @@ def stack_levels(graphs: list[Graph], steps: list[Step], *, free: bool = False) 
     red = np.array([_red_end(graph) for graph in graphs])
     keep = [len(step.rows) > 0 for step in steps] + [True]
     keep[0] |= not free
+    if free:
+        red[0] = -1
     order = [_order(graph, kept or end >= 0) for graph, kept, end in zip(graphs, keep, red, strict=True)]
     rank = [ordering.inverse_of(places) for places in order]
     indptr, middle = np.empty(first[-1] + 1, dtype=np.uint32), np.empty(first[-1], dtype=np.uint32)
