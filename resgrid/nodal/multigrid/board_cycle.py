@@ -41,7 +41,7 @@ class Boards(NamedTuple):
     distance : ndarray of int64, shape (levels, 2 ndim - 1)
     aside : ndarray of int64
     faces, links : ndarray of float32
-    link_red, link_black, link_order : ndarray of int32
+    link_red, link_black : ndarray of int32
     red_inverse, black_inverse, black_degree : ndarray of float32
     aggregate : ndarray of int32
         Node of the next level that a black place belongs to; graph nodes count from 1.
@@ -64,7 +64,6 @@ class Boards(NamedTuple):
     links: Singles
     link_red: Indices
     link_black: Indices
-    link_order: Indices
     red_inverse: Singles
     black_inverse: Singles
     black_degree: Singles
@@ -93,7 +92,6 @@ def _board(boards: Boards, level: int) -> Board:
         boards.block[level],
         boards.link_red[k:m],
         boards.link_black[k:m],
-        boards.link_order[k:m],
         boards.links[k:m],
         boards.red_inverse[a:e],
         boards.black_inverse[a:e],
@@ -151,9 +149,7 @@ def _first_step(
 
 
 @njit(cache=True)
-def _second_step(
-    board: Board, energy: float, alpha: float, f: Singles, c: Singles, v: Singles, z: Singles
-) -> None:
+def _second_step(board: Board, energy: float, alpha: float, f: Singles, c: Singles, v: Singles, z: Singles) -> None:
     """Second step, along ``z`` made conjugate to the first direction ``c``; leaves the answer in ``z``."""
     gamma = _dot(z, v)
     rest, product, _ = multiply(board, z, f, f, v)

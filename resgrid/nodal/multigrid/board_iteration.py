@@ -137,8 +137,6 @@ class _Burst:
 
     def _gather(self, x: NDArray[np.float64], size: float) -> None:
         """Go the steps noted."""
-        passes.gather_steps(
-            self._z[: self._count], *self._used(self._on_x), *self._used(self._on_p), size, self._p, x
-        )
+        passes.gather_steps(self._z[: self._count], *self._used(self._on_x), *self._used(self._on_p), size, self._p, x)
         self._on_x[:], self._on_p[:], self._count = 0.0, 0.0, 0
         self._on_p[-1] = 1.0

@@ -43,8 +43,6 @@ class Board(NamedTuple):
         Places a row, the last of which is left empty; places before the first row; rows that a pass takes at a time.
     link_red, link_black : ndarray of int32
         Places that links join, in the order of their red places.
-    link_order : ndarray of int32
-        Their order by black places.
     links : ndarray of float
         Their conductances.
     red_inverse, black_inverse, black_degree : ndarray of float
@@ -59,7 +57,6 @@ class Board(NamedTuple):
     block: int
     link_red: Indices
     link_black: Indices
-    link_order: Indices
     links: Reals
     red_inverse: Reals
     black_inverse: Reals
@@ -353,9 +350,7 @@ def begin_burst(inverse: Singles, size: float, residual: Floats, r: Singles, z: 
 
 
 @njit(cache=True, nogil=True, fastmath=FAST)
-def advance(
-    inverse: Singles, w: Singles, s: Singles, r: Singles, z: Singles, beta: float, alpha: float
-) -> float:
+def advance(inverse: Singles, w: Singles, s: Singles, r: Singles, z: Singles, beta: float, alpha: float) -> float:
     """One step of flexible conjugate gradients: ``s = w + beta s``, ``r -= alpha s``; returns ``|r|^2``.
 
     Leaves the relaxed residual in ``z``.

@@ -76,19 +76,32 @@ def fill_faces(
 def sum_degrees(
     faces: Floats, distance: Integers, aside: Integers, width: int, margin: int, link_red: Indices,
     link_black: Indices, links: Floats, degree: Floats,
-) -> None:  # fmt: skip
-    """Add all conductances to the leaks of both colours, ``degree`` of shape (2, places)."""
-    last = len(distance)
+) -> tuple[Floats, float, float]:  # fmt: skip
+    """Add all conductances to the leaks of both colours, ``degree`` of shape (2, places).
+
+    Returns the mean along every axis, 0 where there is none, and the least and the greatest conductance of all.
+    """
+    last, least, greatest = len(distance), np.inf, 0.0
+    total, count = np.zeros(last + 1), np.zeros(last + 1)
     for row in range(len(aside)):
-        for red in range(margin + row * width, margin + (row + 1) * width):
-            for q in range(last + 1):
+        begin = margin + row * width
+        for q in range(last + 1):
+            away = distance[q] if q < last else aside[row]
+            for red in range(begin, begin + width):
                 g = faces[q, red]
                 if g > 0.0:
                     degree[0, red] += g
-                    degree[1, red + (distance[q] if q < last else aside[row])] += g
+                    degree[1, red + away] += g
+                    total[q] += g
+                    count[q] += 1.0
+                    least, greatest = min(least, g), max(greatest, g)
     for k in range(len(links)):
         degree[0, link_red[k]] += links[k]
         degree[1, link_black[k]] += links[k]
+    mean = np.zeros((last + 1) // 2)
+    for axis in range(len(mean)):
+        mean[axis] = (total[2 * axis] + total[2 * axis + 1]) / max(count[2 * axis] + count[2 * axis + 1], 1.0)
+    return mean, least, greatest
 
 
 @njit(cache=True)
@@ -226,20 +239,15 @@ def renumber(block: Indices, before: int, number: Indices, shift: int) -> None:
 
 
 @njit(cache=True)
-def conductances_along(faces: Floats) -> tuple[Floats, float, float]:
-    """Mean conductance along every axis, 0 where there is none, and the least and the greatest of all."""
-    mean, least, greatest = np.zeros(len(faces) // 2), np.inf, 0.0
-    for axis in range(len(mean)):
-        total, count = 0.0, 0
-        for q in range(2 * axis, 2 * axis + 2):
-            for k in range(faces.shape[1]):
-                g = faces[q, k]
-                if g > 0.0:
-                    total += g
-                    count += 1
-                    least, greatest = min(least, g), max(greatest, g)
-        mean[axis] = total / max(count, 1)
-    return mean, least, greatest
+def invert_degrees(degree: Floats, inverse: Floats, single: Singles) -> None:
+    """Reciprocals of the red degrees, and of both colours in single precision; 0 where there is no unknown."""
+    for colour in range(2):
+        for k in range(degree.shape[1]):
+            d = degree[colour, k]
+            v = 1.0 / d if d > 0.0 else 0.0
+            single[colour, k] = v
+            if colour == 0:
+                inverse[k] = v
 
 
 @njit(cache=True)

@@ -17,6 +17,8 @@ _BLOCK = 2048
 
 _PADDING = 16
 WEAK = 0.1
+"""Share of a conductance below which another one is weak beside it."""
+
 _SAMPLE = 20_000
 _MOST_EXTRAS = 0.1
 """Share of nodes beside the grid from which a graph serves better than a board."""
@@ -100,6 +102,10 @@ class Level:
         Conductance to the rails, of red and of black places.
     degree : ndarray of float64, shape (2, places)
         All conductances at a place, summed.
+    mean : ndarray of float64, shape (ndim,)
+        Mean conductance along every axis, 0 where there is none.
+    uneven : bool
+        Whether some conductances are weak beside others.
     ends : ndarray of int32, shape (links, 2)
         Red and black places of the links, in the order of both.
     axis : ndarray of int32, shape (links,)
@@ -112,6 +118,8 @@ class Level:
     faces: NDArray[np.float64]
     leak: NDArray[np.float64]
     degree: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    uneven: bool
     ends: NDArray[np.int32]
     axis: NDArray[np.int32]
     links: NDArray[np.float64]
@@ -210,37 +218,44 @@ def _level(
     extra_cell: tuple[NDArray[np.int64], NDArray[np.int64]],
 ) -> Level:
     degree = leak.copy()
-    board_setup.sum_degrees(faces, *_frame(lattice), ends[:, 0], ends[:, 1], links, degree)
-    return Level(lattice, faces, leak, degree, ends, axis, links, extra_cell)
+    mean, least, greatest = board_setup.sum_degrees(faces, *_frame(lattice), ends[:, 0], ends[:, 1], links, degree)
+    return Level(lattice, faces, leak, degree, mean, least < WEAK * greatest, ends, axis, links, extra_cell)
 
 
 def _frame(lattice: Lattice) -> tuple[NDArray[np.int64], NDArray[np.int64], int, int]:
     return lattice.distance, lattice.aside, lattice.width, lattice.margin
 
 
-def to_board(level: Level, kind: type[np.floating]) -> Board:
-    """A level for the compiled passes, in single or double precision."""
-    with np.errstate(divide="ignore"):
-        inverse = np.where(level.degree > 0.0, 1.0 / level.degree, 0.0).astype(kind, copy=False)
-    lattice = level.lattice
-    return Board(
-        faces=level.faces.astype(kind, copy=False),
+def to_boards(level: Level) -> tuple[Board, Board]:
+    """A level for the compiled passes, in double and in single precision."""
+    lattice, degree, ends = level.lattice, level.degree, level.ends
+    inverse, singles = np.empty(degree.shape[1]), np.empty(degree.shape, dtype=np.float32)
+    board_setup.invert_degrees(degree, inverse, singles)
+    double = Board(
+        faces=level.faces,
         distance=lattice.distance,
         aside=lattice.aside,
         width=lattice.width,
         margin=lattice.margin,
         block=max(1, _BLOCK // lattice.width),
-        link_red=np.ascontiguousarray(level.ends[:, 0]),
-        link_black=np.ascontiguousarray(level.ends[:, 1]),
-        link_order=np.argsort(level.ends[:, 1], kind="stable").astype(np.int32),
-        links=level.links.astype(kind, copy=False),
-        red_inverse=inverse[0],
-        black_inverse=inverse[1],
-        black_degree=level.degree[1].astype(kind, copy=False),
+        link_red=np.ascontiguousarray(ends[:, 0]),
+        link_black=np.ascontiguousarray(ends[:, 1]),
+        links=level.links,
+        red_inverse=inverse,
+        black_inverse=np.empty(0),
+        black_degree=degree[1],
     )
+    single = double._replace(
+        faces=level.faces.astype(np.float32),
+        links=level.links.astype(np.float32),
+        red_inverse=singles[0],
+        black_inverse=singles[1],
+        black_degree=degree[1].astype(np.float32),
+    )
+    return double, single
 
 
-def coarsen(level: Level, weak: float) -> tuple[Level, NDArray[np.int32]] | None:
+def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | None:
     """Make the next level: blocks of two cells along every axis but those that conduct badly.
 
     A block that falls apart, without its weak conductances, keeps one part on the grid; the others become extra nodes
@@ -249,8 +264,8 @@ def coarsen(level: Level, weak: float) -> tuple[Level, NDArray[np.int32]] | None
     Parameters
     ----------
     level : Level
-    weak : float
-        Share of the strongest conductance at either end below which a conductance does not join; 0 for all to join.
+    split : bool
+        Whether weak conductances beside strong ones do not join.
 
     Returns
     -------
@@ -260,11 +275,10 @@ def coarsen(level: Level, weak: float) -> tuple[Level, NDArray[np.int32]] | None
     None
         If parts of one block are joined by weak conductances: they have one colour.
     """
-    mean, _, _ = board_setup.conductances_along(level.faces)
-    shift = (mean > WEAK * mean.max()).astype(np.int64)
+    shift = (level.mean > WEAK * level.mean.max()).astype(np.int64)
     lattice = Lattice(tuple((n - 1 >> s) + 1 for n, s in zip(level.lattice.shape, shift.tolist(), strict=True)))
     target = _blocks(level, lattice, shift)
-    home = _split(level, lattice, target, weak)
+    home = _split(level, lattice, target, WEAK if split else 0.0)
     before, colour = lattice.places, (home >= lattice.places).astype(np.int64)
     if len(home):
         most = int(np.bincount(colour).max())

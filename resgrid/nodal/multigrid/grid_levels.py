@@ -7,10 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.nodal.multigrid import board_setup
 from resgrid.nodal.multigrid.board_cycle import Boards
 from resgrid.nodal.multigrid.board_passes import Board
-from resgrid.nodal.multigrid.boards import LEAST_WIDTH, WEAK, Level, coarsen, to_board, to_graph
+from resgrid.nodal.multigrid.boards import LEAST_WIDTH, Level, coarsen, to_boards, to_graph
 from resgrid.nodal.multigrid.kernels import Stack
 from resgrid.nodal.multigrid.levels import coarsen_down
 from resgrid.nodal.multigrid.stack import stack_levels
@@ -64,10 +63,8 @@ def coarsen_grid(level: Level, place: NDArray[np.int32]) -> tuple[GridLevels, St
         Where the grid does not shrink.
     """
     levels, targets = [level], []
-    _, least, greatest = board_setup.conductances_along(level.faces)
-    weak = WEAK if least < WEAK * greatest else 0.0
     while True:
-        made = coarsen(levels[-1], weak)
+        made = coarsen(levels[-1], split=level.uneven)
         if made is None:
             break
         coarse, target = made
@@ -88,9 +85,8 @@ def coarsen_grid(level: Level, place: NDArray[np.int32]) -> tuple[GridLevels, St
         number[number >= 0] = steps[0].target[number[number >= 0]]
         targets = [_counted(number, np.arange(level.lattice.places, 2 * level.lattice.places))]
         graphs, steps = graphs[1:], steps[1:]
-    boards = lay_behind([to_board(coarse, np.float32) for coarse in levels[1:-1]], targets[1:], graphs[0].size, level)
-    grid = GridLevels(to_board(level, np.float64), to_board(level, np.float32), place, targets[0], boards)
-    return grid, stack_levels(graphs, steps)
+    boards = lay_behind([to_boards(coarse)[1] for coarse in levels[1:-1]], targets[1:], graphs[0].size, level)
+    return GridLevels(*to_boards(level), place, targets[0], boards), stack_levels(graphs, steps)
 
 
 def _counted(number: NDArray[np.int32], place: NDArray[np.integer]) -> NDArray[np.int32]:
@@ -121,7 +117,6 @@ def lay_behind(boards: list[Board], targets: list[NDArray[np.int32]], nodes: int
         links=joined([board.links for board in boards], np.float32),
         link_red=joined([board.link_red for board in boards], np.int32),
         link_black=joined([board.link_black for board in boards], np.int32),
-        link_order=joined([board.link_order for board in boards], np.int32),
         red_inverse=joined([board.red_inverse for board in boards], np.float32),
         black_inverse=joined([board.black_inverse for board in boards], np.float32),
         black_degree=joined([board.black_degree for board in boards], np.float32),
