@@ -111,13 +111,10 @@ class OperatingPoint:
     nonlinear_direction: NDArray[np.int8] = field(default_factory=lambda: np.empty(0, dtype=np.int8))
 
     def __post_init__(self) -> None:
-        for array in (self.voltage, self.log_drop, self.potential):
+        values = (self.voltage, self.log_drop, self.potential, self.nonlinear_amps, self.nonlinear_log_amps)
+        for array in (*values, self.floating, self.undriven, self.nonlinear_direction):
             if array is not None:
                 array.flags.writeable = False
-        for array in (self.floating, self.undriven):
-            array.flags.writeable = False
-        for array in (self.nonlinear_amps, self.nonlinear_log_amps, self.nonlinear_direction):
-            array.flags.writeable = False
 
     @property
     def readings(self) -> Readings:

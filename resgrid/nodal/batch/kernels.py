@@ -123,8 +123,8 @@ def solve_board(
 
 @njit(cache=True)
 def _largest_degree(board: Board) -> float:
-    degree = np.max(board.black_degree)
+    degree = float(np.max(board.black_degree))
     for k in range(len(board.red_inverse)):
         if board.red_inverse[k] > 0.0:
-            degree = max(degree, 1.0 / board.red_inverse[k])
+            degree = max(degree, 1.0 / float(board.red_inverse[k]))
     return degree

@@ -159,7 +159,7 @@ def _move_window(board: Board, window: _Window, block: int) -> int:
         behind = begin - window.kept - window.first[0]
         window.red[: window.kept] = window.red[behind : behind + window.kept]
         window.first[0] = begin - window.kept
-    return begin - window.first[0]
+    return int(begin - window.first[0])
 
 
 @njit(cache=True)
@@ -332,7 +332,7 @@ def black_residual(board: Board, b: Floats, x: Floats, r: Floats) -> float:
 
 
 @njit(cache=True, fastmath=FAST)
-def _subtract(degree: Floats, x: Floats, r: Floats) -> float:
+def _subtract(degree: Reals, x: Floats, r: Floats) -> float:
     squares = 0.0
     for k in range(len(r)):
         v = r[k] - degree[k] * x[k]

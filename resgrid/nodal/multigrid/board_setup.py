@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -9,10 +11,12 @@ from numpy.typing import NDArray
 from resgrid.nodal.assembly import find, join
 from resgrid.nodal.multigrid.board_passes import Floats, Indices, Integers, Singles
 
+Whole = NDArray[np.integer[Any]]
+
 
 @njit(cache=True)
 def place_cells(
-    node: Integers, row_of_node: Integers, columns: int, colour: Integers, width: int, margin: int, places: int,
+    node: Integers, row_of_node: Whole, columns: int, colour: Integers, width: int, margin: int, places: int,
     place: Indices,
 ) -> int:  # fmt: skip
     """Place of every unknown, red ones first, black ones ``places`` behind; returns how many cells have one.
@@ -37,7 +41,7 @@ def place_cells(
 
 @njit(cache=True)
 def fill_faces(
-    pairs: Integers, conductance: Floats, row: Integers, place: Indices, distance: Integers, aside: Integers,
+    pairs: Integers, conductance: Floats, row: Whole, place: Indices, distance: Integers, aside: Integers,
     width: int, margin: int, scale: float, faces: Floats, links: Integers,
 ) -> int:  # fmt: skip
     """Add every resistor between two unknowns to its red cell's face, and note those that lead elsewhere as links.
@@ -322,9 +326,9 @@ def lengthen_faces(
                     faces[q, red] = _in_series(faces[q, red], inner[q >> 1, red], inner[q >> 1, black], 0.5)
             for colour in range(2):
                 if leak[colour, red] > 0.0:
-                    own = np.float32(0.0)
+                    own = 0.0
                     for axis in range(len(inner)):
-                        own = max(own, inner[axis, colour * places + red])
+                        own = max(own, float(inner[axis, colour * places + red]))
                     leak[colour, red] = _in_series(leak[colour, red], own, 0.0, 0.25)
     for k in range(len(links)):
         axis = link_axis[k]

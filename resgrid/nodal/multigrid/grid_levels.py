@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.nodal.multigrid.board_cycle import Boards
 from resgrid.nodal.multigrid.board_passes import Board
-from resgrid.nodal.multigrid.boards import LEAST_WIDTH, Level, coarsen, to_boards, to_graph
+from resgrid.nodal.multigrid.boards import LEAST_WIDTH, Level, to_boards, to_graph
+from resgrid.nodal.multigrid.coarsening import coarsen
 from resgrid.nodal.multigrid.kernels import Stack
 from resgrid.nodal.multigrid.levels import coarsen_down
 from resgrid.nodal.multigrid.stack import stack_levels
@@ -91,13 +93,13 @@ def coarsen_grid(level: Level, place: NDArray[np.int32]) -> tuple[GridLevels, St
 
 def _counted(number: NDArray[np.int32], place: NDArray[np.integer]) -> NDArray[np.int32]:
     """Numbers of a graph's nodes at some places, counted from 1; 0 for none, as at place 0."""
-    return (number[place] + 1).astype(np.int32)
+    return np.asarray(number[place] + 1, dtype=np.int32)
 
 
 def lay_behind(boards: list[Board], targets: list[NDArray[np.int32]], nodes: int, level: Level) -> Boards:
     """Lay boards one behind the other, and work space for them and for the nodes of the graph below."""
 
-    def joined(parts: list[NDArray], kind: type) -> NDArray:
+    def joined(parts: list[NDArray[Any]], kind: type) -> NDArray[Any]:
         return np.concatenate([np.empty(0, dtype=kind), *(part.ravel() for part in parts)]).astype(kind, copy=False)
 
     places = np.cumsum([0, *(board.faces.shape[1] for board in boards)])
