@@ -111,10 +111,12 @@ class OperatingPoint:
     nonlinear_direction: NDArray[np.int8] = field(default_factory=lambda: np.empty(0, dtype=np.int8))
 
     def __post_init__(self) -> None:
-        values = (self.voltage, self.log_drop, self.potential, self.nonlinear_amps, self.nonlinear_log_amps)
-        for array in (*values, self.floating, self.undriven, self.nonlinear_direction):
+        for name in ("voltage", "log_drop", "potential", "floating", "undriven"):
+            array = getattr(self, name)
             if array is not None:
                 array.flags.writeable = False
+        for amps in (self.nonlinear_amps, self.nonlinear_log_amps, self.nonlinear_direction):
+            amps.flags.writeable = False
 
     @property
     def readings(self) -> Readings:

@@ -59,6 +59,19 @@ def test_the_drop_along_a_serpentine_is_right_to_the_last_digits(legs: int, leg:
     assert point.kcl_residual < 1e-11
 
 
+def test_multigrid_is_as_right_along_a_serpentine() -> None:
+    netlist = compile_space(space_of(serpentine(6, 80, 4)))
+    system = assemble(netlist)
+    assert system.rails is not None
+    expected = reference_log(system, system.rails.to_low)
+    point = solve(netlist, method="multigrid")
+    assert point.method == "multigrid"
+    assert point.log_drop is not None
+    solved = system.unknown >= 0
+    assert expected.min() / np.log(10) < -120
+    assert np.abs(point.log_drop[solved] - expected[system.unknown[solved]]).max() < 1e-8 / 100
+
+
 def test_a_goal_all_around_keeps_the_small_potential() -> None:
     """The mirror image: far from the obstacle it is phi that underflows, and u that rounds to 1."""
     cell = np.full((5, 1500), 2)

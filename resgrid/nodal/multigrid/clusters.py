@@ -11,12 +11,15 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
+Singles = NDArray[np.float32]
 
-_WEAK = 0.1
+_WEAK = 0.2
 """Share of its conductances (or of the first node's) by which a node must hang on an aggregate to join it."""
 
-_BESIDE_STRONGEST = 0.25
+_BESIDE_STRONGEST = 0.7
 """It may join, too, if it hangs on it by so much of the first node's strongest conductance."""
+
+_TAKEN, _NONE = np.float32(-1.0), np.float32(0.0)
 
 
 @njit(cache=True)
@@ -93,24 +96,25 @@ def grow_aggregates(
     degree, scale, strongest = _degrees(indptr, conductance, leak)
     aggregate = np.full(n, -1, np.int32)
     members = np.zeros(n, np.int32)
-    weight = np.zeros(n)
+    weight = np.zeros(n, np.float32)
     candidate = np.empty(n + 1, np.int32)
     count = 0
     for first in range(n):
         if aggregate[first] >= 0:
             continue
         aggregate[first] = count
+        weight[first] = _TAKEN
         size, new, found = 1, first, 0
         while True:
             for k in range(indptr[new], indptr[new + 1]):
                 j = indices[k]
-                free = aggregate[j] < 0
+                held = weight[j]
                 candidate[found] = j
-                found += free & (weight[j] == 0.0)
-                weight[j] += conductance[k] if free else 0.0
+                found += held == 0.0
+                weight[j] = held + np.float32(conductance[k]) if held >= 0.0 else held
             if size == most:
                 break
-            best, joins = 0.0, -1
+            best, joins = _NONE, -1
             for c in range(found):
                 j = candidate[c]
                 hold = weight[j] * scale[j]
@@ -122,11 +126,11 @@ def grow_aggregates(
             if weight[joins] < needed:
                 break
             aggregate[joins] = count
-            weight[joins] = 0.0
+            weight[joins] = _TAKEN
             new = joins
             size += 1
         for c in range(found):
-            weight[candidate[c]] = 0.0
+            weight[candidate[c]] = min(weight[candidate[c]], _NONE)
         if size == 1:
             host = _host(indptr, indices, conductance, aggregate, members, first, most)
             if host >= 0:
@@ -139,10 +143,10 @@ def grow_aggregates(
 
 
 @njit(cache=True)
-def _degrees(indptr: Indices, conductance: Floats, leak: Floats) -> tuple[Floats, Floats, Floats]:
+def _degrees(indptr: Indices, conductance: Floats, leak: Floats) -> tuple[Floats, Singles, Floats]:
     """All conductances of a node summed, one over the root of that, and the strongest one."""
     n = len(leak)
-    degree, scale, strongest = np.empty(n), np.empty(n), np.empty(n)
+    degree, scale, strongest = np.empty(n), np.empty(n, np.float32), np.empty(n)
     for i in range(n):
         total, most = leak[i], 0.0
         for k in range(indptr[i], indptr[i + 1]):

@@ -45,7 +45,7 @@ def iterate_on_graph(
             return x, size
         if not math.isfinite(last):
             watch.begin(size, goal)
-        left -= burst.run(size, max(_BURST, 0.8 * goal / size), left)
+        left -= burst.run(size, max(_BURST, 0.95 * goal / size), left)
         passes.add_in_order(stack.order, burst.x, size / unit, x)
         last = size
 
@@ -55,10 +55,9 @@ class _Burst:
 
     def __init__(self, stack: Stack, leak: NDArray[np.float64], unit: float, error: ErrorBound, watch: Watch) -> None:
         n = len(leak)
-        self._stack = own_work(stack)
-        self._matrix = (self._stack, leak, passes.row_degrees(stack, leak))
+        self._stack, self._leak = own_work(stack), leak
         self._z = self._stack.x[:n]
-        self.r, self.x, self._p, self._s, self._w, self._change = np.zeros((6, n))
+        self.r, self.x, self._p, self._s, self._w = np.zeros((5, n))
         self._energy = 0.0
         self._error, self._watch, self._unit = error, watch, unit
         self.left = 1.0
@@ -69,7 +68,8 @@ class _Burst:
         self.r /= size
         self.left, steps = 1.0, 0
         while self.left > gain and steps < most and not self._error.small:
-            zr, zw, zs = passes.precondition(*self._matrix, self.r, self.left, self._s, self._w, self._change)
+            passes.precondition(self._stack, self.r, self.left)
+            zr, zw, zs = passes.multiply(self._stack, self._leak, self.r, self._s, self._w)
             beta = -zs / self._energy if self._energy > 0.0 else 0.0
             self._energy = zw + beta * zs
             if not self._energy > 0.0:

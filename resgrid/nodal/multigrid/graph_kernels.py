@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.nodal.multigrid.kernels import Floats, Singles, Stack, Unsigned, cycle, descend
+from resgrid.nodal.multigrid.kernels import Floats, Singles, Stack, Unsigned, cycle
 
 Indices = NDArray[np.int32]
 
@@ -18,84 +18,25 @@ _ENOUGH = 0.25
 
 
 @njit(cache=True, nogil=True)
-def row_degrees(stack: Stack, leak: Floats) -> Floats:
-    """Diagonal of the first level, as its single conductances and true leaks make it."""
-    row, g = stack.indptr, stack.conductance
-    degree = np.empty(len(leak))
-    for i in range(len(leak)):
-        total = leak[i]
-        for k in range(row[i], row[i + 1]):
-            total += np.float64(g[k])
-        degree[i] = total
-    return degree
-
-
-@njit(cache=True, nogil=True)
-def precondition(
-    stack: Stack, leak: Floats, degree: Floats, r: Floats, size: float, s: Floats, w: Floats, change: Floats
-) -> tuple[float, float, float]:
-    """``z = cycle(r / size)`` into ``stack.x``, and ``w = A z``; returns ``z.r``, ``z.w`` and ``z.s``.
-
-    The first level's way up is done in double precision, differences first.  What it leaves over of a row is due to
-    the rows behind it alone, which makes ``A z`` half a product (after Eisenstat 1981).
-    """
-    n = len(r)
-    b, scale = stack.b[:n], 1.0 / size
-    for i in range(n):
+def precondition(stack: Stack, r: Floats, size: float) -> None:
+    """``z = cycle(r / size)``, in single precision; ``z`` is the first level's part of ``stack.x``."""
+    b, scale = stack.b[: len(r)], 1.0 / size
+    for i in range(len(r)):
         b[i] = np.float32(r[i] * scale)
-    if len(stack.first) == 2:
-        cycle(stack, _ENOUGH, 1, 0)
-        change[:] = 0.0
-        _multiply(stack, leak, w)
-    else:
-        descend(stack, 0)
-        cycle(stack, _ENOUGH, 1, 1)
-        _ascend_in_double(stack, leak, degree, w, change)
-    return _finish_product(stack, change, r, s, w)
+    cycle(stack, _ENOUGH, 1)
 
 
-@njit(cache=True)
-def _ascend_in_double(stack: Stack, leak: Floats, degree: Floats, w: Floats, change: Floats) -> None:
-    """Add the next level's answer, then Gauss-Seidel backward; ``w`` is ``A x`` but for what ``change`` makes later."""
-    n = len(leak)
-    g, j, x = stack.conductance, stack.indices, stack.x
-    own, b, inverse, aggregate = x[:n], stack.b[:n], stack.inverse[:n], stack.aggregate[:n]
-    row, after = stack.indptr[:n], stack.indptr[1 : n + 1]
-    for i in range(n):
-        own[i] += x[aggregate[i]]
-    for back in range(n):
-        at = np.uint32(n - 1 - back)
-        before = np.float64(own[at])
-        left = np.float64(b[at]) - leak[at] * before
-        for k in range(row[at], after[at]):
-            left += np.float64(g[k]) * (np.float64(x[j[k]]) - before)
-        own[at] = np.float32(before + left * np.float64(inverse[at]))
-        change[at] = np.float64(own[at]) - before
-        w[at] = np.float64(b[at]) - left + degree[at] * change[at]
-
-
-@njit(cache=True)
-def _multiply(stack: Stack, leak: Floats, w: Floats) -> None:
+@njit(cache=True, nogil=True, fastmath=_FAST)
+def multiply(stack: Stack, leak: Floats, r: Floats, s: Floats, w: Floats) -> tuple[float, float, float]:
+    """``w = A z`` over single conductances in double precision, differences first; ``z.r``, ``z.w`` and ``z.s``."""
     row, g, j, z = stack.indptr, stack.conductance, stack.indices, stack.x
-    for i in range(len(leak)):
+    zr, zw, zs = 0.0, 0.0, 0.0
+    for i in range(len(r)):
         zi = np.float64(z[i])
         total = leak[i] * zi
         for k in range(row[i], row[i + 1]):
             total += np.float64(g[k]) * (zi - np.float64(z[j[k]]))
         w[i] = total
-
-
-@njit(cache=True, fastmath=_FAST)
-def _finish_product(stack: Stack, change: Floats, r: Floats, s: Floats, w: Floats) -> tuple[float, float, float]:
-    """Take what later changes of earlier rows add; returns ``z.r``, ``z.w`` and ``z.s``."""
-    row, middle, g, j, z = stack.indptr, stack.middle, stack.conductance, stack.indices, stack.x
-    zr, zw, zs = 0.0, 0.0, 0.0
-    for i in range(len(w)):
-        total = w[i]
-        for k in range(row[i], middle[i]):
-            total -= np.float64(g[k]) * change[j[k]]
-        w[i] = total
-        zi = np.float64(z[i])
         zr += zi * r[i]
         zw += zi * total
         zs += zi * s[i]

@@ -103,7 +103,7 @@ def _four(g: Singles, j: Unsigned, x: Singles, k: np.uint32) -> Any:
 
 
 @njit(cache=True)
-def descend(stack: Stack, level: int) -> None:
+def _descend(stack: Stack, level: int) -> None:
     """Gauss-Seidel from zero, and the residual summed into the next level's right-hand side."""
     end = stack.first[level + 1]
     for node in range(end, stack.first[level + 2]):
@@ -311,8 +311,8 @@ def _put_back(stack: Stack, level: int) -> None:
 
 
 @njit(cache=True, nogil=True)
-def cycle(stack: Stack, stop: float, first: int, top: int = 0) -> None:
-    """Approximate ``x = A^-1 b`` on level ``top``, by K-cycles from level ``first`` on (Notay & Vassilevski 2008).
+def cycle(stack: Stack, stop: float, first: int) -> None:
+    """Approximate ``x = A^-1 b`` on the first level, by K-cycles from level ``first`` on (Notay & Vassilevski 2008).
 
     The K-cycle takes one or two steps of flexible conjugate gradients, each preconditioned by the cycle below; the
     second is spared where the first has brought the residual under ``stop`` times the right-hand side.  The recursion
@@ -321,8 +321,8 @@ def cycle(stack: Stack, stop: float, first: int, top: int = 0) -> None:
     last = len(stack.first) - 2
     visits = np.zeros(last + 1, np.int64)
     energy, alpha = np.zeros(last + 1), np.zeros(last + 1)
-    level = top
-    while level >= top:
+    level = 0
+    while level >= 0:
         if level == last:
             _solve_coarsest(stack, level)
             level -= 1
@@ -350,7 +350,7 @@ def cycle(stack: Stack, stop: float, first: int, top: int = 0) -> None:
             level -= 1
         else:
             visits[level] += 1
-            descend(stack, level)
+            _descend(stack, level)
             level += 1
 
 

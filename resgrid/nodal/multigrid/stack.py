@@ -13,8 +13,8 @@ from resgrid.nodal.multigrid import clusters, ordering
 from resgrid.nodal.multigrid.kernels import Stack
 from resgrid.nodal.multigrid.levels import Graph, Step, coarsen_down
 
-_FAR = 0.5
-"""Share of neighbours numbered far apart above which a graph is renumbered before anything else."""
+_FAR, _LARGE = 0.5, 250_000
+"""Share of neighbours numbered far apart above which a graph of so many nodes is renumbered before anything else."""
 
 _WINDOW = 4096
 
@@ -32,7 +32,7 @@ def stack_graph(graph: Graph) -> Stack:
         Whose ``order`` says where the graph's nodes stand.
     """
     rows = (graph.indptr, graph.indices, graph.conductance, graph.leak)
-    if not clusters.far_share(*rows[:2]) > _FAR:
+    if graph.size < _LARGE or not clusters.far_share(*rows[:2]) > _FAR:
         return stack_levels(*coarsen_down(graph), free=True)
     order = clusters.breadth_first(*rows[:2])
     stack = stack_levels(*coarsen_down(Graph(*clusters.renumber(*rows, order), None)), free=True)
