@@ -7,12 +7,14 @@ residual is formed from the true conductances, and the next begins with it, sear
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.nodal.multigrid import graph_kernels as passes
 from resgrid.nodal.multigrid.kernels import Stack, norm
+from resgrid.nodal.multigrid.ordering import inverse_of
 from resgrid.nodal.multigrid.stack import own_work
 from resgrid.nodal.multigrid.stopping import DRIFT, LEAST_GAIN, MOST_ITERATIONS, ErrorBound, largest
 from resgrid.nodal.system import NodalSystem
@@ -34,11 +36,12 @@ def iterate_on_graph(
     """As `resgrid.nodal.multigrid.iteration.iterate`, over the rows of a netlist; ``unit`` is the hierarchy's."""
     error = ErrorBound(guess, rtol)
     burst = _Burst(stack, system.excess[stack.order] / unit, unit, error, watch)
-    matrix = (*matrix_rows(system), stack.order)
+    residual = partial(passes.residual_in_order, *matrix_rows(system), inverse_of(stack.order))
     x, last, left = np.zeros(len(b)) if guess is None else guess.copy(), np.inf, MOST_ITERATIONS
     wanted, rounding = rtol * norm(b), _ROUNDING * float(system.degree.max(initial=0.0))
     while True:
-        size = passes.residual_in_order(*matrix, b, x, burst.r)
+        at_zero = guess is None and not math.isfinite(last)
+        size = passes.put_in_order(stack.order, b, burst.r) if at_zero else residual(b, x, burst.r)
         goal = max(wanted, rounding * norm(x))
         error.small &= size <= max(DRIFT * burst.left * last, goal)
         if error.small or not (size > goal and size < LEAST_GAIN * last and left > 0):

@@ -64,17 +64,26 @@ def add_in_order(order: Indices, correction: Floats, scale: float, x: Floats) ->
 
 
 @njit(cache=True, nogil=True)
-def residual_in_order(
-    indptr: Unsigned, indices: Unsigned, conductance: Floats, excess: Floats, order: Indices, b: Floats, x: Floats,
-    r: Floats,
-) -> float:  # fmt: skip
-    """``r = b - A x`` in the order of the first level, differences first; returns ``|r|``."""
+def put_in_order(order: Indices, b: Floats, r: Floats) -> float:
+    """``r = b`` in the order of the first level; returns ``|r|``."""
     total = 0.0
     for place in range(len(order)):
-        i = order[place]
+        r[place] = b[order[place]]
+        total += r[place] * r[place]
+    return math.sqrt(total)
+
+
+@njit(cache=True, nogil=True)
+def residual_in_order(
+    indptr: Unsigned, indices: Unsigned, conductance: Floats, excess: Floats, rank: Indices, b: Floats, x: Floats,
+    r: Floats,
+) -> float:  # fmt: skip
+    """``r = b - A x``, differences first, every row put at its rank; returns ``|r|``."""
+    total = 0.0
+    for i in range(len(rank)):
         v = b[i] - excess[i] * x[i]
         for k in range(indptr[i], indptr[i + 1]):
             v += conductance[k] * (x[indices[k]] - x[i])
-        r[place] = v
+        r[rank[i]] = v
         total += v * v
     return math.sqrt(total)

@@ -242,21 +242,25 @@ def _solve_coarsest(stack: Stack, level: int) -> None:
 def _first_step(stack: Stack, level: int, stop: float, energy: Floats, alpha: Floats) -> bool:
     """First step of the K-cycle along ``c = x``; returns whether it suffices (``x`` is then the answer)."""
     begin, end = stack.first[level], stack.first[level + 1]
-    b, x, c, v, kept = stack.b, stack.x, stack.c, stack.v, stack.kept
-    for i in range(begin, end):
+    b, x, c = stack.b[begin:end], stack.x[begin:end], stack.c[begin:end]
+    v, kept = stack.v[begin:end], stack.kept[begin:end]
+    energy[level] = _multiply(stack, level, stack.v)
+    size, along = 0.0, 0.0
+    for i in range(len(b)):
         c[i] = x[i]
         kept[i] = b[i]
-    energy[level] = _multiply(stack, level, v)
+        along += np.float64(x[i]) * np.float64(b[i])
+        size += np.float64(b[i]) * np.float64(b[i])
+    alpha[level] = along
     if not energy[level] > 0.0:
         return True
-    alpha[level] = _dot(c, b, begin, end)
-    size = _dot(b, b, begin, end)
-    step = np.float32(alpha[level] / energy[level])
-    for i in range(begin, end):
+    step, rest = np.float32(along / energy[level]), 0.0
+    for i in range(len(b)):
         b[i] -= step * v[i]
-    if _dot(b, b, begin, end) > stop * stop * size:
+        rest += np.float64(b[i]) * np.float64(b[i])
+    if rest > stop * stop * size:
         return False
-    for i in range(begin, end):
+    for i in range(len(b)):
         x[i] = step * c[i]
         b[i] = kept[i]
     return True
@@ -266,16 +270,18 @@ def _first_step(stack: Stack, level: int, stop: float, energy: Floats, alpha: Fl
 def _second_step(stack: Stack, level: int, energy: float, alpha: float) -> None:
     """Second step of the K-cycle along ``x``, made conjugate to the first direction ``c``."""
     begin, end = stack.first[level], stack.first[level + 1]
-    b, x, c, v, w, kept = stack.b, stack.x, stack.c, stack.v, stack.w, stack.kept
-    beta = _multiply(stack, level, w)
-    gamma = _dot(x, v, begin, end)
-    rest = _dot(x, b, begin, end)
+    b, x, c = stack.b[begin:end], stack.x[begin:end], stack.c[begin:end]
+    v, kept = stack.v[begin:end], stack.kept[begin:end]
+    beta, gamma, rest = _multiply(stack, level, stack.w), 0.0, 0.0
+    for i in range(len(b)):
+        gamma += np.float64(x[i]) * np.float64(v[i])
+        rest += np.float64(x[i]) * np.float64(b[i])
     second = beta - gamma * gamma / energy
     on_c, on_x = np.float32(alpha / energy), np.float32(0.0)
     if second > 0.0:
         on_c = np.float32(alpha / energy - gamma * rest / (energy * second))
         on_x = np.float32(rest / second)
-    for i in range(begin, end):
+    for i in range(len(b)):
         x[i] = on_c * c[i] + on_x * x[i]
         b[i] = kept[i]
 
