@@ -96,8 +96,8 @@ def solve_board(
             break
         begin_burst(board.black_inverse, size, residual, r, z[0])
         left, count, before_x, before_p = 1.0, 0, 0.0, 1.0
-        gain = max(_BURST, _SAFETY * goal / size)
-        while left > gain and most > 0 and count < depth:
+        gain, peak = _SAFETY * goal / size, 1.0
+        while left > max(gain, _BURST * peak) and most > 0 and count < depth:
             restrict(board, aggregate, z[count], boards.b[: boards.size])
             cycle_boards(boards, stack, _ENOUGH, 0)
             prolong(board, aggregate, boards.x[: boards.size], r, z[count])
@@ -112,6 +112,7 @@ def solve_board(
             on_x[:count] += zr / energy * on_p[:count]
             before_x += zr / energy * before_p
             left = math.sqrt(advance(board.black_inverse, w, s, r, z[count], beta, zr / energy))
+            peak = max(peak, left)
             most -= 1
         gather_steps(z[:count], on_x, before_x, on_p, before_p, size, p, x[1])
         on_x[:] = 0.0

@@ -25,7 +25,7 @@ _ENOUGH = 0.25
 """Residual after the first step of a K-cycle that spares the second."""
 
 _BURST = 1e-6
-"""Gain of a burst: vectors in single precision allow no more."""
+"""Gain of a burst from its largest residual on: vectors in single precision allow no more."""
 
 _DEPTH = 8
 """Steps that are kept before they are gone."""
@@ -61,7 +61,7 @@ def iterate_on_board(
             return x.ravel()[place], size * unit
         if not math.isfinite(last):
             watch.begin(size * unit, goal * unit)
-        left -= burst.run(x, size, max(_BURST, _SAFETY * goal / size), left)
+        left -= burst.run(x, size, _SAFETY * goal / size, left)
         last = size
 
 
@@ -96,8 +96,8 @@ class _Burst:
         """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the steps taken."""
         board, true = self._grid.board, self._grid.true
         passes.begin_burst(board.black_inverse, size, self.residual, self._r, self._z[0])
-        self.left, steps = 1.0, 0
-        while self.left > gain and steps < most and not self._error.small:
+        self.left, peak, steps = 1.0, 1.0, 0
+        while self.left > max(gain, _BURST * peak) and steps < most and not self._error.small:
             z = self._z[self._count]
             self._precondition(z)
             zr, zw, zs = passes.multiply(true, z, self._r, self._s, self._w)
@@ -114,6 +114,7 @@ class _Burst:
                 self._gather(x[1], size)
             inverse, z = board.black_inverse, self._z[self._count]
             self.left = math.sqrt(passes.advance(inverse, self._w, self._s, self._r, z, beta, alpha))
+            peak = max(peak, self.left)
             self._watch.step(self.left * size * self._unit)
             steps += 1
         self._gather(x[1], size)

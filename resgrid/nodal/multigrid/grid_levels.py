@@ -16,7 +16,7 @@ from resgrid.nodal.multigrid.kernels import Stack
 from resgrid.nodal.multigrid.levels import coarsen_down
 from resgrid.nodal.multigrid.stack import stack_levels
 
-_SMALL = 1000
+_SMALL = 300
 _SHRINKAGE = 0.6
 """Share of nodes above which a board has fallen apart, and a graph takes its place."""
 

@@ -1,0 +1,211 @@
+"""Boards against dense algebra and brute force: what the passes form, and how blocks fall apart."""
+
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+from spaces import space_of, spaces
+
+from resgrid.compiler import compile_space
+from resgrid.errors import CircuitError
+from resgrid.nodal.multigrid import board_passes as passes
+from resgrid.nodal.multigrid.board_cycle import cycle_boards
+from resgrid.nodal.multigrid.boards import Level, lay_out, to_boards, to_graph
+from resgrid.nodal.multigrid.coarsening import coarsen
+from resgrid.nodal.multigrid.grid_levels import own_vectors
+from resgrid.nodal.multigrid.hierarchy import build_hierarchy
+from resgrid.nodal.system import NodalSystem, assemble
+from resgrid.space import ConfigurationSpace
+
+BOUNDARIES = st.sampled_from(["dirichlet", "neumann"])
+
+
+def laid_out(space: ConfigurationSpace, boundary: str, spread: float, seed: int) -> tuple[NodalSystem, Level] | None:
+    """A space as a board, its conductances spread by factors; None where nothing is driven or no board fits."""
+    try:
+        netlist = compile_space(space, boundary=boundary)
+        factors = np.exp(np.random.default_rng(seed).normal(0.0, spread, len(netlist.conductance)))
+        system = assemble(netlist.replace(conductance=netlist.conductance * factors))
+    except CircuitError:
+        return None
+    assert system.netlist.layout is not None
+    made = lay_out(
+        system.netlist.resistor_nodes,
+        system.netlist.conductance,
+        system.unknown,
+        system.netlist.layout.node,
+        system.excess,
+        1.0,
+    )
+    return None if made is None else (system, made[0])
+
+
+def matrix_of(level: Level) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """The dense nodal matrix of a level over its nodes, red ones first, and their places."""
+    graph, number = to_graph(level)
+    matrix = np.zeros((graph.size, graph.size))
+    row = np.repeat(np.arange(graph.size), np.diff(graph.indptr))
+    matrix[row, graph.indices] = -graph.conductance
+    matrix += np.diag(graph.leak - matrix.sum(axis=1))
+    return matrix, np.flatnonzero(number >= 0)
+
+
+def down(level: Level, split: bool) -> list[Level]:
+    """A level and the coarse ones below it."""
+    levels = [level]
+    while levels[-1].size > 3 and min(levels[-1].lattice.shape) > 1:
+        made = coarsen(levels[-1], split=split)
+        if made is None or made[0].size == levels[-1].size:
+            break
+        levels.append(made[0])
+    return levels
+
+
+@settings(max_examples=60, deadline=None)
+@given(spaces(max_cells=12), BOUNDARIES, st.integers(0, 2**16))
+def test_the_schur_complement_is_that_of_dense_elimination(space: ConfigurationSpace, boundary: str, seed: int) -> None:
+    made = laid_out(space, boundary, 0.3, seed)
+    if made is None:
+        return
+    for level in down(made[1], split=False):
+        matrix, used = matrix_of(level)
+        places = level.lattice.places
+        red, black = used < places, used >= places
+        if not red.any() or not black.any():
+            continue
+        schur = matrix[np.ix_(black, black)] - matrix[np.ix_(black, red)] @ np.linalg.solve(
+            matrix[np.ix_(red, red)], matrix[np.ix_(red, black)]
+        )
+        rng = np.random.default_rng(seed)
+        z, r, s = np.zeros((3, places), dtype=np.float32)
+        here = used[black] - places
+        z[here], r[here], s[here] = rng.normal(size=(3, len(here)))
+        w = np.zeros(places, dtype=np.float32)
+        zr, zw, zs = passes.multiply(to_boards(level)[0], z, r, s, w)
+        size = np.abs(schur).sum(axis=1).max() * np.abs(z).max()
+        np.testing.assert_allclose(w[here], schur @ z[here].astype(float), rtol=0, atol=1e-6 * size)
+        wide = z[here].astype(float)
+        np.testing.assert_allclose(
+            [zr, zw, zs], [wide @ r[here], wide @ schur @ wide, wide @ s[here]], rtol=0, atol=1e-6 * size * len(here)
+        )
+
+
+@settings(max_examples=60, deadline=None)
+@given(spaces(max_cells=12), BOUNDARIES, st.integers(0, 2**16))
+def test_the_residual_is_that_of_the_netlist(space: ConfigurationSpace, boundary: str, seed: int) -> None:
+    made = laid_out(space, boundary, 1.0, seed)
+    if made is None:
+        return
+    for level in down(made[1], split=False):
+        matrix, used = matrix_of(level)
+        places = level.lattice.places
+        rng = np.random.default_rng(seed)
+        x, b = np.zeros((2, 2 * places))
+        x[used], b[used] = rng.normal(size=(2, len(used)))
+        r = np.zeros(places)
+        x = x.reshape(2, places)
+        norm = passes.black_residual(to_boards(level)[0], b.reshape(2, places), x, r)
+        residual = b[used] - matrix @ x.ravel()[used]
+        size = np.abs(matrix).sum(axis=1).max() * np.abs(x).max() + np.abs(b).max()
+        black = used >= places
+        np.testing.assert_allclose(r[used[black] - places], residual[black], rtol=0, atol=1e-13 * size)
+        np.testing.assert_allclose(residual[~black], 0.0, atol=1e-13 * size)
+        assert norm == pytest.approx(np.linalg.norm(residual[black]), rel=1e-12, abs=1e-13 * size)
+
+
+@settings(max_examples=60, deadline=None)
+@given(spaces(max_cells=12), BOUNDARIES, st.integers(0, 2**16))
+def test_aggregates_are_the_connected_parts_of_blocks(space: ConfigurationSpace, boundary: str, seed: int) -> None:
+    made = laid_out(space, boundary, 0.0, seed)
+    if made is None:
+        return
+    level = made[1]
+    for _ in range(3):
+        result = coarsen(level, split=False)
+        if result is None or level.size < 3:
+            return
+        coarse, target = result
+        graph, number = to_graph(level)
+        row = np.repeat(np.arange(graph.size), np.diff(graph.indptr))
+        shrinks = [n > m for n, m in zip(level.lattice.shape, coarse.lattice.shape, strict=True)]
+        block = graph.coordinate >> np.array(shrinks, dtype=np.int64)
+        inside = np.all(block[row] == block[graph.indices], axis=1)
+        parts = nx.Graph()
+        parts.add_nodes_from(range(graph.size))
+        parts.add_edges_from(zip(row[inside].tolist(), graph.indices[inside].tolist(), strict=True))
+        node = target.ravel()[number >= 0]
+        expected = {frozenset(part) for part in nx.connected_components(parts)}
+        assert {frozenset(np.flatnonzero(node == one).tolist()) for one in np.unique(node)} == expected
+        assert coarse.size == len(expected)
+        level = coarse
+
+
+@settings(max_examples=40, deadline=None)
+@given(spaces(max_cells=14), BOUNDARIES, st.integers(0, 2**16))
+def test_coarse_levels_join_what_resistors_join_and_nothing_else(
+    space: ConfigurationSpace, boundary: str, seed: int
+) -> None:
+    made = laid_out(space, boundary, 0.0, seed)
+    result = None if made is None else coarsen(made[1], split=False)
+    if made is None or result is None:
+        return
+    level, (coarse, target) = made[1], result
+    fine, number = to_graph(level)
+    small, place = to_graph(coarse)
+    node = place[target.ravel()[number >= 0]]
+    row = np.repeat(np.arange(fine.size), np.diff(fine.indptr))
+    joined = {(a, b) for a, b in zip(node[row].tolist(), node[fine.indices].tolist(), strict=True) if a != b}
+    there = np.repeat(np.arange(small.size), np.diff(small.indptr))
+    assert set(zip(there.tolist(), small.indices.tolist(), strict=True)) == joined
+    tied = np.unique(node[fine.leak > 0])
+    np.testing.assert_array_equal(np.flatnonzero(small.leak > 0), tied)
+    assert np.all(small.leak[tied] <= np.bincount(node, fine.leak, small.size)[tied] * (1 + 1e-12))
+
+
+def test_a_room_without_obstacles_keeps_its_resistance_from_level_to_level() -> None:
+    cell = np.zeros((64, 64), dtype=np.uint8)
+    cell[0, 0] = 2
+    made = laid_out(space_of(cell), "neumann", 0.0, 1)
+    assert made is not None
+    unit = made[0].netlist.conductance.mean()
+    for level in down(made[1], split=False)[:4]:
+        inner = level.faces[level.faces > 0] / unit
+        assert np.median(inner) == pytest.approx(1.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(40, 40), (40, 64), (12, 13, 14)])
+def test_a_step_of_the_cycle_is_symmetric_where_it_is_linear(shape: tuple[int, ...]) -> None:
+    cell = (np.random.default_rng(7).random(shape) < 0.2).astype(np.uint8)
+    cell[(0,) * len(shape)] = 2
+    system = assemble(compile_space(space_of(cell), boundary="neumann"))
+    hierarchy = build_hierarchy(system)
+    grid = hierarchy.grid
+    assert grid is not None
+    assert len(grid.boards.width) > 0
+    places = len(grid.aggregate)
+    used = grid.true.black_degree > 0
+    rng = np.random.default_rng(1)
+
+    def preconditioned(r: NDArray[np.float32]) -> NDArray[np.float64]:
+        z = grid.board.black_inverse * r
+        passes.restrict(grid.board, grid.aggregate, z, grid.boards.b[: grid.boards.size])
+        cycle_boards(grid.boards, hierarchy.stack, np.inf, 99)
+        passes.prolong(grid.board, grid.aggregate, grid.boards.x[: grid.boards.size], r, z)
+        return z.astype(np.float64)
+
+    a, b = (rng.normal(size=(2, places)) * used).astype(np.float32)
+    left, right = b @ preconditioned(a), a @ preconditioned(b)
+    assert left == pytest.approx(right, rel=1e-4)
+    assert a @ preconditioned(a) > 0
+
+
+def test_work_space_is_not_shared_but_conductances_are() -> None:
+    cell = np.zeros((40, 40), dtype=np.uint8)
+    cell[0, 0] = 2
+    grid = build_hierarchy(assemble(compile_space(space_of(cell), boundary="neumann"))).grid
+    assert grid is not None
+    own = own_vectors(grid.boards)
+    assert not np.shares_memory(own.b, grid.boards.b)
+    assert np.shares_memory(own.faces, grid.boards.faces)
