@@ -231,11 +231,10 @@ def _solve_coarsest(stack: Stack, level: int) -> None:
     """The inverse times the right-hand side, row after row of the symmetric inverse; without one, of the diagonal."""
     begin, end = stack.first[level], stack.first[level + 1]
     b, x = stack.b[begin:end], stack.x[begin:end]
-    if len(stack.coarsest) == 0:
-        x[:] = b * stack.inverse[begin:end]
-        return
-    x[:] = 0.0
-    for j in range(len(b)):
+    inverse, whole = stack.inverse[begin:end], len(stack.coarsest) > 0
+    for i in range(len(x)):
+        x[i] = 0.0 if whole else b[i] * inverse[i]
+    for j in range(len(stack.coarsest)):
         row, value = stack.coarsest[j], b[j]
         for i in range(len(x)):
             x[i] += row[i] * value
