@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
@@ -91,6 +91,8 @@ class NodalSystem:
         Nodes that nothing ties to ground.
     derived : scipy.sparse.csr_array or None, shape (n, n)
         The `coupling` of a system that was derived from another one; None where the netlist's resistors make it.
+    separated : ndarray of int64 or None, shape (p, 2)
+        Pairs of rows whose resistors an update has taken out of either.
     """
 
     netlist: Netlist
@@ -105,6 +107,7 @@ class NodalSystem:
     undriven_volts: NDArray[np.float64]
     floating: NDArray[np.int64]
     derived: sparse.csr_array | None = None
+    separated: NDArray[np.int64] | None = None
 
     @property
     def size(self) -> int:
@@ -138,6 +141,8 @@ class NodalSystem:
 
         Compressed rows, made when first asked for: a grid's multigrid and its normwise answer do without.
         """
+        if self.separated is not None:
+            return _without(replace(self, separated=None).coupling, self.separated)
         if self.derived is not None:
             return self.derived
         from resgrid.nodal.assembly import conductances_by_row
@@ -158,13 +163,21 @@ class NodalSystem:
     @cached_property
     def degree(self) -> NDArray[np.float64]:
         """Diagonal of the matrix, in siemens, shape (n,): all conductances at a row, summed."""
-        if self.derived is not None:
-            return np.asarray(self.derived.sum(axis=1) + self.excess, dtype=np.float64)
+        if self.derived is not None or self.separated is not None:
+            return np.asarray(self.coupling.sum(axis=1) + self.excess, dtype=np.float64)
         from resgrid.nodal.assembly import add_conductances
 
         degree = self.excess.copy()
         add_conductances(self.netlist.resistor_nodes, self.netlist.conductance, self.unknown, degree)
         return degree
+
+
+def _without(coupling: sparse.csr_array, pairs: NDArray[np.int64]) -> sparse.csr_array:
+    """Compressed rows without the entries of some pairs."""
+    coupling = coupling.copy()
+    coupling[pairs.ravel(), pairs[:, ::-1].ravel()] = 0.0
+    coupling.eliminate_zeros()
+    return coupling
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,9 +6,9 @@
    node for every aggregate: on grids the connected parts of blocks of two cells a side, cut where a conductance is
    weak beside the strongest at either end, so that no aggregate joins across a wall; axes that conduct badly are
    left for later. Middle to middle, two blocks are joined through half of either one's own resistance in series
-   with what lies between (plain aggregation would make long ways too easy).  Other netlists are aggregated in pairs
-   of pairs along the strongest conductances (Notay 2010).  Levels that have become corridors one node wide shrink
-   by exact elimination.
+   with what lies between (plain aggregation would make long ways too easy).  In other netlists aggregates
+   of four are grown node by node along the strongest conductances (`clusters`), and the rows of a level are laid out
+   by colour and length (`ordering`).  Levels that have become corridors one node wide shrink by exact elimination.
 3. *First level* (`checkerboard`, `checkerboard_kernels`).  A grid has two colours: red cells are eliminated
    exactly, and everything happens on the Schur complement of the black ones, over conductances in single precision,
    one face of all cells after the other.

@@ -84,13 +84,14 @@ def renumber(
 
 @njit(cache=True)
 def grow_aggregates(
-    indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, most: int
+    indptr: Indices, indices: Indices, conductance: Floats, leak: Floats, most: int, strict: bool
 ) -> tuple[Indices, int]:
     """Aggregates of up to ``most`` nodes, grown one by one.
 
     From the first node that is still alone an aggregate takes in, again and again, the neighbour that hangs on it most:
     by the greatest sum of conductances, over the root of all that the neighbour has.  A node that finds no free
-    neighbour joins the aggregate at the other end of its strongest conductance.
+    neighbour joins the aggregate at the other end of its strongest conductance.  Unless ``strict``, weak conductances
+    count, too, and an aggregate is never full, so that only nodes without neighbours stay alone.
     """
     n = len(indptr) - 1
     degree, scale, strongest = _degrees(indptr, conductance, leak)
@@ -123,7 +124,7 @@ def grow_aggregates(
             if joins < 0:
                 break
             needed = min(_WEAK * min(degree[first], degree[joins]), _BESIDE_STRONGEST * strongest[first])
-            if weight[joins] < needed:
+            if strict and weight[joins] < needed:
                 break
             aggregate[joins] = count
             weight[joins] = _TAKEN
@@ -132,8 +133,8 @@ def grow_aggregates(
         for c in range(found):
             weight[candidate[c]] = min(weight[candidate[c]], _NONE)
         if size == 1:
-            host = _host(indptr, indices, conductance, aggregate, members, first, most)
-            if host >= 0:
+            host = _host(indptr, indices, conductance, aggregate, first)
+            if host >= 0 and (members[host] < most + most // 2 or not strict):
                 aggregate[first] = host
                 members[host] += 1
                 continue
@@ -158,15 +159,13 @@ def _degrees(indptr: Indices, conductance: Floats, leak: Floats) -> tuple[Floats
 
 
 @njit(cache=True)
-def _host(
-    indptr: Indices, indices: Indices, conductance: Floats, aggregate: Indices, members: Indices, node: int, most: int
-) -> int:
-    """The aggregate on the other end of a node's strongest conductance, unless it is half as large again; else -1."""
+def _host(indptr: Indices, indices: Indices, conductance: Floats, aggregate: Indices, node: int) -> int:
+    """The aggregate at the other end of a node's strongest conductance; -1 where it has none."""
     best, host = 0.0, -1
     for k in range(indptr[node], indptr[node + 1]):
         if conductance[k] > best:
             best, host = conductance[k], aggregate[indices[k]]
-    return host if host >= 0 and members[host] < most + most // 2 else -1
+    return host
 
 
 @njit(cache=True)

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.nodal.multigrid import graph_kernels as passes
-from resgrid.nodal.multigrid.kernels import Stack, norm
+from resgrid.nodal.multigrid.kernels import Stack, cycle, norm
 from resgrid.nodal.multigrid.ordering import inverse_of
 from resgrid.nodal.multigrid.stack import own_work
 from resgrid.nodal.multigrid.stopping import DRIFT, LEAST_GAIN, MOST_ITERATIONS, ErrorBound, largest
@@ -22,6 +22,8 @@ from resgrid.nodal.watch import Watch
 
 _BURST = 1e-5
 _ROUNDING = 2.0**-52
+_ENOUGH = 0.25
+"""Residual after the first step of a K-cycle that spares the second."""
 
 
 def iterate_on_graph(
@@ -59,7 +61,7 @@ class _Burst:
     def __init__(self, stack: Stack, leak: NDArray[np.float64], unit: float, error: ErrorBound, watch: Watch) -> None:
         n = len(leak)
         self._stack, self._leak = own_work(stack), leak
-        self._z = self._stack.x[:n]
+        self._b, self._z = self._stack.b[:n], self._stack.x[:n]
         self.r, self.x, self._p, self._s, self._w = np.zeros((5, n))
         self._energy = 0.0
         self._error, self._watch, self._unit = error, watch, unit
@@ -71,7 +73,8 @@ class _Burst:
         self.r /= size
         self.left, steps = 1.0, 0
         while self.left > gain and steps < most and not self._error.small:
-            passes.precondition(self._stack, self.r, self.left)
+            passes.put_scaled(self.r, self.left, self._b)
+            cycle(self._stack, _ENOUGH, 1)
             zr, zw, zs = passes.multiply(self._stack, self._leak, self.r, self._s, self._w)
             beta = -zs / self._energy if self._energy > 0.0 else 0.0
             self._energy = zw + beta * zs

@@ -8,22 +8,19 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.nodal.multigrid.kernels import Floats, Singles, Stack, Unsigned, cycle
+from resgrid.nodal.multigrid.kernels import Floats, Singles, Stack, Unsigned
 
 Indices = NDArray[np.int32]
 
 _FAST = {"contract", "reassoc", "nsz", "arcp"}
-_ENOUGH = 0.25
-"""Residual after the first step of a K-cycle that spares the second."""
 
 
 @njit(cache=True, nogil=True)
-def precondition(stack: Stack, r: Floats, size: float) -> None:
-    """``z = cycle(r / size)``, in single precision; ``z`` is the first level's part of ``stack.x``."""
-    b, scale = stack.b[: len(r)], 1.0 / size
+def put_scaled(r: Floats, size: float, b: Singles) -> None:
+    """``b = r / size``, in single precision."""
+    scale = 1.0 / size
     for i in range(len(r)):
         b[i] = np.float32(r[i] * scale)
-    cycle(stack, _ENOUGH, 1)
 
 
 @njit(cache=True, nogil=True, fastmath=_FAST)

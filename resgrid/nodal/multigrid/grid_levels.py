@@ -64,8 +64,21 @@ def coarsen_grid(level: Level, place: NDArray[np.int32]) -> tuple[GridLevels, St
     None
         Where the grid does not shrink.
     """
+    return lay_levels(*coarsen_boards(level), place)
+
+
+def coarsen_boards(level: Level, most: int = 64) -> tuple[list[Level], list[NDArray[np.int32]]]:
+    """Coarsen a board by blocks until it is small or falls apart, at most so many times.
+
+    Returns
+    -------
+    levels : list of Level
+        From the given one on.
+    targets : list of ndarray of int32
+        For every level but the last, the place on the next one that every black place belongs to, red ones first.
+    """
     levels, targets = [level], []
-    while True:
+    while len(targets) < most:
         made = coarsen(levels[-1], split=level.uneven)
         if made is None:
             break
@@ -77,10 +90,18 @@ def coarsen_grid(level: Level, place: NDArray[np.int32]) -> tuple[GridLevels, St
         extras = sum(len(cell) for cell in coarse.extra_cell)
         if coarse.size < _SMALL or coarse.lattice.width < LEAST_WIDTH or extras > _MOST_EXTRAS * coarse.size:
             break
+    return levels, targets
+
+
+def lay_levels(
+    levels: list[Level], targets: list[NDArray[np.int32]], place: NDArray[np.int32]
+) -> tuple[GridLevels, Stack] | None:
+    """Lay boards out for the compiled passes, and coarsen the last one as a graph; None where it does not shrink."""
+    level = levels[0]
     graph, number = to_graph(levels[-1])
     graphs, steps = coarsen_down(graph)
     if targets:
-        targets[-1] = _counted(number, targets[-1])
+        targets = [*targets[:-1], _counted(number, targets[-1])]
     else:
         if not steps:
             return None

@@ -51,7 +51,7 @@ class Stack(NamedTuple):
     share : ndarray of float32, shape (eliminated, 3)
         Shares of the two neighbours, and the reciprocal of the diagonal.
     coarsest : ndarray of float32
-        Inverse of the last level's matrix.
+        Inverse of the last level's matrix; empty where its diagonal must do.
     order : ndarray of int32, shape (first[1],)
         Node of the given graph that stands at each place of the first level.
     b, x, c, v, w, kept : ndarray of float32, shape (nodes,)
@@ -228,11 +228,13 @@ def _dot(a: Singles, b: Singles, begin: int, end: int) -> float:
 
 @njit(cache=True)
 def _solve_coarsest(stack: Stack, level: int) -> None:
-    """The inverse times the right-hand side, row after row of the symmetric inverse."""
+    """The inverse times the right-hand side, row after row of the symmetric inverse; without one, of the diagonal."""
     begin, end = stack.first[level], stack.first[level + 1]
     b, x = stack.b[begin:end], stack.x[begin:end]
-    x[:] = 0.0
-    for j in range(len(b)):
+    inverse, whole = stack.inverse[begin:end], len(stack.coarsest) > 0
+    for i in range(len(x)):
+        x[i] = 0.0 if whole else b[i] * inverse[i]
+    for j in range(len(stack.coarsest)):
         row, value = stack.coarsest[j], b[j]
         for i in range(len(x)):
             x[i] += row[i] * value

@@ -29,6 +29,9 @@ _CORRIDORS = 0.3
 _MEMBERS = 4
 """Nodes of an aggregate that is grown."""
 
+_CLUSTERS_SHRINK = 0.7
+"""Share of nodes above which aggregates are grown along weak conductances, too."""
+
 
 @dataclass(frozen=True, eq=False)
 class Graph:
@@ -118,7 +121,9 @@ def _blocks(graph: Graph, coordinate: NDArray[np.int32]) -> tuple[Step, Graph]:
 
 
 def _clusters(graph: Graph) -> tuple[Step, Graph]:
-    """Aggregates grown along the strongest conductances (`resgrid.nodal.multigrid.clusters`)."""
+    """Aggregates grown along the strongest conductances, and along all of them where those are too few."""
     rows = (graph.indptr, graph.indices, graph.conductance, graph.leak)
-    aggregate, count = clusters.grow_aggregates(*rows, _MEMBERS)
+    aggregate, count = clusters.grow_aggregates(*rows, _MEMBERS, True)
+    if count > _CLUSTERS_SHRINK * graph.size:
+        aggregate, count = clusters.grow_aggregates(*rows, _MEMBERS, False)
     return _aggregation(aggregate), Graph(*clusters.sum_up(*rows, aggregate, count), None)

@@ -17,6 +17,7 @@ _FAR, _LARGE = 0.5, 250_000
 """Share of neighbours numbered far apart above which a graph of so many nodes is renumbered before anything else."""
 
 _WINDOW = 4096
+_LARGEST_INVERSE = 2000
 
 
 def stack_graph(graph: Graph) -> Stack:
@@ -116,4 +117,7 @@ def _red_end(graph: Graph) -> int:
 
 
 def _inverse(graph: Graph) -> NDArray[np.float32]:
+    """Inverse of the last level's matrix; empty where it did not shrink, as nodes without neighbours do not."""
+    if graph.size > _LARGEST_INVERSE:
+        return np.empty((0, 0), dtype=np.float32)
     return ordering.inverse_matrix(graph.indptr, graph.indices, graph.conductance, graph.leak)
