@@ -292,7 +292,7 @@ def _lost(
 ) -> tuple[NDArray[np.int64], str]:
     """Rows that nothing holds any more, and a reason to build levels anew where the circuit has fallen apart."""
     seeds = np.setdiff1d(contacts.neighbour, rows)
-    if len(seeds) and around.stay_together(system, changed, rows, contacts.cut, seeds):
+    if len(seeds) and around.stay_together(system, changed, rows, seeds):
         return rows[:0], ""
     return _search_all(changed, seeds, np.concatenate([before.pinned, rows]))
 

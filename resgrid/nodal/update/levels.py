@@ -27,6 +27,9 @@ from resgrid.nodal.update.window import Box, Window, boxes_around, open_window
 _BLOCK_RESISTANCE = 0.125
 """Resistance on the way through a block of four to a point in it, in units of the mean resistance around."""
 
+_ROUNDING = 1e-5
+"""Share of a diagonal entry in single precision that may be rounding."""
+
 
 def patch_levels(
     hierarchy: Hierarchy, system: NodalSystem, change: Change, cells: NDArray[np.int64]
@@ -72,7 +75,7 @@ def patch_levels(
                 break
         else:
             if len(levels) == depth + 1:
-                stack = _tie(stack, *patch.leaks(stack))
+                stack = patch.tie(stack)
         windows += [] if window is None else [window]
     levels_after = GridLevels(true, board, grid.place, aggregate, boards)
     return replace(hierarchy, stack=stack, grid=levels_after), tuple(windows)
@@ -169,7 +172,7 @@ class _Patch:
     def _split(
         self, number: int, there: NDArray[np.int64], here: NDArray[np.int64], aggregate: NDArray[np.int32]
     ) -> None:
-        if number + 1 >= len(self.boards.width) + 1:
+        if number + 1 >= min(len(self.boards.width) + 1, len(self.levels)):
             return
         coarse = self.levels[number + 1].lattice
         split = self.targets[number][here] % coarse.places >= coarse.first_extra
@@ -198,10 +201,23 @@ class _Patch:
         self._split(number, there, here, boards.aggregate[a:e])
         return True
 
-    def leaks(self, stack: Stack) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Nodes of the graph below the boards, and by how much more they are tied to the rails."""
-        depth = len(self.levels) - 1
-        return np.empty(0, dtype=np.int64), np.empty(0)
+    def tie(self, stack: Stack) -> Stack:
+        """The graphs below the boards, their nodes around the change tied to the rails as the window's are."""
+        number = len(self.levels) - 1
+        both, before = self._both(number), self._both(number - 1)
+        if both is None or before is None or number < 2:
+            return stack
+        # A node of the graph is known by the black places that belong to it.
+        node = np.zeros(self.levels[number].degree.size, dtype=np.int64)
+        a, e = self.boards.places[number - 2 : number]
+        node[self.targets[number - 1][before[2]]] = self.boards.aggregate[a:e][before[1]]
+        level = self.levels[number]
+        here = np.concatenate([both[2], both[2] + level.lattice.places])
+        here = here[(node[here] > 0) & (level.degree.ravel()[here] > 0)]
+        nodes, leak = node[here] - 1, level.leak.ravel()[here]
+        entries = np.concatenate([[0.0], np.cumsum(stack.conductance[: stack.indptr[stack.first[1]]], dtype=np.float64)])
+        coupled = entries[stack.indptr[nodes + 1]] - entries[stack.indptr[nodes]]
+        return _tie(stack, nodes, leak - (stack.diagonal[nodes] - coupled))
 
 
 def _tie(stack: Stack, nodes: NDArray[np.int64], leak: NDArray[np.float64]) -> Stack:
@@ -210,7 +226,8 @@ def _tie(stack: Stack, nodes: NDArray[np.int64], leak: NDArray[np.float64]) -> S
     From level to level the way to a point takes its share of the block's own resistance (as in
     `aggregation.lengthen`).  Where a level is left by elimination, the tie ends: it only preconditions.
     """
-    nodes, leak = nodes[(nodes >= 0) & (leak > 0)], leak[(nodes >= 0) & (leak > 0)]
+    more = leak > _ROUNDING * stack.diagonal[nodes]
+    nodes, leak = nodes[more], leak[more]
     if not len(nodes):
         return stack
     diagonal, inverse, coarsest = stack.diagonal.copy(), stack.inverse.copy(), stack.coarsest

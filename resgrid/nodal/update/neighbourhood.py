@@ -67,7 +67,6 @@ class Neighbourhood:
         before: NodalSystem,
         after: NodalSystem,
         rows: NDArray[np.int64],
-        cut: NDArray[np.int64],
         seeds: NDArray[np.int64],
     ) -> bool:
         """Whether the neighbours of rows that are cut off reach each other and the rails near by."""

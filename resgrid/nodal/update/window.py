@@ -26,6 +26,9 @@ _SHARE = 16
 _MOST, _MOST_CELLS = 4, 20_000
 """All windows together hold at most one cell in so many, or so many."""
 
+_SMALL = 10
+"""Nodes under which a window is not coarsened any more."""
+
 _TILES = 200
 """Groups of changed cells from which they count as being all over the grid."""
 
@@ -164,7 +167,7 @@ def open_window(
     none = np.empty(0, dtype=np.int64)
     ends, axis = np.empty((0, 2), dtype=np.int32), np.empty(0, dtype=np.int32)
     level = level_of(lattice, faces, leak, ends, axis, np.empty(0), (none, none))
-    levels, targets = coarsen_boards(level, depth)
+    levels, targets = coarsen_boards(level, depth, _SMALL)
     made = lay_levels(levels, targets, place)
     if made is None:
         return None, levels, targets
