@@ -67,8 +67,10 @@ def coarsen_grid(level: Level, place: NDArray[np.int32]) -> tuple[GridLevels, St
     return lay_levels(*coarsen_boards(level), place)
 
 
-def coarsen_boards(level: Level, most: int = 64) -> tuple[list[Level], list[NDArray[np.int32]]]:
-    """Coarsen a board by blocks until it is small or falls apart, at most so many times.
+def coarsen_boards(
+    level: Level, most: int = 64, small: int = _SMALL
+) -> tuple[list[Level], list[NDArray[np.int32]]]:
+    """Coarsen a board by blocks until it falls apart or has less than ``small`` nodes, at most ``most`` times.
 
     Returns
     -------
@@ -88,7 +90,7 @@ def coarsen_boards(level: Level, most: int = 64) -> tuple[list[Level], list[NDAr
         levels.append(coarse)
         targets.append(target[1].copy())
         extras = sum(len(cell) for cell in coarse.extra_cell)
-        if coarse.size < _SMALL or coarse.lattice.width < LEAST_WIDTH or extras > _MOST_EXTRAS * coarse.size:
+        if coarse.size < small or coarse.lattice.width < LEAST_WIDTH or extras > _MOST_EXTRAS * coarse.size:
             break
     return levels, targets
 

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from resgrid.nodal.factor import Factor
     from resgrid.nodal.multigrid.hierarchy import Hierarchy
     from resgrid.nodal.update.change import Change
+    from resgrid.nodal.update.window import Window
 
 REFINED = 1e-20
 """Componentwise backward error that is enough where no current flows."""
@@ -41,11 +42,14 @@ class MultigridFactor:
     hierarchy : Hierarchy
     change : Change or None
         What updates have changed since the netlist was compiled.
+    windows : tuple of Window
+        The surroundings of what the last update has changed.
     """
 
     system: NodalSystem
     hierarchy: Hierarchy
     change: Change | None = None
+    windows: tuple[Window, ...] = ()
     name = "multigrid"
 
     def update(self, cells: ArrayLike, to: int = Cell.OBSTACLE) -> Factor:
@@ -147,7 +151,12 @@ class MultigridFactor:
         """The guess, made better where the last update has changed the circuit."""
         if np.shape(guess) != np.shape(b):
             raise InputError(f"the guess has shape {np.shape(guess)}, but the right-hand side {np.shape(b)}")
-        return np.asarray(guess, dtype=np.float64)
+        guess = np.asarray(guess, dtype=np.float64)
+        if self.change is None or not self.windows:
+            return guess
+        from resgrid.nodal.update.guess import improve_guess
+
+        return improve_guess(self.system, self.change, self.windows, b, guess)
 
     def _iterate(
         self, b: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None

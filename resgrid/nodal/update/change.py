@@ -8,18 +8,17 @@ open obstacles leave nothing.  A uniform drive is shared out anew among the rows
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import sparse
 
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Layout
-from resgrid.nodal.system import NodalSystem
+from resgrid.nodal.multigrid.hierarchy import Hierarchy
+from resgrid.nodal.system import NodalSystem, Rails, Ties
+from resgrid.nodal.update.neighbourhood import Neighbourhood, neighbourhood
 from resgrid.space import Cell, ConfigurationSpace
-
-_NEAR, _NEAR_SHARE = 4096, 16
-"""Rows searched for a way around the changed cells, before the whole circuit is: so many, or one in so many."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +35,8 @@ class Change:
         Rows that no longer take part: those of changed cells, and of parts that nothing holds any more.
     pairs : ndarray of int64, shape (p, 2)
         Rows that the last update has separated: one that is cut off, and its neighbour.
+    gain : float
+        By how much the last update has raised the uniform drive of the rows that are left.
     reason : str
         Why the factor was made anew; empty where what it had could be kept.
     """
@@ -44,6 +45,7 @@ class Change:
     codes: NDArray[np.uint8]
     pinned: NDArray[np.int64]
     pairs: NDArray[np.int64]
+    gain: float = 1.0
     reason: str = ""
 
     def space(self, before: ConfigurationSpace) -> ConfigurationSpace:
@@ -52,19 +54,31 @@ class Change:
         cell.flat[self.cells] = self.codes
         return ConfigurationSpace(before.axes, cell, before.conductivity)
 
+    def with_cells(self, cells: NDArray[np.int64], code: Cell) -> Change:
+        """The same, and some more cells."""
+        codes = np.full(len(cells), code, dtype=np.uint8)
+        return replace(
+            self, cells=np.concatenate([self.cells, cells]), codes=np.concatenate([self.codes, codes]), reason=""
+        )
+
 
 NOTHING = Change(
     np.empty(0, dtype=np.int64), np.empty(0, dtype=np.uint8), np.empty(0, dtype=np.int64), np.empty((0, 2), np.int64)
 )
 
 
-def change_cells(system: NodalSystem, before: Change | None, cells: ArrayLike, to: int) -> tuple[NodalSystem, Change]:
+def change_cells(
+    system: NodalSystem, hierarchy: Hierarchy | None, before: Change | None, cells: ArrayLike, to: int
+) -> tuple[NodalSystem, Change]:
     """Turn free cells into obstacles or goals.
 
     Parameters
     ----------
     system : NodalSystem
         Of a netlist compiled with merged rails.
+    hierarchy : Hierarchy or None
+        Its levels, if the first is a board: what is asked of the neighbourhood is then read there, and compressed
+        rows are not needed.
     before : Change or None
         What has changed in it already.
     cells : array_like of int, shape (k, ndim)
@@ -91,15 +105,16 @@ def change_cells(system: NodalSystem, before: Change | None, cells: ArrayLike, t
     flat = _fresh_cells(layout, before, cells, code)
     row = _rows_of(system, layout, flat, code)
     flat_rows, rows = flat[row >= 0], row[row >= 0]
-    contacts = _contacts(system, layout, flat_rows, rows, code)
-    changed = _cut_off(system, layout, rows, contacts, code)
-    lost, reason = _lost(system, changed, rows, contacts, before)
+    if not len(rows):
+        return system, before.with_cells(flat, code)
+    around = neighbourhood(system, hierarchy)
+    contacts = _contacts(system, layout, around, flat_rows, rows, code)
+    changed = _cut_off(system, layout, around, rows, contacts, code)
+    lost, reason = _lost(system, changed, around, rows, contacts, before)
     pinned = np.concatenate([before.pinned, rows, lost])
-    changed = _driven_again(_cut_loose(changed, lost), pinned)
+    changed, gain = _driven_again(_cut_loose(changed, lost), pinned)
     pairs = np.stack([contacts.cut, contacts.neighbour], axis=1)
-    cells_after = np.concatenate([before.cells, flat])
-    codes_after = np.concatenate([before.codes, np.full(len(flat), code, dtype=np.uint8)])
-    return changed, Change(cells_after, codes_after, pinned, pairs, reason)
+    return changed, replace(before.with_cells(flat, code), pinned=pinned, pairs=pairs, gain=gain, reason=reason)
 
 
 def _checked_layout(system: NodalSystem) -> Layout:
@@ -162,21 +177,22 @@ def _rows_of(system: NodalSystem, layout: Layout, flat: NDArray[np.int64], code:
 
 @dataclass(frozen=True, eq=False)
 class _Contacts:
-    """Resistors of rows that are cut off: the row, its neighbour, where they are stored, what they become."""
+    """Resistors of rows that are cut off: the row, its neighbour, and what becomes of the conductance."""
 
     cut: NDArray[np.int64]
     neighbour: NDArray[np.int64]
-    entry: NDArray[np.int64]
-    mirror: NDArray[np.int64]
     conductance: NDArray[np.float64]
 
 
 def _contacts(
-    system: NodalSystem, layout: Layout, flat: NDArray[np.int64], rows: NDArray[np.int64], code: Cell
+    system: NodalSystem,
+    layout: Layout,
+    around: Neighbourhood,
+    flat: NDArray[np.int64],
+    rows: NDArray[np.int64],
+    code: Cell,
 ) -> _Contacts:
-    from resgrid.nodal.update import kernels
-
-    coupling, space = system.coupling, layout.space
+    space = layout.space
     here, there = _neighbours(space, flat)
     node = layout.node.ravel()[there]
     row = rows[here]
@@ -184,21 +200,20 @@ def _contacts(
     pairs, first, times = np.unique(
         np.stack([row, other], axis=1)[other >= 0], axis=0, return_index=True, return_counts=True
     )
-    entry = kernels.find_entries(coupling.indptr, coupling.indices, pairs[:, 0], pairs[:, 1])
-    mirror = kernels.find_entries(coupling.indptr, coupling.indices, pairs[:, 1], pairs[:, 0])
+    joined = around.between(pairs)
     inner, outer = flat[here][other >= 0][first], there[other >= 0][first]
-    present = (entry >= 0) & (coupling.data[entry] > 0)
-    if np.count_nonzero(entry >= 0) != int(np.diff(coupling.indptr)[rows].sum()):
+    present = joined > 0
+    if around.joins(rows) != np.count_nonzero(present):
         raise InputError("a cell that is to change has resistors to nodes that are no cells; factor the circuit anew")
-    pairs, entry, mirror, times = pairs[present], entry[present], mirror[present], times[present]
-    single = coupling.data[entry] / times
+    pairs, times = pairs[present], times[present]
+    single = joined[present] / times
     if space.conductivity is not None:
         # Two half cells in series become the free one's conductivity alone.
         c_inner, c_outer = space.conductivity.ravel()[inner[present]], space.conductivity.ravel()[outer[present]]
         single = single * (0.5 * (c_inner + c_outer) / c_inner)
     if code == Cell.OBSTACLE:
         single = 0.0 * single if layout.boundary == "neumann" else 1.0 / (1.0 / single + layout.wall_resistance)
-    return _Contacts(pairs[:, 0], pairs[:, 1], entry, mirror, single * times)
+    return _Contacts(pairs[:, 0], pairs[:, 1], single * times)
 
 
 def _neighbours(space: ConfigurationSpace, flat: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -218,75 +233,68 @@ def _neighbours(space: ConfigurationSpace, flat: NDArray[np.int64]) -> tuple[NDA
 
 
 def _cut_off(
-    system: NodalSystem, layout: Layout, rows: NDArray[np.int64], contacts: _Contacts, code: Cell
+    system: NodalSystem,
+    layout: Layout,
+    around: Neighbourhood,
+    rows: NDArray[np.int64],
+    contacts: _Contacts,
+    code: Cell,
 ) -> NodalSystem:
     """Move resistors to the rail, and pin the rows there."""
     rails = system.rails
     low, high = (layout.goal_voltage, layout.goal_voltage + layout.supply) if rails is None else (rails.low, rails.high)
     at_high = code == Cell.OBSTACLE and layout.boundary != "neumann"
-    volts = high if at_high else low
-    coupling = system.coupling
-    data = coupling.data.copy()
-    data[contacts.entry] = data[contacts.mirror] = 0.0
+    volts = (high if at_high else low) - system.reference
     stays = ~np.isin(contacts.neighbour, rows)
-    to, amount = contacts.neighbour[stays], contacts.conductance[stays]
-    pin = system.degree[rows]
-
-    def tied(before: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
-        after = before.copy()
-        np.add.at(after, to, factor * amount)
-        after[rows] = factor * pin
-        return after
-
+    tie = _Tie(contacts.neighbour[stays], contacts.conductance[stays], rows, system.degree[rows])
+    apart = np.stack([contacts.cut, contacts.neighbour], axis=1)
+    separated = apart if system.separated is None else np.concatenate([system.separated, apart])
+    fed = volts != 0.0 or bool(system.feed[rows].any())
     changed = replace(
         system,
-        derived=_with_data(coupling, data),
-        excess=tied(system.excess, 1.0),
-        feed=tied(system.feed, volts - system.reference),
-        rails=rails and rails.tied(tied(rails.to_high, float(at_high)), tied(rails.to_low, float(not at_high))),
+        separated=separated,
+        excess=tie.of(system.excess, 1.0),
+        feed=tie.of(system.feed, volts) if fed else system.feed,
+        rails=rails and replace(rails, ties=partial(_tied, rails, tie, at_high)),
     )
-    _keep_degree(system, changed, np.unique(to))
+    around.sum_again(changed, tie.to, apart)
     return changed
 
 
-def _with_data(coupling: sparse.csr_array, data: NDArray[np.float64]) -> sparse.csr_array:
-    after = sparse.csr_array((data, coupling.indices, coupling.indptr), shape=coupling.shape)
-    after.has_sorted_indices = after.has_canonical_format = True
-    return after
+@dataclass(frozen=True, eq=False)
+class _Tie:
+    """Rows tied to a rail by so much more, and rows pinned there by as much as held them before."""
+
+    to: NDArray[np.int64]
+    amount: NDArray[np.float64]
+    pinned: NDArray[np.int64]
+    pin: NDArray[np.float64]
+
+    def of(self, before: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
+        """What ties the rows, or what they are fed."""
+        after = before.copy()
+        np.add.at(after, self.to, factor * self.amount)
+        after[self.pinned] = factor * self.pin
+        return after
 
 
-def _keep_degree(system: NodalSystem, changed: NodalSystem, touched: NDArray[np.int64]) -> None:
-    """Spare the changed system the sums of rows that are still the same; pinned ones keep theirs."""
-    from resgrid.nodal.update import kernels
-
-    degree = system.degree.copy()
-    total, _ = kernels.sum_rows(changed.coupling.indptr, changed.coupling.data, touched, 1.0)
-    degree[touched] = total + changed.excess[touched]
-    vars(changed)["degree"] = degree
+def _tied(rails: Rails, tie: _Tie, at_high: bool) -> Ties:
+    return tie.of(rails.to_high, float(at_high)), tie.of(rails.to_low, float(not at_high))
 
 
 def _lost(
-    system: NodalSystem, changed: NodalSystem, rows: NDArray[np.int64], contacts: _Contacts, before: Change
+    system: NodalSystem,
+    changed: NodalSystem,
+    around: Neighbourhood,
+    rows: NDArray[np.int64],
+    contacts: _Contacts,
+    before: Change,
 ) -> tuple[NDArray[np.int64], str]:
     """Rows that nothing holds any more, and a reason to build levels anew where the circuit has fallen apart."""
-    from resgrid.nodal.update import kernels
-
-    if not len(rows):
-        return rows, ""
-    coupling = changed.coupling
     seeds = np.setdiff1d(contacts.neighbour, rows)
-    needed = np.array([int(np.any(tie[rows] > 0)) for tie in _ties(system)])
-    label, most = np.zeros(system.size, dtype=np.int32), max(_NEAR, system.size // _NEAR_SHARE)
-    graph = (coupling.indptr, coupling.indices, coupling.data)
-    if len(seeds) and kernels.stay_together(*graph, seeds, *_ties(changed), needed, most, label):
+    if len(seeds) and around.stay_together(system, changed, rows, seeds):
         return rows[:0], ""
     return _search_all(changed, seeds, np.concatenate([before.pinned, rows]))
-
-
-def _ties(system: NodalSystem) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Conductances to the low and the high rail; of a single rail, twice the same."""
-    rails = system.rails
-    return (system.excess, system.excess) if rails is None else (rails.to_low, rails.to_high)
 
 
 def _search_all(
@@ -295,12 +303,14 @@ def _search_all(
     """The same for the whole circuit."""
     from scipy.sparse.csgraph import connected_components
 
+    rails = changed.rails
+    ties = (changed.excess, changed.excess) if rails is None else (rails.to_low, rails.to_high)
     taking = np.ones(changed.size, dtype=np.bool_)
     taking[pinned] = False
-    count, part = connected_components(without_zeros(changed).coupling, directed=False)
-    low, high = (np.bincount(part[taking], tie[taking], count) > 0 for tie in _ties(changed))
+    count, part = connected_components(changed.coupling, directed=False)
+    low, high = (np.bincount(part[taking], tie[taking], count) > 0 for tie in ties)
     fed = np.bincount(part[taking], changed.injected[taking] != 0, count) > 0
-    driven = low & high & (fed if changed.rails is None else True)
+    driven = low & high & (fed if rails is None else True)
     if not driven.any():
         raise CircuitError(
             "nothing is driven any more: the changed cells leave no way between the rails, or from the drive to a goal"
@@ -311,47 +321,43 @@ def _search_all(
     return floating, "" if whole else "the changed cells leave the circuit in parts"
 
 
-def without_zeros(system: NodalSystem) -> NodalSystem:
-    """The same equations, resistors that have been taken out left out of the rows."""
-    coupling = system.coupling.copy()
-    coupling.eliminate_zeros()
-    return replace(system, derived=coupling)
-
-
 def _cut_loose(system: NodalSystem, lost: NDArray[np.int64]) -> NodalSystem:
     """Pin rows that nothing holds at the reference, each alone."""
     if not len(lost):
         return system
-    coupling = system.coupling
-    degree = np.where(system.degree > 0, system.degree, system.degree.max())
     gone = np.zeros(system.size, dtype=np.bool_)
     gone[lost] = True
-    data = np.where(np.repeat(gone, np.diff(coupling.indptr)), 0.0, coupling.data)
-
-    def tied(before: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
-        return np.where(gone, factor * degree, before)
-
+    coupling = system.coupling.copy()
+    coupling.data[np.repeat(gone, np.diff(coupling.indptr))] = 0.0
+    coupling.eliminate_zeros()
+    pin = np.where(system.degree > 0, system.degree, system.degree.max())[lost]
+    tie = _Tie(lost[:0], pin[:0], lost, pin)
     rails = system.rails
     loose = replace(
         system,
-        derived=_with_data(coupling, data),
-        excess=tied(system.excess, 1.0),
-        feed=tied(system.feed, 0.0),
-        rails=rails and rails.tied(tied(rails.to_high, 0.0), tied(rails.to_low, 1.0)),
+        derived=coupling,
+        separated=None,
+        excess=tie.of(system.excess, 1.0),
+        feed=tie.of(system.feed, 0.0),
+        rails=rails and replace(rails, ties=partial(_tied, rails, tie, False)),
     )
+    degree = system.degree.copy()
+    degree[lost] = pin
     vars(loose)["degree"] = degree
     return loose
 
 
-def _driven_again(system: NodalSystem, rows: NDArray[np.int64]) -> NodalSystem:
-    """Feed nothing into rows that no longer take part; a uniform drive goes into the others."""
+def _driven_again(system: NodalSystem, rows: NDArray[np.int64]) -> tuple[NodalSystem, float]:
+    """Feed nothing into rows that no longer take part; a uniform drive goes into the others, raised by a factor."""
     if not system.injected.any():
-        return system
-    injected = system.injected.copy()
+        return system, 1.0
+    injected, gain = system.injected.copy(), 1.0
     injected[rows] = 0.0
     layout = system.netlist.layout
     if layout is not None and layout.drive == "uniform":
-        injected *= np.count_nonzero(system.injected) / np.count_nonzero(injected)
+        gain = np.count_nonzero(system.injected) / np.count_nonzero(injected)
+        injected *= gain
     driven = replace(system, injected=injected)
-    vars(driven)["degree"] = system.degree
-    return driven
+    if "degree" in vars(system):
+        vars(driven)["degree"] = system.degree
+    return driven, gain

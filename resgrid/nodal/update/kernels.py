@@ -1,10 +1,18 @@
-"""Compiled loops of an update: single entries of compressed rows, and searches that stay near where they begin."""
+"""Compiled loops of an update: what stands at some places of a board, searches near them, and windows cut out of it.
+
+Places of black cells are counted behind those of red ones, as in `resgrid.nodal.multigrid.boards.lay_out`.
+"""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
+
+from resgrid.nodal.assembly import find
+from resgrid.nodal.multigrid.board_passes import Board
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -12,136 +20,204 @@ Integers = NDArray[np.int64]
 
 
 @njit(cache=True)
-def find_entries(indptr: Indices, indices: Indices, rows: Integers, columns: Integers) -> Integers:
-    """Where the entries of rows and columns are stored; -1 for none."""
-    found = np.full(len(rows), -1)
-    for k in range(len(rows)):
-        for entry in range(indptr[rows[k]], indptr[rows[k] + 1]):
-            if indices[entry] == columns[k]:
-                found[k] = entry
+def across(board: Board, place: int, side: int) -> tuple[int, float]:
+    """The place across a face of another place, and the conductance between them."""
+    places, last = board.faces.shape[1], len(board.distance)
+    at = place if place < places else place - places
+    row = (at - board.margin) // board.width
+    away = board.distance[side] if side < last else board.aside[row]
+    if place < places:
+        return places + at + away, board.faces[side, at]
+    return at - away, board.faces[side, at - away]
+
+
+@njit(cache=True)
+def sum_others(board: Board, place: Integers, cut: Integers) -> Floats:
+    """Conductances to neighbouring cells, summed for each place, but for those to some places that are cut off."""
+    total = np.zeros(len(place))
+    places = board.faces.shape[1]
+    for k in range(len(place)):
+        for side in range(len(board.faces)):
+            there, g = across(board, place[k], side)
+            if g > 0.0 and there not in cut:
+                total[k] += g
+        for m in range(len(board.links)):
+            red, black = board.link_red[m], places + board.link_black[m]
+            if (place[k] == red and black not in cut) or (place[k] == black and red not in cut):
+                total[k] += board.links[m]
+    return total
+
+
+@njit(cache=True)
+def count_neighbours(board: Board, place: Integers) -> int:
+    """How many neighbours places have, summed."""
+    count, places = 0, board.faces.shape[1]
+    for k in range(len(place)):
+        for side in range(len(board.faces)):
+            count += across(board, place[k], side)[1] > 0.0
+        for m in range(len(board.links)):
+            here = place[k] == board.link_red[m] or place[k] == places + board.link_black[m]
+            count += here and board.links[m] > 0.0
+    return count
+
+
+@njit(cache=True)
+def between_places(board: Board, one: Integers, other: Integers) -> Floats:
+    """Conductance between pairs of places, 0 for none."""
+    found = np.zeros(len(one))
+    places = board.faces.shape[1]
+    for k in range(len(one)):
+        for side in range(len(board.faces)):
+            there, g = across(board, one[k], side)
+            if there == other[k]:
+                found[k] += g
+        red, black = min(one[k], other[k]), max(one[k], other[k]) - places
+        for m in range(len(board.links)):
+            if board.link_red[m] == red and board.link_black[m] == black:
+                found[k] += board.links[m]
     return found
 
 
 @njit(cache=True)
-def first_neighbours(indptr: Indices, indices: Indices, data: Floats, rows: Integers) -> Integers:
-    """The first neighbour that every row still has; -1 for none."""
-    found = np.full(len(rows), -1)
-    for k in range(len(rows)):
-        for entry in range(indptr[rows[k]], indptr[rows[k] + 1]):
-            if found[k] < 0 and data[entry] > 0.0:
-                found[k] = indices[entry]
-    return found
+def separate(board: Board, one: Integers, other: Integers) -> None:
+    """Take the conductances between pairs of places off a board, in place."""
+    places = board.faces.shape[1]
+    for k in range(len(one)):
+        red, black = min(one[k], other[k]), max(one[k], other[k]) - places
+        for side in range(len(board.faces)):
+            if across(board, red, side)[0] == places + black:
+                board.faces[side, red] = 0.0
+        for m in range(len(board.links)):
+            if board.link_red[m] == red and board.link_black[m] == black:
+                board.links[m] = 0.0
 
 
 @njit(cache=True)
-def sum_rows(indptr: Indices, data: Floats, rows: Integers, unit: float) -> tuple[Floats, Floats]:
-    """Sums of rows, in doubles and as the board stores them: rounded to single precision, in units."""
-    total, stored = np.zeros(len(rows)), np.zeros(len(rows))
-    for k in range(len(rows)):
-        for entry in range(indptr[rows[k]], indptr[rows[k] + 1]):
-            total[k] += data[entry]
-            stored[k] += np.float64(np.float32(data[entry] / unit))
-    return total, stored
-
-
-@njit(cache=True)
-def _root(parent: Integers, i: int) -> int:
-    while parent[i] != i:
-        parent[i] = parent[parent[i]]
-        i = parent[i]
-    return i
+def cell_at(board: Board, columns: int, place: int) -> int:
+    """Flat index of the cell at a place of a first level."""
+    places = board.faces.shape[1]
+    black = place >= places
+    at = place - places if black else place
+    row = (at - board.margin) // board.width
+    odd = 1 if (board.aside[row] > 0) != black else 0
+    return int(row * columns + 2 * ((at - board.margin) % board.width) + odd)
 
 
 @njit(cache=True)
 def stay_together(
-    indptr: Indices, indices: Indices, data: Floats, seeds: Integers, low: Floats, high: Floats, needed: Integers,
-    most: int, label: Indices,
+    board: Board, node: Integers, columns: int, row_of_node: NDArray[np.integer[Any]], excess: Floats, feed: Floats,
+    span: float, seeds: Integers, needed: NDArray[np.bool_], most: int, label: Indices,
 ) -> bool:  # fmt: skip
-    """Whether rows are found to be connected to each other, and to the rails they need, within ``most`` steps.
+    """Whether some places still reach each other, and the rails they need, within ``most`` steps.
 
-    ``needed`` holds the smallest number of contacts with the low and the high rail that must be found; ``label`` is
-    zero for all rows.
+    ``needed`` says whether a contact with the low and with the high rail must be found; ``span`` is the voltage
+    between the rails, 0 where they are not told apart.  ``label`` is zero for all places of both colours,
+    negative for those that are cut off.
     """
     queue = np.empty(most + len(seeds), np.int64)
-    parent = np.arange(len(seeds))
-    end, apart = 0, len(seeds)
-    contacts = np.zeros(2, np.int64)
+    parent = np.arange(len(seeds)).astype(np.int32)
+    end, begin, apart = len(seeds), 0, len(seeds)
+    low, high = not needed[0], not needed[1]
     for k in range(len(seeds)):
-        queue[end] = seeds[k]
+        queue[k] = seeds[k]
         label[seeds[k]] = k + 1
-        end += 1
-    begin = 0
     while begin < end:
-        row = queue[begin]
+        place = queue[begin]
         begin += 1
-        contacts[0] += low[row] > 0
-        contacts[1] += high[row] > 0
-        for entry in range(indptr[row], indptr[row + 1]):
-            there = indices[entry]
-            if data[entry] == 0.0:
+        row = row_of_node[node[cell_at(board, columns, place)]]
+        touches = contacts(excess[row], feed[row], span)
+        low, high = low or touches[0], high or touches[1]
+        for side in range(len(board.faces)):
+            there, g = across(board, place, side)
+            if g == 0.0 or label[there] < 0:
                 continue
             if label[there] > 0:
-                a, b = _root(parent, label[row] - 1), _root(parent, label[there] - 1)
+                a, b = find(parent, label[place] - 1), find(parent, label[there] - 1)
                 if a != b:
                     parent[max(a, b)] = min(a, b)
                     apart -= 1
             elif end < len(queue):
-                label[there] = label[row]
+                label[there] = label[place]
                 queue[end] = there
                 end += 1
-        if apart <= 1 and contacts[0] >= needed[0] and contacts[1] >= needed[1]:
+        if apart <= 1 and low and high:
             return True
     return False
 
 
 @njit(cache=True)
-def gather(indptr: Indices, indices: Indices, data: Floats, seeds: Integers, most: int, number: Indices) -> Integers:
-    """At most ``most`` rows nearest to the seeds, in ascending order; ``number`` comes zero and counts them from 1."""
-    queue = np.empty(most, np.int64)
-    end, begin = 0, 0
-    for k in range(len(seeds)):
-        if number[seeds[k]] == 0 and end < most:
-            number[seeds[k]] = 1
-            queue[end] = seeds[k]
-            end += 1
-    while begin < end < most:
-        row = queue[begin]
-        begin += 1
-        for entry in range(indptr[row], indptr[row + 1]):
-            there = indices[entry]
-            if data[entry] > 0.0 and number[there] == 0 and end < most:
-                number[there] = 1
-                queue[end] = there
-                end += 1
-    rows = np.sort(queue[:end])
-    for k in range(end):
-        number[rows[k]] = k + 1
-    return rows
+def contacts(excess: float, feed: float, span: float) -> tuple[bool, bool]:
+    """Whether a row touches the low and the high rail; one that may only seem to touch the low one does not."""
+    if span == 0.0:
+        return excess > 0.0, excess > 0.0
+    return excess * span - feed > 1e-9 * excess * span, feed > 0.0
+
+
+@njit(cache=True)
+def number_cells(
+    row: NDArray[np.integer[Any]], columns: int, colour: Integers, width: int, margin: int, places: int,
+    rows: Integers, place: Indices,
+) -> int:  # fmt: skip
+    """Rows of the cells of a window in C order, -1 for none, and their places on its board; returns how many."""
+    count = 0
+    for line in range(len(colour)):
+        for column in range(columns):
+            here = row[line * columns + column]
+            if here >= 0:
+                rows[count] = here
+                black = (colour[line] + column) & 1
+                place[count] = black * places + margin + line * width + (column >> 1)
+                count += 1
+    return count
 
 
 @njit(cache=True)
 def cut_out(
-    indptr: Indices, indices: Indices, data: Floats, excess: Floats, rows: Integers, number: Indices, b: Floats,
-    x: Floats,
-) -> tuple[Indices, Indices, Floats, Floats, Floats]:  # fmt: skip
-    """Compressed rows among some rows, their conductance to all other rows, and the residual ``b - A x`` at them."""
-    count = len(rows)
-    starts = np.zeros(count + 1, np.int32)
-    columns = np.empty(count * 8, np.int32)
-    inner = np.empty(count * 8)
-    outward, residual = np.zeros(count), np.empty(count)
-    size = 0
-    for k in range(count):
-        row = rows[k]
-        left = b[row] - excess[row] * x[row]
-        for entry in range(indptr[row], indptr[row + 1]):
-            there = indices[entry]
-            left += data[entry] * (x[there] - x[row])
-            if number[there] == 0:
-                outward[k] += data[entry]
-            elif data[entry] > 0.0:
-                columns[size], inner[size] = number[there] - 1, data[entry]
-                size += 1
-        residual[k] = left
-        starts[k + 1] = size
-    return starts, columns[:size], inner[:size], outward, residual
+    board: Board, lines: Integers, window_line: Integers, low: int, high: int, width: int, margin: int,
+    faces: Floats, inner: Integers, outer: Integers, conductance: Floats,
+) -> int:  # fmt: skip
+    """Copy the faces of a window, and list the conductances that lead out of it.
+
+    ``lines`` are the rows of the board in the window and around it, ``window_line`` the number of every row in the
+    window, -1 outside; its cells take the places from ``low`` to ``high`` of a row.  Returns the length of the list:
+    ``inner`` counts places of the window, ``outer`` those of the board.
+    """
+    count, places, window_places = 0, board.faces.shape[1], faces.shape[1]
+    for line in lines:
+        for k in range(max(low - 1, 0), min(high + 1, board.width)):
+            red = board.margin + line * board.width + k
+            red_at = _window_place(window_line, line, k, low, high, width, margin)
+            for side in range(len(faces)):
+                black, g = across(board, red, side)
+                if g == 0.0:
+                    continue
+                there = black - places - board.margin
+                row = there // board.width
+                black_at = _window_place(window_line, row, there % board.width, low, high, width, margin)
+                if red_at >= 0 and black_at >= 0:
+                    faces[side, red_at] = g
+                elif red_at >= 0:
+                    inner[count], outer[count], conductance[count] = red_at, black, g
+                    count += 1
+                elif black_at >= 0:
+                    inner[count], outer[count], conductance[count] = window_places + black_at, red, g
+                    count += 1
+    for m in range(len(board.links)):
+        for colour in range(2):
+            here, there = board.link_red[m], places + board.link_black[m]
+            if colour == 1:
+                here, there = board.link_black[m], board.link_red[m]
+            row, k = (here - board.margin) // board.width, (here - board.margin) % board.width
+            at = _window_place(window_line, row, k, low, high, width, margin)
+            if at >= 0 and board.links[m] > 0.0:
+                inner[count], outer[count] = colour * window_places + at, there
+                conductance[count] = board.links[m]
+                count += 1
+    return count
+
+
+@njit(cache=True)
+def _window_place(window_line: Integers, line: int, k: int, low: int, high: int, width: int, margin: int) -> int:
+    if window_line[line] < 0 or k < low or k >= high:
+        return -1
+    return int(margin + window_line[line] * width + k - low)

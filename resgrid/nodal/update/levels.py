@@ -1,79 +1,223 @@
-"""The levels of a changed circuit: the first one patched; the coarse ones are kept, but for their ties to the rails.
+"""The levels of a changed circuit: patched where cells have changed, all else as it was.
 
-What is tied to a rail anew holds the coarse nodes around it, too: left out, the iteration takes twice as long.
+The first level loses the resistors that are gone.  On the coarse ones, the blocks around the change are renewed by
+those of a window that is coarsened by itself.  Nodes keep the blocks they belong to: a part that a new wall has split
+off a block is left to the other levels.
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.nodal.multigrid.checkerboard_kernels import Board
+from resgrid.nodal.multigrid.board_cycle import Boards
+from resgrid.nodal.multigrid.board_passes import Board
+from resgrid.nodal.multigrid.boards import Level
+from resgrid.nodal.multigrid.grid_levels import GridLevels
 from resgrid.nodal.multigrid.hierarchy import Hierarchy
 from resgrid.nodal.multigrid.kernels import Stack
+from resgrid.nodal.multigrid.lattice import Lattice
 from resgrid.nodal.system import NodalSystem
+from resgrid.nodal.update import kernels
 from resgrid.nodal.update.change import Change
+from resgrid.nodal.update.window import Box, Window, boxes_around, open_window
 
 _BLOCK_RESISTANCE = 0.125
 """Resistance on the way through a block of four to a point in it, in units of the mean resistance around."""
 
+_ROUNDING = 1e-5
+"""Share of a diagonal entry in single precision that may be rounding."""
+
 
 def patch_levels(
-    hierarchy: Hierarchy, board: Board, before: NodalSystem, system: NodalSystem, change: Change
-) -> Hierarchy:
-    """Take the resistors between separated rows off the board, and renew the diagonals of both.
+    hierarchy: Hierarchy, system: NodalSystem, change: Change, cells: NDArray[np.int64]
+) -> tuple[Hierarchy, tuple[Window, ...]] | None:
+    """Patch the levels of a grid.
 
     Parameters
     ----------
     hierarchy : Hierarchy
-        Of the circuit before, with a board.
-    board : Board
-    before, system : NodalSystem
-        Before and after the change.
+        Of the circuit before, with boards.
+    system : NodalSystem
+        After the change.
     change : Change
+    cells : ndarray of int64
+        Flat indices of the cells that the last update has changed.
 
     Returns
     -------
-    Hierarchy
+    hierarchy : Hierarchy
+    windows : tuple of Window
+    None
+        If the changed cells are all over the grid.
     """
-    place = hierarchy.place
-    faces, wrap_conductance = board.faces.copy(), board.wrap_conductance.copy()
-    red, black = _by_colour(place, change.pairs)
-    face = _faces(board, red, black)
-    on_board = face >= 0
-    faces[face[on_board], red[on_board]] = 0.0
-    for here, there in zip(red[~on_board], black[~on_board], strict=True):
-        wrap_conductance[(board.wrap_red == here) & (board.wrap_black == there)] = 0.0
-    patched = board._replace(
-        faces=faces,
-        wrap_conductance=wrap_conductance,
-        red_inverse=board.red_inverse.copy(),
-        black_degree=board.black_degree.copy(),
-        black_inverse=board.black_inverse.copy(),
-        aggregate=board.aggregate.copy(),
+    grid, layout = hierarchy.grid, system.netlist.layout
+    assert grid is not None
+    assert layout is not None
+    shape, depth = layout.node.shape, len(grid.boards.width) + 1
+    index = np.stack(np.unravel_index(cells, shape), axis=1).astype(np.int64)
+    boxes = boxes_around(index, shape, 2 << depth)
+    if not boxes:
+        return None
+    true, board = _patch_board(grid, system, hierarchy.unit, change)
+    aggregate = grid.aggregate.copy()
+    alone = grid.place[change.pinned] - len(aggregate)
+    aggregate[alone[alone >= 0]] = 0
+    boards, stack, windows = _own_arrays(grid.boards), hierarchy.stack, []
+    for box in boxes:
+        window, levels, targets = open_window(system, true, hierarchy.unit, box, change.cells, depth)
+        patch = _Patch(box, shape, levels, targets, boards)
+        patch.leave(aggregate)
+        for number in range(1, min(len(levels), depth)):
+            if not patch.renew(number):
+                break
+        else:
+            if len(levels) == depth + 1:
+                stack = patch.tie(stack)
+        windows += [] if window is None else [window]
+    levels_after = GridLevels(true, board, grid.place, aggregate, boards)
+    return replace(hierarchy, stack=stack, grid=levels_after), tuple(windows)
+
+
+def _own_arrays(boards: Boards) -> Boards:
+    names = ("faces", "red_inverse", "black_inverse", "black_degree", "aggregate")
+    return boards._replace(**{name: getattr(boards, name).copy() for name in names})
+
+
+def _patch_board(grid: GridLevels, system: NodalSystem, unit: float, change: Change) -> tuple[Board, Board]:
+    """The first level after the change, in double and in single precision."""
+    names = ("faces", "links", "red_inverse", "black_inverse", "black_degree")
+    true, board = (
+        level._replace(**{name: getattr(level, name).copy() for name in names}) for level in (grid.true, grid.board)
     )
-    touched = np.unique(np.concatenate([change.pairs.ravel(), change.pinned]))
-    _renew_diagonal(patched, system, place, touched, hierarchy.unit)
-    alone = place[change.pinned]
-    patched.aggregate[alone[alone >= 0]] = -1
-    near = np.setdiff1d(change.pairs, change.pinned)
-    leak = (system.excess[near] - before.excess[near]) / hierarchy.unit
-    stack = _tie(hierarchy.stack, _aggregates(patched, place, system, near), leak)
-    return replace(hierarchy, board=patched, stack=stack)
+    pairs = grid.place[change.pairs].astype(np.int64)
+    rows = np.setdiff1d(change.pairs, change.pinned)
+    place = grid.place[rows].astype(np.int64)
+    for level in (true, board):
+        kernels.separate(level, pairs[:, 0], pairs[:, 1])
+    degree = kernels.sum_others(true, place, place[:0]) + system.excess[rows] / unit
+    black = place >= len(grid.aggregate)
+    red, place = place[~black], place[black] - len(grid.aggregate)
+    true.black_degree[place] = board.black_degree[place] = degree[black]
+    true.red_inverse[red] = board.red_inverse[red] = 1.0 / degree[~black]
+    board.black_inverse[place] = 1.0 / degree[black]
+    return true, board
 
 
-def _aggregates(
-    board: Board, place: NDArray[np.int64], system: NodalSystem, rows: NDArray[np.int64]
-) -> NDArray[np.int64]:
-    """Node of the first coarse level that rows belong to; of a red row, the one of a black neighbour; -1 for none."""
-    from resgrid.nodal.update import kernels
+@dataclass(frozen=True, eq=False)
+class _Patch:
+    """What a window's levels renew on those of the whole grid.
 
-    coupling = system.coupling
-    black = kernels.first_neighbours(coupling.indptr, coupling.indices, coupling.data, rows)
-    black = np.where(place[rows] >= 0, rows, black)
-    return np.where(black >= 0, board.aggregate[np.maximum(place[black], 0)], -1).astype(np.int64)
+    Attributes
+    ----------
+    box : Box
+    shape : tuple of int
+        Of the grid.
+    levels, targets : list
+        Of the window.
+    boards : Boards
+        The coarse boards, whose arrays are renewed in place.
+    """
+
+    box: Box
+    shape: tuple[int, ...]
+    levels: list[Level]
+    targets: list[NDArray[np.int32]]
+    boards: Boards
+
+    def _shift(self, number: int) -> NDArray[np.int64]:
+        """By how many bits the indices of cells have been shifted down to a level, along every axis."""
+        shift = np.zeros(len(self.shape), dtype=np.int64)
+        for level, coarse in zip(self.levels[:number], self.levels[1 : number + 1], strict=True):
+            shift += np.array(level.lattice.shape) != np.array(coarse.lattice.shape)
+        return shift
+
+    def _ranges(self, number: int) -> tuple[Lattice, NDArray[np.int64], NDArray[np.int64]]:
+        """The grid's lattice of a level, and the cells there that are to be renewed: those from ... to behind ..."""
+        shift = self._shift(number)
+        whole = (np.array(self.shape) - 1 >> shift) + 1
+        low, high = self.box.low >> shift, (self.box.high - 1 >> shift) + 1
+        ring = np.array([1] * (len(whole) - 1) + [2])
+        low, high = np.where(low > 0, low + ring, 0), np.where(high < whole, high - ring, whole)
+        first = np.maximum((self.box.first >> shift) - 1, low)
+        last = np.minimum((self.box.last - 1 >> shift) + 2, high)
+        first[-1] -= first[-1] % 2
+        last[-1] = min(last[-1] + last[-1] % 2, whole[-1])
+        return Lattice(tuple(whole.tolist())), first, last
+
+    def _places(self, lattice: Lattice, first: NDArray[np.int64], last: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Places of a range of cells, of either colour."""
+        index = [np.arange(a, b) for a, b in zip(first[:-1], last[:-1], strict=True)]
+        line = np.ravel_multi_index(np.ix_(*index), lattice.shape[:-1]).ravel()
+        along = np.arange(first[-1] // 2, (last[-1] + 1) // 2)
+        return (lattice.margin + line[:, None] * lattice.width + along).ravel()
+
+    def _both(self, number: int) -> tuple[Lattice, NDArray[np.int64], NDArray[np.int64]] | None:
+        """Places to be renewed on a level of the grid, and the same in the window; None if there are none."""
+        lattice, first, last = self._ranges(number)
+        if np.any(first >= last):
+            return None
+        origin = self.box.low >> self._shift(number)
+        window = self.levels[number].lattice
+        return lattice, self._places(lattice, first, last), self._places(window, first - origin, last - origin)
+
+    def leave(self, aggregate: NDArray[np.int32]) -> None:
+        """Take black places whose part has been split off a block away from the block, in place."""
+        both = self._both(0)
+        if both is not None and self.targets:
+            self._split(0, both[1], both[2], aggregate)
+
+    def _split(
+        self, number: int, there: NDArray[np.int64], here: NDArray[np.int64], aggregate: NDArray[np.int32]
+    ) -> None:
+        if number + 1 >= min(len(self.boards.width) + 1, len(self.levels)):
+            return
+        coarse = self.levels[number + 1].lattice
+        split = self.targets[number][here] % coarse.places >= coarse.first_extra
+        whole = self._ranges(number + 1)[0]
+        places = int(self.boards.places[number + 1] - self.boards.places[number])
+        split &= aggregate[there] % places < whole.first_extra
+        aggregate[there[split]] = 0
+
+    def renew(self, number: int) -> bool:
+        """Renew a coarse board in place; returns whether its lattice is the window's."""
+        boards, level = self.boards, self.levels[number]
+        a, e = boards.places[number - 1 : number + 1]
+        both = self._both(number)
+        if both is None:
+            return False
+        lattice, there, here = both
+        if lattice.width != boards.width[number - 1] or lattice.margin != boards.margin[number - 1]:
+            return False
+        sides = len(level.faces)
+        boards.faces[sides * a : sides * e].reshape(sides, e - a)[:, there] = level.faces[:, here]
+        degree = level.degree[:, here]
+        with np.errstate(divide="ignore"):
+            inverse = np.where(degree > 0.0, 1.0 / degree, 0.0)
+        boards.red_inverse[a + there], boards.black_inverse[a + there] = inverse
+        boards.black_degree[a + there] = degree[1]
+        self._split(number, there, here, boards.aggregate[a:e])
+        return True
+
+    def tie(self, stack: Stack) -> Stack:
+        """The graphs below the boards, their nodes around the change tied to the rails as the window's are."""
+        number = len(self.levels) - 1
+        both, before = self._both(number), self._both(number - 1)
+        if both is None or before is None or number < 2:
+            return stack
+        # A node of the graph is known by the black places that belong to it.
+        node = np.zeros(self.levels[number].degree.size, dtype=np.int64)
+        a, e = self.boards.places[number - 2 : number]
+        node[self.targets[number - 1][before[2]]] = self.boards.aggregate[a:e][before[1]]
+        level = self.levels[number]
+        here = np.concatenate([both[2], both[2] + level.lattice.places])
+        here = here[(node[here] > 0) & (level.degree.ravel()[here] > 0)]
+        nodes, leak = node[here] - 1, level.leak.ravel()[here]
+        entries = np.concatenate([[0.0], np.cumsum(stack.conductance[: stack.indptr[stack.first[1]]], dtype=np.float64)])
+        coupled = entries[stack.indptr[nodes + 1]] - entries[stack.indptr[nodes]]
+        return _tie(stack, nodes, leak - (stack.diagonal[nodes] - coupled))
 
 
 def _tie(stack: Stack, nodes: NDArray[np.int64], leak: NDArray[np.float64]) -> Stack:
@@ -82,7 +226,8 @@ def _tie(stack: Stack, nodes: NDArray[np.int64], leak: NDArray[np.float64]) -> S
     From level to level the way to a point takes its share of the block's own resistance (as in
     `aggregation.lengthen`).  Where a level is left by elimination, the tie ends: it only preconditions.
     """
-    nodes, leak = nodes[(nodes >= 0) & (leak > 0)], leak[(nodes >= 0) & (leak > 0)]
+    more = leak > _ROUNDING * stack.diagonal[nodes]
+    nodes, leak = nodes[more], leak[more]
     if not len(nodes):
         return stack
     diagonal, inverse, coarsest = stack.diagonal.copy(), stack.inverse.copy(), stack.coarsest
@@ -106,48 +251,10 @@ def _tie(stack: Stack, nodes: NDArray[np.int64], leak: NDArray[np.float64]) -> S
 
 def _hold(inverse: NDArray[np.float32], nodes: NDArray[np.int64], leak: NDArray[np.float64]) -> NDArray[np.float32]:
     """The inverse after diagonal entries have grown (Sherman & Morrison 1950)."""
+    if not inverse.size:
+        return inverse
     after = inverse.astype(np.float64)
     for node, amount in zip(nodes, leak, strict=True):
         column = after[:, node].copy()
         after -= np.outer(column, after[node] / (1.0 / amount + column[node]))
     return after.astype(np.float32)
-
-
-def _by_colour(place: NDArray[np.int64], pairs: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Red and black places of pairs of rows."""
-    first, second = place[pairs[:, 0]], place[pairs[:, 1]]
-    return np.where(first < 0, -1 - first, -1 - second), np.where(first < 0, second, first)
-
-
-def _faces(board: Board, red: NDArray[np.int64], black: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Number of the face between two places; -1 where a ring closes."""
-    away = black - red
-    face = np.full(len(red), -1)
-    face[away == board.aside[(red - board.margin) // board.width]] = len(board.distance)
-    for number, distance in enumerate(board.distance.tolist()):
-        face[away == distance] = number
-    return face
-
-
-def _renew_diagonal(
-    board: Board, system: NodalSystem, place: NDArray[np.int64], rows: NDArray[np.int64], unit: float
-) -> None:
-    from resgrid.nodal.update import kernels
-
-    _, stored = kernels.sum_rows(system.coupling.indptr, system.coupling.data, rows, unit)
-    degree = stored + system.excess[rows] / unit
-    red = place[rows] < 0
-    board.red_inverse[-1 - place[rows[red]]] = 1.0 / degree[red]
-    board.black_degree[place[rows[~red]]] = degree[~red]
-    board.black_inverse[place[rows[~red]]] = 1.0 / degree[~red]
-
-
-def coordinates(
-    hierarchy: Hierarchy, board: Board, rows: NDArray[np.int64], shape: tuple[int, ...]
-) -> NDArray[np.int32]:
-    """Where rows lie on the grid, read off their places; shape (rows, ndim)."""
-    place = hierarchy.place[rows]
-    black = place >= 0
-    line, along = np.divmod(np.where(black, place, -1 - place) - board.margin, board.width)
-    column = 2 * along + ((board.aside[line] > 0) != black)
-    return np.ascontiguousarray(np.stack([*np.unravel_index(line, shape[:-1]), column], axis=1), dtype=np.int32)

@@ -1,133 +1,225 @@
-"""A guess made better where the circuit has changed: the equations of a window around the change, solved by themselves.
+"""Windows around changed cells: cut out of the board and coarsened by themselves.
 
-Outside the window voltages stay, but for a constant where no rail holds them: behind a new obstacle near the goal of
-open obstacles, everything rises alike.  That is the Galerkin solution over the functions that are free inside the
-window and constant outside (a coarse space of one function; Nicolaides 1987).
+What a window's levels hold away from its edges is what coarsening the whole grid anew would give there.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
-from resgrid.nodal.multigrid.checkerboard_kernels import Board
+from resgrid.nodal.multigrid.board_iteration import iterate_on_board
+from resgrid.nodal.multigrid.board_passes import Board
+from resgrid.nodal.multigrid.boards import Level, level_of
+from resgrid.nodal.multigrid.grid_levels import coarsen_boards, lay_levels
 from resgrid.nodal.multigrid.hierarchy import Hierarchy
-from resgrid.nodal.multigrid.iteration import iterate
-from resgrid.nodal.multigrid.levels import Graph, coarsen_down
-from resgrid.nodal.multigrid.stack import stack_levels
+from resgrid.nodal.multigrid.lattice import Lattice, cells_at
 from resgrid.nodal.system import NodalSystem
-from resgrid.nodal.update.change import Change
-from resgrid.nodal.update.levels import coordinates
+from resgrid.nodal.update import kernels
+from resgrid.nodal.watch import Watch
 
-_SHARE, _LEAST = 64, 2000
-"""A window holds one row in so many, and at least so many."""
+_SHARE = 16
+"""A window holds about one cell in so many."""
 
-_ACCURACY = 1e-5
+_MOST, _MOST_CELLS = 4, 20_000
+"""All windows together hold at most one cell in so many, or so many."""
+
+_SMALL = 10
+"""Nodes under which a window is not coarsened any more."""
+
+_TILES = 200
+"""Groups of changed cells from which they count as being all over the grid."""
+
+
+@dataclass(frozen=True, eq=False)
+class Box:
+    """A range of cells, in whole blocks of all levels.
+
+    Attributes
+    ----------
+    low, high : ndarray of int64, shape (ndim,)
+        First cell, and the one behind the last.
+    first, last : ndarray of int64, shape (ndim,)
+        The range of the changed cells in it and their neighbours, alike.
+    """
+
+    low: NDArray[np.int64]
+    high: NDArray[np.int64]
+    first: NDArray[np.int64]
+    last: NDArray[np.int64]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Cells along every axis."""
+        return tuple((self.high - self.low).tolist())
+
+    def meets(self, other: Box) -> bool:
+        """Whether two boxes overlap or touch."""
+        return bool(np.all((self.low <= other.high) & (other.low <= self.high)))
+
+    def joined(self, other: Box) -> Box:
+        """The box around two."""
+        low, first = np.minimum([self.low, self.first], [other.low, other.first])
+        high, last = np.maximum([self.high, self.last], [other.high, other.last])
+        return Box(low, high, first, last)
+
+
+def boxes_around(cells: NDArray[np.int64], shape: tuple[int, ...], block: int) -> list[Box]:
+    """Boxes around changed cells; none if these are all over the grid.
+
+    Parameters
+    ----------
+    cells : ndarray of int64, shape (k, ndim)
+    shape : tuple of int
+        Of the grid.
+    block : int
+        Cells a side of what boxes are made of; even.
+    """
+    end = np.array(shape)
+    side = (end.prod() / _SHARE) ** (1 / len(shape))
+    reach = int(max(side / 2 - block / 2, 2))
+    tile, number = np.unique(cells // block, axis=0, return_inverse=True)
+    if len(tile) > _TILES:
+        return []
+    boxes: list[Box] = []
+    for k in range(len(tile)):
+        here = cells[number.ravel() == k]
+        first, last = np.maximum(here.min(axis=0) - 1, 0), np.minimum(here.max(axis=0) + 2, end)
+        low = np.maximum((first - reach) // block * block, 0)
+        box = Box(low, np.minimum(-(-(last + reach) // block) * block, end), first, last)
+        while met := next((other for other in boxes if other.meets(box)), None):
+            boxes.remove(met)
+            box = box.joined(met)
+        boxes.append(box)
+    volume = sum(np.prod(box.shape) for box in boxes)
+    return boxes if volume <= max(end.prod() / _MOST, _MOST_CELLS) else []
 
 
 @dataclass(frozen=True, eq=False)
 class Window:
-    """Some rows, their equations with all others fixed, and the residual of a guess at them.
+    """The equations of some rows with all others fixed.
 
     Attributes
     ----------
     rows : ndarray of int64, shape (m,)
-    system, hierarchy
-        As of a circuit; its netlist is the whole circuit's.
-    outward : ndarray of float64, shape (m,)
-        Conductance from every row to those outside, in siemens.
-    residual : ndarray of float64, shape (m,)
-        In amperes.
+    hierarchy : Hierarchy
+    inner, outer : ndarray of int64, shape (edges,)
+        Conductances that lead out: from which of the rows, counted in the window, to which row of the circuit.
+    conductance : ndarray of float64, shape (edges,)
+        In siemens.
     """
 
     rows: NDArray[np.int64]
-    system: NodalSystem
     hierarchy: Hierarchy
-    outward: NDArray[np.float64]
-    residual: NDArray[np.float64]
+    inner: NDArray[np.int64]
+    outer: NDArray[np.int64]
+    conductance: NDArray[np.float64]
 
-    def solve(self, currents: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Voltages, to five digits."""
-        return iterate(self.system, self.hierarchy, currents, _ACCURACY)[0]
+    def solve(
+        self, currents: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None = None
+    ) -> NDArray[np.float64]:
+        """Voltages for currents into the rows, in volts and amperes."""
+        grid = self.hierarchy.grid
+        assert grid is not None
+        return iterate_on_board(self.hierarchy, grid, currents, rtol, guess, Watch())[0]
+
+    def drawn(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Currents that voltages ``x`` of the whole circuit drive into the window's rows, in amperes."""
+        return np.bincount(self.inner, self.conductance * x[self.outer], minlength=len(self.rows))
 
 
-def improve_guess(
-    system: NodalSystem,
-    hierarchy: Hierarchy,
-    board: Board,
-    change: Change,
-    b: NDArray[np.float64],
-    guess: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Solve a window around the last change.
+def open_window(
+    system: NodalSystem, board: Board, unit: float, box: Box, gone: NDArray[np.int64], depth: int
+) -> tuple[Window | None, list[Level], list[NDArray[np.int32]]]:
+    """Cut a window out and coarsen it.
 
     Parameters
     ----------
     system : NodalSystem
         After the change.
-    hierarchy : Hierarchy
     board : Board
-    change : Change
-    b : ndarray of float64, shape (n,)
-        Currents in amperes.
-    guess : ndarray of float64, shape (n,)
-        Voltages in volts, such as those before the change.
+        The same, in double precision.
+    unit : float
+    box : Box
+    gone : ndarray of int64
+        Flat indices of cells that no longer take part.
+    depth : int
+        How many times to coarsen, at most.
 
     Returns
     -------
-    ndarray of float64, shape (n,)
+    window : Window or None
+        None where a window does not shrink.
+    levels, targets : list
+        As of `coarsen_boards`.
     """
-    x = guess.copy()
-    x[change.pinned] = b[change.pinned] / system.degree[change.pinned]
-    window = _open_window(system, hierarchy, board, change, b, x)
-    if window is None:
-        return x
-    inside, shift = window.solve(window.residual), 0.0
-    if window.outward.any() and _held_inside(system, change, window):
-        follows = window.solve(window.outward)
-        stiffness = window.outward.sum() - window.outward @ follows
-        shift = float(window.outward @ inside / stiffness) if stiffness > 0 else 0.0
-        inside += shift * follows
-    inside += x[window.rows]
-    if shift:
-        x += shift
-        x[change.pinned] = b[change.pinned] / system.degree[change.pinned]
-    x[window.rows] = inside
-    return x
-
-
-def _held_inside(system: NodalSystem, change: Change, window: Window) -> bool:
-    """Whether no rail holds anything outside the window."""
-    tied = np.count_nonzero(system.excess) - len(change.pinned)
-    return bool(tied == np.count_nonzero(system.excess[window.rows]))
-
-
-def _open_window(
-    system: NodalSystem,
-    hierarchy: Hierarchy,
-    board: Board,
-    change: Change,
-    b: NDArray[np.float64],
-    x: NDArray[np.float64],
-) -> Window | None:
-    from resgrid.nodal.update import kernels
-
     layout = system.netlist.layout
     assert layout is not None
-    coupling = system.coupling
-    graph = (coupling.indptr, coupling.indices, coupling.data)
-    seeds = np.setdiff1d(change.pairs, change.pinned)
-    number = np.zeros(system.size, dtype=np.int32)
-    rows = kernels.gather(*graph, seeds, max(_LEAST, system.size // _SHARE), number)
-    if not len(rows):
-        return None
-    indptr, indices, data, outward, residual = kernels.cut_out(*graph, system.excess, rows, number, b, x)
-    excess, unit = system.excess[rows] + outward, hierarchy.unit
-    where = coordinates(hierarchy, board, rows, layout.space.shape)
-    graphs, steps = coarsen_down(Graph(indptr, indices, data / unit, excess / unit, where))
-    levels = Hierarchy(stack_levels(graphs, steps), None, np.empty(0, dtype=np.int64), 0, unit)
-    inner = replace(system, derived=sparse.csr_array((data, indices, indptr), shape=(len(rows),) * 2), excess=excess)
-    return Window(rows, inner, levels, outward, residual)
+    shape = layout.node.shape
+    lattice = Lattice(box.shape)
+    rows, place = _rows(system, layout.node, box, lattice, gone)
+    faces, leak = np.zeros((len(board.faces), lattice.places)), np.zeros((2, lattice.places))
+    inner, outer, conductance = _cut(board, shape, box, lattice, faces)
+    leak.ravel()[place] = system.excess[rows] / unit
+    np.add.at(leak.ravel(), inner, conductance)
+    none = np.empty(0, dtype=np.int64)
+    ends, axis = np.empty((0, 2), dtype=np.int32), np.empty(0, dtype=np.int32)
+    level = level_of(lattice, faces, leak, ends, axis, np.empty(0), (none, none))
+    levels, targets = coarsen_boards(level, depth, _SMALL)
+    made = lay_levels(levels, targets, place)
+    if made is None:
+        return None, levels, targets
+    number = np.empty(2 * lattice.places, dtype=np.int64)
+    number[place] = np.arange(len(rows))
+    row_outside = system.unknown[layout.node.ravel()[_cells(Lattice(shape), outer)]].astype(np.int64)
+    window = Window(rows, Hierarchy(made[1], made[0], unit), number[inner], row_outside, unit * conductance)
+    return window, levels, targets
+
+
+def _rows(
+    system: NodalSystem, node: NDArray[np.int64], box: Box, lattice: Lattice, gone: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """Rows of the cells of a window, and their places in it."""
+    here = node[tuple(slice(a, b) for a, b in zip(box.low.tolist(), box.high.tolist(), strict=True))]
+    row = np.where(here >= 0, system.unknown[here], -1)
+    away = np.stack(np.unravel_index(gone, node.shape)) - box.low[:, None]
+    inside = np.all((away >= 0) & (away < np.array(box.shape)[:, None]), axis=0)
+    row[tuple(away[:, inside])] = -1
+    rows, place = np.empty(row.size, dtype=np.int64), np.empty(row.size, dtype=np.int64)
+    count = kernels.number_cells(
+        row.ravel(), row.shape[-1], lattice.colour, lattice.width, lattice.margin, lattice.places, rows, place
+    )
+    return rows[:count], place[:count].astype(np.int32)
+
+
+def _cut(
+    board: Board, shape: tuple[int, ...], box: Box, lattice: Lattice, faces: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Fill the faces of a window; places in it and around it, and conductances, of what leads out."""
+    near = [(max(int(a) - 1, 0), min(int(b) + 1, n)) for a, b, n in zip(box.low, box.high, shape, strict=True)]
+    line = np.arange(np.prod(shape[:-1])).reshape(shape[:-1])
+    around = line[tuple(slice(*ends) for ends in near[:-1])]
+    inside = line[tuple(slice(int(a), int(b)) for a, b in zip(box.low[:-1], box.high[:-1], strict=True))]
+    window_line = np.full(len(board.aside), -1)
+    window_line[inside.ravel()] = np.arange(inside.size)
+    low = int(box.low[-1]) // 2
+    high = (int(box.high[-1]) + 1) // 2
+    room = 2 * sum(2 * faces.shape[1] // n for n in box.shape) + 2 * len(board.links) + 4 * len(faces)
+    inner, outer = np.empty((2, room), dtype=np.int64)
+    conductance = np.empty(room)
+    count = kernels.cut_out(
+        board, around.ravel(), window_line, low, high, lattice.width, lattice.margin, faces, inner, outer, conductance
+    )
+    return inner[:count], outer[:count], conductance[:count]
+
+
+def _cells(lattice: Lattice, place: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Flat indices of the cells at places of both colours."""
+    cell = np.empty(len(place), dtype=np.int64)
+    for colour in range(2):
+        at = (place >= lattice.places) == (colour == 1)
+        here = cells_at(lattice, colour, place[at] - colour * lattice.places)
+        cell[at] = np.ravel_multi_index(here, lattice.shape)
+    return cell
