@@ -11,7 +11,6 @@ import numpy as np
 from numba import njit
 
 from resgrid.nodal.multigrid.board_passes import (
-    FAST,
     Board,
     Floats,
     Indices,
@@ -23,6 +22,7 @@ from resgrid.nodal.multigrid.board_passes import (
     relax_red,
     restrict,
 )
+from resgrid.nodal.multigrid.compiled import FAST, INNER, ZERO
 from resgrid.nodal.multigrid.kernels import Stack, cycle
 
 
@@ -77,7 +77,7 @@ class Boards(NamedTuple):
     red: Singles
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _board(boards: Boards, level: int) -> Board:
     """One of the boards."""
     sides = boards.distance.shape[1] + 1
@@ -99,7 +99,7 @@ def _board(boards: Boards, level: int) -> Board:
     )
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _fold(board: Board, b: Singles, red: Singles, f: Singles, z: Singles) -> None:
     """Eliminate the red nodes: ``f`` is what the black ones are due, ``z`` its relaxation."""
     places = len(red)
@@ -108,13 +108,13 @@ def _fold(board: Board, b: Singles, red: Singles, f: Singles, z: Singles) -> Non
     _times(board.black_inverse, f, z)
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(**INNER, fastmath=FAST)
 def _times(a: Singles, b: Singles, product: Singles) -> None:
     for k in range(len(product)):
         product[k] = a[k] * b[k]
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(**INNER, fastmath=FAST)
 def _dot(a: Singles, b: Singles) -> float:
     total = 0.0
     for k in range(len(a)):
@@ -122,14 +122,14 @@ def _dot(a: Singles, b: Singles) -> float:
     return total
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(**INNER, fastmath=FAST)
 def _combine(a: float, x: Singles, b: float, y: Singles, out: Singles) -> None:
     one, other = np.float32(a), np.float32(b)
     for k in range(len(out)):
         out[k] = one * x[k] + other * y[k]
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _first_step(
     board: Board, stop: float, f: Singles, z: Singles, c: Singles, v: Singles, energy: Floats,
     alpha: Floats,
@@ -148,7 +148,7 @@ def _first_step(
     return False
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _second_step(board: Board, energy: float, alpha: float, f: Singles, c: Singles, v: Singles, z: Singles) -> None:
     """Second step, along ``z`` made conjugate to the first direction ``c``; leaves the answer in ``z``."""
     gamma = _dot(z, v)
@@ -158,7 +158,7 @@ def _second_step(board: Board, energy: float, alpha: float, f: Singles, c: Singl
     _combine((alpha - gamma * step) / energy, c, step, z, z)
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _put_back(board: Board, b: Singles, z: Singles, x: Singles) -> None:
     """Voltages of the black nodes, and of the red ones that follow."""
     places = len(z)
@@ -177,7 +177,7 @@ def cycle_boards(boards: Boards, stack: Stack, stop: float, first: int) -> None:
     count = len(boards.width)
     visits = np.zeros(count + 1, np.int64)
     energy, alpha = np.zeros(count + 1), np.zeros(count + 1)
-    level = 0
+    level = ZERO
     while level >= 0:
         begin = 2 * boards.places[level]
         if level == count:

@@ -16,6 +16,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.nodal.multigrid.compiled import FAST, INNER, ZERO
+
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Indices = NDArray[np.int32]
@@ -23,7 +25,6 @@ Integers = NDArray[np.int64]
 Reals = NDArray[np.floating[Any]]
 
 _WINDOW = 4
-FAST = {"contract", "reassoc", "nsz", "arcp"}
 
 
 class Board(NamedTuple):
@@ -63,7 +64,7 @@ class Board(NamedTuple):
     black_degree: Reals
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(**INNER, fastmath=FAST)
 def _product(g: Reals, q: int, at: int, x: Reals, there: int, count: int, total: Reals, to: int) -> None:
     """``total = g x`` over ``count`` places; without signs, no index is asked whether it counts from the end."""
     face, g_at, x_at, t_at = np.uint64(q), np.uint64(at), np.uint64(there), np.uint64(to)
@@ -72,7 +73,7 @@ def _product(g: Reals, q: int, at: int, x: Reals, there: int, count: int, total:
         total[t_at + k] = g[face, g_at + k] * x[x_at + k]
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(**INNER, fastmath=FAST)
 def _add_product(g: Reals, q: int, at: int, x: Reals, there: int, count: int, total: Reals, to: int) -> None:
     face, g_at, x_at, t_at = np.uint64(q), np.uint64(at), np.uint64(there), np.uint64(to)
     for i in range(count):
@@ -80,7 +81,7 @@ def _add_product(g: Reals, q: int, at: int, x: Reals, there: int, count: int, to
         total[t_at + k] += g[face, g_at + k] * x[x_at + k]
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(**INNER, fastmath=FAST)
 def into_red(board: Board, x: Reals, block: int, total: Reals, to: int) -> None:
     """``total = sum_j g_ij x_j`` across the faces of the red cells of a block of rows, from place ``to`` on."""
     row, begin, count = extent(board, block)
@@ -93,7 +94,7 @@ def into_red(board: Board, x: Reals, block: int, total: Reals, to: int) -> None:
         _add_product(board.faces, last, at, x, at + board.aside[row + i], width - 1, total, to + i * width)
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(**INNER, fastmath=FAST)
 def into_black(board: Board, x: Reals, first: int, block: int, total: Reals, to: int) -> None:
     """``total = sum_j g_ij x_j`` across the faces of the black cells of a block of rows, from place ``to`` on.
 
@@ -110,14 +111,14 @@ def into_black(board: Board, x: Reals, first: int, block: int, total: Reals, to:
         _add_product(board.faces, last, there, x, there - first, width - 1, total, to + i * width)
 
 
-@njit(cache=True)
+@njit(**INNER)
 def extent(board: Board, block: int) -> tuple[int, int, int]:
     """First row of a block, its first place, and how many places it has."""
     row = block * board.block
     return row, board.margin + row * board.width, min(board.block, len(board.aside) - row) * board.width
 
 
-@njit(cache=True)
+@njit(**INNER)
 def row_blocks(board: Board) -> int:
     """How many blocks of rows there are."""
     return -(-len(board.aside) // board.block)
@@ -142,7 +143,7 @@ class _Window(NamedTuple):
     ahead: int
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _open_window(board: Board) -> _Window:
     places = board.block * board.width
     ahead = -(-board.margin // places)
@@ -151,7 +152,7 @@ def _open_window(board: Board) -> _Window:
     return _Window(red, np.array([board.margin - kept]), kept, ahead)
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _move_window(board: Board, window: _Window, block: int) -> int:
     """Make room for a block of red values; returns where in the window it begins."""
     begin = board.margin + block * board.block * board.width
@@ -162,7 +163,7 @@ def _move_window(board: Board, window: _Window, block: int) -> int:
     return int(begin - window.first[0])
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _lead(board: Board, window: _Window, x: Reals, block: int, link: int, linked: Reals) -> int:
     """``red = G x / degree`` on a block of rows; ``linked`` notes it where links begin.  Returns the next link."""
     at = _move_window(board, window, block)
@@ -181,7 +182,7 @@ def _lead(board: Board, window: _Window, x: Reals, block: int, link: int, linked
     return link
 
 
-@njit(cache=True)
+@njit(**INNER)
 def _drawn(board: Board, x: Reals) -> Reals:
     """What every link draws into its red cell."""
     drawn = np.empty(len(board.links), board.links.dtype)
@@ -190,7 +191,7 @@ def _drawn(board: Board, x: Reals) -> Reals:
     return drawn
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(**INNER, fastmath=FAST)
 def _scale(inverse: Reals, begin: int, count: int, value: Reals, to: int) -> None:
     """``value = inverse * value``, the value from place ``to`` on."""
     at, v_at = np.uint64(begin), np.uint64(to)
@@ -199,7 +200,7 @@ def _scale(inverse: Reals, begin: int, count: int, value: Reals, to: int) -> Non
         value[v_at + k] *= inverse[at + k]
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(**INNER, fastmath=FAST)
 def _relax(inverse: Reals, fed: Reals, begin: int, count: int, total: Reals, value: Reals) -> None:
     at = np.uint64(begin)
     for i in range(count):
@@ -216,13 +217,13 @@ def restrict(board: Board, aggregate: Indices, z: Singles, coarse: Singles) -> N
     are read once, and red values need not be kept; links are seen to at either end.
     """
     total = np.empty(board.block * board.width, np.float32)
-    linked, link = _drawn(board, z), 0
+    linked, link = _drawn(board, z), ZERO
     coarse[:] = 0.0
     window = _open_window(board)
     for block in range(row_blocks(board) + window.ahead):
         link = _lead(board, window, z, block, link, linked)
         if block >= window.ahead:
-            into_black(board, window.red, window.first[0], block - window.ahead, total, 0)
+            into_black(board, window.red, window.first[0], block - window.ahead, total, ZERO)
             _, begin, count = extent(board, block - window.ahead)
             at = np.uint64(begin)
             for i in range(count):
@@ -239,12 +240,12 @@ def prolong(board: Board, aggregate: Indices, coarse: Singles, f: Singles, z: Si
     for k in range(len(z)):
         z[k] += coarse[np.uint32(aggregate[k])]
     total = np.empty(board.block * board.width, np.float32)
-    linked, link = _drawn(board, z), 0
+    linked, link = _drawn(board, z), ZERO
     window = _open_window(board)
     for block in range(row_blocks(board) + window.ahead):
         link = _lead(board, window, z, block, link, linked)
         if block >= window.ahead:
-            into_black(board, window.red, window.first[0], block - window.ahead, total, 0)
+            into_black(board, window.red, window.first[0], block - window.ahead, total, ZERO)
             _, begin, count = extent(board, block - window.ahead)
             _relax(board.black_inverse, f, begin, count, total, z)
     for m in range(len(board.links)):
@@ -259,13 +260,13 @@ def multiply(board: Board, z: Singles, r: Singles, s: Singles, w: Singles) -> tu
     It is formed in the precision of the board.
     """
     total = np.empty(board.block * board.width, board.faces.dtype)
-    linked, link = _drawn(board, z), 0
+    linked, link = _drawn(board, z), ZERO
     zr, zw, zs = 0.0, 0.0, 0.0
     window = _open_window(board)
     for block in range(row_blocks(board) + window.ahead):
         link = _lead(board, window, z, block, link, linked)
         if block >= window.ahead:
-            into_black(board, window.red, window.first[0], block - window.ahead, total, 0)
+            into_black(board, window.red, window.first[0], block - window.ahead, total, ZERO)
             _, begin, count = extent(board, block - window.ahead)
             a, b, c = _products(board.black_degree, z, r, s, begin, count, total, w)
             zr, zw, zs = zr + a, zw + b, zs + c
@@ -276,7 +277,7 @@ def multiply(board: Board, z: Singles, r: Singles, s: Singles, w: Singles) -> tu
     return zr, zw, zs
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(**INNER, fastmath=FAST)
 def _products(
     degree: Reals, z: Singles, r: Singles, s: Singles, begin: int, count: int, total: Reals, w: Singles
 ) -> tuple[float, float, float]:
@@ -294,26 +295,26 @@ def _products(
     return a, b, c
 
 
-@njit(cache=True)
+@njit(**INNER)
 def relax_red(board: Board, fed: Reals, black: Reals, red: Reals) -> None:
     """``red = (fed + G black) / degree``."""
     total = np.empty(board.block * board.width, board.faces.dtype)
-    drawn, link = _drawn(board, black), 0
+    drawn, link = _drawn(board, black), ZERO
     for block in range(row_blocks(board)):
         _, begin, count = extent(board, block)
-        into_red(board, black, block, total, 0)
+        into_red(board, black, block, total, ZERO)
         while link < len(drawn) and board.link_red[link] < begin + count:
             total[board.link_red[link] - begin] += drawn[link]
             link += 1
         _relax(board.red_inverse, fed, begin, count, total, red)
 
 
-@njit(cache=True)
+@njit(**INNER)
 def add_into_black(board: Board, red: Reals, fed: Reals, total: Reals) -> None:
     """``total = fed + G red`` at the black cells."""
     for block in range(row_blocks(board)):
         _, begin, count = extent(board, block)
-        into_black(board, red, 0, block, total, begin)
+        into_black(board, red, ZERO, block, total, begin)
         for k in range(begin, begin + count):
             total[k] += fed[k]
     for m in range(len(board.links)):
@@ -331,7 +332,7 @@ def black_residual(board: Board, b: Floats, x: Floats, r: Floats) -> float:
     return math.sqrt(_subtract(board.black_degree, x[1], r))
 
 
-@njit(cache=True, fastmath=FAST)
+@njit(**INNER, fastmath=FAST)
 def _subtract(degree: Reals, x: Floats, r: Floats) -> float:
     squares = 0.0
     for k in range(len(r)):

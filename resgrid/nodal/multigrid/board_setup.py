@@ -285,7 +285,7 @@ def sum_blocks(
                 if red >= coarse_places or black < 0:
                     return -1
                 if red >= first_extra or black >= first_extra:
-                    new_ends[count, 0], new_ends[count, 1] = red, black
+                    new_ends[0, count], new_ends[1, count] = red, black
                     new_axis[count], new_links[count] = axis, g
                     count += 1
                     continue
@@ -301,7 +301,7 @@ def sum_blocks(
         red, black = min(a, b), max(a, b) - coarse_places
         if red >= coarse_places or black < 0:
             return -1
-        new_ends[count, 0], new_ends[count, 1] = red, black
+        new_ends[0, count], new_ends[1, count] = red, black
         new_axis[count], new_links[count] = link_axis[k], links[k]
         count += 1
     return count

@@ -37,7 +37,7 @@ class Level:
         Mean conductance along every axis, 0 where there is none.
     uneven : bool
         Whether some conductances are weak beside others.
-    ends : ndarray of int32, shape (links, 2)
+    ends : ndarray of int32, shape (2, links)
         Red and black places of the links, in the order of both.
     axis : ndarray of int32, shape (links,)
     links : ndarray of float64, shape (links,)
@@ -125,11 +125,11 @@ def _rings(
     lattice: Lattice,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
     """Red and black places, axes and conductances of the resistors that close periodic axes."""
-    ends = np.sort(place[row[pairs]], axis=1) - np.array([0, lattice.places], dtype=np.int32)
-    red, black = (np.stack(cells_at(lattice, colour, ends[:, colour])) for colour in range(2))
+    ends = np.sort(place[row[pairs]], axis=1).T - np.array([[0], [lattice.places]], dtype=np.int32)
+    red, black = (np.stack(cells_at(lattice, colour, ends[colour])) for colour in range(2))
     axis = np.argmax(red != black, axis=0).astype(np.int32)
-    order = np.lexsort((ends[:, 1], ends[:, 0]))
-    return np.ascontiguousarray(ends[order], dtype=np.int32), axis[order], conductance[order]
+    order = np.lexsort((ends[1], ends[0]))
+    return np.ascontiguousarray(ends[:, order], dtype=np.int32), axis[order], conductance[order]
 
 
 def level_of(
@@ -143,7 +143,7 @@ def level_of(
 ) -> Level:
     """A level with its degrees summed."""
     degree = leak.copy()
-    mean, least, greatest = board_setup.sum_degrees(faces, *frame(lattice), ends[:, 0], ends[:, 1], links, degree)
+    mean, least, greatest = board_setup.sum_degrees(faces, *frame(lattice), ends[0], ends[1], links, degree)
     return Level(lattice, faces, leak, degree, mean, least < WEAK * greatest, ends, axis, links, extra_cell)
 
 
@@ -164,8 +164,8 @@ def to_boards(level: Level) -> tuple[Board, Board]:
         width=lattice.width,
         margin=lattice.margin,
         block=max(1, _BLOCK // lattice.width),
-        link_red=np.ascontiguousarray(ends[:, 0]),
-        link_black=np.ascontiguousarray(ends[:, 1]),
+        link_red=ends[0],
+        link_black=ends[1],
         links=level.links,
         red_inverse=inverse,
         black_inverse=np.empty(0),
@@ -205,8 +205,8 @@ def to_graph(level: Level) -> tuple[Graph, NDArray[np.int32]]:
     red = [np.flatnonzero(face) for face in level.faces]
     black = [here + d for here, d in zip(red, lattice.distance.tolist(), strict=False)]
     black.append(red[-1] + aside[red[-1]])
-    here = number[np.concatenate([*red, level.ends[:, 0]])]
-    there = number[places + np.concatenate([*black, level.ends[:, 1]])]
+    here = number[np.concatenate([*red, level.ends[0]])]
+    there = number[places + np.concatenate([*black, level.ends[1]])]
     g = np.concatenate([*(face[k] for face, k in zip(level.faces, red, strict=True)), level.links])
     rows = sparse.csr_array(
         (np.concatenate([g, g]), (np.concatenate([here, there]), np.concatenate([there, here]))),

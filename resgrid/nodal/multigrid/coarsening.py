@@ -67,7 +67,7 @@ def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray
 
 def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: float) -> NDArray[np.int64]:
     """Number the parts of blocks that fall apart, in place; returns the block that every extra node comes from."""
-    graph = (level.faces, *frame(level.lattice), level.ends[:, 0], level.ends[:, 1], level.links)
+    graph = (level.faces, *frame(level.lattice), level.ends[0], level.ends[1], level.links)
     strongest = np.zeros(level.degree.shape if weak else (2, 1), dtype=np.float32)
     if weak:
         board_setup.strongest_at(*graph, strongest)
@@ -95,15 +95,15 @@ def _summed(
     room = len(level.links) + extras * sides * 2 ** (sides // 2)
     faces, leak = np.zeros((sides, lattice.places)), np.zeros((2, lattice.places))
     inner = np.zeros((sides // 2, 2 * lattice.places), dtype=np.float32)
-    ends, axis, links = np.empty((room, 2), dtype=np.int32), np.empty(room, dtype=np.int32), np.empty(room)
+    ends, axis, links = np.empty((2, room), dtype=np.int32), np.empty(room, dtype=np.int32), np.empty(room)
     count = board_setup.sum_blocks(
-        level.faces, level.leak, *frame(level.lattice), level.ends[:, 0], level.ends[:, 1], level.axis, level.links,
+        level.faces, level.leak, *frame(level.lattice), level.ends[0], level.ends[1], level.axis, level.links,
         target, lattice.places, lattice.distance, lattice.first_extra, faces, leak.ravel(), inner, ends, axis, links,
     )  # fmt: skip
     if count < 0:
         return None
-    ends, axis, links = _united(ends[:count], axis[:count], links[:count])
-    board_setup.lengthen_faces(faces, leak, *frame(lattice), ends[:, 0], ends[:, 1], axis, links, inner)
+    ends, axis, links = _united(ends[:, :count], axis[:count], links[:count])
+    board_setup.lengthen_faces(faces, leak, *frame(lattice), ends[0], ends[1], axis, links, inner)
     return level_of(lattice, faces, leak, ends, axis, links, extra_cell), target
 
 
@@ -111,8 +111,9 @@ def _united(
     ends: NDArray[np.int32], axis: NDArray[np.int32], links: NDArray[np.float64]
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
     """Links by red places, those between the same two nodes summed."""
-    order = np.lexsort((ends[:, 1], ends[:, 0]))
-    ends, axis, links = ends[order], axis[order], links[order]
-    new = np.any(np.diff(ends, axis=0, prepend=np.full((1, 2), -1, dtype=np.int32)) != 0, axis=1)
+    order = np.lexsort((ends[1], ends[0]))
+    ends, axis, links = ends[:, order], axis[order], links[order]
+    new = np.any(np.diff(ends, axis=1, prepend=np.full((2, 1), -1, dtype=np.int32)) != 0, axis=0)
     first = np.flatnonzero(new)
-    return ends[first], axis[first], np.add.reduceat(links, first) if len(first) else links
+    summed = np.add.reduceat(links, first) if len(first) else links
+    return np.ascontiguousarray(ends[:, first]), axis[first], summed

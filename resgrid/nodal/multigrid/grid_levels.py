@@ -67,9 +67,7 @@ def coarsen_grid(level: Level, place: NDArray[np.int32]) -> tuple[GridLevels, St
     return lay_levels(*coarsen_boards(level), place)
 
 
-def coarsen_boards(
-    level: Level, most: int = 64, small: int = _SMALL
-) -> tuple[list[Level], list[NDArray[np.int32]]]:
+def coarsen_boards(level: Level, most: int = 64, small: int = _SMALL) -> tuple[list[Level], list[NDArray[np.int32]]]:
     """Coarsen a board by blocks until it falls apart or has less than ``small`` nodes, at most ``most`` times.
 
     Returns
