@@ -10,10 +10,8 @@ from numpy.typing import NDArray
 from resgrid.errors import AccuracyError
 from resgrid.nodal.batch.pattern import Pattern
 from resgrid.nodal.multigrid.board_passes import Board
-from resgrid.nodal.multigrid.grid_levels import GridLevels, own_vectors
+from resgrid.nodal.multigrid.grid_levels import GridLevels, inverse_below, own_vectors
 from resgrid.nodal.multigrid.hierarchy import Hierarchy, build_hierarchy
-from resgrid.nodal.multigrid.kernels import Stack
-from resgrid.nodal.multigrid.stack import own_work
 
 _MOST_ITERATIONS = 200
 _DEPTH = 12
@@ -62,7 +60,7 @@ class BoardBatch:
         from resgrid.nodal.batch import kernels
 
         system, unit = self.pattern.system, self.hierarchy.unit
-        grid, stack = _own_copies(self.hierarchy, self.grid)
+        grid, inverse = _own_copies(self.grid), inverse_below(self.hierarchy.stack)
         places = len(grid.aggregate)
         vectors, singles = np.zeros((3, 2, places)), np.zeros((3 + 1 + _DEPTH, places), dtype=np.float32)
         solution = np.empty((len(conductance), system.size))
@@ -72,7 +70,7 @@ class BoardBatch:
                 system.coupling.indptr, entries, excess, self.face, grid.place, unit, grid.true, grid.board
             )
             residual = kernels.solve_board(
-                grid.true, grid.board, grid.aggregate, grid.boards, stack, grid.place, b / unit, rtol,
+                grid.true, grid.board, grid.aggregate, grid.boards, inverse, grid.place, b / unit, rtol,
                 _MOST_ITERATIONS, self.start, x, vectors, singles[:3], singles[3:],
             )  # fmt: skip
             check_error(residual * unit, degree * unit, x, b, rtol)
@@ -91,12 +89,12 @@ def check_error(residual: float, degree: float, x: NDArray[np.float64], b: NDArr
 
 
 def board_batch(pattern: Pattern) -> BoardBatch | None:
-    """Lay a grid out by colour; None where it has no two colours."""
+    """Lay a grid out by colour; None where it has no two colours, or falls apart into graphs."""
     from resgrid.nodal.multigrid.iteration import iterate
 
     system = pattern.system
     hierarchy = build_hierarchy(system)
-    if hierarchy.grid is None:
+    if hierarchy.grid is None or not len(inverse_below(hierarchy.stack)):
         return None
     start, _ = iterate(system, hierarchy, system.feed + system.injected, 1e-12)
     return BoardBatch(pattern, hierarchy, hierarchy.grid, _faces(pattern, hierarchy.grid), start)
@@ -120,10 +118,9 @@ def _faces(pattern: Pattern, grid: GridLevels) -> NDArray[np.int64]:
     return of_entry
 
 
-def _own_copies(hierarchy: Hierarchy, grid: GridLevels) -> tuple[GridLevels, Stack]:
+def _own_copies(grid: GridLevels) -> GridLevels:
     """Boards and work space that nobody else writes to."""
-    own = replace(grid, true=_copied(grid.true), board=_copied(grid.board), boards=own_vectors(grid.boards))
-    return own, own_work(hierarchy.stack)
+    return replace(grid, true=_copied(grid.true), board=_copied(grid.board), boards=own_vectors(grid.boards))
 
 
 def _copied(board: Board) -> Board:

@@ -23,7 +23,6 @@ from resgrid.nodal.multigrid.board_passes import (
     prolong,
     restrict,
 )
-from resgrid.nodal.multigrid.kernels import Stack
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -70,7 +69,7 @@ def refill(
 
 @njit(cache=True, nogil=True)
 def solve_board(
-    true: Board, board: Board, aggregate: Indices, boards: Boards, stack: Stack, place: Indices, b: Floats,
+    true: Board, board: Board, aggregate: Indices, boards: Boards, coarsest: Singles, place: Indices, b: Floats,
     rtol: float, most: int, start: Floats, solution: Floats, vectors: Floats, singles: Singles, z: Singles,
 ) -> float:  # fmt: skip
     """Solve from a start until the residual is ``rtol |b|`` or rounding forbids more; returns the norm of the residual.
@@ -99,7 +98,7 @@ def solve_board(
         gain, peak = _SAFETY * goal / size, 1.0
         while left > max(gain, _BURST * peak) and most > 0 and count < depth:
             restrict(board, aggregate, z[count], boards.b[: boards.size])
-            cycle_boards(boards, stack, _ENOUGH, 0)
+            cycle_boards(boards, coarsest, _ENOUGH, 0)
             prolong(board, aggregate, boards.x[: boards.size], r, z[count])
             zr, zw, zs = multiply(true, z[count], r, s, w)
             beta = -zs / energy if energy > 0.0 else 0.0

@@ -1,4 +1,4 @@
-"""The cycle over coarse boards, and over the graphs below them, as one compiled loop.
+"""The cycle over coarse boards as one compiled loop.
 
 A board is solved for its black nodes alone: red ones are eliminated exactly on the way down and put back on the way up.
 """
@@ -22,8 +22,7 @@ from resgrid.nodal.multigrid.board_passes import (
     relax_red,
     restrict,
 )
-from resgrid.nodal.multigrid.compiled import FAST, INNER, ZERO
-from resgrid.nodal.multigrid.kernels import Stack, cycle
+from resgrid.nodal.multigrid.compiled import FAST, INNER
 
 
 class Boards(NamedTuple):
@@ -49,6 +48,10 @@ class Boards(NamedTuple):
         Currents and voltages of both colours, and of the graph's nodes behind them.
     f, z, v, c, red : ndarray of float32
         Work space over places: right-hand side and answer of the black nodes, products, first direction, red values.
+    visits : ndarray of int64, shape (levels + 2,)
+        How often every level has been visited, and where an interrupted cycle goes on.
+    energy, alpha : ndarray of float64, shape (levels + 1,)
+        Products of the first steps.
     """
 
     size: int
@@ -75,6 +78,9 @@ class Boards(NamedTuple):
     v: Singles
     c: Singles
     red: Singles
+    visits: Integers
+    energy: Floats
+    alpha: Floats
 
 
 @njit(**INNER)
@@ -143,7 +149,7 @@ def _first_step(
     if not _dot(f, f) > stop * stop * size:
         _combine(step, z, 0.0, z, z)
         return True
-    c[:] = z
+    _combine(1.0, z, 0.0, z, c)
     _times(board.black_inverse, f, z)
     return False
 
@@ -162,34 +168,39 @@ def _second_step(board: Board, energy: float, alpha: float, f: Singles, c: Singl
 def _put_back(board: Board, b: Singles, z: Singles, x: Singles) -> None:
     """Voltages of the black nodes, and of the red ones that follow."""
     places = len(z)
-    x[places:] = z
+    for k in range(places):
+        x[places + k] = z[k]
     relax_red(board, b[:places], z, x[:places])
 
 
 @njit(cache=True, nogil=True)
-def cycle_boards(boards: Boards, stack: Stack, stop: float, first: int) -> None:
+def cycle_boards(boards: Boards, coarsest: Singles, stop: float, first: int) -> bool:
     """Approximate ``x = A^-1 b`` on the first coarse level, by K-cycles from level ``first`` on.
 
     The K-cycle takes one or two steps of flexible conjugate gradients, each preconditioned by the cycle below; the
     second is spared where the first has brought the residual under ``stop`` times the right-hand side (Notay &
     Vassilevski 2008).
+
+    ``coarsest`` is the inverse of the matrix below the boards.  Where it is empty, graphs are there: the cycle returns
+    False whenever they are to answer, and goes on when it is called again; it returns True when it is done.
     """
     count = len(boards.width)
-    visits = np.zeros(count + 1, np.int64)
-    energy, alpha = np.zeros(count + 1), np.zeros(count + 1)
-    level = ZERO
+    visits, energy, alpha = boards.visits, boards.energy, boards.alpha
+    level = visits[count + 1]
     while level >= 0:
-        begin = 2 * boards.places[level]
         if level == count:
-            nodes = stack.first[1]
-            stack.b[:nodes] = boards.b[begin + 1 : begin + 1 + nodes]
-            cycle(stack, stop, max(0, first - count))
-            boards.x[begin + 1 : begin + 1 + nodes] = stack.x[:nodes]
+            nodes = 2 * boards.places[count] + 1
+            if len(coarsest) > 0:
+                _solve_coarsest(coarsest, boards.b[nodes:], boards.x[nodes:])
+            elif visits[count] == 0:
+                visits[count], visits[count + 1] = 1, count
+                return False
+            visits[count] = 0
             level -= 1
             continue
         board = _board(boards, level)
         a, e = boards.places[level], boards.places[level + 1]
-        below = 2 * e
+        begin, below = 2 * a, 2 * e
         beyond = len(boards.b) if level + 1 == count else 2 * boards.places[level + 2]
         f, z, v, c, red = boards.f[a:e], boards.z[a:e], boards.v[a:e], boards.c[a:e], boards.red[a:e]
         aggregate, b, x = boards.aggregate[a:e], boards.b[begin:below], boards.x[begin:below]
@@ -212,3 +223,14 @@ def cycle_boards(boards: Boards, stack: Stack, stop: float, first: int) -> None:
             visits[level] += 1
             restrict(board, aggregate, z, boards.b[below:beyond])
             level += 1
+    visits[count + 1] = 0
+    return True
+
+
+@njit(**INNER, fastmath=FAST)
+def _solve_coarsest(inverse: Singles, b: Singles, x: Singles) -> None:
+    for i in range(len(x)):
+        total = np.float32(0.0)
+        for j in range(len(b)):
+            total += inverse[i, j] * b[j]
+        x[i] = total

@@ -12,8 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.nodal.multigrid import board_passes as passes
-from resgrid.nodal.multigrid.board_cycle import cycle_boards
-from resgrid.nodal.multigrid.grid_levels import GridLevels, own_vectors
+from resgrid.nodal.multigrid.grid_levels import GridLevels, cycle_levels, own_vectors
 from resgrid.nodal.multigrid.hierarchy import Hierarchy
 from resgrid.nodal.multigrid.kernels import norm
 from resgrid.nodal.multigrid.stack import own_work
@@ -123,7 +122,7 @@ class _Burst:
     def _precondition(self, z: NDArray[np.float32]) -> None:
         grid, boards = self._grid, self._boards
         passes.restrict(grid.board, grid.aggregate, z, boards.b[: boards.size])
-        cycle_boards(boards, self._stack, _ENOUGH, 0)
+        cycle_levels(boards, self._stack, _ENOUGH)
         passes.prolong(grid.board, grid.aggregate, boards.x[: boards.size], self._r, z)
 
     def _note(self, beta: float, alpha: float) -> None:

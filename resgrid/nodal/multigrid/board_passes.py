@@ -158,7 +158,8 @@ def _move_window(board: Board, window: _Window, block: int) -> int:
     begin = board.margin + block * board.block * board.width
     if begin + board.block * board.width - window.first[0] > len(window.red):
         behind = begin - window.kept - window.first[0]
-        window.red[: window.kept] = window.red[behind : behind + window.kept]
+        for k in range(window.kept):
+            window.red[k] = window.red[behind + k]
         window.first[0] = begin - window.kept
     return int(begin - window.first[0])
 
@@ -168,7 +169,8 @@ def _lead(board: Board, window: _Window, x: Reals, block: int, link: int, linked
     """``red = G x / degree`` on a block of rows; ``linked`` notes it where links begin.  Returns the next link."""
     at = _move_window(board, window, block)
     if block >= row_blocks(board):
-        window.red[at : at + board.block * board.width] = 0.0
+        for k in range(at, at + board.block * board.width):
+            window.red[k] = 0.0
         return link
     _, begin, count = extent(board, block)
     into_red(board, x, block, window.red, at)
@@ -218,7 +220,8 @@ def restrict(board: Board, aggregate: Indices, z: Singles, coarse: Singles) -> N
     """
     total = np.empty(board.block * board.width, np.float32)
     linked, link = _drawn(board, z), ZERO
-    coarse[:] = 0.0
+    for node in range(len(coarse)):
+        coarse[node] = 0.0
     window = _open_window(board)
     for block in range(row_blocks(board) + window.ahead):
         link = _lead(board, window, z, block, link, linked)

@@ -8,15 +8,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.nodal.multigrid.board_cycle import Boards
+from resgrid.nodal.multigrid.board_cycle import Boards, cycle_boards
 from resgrid.nodal.multigrid.board_passes import Board
 from resgrid.nodal.multigrid.boards import LEAST_WIDTH, Level, to_boards, to_graph
 from resgrid.nodal.multigrid.coarsening import coarsen
-from resgrid.nodal.multigrid.kernels import Stack
+from resgrid.nodal.multigrid.kernels import Stack, cycle
 from resgrid.nodal.multigrid.levels import coarsen_down
 from resgrid.nodal.multigrid.stack import stack_levels
 
-_SMALL = 300
+_SMALL = 250
+_WORK = ("b", "x", "f", "z", "v", "c", "red", "visits", "energy", "alpha")
 _SHRINKAGE = 0.6
 """Share of nodes above which a board has fallen apart, and a graph takes its place."""
 
@@ -148,10 +149,27 @@ def lay_behind(boards: list[Board], targets: list[NDArray[np.int32]], nodes: int
         x=vectors[1],
         **dict(zip("fzvc", np.zeros((4, places[-1]), dtype=np.float32), strict=True)),
         red=np.zeros(places[-1], dtype=np.float32),
+        visits=np.zeros(len(boards) + 2, dtype=np.int64),
+        **dict(zip(("energy", "alpha"), np.zeros((2, len(boards) + 1)), strict=True)),
     )
 
 
 def own_vectors(boards: Boards) -> Boards:
     """The same boards with work space of their own, so that one hierarchy can serve several solves at a time."""
-    vectors = {name: np.zeros_like(getattr(boards, name)) for name in ("b", "x", "f", "z", "v", "c", "red")}
+    vectors = {name: np.zeros_like(getattr(boards, name)) for name in _WORK}
     return boards._replace(**vectors)
+
+
+def inverse_below(stack: Stack) -> NDArray[np.float32]:
+    """The inverse of the matrix below the boards, where it is a graph's of one level; empty otherwise."""
+    return stack.coarsest if len(stack.first) == 2 else np.empty((0, 0), dtype=np.float32)
+
+
+def cycle_levels(boards: Boards, stack: Stack, stop: float) -> None:
+    """Approximate ``x = A^-1 b`` on the first coarse level by K-cycles over the boards and the graphs below."""
+    inverse = inverse_below(stack)
+    while not cycle_boards(boards, inverse, stop, 0):
+        nodes, end = int(stack.first[1]), len(boards.b)
+        stack.b[:nodes] = boards.b[end - nodes :]
+        cycle(stack, stop, 0)
+        boards.x[end - nodes :] = stack.x[:nodes]
