@@ -215,7 +215,9 @@ class _Patch:
         here = np.concatenate([both[2], both[2] + level.lattice.places])
         here = here[(node[here] > 0) & (level.degree.ravel()[here] > 0)]
         nodes, leak = node[here] - 1, level.leak.ravel()[here]
-        entries = np.concatenate([[0.0], np.cumsum(stack.conductance[: stack.indptr[stack.first[1]]], dtype=np.float64)])
+        entries = np.concatenate(
+            [[0.0], np.cumsum(stack.conductance[: stack.indptr[stack.first[1]]], dtype=np.float64)]
+        )
         coupled = entries[stack.indptr[nodes + 1]] - entries[stack.indptr[nodes]]
         return _tie(stack, nodes, leak - (stack.diagonal[nodes] - coupled))
 
