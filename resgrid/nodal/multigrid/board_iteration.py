@@ -7,6 +7,7 @@ begins with it, search directions kept.
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,9 +107,7 @@ class _Burst:
                 break
             alpha = zr / self._energy
             self._note(beta, alpha)
-            if self._error.asked:
-                far = abs(alpha) * size * passes.largest_step(self._z[: self._count], *self._used(self._on_p), self._p)
-                self._error.moved(far, alpha * zr * size * size * self._unit)
+            self._error.moved(alpha * zr * size * size, partial(self._step, abs(alpha) * size))
             if self._count == _DEPTH:
                 self._gather(x[1], size)
             inverse, z = board.black_inverse, self._z[self._count]
@@ -131,6 +130,10 @@ class _Burst:
         self._on_p[self._count] = 1.0
         self._on_x += alpha * self._on_p
         self._count += 1
+
+    def _step(self, factor: float) -> float:
+        """Largest move of a voltage, so many times that of the last direction."""
+        return factor * float(passes.largest_step(self._z[: self._count], *self._used(self._on_p), self._p))
 
     def _used(self, shares: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
         return shares[: self._count], float(shares[-1])

@@ -82,11 +82,14 @@ class _Burst:
                 break
             step = zr / self._energy
             self.left = math.sqrt(passes.advance(self._z, self._w, self._p, self._s, self.x, self.r, beta, step))
-            if self._error.asked:
-                self._error.moved(abs(step) * size / self._unit * largest(self._p), zr * step * size * size)
+            self._error.moved(zr * step * size * size, partial(self._step, abs(step) * size / self._unit))
             self._watch.step(self.left * size)
             steps += 1
         return steps
+
+    def _step(self, factor: float) -> float:
+        """Largest move of a voltage, so many times that of the last direction."""
+        return factor * largest(self._p)
 
 
 def matrix_rows(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,10 @@ _FASTEST, _SLOWEST = 0.3, 0.95
 """Bounds on how much shorter the next step is expected to be, which two steps alone tell badly."""
 
 
+_DOUBT = 10.0
+"""By how much a step may go less far than its power lets expect."""
+
+
 class ErrorBound:
     """Judges from the steps of conjugate gradients whether the error is small enough already.
 
@@ -30,18 +35,22 @@ class ErrorBound:
         self.small = False
         self._near = 0.0 if guess is None else rtol * largest(guess)
         self._last = 0.0
+        self._far, self._then = 0.0, 1.0
 
-    @property
-    def asked(self) -> bool:
-        """Whether steps are judged at all, as they are from a guess on."""
-        return self._near > 0.0
+    def moved(self, power: float, far: Callable[[], float]) -> None:
+        """A step has lessened the squared norm by so much; ``far`` tells the most it has moved a voltage.
 
-    def moved(self, far: float, power: float) -> None:
-        """A step has moved no voltage by more than ``far``, and has lessened the squared norm by so much."""
+        That is asked only where the steps' powers let expect that it is small, but for the first one.
+        """
+        if not self._near:
+            return
         ratio = math.sqrt(power / self._last) if self._last > 0.0 else _SLOWEST
         ratio = min(max(ratio, _FASTEST), _SLOWEST)
         self._last = power
-        self.small = far * ratio / (1.0 - ratio) <= self._near
+        ahead = ratio / (1.0 - ratio)
+        if self._far * math.sqrt(power / self._then) * ahead <= _DOUBT * self._near:
+            self._far, self._then = far(), power
+            self.small = self._far * ahead <= self._near
 
 
 def largest(values: NDArray[np.float64]) -> float:

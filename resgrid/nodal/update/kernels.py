@@ -182,42 +182,52 @@ def cut_out(
     window, -1 outside; its cells take the places from ``low`` to ``high`` of a row.  Returns the length of the list:
     ``inner`` counts places of the window, ``outer`` those of the board.
     """
-    count, places, window_places = 0, board.faces.shape[1], faces.shape[1]
+    count, places, last = 0, board.faces.shape[1], len(board.distance)
     for line in lines:
-        for k in range(max(low - 1, 0), min(high + 1, board.width)):
-            red = board.margin + line * board.width + k
-            red_at = _window_place(window_line, line, k, low, high, width, margin)
-            for side in range(len(faces)):
-                black, g = across(board, red, side)
-                if g == 0.0:
+        begin, own = board.margin + line * board.width, window_line[line]
+        for side in range(last + 1):
+            other, away = line, board.aside[line]
+            if side < last:
+                other, away = line + board.distance[side] // board.width, 0
+            theirs = window_line[other] if 0 <= other < len(window_line) else -1
+            if own < 0 and theirs < 0:
+                continue
+            for k in range(max(low - 1, 0), min(high + 1, board.width)):
+                g = board.faces[side, begin + k]
+                red = own >= 0 and low <= k < high
+                black = theirs >= 0 and low <= k + away < high
+                if g == 0.0 or not (red or black):
                     continue
-                there = black - places - board.margin
-                row = there // board.width
-                black_at = _window_place(window_line, row, there % board.width, low, high, width, margin)
-                if red_at >= 0 and black_at >= 0:
+                red_at = margin + own * width + k - low
+                if red and black:
                     faces[side, red_at] = g
-                elif red_at >= 0:
-                    inner[count], outer[count], conductance[count] = red_at, black, g
-                    count += 1
-                elif black_at >= 0:
-                    inner[count], outer[count], conductance[count] = window_places + black_at, red, g
-                    count += 1
+                    continue
+                there = board.margin + other * board.width + k + away
+                if red:
+                    inner[count], outer[count] = red_at, places + there
+                else:
+                    inner[count] = faces.shape[1] + margin + theirs * width + k + away - low
+                    outer[count] = begin + k
+                conductance[count] = g
+                count += 1
+    return _cut_links(board, window_line, low, high, width, margin, faces.shape[1], count, inner, outer, conductance)
+
+
+@njit(cache=True)
+def _cut_links(
+    board: Board, window_line: Integers, low: int, high: int, width: int, margin: int, window_places: int,
+    count: int, inner: Integers, outer: Integers, conductance: Floats,
+) -> int:  # fmt: skip
+    """The same for links, all of which count as leading out."""
+    places = board.faces.shape[1]
     for m in range(len(board.links)):
         for colour in range(2):
             here, there = board.link_red[m], places + board.link_black[m]
             if colour == 1:
                 here, there = board.link_black[m], board.link_red[m]
-            row, k = (here - board.margin) // board.width, (here - board.margin) % board.width
-            at = _window_place(window_line, row, k, low, high, width, margin)
-            if at >= 0 and board.links[m] > 0.0:
-                inner[count], outer[count] = colour * window_places + at, there
+            own, k = window_line[(here - board.margin) // board.width], (here - board.margin) % board.width
+            if own >= 0 and low <= k < high and board.links[m] > 0.0:
+                inner[count], outer[count] = colour * window_places + margin + own * width + k - low, there
                 conductance[count] = board.links[m]
                 count += 1
     return count
-
-
-@njit(cache=True)
-def _window_place(window_line: Integers, line: int, k: int, low: int, high: int, width: int, margin: int) -> int:
-    if window_line[line] < 0 or k < low or k >= high:
-        return -1
-    return int(margin + window_line[line] * width + k - low)

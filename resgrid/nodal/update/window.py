@@ -20,7 +20,7 @@ from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.update import kernels
 from resgrid.nodal.watch import Watch
 
-_SHARE = 16
+_SHARE = 24
 """A window holds about one cell in so many."""
 
 _MOST, _MOST_CELLS = 4, 20_000
@@ -127,7 +127,8 @@ class Window:
 
     def drawn(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Currents that voltages ``x`` of the whole circuit drive into the window's rows, in amperes."""
-        return np.bincount(self.inner, self.conductance * x[self.outer], minlength=len(self.rows))
+        drawn = np.bincount(self.inner, self.conductance * x[self.outer], minlength=len(self.rows))
+        return np.asarray(drawn, dtype=np.float64)
 
 
 def open_window(
@@ -187,11 +188,11 @@ def _rows(
     away = np.stack(np.unravel_index(gone, node.shape)) - box.low[:, None]
     inside = np.all((away >= 0) & (away < np.array(box.shape)[:, None]), axis=0)
     row[tuple(away[:, inside])] = -1
-    rows, place = np.empty(row.size, dtype=np.int64), np.empty(row.size, dtype=np.int64)
+    rows, place = np.empty(row.size, dtype=np.int64), np.empty(row.size, dtype=np.int32)
     count = kernels.number_cells(
         row.ravel(), row.shape[-1], lattice.colour, lattice.width, lattice.margin, lattice.places, rows, place
     )
-    return rows[:count], place[:count].astype(np.int32)
+    return rows[:count], place[:count].copy()
 
 
 def _cut(
