@@ -166,7 +166,7 @@ def open_window(
     leak.ravel()[place] = system.excess[rows] / unit
     np.add.at(leak.ravel(), inner, conductance)
     none = np.empty(0, dtype=np.int64)
-    ends, axis = np.empty((0, 2), dtype=np.int32), np.empty(0, dtype=np.int32)
+    ends, axis = np.empty((2, 0), dtype=np.int32), np.empty(0, dtype=np.int32)
     level = level_of(lattice, faces, leak, ends, axis, np.empty(0), (none, none))
     levels, targets = coarsen_boards(level, depth, _SMALL)
     made = lay_levels(levels, targets, place)
