@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numba import njit
 from numpy.typing import NDArray
 from scipy import sparse
 
@@ -140,14 +141,19 @@ def test_one_cycle_without_inner_steps_is_symmetric_and_positive(seed: int) -> N
     assert np.linalg.eigvalsh(0.5 * (columns + columns.T)).min() > 0
 
 
+@njit
+def _up_and_product(levels: kernels.Stack, n: int) -> float:
+    kernels._ascend_in_order(levels, 0, n)
+    return kernels._multiply_after(levels, 0, n, levels.v)
+
+
 def test_half_a_product_after_the_way_up_is_the_whole_one() -> None:
     graph = random_graph(600, 4.0, 1)
     levels = stack.stack_graph(graph)
     n = graph.size
     rng = np.random.default_rng(0)
     levels.b[:n], levels.x[:] = rng.random(n), rng.random(len(levels.x))
-    kernels._ascend_in_order(levels, 0, n)
-    energy = kernels._multiply_after(levels, 0, n, levels.v)
+    energy = _up_and_product(levels, n)
     true = dense(graph)[np.ix_(levels.order, levels.order)] @ levels.x[:n]
     assert np.allclose(levels.v[:n], true, atol=1e-4 * np.abs(true).max())
     assert energy == pytest.approx(float(levels.x[:n] @ true), rel=1e-4)

@@ -22,7 +22,7 @@ from resgrid.nodal.multigrid.board_passes import (
     relax_red,
     restrict,
 )
-from resgrid.nodal.multigrid.compiled import FAST, INNER
+from resgrid.nodal.multigrid.compiled import inner, inner_fast
 
 
 class Boards(NamedTuple):
@@ -83,7 +83,7 @@ class Boards(NamedTuple):
     alpha: Floats
 
 
-@njit(**INNER)
+@inner
 def _board(boards: Boards, level: int) -> Board:
     """One of the boards."""
     sides = boards.distance.shape[1] + 1
@@ -105,7 +105,7 @@ def _board(boards: Boards, level: int) -> Board:
     )
 
 
-@njit(**INNER)
+@inner
 def _fold(board: Board, b: Singles, red: Singles, f: Singles, z: Singles) -> None:
     """Eliminate the red nodes: ``f`` is what the black ones are due, ``z`` its relaxation."""
     places = len(red)
@@ -114,13 +114,13 @@ def _fold(board: Board, b: Singles, red: Singles, f: Singles, z: Singles) -> Non
     _times(board.black_inverse, f, z)
 
 
-@njit(**INNER, fastmath=FAST)
+@inner_fast
 def _times(a: Singles, b: Singles, product: Singles) -> None:
     for k in range(len(product)):
         product[k] = a[k] * b[k]
 
 
-@njit(**INNER, fastmath=FAST)
+@inner_fast
 def _dot(a: Singles, b: Singles) -> float:
     total = 0.0
     for k in range(len(a)):
@@ -128,14 +128,14 @@ def _dot(a: Singles, b: Singles) -> float:
     return total
 
 
-@njit(**INNER, fastmath=FAST)
+@inner_fast
 def _combine(a: float, x: Singles, b: float, y: Singles, out: Singles) -> None:
     one, other = np.float32(a), np.float32(b)
     for k in range(len(out)):
         out[k] = one * x[k] + other * y[k]
 
 
-@njit(**INNER)
+@inner
 def _first_step(
     board: Board, stop: float, f: Singles, z: Singles, c: Singles, v: Singles, energy: Floats,
     alpha: Floats,
@@ -154,7 +154,7 @@ def _first_step(
     return False
 
 
-@njit(**INNER)
+@inner
 def _second_step(board: Board, energy: float, alpha: float, f: Singles, c: Singles, v: Singles, z: Singles) -> None:
     """Second step, along ``z`` made conjugate to the first direction ``c``; leaves the answer in ``z``."""
     gamma = _dot(z, v)
@@ -164,7 +164,7 @@ def _second_step(board: Board, energy: float, alpha: float, f: Singles, c: Singl
     _combine((alpha - gamma * step) / energy, c, step, z, z)
 
 
-@njit(**INNER)
+@inner
 def _put_back(board: Board, b: Singles, z: Singles, x: Singles) -> None:
     """Voltages of the black nodes, and of the red ones that follow."""
     places = len(z)
@@ -227,7 +227,7 @@ def cycle_boards(boards: Boards, coarsest: Singles, stop: float, first: int) -> 
     return True
 
 
-@njit(**INNER, fastmath=FAST)
+@inner_fast
 def _solve_coarsest(inverse: Singles, b: Singles, x: Singles) -> None:
     for i in range(len(x)):
         total = np.float32(0.0)

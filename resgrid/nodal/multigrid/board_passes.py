@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.nodal.multigrid.compiled import FAST, INNER, ZERO
+from resgrid.nodal.multigrid.compiled import FAST, ZERO, inner, inner_fast
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -64,7 +64,7 @@ class Board(NamedTuple):
     black_degree: Reals
 
 
-@njit(**INNER, fastmath=FAST)
+@inner_fast
 def _product(g: Reals, q: int, at: int, x: Reals, there: int, count: int, total: Reals, to: int) -> None:
     """``total = g x`` over ``count`` places; without signs, no index is asked whether it counts from the end."""
     face, g_at, x_at, t_at = np.uint64(q), np.uint64(at), np.uint64(there), np.uint64(to)
@@ -73,7 +73,7 @@ def _product(g: Reals, q: int, at: int, x: Reals, there: int, count: int, total:
         total[t_at + k] = g[face, g_at + k] * x[x_at + k]
 
 
-@njit(**INNER, fastmath=FAST)
+@inner_fast
 def _add_product(g: Reals, q: int, at: int, x: Reals, there: int, count: int, total: Reals, to: int) -> None:
     face, g_at, x_at, t_at = np.uint64(q), np.uint64(at), np.uint64(there), np.uint64(to)
     for i in range(count):
@@ -81,7 +81,7 @@ def _add_product(g: Reals, q: int, at: int, x: Reals, there: int, count: int, to
         total[t_at + k] += g[face, g_at + k] * x[x_at + k]
 
 
-@njit(**INNER, fastmath=FAST)
+@inner_fast
 def into_red(board: Board, x: Reals, block: int, total: Reals, to: int) -> None:
     """``total = sum_j g_ij x_j`` across the faces of the red cells of a block of rows, from place ``to`` on."""
     row, begin, count = extent(board, block)
@@ -94,7 +94,7 @@ def into_red(board: Board, x: Reals, block: int, total: Reals, to: int) -> None:
         _add_product(board.faces, last, at, x, at + board.aside[row + i], width - 1, total, to + i * width)
 
 
-@njit(**INNER, fastmath=FAST)
+@inner_fast
 def into_black(board: Board, x: Reals, first: int, block: int, total: Reals, to: int) -> None:
     """``total = sum_j g_ij x_j`` across the faces of the black cells of a block of rows, from place ``to`` on.
 
@@ -111,14 +111,14 @@ def into_black(board: Board, x: Reals, first: int, block: int, total: Reals, to:
         _add_product(board.faces, last, there, x, there - first, width - 1, total, to + i * width)
 
 
-@njit(**INNER)
+@inner
 def extent(board: Board, block: int) -> tuple[int, int, int]:
     """First row of a block, its first place, and how many places it has."""
     row = block * board.block
     return row, board.margin + row * board.width, min(board.block, len(board.aside) - row) * board.width
 
 
-@njit(**INNER)
+@inner
 def row_blocks(board: Board) -> int:
     """How many blocks of rows there are."""
     return -(-len(board.aside) // board.block)
@@ -143,7 +143,7 @@ class _Window(NamedTuple):
     ahead: int
 
 
-@njit(**INNER)
+@inner
 def _open_window(board: Board) -> _Window:
     places = board.block * board.width
     ahead = -(-board.margin // places)
@@ -152,7 +152,7 @@ def _open_window(board: Board) -> _Window:
     return _Window(red, np.array([board.margin - kept]), kept, ahead)
 
 
-@njit(**INNER)
+@inner
 def _move_window(board: Board, window: _Window, block: int) -> int:
     """Make room for a block of red values; returns where in the window it begins."""
     begin = board.margin + block * board.block * board.width
@@ -164,7 +164,7 @@ def _move_window(board: Board, window: _Window, block: int) -> int:
     return int(begin - window.first[0])
 
 
-@njit(**INNER)
+@inner
 def _lead(board: Board, window: _Window, x: Reals, block: int, link: int, linked: Reals) -> int:
     """``red = G x / degree`` on a block of rows; ``linked`` notes it where links begin.  Returns the next link."""
     at = _move_window(board, window, block)
@@ -184,7 +184,7 @@ def _lead(board: Board, window: _Window, x: Reals, block: int, link: int, linked
     return link
 
 
-@njit(**INNER)
+@inner
 def _drawn(board: Board, x: Reals) -> Reals:
     """What every link draws into its red cell."""
     drawn = np.empty(len(board.links), board.links.dtype)
@@ -193,7 +193,7 @@ def _drawn(board: Board, x: Reals) -> Reals:
     return drawn
 
 
-@njit(**INNER, fastmath=FAST)
+@inner_fast
 def _scale(inverse: Reals, begin: int, count: int, value: Reals, to: int) -> None:
     """``value = inverse * value``, the value from place ``to`` on."""
     at, v_at = np.uint64(begin), np.uint64(to)
@@ -202,7 +202,7 @@ def _scale(inverse: Reals, begin: int, count: int, value: Reals, to: int) -> Non
         value[v_at + k] *= inverse[at + k]
 
 
-@njit(**INNER, fastmath=FAST)
+@inner_fast
 def _relax(inverse: Reals, fed: Reals, begin: int, count: int, total: Reals, value: Reals) -> None:
     at = np.uint64(begin)
     for i in range(count):
@@ -280,7 +280,7 @@ def multiply(board: Board, z: Singles, r: Singles, s: Singles, w: Singles) -> tu
     return zr, zw, zs
 
 
-@njit(**INNER, fastmath=FAST)
+@inner_fast
 def _products(
     degree: Reals, z: Singles, r: Singles, s: Singles, begin: int, count: int, total: Reals, w: Singles
 ) -> tuple[float, float, float]:
@@ -298,7 +298,7 @@ def _products(
     return a, b, c
 
 
-@njit(**INNER)
+@inner
 def relax_red(board: Board, fed: Reals, black: Reals, red: Reals) -> None:
     """``red = (fed + G black) / degree``."""
     total = np.empty(board.block * board.width, board.faces.dtype)
@@ -312,7 +312,7 @@ def relax_red(board: Board, fed: Reals, black: Reals, red: Reals) -> None:
         _relax(board.red_inverse, fed, begin, count, total, red)
 
 
-@njit(**INNER)
+@inner
 def add_into_black(board: Board, red: Reals, fed: Reals, total: Reals) -> None:
     """``total = fed + G red`` at the black cells."""
     for block in range(row_blocks(board)):
@@ -335,7 +335,7 @@ def black_residual(board: Board, b: Floats, x: Floats, r: Floats) -> float:
     return math.sqrt(_subtract(board.black_degree, x[1], r))
 
 
-@njit(**INNER, fastmath=FAST)
+@inner_fast
 def _subtract(degree: Reals, x: Floats, r: Floats) -> float:
     squares = 0.0
     for k in range(len(r)):

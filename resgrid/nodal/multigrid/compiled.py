@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
 import numpy as np
+from numba import njit
 
 FAST = {"contract", "reassoc", "nsz", "arcp"}
 """Liberties with the order of sums, so that they fill the vector registers; infinities and NaN keep their meaning."""
 
-INNER = {"cache": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-"""Options of loops that only other loops call: without a way in from Python they compile in less time."""
-
-ZERO = np.int64(0)
+ZERO = cast(int, np.int64(0))
 """A zero that is no literal, for which functions would be compiled once more."""
+
+_Loop = TypeVar("_Loop", bound=Callable[..., Any])
+_INNER: dict[str, Any] = {"cache": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+
+
+def inner(function: _Loop) -> _Loop:
+    """Compile a loop that only compiled ones call: without a way in from Python that takes less time."""
+    return cast(_Loop, njit(**_INNER)(function))
+
+
+def inner_fast(function: _Loop) -> _Loop:
+    """The same for one whose sums may be taken in any order."""
+    return cast(_Loop, njit(**_INNER, fastmath=FAST)(function))

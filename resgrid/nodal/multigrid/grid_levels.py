@@ -78,7 +78,8 @@ def coarsen_boards(level: Level, most: int = 64, small: int = _SMALL) -> tuple[l
     targets : list of ndarray of int32
         For every level but the last, the place on the next one that every black place belongs to, red ones first.
     """
-    levels, targets = [level], []
+    levels: list[Level] = [level]
+    targets: list[NDArray[np.int32]] = []
     while len(targets) < most:
         made = coarsen(levels[-1], split=level.uneven)
         if made is None:
@@ -147,10 +148,10 @@ def lay_behind(boards: list[Board], targets: list[NDArray[np.int32]], nodes: int
         aggregate=joined(targets, np.int32),
         b=vectors[0],
         x=vectors[1],
-        **dict(zip("fzvc", np.zeros((4, places[-1]), dtype=np.float32), strict=True)),
-        red=np.zeros(places[-1], dtype=np.float32),
+        **dict(zip(("f", "z", "v", "c", "red"), np.zeros((5, places[-1]), dtype=np.float32), strict=True)),
         visits=np.zeros(len(boards) + 2, dtype=np.int64),
-        **dict(zip(("energy", "alpha"), np.zeros((2, len(boards) + 1)), strict=True)),
+        energy=np.zeros(len(boards) + 1),
+        alpha=np.zeros(len(boards) + 1),
     )
 
 

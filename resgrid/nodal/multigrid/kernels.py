@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.nodal.multigrid.compiled import FAST, INNER, ZERO
+from resgrid.nodal.multigrid.compiled import ZERO, inner, inner_fast
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -80,7 +80,7 @@ class Stack(NamedTuple):
     kept: Singles
 
 
-@njit(**INNER)
+@inner
 def _drawn(stack: Stack, x: Singles, i: int) -> Any:
     """``sum_j g_ij x_j``; most rows of a plane and of a volume have four and six neighbours, and need no loop."""
     g, j = stack.conductance, stack.indices
@@ -95,14 +95,14 @@ def _drawn(stack: Stack, x: Singles, i: int) -> Any:
     return s
 
 
-@njit(**INNER)
+@inner
 def _four(g: Singles, j: Unsigned, x: Singles, k: np.uint32) -> Any:
     return (g[k] * x[j[k]] + g[k + _ONE] * x[j[k + _ONE]]) + (
         g[k + _TWO] * x[j[k + _TWO]] + g[k + _THREE] * x[j[k + _THREE]]
     )
 
 
-@njit(**INNER)
+@inner
 def _descend(stack: Stack, level: int) -> None:
     """Gauss-Seidel from zero, and the residual summed into the next level's right-hand side."""
     end = stack.first[level + 1]
@@ -114,7 +114,7 @@ def _descend(stack: Stack, level: int) -> None:
         _descend_in_order(stack, stack.first[level], end)
 
 
-@njit(**INNER, fastmath=FAST)
+@inner_fast
 def _descend_by_colour(stack: Stack, begin: int, red: int, end: int) -> None:
     """Red, then black: what is left is at red nodes, and due to black ones."""
     b, x = stack.b, stack.x
@@ -126,7 +126,7 @@ def _descend_by_colour(stack: Stack, begin: int, red: int, end: int) -> None:
         b[stack.aggregate[i]] += _drawn(stack, x, i)
 
 
-@njit(**INNER)
+@inner
 def _descend_in_order(stack: Stack, begin: int, end: int) -> None:
     """Forward: after the sweep row ``i`` lacks only its later neighbours, its residual is ``sum_{j > i} g_ij x_j``.
 
@@ -147,7 +147,7 @@ def _descend_in_order(stack: Stack, begin: int, end: int) -> None:
         b[aggregate[i]] += s
 
 
-@njit(**INNER)
+@inner
 def _ascend(stack: Stack, level: int) -> None:
     """Add the next level's answer, then Gauss-Seidel in the reverse order."""
     begin, end = stack.first[level], stack.first[level + 1]
@@ -157,7 +157,7 @@ def _ascend(stack: Stack, level: int) -> None:
         _ascend_in_order(stack, begin, end)
 
 
-@njit(**INNER, fastmath=FAST)
+@inner_fast
 def _ascend_by_colour(stack: Stack, begin: int, red: int, end: int) -> None:
     b, x = stack.b, stack.x
     for i in range(begin, red):
@@ -168,7 +168,7 @@ def _ascend_by_colour(stack: Stack, begin: int, red: int, end: int) -> None:
         x[i] = (b[i] + _drawn(stack, x, i)) * stack.inverse[i]
 
 
-@njit(**INNER)
+@inner
 def _ascend_in_order(stack: Stack, begin: int, end: int) -> None:
     """Backward; ``w`` keeps the changes."""
     g, j, x = stack.conductance, stack.indices, stack.x
@@ -187,7 +187,7 @@ def _ascend_in_order(stack: Stack, begin: int, end: int) -> None:
         own[at] = new
 
 
-@njit(**INNER)
+@inner
 def _multiply_after(stack: Stack, begin: int, end: int, y: Singles) -> float:
     """``y = A x`` behind the way up; returns ``x . y``.
 
@@ -207,7 +207,7 @@ def _multiply_after(stack: Stack, begin: int, end: int, y: Singles) -> float:
     return total
 
 
-@njit(**INNER, fastmath=FAST)
+@inner_fast
 def _multiply(stack: Stack, level: int, y: Singles) -> float:
     """``y = A x`` on one level, behind the way up; returns ``x . y``."""
     begin, end = stack.first[level], stack.first[level + 1]
@@ -218,7 +218,7 @@ def _multiply(stack: Stack, level: int, y: Singles) -> float:
     return _dot(stack.x, y, begin, end)
 
 
-@njit(**INNER, fastmath=FAST)
+@inner_fast
 def _dot(a: Singles, b: Singles, begin: int, end: int) -> float:
     total = 0.0
     for i in range(begin, end):
@@ -226,7 +226,7 @@ def _dot(a: Singles, b: Singles, begin: int, end: int) -> float:
     return total
 
 
-@njit(**INNER)
+@inner
 def _solve_coarsest(stack: Stack, level: int) -> None:
     """The inverse times the right-hand side, row after row of the symmetric inverse; without one, of the diagonal."""
     begin, end = stack.first[level], stack.first[level + 1]
@@ -240,7 +240,7 @@ def _solve_coarsest(stack: Stack, level: int) -> None:
             x[i] += row[i] * value
 
 
-@njit(**INNER, fastmath=FAST)
+@inner_fast
 def _first_step(stack: Stack, level: int, stop: float, energy: Floats, alpha: Floats) -> bool:
     """First step of the K-cycle along ``c = x``; returns whether it suffices (``x`` is then the answer)."""
     begin, end = stack.first[level], stack.first[level + 1]
@@ -268,7 +268,7 @@ def _first_step(stack: Stack, level: int, stop: float, energy: Floats, alpha: Fl
     return True
 
 
-@njit(**INNER, fastmath=FAST)
+@inner_fast
 def _second_step(stack: Stack, level: int, energy: float, alpha: float) -> None:
     """Second step of the K-cycle along ``x``, made conjugate to the first direction ``c``."""
     begin, end = stack.first[level], stack.first[level + 1]
@@ -288,7 +288,7 @@ def _second_step(stack: Stack, level: int, energy: float, alpha: float) -> None:
         b[i] = kept[i]
 
 
-@njit(**INNER)
+@inner
 def _carry(stack: Stack, level: int) -> None:
     """Carry the currents of eliminated nodes to their neighbours, and those of the others to the next level."""
     b, x = stack.b, stack.x
@@ -303,7 +303,7 @@ def _carry(stack: Stack, level: int) -> None:
             b[stack.aggregate[i]] = x[i]
 
 
-@njit(**INNER)
+@inner
 def _put_back(stack: Stack, level: int) -> None:
     """Voltages of the nodes that stayed, then of those that were eliminated."""
     x = stack.x
