@@ -16,6 +16,7 @@ from resgrid.nodal.multigrid import board_passes as passes
 from resgrid.nodal.multigrid.grid_levels import GridLevels, cycle_levels, own_vectors
 from resgrid.nodal.multigrid.hierarchy import Hierarchy
 from resgrid.nodal.multigrid.kernels import norm
+from resgrid.nodal.multigrid.place_kernels import put_at_places, take_from_places
 from resgrid.nodal.multigrid.stack import own_work
 from resgrid.nodal.multigrid.stopping import DRIFT, LEAST_GAIN, MOST_ITERATIONS, ErrorBound
 from resgrid.nodal.watch import Watch
@@ -47,8 +48,9 @@ def iterate_on_board(
     true, unit, place = grid.true, hierarchy.unit, grid.place
     places = len(true.black_degree)
     x, currents = np.zeros((2, 2 * places))
-    currents[place] = b / unit
-    x[place] = 0.0 if guess is None else guess
+    put_at_places(place, b, 1.0 / unit, currents)
+    if guess is not None:
+        put_at_places(place, guess, 1.0, x)
     x, currents = x.reshape(2, places), currents.reshape(2, places)
     burst = _Burst(hierarchy, grid, error, watch)
     last, left = np.inf, MOST_ITERATIONS
@@ -58,7 +60,7 @@ def iterate_on_board(
         goal = max(wanted, rounding * math.hypot(norm(x[0]), norm(x[1])))
         error.small &= size <= max(DRIFT * burst.left * last, goal)
         if error.small or not (size > goal and size < LEAST_GAIN * last and left > 0):
-            return x.ravel()[place], size * unit
+            return take_from_places(place, x.ravel()), size * unit
         if not math.isfinite(last):
             watch.begin(size * unit, goal * unit)
         left -= burst.run(x, size, _SAFETY * goal / size, left)
@@ -84,7 +86,7 @@ class _Burst:
         places = len(grid.aggregate)
         self.residual, self._p = np.zeros((2, places))
         self._r, self._s, self._w = np.zeros((3, places), dtype=np.float32)
-        self._z = np.zeros((_DEPTH, places), dtype=np.float32)
+        self._z = np.empty((_DEPTH, places), dtype=np.float32)
         self._on_x, self._on_p = np.zeros((2, _DEPTH + 1))
         self._on_p[-1] = 1.0
         self._count = 0

@@ -14,8 +14,11 @@ from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.update.change import Change
 from resgrid.nodal.update.window import Window
 
-_ACCURACY = 1e-8
-_FOLLOWING = 1e-6
+_ACCURACY, _FOLLOWING = 1e-6, 1e-7
+"""Of the voltages in a window, and of how they follow those outside."""
+
+_HARDLY = 0.1
+"""Share that rails have in what holds the voltages outside, up to which they hardly do."""
 
 
 def improve_guess(
@@ -45,14 +48,12 @@ def improve_guess(
     x = np.multiply(guess, change.gain)
     at_rail = b[change.pinned] / system.degree[change.pinned]
     x[change.pinned] = at_rail
-    inside = [window.solve(b[window.rows] + window.drawn(x), _ACCURACY, x[window.rows]) for window in windows]
-    shift, follows = _shift_outside(system, change, windows, b, x, inside)
+    shift = _shift_outside(system, change, windows, b, x)
     if shift:
         x += shift
         x[change.pinned] = at_rail
-        inside = [voltage + shift * more for voltage, more in zip(inside, follows, strict=True)]
-    for window, voltage in zip(windows, inside, strict=True):
-        x[window.rows] = voltage
+    for window in windows:
+        x[window.rows] = window.solve(b[window.rows] + window.drawn(x), _ACCURACY, x[window.rows])
     return x
 
 
@@ -62,19 +63,25 @@ def _shift_outside(
     windows: tuple[Window, ...],
     b: NDArray[np.float64],
     x: NDArray[np.float64],
-    inside: list[NDArray[np.float64]],
-) -> tuple[float, list[NDArray[np.float64]]]:
-    """By how much all voltages outside rise, and how those inside follow where they rise by 1 V."""
+) -> float:
+    """By how much all voltages outside rise.
+
+    Where they rise by 1 V, those inside follow; the residual is made orthogonal to that rise, in which what the
+    windows hold themselves has no part.
+    """
     tied = system.excess.sum() - system.excess[change.pinned].sum()
     tied -= sum(system.excess[window.rows].sum() for window in windows)
     leads_out = sum(window.conductance.sum() for window in windows)
-    if not leads_out > 0.0 or tied > 0.1 * leads_out:
-        return 0.0, []
+    if not leads_out > 0.0 or tied > _HARDLY * leads_out:
+        return 0.0
     ones = np.ones(len(x))
-    follows = [window.solve(window.drawn(ones), _FOLLOWING) for window in windows]
-    current = b.sum() - b[change.pinned].sum() - sum(b[window.rows].sum() for window in windows)
-    stiffness = max(tied, 0.0)
-    for window, voltage, more in zip(windows, inside, follows, strict=True):
-        current += window.conductance @ (voltage[window.inner] - x[window.outer])
-        stiffness += window.conductance @ (1.0 - more[window.inner])
-    return (float(current / stiffness) if stiffness > 0.0 else 0.0), follows
+    current = b.sum() - b[change.pinned].sum()
+    current -= system.excess @ x - system.excess[change.pinned] @ x[change.pinned]
+    stiffness = max(float(tied), 0.0)
+    for window in windows:
+        rows = window.rows
+        follows = window.solve(window.drawn(ones), _FOLLOWING, ones[rows])
+        held = window.conductance * (1.0 - follows[window.inner])
+        current += (follows - 1.0) @ b[rows] + system.excess[rows] @ x[rows] - held @ x[window.outer]
+        stiffness += float(held.sum())
+    return float(current / stiffness) if stiffness > 0.0 else 0.0

@@ -22,7 +22,7 @@ from resgrid.nodal.multigrid.lattice import Lattice
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.update import kernels
 from resgrid.nodal.update.change import Change
-from resgrid.nodal.update.window import Box, Window, boxes_around, open_window
+from resgrid.nodal.update.window import Box, Window, boxes_around, open_window, window_depth
 
 _BLOCK_RESISTANCE = 0.125
 """Resistance on the way through a block of four to a point in it, in units of the mean resistance around."""
@@ -56,9 +56,10 @@ def patch_levels(
     grid, layout = hierarchy.grid, system.netlist.layout
     assert grid is not None
     assert layout is not None
-    shape, depth = layout.node.shape, len(grid.boards.width) + 1
+    shape, count = layout.node.shape, len(grid.boards.width)
+    depth = window_depth(shape, count + 1)
     index = np.stack(np.unravel_index(cells, shape), axis=1).astype(np.int64)
-    boxes = boxes_around(index, shape, 2 << depth)
+    boxes = boxes_around(index, shape, depth)
     if not boxes:
         return None
     true, board = _patch_board(grid, system, hierarchy.unit, change)
@@ -70,12 +71,11 @@ def patch_levels(
         window, levels, targets = open_window(system, true, hierarchy.unit, box, change.cells, depth)
         patch = _Patch(box, shape, levels, targets, boards)
         patch.leave(aggregate)
-        for number in range(1, min(len(levels), depth)):
-            if not patch.renew(number):
-                break
-        else:
-            if len(levels) == depth + 1:
+        for number in range(1, len(levels)):
+            if number > count:
                 stack = patch.tie(stack)
+            elif not patch.renew(number):
+                break
         windows += [] if window is None else [window]
     levels_after = GridLevels(true, board, grid.place, aggregate, boards)
     return replace(hierarchy, stack=stack, grid=levels_after), tuple(windows)

@@ -26,6 +26,9 @@ _SHARE = 24
 _MOST, _MOST_CELLS = 4, 20_000
 """All windows together hold at most one cell in so many, or so many."""
 
+_BLOCKS = 4
+"""Pairs of blocks that are as long as a window, at least."""
+
 _SMALL = 10
 """Nodes under which a window is not coarsened any more."""
 
@@ -66,7 +69,16 @@ class Box:
         return Box(low, high, first, last)
 
 
-def boxes_around(cells: NDArray[np.int64], shape: tuple[int, ...], block: int) -> list[Box]:
+def window_depth(shape: tuple[int, ...], depth: int) -> int:
+    """How many times a window is coarsened, at most ``depth``: its blocks are to be small beside it."""
+    return min(depth, max(int(np.log2(_side(shape) / _BLOCKS)) - 1, 1))
+
+
+def _side(shape: tuple[int, ...]) -> float:
+    return float((np.prod(shape, dtype=np.float64) / _SHARE) ** (1 / len(shape)))
+
+
+def boxes_around(cells: NDArray[np.int64], shape: tuple[int, ...], depth: int) -> list[Box]:
     """Boxes around changed cells; none if these are all over the grid.
 
     Parameters
@@ -74,12 +86,11 @@ def boxes_around(cells: NDArray[np.int64], shape: tuple[int, ...], block: int) -
     cells : ndarray of int64, shape (k, ndim)
     shape : tuple of int
         Of the grid.
-    block : int
-        Cells a side of what boxes are made of; even.
+    depth : int
+        How many times a box will be coarsened: its sides are pairs of whole blocks then.
     """
-    end = np.array(shape)
-    side = (end.prod() / _SHARE) ** (1 / len(shape))
-    reach = int(max(side / 2 - block / 2, 2))
+    end, block = np.array(shape), 2 << depth
+    reach = int(max(_side(shape) / 2 - block / 2, 2))
     tile, number = np.unique(cells // block, axis=0, return_inverse=True)
     if len(tile) > _TILES:
         return []
