@@ -10,6 +10,7 @@ from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError
 from resgrid.nodal import methods
 from resgrid.nodal.solve import factor, solve
+from resgrid.nodal.update.window import window_depth
 from resgrid.nodal.watch import Watch
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
@@ -127,6 +128,70 @@ def test_multigrid_keeps_its_levels_and_finds_the_new_answer(
     # And again, on top: some become goals.
     more = free_cells(after, 3, 2)
     assert_same_as_fresh(updated.update(more, Cell.GOAL), changed(after, more, Cell.GOAL), options)
+
+
+@pytest.mark.usefixtures("whole")
+def test_blocks_around_a_change_are_those_of_the_changed_space() -> None:
+    space = boxes((300, 280), 9)
+    cells = np.array([[40, 50], [41, 50], [40, 51], [250, 200], [160, 145]])
+    assert space.goal_connected[tuple(cells.T)].all()
+    updated = factor(compile_space(space), method="multigrid").update(cells)
+    assert updated.change.reason == ""
+    assert len(updated.windows) == 3
+    fresh = factor(compile_space(changed(space, cells, Cell.OBSTACLE)), method="multigrid")
+    patched, anew = updated.hierarchy.grid, fresh.hierarchy.grid
+    scale = updated.hierarchy.unit / fresh.hierarchy.unit
+    np.testing.assert_allclose(scale * patched.true.faces, anew.true.faces, rtol=1e-12)
+    depth = window_depth(space.shape, len(anew.boards.width))
+    assert depth == 2
+    places = anew.boards.places[depth]
+    assert np.array_equal(patched.boards.places, anew.boards.places)
+    np.testing.assert_allclose(scale * patched.boards.faces[: 4 * places], anew.boards.faces[: 4 * places], rtol=1e-5)
+    for name in ("red_inverse", "black_inverse"):
+        for level in ("board", "boards"):
+            here, there = (getattr(getattr(grid, level), name)[:places] for grid in (patched, anew))
+            alike = (here > 0) == (there > 0)
+            assert np.count_nonzero(~alike) <= (len(cells) if level == "board" else 0)
+            np.testing.assert_allclose(here[alike] / scale, there[alike], rtol=1e-5)
+
+
+@pytest.mark.parametrize("options", BOUNDARIES)
+@pytest.mark.usefixtures("whole")
+def test_a_new_thin_wall_with_a_gap(options: dict[str, object]) -> None:
+    space = boxes((120, 110), 8)
+    factors = factor(compile_space(space, **options), method="multigrid")
+    wall = np.array([[k, 70] for k in range(30, 61) if space.cell[k, 70] == Cell.FREE and k != 44])
+    updated = factors.update(wall)
+    assert updated.change.reason == ""
+    assert_same_as_fresh(updated, changed(space, wall, Cell.OBSTACLE), options)
+    old = factors.solve(factors.system.drive)
+    watch = Watch()
+    updated.solve(updated.system.drive, rtol=1e-8, guess=old, watch=watch)
+    assert watch.iterations <= 12
+
+
+@pytest.mark.parametrize("options", BOUNDARIES)
+@pytest.mark.usefixtures("whole")
+def test_uneven_rings(options: dict[str, object]) -> None:
+    rng = np.random.default_rng(11)
+    cell = boxes((64, 48), 11).cell
+    axes = [Axis("x", 0, 1, 64, True), Axis("y", 0, 1, 48, True)]
+    space = ConfigurationSpace(axes, cell, rng.uniform(0.2, 5.0, cell.shape))
+    factors = factor(compile_space(space, **options), method="multigrid")
+    cells = np.array([[0, k] for k in range(10, 14) if cell[0, k] == Cell.FREE] + [[63, 47], [20, 0]])
+    cells = cells[space.goal_connected[tuple(cells.T)]]
+    updated = factors.update(cells)
+    assert updated.change.reason == ""
+    assert_same_as_fresh(updated, changed(space, cells, Cell.OBSTACLE), options)
+
+
+@pytest.mark.usefixtures("whole")
+def test_changes_all_over_the_grid_are_coarsened_anew() -> None:
+    space = boxes((180, 170), 9)
+    cells = free_cells(space, 300, 1)
+    updated = factor(compile_space(space), method="multigrid").update(cells)
+    assert "all over the grid" in updated.change.reason
+    assert_same_as_fresh(updated, changed(space, cells, Cell.OBSTACLE), {})
 
 
 @pytest.mark.usefixtures("whole")

@@ -75,13 +75,14 @@ def _shift_outside(
     if not leads_out > 0.0 or tied > _HARDLY * leads_out:
         return 0.0
     ones = np.ones(len(x))
-    current = b.sum() - b[change.pinned].sum()
-    current -= system.excess @ x - system.excess[change.pinned] @ x[change.pinned]
+    held = np.flatnonzero(system.excess)
+    current = b.sum() - b[change.pinned].sum() - (system.excess[held] * x[held]).sum()
+    current += (system.excess[change.pinned] * x[change.pinned]).sum()
     stiffness = max(float(tied), 0.0)
     for window in windows:
         rows = window.rows
         follows = window.solve(window.drawn(ones), _FOLLOWING, ones[rows])
-        held = window.conductance * (1.0 - follows[window.inner])
-        current += (follows - 1.0) @ b[rows] + system.excess[rows] @ x[rows] - held @ x[window.outer]
-        stiffness += float(held.sum())
+        pull = window.conductance * (1.0 - follows[window.inner])
+        current += ((follows - 1.0) * b[rows] + system.excess[rows] * x[rows]).sum() - (pull * x[window.outer]).sum()
+        stiffness += float(pull.sum())
     return float(current / stiffness) if stiffness > 0.0 else 0.0
