@@ -11,8 +11,9 @@ from spaces import space_of, spaces
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
 from resgrid.nodal.multigrid import board_passes as passes
+from resgrid.nodal.multigrid import waves
 from resgrid.nodal.multigrid.board_cycle import cycle_boards
-from resgrid.nodal.multigrid.boards import Level, lay_out, to_boards, to_graph
+from resgrid.nodal.multigrid.boards import Level, lay_out, to_boards, to_graph, with_exact_diagonal
 from resgrid.nodal.multigrid.coarsening import coarsen
 from resgrid.nodal.multigrid.grid_levels import inverse_below, own_vectors
 from resgrid.nodal.multigrid.hierarchy import build_hierarchy
@@ -83,8 +84,17 @@ def test_the_schur_complement_is_that_of_dense_elimination(space: ConfigurationS
         here = used[black] - places
         z[here], r[here], s[here] = rng.normal(size=(3, len(here)))
         w = np.zeros(places, dtype=np.float32)
-        zr, zw, zs = passes.multiply(to_boards(level)[0], z, r, s, w)
+        board = to_boards(level)[1]
+        relaxed, coarse = z[here] + 1.0, np.array([0.0, 1.0], dtype=np.float32)
+        to_one = np.zeros(places, dtype=np.int32)
+        to_one[here] = 1
+        zr, zw, zs = waves.prolong_and_multiply(
+            board, with_exact_diagonal(level, board), to_one, coarse, r, s, z, w
+        )
         size = np.abs(schur).sum(axis=1).max() * np.abs(z).max()
+        degree = matrix.diagonal()[black]
+        relaxed += (r[here] - schur @ relaxed) / degree
+        np.testing.assert_allclose(z[here], relaxed, rtol=0, atol=1e-6 * size)
         np.testing.assert_allclose(w[here], schur @ z[here].astype(float), rtol=0, atol=1e-6 * size)
         wide = z[here].astype(float)
         np.testing.assert_allclose(
@@ -190,9 +200,10 @@ def test_a_step_of_the_cycle_is_symmetric_where_it_is_linear(shape: tuple[int, .
 
     def preconditioned(r: NDArray[np.float32]) -> NDArray[np.float64]:
         z = grid.board.black_inverse * r
-        passes.restrict(grid.board, grid.aggregate, z, grid.boards.b[: grid.boards.size])
+        waves.restrict(grid.board, grid.aggregate, z, grid.boards.b[: grid.boards.size])
         assert cycle_boards(grid.boards, inverse_below(hierarchy.stack), np.inf, 99)
-        passes.prolong(grid.board, grid.aggregate, grid.boards.x[: grid.boards.size], r, z)
+        coarse = grid.boards.x[: grid.boards.size]
+        waves.prolong_and_multiply(grid.board, grid.exact, grid.aggregate, coarse, r, r, z, np.zeros_like(z))
         return z.astype(np.float64)
 
     a, b = (rng.normal(size=(2, places)) * used).astype(np.float32)

@@ -67,10 +67,10 @@ class BoardBatch:
         for x, chip in zip(solution, conductance, strict=True):
             entries, excess, b = self.pattern.rows(chip)
             degree = kernels.refill(
-                system.coupling.indptr, entries, excess, self.face, grid.place, unit, grid.true, grid.board
+                system.coupling.indptr, entries, excess, self.face, grid.place, unit, grid.true, grid.board, grid.exact
             )
             residual = kernels.solve_board(
-                grid.true, grid.board, grid.aggregate, grid.boards, inverse, grid.place, b / unit, rtol,
+                grid.true, grid.board, grid.exact, grid.aggregate, grid.boards, inverse, grid.place, b / unit, rtol,
                 _MOST_ITERATIONS, self.start, x, vectors, singles[:3], singles[3:],
             )  # fmt: skip
             check_error(residual * unit, degree * unit, x, b, rtol)
@@ -120,7 +120,9 @@ def _faces(pattern: Pattern, grid: GridLevels) -> NDArray[np.int64]:
 
 def _own_copies(grid: GridLevels) -> GridLevels:
     """Boards and work space that nobody else writes to."""
-    return replace(grid, true=_copied(grid.true), board=_copied(grid.board), boards=own_vectors(grid.boards))
+    true, board = _copied(grid.true), _copied(grid.board)
+    exact = _copied(grid.exact)._replace(faces=board.faces, links=board.links)
+    return replace(grid, true=true, board=board, exact=exact, boards=own_vectors(grid.boards))
 
 
 def _copied(board: Board) -> Board:

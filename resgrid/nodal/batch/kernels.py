@@ -19,10 +19,8 @@ from resgrid.nodal.multigrid.board_passes import (
     begin_burst,
     black_residual,
     gather_steps,
-    multiply,
-    prolong,
-    restrict,
 )
+from resgrid.nodal.multigrid.waves import prolong_and_multiply, restrict
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -38,18 +36,19 @@ _ENOUGH = 0.25
 @njit(cache=True, nogil=True)
 def refill(
     indptr: Indices, conductance: Floats, excess: Floats, face: Integers, place: Indices, unit: float, true: Board,
-    board: Board,
+    board: Board, exact: Board,
 ) -> float:  # fmt: skip
-    """Write the conductances of a chip onto both boards; returns its largest diagonal entry, in units.
+    """Write the conductances of a chip onto the boards of its first level; returns its largest diagonal entry, in units.
 
     ``face`` says where an entry of a red row belongs: its face, or -1 less its link.
     """
     scale, largest, places = 1.0 / unit, 0.0, len(true.black_degree)
     for i in range(len(place)):
-        here, degree = place[i], excess[i] * scale
+        here, degree, rounded = place[i], excess[i] * scale, excess[i] * scale
         for k in range(indptr[i], indptr[i + 1]):
             g = conductance[k] * scale
             degree += g
+            rounded += np.float64(np.float32(g))
             if here < places:
                 if face[k] >= 0:
                     true.faces[face[k], here] = g
@@ -61,15 +60,17 @@ def refill(
         if here < places:
             true.red_inverse[here] = 1.0 / degree
             board.red_inverse[here] = 1.0 / degree
+            exact.red_inverse[here] = 1.0 / rounded
         else:
             true.black_degree[here - places] = degree
+            exact.black_degree[here - places] = rounded
             board.black_inverse[here - places] = 1.0 / degree
     return largest
 
 
 @njit(cache=True, nogil=True)
 def solve_board(
-    true: Board, board: Board, aggregate: Indices, boards: Boards, coarsest: Singles, place: Indices, b: Floats,
+    true: Board, board: Board, exact: Board, aggregate: Indices, boards: Boards, coarsest: Singles, place: Indices, b: Floats,
     rtol: float, most: int, start: Floats, solution: Floats, vectors: Floats, singles: Singles, z: Singles,
 ) -> float:  # fmt: skip
     """Solve from a start until the residual is ``rtol |b|`` or rounding forbids more; returns the norm of the residual.
@@ -99,8 +100,7 @@ def solve_board(
         while left > max(gain, _BURST * peak) and most > 0 and count < depth:
             restrict(board, aggregate, z[count], boards.b[: boards.size])
             cycle_boards(boards, coarsest, _ENOUGH, 0)
-            prolong(board, aggregate, boards.x[: boards.size], r, z[count])
-            zr, zw, zs = multiply(true, z[count], r, s, w)
+            zr, zw, zs = prolong_and_multiply(board, exact, aggregate, boards.x[: boards.size], r, s, z[count], w)
             beta = -zs / energy if energy > 0.0 else 0.0
             energy = zw + beta * zs
             if not energy > 0.0:

@@ -17,12 +17,10 @@ from resgrid.nodal.multigrid.board_passes import (
     Integers,
     Singles,
     add_into_black,
-    multiply,
-    prolong,
     relax_red,
-    restrict,
 )
 from resgrid.nodal.multigrid.compiled import inner, inner_fast
+from resgrid.nodal.multigrid.waves import prolong_and_multiply, restrict
 
 
 class Boards(NamedTuple):
@@ -137,14 +135,15 @@ def _combine(a: float, x: Singles, b: float, y: Singles, out: Singles) -> None:
 
 @inner
 def _first_step(
-    board: Board, stop: float, f: Singles, z: Singles, c: Singles, v: Singles, energy: Floats,
-    alpha: Floats,
-) -> bool:  # fmt: skip
-    """First step of the K-cycle, along ``z``; returns whether it suffices (``z`` is then the answer)."""
-    alpha[0], energy[0], _ = multiply(board, z, f, f, v)
-    if not energy[0] > 0.0:
+    board: Board, stop: float, alpha: float, energy: float, f: Singles, z: Singles, c: Singles, v: Singles
+) -> bool:
+    """First step of the K-cycle along ``z``, whose product is ``v``; returns whether it suffices.
+
+    Leaves the answer in ``z``, or else the direction in ``c`` and the relaxed residual in ``z``.
+    """
+    if not energy > 0.0:
         return True
-    step, size = alpha[0] / energy[0], _dot(f, f)
+    step, size = alpha / energy, _dot(f, f)
     _combine(1.0, f, -step, v, f)
     if not _dot(f, f) > stop * stop * size:
         _combine(step, z, 0.0, z, z)
@@ -155,10 +154,10 @@ def _first_step(
 
 
 @inner
-def _second_step(board: Board, energy: float, alpha: float, f: Singles, c: Singles, v: Singles, z: Singles) -> None:
+def _second_step(
+    energy: float, alpha: float, rest: float, product: float, gamma: float, c: Singles, z: Singles
+) -> None:
     """Second step, along ``z`` made conjugate to the first direction ``c``; leaves the answer in ``z``."""
-    gamma = _dot(z, v)
-    rest, product, _ = multiply(board, z, f, f, v)
     second = product - gamma * gamma / energy
     step = rest / second if second > 0.0 else 0.0
     _combine((alpha - gamma * step) / energy, c, step, z, z)
@@ -204,16 +203,19 @@ def cycle_boards(boards: Boards, coarsest: Singles, stop: float, first: int) -> 
         beyond = len(boards.b) if level + 1 == count else 2 * boards.places[level + 2]
         f, z, v, c, red = boards.f[a:e], boards.z[a:e], boards.v[a:e], boards.c[a:e], boards.red[a:e]
         aggregate, b, x = boards.aggregate[a:e], boards.b[begin:below], boards.x[begin:below]
-        visit = visits[level]
+        visit, done = visits[level], False
         if visit == 0:
             _fold(board, b, red, f, z)
+        elif visit == 1:
+            alpha[level], energy[level], _ = prolong_and_multiply(
+                board, board, aggregate, boards.x[below:beyond], f, f, z, v
+            )
+            done = level < first or _first_step(board, stop, alpha[level], energy[level], f, z, c, v)
         else:
-            prolong(board, aggregate, boards.x[below:beyond], f, z)
-        done = visit > 0 and level < first
-        if visit == 1 and not done:
-            done = _first_step(board, stop, f, z, c, v, energy[level : level + 1], alpha[level : level + 1])
-        elif visit == 2:
-            _second_step(board, energy[level], alpha[level], f, c, v, z)
+            rest, product, gamma = prolong_and_multiply(
+                board, board, aggregate, boards.x[below:beyond], f, v, z, red
+            )
+            _second_step(energy[level], alpha[level], rest, product, gamma, c, z)
             done = True
         if done:
             _put_back(board, b, z, x)

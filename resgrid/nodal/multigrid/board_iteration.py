@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.nodal.multigrid import board_passes as passes
+from resgrid.nodal.multigrid import waves
 from resgrid.nodal.multigrid.grid_levels import GridLevels, cycle_levels, own_vectors
 from resgrid.nodal.multigrid.hierarchy import Hierarchy
 from resgrid.nodal.multigrid.kernels import norm
@@ -96,13 +97,11 @@ class _Burst:
 
     def run(self, x: NDArray[np.float64], size: float, gain: float, most: int) -> int:
         """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the steps taken."""
-        board, true = self._grid.board, self._grid.true
+        board = self._grid.board
         passes.begin_burst(board.black_inverse, size, self.residual, self._r, self._z[0])
         self.left, peak, steps = 1.0, 1.0, 0
         while self.left > max(gain, _BURST * peak) and steps < most and not self._error.small:
-            z = self._z[self._count]
-            self._precondition(z)
-            zr, zw, zs = passes.multiply(true, z, self._r, self._s, self._w)
+            zr, zw, zs = self._precondition(self._z[self._count])
             beta = -zs / self._energy if self._energy > 0.0 else 0.0
             self._energy = zw + beta * zs
             if not self._energy > 0.0:
@@ -120,11 +119,14 @@ class _Burst:
         self._gather(x[1], size)
         return steps
 
-    def _precondition(self, z: NDArray[np.float32]) -> None:
+    def _precondition(self, z: NDArray[np.float32]) -> tuple[float, float, float]:
+        """Precondition the residual, relaxed in ``z``, and multiply: ``w = S z``; returns ``z.r, z.w, z.s``."""
         grid, boards = self._grid, self._boards
-        passes.restrict(grid.board, grid.aggregate, z, boards.b[: boards.size])
+        waves.restrict(grid.board, grid.aggregate, z, boards.b[: boards.size])
         cycle_levels(boards, self._stack, _ENOUGH)
-        passes.prolong(grid.board, grid.aggregate, boards.x[: boards.size], self._r, z)
+        return waves.prolong_and_multiply(
+            grid.board, grid.exact, grid.aggregate, boards.x[: boards.size], self._r, self._s, z, self._w
+        )
 
     def _note(self, beta: float, alpha: float) -> None:
         """Note a step ``alpha`` along the direction ``z + beta p``."""

@@ -24,8 +24,6 @@ Indices = NDArray[np.int32]
 Integers = NDArray[np.int64]
 Reals = NDArray[np.floating[Any]]
 
-_WINDOW = 4
-
 
 class Board(NamedTuple):
     """A grid of conductances by colour, in single or in double precision.
@@ -66,11 +64,14 @@ class Board(NamedTuple):
 
 @inner_fast
 def _product(g: Reals, q: int, at: int, x: Reals, there: int, count: int, total: Reals, to: int) -> None:
-    """``total = g x`` over ``count`` places; without signs, no index is asked whether it counts from the end."""
+    """``total = g x`` over ``count`` places, in the precision of the total.
+
+    Without signs, no index is asked whether it counts from the end.
+    """
     face, g_at, x_at, t_at = np.uint64(q), np.uint64(at), np.uint64(there), np.uint64(to)
     for i in range(count):
         k = np.uint64(i)
-        total[t_at + k] = g[face, g_at + k] * x[x_at + k]
+        total[t_at + k] = total.dtype.type(g[face, g_at + k]) * x[x_at + k]
 
 
 @inner_fast
@@ -78,7 +79,7 @@ def _add_product(g: Reals, q: int, at: int, x: Reals, there: int, count: int, to
     face, g_at, x_at, t_at = np.uint64(q), np.uint64(at), np.uint64(there), np.uint64(to)
     for i in range(count):
         k = np.uint64(i)
-        total[t_at + k] += g[face, g_at + k] * x[x_at + k]
+        total[t_at + k] += total.dtype.type(g[face, g_at + k]) * x[x_at + k]
 
 
 @inner_fast
@@ -124,192 +125,34 @@ def row_blocks(board: Board) -> int:
     return -(-len(board.aside) // board.block)
 
 
-class _Window(NamedTuple):
-    """The red values around the rows that a pass has come to, from place ``first[0]`` on.
-
-    Attributes
-    ----------
-    red : ndarray of float
-    first : ndarray of int64, shape (1,)
-    kept : int
-        How many values behind a block may still be asked for.
-    ahead : int
-        How many blocks red cells go ahead of black ones, so that all neighbours of these are there.
-    """
-
-    red: Reals
-    first: Integers
-    kept: int
-    ahead: int
-
-
-@inner
-def _open_window(board: Board) -> _Window:
-    places = board.block * board.width
-    ahead = -(-board.margin // places)
-    kept = ahead * places + board.margin
-    red = np.zeros(_WINDOW * (kept + places), board.faces.dtype)
-    return _Window(red, np.array([board.margin - kept]), kept, ahead)
-
-
-@inner
-def _move_window(board: Board, window: _Window, block: int) -> int:
-    """Make room for a block of red values; returns where in the window it begins."""
-    begin = board.margin + block * board.block * board.width
-    if begin + board.block * board.width - window.first[0] > len(window.red):
-        behind = begin - window.kept - window.first[0]
-        for k in range(window.kept):
-            window.red[k] = window.red[behind + k]
-        window.first[0] = begin - window.kept
-    return int(begin - window.first[0])
-
-
-@inner
-def _lead(board: Board, window: _Window, x: Reals, block: int, link: int, linked: Reals) -> int:
-    """``red = G x / degree`` on a block of rows; ``linked`` notes it where links begin.  Returns the next link."""
-    at = _move_window(board, window, block)
-    if block >= row_blocks(board):
-        for k in range(at, at + board.block * board.width):
-            window.red[k] = 0.0
-        return link
-    _, begin, count = extent(board, block)
-    into_red(board, x, block, window.red, at)
-    from_link = link
-    while link < len(board.links) and board.link_red[link] < begin + count:
-        window.red[at + board.link_red[link] - begin] += linked[link]
-        link += 1
-    _scale(board.red_inverse, begin, count, window.red, at)
-    for m in range(from_link, link):
-        linked[m] = window.red[at + board.link_red[m] - begin]
-    return link
-
-
-@inner
-def _drawn(board: Board, x: Reals) -> Reals:
-    """What every link draws into its red cell."""
-    drawn = np.empty(len(board.links), board.links.dtype)
-    for k in range(len(drawn)):
-        drawn[k] = board.links[k] * x[board.link_black[k]]
-    return drawn
-
-
 @inner_fast
-def _scale(inverse: Reals, begin: int, count: int, value: Reals, to: int) -> None:
-    """``value = inverse * value``, the value from place ``to`` on."""
-    at, v_at = np.uint64(begin), np.uint64(to)
-    for i in range(count):
-        k = np.uint64(i)
-        value[v_at + k] *= inverse[at + k]
-
-
-@inner_fast
-def _relax(inverse: Reals, fed: Reals, begin: int, count: int, total: Reals, value: Reals) -> None:
+def relax(inverse: Reals, fed: Reals, begin: int, count: int, total: Reals, value: Reals) -> None:
     at = np.uint64(begin)
     for i in range(count):
         k = np.uint64(i)
         value[at + k] = inverse[at + k] * (fed[at + k] + total[k])
 
 
-@njit(cache=True, nogil=True)
-def restrict(board: Board, aggregate: Indices, z: Singles, coarse: Singles) -> None:
-    """Let the red cells follow the black values ``z``, and sum the black residual into the next level.
-
-    ``aggregate`` leads from a black place to its node there; from unused places to node 0, which nothing belongs to.
-    As in the other passes, the red cells go ahead by as many rows as there are between neighbours, so that the faces
-    are read once, and red values need not be kept; links are seen to at either end.
-    """
-    total = np.empty(board.block * board.width, np.float32)
-    linked, link = _drawn(board, z), ZERO
-    for node in range(len(coarse)):
-        coarse[node] = 0.0
-    window = _open_window(board)
-    for block in range(row_blocks(board) + window.ahead):
-        link = _lead(board, window, z, block, link, linked)
-        if block >= window.ahead:
-            into_black(board, window.red, window.first[0], block - window.ahead, total, ZERO)
-            _, begin, count = extent(board, block - window.ahead)
-            at = np.uint64(begin)
-            for i in range(count):
-                k = np.uint64(i)
-                coarse[np.uint32(aggregate[at + k])] += total[k]
-    for m in range(len(board.links)):
-        coarse[aggregate[board.link_black[m]]] += board.links[m] * linked[m]
-    coarse[0] = 0.0
-
-
-@njit(cache=True, nogil=True)
-def prolong(board: Board, aggregate: Indices, coarse: Singles, f: Singles, z: Singles) -> None:
-    """Add the next level's answer to the black values ``z``, let the red cells follow, then relax the black ones."""
-    for k in range(len(z)):
-        z[k] += coarse[np.uint32(aggregate[k])]
-    total = np.empty(board.block * board.width, np.float32)
-    linked, link = _drawn(board, z), ZERO
-    window = _open_window(board)
-    for block in range(row_blocks(board) + window.ahead):
-        link = _lead(board, window, z, block, link, linked)
-        if block >= window.ahead:
-            into_black(board, window.red, window.first[0], block - window.ahead, total, ZERO)
-            _, begin, count = extent(board, block - window.ahead)
-            _relax(board.black_inverse, f, begin, count, total, z)
-    for m in range(len(board.links)):
-        black = board.link_black[m]
-        z[black] += board.black_inverse[black] * board.links[m] * linked[m]
-
-
-@njit(cache=True, nogil=True)
-def multiply(board: Board, z: Singles, r: Singles, s: Singles, w: Singles) -> tuple[float, float, float]:
-    """``w = S z`` with the Schur complement S of the black cells; returns ``z.r``, ``z.w`` and ``z.s``.
-
-    It is formed in the precision of the board.
-    """
-    total = np.empty(board.block * board.width, board.faces.dtype)
-    linked, link = _drawn(board, z), ZERO
-    zr, zw, zs = 0.0, 0.0, 0.0
-    window = _open_window(board)
-    for block in range(row_blocks(board) + window.ahead):
-        link = _lead(board, window, z, block, link, linked)
-        if block >= window.ahead:
-            into_black(board, window.red, window.first[0], block - window.ahead, total, ZERO)
-            _, begin, count = extent(board, block - window.ahead)
-            a, b, c = _products(board.black_degree, z, r, s, begin, count, total, w)
-            zr, zw, zs = zr + a, zw + b, zs + c
-    for m in range(len(board.links)):
-        black, drawn = board.link_black[m], board.links[m] * linked[m]
-        w[black] -= drawn
-        zw -= z[black] * drawn
-    return zr, zw, zs
-
-
-@inner_fast
-def _products(
-    degree: Reals, z: Singles, r: Singles, s: Singles, begin: int, count: int, total: Reals, w: Singles
-) -> tuple[float, float, float]:
-    """``w = degree z - total`` on a block, and its share of ``z.r``, ``z.w`` and ``z.s``."""
-    a, b, c = 0.0, 0.0, 0.0
-    at = np.uint64(begin)
-    for i in range(count):
-        k = at + np.uint64(i)
-        one = np.float64(z[k])
-        v = degree[k] * one - total[np.uint64(i)]
-        w[k] = v
-        a += one * r[k]
-        b += one * v
-        c += one * s[k]
-    return a, b, c
+@inner
+def draw(board: Board, x: Reals, drawn: Reals) -> None:
+    """What every link draws into its red cell."""
+    for k in range(len(drawn)):
+        drawn[k] = drawn.dtype.type(board.links[k]) * x[board.link_black[k]]
 
 
 @inner
 def relax_red(board: Board, fed: Reals, black: Reals, red: Reals) -> None:
     """``red = (fed + G black) / degree``."""
     total = np.empty(board.block * board.width, board.faces.dtype)
-    drawn, link = _drawn(board, black), ZERO
+    drawn, link = np.empty(len(board.links), total.dtype), ZERO
+    draw(board, black, drawn)
     for block in range(row_blocks(board)):
         _, begin, count = extent(board, block)
         into_red(board, black, block, total, ZERO)
         while link < len(drawn) and board.link_red[link] < begin + count:
             total[board.link_red[link] - begin] += drawn[link]
             link += 1
-        _relax(board.red_inverse, fed, begin, count, total, red)
+        relax(board.red_inverse, fed, begin, count, total, red)
 
 
 @inner

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from resgrid.nodal.assembly import find, join
 from resgrid.nodal.multigrid.board_passes import Floats, Indices, Integers, Singles
+from resgrid.nodal.multigrid.compiled import inner_fast
 
 Whole = NDArray[np.integer[Any]]
 
@@ -106,6 +107,33 @@ def sum_degrees(
     for axis in range(len(mean)):
         mean[axis] = (total[2 * axis] + total[2 * axis + 1]) / max(count[2 * axis] + count[2 * axis + 1], 1.0)
     return mean, least, greatest
+
+
+@njit(cache=True)
+def add_degrees(
+    faces: Singles, distance: Integers, aside: Integers, width: int, margin: int, link_red: Indices,
+    link_black: Indices, links: Singles, degree: Floats,
+) -> None:  # fmt: skip
+    """Add all conductances to the leaks of both colours, ``degree`` of shape (2, places)."""
+    last = len(distance)
+    for row in range(len(aside)):
+        begin = margin + row * width
+        for q in range(last + 1):
+            _add_face(faces, q, begin, distance[q] if q < last else aside[row], width - 1, degree)
+    for k in range(len(links)):
+        degree[0, link_red[k]] += links[k]
+        degree[1, link_black[k]] += links[k]
+
+
+@inner_fast
+def _add_face(faces: Singles, q: int, begin: int, away: int, count: int, degree: Floats) -> None:
+    face, red, black = np.uint64(q), np.uint64(begin), np.uint64(begin + away)
+    for i in range(count):
+        k = np.uint64(i)
+        degree[0, red + k] += faces[face, red + k]
+    for i in range(count):
+        k = np.uint64(i)
+        degree[1, black + k] += faces[face, red + k]
 
 
 @njit(cache=True)

@@ -153,7 +153,10 @@ def frame(lattice: Lattice) -> tuple[NDArray[np.int64], NDArray[np.int64], int, 
 
 
 def to_boards(level: Level) -> tuple[Board, Board]:
-    """A level for the compiled passes, in double and in single precision."""
+    """A level for the compiled passes, in double and in single precision.
+
+    See `with_exact_diagonal` for the latter's products.
+    """
     lattice, degree, ends = level.lattice, level.degree, level.ends
     inverse, singles = np.empty(degree.shape[1]), np.empty(degree.shape, dtype=np.float32)
     board_setup.invert_degrees(degree, inverse, singles)
@@ -179,6 +182,17 @@ def to_boards(level: Level) -> tuple[Board, Board]:
         black_degree=degree[1].astype(np.float32),
     )
     return double, single
+
+
+def with_exact_diagonal(level: Level, single: Board) -> Board:
+    """A level in single precision, the diagonal being the sum of its rounded conductances in double precision.
+
+    So its products are exact for conductances that are off by a rounding error each, however smooth the vector.
+    """
+    degree = level.leak.copy()
+    board_setup.add_degrees(single.faces, *frame(level.lattice), *level.ends, single.links, degree)
+    inverse = np.divide(1.0, degree[0], out=np.zeros_like(degree[0]), where=degree[0] > 0.0)
+    return single._replace(red_inverse=inverse, black_inverse=np.empty(0), black_degree=degree[1])
 
 
 def to_graph(level: Level) -> tuple[Graph, NDArray[np.int32]]:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from resgrid.nodal.multigrid.board_cycle import Boards, cycle_boards
 from resgrid.nodal.multigrid.board_passes import Board
-from resgrid.nodal.multigrid.boards import LEAST_WIDTH, Level, to_boards, to_graph
+from resgrid.nodal.multigrid.boards import LEAST_WIDTH, Level, to_boards, to_graph, with_exact_diagonal
 from resgrid.nodal.multigrid.coarsening import coarsen
 from resgrid.nodal.multigrid.kernels import Stack, cycle
 from resgrid.nodal.multigrid.levels import coarsen_down
@@ -31,8 +31,8 @@ class GridLevels:
 
     Attributes
     ----------
-    true, board : Board
-        The first level in double and in single precision.
+    true, board, exact : Board
+        The first level in double precision, in single, and in single with a diagonal in double precision.
     place : ndarray of int32, shape (n,)
         Place of every unknown, red ones first, black ones behind.
     aggregate : ndarray of int32, shape (places,)
@@ -43,6 +43,7 @@ class GridLevels:
 
     true: Board
     board: Board
+    exact: Board
     place: NDArray[np.int32]
     aggregate: NDArray[np.int32]
     boards: Boards
@@ -111,7 +112,10 @@ def lay_levels(
         targets = [_counted(number, np.arange(level.lattice.places, 2 * level.lattice.places))]
         graphs, steps = graphs[1:], steps[1:]
     boards = lay_behind([to_boards(coarse)[1] for coarse in levels[1:-1]], targets[1:], graphs[0].size, level)
-    return GridLevels(*to_boards(level), place, targets[0], boards), stack_levels(graphs, steps)
+    true, board = to_boards(level)
+    exact = with_exact_diagonal(level, board)
+    board = board._replace(black_degree=np.empty(0, dtype=np.float32))
+    return GridLevels(true, board, exact, place, targets[0], boards), stack_levels(graphs, steps)
 
 
 def _counted(number: NDArray[np.int32], place: NDArray[np.integer]) -> NDArray[np.int32]:

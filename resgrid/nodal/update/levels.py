@@ -62,7 +62,7 @@ def patch_levels(
     boxes = boxes_around(index, shape, depth)
     if not boxes:
         return None
-    true, board = _patch_board(grid, system, hierarchy.unit, change)
+    true, board, exact = _patch_board(grid, system, hierarchy.unit, change)
     aggregate = grid.aggregate.copy()
     alone = grid.place[change.pinned] - len(aggregate)
     aggregate[alone[alone >= 0]] = 0
@@ -77,7 +77,7 @@ def patch_levels(
             elif not patch.renew(number):
                 break
         windows += [] if window is None else [window]
-    levels_after = GridLevels(true, board, grid.place, aggregate, boards)
+    levels_after = GridLevels(true, board, exact, grid.place, aggregate, boards)
     return replace(hierarchy, stack=stack, grid=levels_after), tuple(windows)
 
 
@@ -86,8 +86,8 @@ def _own_arrays(boards: Boards) -> Boards:
     return boards._replace(**{name: getattr(boards, name).copy() for name in names})
 
 
-def _patch_board(grid: GridLevels, system: NodalSystem, unit: float, change: Change) -> tuple[Board, Board]:
-    """The first level after the change, in double and in single precision."""
+def _patch_board(grid: GridLevels, system: NodalSystem, unit: float, change: Change) -> tuple[Board, Board, Board]:
+    """The first level after the change, in all three precisions."""
     names = ("faces", "links", "red_inverse", "black_inverse", "black_degree")
     true, board = (
         level._replace(**{name: getattr(level, name).copy() for name in names}) for level in (grid.true, grid.board)
@@ -97,13 +97,17 @@ def _patch_board(grid: GridLevels, system: NodalSystem, unit: float, change: Cha
     place = grid.place[rows].astype(np.int64)
     for level in (true, board):
         kernels.separate(level, pairs[:, 0], pairs[:, 1])
-    degree = kernels.sum_others(true, place, place[:0]) + system.excess[rows] / unit
+    diagonal = {name: getattr(grid.exact, name).copy() for name in ("red_inverse", "black_degree")}
+    exact = grid.exact._replace(faces=board.faces, links=board.links, **diagonal)
     black = place >= len(grid.aggregate)
-    red, place = place[~black], place[black] - len(grid.aggregate)
-    true.black_degree[place] = board.black_degree[place] = degree[black]
-    true.red_inverse[red] = board.red_inverse[red] = 1.0 / degree[~black]
-    board.black_inverse[place] = 1.0 / degree[black]
-    return true, board
+    at_red, at_black = place[~black], place[black] - len(grid.aggregate)
+    for level in (true, exact):
+        degree = kernels.sum_others(level, place, place[:0]) + system.excess[rows] / unit
+        level.red_inverse[at_red] = 1.0 / degree[~black]
+        level.black_degree[at_black] = degree[black]
+    board.red_inverse[at_red] = true.red_inverse[at_red]
+    board.black_inverse[at_black] = 1.0 / true.black_degree[at_black]
+    return true, board, exact
 
 
 @dataclass(frozen=True, eq=False)

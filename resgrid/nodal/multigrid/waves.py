@@ -1,0 +1,218 @@
+"""Waves over a board: passes in which red cells go ahead of black ones, so that faces are read once.
+
+They go ahead by as many rows as there are between neighbours, and red values are only kept in a window around the rows
+that a wave has come to.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from resgrid.nodal.multigrid.board_passes import (
+    Board,
+    Indices,
+    Integers,
+    Reals,
+    Singles,
+    draw,
+    extent,
+    into_black,
+    into_red,
+    relax,
+    row_blocks,
+)
+from resgrid.nodal.multigrid.compiled import ZERO, inner, inner_fast
+
+_ROOM = 4
+"""Of a window, in units of what is kept and a block; so seldom it is moved."""
+
+
+class _Wave(NamedTuple):
+    """The red values around the rows that a wave has come to.
+
+    Attributes
+    ----------
+    red : ndarray of float
+    linked : ndarray of float
+        What links draw into red cells; behind the wave, the red values where they begin.
+    at : ndarray of int64, shape (2,)
+        Place of the first of the red values, and the next link.
+    kept : int
+        How many values behind a block may still be asked for.
+    ahead : int
+        How many blocks red cells go ahead of black ones, so that all neighbours of these are there.
+    """
+
+    red: Reals
+    linked: Reals
+    at: Integers
+    kept: int
+    ahead: int
+
+
+@inner
+def _begin_wave(board: Board) -> _Wave:
+    places = board.block * board.width
+    ahead = -(-board.margin // places)
+    kept = ahead * places + board.margin
+    red = np.zeros(_ROOM * (kept + places), board.red_inverse.dtype)
+    return _Wave(red, np.empty(len(board.links), red.dtype), np.array([board.margin - kept, 0]), kept, ahead)
+
+
+@inner
+def _make_room(board: Board, wave: _Wave, block: int) -> int:
+    """Make room for a block of red values; returns where among them it begins."""
+    begin = board.margin + block * board.block * board.width
+    if begin + board.block * board.width - wave.at[0] > len(wave.red):
+        behind = begin - wave.kept - wave.at[0]
+        for k in range(wave.kept):
+            wave.red[k] = wave.red[behind + k]
+        wave.at[0] = begin - wave.kept
+    return int(begin - wave.at[0])
+
+
+@inner
+def _lead(board: Board, wave: _Wave, x: Reals, block: int) -> None:
+    """``red = G x / degree`` on a block of rows, zero behind the last one."""
+    to = _make_room(board, wave, block)
+    if block >= row_blocks(board):
+        for k in range(to, to + board.block * board.width):
+            wave.red[k] = 0.0
+        return
+    _, begin, count = extent(board, block)
+    into_red(board, x, block, wave.red, to)
+    link = wave.at[1]
+    while wave.at[1] < len(board.links) and board.link_red[wave.at[1]] < begin + count:
+        wave.red[to + board.link_red[wave.at[1]] - begin] += wave.linked[wave.at[1]]
+        wave.at[1] += 1
+    _scale(board.red_inverse, begin, count, wave.red, to)
+    for m in range(link, wave.at[1]):
+        wave.linked[m] = wave.red[to + board.link_red[m] - begin]
+
+
+@inner_fast
+def _scale(inverse: Reals, begin: int, count: int, value: Reals, to: int) -> None:
+    """``value = inverse * value``, the value from place ``to`` on."""
+    at, v_at = np.uint64(begin), np.uint64(to)
+    for i in range(count):
+        k = np.uint64(i)
+        value[v_at + k] *= inverse[at + k]
+
+
+@njit(cache=True, nogil=True)
+def restrict(board: Board, aggregate: Indices, z: Singles, coarse: Singles) -> None:
+    """Let the red cells follow the black values ``z``, and sum the black residual into the next level.
+
+    ``aggregate`` leads from a black place to its node there; from unused places to node 0, which nothing belongs to.
+    """
+    total = np.empty(board.block * board.width, board.red_inverse.dtype)
+    for node in range(len(coarse)):
+        coarse[node] = 0.0
+    wave = _begin_wave(board)
+    draw(board, z, wave.linked)
+    for step in range(row_blocks(board) + wave.ahead):
+        _lead(board, wave, z, step)
+        if step >= wave.ahead:
+            _, begin, count = extent(board, step - wave.ahead)
+            into_black(board, wave.red, wave.at[0], step - wave.ahead, total, ZERO)
+            _add_to_nodes(aggregate, begin, count, total, coarse)
+    for m in range(len(board.links)):
+        coarse[aggregate[board.link_black[m]]] += board.links[m] * wave.linked[m]
+    coarse[0] = 0.0
+
+
+@inner
+def _add_to_nodes(aggregate: Indices, begin: int, count: int, total: Reals, coarse: Singles) -> None:
+    at = np.uint64(begin)
+    for i in range(count):
+        k = np.uint64(i)
+        coarse[np.uint32(aggregate[at + k])] += total[k]
+
+
+@inner
+def _add_from_nodes(aggregate: Indices, begin: int, count: int, coarse: Singles, z: Singles) -> None:
+    at = np.uint64(begin)
+    for i in range(count):
+        k = at + np.uint64(i)
+        z[k] += coarse[np.uint32(aggregate[k])]
+
+
+@njit(cache=True, nogil=True)
+def prolong_and_multiply(
+    board: Board, exact: Board, aggregate: Indices, coarse: Singles, r: Singles, s: Singles, z: Singles, w: Singles
+) -> tuple[float, float, float]:
+    """Finish the preconditioner's answer ``z`` to ``r``, and form ``w = S z``; returns ``z.r``, ``z.w`` and ``z.s``.
+
+    The next level's answer is added to ``z``, the red cells follow, and the black ones are relaxed.  S is the Schur
+    complement of the black cells of ``exact``, which is the same board with a diagonal in a precision of its own.
+
+    The waves of both follow as close upon each other as neighbours allow; where there are links, one after the other.
+    """
+    blocks, ahead = row_blocks(board), -(-board.margin // (board.block * board.width))
+    before, between = (ahead, 3 * ahead) if len(board.links) == 0 else (blocks, 2 * blocks + ahead)
+    total = np.empty(board.block * board.width, board.red_inverse.dtype)
+    product = np.empty(len(total), exact.red_inverse.dtype)
+    first, second = _begin_wave(board), _begin_wave(exact)
+    zr, zw, zs = 0.0, 0.0, 0.0
+    for step in range(between + blocks + ahead):
+        if step < blocks:
+            _, begin, count = extent(board, step)
+            _add_from_nodes(aggregate, begin, count, coarse, z)
+        if step == before:
+            draw(board, z, first.linked)
+        if step == between:
+            _relax_links(board, first.linked, z)
+            draw(exact, z, second.linked)
+        if before <= step < before + blocks + ahead:
+            _lead(board, first, z, step - before)
+        if before + ahead <= step < before + blocks + ahead:
+            _, begin, count = extent(board, step - before - ahead)
+            into_black(board, first.red, first.at[0], step - before - ahead, total, ZERO)
+            relax(board.black_inverse, r, begin, count, total, z)
+        if between <= step:
+            _lead(exact, second, z, step - between)
+        if between + ahead <= step:
+            _, begin, count = extent(exact, step - between - ahead)
+            into_black(exact, second.red, second.at[0], step - between - ahead, product, ZERO)
+            a, b, c = _products(exact.black_degree, z, r, s, begin, count, product, w)
+            zr, zw, zs = zr + a, zw + b, zs + c
+    return zr, zw - _multiply_links(exact, second.linked, z, w), zs
+
+
+@inner
+def _relax_links(board: Board, linked: Singles, z: Singles) -> None:
+    for m in range(len(board.links)):
+        black = board.link_black[m]
+        z[black] += board.black_inverse[black] * board.links[m] * linked[m]
+
+
+@inner
+def _multiply_links(board: Board, linked: Reals, z: Singles, w: Singles) -> float:
+    """Take what links draw off the product; returns by how much ``z.w`` becomes less."""
+    less = 0.0
+    for m in range(len(board.links)):
+        black, drawn = board.link_black[m], board.links[m] * linked[m]
+        w[black] -= drawn
+        less += z[black] * drawn
+    return less
+
+
+@inner_fast
+def _products(
+    degree: Reals, z: Singles, r: Singles, s: Singles, begin: int, count: int, total: Reals, w: Singles
+) -> tuple[float, float, float]:
+    """``w = degree z - total`` on a block, and its share of ``z.r``, ``z.w`` and ``z.s``."""
+    a, b, c = 0.0, 0.0, 0.0
+    at = np.uint64(begin)
+    for i in range(count):
+        k = at + np.uint64(i)
+        one = np.float64(z[k])
+        v = degree[k] * one - total[np.uint64(i)]
+        w[k] = v
+        a += one * r[k]
+        b += one * v
+        c += one * s[k]
+    return a, b, c
