@@ -320,10 +320,10 @@ def plain_currents(
 
 
 @njit(cache=True)
-def strongest_of_pairs(
-    pairs: Integers, conductance: Floats, row: Indices, strongest: Floats, neighbours: NDArray[np.int8]
+def count_neighbours(
+    pairs: Integers, conductance: Floats, row: Indices, neighbours: NDArray[np.int8]
 ) -> tuple[int, float, float]:
-    """Find every row's strongest conductance, and count its neighbours up to three.
+    """Count the neighbours of every row up to three.
 
     Returns how many conductances there are between rows, their smallest and their largest.
     """
@@ -335,14 +335,18 @@ def strongest_of_pairs(
         count += 1
         g = conductance[k]
         smallest, largest = min(smallest, g), max(largest, g)
-        strongest[i], strongest[j] = max(strongest[i], g), max(strongest[j], g)
         neighbours[i], neighbours[j] = min(neighbours[i] + 1, 3), min(neighbours[j] + 1, 3)
     return count, smallest, largest
 
 
 @njit(cache=True)
-def weak_pairs(pairs: Integers, conductance: Floats, row: Indices, strongest: Floats, weak: float) -> int:
+def weak_pairs(pairs: Integers, conductance: Floats, row: Indices, size: int, weak: float) -> int:
     """Count the conductances below ``weak`` times the strongest one at either of their rows."""
+    strongest = np.zeros(size)
+    for k in range(len(pairs)):
+        i, j = row[pairs[k, 0]], row[pairs[k, 1]]
+        if i >= 0 and j >= 0 and i != j:
+            strongest[i], strongest[j] = max(strongest[i], conductance[k]), max(strongest[j], conductance[k])
     count = 0
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]

@@ -48,10 +48,11 @@ def count_connections(system: NodalSystem) -> Connections:
 
     netlist = system.netlist
     if system.derived is None and _is_simple(netlist.layout):
-        strongest, neighbours = np.zeros(system.size), np.zeros(system.size, dtype=np.int8)
+        neighbours = np.zeros(system.size, dtype=np.int8)
         graph = netlist.resistor_nodes, netlist.conductance, system.unknown
-        inner, smallest, largest = assembly.strongest_of_pairs(*graph, strongest, neighbours)
-        weak = assembly.weak_pairs(*graph, strongest, WEAK) / max(inner, 1)
+        inner, smallest, largest = assembly.count_neighbours(*graph, neighbours)
+        some = smallest < WEAK * largest
+        weak = assembly.weak_pairs(*graph, system.size, WEAK) / inner if some else 0.0
         entries, few = 2 * inner, int(np.count_nonzero(neighbours <= 2))
     else:
         coupling = system.coupling

@@ -17,10 +17,9 @@ from resgrid.nodal.multigrid.board_passes import (
     Singles,
     advance,
     begin_burst,
-    black_residual,
     gather_steps,
 )
-from resgrid.nodal.multigrid.waves import prolong_and_multiply, restrict
+from resgrid.nodal.multigrid.waves import black_residual, prolong_and_multiply, restrict
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -38,7 +37,7 @@ def refill(
     indptr: Indices, conductance: Floats, excess: Floats, face: Integers, place: Indices, unit: float, true: Board,
     board: Board, exact: Board,
 ) -> float:  # fmt: skip
-    """Write the conductances of a chip onto the boards of its first level; returns its largest diagonal entry, in units.
+    """Write the conductances of a chip onto its boards; returns its largest diagonal entry, in units.
 
     ``face`` says where an entry of a red row belongs: its face, or -1 less its link.
     """
@@ -70,8 +69,8 @@ def refill(
 
 @njit(cache=True, nogil=True)
 def solve_board(
-    true: Board, board: Board, exact: Board, aggregate: Indices, boards: Boards, coarsest: Singles, place: Indices, b: Floats,
-    rtol: float, most: int, start: Floats, solution: Floats, vectors: Floats, singles: Singles, z: Singles,
+    true: Board, board: Board, exact: Board, aggregate: Indices, boards: Boards, coarsest: Singles, place: Indices,
+    b: Floats, rtol: float, most: int, start: Floats, solution: Floats, vectors: Floats, singles: Singles, z: Singles,
 ) -> float:  # fmt: skip
     """Solve from a start until the residual is ``rtol |b|`` or rounding forbids more; returns the norm of the residual.
 

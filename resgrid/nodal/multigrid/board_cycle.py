@@ -212,9 +212,7 @@ def cycle_boards(boards: Boards, coarsest: Singles, stop: float, first: int) -> 
             )
             done = level < first or _first_step(board, stop, alpha[level], energy[level], f, z, c, v)
         else:
-            rest, product, gamma = prolong_and_multiply(
-                board, board, aggregate, boards.x[below:beyond], f, v, z, red
-            )
+            rest, product, gamma = prolong_and_multiply(board, board, aggregate, boards.x[below:beyond], f, v, z, red)
             _second_step(energy[level], alpha[level], rest, product, gamma, c, z)
             done = True
         if done:

@@ -55,9 +55,9 @@ def iterate_on_board(
     x, currents = x.reshape(2, places), currents.reshape(2, places)
     burst = _Burst(hierarchy, grid, error, watch)
     last, left = np.inf, MOST_ITERATIONS
-    wanted, rounding = rtol * norm(b) / unit, _ROUNDING * _largest_degree(true)
+    wanted, rounding = rtol * norm(b) / unit, _ROUNDING * grid.largest_degree
     while True:
-        size = passes.black_residual(true, currents, x, burst.residual)
+        size = waves.black_residual(true, currents, x, burst.residual)
         goal = max(wanted, rounding * math.hypot(norm(x[0]), norm(x[1])))
         error.small &= size <= max(DRIFT * burst.left * last, goal)
         if error.small or not (size > goal and size < LEAST_GAIN * last and left > 0):
@@ -66,12 +66,6 @@ def iterate_on_board(
             watch.begin(size * unit, goal * unit)
         left -= burst.run(x, size, _SAFETY * goal / size, left)
         last = size
-
-
-def _largest_degree(board: passes.Board) -> float:
-    """Largest diagonal entry."""
-    red = board.red_inverse
-    return max(float(board.black_degree.max()), 1.0 / float(red.min(initial=np.inf, where=red > 0)))
 
 
 class _Burst:

@@ -9,7 +9,6 @@ dimension.  What fits no face, a resistor that closes a ring or leads to a node 
 
 from __future__ import annotations
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -127,6 +126,7 @@ def row_blocks(board: Board) -> int:
 
 @inner_fast
 def relax(inverse: Reals, fed: Reals, begin: int, count: int, total: Reals, value: Reals) -> None:
+    """``value = inverse (fed + total)`` on a block."""
     at = np.uint64(begin)
     for i in range(count):
         k = np.uint64(i)
@@ -165,27 +165,6 @@ def add_into_black(board: Board, red: Reals, fed: Reals, total: Reals) -> None:
             total[k] += fed[k]
     for m in range(len(board.links)):
         total[board.link_black[m]] += board.links[m] * red[board.link_red[m]]
-
-
-@njit(cache=True, nogil=True)
-def black_residual(board: Board, b: Floats, x: Floats, r: Floats) -> float:
-    """Relax the red cells exactly, and form the residual at the black ones; ``b`` and ``x`` of shape (2, places).
-
-    Returns its norm.
-    """
-    relax_red(board, b[0], x[1], x[0])
-    add_into_black(board, x[0], b[1], r)
-    return math.sqrt(_subtract(board.black_degree, x[1], r))
-
-
-@inner_fast
-def _subtract(degree: Reals, x: Floats, r: Floats) -> float:
-    squares = 0.0
-    for k in range(len(r)):
-        v = r[k] - degree[k] * x[k]
-        r[k] = v
-        squares += v * v
-    return squares
 
 
 @njit(cache=True, nogil=True)

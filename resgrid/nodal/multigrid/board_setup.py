@@ -62,11 +62,11 @@ def fill_faces(
             return -1
         away = black - red
         face = -1
-        if away == aside[(red - margin) // width]:
-            face = last
         for q in range(last):
             if away == distance[q]:
                 face = q
+        if face < 0 and away == aside[(red - margin) // width]:
+            face = last
         if face >= 0:
             faces[face, red] += conductance[k] * scale
         elif count < len(links):
@@ -110,11 +110,11 @@ def sum_degrees(
 
 
 @njit(cache=True)
-def add_degrees(
+def exact_diagonal(
     faces: Singles, distance: Integers, aside: Integers, width: int, margin: int, link_red: Indices,
     link_black: Indices, links: Singles, degree: Floats,
 ) -> None:  # fmt: skip
-    """Add all conductances to the leaks of both colours, ``degree`` of shape (2, places)."""
+    """Add all conductances to the leaks of both colours, ``degree`` of shape (2, places), and invert the red sums."""
     last = len(distance)
     for row in range(len(aside)):
         begin = margin + row * width
@@ -123,6 +123,8 @@ def add_degrees(
     for k in range(len(links)):
         degree[0, link_red[k]] += links[k]
         degree[1, link_black[k]] += links[k]
+    for k in range(degree.shape[1]):
+        degree[0, k] = 1.0 / degree[0, k] if degree[0, k] > 0.0 else 0.0
 
 
 @inner_fast

@@ -189,10 +189,9 @@ def with_exact_diagonal(level: Level, single: Board) -> Board:
 
     So its products are exact for conductances that are off by a rounding error each, however smooth the vector.
     """
-    degree = level.leak.copy()
-    board_setup.add_degrees(single.faces, *frame(level.lattice), *level.ends, single.links, degree)
-    inverse = np.divide(1.0, degree[0], out=np.zeros_like(degree[0]), where=degree[0] > 0.0)
-    return single._replace(red_inverse=inverse, black_inverse=np.empty(0), black_degree=degree[1])
+    diagonal = level.leak.copy()
+    board_setup.exact_diagonal(single.faces, *frame(level.lattice), *level.ends, single.links, diagonal)
+    return single._replace(red_inverse=diagonal[0], black_inverse=np.empty(0), black_degree=diagonal[1])
 
 
 def to_graph(level: Level) -> tuple[Graph, NDArray[np.int32]]:

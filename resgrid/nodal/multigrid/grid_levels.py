@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -47,6 +48,12 @@ class GridLevels:
     place: NDArray[np.int32]
     aggregate: NDArray[np.int32]
     boards: Boards
+
+    @cached_property
+    def largest_degree(self) -> float:
+        """Largest diagonal entry of the first level."""
+        red = float(self.true.red_inverse.min(initial=np.inf, where=self.true.red_inverse > 0))
+        return max(float(self.true.black_degree.max()), 1.0 / red)
 
 
 def coarsen_grid(level: Level, place: NDArray[np.int32]) -> tuple[GridLevels, Stack] | None:

@@ -35,6 +35,12 @@ class Hierarchy:
     grid: GridLevels | None
     unit: float
 
+    def largest_degree(self, system: NodalSystem) -> float:
+        """Largest diagonal entry of a system's matrix, in siemens."""
+        if self.grid is not None:
+            return self.grid.largest_degree * self.unit
+        return float(system.degree.max(initial=0.0))
+
 
 def build_hierarchy(system: NodalSystem) -> Hierarchy:
     """Coarsen a nodal system until it is small, and invert what is left.

@@ -95,11 +95,11 @@ class MultigridFactor:
         """
         if guess is not None:
             guess = self._improved(rhs, guess)
-        x, residual = self._iterate(rhs, rtol, guess, watch)
         from resgrid.nodal.multigrid.kernels import norm
 
-        degree = 2.0 * float(self.system.degree.max(initial=0.0))
-        error = residual / (degree * norm(x) + norm(rhs) or 1.0)
+        x, residual = self._iterate(rhs, rtol, guess, watch)
+        largest = self.hierarchy.largest_degree(self.system)
+        error = residual / (2.0 * largest * norm(x) + norm(rhs) or 1.0)
         if not error <= rtol:
             raise AccuracyError(
                 f"multigrid stagnates at a backward error of {error:.1e}, above rtol = {rtol:.1e}; "

@@ -6,6 +6,7 @@ that a wave has come to.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +14,7 @@ from numba import njit
 
 from resgrid.nodal.multigrid.board_passes import (
     Board,
+    Floats,
     Indices,
     Integers,
     Reals,
@@ -38,8 +40,8 @@ class _Wave(NamedTuple):
     red : ndarray of float
     linked : ndarray of float
         What links draw into red cells; behind the wave, the red values where they begin.
-    at : ndarray of int64, shape (2,)
-        Place of the first of the red values, and the next link.
+    at : ndarray of int64, shape (3,)
+        Place of the first of the red values, the next link to draw, and the next to note a red value of.
     kept : int
         How many values behind a block may still be asked for.
     ahead : int
@@ -59,7 +61,7 @@ def _begin_wave(board: Board) -> _Wave:
     ahead = -(-board.margin // places)
     kept = ahead * places + board.margin
     red = np.zeros(_ROOM * (kept + places), board.red_inverse.dtype)
-    return _Wave(red, np.empty(len(board.links), red.dtype), np.array([board.margin - kept, 0]), kept, ahead)
+    return _Wave(red, np.empty(len(board.links), red.dtype), np.array([board.margin - kept, 0, 0]), kept, ahead)
 
 
 @inner
@@ -77,20 +79,35 @@ def _make_room(board: Board, wave: _Wave, block: int) -> int:
 @inner
 def _lead(board: Board, wave: _Wave, x: Reals, block: int) -> None:
     """``red = G x / degree`` on a block of rows, zero behind the last one."""
+    to = _draw_into_red(board, wave, x, block)
+    if block < row_blocks(board):
+        _, begin, count = extent(board, block)
+        _scale(board.red_inverse, begin, count, wave.red, to)
+        _note(board, wave, begin, to)
+
+
+@inner
+def _draw_into_red(board: Board, wave: _Wave, x: Reals, block: int) -> int:
+    """``red = G x`` on a block of rows, zero behind the last one; returns where among the red values it begins."""
     to = _make_room(board, wave, block)
     if block >= row_blocks(board):
         for k in range(to, to + board.block * board.width):
             wave.red[k] = 0.0
-        return
+        return to
     _, begin, count = extent(board, block)
     into_red(board, x, block, wave.red, to)
-    link = wave.at[1]
     while wave.at[1] < len(board.links) and board.link_red[wave.at[1]] < begin + count:
         wave.red[to + board.link_red[wave.at[1]] - begin] += wave.linked[wave.at[1]]
         wave.at[1] += 1
-    _scale(board.red_inverse, begin, count, wave.red, to)
-    for m in range(link, wave.at[1]):
-        wave.linked[m] = wave.red[to + board.link_red[m] - begin]
+    return to
+
+
+@inner
+def _note(board: Board, wave: _Wave, begin: int, to: int) -> None:
+    """Note the red values of a block where links begin."""
+    while wave.at[2] < wave.at[1]:
+        wave.linked[wave.at[2]] = wave.red[to + board.link_red[wave.at[2]] - begin]
+        wave.at[2] += 1
 
 
 @inner_fast
@@ -216,3 +233,64 @@ def _products(
         b += one * v
         c += one * s[k]
     return a, b, c
+
+
+@njit(cache=True, nogil=True)
+def black_residual(board: Board, b: Floats, x: Floats, r: Floats) -> float:
+    """Relax the red cells exactly, and form the residual at the black ones; ``b`` and ``x`` of shape (2, places).
+
+    Returns its norm.
+    """
+    blocks, squares = row_blocks(board), 0.0
+    total = np.empty(board.block * board.width)
+    wave = _begin_wave(board)
+    draw(board, x[1], wave.linked)
+    for step in range(blocks + wave.ahead):
+        to = _draw_into_red(board, wave, x[1], step)
+        if step < blocks:
+            _, begin, count = extent(board, step)
+            _relax_both(board.red_inverse, b[0], begin, count, wave.red, to, x[0])
+            _note(board, wave, begin, to)
+        if step >= wave.ahead:
+            _, begin, count = extent(board, step - wave.ahead)
+            into_black(board, wave.red, wave.at[0], step - wave.ahead, total, ZERO)
+            squares += _subtract(board.black_degree, b[1], x[1], begin, count, total, r)
+    if len(board.links) == 0:
+        return math.sqrt(squares)
+    for m in range(len(board.links)):
+        r[board.link_black[m]] += board.links[m] * wave.linked[m]
+    return math.sqrt(_squares(r))
+
+
+@inner_fast
+def _squares(r: Floats) -> float:
+    total = 0.0
+    for k in range(len(r)):
+        total += r[k] * r[k]
+    return total
+
+
+@inner_fast
+def _relax_both(
+    inverse: Floats, fed: Floats, begin: int, count: int, drawn: Floats, to: int, red: Floats
+) -> None:  # fmt: skip
+    """``red = inverse (fed + drawn)``, put in place of what is drawn too."""
+    at, d_at = np.uint64(begin), np.uint64(to)
+    for i in range(count):
+        k = np.uint64(i)
+        v = inverse[at + k] * (fed[at + k] + drawn[d_at + k])
+        red[at + k] = v
+        drawn[d_at + k] = v
+
+
+@inner_fast
+def _subtract(degree: Floats, b: Floats, x: Floats, begin: int, count: int, total: Floats, r: Floats) -> float:
+    """``r = b + total - degree x`` on a block; returns its squares, summed."""
+    squares = 0.0
+    at = np.uint64(begin)
+    for i in range(count):
+        k = at + np.uint64(i)
+        v = b[k] + (total[np.uint64(i)] - degree[k] * x[k])
+        r[k] = v
+        squares += v * v
+    return squares
