@@ -305,6 +305,15 @@ def _places(kept: NDArray[np.bool_], shape: tuple[int, ...], axis: int, slab: tu
     return np.flatnonzero(whole)
 
 
+def _faces(here: NDArray[np.int64], shape: tuple[int, ...], axis: int, ahead: int) -> NDArray[np.int64]:
+    """Flat indices of the faces ``ahead`` faces behind the first one of every cell, among those across the axis."""
+    inner = int(np.prod(shape[axis + 1 :]))
+    faces = here + ahead * inner
+    if axis > 0:
+        faces += here // (shape[axis] * inner) * inner
+    return faces
+
+
 def _fill(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes, group: _Group, part: _Resistors) -> None:
     """Resistors from the cells before the faces to those behind them, or to the obstacle rail."""
     axis, node = group.axis, nodes.cell.reshape(-1)
@@ -314,7 +323,7 @@ def _fill(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes, group: _Group
         there = here + (group.upper[0] - group.lower[0]) * int(np.prod(space.shape[axis + 1 :]))
     part.nodes[:, 0] = node[here]
     part.nodes[:, 1] = nodes.obstacle if there is None else node[there]
-    part.face[:] = _places(group.kept, face_shape(space.shape, axis), axis, group.faces)
+    part.face[:] = _faces(here, space.shape, axis, group.faces[0] - group.lower[0])
     part.face[:] += group.first_face
     part.upward[:] = there is not None or group.faces[0] > 0
     part.conductance[:] = _unit_conductance(space, rules, axis)

@@ -76,9 +76,10 @@ class NodalSystem:
     excess : ndarray of float64, shape (n,)
         Conductance from every row to nodes of known voltage, in siemens.
     feed : ndarray of float64, shape (n,)
-        Current that the known voltages drive into every row, measured from `reference`, in amperes.
+        Current that the known voltages drive into every row, measured from `reference`, in amperes; read-only where
+        there is none.
     injected : ndarray of float64, shape (n,)
-        Current that current sources drive into every row, in amperes.
+        Current that current sources drive into every row, in amperes, likewise.
     reference : float
         The lowest known voltage in contact with the rows, in volts.
     rails : Rails or None
@@ -252,14 +253,19 @@ def assemble(netlist: Netlist) -> NodalSystem:
         forest=forest,
         unknown=unknown,
         excess=excess,
-        feed=feed,
-        injected=injected,
+        feed=_without_memory(feed),
+        injected=_without_memory(injected),
         reference=reference,
         rails=_rails(netlist, unknown, forest, float(low), float(high)) if plain else None,
         undriven=undriven,
         undriven_volts=volts,
         floating=floating,
     )
+
+
+def _without_memory(currents: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same currents; one zero for all of them where nothing flows."""
+    return currents if currents.any() else np.broadcast_to(0.0, currents.shape)
 
 
 def _parts(netlist: Netlist, forest: SourceForest, held: NDArray[np.int64], volts: NDArray[np.float64]) -> _Parts:

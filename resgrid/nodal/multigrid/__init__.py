@@ -2,28 +2,29 @@
 
 `solver.MultigridFactor` solves ``A x = b`` for the nodal matrix of a grid or a netlist, in this order:
 1. *Before*: corridors, chains and trees have been eliminated (`resgrid.nodal.reduction`).
-2. *Boards* (`boards`, `lattice`, `board_setup`).  A grid has two colours, and every resistor joins a red cell to a black
-   one: conductances are kept face by face over the red cells, in flat arrays without indices, in double precision and
-   in single. What fits no face is a link: a resistor that closes a ring, or leads to a node beside the lattice.
-3. *Coarse levels* (`coarsening.coarsen`, `grid_levels`) are boards again.  A node is the connected part of a block of
-   two cells a side, cut where a conductance is weak beside the strongest at either end, so that no node joins across a
-   wall; further parts of a block become nodes beside the lattice.  Axes that conduct badly are left for later.  Middle
-   to middle, two blocks are joined through half of either one's own resistance in series with what lies between (plain
-   aggregation would make long ways too easy).  Where many blocks have fallen apart, graphs take over (`levels`): there
-   aggregates are taken from blocks too, and corridors one node wide shrink by exact elimination.
+2. *Boards* (`boards`, `lattice`, `board_setup`). A grid has two colours, and every resistor joins a red cell to a
+   black one: conductances are kept face by face over the red cells, in flat arrays without indices, in double
+   precision and in single. What fits no face is a link: a resistor that closes a ring, or leads to a node beside the
+   lattice.
+3. *Coarse levels* (`coarsening.coarsen`, `grid_levels`) are boards again. A node is the connected part of a block of
+   two cells a side, cut where a conductance is weak beside the strongest at either end, so that no node joins across
+   a wall; further parts of a block become nodes beside the lattice. Axes that conduct badly are left for later.
+   Middle to middle, two blocks are joined through half of either one's own resistance in series with what lies
+   between (plain aggregation would make long ways too easy). Where many blocks have fallen apart, graphs take over
+   (`levels`): there aggregates are taken from blocks too, and corridors one node wide shrink by exact elimination.
 4. *Netlists* without a grid have graphs from the first level on: aggregates grown node by node along the strongest
    conductances (`clusters`), rows laid out by colour and length (`ordering`).
-5. *Iteration* (`board_iteration`, `graph_iteration`).  Flexible conjugate gradients (Notay 2000), on boards for the black
-   cells alone: the red ones are eliminated exactly.  Vectors are in single precision; after a burst of at most six digits
-   the residual is formed anew from the true conductances, and the search directions go on.  It ends at ``rtol |b|``, or
-   where rounding, ``eps |A| |x|``, forbids more (`stopping`: or, from a guess on, where the steps tell that the error
-   is small).
-6. *Cycle* (`board_cycle`, `kernels`).  One relaxation of the black cells before and one after each visit of the next
-   level, so that the preconditioner is symmetric; K-cycles (Notay & Vassilevski 2008) on the coarse levels: one or two
-   steps of conjugate gradients, each preconditioned by the level below.  The coarsest matrix is inverted.
-7. *Passes* (`board_passes`, `waves`).  The time is that of reading conductances from memory.  In a wave red cells go ahead
-   of black ones by as far as neighbours reach, so that a pass reads them once; the finish of the cycle and the product
-   that follows it are two waves, one close behind the other.
+5. *Iteration* (`board_iteration`, `graph_iteration`). Flexible conjugate gradients (Notay 2000), on boards for the
+   black cells alone: the red ones are eliminated exactly. Vectors are in single precision; after a burst of at most
+   six digits the residual is formed anew from the true conductances, and the search directions go on. It ends at
+   ``rtol |b|``, or where rounding, ``eps |A| |x|``, forbids more (`stopping`: or, from a guess on, where the steps
+   tell that the error is small).
+6. *Cycle* (`board_cycle`, `kernels`). One relaxation of the black cells before and one after each visit of the next
+   level, so that the preconditioner is symmetric; K-cycles (Notay & Vassilevski 2008) on the coarse levels: one or
+   two steps of conjugate gradients, each preconditioned by the level below. The coarsest matrix is inverted.
+7. *Passes* (`board_passes`, `waves`). The time is that of reading conductances from memory. In a wave red cells go
+   ahead of black ones by as far as neighbours reach, so that a pass reads them once; the finish of the cycle and the
+   product that follows it are two waves, one close behind the other.
 8. *Refinement* (`resgrid.nodal.refine`) makes a normwise answer right entry by entry: residuals in scaled double-
    double, every pass a solution to many digits of what is largest, until the potential has fallen as far as it falls.
 

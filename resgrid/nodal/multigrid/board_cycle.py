@@ -33,6 +33,8 @@ class Boards(NamedTuple):
     ----------
     size : int
         Nodes of the first level below the board that it preconditions: places of both colours, or a graph's nodes.
+    nodes : int
+        Nodes of the graph below the boards.
     places, rows, first_link : ndarray of int64, shape (levels + 1,)
     width, margin, block : ndarray of int64, shape (levels,)
     distance : ndarray of int64, shape (levels, 2 ndim - 1)
@@ -46,6 +48,7 @@ class Boards(NamedTuple):
         Currents and voltages of both colours, and of the graph's nodes behind them.
     f, z, v, c, red : ndarray of float32
         Work space over places: right-hand side and answer of the black nodes, products, first direction, red values.
+        All work space, from ``b`` on, is empty but where a solve has given the boards its own.
     visits : ndarray of int64, shape (levels + 2,)
         How often every level has been visited, and where an interrupted cycle goes on.
     energy, alpha : ndarray of float64, shape (levels + 1,)
@@ -53,6 +56,7 @@ class Boards(NamedTuple):
     """
 
     size: int
+    nodes: int
     places: Integers
     rows: Integers
     first_link: Integers

@@ -7,6 +7,7 @@ begins with it, search directions kept.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -29,7 +30,7 @@ _ENOUGH = 0.25
 _BURST = 1e-6
 """Gain of a burst from its largest residual on: vectors in single precision allow no more."""
 
-_DEPTH = 8
+_DEPTH = 4
 """Steps that are kept before they are gone."""
 
 _SAFETY = 0.8
@@ -45,23 +46,44 @@ def iterate_on_board(
     watch: Watch,
 ) -> tuple[NDArray[np.float64], float]:
     """As `resgrid.nodal.multigrid.iteration.iterate`, over the black cells of a grid."""
-    error = ErrorBound(guess, rtol)
-    true, unit, place = grid.true, hierarchy.unit, grid.place
-    places = len(true.black_degree)
+    unit, place = hierarchy.unit, grid.place
+    places = len(grid.aggregate)
     x, currents = np.zeros((2, 2 * places))
     put_at_places(place, b, 1.0 / unit, currents)
     if guess is not None:
         put_at_places(place, guess, 1.0, x)
-    x, currents = x.reshape(2, places), currents.reshape(2, places)
+    equations = _Equations(currents.reshape(2, places), rtol * norm(b) / unit)
+    size = _converge(hierarchy, grid, equations, x.reshape(2, places), ErrorBound(guess, rtol), watch)
+    del equations, currents
+    return take_from_places(place, x), size * unit
+
+
+@dataclass(frozen=True, eq=False)
+class _Equations:
+    """Currents into the places of both colours, shape (2, places), and the residual that is small enough."""
+
+    currents: NDArray[np.float64]
+    wanted: float
+
+
+def _converge(
+    hierarchy: Hierarchy,
+    grid: GridLevels,
+    equations: _Equations,
+    x: NDArray[np.float64],
+    error: ErrorBound,
+    watch: Watch,
+) -> float:
+    """Improve ``x`` in place until the residual is small enough or rounding forbids more; returns its norm."""
     burst = _Burst(hierarchy, grid, error, watch)
-    last, left = np.inf, MOST_ITERATIONS
-    wanted, rounding = rtol * norm(b) / unit, _ROUNDING * grid.largest_degree
+    last, left, unit = np.inf, MOST_ITERATIONS, hierarchy.unit
+    rounding = _ROUNDING * grid.largest_degree
     while True:
-        size = waves.black_residual(true, currents, x, burst.residual)
-        goal = max(wanted, rounding * math.hypot(norm(x[0]), norm(x[1])))
+        size = waves.black_residual(grid.true, equations.currents, x, burst.residual)
+        goal = max(equations.wanted, rounding * math.hypot(norm(x[0]), norm(x[1])))
         error.small &= size <= max(DRIFT * burst.left * last, goal)
         if error.small or not (size > goal and size < LEAST_GAIN * last and left > 0):
-            return take_from_places(place, x.ravel()), size * unit
+            return size
         if not math.isfinite(last):
             watch.begin(size * unit, goal * unit)
         left -= burst.run(x, size, _SAFETY * goal / size, left)

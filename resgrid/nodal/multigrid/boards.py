@@ -172,7 +172,7 @@ def to_boards(level: Level) -> tuple[Board, Board]:
         links=level.links,
         red_inverse=inverse,
         black_inverse=np.empty(0),
-        black_degree=degree[1],
+        black_degree=degree[1].copy(),
     )
     single = double._replace(
         faces=level.faces.astype(np.float32),
@@ -189,8 +189,8 @@ def with_exact_diagonal(level: Level, single: Board) -> Board:
 
     So its products are exact for conductances that are off by a rounding error each, however smooth the vector.
     """
-    diagonal = level.leak.copy()
-    board_setup.exact_diagonal(single.faces, *frame(level.lattice), *level.ends, single.links, diagonal)
+    diagonal, (red, black) = level.leak.copy(), level.ends
+    board_setup.exact_diagonal(single.faces, *frame(level.lattice), red, black, single.links, diagonal)
     return single._replace(red_inverse=diagonal[0], black_inverse=np.empty(0), black_degree=diagonal[1])
 
 

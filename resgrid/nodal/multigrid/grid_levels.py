@@ -18,7 +18,6 @@ from resgrid.nodal.multigrid.levels import coarsen_down
 from resgrid.nodal.multigrid.stack import stack_levels
 
 _SMALL = 250
-_WORK = ("b", "x", "f", "z", "v", "c", "red", "visits", "energy", "alpha")
 _SHRINKAGE = 0.6
 """Share of nodes above which a board has fallen apart, and a graph takes its place."""
 
@@ -131,16 +130,16 @@ def _counted(number: NDArray[np.int32], place: NDArray[np.integer]) -> NDArray[n
 
 
 def lay_behind(boards: list[Board], targets: list[NDArray[np.int32]], nodes: int, level: Level) -> Boards:
-    """Lay boards one behind the other, and work space for them and for the nodes of the graph below."""
+    """Lay boards one behind the other, without work space."""
 
     def joined(parts: list[NDArray[Any]], kind: type) -> NDArray[Any]:
         return np.concatenate([np.empty(0, dtype=kind), *(part.ravel() for part in parts)]).astype(kind, copy=False)
 
     places = np.cumsum([0, *(board.faces.shape[1] for board in boards)])
-    vectors = np.zeros((2, 2 * places[-1] + 1 + nodes), dtype=np.float32)
     distance = np.array([board.distance for board in boards]).reshape(len(boards), len(level.faces) - 1)
     return Boards(
         size=2 * int(places[1]) if boards else 1 + nodes,
+        nodes=nodes,
         places=places,
         rows=np.cumsum([0, *(len(board.aside) for board in boards)]),
         first_link=np.cumsum([0, *(len(board.links) for board in boards)]),
@@ -157,19 +156,21 @@ def lay_behind(boards: list[Board], targets: list[NDArray[np.int32]], nodes: int
         black_inverse=joined([board.black_inverse for board in boards], np.float32),
         black_degree=joined([board.black_degree for board in boards], np.float32),
         aggregate=joined(targets, np.int32),
-        b=vectors[0],
-        x=vectors[1],
-        **dict(zip(("f", "z", "v", "c", "red"), np.zeros((5, places[-1]), dtype=np.float32), strict=True)),
-        visits=np.zeros(len(boards) + 2, dtype=np.int64),
-        energy=np.zeros(len(boards) + 1),
-        alpha=np.zeros(len(boards) + 1),
+        **dict.fromkeys(("b", "x", "f", "z", "v", "c", "red"), np.empty(0, dtype=np.float32)),
+        visits=np.empty(0, dtype=np.int64),
+        energy=np.empty(0),
+        alpha=np.empty(0),
     )
 
 
 def own_vectors(boards: Boards) -> Boards:
     """The same boards with work space of their own, so that one hierarchy can serve several solves at a time."""
-    vectors = {name: np.zeros_like(getattr(boards, name)) for name in _WORK}
-    return boards._replace(**vectors)
+    levels, places = len(boards.width), int(boards.places[-1])
+    b, x = np.zeros((2, 2 * places + 1 + boards.nodes), dtype=np.float32)
+    f, z, v, c, red = np.zeros((5, places), dtype=np.float32)
+    energy, alpha = np.zeros((2, levels + 1))
+    visits = np.zeros(levels + 2, dtype=np.int64)
+    return boards._replace(b=b, x=x, f=f, z=z, v=v, c=c, red=red, visits=visits, energy=energy, alpha=alpha)
 
 
 def inverse_below(stack: Stack) -> NDArray[np.float32]:

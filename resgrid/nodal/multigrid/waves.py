@@ -272,7 +272,7 @@ def _squares(r: Floats) -> float:
 
 @inner_fast
 def _relax_both(
-    inverse: Floats, fed: Floats, begin: int, count: int, drawn: Floats, to: int, red: Floats
+    inverse: Reals, fed: Reals, begin: int, count: int, drawn: Reals, to: int, red: Reals
 ) -> None:  # fmt: skip
     """``red = inverse (fed + drawn)``, put in place of what is drawn too."""
     at, d_at = np.uint64(begin), np.uint64(to)
@@ -284,7 +284,7 @@ def _relax_both(
 
 
 @inner_fast
-def _subtract(degree: Floats, b: Floats, x: Floats, begin: int, count: int, total: Floats, r: Floats) -> float:
+def _subtract(degree: Reals, b: Reals, x: Reals, begin: int, count: int, total: Reals, r: Reals) -> float:
     """``r = b + total - degree x`` on a block; returns its squares, summed."""
     squares = 0.0
     at = np.uint64(begin)
