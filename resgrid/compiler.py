@@ -24,6 +24,8 @@ DRIVES = ("uniform", "start")
 EDGES = ("obstacle", "open")
 RAILS = ("merged", "cells")
 _NO_NODE = -1
+_PIECE = 2**16
+"""Resistors filled in at a time: what they are made from stays in the cache."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +58,7 @@ class _Nodes:
 class _Resistors:
     nodes: NDArray[np.int64]
     conductance: NDArray[np.float64]
-    face: NDArray[np.int64]
+    face: NDArray[np.integer[Any]]
     upward: NDArray[np.bool_]
 
 
@@ -248,7 +250,9 @@ def _join(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes) -> _Resistors
     ends = [0, *np.cumsum([np.count_nonzero(group.kept) for group in groups]).tolist()]
     count = ends[-1]
     pairs = np.empty((count, 2), dtype=np.int64)
-    joined = _Resistors(pairs, np.empty(count), np.empty(count, dtype=np.int64), np.empty(count, dtype=np.bool_))
+    faces = sum(int(np.prod(face_shape(space.shape, axis))) for axis in range(space.ndim))
+    face = np.empty(count, dtype=np.int32 if faces < 2**31 else np.int64)
+    joined = _Resistors(pairs, np.empty(count), face, np.empty(count, dtype=np.bool_))
     for group, first, last in zip(groups, ends, ends[1:], strict=False):
         part = _Resistors(*(column[first:last] for column in vars(joined).values()))
         _fill(space, rules, nodes, group, part)
@@ -316,15 +320,23 @@ def _faces(here: NDArray[np.int64], shape: tuple[int, ...], axis: int, ahead: in
 
 def _fill(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes, group: _Group, part: _Resistors) -> None:
     """Resistors from the cells before the faces to those behind them, or to the obstacle rail."""
-    axis, node = group.axis, nodes.cell.reshape(-1)
-    here = _places(group.kept, space.shape, axis, group.lower)
-    there = None
+    here = _places(group.kept, space.shape, group.axis, group.lower)
+    for first in range(0, len(here), _PIECE):
+        piece = slice(first, first + _PIECE)
+        _fill_piece(
+            space, rules, nodes, group, here[piece], _Resistors(*(column[piece] for column in vars(part).values()))
+        )
+
+
+def _fill_piece(
+    space: ConfigurationSpace, rules: _Rules, nodes: _Nodes, group: _Group, here: NDArray[np.int64], part: _Resistors
+) -> None:
+    axis, node, there = group.axis, nodes.cell.reshape(-1), None
     if group.upper is not None:
         there = here + (group.upper[0] - group.lower[0]) * int(np.prod(space.shape[axis + 1 :]))
     part.nodes[:, 0] = node[here]
     part.nodes[:, 1] = nodes.obstacle if there is None else node[there]
-    part.face[:] = _faces(here, space.shape, axis, group.faces[0] - group.lower[0])
-    part.face[:] += group.first_face
+    part.face[:] = _faces(here, space.shape, axis, group.faces[0] - group.lower[0]) + group.first_face
     part.upward[:] = there is not None or group.faces[0] > 0
     part.conductance[:] = _unit_conductance(space, rules, axis)
     if there is None:

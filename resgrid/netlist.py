@@ -29,7 +29,7 @@ class Layout:
         The space that was compiled.
     node : ndarray of int64, shape of the space
         Node of every cell; rail cells share their rail's node when rails are merged; -1 where a cell has none.
-    resistor_face : ndarray of int64, shape (resistors,)
+    resistor_face : ndarray of int32 or int64, shape (resistors,)
         The cell face each resistor crosses, -1 for one that crosses none (a switch, a stretch of rail, the load of the
         read-out).  Faces are numbered axis by axis: along axis ``a`` there are ``cells + 1`` of them (C order,
         `face_shape`); face ``i`` is the lower face of cell ``i``; the last one repeats the first on a periodic axis
@@ -68,7 +68,7 @@ class Layout:
 
     space: ConfigurationSpace
     node: NDArray[np.int64]
-    resistor_face: NDArray[np.int64]
+    resistor_face: NDArray[np.integer[Any]]
     resistor_upward: NDArray[np.bool_]
     free_node: NDArray[np.int64]
     obstacle_node: int

@@ -6,6 +6,7 @@ Extra resistors are appended, so that those of the grid keep their numbers; they
 from __future__ import annotations
 
 import dataclasses
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -113,7 +114,7 @@ def identities(netlist: Netlist) -> int:
     return face_count(netlist.layout)
 
 
-def identity(netlist: Netlist) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def identity(netlist: Netlist) -> tuple[NDArray[np.integer[Any]], NDArray[np.int64]]:
     """What resistors and nonlinear resistors are on the die, whatever passes did: their faces, -1 for extra ones."""
     if netlist.layout is None:
         m = len(netlist.conductance)

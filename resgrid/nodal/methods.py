@@ -76,7 +76,7 @@ def factor_system(system: NodalSystem, method: str, *, reduce: bool = True, accu
 
 def _factor_whole(system: NodalSystem, method: str, accuracy: str, dimensions: int) -> Factor:
     name = choose_method(system, accuracy) if method == "auto" else method
-    _require(estimate_memory(system, name, dimensions), system, name)
+    _require(estimate_memory(system, name, accuracy, dimensions), system, name)
     return METHODS[name](system)
 
 
@@ -155,15 +155,22 @@ def _decades(system: NodalSystem, *, volume: bool) -> float:
     return float(_WHOLE_STEPS * factors / np.log(10.0))
 
 
-def estimate_memory(system: NodalSystem, method: str = "direct", dimensions: int | None = None) -> float:
-    """Estimate the peak memory of a method, in bytes.
+def estimate_memory(
+    system: NodalSystem, method: str = "direct", accuracy: str = "direction", dimensions: int | None = None
+) -> float:
+    """Estimate the peak memory of a method above the netlist, in bytes.
 
     Direct fill grows about as ``n log n`` on planar grids, ``n**(4/3)`` in three and ``n**(3/2)`` in four dimensions
-    (George & Liu 1981); the constants were measured under minimum degree on open grids, which fill most.
+    (George & Liu 1981); the constants were measured under minimum degree on open grids, which fill most.  Those of
+    multigrid are a tenth above what was measured on grids, which do without compressed rows, and on other netlists;
+    directions take rows and scaled numbers besides.
     """
     n = system.size
     if method == "multigrid":
-        return 400.0 * n + 40.0 * system.connections.entries
+        on_nodes, on_entries = (120.0, 12.0) if system.netlist.layout is not None else (230.0, 22.0)
+        if accuracy == "direction":
+            on_nodes, on_entries = on_nodes + 60.0, on_entries + 18.0
+        return on_nodes * n + on_entries * system.connections.entries
     fill = {
         0: 3.0 * n,
         1: 3.0 * n,

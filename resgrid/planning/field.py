@@ -200,7 +200,7 @@ def _per_cell(layout: Layout, value: NDArray[np.float64]) -> NDArray[np.float64]
 def face_currents(
     layout: Layout,
     volts: float,
-    *elements: tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]],
+    *elements: tuple[NDArray[np.integer[Any]], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]],
 ) -> tuple[tuple[NDArray[np.int8], ...], tuple[NDArray[np.float64], ...]]:
     """Currents of resistors as currents through cell faces.
 

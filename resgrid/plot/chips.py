@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
@@ -294,7 +296,7 @@ def _prefixed(values: NDArray[np.float64], unit: str) -> tuple[float, str]:
 
 
 def draw_resistors(
-    netlist: Netlist, which: NDArray[np.int64], axes: Axes, faces: NDArray[np.int64] | None = None
+    netlist: Netlist, which: NDArray[np.int64], axes: Axes, faces: NDArray[np.integer[Any]] | None = None
 ) -> LineCollection:
     """Draw resistors as segments between the centres of their cells, to the border where they lead to the edge.
 
