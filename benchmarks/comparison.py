@@ -45,7 +45,8 @@ def alternate(ring: Arena, scale: Scale) -> dict[str, list[Run]]:
             failure = run_once(ring, name, rtol=RTOL, limit=PREPARATION).failure
         runs[name] = [Run(failure=failure)] if failure else []
     for done in range(scale.rounds):
-        fastest = min((run.total for name, peer in runs.items() if name != "resgrid" for run in peer), default=0.0)
+        peers = [run for name, past in runs.items() if name != "resgrid" for run in past if not run.failure]
+        fastest = min((run.total for run in peers), default=0.0)
         for name, past in runs.items():
             slow = done >= 1 and name != "resgrid" and past[-1].total > SLOW * fastest
             if not (slow or (past and past[-1].failure)):
