@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import GROUND, Layout, Netlist, face_shape
+from resgrid.slabs import faces_ahead, places_in_slab, slab
 from resgrid.space import Cell, ConfigurationSpace
 
 BOUNDARIES = ("dirichlet", "neumann", "wall")
@@ -281,9 +282,9 @@ def _groups(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes) -> Iterator
     present, free = nodes.cell >= 0, space.cell == Cell.FREE
 
     def pairs(axis: int, lower: tuple[int, int], upper: tuple[int, int]) -> NDArray[np.bool_]:
-        kept = np.asarray(_slab(present, axis, *lower) & _slab(present, axis, *upper))
+        kept = np.asarray(slab(present, axis, *lower) & slab(present, axis, *upper))
         if rules.rails == "merged":
-            kept &= _slab(free, axis, *lower) | _slab(free, axis, *upper)
+            kept &= slab(free, axis, *lower) | slab(free, axis, *upper)
         return kept
 
     for axis, size in enumerate(space.shape):
@@ -293,34 +294,14 @@ def _groups(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes) -> Iterator
             yield _Group(axis, pairs(axis, last, first), first, first_face, last, first)
         elif rules.edge[axis] == "obstacle" and nodes.obstacle >= 0:
             on_edge = free if rules.rails == "merged" else present
-            yield _Group(axis, _slab(on_edge, axis, *first), first, first_face, first, None)
-            yield _Group(axis, _slab(on_edge, axis, *last), (size, size + 1), first_face, last, None)
+            yield _Group(axis, slab(on_edge, axis, *first), first, first_face, first, None)
+            yield _Group(axis, slab(on_edge, axis, *last), (size, size + 1), first_face, last, None)
         first_face += int(np.prod(face_shape(space.shape, axis)))
-
-
-def _slab(array: NDArray[Any], axis: int, start: int, stop: int) -> NDArray[Any]:
-    return array[(slice(None),) * axis + (slice(start, stop),)]
-
-
-def _places(kept: NDArray[np.bool_], shape: tuple[int, ...], axis: int, slab: tuple[int, int]) -> NDArray[np.int64]:
-    """Flat indices (C order) of what is kept in a slab of an array of that shape."""
-    whole = np.zeros(shape, dtype=np.bool_)
-    _slab(whole, axis, *slab)[...] = kept
-    return np.flatnonzero(whole)
-
-
-def _faces(here: NDArray[np.int64], shape: tuple[int, ...], axis: int, ahead: int) -> NDArray[np.int64]:
-    """Flat indices of the faces ``ahead`` faces behind the first one of every cell, among those across the axis."""
-    inner = int(np.prod(shape[axis + 1 :]))
-    faces = here + ahead * inner
-    if axis > 0:
-        faces += here // (shape[axis] * inner) * inner
-    return faces
 
 
 def _fill(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes, group: _Group, part: _Resistors) -> None:
     """Resistors from the cells before the faces to those behind them, or to the obstacle rail."""
-    here = _places(group.kept, space.shape, group.axis, group.lower)
+    here = places_in_slab(group.kept, space.shape, group.axis, group.lower)
     for first in range(0, len(here), _PIECE):
         piece = slice(first, first + _PIECE)
         _fill_piece(
@@ -336,7 +317,7 @@ def _fill_piece(
         there = here + (group.upper[0] - group.lower[0]) * int(np.prod(space.shape[axis + 1 :]))
     part.nodes[:, 0] = node[here]
     part.nodes[:, 1] = nodes.obstacle if there is None else node[there]
-    part.face[:] = _faces(here, space.shape, axis, group.faces[0] - group.lower[0]) + group.first_face
+    part.face[:] = faces_ahead(here, space.shape, axis, group.faces[0] - group.lower[0]) + group.first_face
     part.upward[:] = there is not None or group.faces[0] > 0
     part.conductance[:] = _unit_conductance(space, rules, axis)
     if there is None:

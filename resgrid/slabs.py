@@ -1,0 +1,31 @@
+"""Slabs of a grid: ranges of cells or faces along one axis."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def slab(array: NDArray[Any], axis: int, start: int, stop: int) -> NDArray[Any]:
+    """A view of a range along an axis."""
+    return array[(slice(None),) * axis + (slice(start, stop),)]
+
+
+def places_in_slab(
+    kept: NDArray[np.bool_], shape: tuple[int, ...], axis: int, ends: tuple[int, int]
+) -> NDArray[np.int64]:
+    """Flat indices (C order) of what is kept in a slab of an array of that shape."""
+    whole = np.zeros(shape, dtype=np.bool_)
+    slab(whole, axis, *ends)[...] = kept
+    return np.flatnonzero(whole)
+
+
+def faces_ahead(here: NDArray[np.int64], shape: tuple[int, ...], axis: int, ahead: int) -> NDArray[np.int64]:
+    """Flat indices of the faces ``ahead`` faces behind the first one of every cell, among those across the axis."""
+    inner = int(np.prod(shape[axis + 1 :]))
+    faces = here + ahead * inner
+    if axis > 0:
+        faces += here // (shape[axis] * inner) * inner
+    return faces
