@@ -1,0 +1,43 @@
+"""The estimate of memory against what a solution takes."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from resgrid.compiler import compile_space
+from resgrid.netlist import Netlist
+from resgrid.nodal.methods import estimate_memory
+from resgrid.nodal.solve import solve
+from resgrid.nodal.system import assemble
+from resgrid.space import Axis, Cell, ConfigurationSpace
+
+
+def boxes(shape: tuple[int, ...]) -> ConfigurationSpace:
+    """A tenth of the cells in boxes, the goal in a corner."""
+    rng, cell = np.random.default_rng(3), np.zeros(shape, dtype=np.uint8)
+    while np.mean(cell) < 0.1:
+        low = rng.integers(2, shape)
+        cell[tuple(slice(a, a + n // 12) for a, n in zip(low, shape, strict=True))] = Cell.OBSTACLE
+    cell[(0,) * len(shape)] = Cell.GOAL
+    return ConfigurationSpace([Axis("xyz"[k], 0, 1, n) for k, n in enumerate(shape)], cell)
+
+
+def without_layout(netlist: Netlist) -> Netlist:
+    """The same circuit as a netlist that comes from no space."""
+    return netlist.replace(layout=None)
+
+
+@pytest.mark.parametrize("accuracy", ["normwise", "direction"])
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+@pytest.mark.parametrize("shape", [(200, 220), (36, 34, 40)])
+def test_multigrid_takes_what_the_estimate_says(shape: tuple[int, ...], boundary: str, accuracy: str) -> None:
+    netlist = compile_space(boxes(shape), boundary=boundary)
+    for circuit in (netlist, without_layout(netlist)):
+        estimate = estimate_memory(assemble(circuit), "multigrid", accuracy)
+        solve(circuit, accuracy=accuracy, method="multigrid")
+        tracemalloc.start()
+        solve(circuit, accuracy=accuracy, method="multigrid")
+        taken = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert taken < estimate < 2.0 * taken
