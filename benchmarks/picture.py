@@ -89,7 +89,8 @@ def _line(ax: Axes, place: int, row: Row) -> None:
     ax.plot([row.value.low, row.value.high], [place, place], color=colour, linewidth=3, alpha=0.35, zorder=2)
     ax.plot(row.value.median, place, "o", color=colour, markersize=6, zorder=3)
     seconds = f"{row.seconds:.2g} s" if row.seconds >= 0.1 else f"{1e3 * row.seconds:.2g} ms"
-    text = f"{row.value.median:.2g}  ({seconds}{', residual missed' if missed else ''})"
+    ratio = f"{row.value.median:.2g}" if row.value.median < 100 else f"{row.value.median:.0f}"
+    text = f"{ratio}  ({seconds}{', residual missed' if missed else ''})"
     ax.annotate(
         text, (row.value.high, place), xytext=(7, 0), textcoords="offset points", va="center", fontsize=8, color=colour
     )
