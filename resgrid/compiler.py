@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import GROUND, Layout, Netlist, face_shape
-from resgrid.slabs import faces_ahead, places_in_slab, slab
+from resgrid.slabs import face_count, faces_ahead, places_in_slab, slab
 from resgrid.space import Cell, ConfigurationSpace
 
 BOUNDARIES = ("dirichlet", "neumann", "wall")
@@ -251,8 +251,7 @@ def _join(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes) -> _Resistors
     ends = [0, *np.cumsum([np.count_nonzero(group.kept) for group in groups]).tolist()]
     count = ends[-1]
     pairs = np.empty((count, 2), dtype=np.int64)
-    faces = sum(int(np.prod(face_shape(space.shape, axis))) for axis in range(space.ndim))
-    face = np.empty(count, dtype=np.int32 if faces < 2**31 else np.int64)
+    face = np.empty(count, dtype=np.int32 if face_count(space.shape) < 2**31 else np.int64)
     joined = _Resistors(pairs, np.empty(count), face, np.empty(count, dtype=np.bool_))
     for group, first, last in zip(groups, ends, ends[1:], strict=False):
         part = _Resistors(*(column[first:last] for column in vars(joined).values()))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -29,3 +30,8 @@ def faces_ahead(here: NDArray[np.int64], shape: tuple[int, ...], axis: int, ahea
     if axis > 0:
         faces += here // (shape[axis] * inner) * inner
     return faces
+
+
+def face_count(shape: tuple[int, ...]) -> int:
+    """Number of faces across all axes, one more than the cells along each."""
+    return sum(math.prod(shape) // cells * (cells + 1) for cells in shape)

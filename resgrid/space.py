@@ -299,7 +299,8 @@ def _checked_cells(axes: tuple[Axis, ...], cell: NDArray[np.generic]) -> NDArray
     names = [axis.name for axis in axes]
     if len(set(names)) < len(names):
         raise InputError(f"two axes share a name: {names}")
-    if not (cell.max(initial=0) <= max(Cell) if cell.dtype.kind == "u" else np.all(np.isin(cell, list(Cell)))):
+    plain = cell.dtype.kind == "u" and cell.max(initial=0) <= max(Cell)
+    if not plain and not np.all(np.isin(cell, list(Cell))):
         raise InputError("cell may hold only 0 (free), 1 (obstacle) and 2 (goal)")
     return _read_only(np.array(cell, dtype=np.uint8, order="C"))
 

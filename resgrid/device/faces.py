@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.netlist import GROUND, Layout, Netlist, face_shape
+from resgrid.netlist import GROUND, Layout, Netlist
+from resgrid.slabs import face_count
 
 
 def layout_of(netlist: Netlist, what: str) -> Layout:
@@ -62,12 +63,6 @@ def tiled_layout(netlist: Netlist, what: str) -> Layout:
     return layout
 
 
-def face_count(layout: Layout) -> int:
-    """Number of cell faces of a layout's space."""
-    shape = layout.space.shape
-    return sum(int(np.prod(face_shape(shape, axis))) for axis in range(len(shape)))
-
-
 def face_places(layout: Layout) -> NDArray[np.float64]:
     """Where the centre of every face lies on the die.
 
@@ -111,7 +106,7 @@ def identities(netlist: Netlist) -> int:
     """How many resistors a chip of this kind may have: the faces of its grid, or else the resistors of its netlist."""
     if netlist.layout is None:
         return len(netlist.conductance) + len(netlist.nonlinear_current)
-    return face_count(netlist.layout)
+    return face_count(netlist.layout.space.shape)
 
 
 def identity(netlist: Netlist) -> tuple[NDArray[np.integer[Any]], NDArray[np.int64]]:

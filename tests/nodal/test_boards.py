@@ -12,7 +12,7 @@ from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
 from resgrid.nodal.multigrid import waves
 from resgrid.nodal.multigrid.board_cycle import cycle_boards
-from resgrid.nodal.multigrid.boards import Level, lay_out, to_boards, to_graph, with_exact_diagonal
+from resgrid.nodal.multigrid.boards import Level, in_double, in_single, lay_out, to_graph, with_exact_diagonal
 from resgrid.nodal.multigrid.coarsening import coarsen
 from resgrid.nodal.multigrid.grid_levels import inverse_below, own_vectors
 from resgrid.nodal.multigrid.hierarchy import build_hierarchy
@@ -83,7 +83,7 @@ def test_the_schur_complement_is_that_of_dense_elimination(space: ConfigurationS
         here = used[black] - places
         z[here], r[here], s[here] = rng.normal(size=(3, len(here)))
         w = np.zeros(places, dtype=np.float32)
-        board = to_boards(level)[1]
+        board = in_single(level)
         relaxed, coarse = z[here] + 1.0, np.array([0.0, 1.0], dtype=np.float32)
         to_one = np.zeros(places, dtype=np.int32)
         to_one[here] = 1
@@ -113,7 +113,7 @@ def test_the_residual_is_that_of_the_netlist(space: ConfigurationSpace, boundary
         x[used], b[used] = rng.normal(size=(2, len(used)))
         r = np.zeros(places)
         x = x.reshape(2, places)
-        norm = waves.black_residual(to_boards(level)[0], b.reshape(2, places), x, r)
+        norm = waves.black_residual(in_double(level), b.reshape(2, places), x, r)
         residual = b[used] - matrix @ x.ravel()[used]
         size = np.abs(matrix).sum(axis=1).max() * np.abs(x).max() + np.abs(b).max()
         black = used >= places

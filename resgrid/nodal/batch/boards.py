@@ -70,8 +70,8 @@ class BoardBatch:
                 system.coupling.indptr, entries, excess, self.face, grid.place, unit, grid.true, grid.board, grid.exact
             )
             residual = kernels.solve_board(
-                grid.true, grid.board, grid.exact, grid.aggregate, grid.boards, inverse, grid.place, b / unit, rtol,
-                _MOST_ITERATIONS, self.start, x, vectors, singles[:3], singles[3:],
+                grid.true, grid.board, grid.exact, grid.aggregate, grid.boards, inverse, grid.place, b / unit, degree,
+                rtol, _MOST_ITERATIONS, self.start, x, vectors, singles[:3], singles[3:],
             )  # fmt: skip
             check_error(residual * unit, degree * unit, x, b, rtol)
         return solution

@@ -70,12 +70,14 @@ def refill(
 @njit(cache=True, nogil=True)
 def solve_board(
     true: Board, board: Board, exact: Board, aggregate: Indices, boards: Boards, coarsest: Singles, place: Indices,
-    b: Floats, rtol: float, most: int, start: Floats, solution: Floats, vectors: Floats, singles: Singles, z: Singles,
+    b: Floats, largest: float, rtol: float, most: int, start: Floats, solution: Floats, vectors: Floats,
+    singles: Singles, z: Singles,
 ) -> float:  # fmt: skip
     """Solve from a start until the residual is ``rtol |b|`` or rounding forbids more; returns the norm of the residual.
 
-    As `resgrid.nodal.multigrid.board_iteration`, in one piece.  ``vectors`` and ``singles`` are work space of three
-    times two and of three rows of places, ``z`` of one more than steps are kept.
+    As `resgrid.nodal.multigrid.board_iteration`, in one piece.  ``largest`` is the largest diagonal entry; ``vectors``
+    and ``singles`` are work space of three times two and of three rows of places, ``z`` of one more than steps are
+    kept.
     """
     x, currents, residual, p = vectors[0], vectors[1], vectors[2, 0], vectors[2, 1]
     r, s, w = singles[0], singles[1], singles[2]
@@ -87,7 +89,7 @@ def solve_board(
         squares += b[i] * b[i]
     depth, energy, last = len(z) - 1, 0.0, np.inf
     on_x, on_p = np.zeros(depth), np.zeros(depth)
-    wanted, rounding = rtol * math.sqrt(squares), _ROUNDING * _largest_degree(true)
+    wanted, rounding = rtol * math.sqrt(squares), _ROUNDING * largest
     while True:
         size = black_residual(true, currents, x, residual)
         goal = max(wanted, rounding * math.sqrt(np.dot(flat_x, flat_x)))
@@ -118,12 +120,3 @@ def solve_board(
     for i in range(len(place)):
         solution[i] = flat_x[place[i]]
     return size
-
-
-@njit(cache=True)
-def _largest_degree(board: Board) -> float:
-    degree = float(np.max(board.black_degree))
-    for k in range(len(board.red_inverse)):
-        if board.red_inverse[k] > 0.0:
-            degree = max(degree, 1.0 / float(board.red_inverse[k]))
-    return degree

@@ -9,7 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from resgrid.nodal.assembly import find, join
-from resgrid.nodal.multigrid.board_passes import Floats, Indices, Integers, Singles
+from resgrid.nodal.multigrid.board_passes import Floats, Indices, Integers, Reals, Singles
 from resgrid.nodal.multigrid.compiled import inner_fast
 
 Whole = NDArray[np.integer[Any]]
@@ -110,11 +110,11 @@ def sum_degrees(
 
 
 @njit(cache=True)
-def exact_diagonal(
+def add_degrees(
     faces: Singles, distance: Integers, aside: Integers, width: int, margin: int, link_red: Indices,
     link_black: Indices, links: Singles, degree: Floats,
 ) -> None:  # fmt: skip
-    """Add all conductances to the leaks of both colours, ``degree`` of shape (2, places), and invert the red sums."""
+    """Add all conductances to the leaks of both colours, ``degree`` of shape (2, places)."""
     last = len(distance)
     for row in range(len(aside)):
         begin = margin + row * width
@@ -123,8 +123,6 @@ def exact_diagonal(
     for k in range(len(links)):
         degree[0, link_red[k]] += links[k]
         degree[1, link_black[k]] += links[k]
-    for k in range(degree.shape[1]):
-        degree[0, k] = 1.0 / degree[0, k] if degree[0, k] > 0.0 else 0.0
 
 
 @inner_fast
@@ -273,15 +271,10 @@ def renumber(block: Indices, before: int, number: Indices, shift: int) -> None:
 
 
 @njit(cache=True)
-def invert_degrees(degree: Floats, inverse: Floats, single: Singles) -> None:
-    """Reciprocals of the red degrees, and of both colours in single precision; 0 where there is no unknown."""
-    for colour in range(2):
-        for k in range(degree.shape[1]):
-            d = degree[colour, k]
-            v = 1.0 / d if d > 0.0 else 0.0
-            single[colour, k] = v
-            if colour == 0:
-                inverse[k] = v
+def invert(degree: Floats, inverse: Reals) -> None:
+    """Reciprocals; 0 where there is no unknown."""
+    for k in range(len(degree)):
+        inverse[k] = 1.0 / degree[k] if degree[k] > 0.0 else 0.0
 
 
 @njit(cache=True)

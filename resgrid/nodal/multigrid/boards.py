@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.nodal.multigrid import board_setup
-from resgrid.nodal.multigrid.board_passes import Board
+from resgrid.nodal.multigrid.board_passes import Board, Reals
 from resgrid.nodal.multigrid.lattice import Lattice, cells_at
 from resgrid.nodal.multigrid.levels import Graph
 
@@ -152,36 +152,41 @@ def frame(lattice: Lattice) -> tuple[NDArray[np.int64], NDArray[np.int64], int, 
     return lattice.distance, lattice.aside, lattice.width, lattice.margin
 
 
-def to_boards(level: Level) -> tuple[Board, Board]:
-    """A level for the compiled passes, in double and in single precision.
+def in_double(level: Level) -> Board:
+    """A level for the compiled passes, in double precision."""
+    inverse = np.empty(level.lattice.places)
+    board_setup.invert(level.degree[0], inverse)
+    return _board(level, level.faces, level.links, inverse, np.empty(0), level.degree[1].copy())
 
-    See `with_exact_diagonal` for the latter's products.
-    """
-    lattice, degree, ends = level.lattice, level.degree, level.ends
-    inverse, singles = np.empty(degree.shape[1]), np.empty(degree.shape, dtype=np.float32)
-    board_setup.invert_degrees(degree, inverse, singles)
-    double = Board(
-        faces=level.faces,
+
+def in_single(level: Level) -> Board:
+    """A level for the compiled passes, in single precision; see `with_exact_diagonal` for its products."""
+    single = np.float32
+    inverse = np.empty(level.degree.shape, dtype=single)
+    for degree, of_colour in zip(level.degree, inverse, strict=True):
+        board_setup.invert(degree, of_colour)
+    faces, links = level.faces.astype(single), level.links.astype(single)
+    return _board(level, faces, links, inverse[0], inverse[1], level.degree[1].astype(single))
+
+
+def _board(
+    level: Level, faces: Reals, links: Reals, red_inverse: Reals, black_inverse: Reals, black_degree: Reals
+) -> Board:
+    lattice, (red, black) = level.lattice, level.ends
+    return Board(
+        faces=faces,
         distance=lattice.distance,
         aside=lattice.aside,
         width=lattice.width,
         margin=lattice.margin,
         block=max(1, _BLOCK // lattice.width),
-        link_red=ends[0],
-        link_black=ends[1],
-        links=level.links,
-        red_inverse=inverse,
-        black_inverse=np.empty(0),
-        black_degree=degree[1].copy(),
+        link_red=red,
+        link_black=black,
+        links=links,
+        red_inverse=red_inverse,
+        black_inverse=black_inverse,
+        black_degree=black_degree,
     )
-    single = double._replace(
-        faces=level.faces.astype(np.float32),
-        links=level.links.astype(np.float32),
-        red_inverse=singles[0],
-        black_inverse=singles[1],
-        black_degree=degree[1].astype(np.float32),
-    )
-    return double, single
 
 
 def with_exact_diagonal(level: Level, single: Board) -> Board:
@@ -190,7 +195,8 @@ def with_exact_diagonal(level: Level, single: Board) -> Board:
     So its products are exact for conductances that are off by a rounding error each, however smooth the vector.
     """
     diagonal, (red, black) = level.leak.copy(), level.ends
-    board_setup.exact_diagonal(single.faces, *frame(level.lattice), red, black, single.links, diagonal)
+    board_setup.add_degrees(single.faces, *frame(level.lattice), red, black, single.links, diagonal)
+    board_setup.invert(diagonal[0], diagonal[0])
     return single._replace(red_inverse=diagonal[0], black_inverse=np.empty(0), black_degree=diagonal[1])
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from resgrid.nodal.multigrid.board_cycle import Boards, cycle_boards
 from resgrid.nodal.multigrid.board_passes import Board
-from resgrid.nodal.multigrid.boards import LEAST_WIDTH, Level, to_boards, to_graph, with_exact_diagonal
+from resgrid.nodal.multigrid.boards import LEAST_WIDTH, Level, in_double, in_single, to_graph, with_exact_diagonal
 from resgrid.nodal.multigrid.coarsening import coarsen
 from resgrid.nodal.multigrid.kernels import Stack, cycle
 from resgrid.nodal.multigrid.levels import coarsen_down
@@ -117,10 +117,9 @@ def lay_levels(
         number[number >= 0] = steps[0].target[number[number >= 0]]
         targets = [_counted(number, np.arange(level.lattice.places, 2 * level.lattice.places))]
         graphs, steps = graphs[1:], steps[1:]
-    boards = lay_behind([to_boards(coarse)[1] for coarse in levels[1:-1]], targets[1:], graphs[0].size, level)
-    true, board = to_boards(level)
-    exact = with_exact_diagonal(level, board)
-    board = board._replace(black_degree=np.empty(0, dtype=np.float32))
+    boards = lay_behind([in_single(coarse) for coarse in levels[1:-1]], targets[1:], graphs[0].size, level)
+    board = in_single(level)._replace(black_degree=np.empty(0, dtype=np.float32))
+    true, exact = in_double(level), with_exact_diagonal(level, board)
     return GridLevels(true, board, exact, place, targets[0], boards), stack_levels(graphs, steps)
 
 

@@ -168,11 +168,11 @@ def prolong_and_multiply(
 
     The waves of both follow as close upon each other as neighbours allow; where there are links, one after the other.
     """
-    blocks, ahead = row_blocks(board), -(-board.margin // (board.block * board.width))
+    first, second = _begin_wave(board), _begin_wave(exact)
+    blocks, ahead = row_blocks(board), first.ahead
     before, between = (ahead, 3 * ahead) if len(board.links) == 0 else (blocks, 2 * blocks + ahead)
     total = np.empty(board.block * board.width, board.red_inverse.dtype)
     product = np.empty(len(total), exact.red_inverse.dtype)
-    first, second = _begin_wave(board), _begin_wave(exact)
     zr, zw, zs = 0.0, 0.0, 0.0
     for step in range(between + blocks + ahead):
         if step < blocks:
@@ -271,9 +271,7 @@ def _squares(r: Floats) -> float:
 
 
 @inner_fast
-def _relax_both(
-    inverse: Reals, fed: Reals, begin: int, count: int, drawn: Reals, to: int, red: Reals
-) -> None:  # fmt: skip
+def _relax_both(inverse: Reals, fed: Reals, begin: int, count: int, drawn: Reals, to: int, red: Reals) -> None:
     """``red = inverse (fed + drawn)``, put in place of what is drawn too."""
     at, d_at = np.uint64(begin), np.uint64(to)
     for i in range(count):
