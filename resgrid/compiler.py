@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import CircuitError, InputError
-from resgrid.netlist import GROUND, Layout, Netlist, face_shape
+from resgrid.netlist import GROUND, MOST_NODES, Layout, Netlist, face_shape
 from resgrid.slabs import face_count, faces_ahead, places_in_slab, slab
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -48,8 +48,8 @@ class _Rules:
 class _Nodes:
     """Node numbers: of every cell (-1 for none), free cells, the obstacle rail (-1 for none) and the goal rails."""
 
-    cell: NDArray[np.int64]
-    free: NDArray[np.int64]
+    cell: NDArray[np.int32]
+    free: NDArray[np.int32]
     obstacle: int
     goals: tuple[int, ...]
     count: int
@@ -57,7 +57,7 @@ class _Nodes:
 
 @dataclass(frozen=True, eq=False)
 class _Resistors:
-    nodes: NDArray[np.int64]
+    nodes: NDArray[np.int32]
     conductance: NDArray[np.float64]
     face: NDArray[np.integer[Any]]
     upward: NDArray[np.bool_]
@@ -220,9 +220,11 @@ def _number_nodes(space: ConfigurationSpace, rules: _Rules) -> _Nodes:
     goals = tuple(range(first, first + space.goal_count)) if rules.rails == "merged" else ()
     first += len(goals)
     own = _cells_with_node(space, rules)
-    node = np.full(space.shape, _NO_NODE, dtype=np.int64)
+    node = np.full(space.shape, _NO_NODE, dtype=np.int32)
     count = int(np.count_nonzero(own))
-    numbers = np.arange(first, first + count)
+    if first + count > MOST_NODES:
+        raise InputError(f"{count:,} cells have a node; a netlist may have {MOST_NODES:,}: choose larger cells")
+    numbers = np.arange(first, first + count, dtype=np.int32)
     node[own] = numbers
     free = numbers if rules.rails == "merged" else node[own & (space.cell == Cell.FREE)]
     if goals:
@@ -250,7 +252,7 @@ def _join(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes) -> _Resistors
     groups = list(_groups(space, rules, nodes))
     ends = [0, *np.cumsum([np.count_nonzero(group.kept) for group in groups]).tolist()]
     count = ends[-1]
-    pairs = np.empty((count, 2), dtype=np.int64)
+    pairs = np.empty((count, 2), dtype=np.int32)
     face = np.empty(count, dtype=np.int32 if face_count(space.shape) < 2**31 else np.int64)
     joined = _Resistors(pairs, np.empty(count), face, np.empty(count, dtype=np.bool_))
     for group, first, last in zip(groups, ends, ends[1:], strict=False):
@@ -364,34 +366,34 @@ def _behind_wall(conductance: NDArray[np.float64], rules: _Rules) -> NDArray[np.
 
 def _voltage_sources(
     space: ConfigurationSpace, rules: _Rules, nodes: _Nodes
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     high = rules.goal_voltage + rules.supply
-    plus: list[NDArray[np.int64]] = []
+    plus: list[NDArray[np.int32]] = []
     volts: list[NDArray[np.float64]] = []
 
-    def tie(tied: NDArray[np.int64], level: float) -> None:
+    def tie(tied: NDArray[np.int32], level: float) -> None:
         plus.append(tied)
         volts.append(np.full(len(tied), level))
 
     if nodes.obstacle >= 0:
-        tie(np.array([nodes.obstacle]), high)
-    tie(np.array(nodes.goals, dtype=np.int64), rules.goal_voltage)
+        tie(np.array([nodes.obstacle], dtype=np.int32), high)
+    tie(np.array(nodes.goals, dtype=np.int32), rules.goal_voltage)
     if rules.start is not None:
         tie(nodes.cell[rules.start].reshape(1), high)
     if rules.rails == "cells":
         tie(nodes.cell[(space.cell == Cell.OBSTACLE) & (nodes.cell >= 0)], high)
         tie(nodes.cell[space.cell == Cell.GOAL], rules.goal_voltage)
     tied = np.concatenate(plus)
-    return np.stack([tied, np.full(len(tied), GROUND)], axis=1), np.concatenate(volts)
+    return np.stack([tied, np.full_like(tied, GROUND)], axis=1), np.concatenate(volts)
 
 
-def _uniform_drive(rules: _Rules, nodes: _Nodes) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+def _uniform_drive(rules: _Rules, nodes: _Nodes) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """The same current into every free node; with open obstacles these are connected to a goal."""
     if rules.drive != "uniform":
-        return np.empty((0, 2), dtype=np.int64), np.empty(0)
+        return np.empty((0, 2), dtype=np.int32), np.empty(0)
     fed = nodes.free
     if not fed.size:
         raise CircuitError("nothing is driven: no free cell is connected to a goal; move the goal or open a way to it")
-    pairs = np.empty((fed.size, 2), dtype=np.int64)
+    pairs = np.empty((fed.size, 2), dtype=np.int32)
     pairs[:, 0], pairs[:, 1] = GROUND, fed
     return pairs, np.full(fed.size, rules.supply / (rules.resistance * fed.size))

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from resgrid.space import ConfigurationSpace
 
 GROUND = 0
+MOST_NODES = 2**31 - 1
+"""Numbers of nodes are kept in 32 bits."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +29,7 @@ class Layout:
     ----------
     space : ConfigurationSpace
         The space that was compiled.
-    node : ndarray of int64, shape of the space
+    node : ndarray of int32, shape of the space
         Node of every cell; rail cells share their rail's node when rails are merged; -1 where a cell has none.
     resistor_face : ndarray of int32 or int64, shape (resistors,)
         The cell face each resistor crosses, -1 for one that crosses none (a switch, a stretch of rail, the load of the
@@ -36,7 +38,7 @@ class Layout:
         and is not used there.
     resistor_upward : ndarray of bool, shape (resistors,)
         Whether the resistor's first node is on the lower side of the face.
-    free_node : ndarray of int64, shape (free nodes,)
+    free_node : ndarray of int32, shape (free nodes,)
         The nodes of the free cells that have one, in C order of the cells.
     obstacle_node : int
         The obstacle rail, -1 if there is none.
@@ -67,10 +69,10 @@ class Layout:
     """
 
     space: ConfigurationSpace
-    node: NDArray[np.int64]
+    node: NDArray[np.int32]
     resistor_face: NDArray[np.integer[Any]]
     resistor_upward: NDArray[np.bool_]
-    free_node: NDArray[np.int64]
+    free_node: NDArray[np.int32]
     obstacle_node: int
     goal_nodes: tuple[int, ...]
     boundary: str
@@ -86,6 +88,8 @@ class Layout:
     nonlinear_upward: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=np.bool_))
 
     def __post_init__(self) -> None:
+        for name in ("node", "free_node"):
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), dtype=np.int32))
         for array in (self.node, self.resistor_face, self.resistor_upward, self.free_node):
             array.flags.writeable = False
         for array in (self.nonlinear_face, self.nonlinear_upward):
@@ -97,21 +101,6 @@ def face_shape(shape: tuple[int, ...], axis: int) -> tuple[int, ...]:
     return (*shape[:axis], shape[axis] + 1, *shape[axis + 1 :])
 
 
-_COLUMNS = {
-    "resistor_nodes": (2, np.int64),
-    "conductance": (0, np.float64),
-    "source_nodes": (2, np.int64),
-    "source_volts": (0, np.float64),
-    "current_nodes": (2, np.int64),
-    "current_amps": (0, np.float64),
-    "capacitor_nodes": (2, np.int64),
-    "capacitance": (0, np.float64),
-    "tc1": (0, np.float64),
-    "tc2": (0, np.float64),
-    "nonlinear_nodes": (2, np.int64),
-    "nonlinear_current": (0, np.float64),
-    "nonlinear_voltage": (0, np.float64),
-}
 _KINDS = {
     "resistor": ("resistor_nodes", "conductance", "tc1", "tc2"),
     "voltage source": ("source_nodes", "source_volts"),
@@ -121,8 +110,8 @@ _KINDS = {
 }
 
 
-def _no_pairs() -> NDArray[np.int64]:
-    return np.empty((0, 2), dtype=np.int64)
+def _no_pairs() -> NDArray[np.int32]:
+    return np.empty((0, 2), dtype=np.int32)
 
 
 def _no_values() -> NDArray[np.float64]:
@@ -167,28 +156,31 @@ class Netlist:
     """
 
     node_count: int
-    resistor_nodes: NDArray[np.int64]
+    resistor_nodes: NDArray[np.int32]
     conductance: NDArray[np.float64]
-    source_nodes: NDArray[np.int64] = field(default_factory=_no_pairs)
+    source_nodes: NDArray[np.int32] = field(default_factory=_no_pairs)
     source_volts: NDArray[np.float64] = field(default_factory=_no_values)
-    current_nodes: NDArray[np.int64] = field(default_factory=_no_pairs)
+    current_nodes: NDArray[np.int32] = field(default_factory=_no_pairs)
     current_amps: NDArray[np.float64] = field(default_factory=_no_values)
-    capacitor_nodes: NDArray[np.int64] = field(default_factory=_no_pairs)
+    capacitor_nodes: NDArray[np.int32] = field(default_factory=_no_pairs)
     capacitance: NDArray[np.float64] = field(default_factory=_no_values)
     tc1: NDArray[np.float64] | None = None
     tc2: NDArray[np.float64] | None = None
     layout: Layout | None = None
     node_names: tuple[str, ...] | None = None
     element_names: Mapping[str, tuple[str, ...]] | None = None
-    nonlinear_nodes: NDArray[np.int64] = field(default_factory=_no_pairs)
+    nonlinear_nodes: NDArray[np.int32] = field(default_factory=_no_pairs)
     nonlinear_current: NDArray[np.float64] = field(default_factory=_no_values)
     nonlinear_voltage: NDArray[np.float64] = field(default_factory=_no_values)
 
     def __post_init__(self) -> None:
-        for name, (width, dtype) in _COLUMNS.items():
-            value = getattr(self, name)
-            if value is not None:
-                object.__setattr__(self, name, _column(name, value, width, dtype))
+        if self.node_count > MOST_NODES:
+            raise InputError(f"{self.node_count:,} nodes: a netlist may have at most {MOST_NODES:,}")
+        for nodes, *values in _KINDS.values():
+            object.__setattr__(self, nodes, _numbers(nodes, getattr(self, nodes), self.node_count))
+            for name in values:
+                if getattr(self, name) is not None:
+                    object.__setattr__(self, name, _column(name, getattr(self, name), 0, np.float64))
         for kind, names in _KINDS.items():
             self._check_kind(kind, names)
         if not _all_within(self.conductance, 0.0, np.inf):
@@ -219,8 +211,6 @@ class Netlist:
                 raise InputError(
                     f"{name} holds a value that is not finite: {kind} {int(np.argmin(np.isfinite(value)))}"
                 )
-        if nodes.size and not nodes.view(np.uint64).max() < self.node_count:  # negative ones are huge there
-            raise InputError(f"{names[0]} names a node outside 0 ... {self.node_count - 1}")
 
     def node_name(self, node: int) -> str:
         """Name of a node: ``0`` for ground, ``n_12_7`` for a cell, ``obstacle``, ``goal_0``, otherwise ``node_5``."""
@@ -329,10 +319,17 @@ def _all_within(value: NDArray[np.float64], low: float, high: float) -> bool:
     return not value.size or bool(low < value.min() and value.max() < high)
 
 
+def _numbers(name: str, value: ArrayLike, node_count: int) -> NDArray[np.int32]:
+    array = np.asarray(value)
+    if array.size and array.dtype.kind not in "iu":
+        raise InputError(f"{name} must hold node numbers, got {array.dtype}")
+    if array.size and not (array.min() >= 0 and array.max() < node_count):
+        raise InputError(f"{name} names a node outside 0 ... {node_count - 1}")
+    return _column(name, array, 2, np.int32)
+
+
 def _column(name: str, value: ArrayLike, width: int, dtype: Any) -> NDArray[Any]:
     array = np.asarray(value)
-    if dtype is np.int64 and array.size and array.dtype.kind not in "iu":
-        raise InputError(f"{name} must hold node numbers, got {array.dtype}")
     shape_ok = array.ndim == 2 and array.shape[1] == 2 if width else array.ndim == 1
     if not shape_ok and array.size:
         raise InputError(f"{name} has shape {array.shape}, expected {'(n, 2)' if width else '(n,)'}")
@@ -384,7 +381,7 @@ def _from_networkx(graph: nx.Graph[Any], ground: object) -> Netlist:
         pairs[kind].append((number[first], number[second]))
         for key, column in keys[kind].items():
             columns[column].append(_edge_value(data, key, (a, b)))
-    ends: dict[str, Any] = {nodes: np.array(pairs[kind], np.int64).reshape(-1, 2) for kind, nodes, _ in _GRAPH_KEYS}
+    ends: dict[str, Any] = {nodes: np.array(pairs[kind], np.int32).reshape(-1, 2) for kind, nodes, _ in _GRAPH_KEYS}
     values: dict[str, Any] = {column: np.array(listed, np.float64) for column, listed in columns.items()}
     return Netlist(node_count=len(order), node_names=tuple(names), **ends, **values)
 

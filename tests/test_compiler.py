@@ -136,3 +136,12 @@ def test_options_that_do_not_fit_are_refused(options: dict[str, object], words: 
 def test_a_space_without_a_goal_is_refused() -> None:
     with pytest.raises(InputError, match="no goal"):
         compile_space(space_of(np.zeros((3, 3))))
+
+
+def test_more_cells_than_nodes_have_numbers_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    space = space_of(np.array([[0, 0, 1], [0, 0, 2]]))
+    monkeypatch.setattr("resgrid.compiler.MOST_NODES", 7)
+    compile_space(space)
+    monkeypatch.setattr("resgrid.compiler.MOST_NODES", 6)
+    with pytest.raises(InputError, match="4 cells have a node; a netlist may have 6: choose larger cells"):
+        compile_space(space)

@@ -90,3 +90,20 @@ def test_names_come_from_cells() -> None:
     names = netlist.names_of(np.arange(netlist.node_count))
     assert names == ["0", "obstacle", "goal_0", "n_0_0", "n_0_1", "n_1_0", "n_2_1"]
     assert netlist.cell_of_node().tolist() == [-1, -1, -1, 0, 1, 2, 5]
+
+
+@pytest.mark.parametrize("node", [-1, 3, 2**32 + 1, 2**63])
+def test_a_node_that_does_not_exist_is_refused_however_large(node: int) -> None:
+    with pytest.raises(InputError, match=r"resistor_nodes names a node outside 0 \.\.\. 2"):
+        ladder().replace(resistor_nodes=np.array([[1, 2], [2, node]], dtype=np.uint64 if node > 3 else np.int64))
+
+
+def test_more_nodes_than_32_bits_number_are_refused() -> None:
+    with pytest.raises(InputError, match=r"2,147,483,648 nodes: a netlist may have at most 2,147,483,647"):
+        ladder().replace(node_count=2**31)
+
+
+def test_nodes_of_any_width_are_kept_in_32_bits() -> None:
+    netlist = ladder().replace(resistor_nodes=np.array([[1, 2], [2, 0]], dtype=np.uint8))
+    assert netlist.resistor_nodes.dtype == netlist.source_nodes.dtype == np.int32
+    assert netlist.resistor_nodes.tolist() == [[1, 2], [2, 0]]

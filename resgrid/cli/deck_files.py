@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from resgrid.cli.decks import SolvedDeck
     from resgrid.nodal.operating_point import OperatingPoint
 
-Column = tuple[list[str], "NDArray[np.int64]", "NDArray[np.float64]", "NDArray[np.float64]", "NDArray[np.float64]"]
+Column = tuple[list[str], "NDArray[np.int32]", "NDArray[np.float64]", "NDArray[np.float64]", "NDArray[np.float64]"]
 
 
 def solution_writer(target: str, form: str) -> tuple[str, Callable[[SolvedDeck, Path], None]]:

@@ -232,7 +232,7 @@ def _updated(
             yield element, opened, volts - delta * across / (1.0 + delta * own) * z
 
 
-def _responses(system: NodalSystem, factors: Any, ends: NDArray[np.int64]) -> NDArray[np.float64]:
+def _responses(system: NodalSystem, factors: Any, ends: NDArray[np.int32]) -> NDArray[np.float64]:
     """``A^-1 w`` at all nodes for every element, shape (elements, nodes); 0 where voltages are known."""
     w = np.zeros((system.size, len(ends)))
     for column, sign in ((0, 1.0), (1, -1.0)):

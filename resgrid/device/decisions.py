@@ -119,7 +119,7 @@ def _measured(
     )
 
 
-def _compared(point: OperatingPoint, nodes: NDArray[np.int64]) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
+def _compared(point: OperatingPoint, nodes: NDArray[np.int32]) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
     """Direction from high voltage to low, and log of the difference, between pairs of nodes that nothing joins."""
     first, second = point.voltage[nodes.T]
     down = np.nan_to_num(first - second)

@@ -185,7 +185,7 @@ def _temperature(ideal: Netlist, chip: Chip, path: Path, words: dict[str, Any]) 
     return write_spice(cold, path, analyses=asked, expected=expected, **words)
 
 
-def _probed(netlist: Netlist, volts: NDArray[np.float64]) -> NDArray[np.int64]:
+def _probed(netlist: Netlist, volts: NDArray[np.float64]) -> NDArray[np.int32]:
     """Nodes of cells whose voltages are kept: all that have one, or some spread evenly over a large grid."""
     layout = netlist.layout
     assert layout is not None
@@ -196,7 +196,7 @@ def _probed(netlist: Netlist, volts: NDArray[np.float64]) -> NDArray[np.int64]:
     return nodes[np.linspace(0, len(nodes) - 1, _FEW_PROBES).astype(np.int64)]
 
 
-def _probe(netlist: Netlist, nodes: NDArray[np.int64]) -> list[Analysis]:
+def _probe(netlist: Netlist, nodes: NDArray[np.int32]) -> list[Analysis]:
     return [Probe(tuple(netlist.names_of(nodes)))] if netlist.node_count > _MOST_PROBES else []
 
 

@@ -141,18 +141,18 @@ def scaled(netlist: Netlist, factor: NDArray[np.float64]) -> Netlist:
     )
 
 
-def add_nodes(netlist: Netlist, count: int) -> tuple[Netlist, NDArray[np.int64]]:
+def add_nodes(netlist: Netlist, count: int) -> tuple[Netlist, NDArray[np.int32]]:
     """Append nodes; returns the netlist and their numbers."""
     first = netlist.node_count
     names = netlist.node_names
     if names is not None:
         names = (*names, *(f"node_{node}" for node in range(first, first + count)))
-    return netlist.replace(node_count=first + count, node_names=names), np.arange(first, first + count)
+    return netlist.replace(node_count=first + count, node_names=names), np.arange(first, first + count, dtype=np.int32)
 
 
 def add_resistors(
     netlist: Netlist,
-    nodes: NDArray[np.int64],
+    nodes: NDArray[np.int32],
     conductance: NDArray[np.float64],
     face: NDArray[np.int64] | None = None,
 ) -> Netlist:
@@ -161,7 +161,7 @@ def add_resistors(
     Parameters
     ----------
     netlist : Netlist
-    nodes : ndarray of int64, shape (n, 2)
+    nodes : ndarray of int32, shape (n, 2)
         The lower cell's node first, where a face is crossed.
     conductance : ndarray of float64, shape (n,)
         In siemens.
@@ -223,7 +223,7 @@ def keep_nonlinear(netlist: Netlist, keep: NDArray[np.bool_]) -> Netlist:
     )
 
 
-def add_sources(netlist: Netlist, nodes: NDArray[np.int64], volts: NDArray[np.float64]) -> Netlist:
+def add_sources(netlist: Netlist, nodes: NDArray[np.int32], volts: NDArray[np.float64]) -> Netlist:
     """Append voltage sources, shapes (n, 2) and (n,)."""
     return netlist.replace(
         source_nodes=np.concatenate([netlist.source_nodes, nodes]),

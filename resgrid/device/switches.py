@@ -143,11 +143,11 @@ class RailSwitches:
         return netlist
 
 
-def _to(nodes: NDArray[np.int64], pin: int) -> NDArray[np.int64]:
+def _to(nodes: NDArray[np.int32], pin: int) -> NDArray[np.int32]:
     return np.stack([nodes, np.full(len(nodes), pin)], axis=1)
 
 
-def _tie(netlist: Netlist, nodes: NDArray[np.int64], pin: int, resistance: float) -> Netlist:
+def _tie(netlist: Netlist, nodes: NDArray[np.int32], pin: int, resistance: float) -> Netlist:
     """Replace the sources of nodes by resistors to a pin."""
     kept = ~np.isin(netlist.source_nodes[:, 0], nodes)
     freed = netlist.replace(
@@ -209,7 +209,7 @@ def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
     return faces.add_resistors(netlist, segments, np.full(len(segments), 1 / ohms))
 
 
-def _mesh_segments(mesh: NDArray[np.int64], pin: int) -> NDArray[np.int64]:
+def _mesh_segments(mesh: NDArray[np.int32], pin: int) -> NDArray[np.int32]:
     """Segments between neighbours, and from both ends of every line of cells to the pin; shape (n, 2)."""
     parts = []
     for axis in range(mesh.ndim):

@@ -34,7 +34,7 @@ def join(parent: Indices, a: int, b: int) -> None:
 
 
 @njit(cache=True)
-def join_parts(pairs: Integers, part: Indices) -> None:
+def join_parts(pairs: Indices, part: Indices) -> None:
     """Join the nodes that resistors or floating sources connect, in place; nodes marked -1 join nothing."""
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
@@ -59,7 +59,7 @@ def number_parts(part: Indices) -> int:
 
 
 @njit(cache=True)
-def known_range(pairs: Integers, known: Floats, part: Indices, lowest: Floats, highest: Floats) -> None:
+def known_range(pairs: Indices, known: Floats, part: Indices, lowest: Floats, highest: Floats) -> None:
     """Widen every part's range of known voltages that its resistors reach, in place."""
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
@@ -72,7 +72,7 @@ def known_range(pairs: Integers, known: Floats, part: Indices, lowest: Floats, h
 
 
 @njit(cache=True)
-def mark_fed(pairs: Integers, amps: Floats, part: Indices, fed: NDArray[np.bool_]) -> None:
+def mark_fed(pairs: Indices, amps: Floats, part: Indices, fed: NDArray[np.bool_]) -> None:
     """Mark the parts that current sources feed, in place."""
     for k in range(len(pairs)):
         a, b = part[pairs[k, 0]], part[pairs[k, 1]]
@@ -125,7 +125,7 @@ def number_rows(
 
 @njit(cache=True)
 def add_contacts(
-    pairs: Integers,
+    pairs: Indices,
     conductance: Floats,
     row: Indices,
     known: Floats,
@@ -155,7 +155,7 @@ def add_contacts(
 
 @njit(cache=True)
 def rail_contacts(
-    pairs: Integers, conductance: Floats, row: Indices, known: Floats, high: float, to_high: Floats, to_low: Floats
+    pairs: Indices, conductance: Floats, row: Indices, known: Floats, high: float, to_high: Floats, to_low: Floats
 ) -> None:
     """Add the conductances between rows and two rails."""
     for k in range(len(pairs)):
@@ -172,7 +172,7 @@ def rail_contacts(
 
 
 @njit(cache=True)
-def add_offsets(pairs: Integers, conductance: Floats, row: Indices, offset: Floats, feed: Floats) -> None:
+def add_offsets(pairs: Indices, conductance: Floats, row: Indices, offset: Floats, feed: Floats) -> None:
     """Add what the offsets of floating sources drive through the resistors at rows."""
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
@@ -186,7 +186,7 @@ def add_offsets(pairs: Integers, conductance: Floats, row: Indices, offset: Floa
 
 
 @njit(cache=True)
-def add_injected(pairs: Integers, amps: Floats, row: Indices, injected: Floats) -> None:
+def add_injected(pairs: Indices, amps: Floats, row: Indices, injected: Floats) -> None:
     """Add the currents of current sources to the rows they lead to, and take them from those they come from."""
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
@@ -197,7 +197,7 @@ def add_injected(pairs: Integers, amps: Floats, row: Indices, injected: Floats) 
 
 
 @njit(cache=True)
-def add_conductances(pairs: Integers, conductance: Floats, row: Indices, degree: Floats) -> None:
+def add_conductances(pairs: Indices, conductance: Floats, row: Indices, degree: Floats) -> None:
     """Add the conductances between different rows to both rows' degree."""
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
@@ -208,7 +208,7 @@ def add_conductances(pairs: Integers, conductance: Floats, row: Indices, degree:
 
 @njit(cache=True)
 def conductances_by_row(
-    pairs: Integers, conductance: Floats, row: Indices, size: int
+    pairs: Indices, conductance: Floats, row: Indices, size: int
 ) -> tuple[Indices, Indices, Floats]:
     """Symmetric compressed rows of the conductances between rows: sorted, parallel resistors summed, no diagonal."""
     indptr = np.zeros(size + 1, np.int32)
@@ -297,7 +297,7 @@ def spread(row: Indices, x: Floats, reference: float, volts: Floats) -> None:
 
 @njit(cache=True)
 def plain_currents(
-    pairs: Integers, conductance: Floats, height: Floats, amps: Floats, outflow: Floats, through: Floats
+    pairs: Indices, conductance: Floats, height: Floats, amps: Floats, outflow: Floats, through: Floats
 ) -> float:
     """Currents into ``amps``, added to the nodes' outflow and through-current; returns the power.
 
@@ -321,7 +321,7 @@ def plain_currents(
 
 @njit(cache=True)
 def count_neighbours(
-    pairs: Integers, conductance: Floats, row: Indices, neighbours: NDArray[np.int8]
+    pairs: Indices, conductance: Floats, row: Indices, neighbours: NDArray[np.int8]
 ) -> tuple[int, float, float]:
     """Count the neighbours of every row up to three.
 
@@ -340,7 +340,7 @@ def count_neighbours(
 
 
 @njit(cache=True)
-def weak_pairs(pairs: Integers, conductance: Floats, row: Indices, size: int, weak: float) -> int:
+def weak_pairs(pairs: Indices, conductance: Floats, row: Indices, size: int, weak: float) -> int:
     """Count the conductances below ``weak`` times the strongest one at either of their rows."""
     strongest = np.zeros(size)
     for k in range(len(pairs)):

@@ -277,7 +277,7 @@ def charge_basis(dynamics: Dynamics) -> ChargeBasis:
     return ChargeBasis(charged, sparse.coo_array(entries, shape=(n, int(loose.sum()))).tocsr())
 
 
-def _laplacian(ends: NDArray[np.int64], value: NDArray[np.float64], row: NDArray[np.int64], size: int) -> Laplacian:
+def _laplacian(ends: NDArray[np.int32], value: NDArray[np.float64], row: NDArray[np.int64], size: int) -> Laplacian:
     rows = row[ends]
     present = value > 0
     inner = (rows >= 0).all(axis=1) & (rows[:, 0] != rows[:, 1]) & present

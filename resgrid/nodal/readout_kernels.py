@@ -13,13 +13,13 @@ from numpy.typing import NDArray
 
 from resgrid.nodal.kernels import Floats, Integers, _canonical, _shift, _sum, _two_sum
 
-Rows = NDArray[np.int32]
+Indices = NDArray[np.int32]
 Bools = NDArray[np.bool_]
 
 
 @njit(cache=True)
 def from_one_rail(
-    row: Rows, known: Floats, zero: float, volts: float,
+    row: Indices, known: Floats, zero: float, volts: float,
     hi: Floats, lo: Floats, e: Integers,
     out: Floats, out_low: Floats, out_e: Integers,
 ) -> None:  # fmt: skip
@@ -34,7 +34,7 @@ def from_one_rail(
 
 @njit(cache=True)
 def from_nearer_rail(
-    row: Rows, known: Floats, low: float, high: float,
+    row: Indices, known: Floats, low: float, high: float,
     drop: Floats, drop_low: Floats, drop_e: Integers,
     height: Floats, height_low: Floats, height_e: Integers,
     out: Floats, out_low: Floats, out_e: Integers, down: Bools,
@@ -78,7 +78,7 @@ def _fall(
 
 @njit(cache=True)
 def currents(
-    pairs: Integers, conductance: Floats,
+    pairs: Indices, conductance: Floats,
     hi: Floats, lo: Floats, e: Integers, down: Bools,
     volts: float, noise: float, noise_down: float, plain: bool,
     amps: Floats, exponent: Integers,
@@ -109,7 +109,7 @@ def _pair_exponent(a: float, a_e: int, b: float, b_e: int) -> int:
 
 
 @njit(cache=True)
-def frames(pairs: Integers, amps: Floats, exponent: Integers, frame: Integers) -> None:
+def frames(pairs: Indices, amps: Floats, exponent: Integers, frame: Integers) -> None:
     """Raise every node's exponent to that of the largest current there, in place."""
     for k in range(len(pairs)):
         if amps[k] != 0.0:
@@ -120,7 +120,7 @@ def frames(pairs: Integers, amps: Floats, exponent: Integers, frame: Integers) -
 
 @njit(cache=True)
 def add_currents(
-    pairs: Integers, amps: Floats, exponent: Integers, frame: Integers, plain: bool, net: Floats, total: Floats
+    pairs: Indices, amps: Floats, exponent: Integers, frame: Integers, plain: bool, net: Floats, total: Floats
 ) -> None:
     """Add resistors' currents to the net current into every node, and their magnitudes to the total, in place."""
     for k in range(len(pairs)):
@@ -135,7 +135,7 @@ def add_currents(
 
 @njit(cache=True)
 def drop_unresolved(
-    pairs: Integers, amps: Floats, exponent: Integers, frame: Integers, plain: bool, net: Floats, through: Floats,
+    pairs: Indices, amps: Floats, exponent: Integers, frame: Integers, plain: bool, net: Floats, through: Floats,
     stored: Floats, sign: float, harmless: float,
 ) -> None:  # fmt: skip
     """Set currents to 0 along which ``sign * stored`` does not fall, and that are small at both ends, in place.

@@ -28,7 +28,7 @@ class Schematic:
     ----------
     across, up : int
         Cells along each side.
-    dot_node : ndarray of int64, shape (n,)
+    dot_node : ndarray of int32, shape (n,)
         Nodes of free cells.
     dot : ndarray of float64, shape (n, 2)
         Where they are drawn.
@@ -44,7 +44,7 @@ class Schematic:
 
     across: int
     up: int
-    dot_node: NDArray[np.int64]
+    dot_node: NDArray[np.int32]
     dot: NDArray[np.float64]
     start: NDArray[np.float64]
     end: NDArray[np.float64]

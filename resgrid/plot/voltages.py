@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,7 +12,7 @@ from resgrid.nodal.operating_point import OperatingPoint
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 
 
-def voltage_texts(op: OperatingPoint | None, nodes: NDArray[np.int64]) -> tuple[list[str], str]:
+def voltage_texts(op: OperatingPoint | None, nodes: NDArray[np.integer[Any]]) -> tuple[list[str], str]:
     """Voltages of nodes, to a ten-thousandth of the largest voltage in the circuit, and their unit."""
     if op is None:
         return [""] * len(nodes), "V"

@@ -103,14 +103,14 @@ def choose_elements(netlist: Netlist, held: NDArray[np.bool_]) -> dict[str, NDAr
 
 
 def _sorted(
-    ends: NDArray[np.int64],
+    ends: NDArray[np.int32],
     value: NDArray[np.float64],
     held: NDArray[np.bool_],
     keep: NDArray[np.bool_] | None = None,
 ) -> NDArray[np.int64]:
     kept = held[ends[:, 0]] & held[ends[:, 1]]
     numbers = np.flatnonzero(kept if keep is None else kept & keep)
-    place = (ends[:, 0] * len(held) + ends[:, 1])[numbers]
+    place = ends[numbers, 0].astype(np.int64) * len(held) + ends[numbers, 1]
     order = np.argsort(place, kind="stable")
     again = place[order[1:]] == place[order[:-1]]
     if again.any():  # parallel elements, in the order of their values

@@ -107,7 +107,7 @@ class ParsedDeck:
         Whose rules it was read by.
     node_names : tuple of str
         Ground, ``"0"``, first; then the nodes in the order of their first use.
-    resistor_nodes : ndarray of int64, shape (m, 2)
+    resistor_nodes : ndarray of int32, shape (m, 2)
     resistance : ndarray of float64, shape (m,)
         At the nominal temperature, in ohms; zero and negative values as written, multipliers ``m=`` applied.
     source_nodes, source_volts : ndarray, shapes (s, 2) and (s,)
@@ -138,13 +138,13 @@ class ParsedDeck:
     path: str
     dialect: str
     node_names: tuple[str, ...]
-    resistor_nodes: NDArray[np.int64]
+    resistor_nodes: NDArray[np.int32]
     resistance: NDArray[np.float64]
-    source_nodes: NDArray[np.int64]
+    source_nodes: NDArray[np.int32]
     source_volts: NDArray[np.float64]
-    current_nodes: NDArray[np.int64]
+    current_nodes: NDArray[np.int32]
     current_amps: NDArray[np.float64]
-    capacitor_nodes: NDArray[np.int64]
+    capacitor_nodes: NDArray[np.int32]
     capacitance: NDArray[np.float64]
     element_names: Mapping[str, tuple[str, ...]]
     place: Mapping[str, NDArray[np.int64]]

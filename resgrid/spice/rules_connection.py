@@ -84,7 +84,7 @@ def trapped_currents(subject: Subject) -> Iterator[Finding]:
         )
 
 
-def trapped_sources(ends: NDArray[np.int64], amps: NDArray[np.float64], part: NDArray[np.int64]) -> NDArray[np.int64]:
+def trapped_sources(ends: NDArray[np.int32], amps: NDArray[np.float64], part: NDArray[np.int64]) -> NDArray[np.int64]:
     """Numbers of the current sources, shapes (c, 2) and (c,), that join different parts."""
     parts = part[ends]
     return np.flatnonzero((parts[:, 0] != parts[:, 1]) & (amps != 0))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,7 +28,7 @@ class Subject:
     ----------
     node_count : int
         Ground included.
-    ends : mapping of str to ndarray of int64, shape (elements, 2)
+    ends : mapping of str to ndarray of int32, shape (elements, 2)
         Nodes of every element, per kind.
     resistance : ndarray of float64, shape (resistors,)
         In ohms, as written in a deck: zero and negative values included.
@@ -39,7 +40,7 @@ class Subject:
     """
 
     node_count: int
-    ends: Mapping[str, NDArray[np.int64]]
+    ends: Mapping[str, NDArray[np.int32]]
     resistance: NDArray[np.float64]
     volts: NDArray[np.float64]
     amps: NDArray[np.float64]
@@ -56,18 +57,18 @@ class Subject:
         """Number of element ends at every node, shape (node_count,)."""
         return np.asarray(sum(np.bincount(ends.ravel(), minlength=self.node_count) for ends in self.ends.values()))
 
-    def names_of(self, nodes: NDArray[np.int64]) -> list[str]:
+    def names_of(self, nodes: NDArray[np.integer[Any]]) -> list[str]:
         """Names of nodes."""
         if self.deck is not None:
             return [self.deck.node_names[node] for node in nodes.tolist()]
         assert self.netlist is not None
         return self.netlist.names_of(nodes)
 
-    def listed(self, nodes: NDArray[np.int64]) -> tuple[str, ...]:
+    def listed(self, nodes: NDArray[np.integer[Any]]) -> tuple[str, ...]:
         """The first thousand of some nodes' names."""
         return tuple(self.names_of(nodes[:LISTED]))
 
-    def told(self, nodes: NDArray[np.int64]) -> str:
+    def told(self, nodes: NDArray[np.integer[Any]]) -> str:
         """A few of some nodes' names, and how many more there are."""
         shown = ", ".join(self.names_of(nodes[:SHOWN]))
         return shown if nodes.size <= SHOWN else f"{shown} and {nodes.size - SHOWN:,} more"
@@ -88,7 +89,7 @@ class Subject:
             return self.deck.place_of(kind, number)
         return self.place_of_nodes(np.unique(self.ends[kind][number]))
 
-    def place_of_nodes(self, nodes: NDArray[np.int64]) -> str:
+    def place_of_nodes(self, nodes: NDArray[np.integer[Any]]) -> str:
         """Deck line of the first element at some nodes, or their cells, or their names."""
         if self.deck is not None:
             return self._line_of_nodes(nodes)
@@ -103,7 +104,7 @@ class Subject:
         more = f" and {len(cells) - SHOWN:,} more" if len(cells) > SHOWN else ""
         return f"cell{'s' if len(cells) > 1 else ''} {shown}{more}"
 
-    def _line_of_nodes(self, nodes: NDArray[np.int64]) -> str:
+    def _line_of_nodes(self, nodes: NDArray[np.integer[Any]]) -> str:
         assert self.deck is not None
         wanted = np.zeros(self.node_count, dtype=np.bool_)
         wanted[nodes] = True
@@ -136,7 +137,7 @@ def subject_of(circuit: Netlist | ParsedDeck) -> Subject:
     }
     volts, amps = circuit.source_volts, circuit.current_amps
     if isinstance(circuit, ParsedDeck):
-        ends["nonlinear resistor"] = np.empty((0, 2), dtype=np.int64)
+        ends["nonlinear resistor"] = np.empty((0, 2), dtype=np.int32)
         return Subject(len(circuit.node_names), ends, circuit.resistance, volts, amps, deck=circuit)
     ends["nonlinear resistor"] = circuit.nonlinear_nodes
     with np.errstate(over="ignore"):
@@ -144,12 +145,12 @@ def subject_of(circuit: Netlist | ParsedDeck) -> Subject:
     return Subject(circuit.node_count, ends, resistance, volts, amps, netlist=circuit)
 
 
-def connected_parts_of(joined: NDArray[np.int64], node_count: int) -> NDArray[np.int64]:
+def connected_parts_of(joined: NDArray[np.int32], node_count: int) -> NDArray[np.int64]:
     """Number of the part each node belongs to.
 
     Parameters
     ----------
-    joined : ndarray of int64, shape (n, 2)
+    joined : ndarray of int32, shape (n, 2)
         Pairs of nodes that belong together.
     node_count : int
 
@@ -160,6 +161,6 @@ def connected_parts_of(joined: NDArray[np.int64], node_count: int) -> NDArray[np
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    first, second = joined.astype(np.int32).T
+    first, second = joined.T
     pairs = coo_array((np.ones(len(first), dtype=np.int8), (first, second)), shape=(node_count, node_count))
     return np.asarray(connected_components(pairs, directed=False)[1], dtype=np.int64)

@@ -277,7 +277,7 @@ def expanded_netlist(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAn
     layout = layout_of(netlist)
     cells = len(pattern.state)
     obstacle, goal, first = GROUND + 1, GROUND + 2, GROUND + 3
-    own = first + np.arange(cells)
+    own = np.arange(first, first + cells, dtype=np.int32)
     edge = np.stack([first + array.edge_cell, np.full(len(array.edge_cell), obstacle)], axis=1)
     switches = [np.stack([own, np.full(cells, rail)], axis=1) for rail in (obstacle, goal)]
     resistance = [
@@ -285,8 +285,8 @@ def expanded_netlist(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAn
         array.edge_resistance,
         *rail_resistance(array, pattern),
     ]
-    fed = own[pattern.state == State.FREE] if pattern.amps else np.empty(0, dtype=np.int64)
-    stored = own if array.tile.capacitance else np.empty(0, dtype=np.int64)
+    fed = own[pattern.state == State.FREE] if pattern.amps else np.empty(0, dtype=np.int32)
+    stored = own if array.tile.capacitance else np.empty(0, dtype=np.int32)
     none = np.full(2 * cells, -1)
     return Netlist(
         node_count=first + cells,

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -12,12 +10,10 @@ from resgrid.nodal.assembly import find, join
 from resgrid.nodal.multigrid.board_passes import Floats, Indices, Integers, Reals, Singles
 from resgrid.nodal.multigrid.compiled import inner_fast
 
-Whole = NDArray[np.integer[Any]]
-
 
 @njit(cache=True)
 def place_cells(
-    node: Integers, row_of_node: Whole, columns: int, colour: Integers, width: int, margin: int, places: int,
+    node: Indices, row_of_node: Indices, columns: int, colour: Integers, width: int, margin: int, places: int,
     place: Indices,
 ) -> int:  # fmt: skip
     """Place of every unknown, red ones first, black ones ``places`` behind; returns how many cells have one.
@@ -42,7 +38,7 @@ def place_cells(
 
 @njit(cache=True)
 def fill_faces(
-    pairs: Integers, conductance: Floats, row: Whole, place: Indices, distance: Integers, aside: Integers,
+    pairs: Indices, conductance: Floats, row: Indices, place: Indices, distance: Integers, aside: Integers,
     width: int, margin: int, scale: float, faces: Floats, links: Integers,
 ) -> int:  # fmt: skip
     """Add every resistor between two unknowns to its red cell's face, and note those that lead elsewhere as links.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -63,10 +62,10 @@ class Level:
 
 
 def lay_out(
-    pairs: NDArray[np.int64],
+    pairs: NDArray[np.int32],
     conductance: NDArray[np.float64],
-    row: NDArray[np.integer[Any]],
-    node: NDArray[np.int64],
+    row: NDArray[np.int32],
+    node: NDArray[np.int32],
     excess: NDArray[np.float64],
     unit: float,
 ) -> tuple[Level, NDArray[np.int32]] | None:
@@ -74,13 +73,13 @@ def lay_out(
 
     Parameters
     ----------
-    pairs : ndarray of int64, shape (m, 2)
+    pairs : ndarray of int32, shape (m, 2)
         Nodes that conductances join.
     conductance : ndarray of float64, shape (m,)
         In siemens.
-    row : ndarray of int64, shape (nodes,)
+    row : ndarray of int32, shape (nodes,)
         Number of the unknown at every node; -1 for none.
-    node : ndarray of int64, shape of the grid
+    node : ndarray of int32, shape of the grid
         Node of every cell, -1 for none.
     excess : ndarray of float64, shape (n,)
         Conductance from every unknown to the rails, in siemens.
@@ -118,9 +117,9 @@ def lay_out(
 
 
 def _rings(
-    pairs: NDArray[np.int64],
+    pairs: NDArray[np.int32],
     conductance: NDArray[np.float64],
-    row: NDArray[np.integer[Any]],
+    row: NDArray[np.int32],
     place: NDArray[np.int32],
     lattice: Lattice,
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:

@@ -71,8 +71,8 @@ def build_hierarchy(system: NodalSystem) -> Hierarchy:
 
 
 def _resistors(
-    system: NodalSystem, node: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int32], NDArray[np.int64]]:
+    system: NodalSystem, node: NDArray[np.int32]
+) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.int32], NDArray[np.int32]]:
     """Pairs of nodes with their conductance, the row of every node, and the node of every cell.
 
     Where a system was derived from another one, its rows count as the nodes.
@@ -80,8 +80,8 @@ def _resistors(
     if system.derived is None:
         return system.netlist.resistor_nodes, system.netlist.conductance, system.unknown, node
     upper = sparse.triu(system.derived, format="coo")
-    row = np.where(node >= 0, system.unknown[node], -1).astype(np.int64)
-    pairs = np.stack([upper.row, upper.col], axis=1).astype(np.int64)
+    row = np.where(node >= 0, system.unknown[node], -1).astype(np.int32)
+    pairs = np.stack([upper.row, upper.col], axis=1).astype(np.int32)
     return pairs, upper.data, np.arange(system.size, dtype=np.int32), row
 
 

@@ -5,8 +5,6 @@ Places of black cells are counted behind those of red ones, as in `resgrid.nodal
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
@@ -105,7 +103,7 @@ def cell_at(board: Board, columns: int, place: int) -> int:
 
 @njit(cache=True)
 def stay_together(
-    board: Board, node: Integers, columns: int, row_of_node: NDArray[np.integer[Any]], excess: Floats, feed: Floats,
+    board: Board, node: Indices, columns: int, row_of_node: Indices, excess: Floats, feed: Floats,
     span: float, seeds: Integers, needed: NDArray[np.bool_], most: int, label: Indices,
 ) -> bool:  # fmt: skip
     """Whether some places still reach each other, and the rails they need, within ``most`` steps.
@@ -155,7 +153,7 @@ def contacts(excess: float, feed: float, span: float) -> tuple[bool, bool]:
 
 @njit(cache=True)
 def number_cells(
-    row: NDArray[np.integer[Any]], columns: int, colour: Integers, width: int, margin: int, places: int,
+    row: Indices, columns: int, colour: Integers, width: int, margin: int, places: int,
     rows: Integers, place: Indices,
 ) -> int:  # fmt: skip
     """Rows of the cells of a window in C order, -1 for none, and their places on its board; returns how many."""

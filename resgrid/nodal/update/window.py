@@ -191,7 +191,7 @@ def open_window(
 
 
 def _rows(
-    system: NodalSystem, node: NDArray[np.int64], box: Box, lattice: Lattice, gone: NDArray[np.int64]
+    system: NodalSystem, node: NDArray[np.int32], box: Box, lattice: Lattice, gone: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Rows of the cells of a window, and their places in it."""
     here = node[tuple(slice(a, b) for a, b in zip(box.low.tolist(), box.high.tolist(), strict=True))]

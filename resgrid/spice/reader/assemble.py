@@ -236,7 +236,7 @@ def _deck(
 
 def _by_first_use(
     nodes: list[NDArray[np.int64]], names: list[str], compiled: bool
-) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+) -> tuple[NDArray[np.int32], tuple[str, ...]]:
     """Renumber nodes in the order of their first use, ground first; unused ones vanish."""
     used = np.concatenate([np.zeros(1, dtype=np.int64), *(pairs.ravel() for pairs in nodes)])
     if compiled:
@@ -244,7 +244,7 @@ def _by_first_use(
 
         way, order = first_uses(used, len(names))
         return way, tuple(map(names.__getitem__, order.tolist()))
-    way = np.full(len(names), -1, dtype=np.int64)
+    way = np.full(len(names), -1, dtype=np.int32)
     order = used[np.sort(np.unique(used, return_index=True)[1])]
     way[order] = np.arange(len(order))
     return way, tuple(map(names.__getitem__, order.tolist()))

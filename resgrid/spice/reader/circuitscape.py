@@ -233,7 +233,7 @@ def _number_cells(
 
 def _links(
     conductance: NDArray[np.float64], node: NDArray[np.int64], *, mean_resistance: bool, diagonals: bool
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
     """Resistors between neighbouring cells: their nodes, and siemens."""
     steps: list[tuple[Any, Any, float]] = [(np.s_[:, :-1], np.s_[:, 1:], 1.0), (np.s_[:-1], np.s_[1:], 1.0)]
     if diagonals:
@@ -247,7 +247,7 @@ def _links(
         x, y = conductance[here].ravel()[joins], conductance[there].ravel()[joins]
         pairs.append(np.stack([a[joins], b[joins]], axis=1))
         values.append((2.0 * x * y / (x + y) if mean_resistance else (x + y) / 2.0) / distance)
-    return np.concatenate(pairs), np.concatenate(values)
+    return np.concatenate(pairs).astype(np.int32), np.concatenate(values)
 
 
 def _gathered(values: NDArray[np.float64], node: NDArray[np.int64], count: int) -> NDArray[np.float64]:

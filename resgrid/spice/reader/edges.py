@@ -179,7 +179,7 @@ class NetworkParts:
     """A network while its files are being read."""
 
     number: dict[str, int]
-    edges: NDArray[np.int64]
+    edges: NDArray[np.int32]
     conductance: NDArray[np.float64]
     amps: NDArray[np.float64]
     to_ground: NDArray[np.float64]
@@ -196,7 +196,7 @@ class NetworkParts:
         number: dict[str, int] = {_GROUND: 0}
         pairs = [(number.setdefault(a, len(number)), number.setdefault(b, len(number))) for a, b in table.names]
         values = conductances(table, measure, shorts=False)
-        edges = np.array(pairs, dtype=np.int64).reshape(-1, 2)
+        edges = np.array(pairs, dtype=np.int32).reshape(-1, 2)
         return cls(number, edges, values, np.zeros(len(number)), np.zeros(len(number)))
 
     def feed(self, table: Table) -> None:
@@ -242,7 +242,7 @@ def conductances(table: Table, measure: Measure, *, shorts: bool) -> NDArray[np.
 
 def grounded_netlist(
     names: Sequence[str],
-    edges: NDArray[np.int64],
+    edges: NDArray[np.int32],
     conductance: NDArray[np.float64],
     amps: NDArray[np.float64],
     to_ground: NDArray[np.float64],
@@ -281,5 +281,5 @@ def grounded_netlist(
     )
 
 
-def _with_ground(nodes: NDArray[np.int64]) -> NDArray[np.int64]:
-    return np.stack([nodes, np.zeros_like(nodes)], axis=1)
+def _with_ground(nodes: NDArray[np.int64]) -> NDArray[np.int32]:
+    return np.stack([nodes, np.zeros_like(nodes)], axis=1).astype(np.int32)

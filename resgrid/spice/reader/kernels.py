@@ -347,9 +347,9 @@ def gather(text: Bytes, spans: NDArray[np.int64]) -> Bytes:
 
 
 @njit(cache=True)
-def first_uses(used: NDArray[np.int64], count: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def first_uses(used: NDArray[np.int64], count: int) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """Number nodes in the order in which they first occur: every node's number (-1 if it does not), and the order."""
-    way = np.full(count, -1, dtype=np.int64)
+    way = np.full(count, -1, dtype=np.int32)
     order = np.empty(count, dtype=np.int64)
     seen = 0
     for node in used:

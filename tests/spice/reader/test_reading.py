@@ -351,4 +351,4 @@ def test_parsed_deck_arrays_are_read_only() -> None:
     found = deck("V1 a 0 1", "R1 a 0 1")
     with pytest.raises(ValueError, match="read-only"):
         found.resistance[0] = 2
-    assert found.resistor_nodes.dtype == np.int64
+    assert found.resistor_nodes.dtype == np.int32
