@@ -142,7 +142,7 @@ def test_blocks_around_a_change_are_those_of_the_changed_space() -> None:
     patched, anew = updated.hierarchy.grid, fresh.hierarchy.grid
     scale = updated.hierarchy.unit / fresh.hierarchy.unit
     np.testing.assert_allclose(scale * patched.true.faces, anew.true.faces, rtol=1e-12)
-    depth = window_depth(space.shape, len(anew.boards.width))
+    depth = window_depth(space.shape, len(anew.boards.margin))
     assert depth == 2
     places = anew.boards.places[depth]
     assert np.array_equal(patched.boards.places, anew.boards.places)

@@ -109,7 +109,6 @@ def _faces(pattern: Pattern, grid: GridLevels) -> NDArray[np.int64]:
     here, there = place[row[entry]], place[coupling.indices[entry]] - places
     away = there - here
     face = np.full(len(entry), -1)
-    face[away == board.aside[(here - board.margin) // board.width]] = len(board.distance)
     for q, distance in enumerate(board.distance.tolist()):
         face[away == distance] = q
     links = np.flatnonzero(face < 0)

@@ -26,7 +26,7 @@ from resgrid.nodal.multigrid.waves import prolong_and_multiply, restrict
 class Boards(NamedTuple):
     """Coarse boards in single precision, one behind the other, with work space.
 
-    Places of level ``l`` stand at ``places[l] ... places[l + 1]``, its rows, links and faces at the corresponding
+    Places of level ``l`` stand at ``places[l] ... places[l + 1]``, its links and faces at the corresponding
     stretches of their arrays; arrays over both colours have room for twice as many.
 
     Attributes
@@ -35,10 +35,9 @@ class Boards(NamedTuple):
         Nodes of the first level below the board that it preconditions: places of both colours, or a graph's nodes.
     nodes : int
         Nodes of the graph below the boards.
-    places, rows, first_link : ndarray of int64, shape (levels + 1,)
-    width, margin, block : ndarray of int64, shape (levels,)
-    distance : ndarray of int64, shape (levels, 2 ndim - 1)
-    aside : ndarray of int64
+    places, first_link : ndarray of int64, shape (levels + 1,)
+    margin, block : ndarray of int64, shape (levels,)
+    distance : ndarray of int64, shape (levels, 2 ndim)
     faces, links : ndarray of float32
     link_red, link_black : ndarray of int32
     red_inverse, black_inverse, black_degree : ndarray of float32
@@ -58,13 +57,10 @@ class Boards(NamedTuple):
     size: int
     nodes: int
     places: Integers
-    rows: Integers
     first_link: Integers
-    width: Integers
     margin: Integers
     block: Integers
     distance: Integers
-    aside: Integers
     faces: Singles
     links: Singles
     link_red: Indices
@@ -88,14 +84,12 @@ class Boards(NamedTuple):
 @inner
 def _board(boards: Boards, level: int) -> Board:
     """One of the boards."""
-    sides = boards.distance.shape[1] + 1
+    sides = boards.distance.shape[1]
     a, e = boards.places[level], boards.places[level + 1]
     k, m = boards.first_link[level], boards.first_link[level + 1]
     return Board(
         boards.faces[sides * a : sides * e].reshape((sides, e - a)),
         boards.distance[level],
-        boards.aside[boards.rows[level] : boards.rows[level + 1]],
-        boards.width[level],
         boards.margin[level],
         boards.block[level],
         boards.link_red[k:m],
@@ -187,7 +181,7 @@ def cycle_boards(boards: Boards, coarsest: Singles, stop: float, first: int) -> 
     ``coarsest`` is the inverse of the matrix below the boards.  Where it is empty, graphs are there: the cycle returns
     False whenever they are to answer, and goes on when it is called again; it returns True when it is done.
     """
-    count = len(boards.width)
+    count = len(boards.margin)
     visits, energy, alpha = boards.visits, boards.energy, boards.alpha
     level = visits[count + 1]
     while level >= 0:

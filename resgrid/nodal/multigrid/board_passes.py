@@ -1,10 +1,10 @@
 """Compiled passes over a board: a grid by colour, every resistor between a red cell and a black one.
 
-Red cells have an even sum of indices, black cells an odd one.  Each colour has flat arrays of its own: a row of cells
-along the last axis fills ``width`` places, so that all neighbours lie at the same distance for all red cells, but for
-one, which lies a place before or after, by the row's parity.  All passes run over blocks of whole rows, which stay in
-the first cache, and over one face of all their cells after the other, which fills the vector registers whatever the
-dimension.  What fits no face, a resistor that closes a ring or leads to a node beside the grid, is a link.
+Red cells have an even sum of indices, black cells an odd one.  Each colour has a flat array of its own, in which the
+black neighbour across a face lies at the same distance for all red cells (`resgrid.nodal.multigrid.lattice`).  All
+passes run over blocks of places, which stay in the first cache, and over some faces of all their cells after others,
+which fills the vector registers whatever the dimension.  What fits no face, a resistor that closes a ring or leads to a
+node beside the grid, is a link.
 """
 
 from __future__ import annotations
@@ -32,13 +32,11 @@ class Board(NamedTuple):
     Attributes
     ----------
     faces : ndarray of float, shape (2 ndim, places)
-        Conductance from a red cell to the black one at ``distance``, the last face's at ``aside``; 0 for none.
-    distance : ndarray of int64, shape (2 ndim - 1,)
-        From a red place to the black place across each face but the last.
-    aside : ndarray of int64, shape (rows,)
-        The same across the last face: -1 or 1.
-    width, margin, block : int
-        Places a row, the last of which is left empty; places before the first row; rows that a pass takes at a time.
+        Conductance from a red cell to the black one at ``distance``; 0 for none.
+    distance : ndarray of int64, shape (2 ndim,)
+        From a red place to the black place across each face.
+    margin, block : int
+        Places before the first cell; how many a pass takes at a time.
     link_red, link_black : ndarray of int32
         Places that links join, in the order of their red places.
     links : ndarray of float
@@ -49,8 +47,6 @@ class Board(NamedTuple):
 
     faces: Reals
     distance: Integers
-    aside: Integers
-    width: int
     margin: int
     block: int
     link_red: Indices
@@ -62,66 +58,78 @@ class Board(NamedTuple):
 
 
 @inner_fast
-def _product(g: Reals, q: int, at: int, x: Reals, there: int, count: int, total: Reals, to: int) -> None:
-    """``total = g x`` over ``count`` places, in the precision of the total.
+def _four_products(
+    g: Reals, at: tuple[int, int, int, int], x: Reals, there: tuple[int, int, int, int], count: int, total: Reals,
+    to: int,
+) -> None:  # fmt: skip
+    """``total = g x`` across the first four faces over ``count`` places, in the precision of the total.
 
-    Without signs, no index is asked whether it counts from the end.
+    Conductances begin ``at``, values of ``x`` ``there``.  Without signs, no index is asked whether it counts from the
+    end.
     """
-    face, g_at, x_at, t_at = np.uint64(q), np.uint64(at), np.uint64(there), np.uint64(to)
-    for i in range(count):
-        k = np.uint64(i)
-        total[t_at + k] = total.dtype.type(g[face, g_at + k]) * x[x_at + k]
+    real, t_at = total.dtype.type, np.uint64(to)
+    a, b, c, d = np.uint64(at[0]), np.uint64(at[1]), np.uint64(at[2]), np.uint64(at[3])
+    i, j, m, n = np.uint64(there[0]), np.uint64(there[1]), np.uint64(there[2]), np.uint64(there[3])
+    for here in range(count):
+        k = np.uint64(here)
+        total[t_at + k] = (
+            real(g[np.uint64(0), a + k]) * x[i + k]
+            + real(g[np.uint64(1), b + k]) * x[j + k]
+            + real(g[np.uint64(2), c + k]) * x[m + k]
+            + real(g[np.uint64(3), d + k]) * x[n + k]
+        )
 
 
 @inner_fast
-def _add_product(g: Reals, q: int, at: int, x: Reals, there: int, count: int, total: Reals, to: int) -> None:
-    face, g_at, x_at, t_at = np.uint64(q), np.uint64(at), np.uint64(there), np.uint64(to)
-    for i in range(count):
-        k = np.uint64(i)
-        total[t_at + k] += total.dtype.type(g[face, g_at + k]) * x[x_at + k]
+def _add_two_products(
+    g: Reals, q: int, at: tuple[int, int], x: Reals, there: tuple[int, int], count: int, total: Reals, to: int
+) -> None:
+    """The same across faces ``q`` and ``q + 1``, added."""
+    real, t_at = total.dtype.type, np.uint64(to)
+    face, other, a, b = np.uint64(q), np.uint64(q + 1), np.uint64(at[0]), np.uint64(at[1])
+    i, j = np.uint64(there[0]), np.uint64(there[1])
+    for here in range(count):
+        k = np.uint64(here)
+        total[t_at + k] += real(g[face, a + k]) * x[i + k] + real(g[other, b + k]) * x[j + k]
 
 
-@inner_fast
+@inner
 def into_red(board: Board, x: Reals, block: int, total: Reals, to: int) -> None:
-    """``total = sum_j g_ij x_j`` across the faces of the red cells of a block of rows, from place ``to`` on."""
-    row, begin, count = extent(board, block)
-    last, width = len(board.distance), board.width
-    _product(board.faces, last - 1, begin, x, begin, count, total, to)
-    for q in range(last - 1):
-        _add_product(board.faces, q, begin, x, begin + board.distance[q], count, total, to)
-    for i in range(count // width):
-        at = begin + i * width
-        _add_product(board.faces, last, at, x, at + board.aside[row + i], width - 1, total, to + i * width)
+    """``total = sum_j g_ij x_j`` across the faces of the red cells of a block, from place ``to`` on."""
+    (begin, count), away = extent(board, block), board.distance
+    there = (begin + away[0], begin + away[1], begin + away[2], begin + away[3])
+    _four_products(board.faces, (begin, begin, begin, begin), x, there, count, total, to)
+    for q in range(4, len(away), 2):
+        pair = (begin + away[q], begin + away[q + 1])
+        _add_two_products(board.faces, q, (begin, begin), x, pair, count, total, to)
 
 
-@inner_fast
+@inner
 def into_black(board: Board, x: Reals, first: int, block: int, total: Reals, to: int) -> None:
-    """``total = sum_j g_ij x_j`` across the faces of the black cells of a block of rows, from place ``to`` on.
+    """``total = sum_j g_ij x_j`` across the faces of the black cells of a block, from place ``to`` on.
 
     ``x`` begins at place ``first``.
     """
-    row, begin, count = extent(board, block)
-    last, width = len(board.distance), board.width
-    _product(board.faces, last - 1, begin, x, begin - first, count, total, to)
-    for q in range(last - 1):
-        there = begin - board.distance[q]
-        _add_product(board.faces, q, there, x, there - first, count, total, to)
-    for i in range(count // width):
-        there = begin + i * width - board.aside[row + i]
-        _add_product(board.faces, last, there, x, there - first, width - 1, total, to + i * width)
+    (begin, count), away = extent(board, block), board.distance
+    a, b, c, d = begin - away[0], begin - away[1], begin - away[2], begin - away[3]
+    there = (a - first, b - first, c - first, d - first)
+    _four_products(board.faces, (a, b, c, d), x, there, count, total, to)
+    for q in range(4, len(away), 2):
+        a, b = begin - away[q], begin - away[q + 1]
+        _add_two_products(board.faces, q, (a, b), x, (a - first, b - first), count, total, to)
 
 
 @inner
-def extent(board: Board, block: int) -> tuple[int, int, int]:
-    """First row of a block, its first place, and how many places it has."""
-    row = block * board.block
-    return row, board.margin + row * board.width, min(board.block, len(board.aside) - row) * board.width
+def extent(board: Board, block: int) -> tuple[int, int]:
+    """First place of a block, and how many it has."""
+    begin = board.margin + block * board.block
+    return begin, min(board.block, board.faces.shape[1] - board.margin - begin)
 
 
 @inner
-def row_blocks(board: Board) -> int:
-    """How many blocks of rows there are."""
-    return -(-len(board.aside) // board.block)
+def blocks_of(board: Board) -> int:
+    """How many blocks there are."""
+    return int(-(-(board.faces.shape[1] - 2 * board.margin) // board.block))
 
 
 @inner_fast
@@ -143,11 +151,11 @@ def draw(board: Board, x: Reals, drawn: Reals) -> None:
 @inner
 def relax_red(board: Board, fed: Reals, black: Reals, red: Reals) -> None:
     """``red = (fed + G black) / degree``."""
-    total = np.empty(board.block * board.width, board.faces.dtype)
+    total = np.empty(board.block, board.faces.dtype)
     drawn, link = np.empty(len(board.links), total.dtype), ZERO
     draw(board, black, drawn)
-    for block in range(row_blocks(board)):
-        _, begin, count = extent(board, block)
+    for block in range(blocks_of(board)):
+        begin, count = extent(board, block)
         into_red(board, black, block, total, ZERO)
         while link < len(drawn) and board.link_red[link] < begin + count:
             total[board.link_red[link] - begin] += drawn[link]
@@ -158,8 +166,8 @@ def relax_red(board: Board, fed: Reals, black: Reals, red: Reals) -> None:
 @inner
 def add_into_black(board: Board, red: Reals, fed: Reals, total: Reals) -> None:
     """``total = fed + G red`` at the black cells."""
-    for block in range(row_blocks(board)):
-        _, begin, count = extent(board, block)
+    for block in range(blocks_of(board)):
+        begin, count = extent(board, block)
         into_black(board, red, ZERO, block, total, begin)
         for k in range(begin, begin + count):
             total[k] += fed[k]

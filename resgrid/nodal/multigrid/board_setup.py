@@ -10,59 +10,56 @@ from resgrid.nodal.assembly import find, join
 from resgrid.nodal.multigrid.board_passes import Floats, Indices, Integers, Reals, Singles
 from resgrid.nodal.multigrid.compiled import inner_fast
 
+_BLOCK = 2048
+"""Places at a time: what they and their neighbours add up stays in the second cache."""
+
 
 @njit(cache=True)
 def place_cells(
-    node: Indices, row_of_node: Indices, columns: int, colour: Integers, width: int, margin: int, places: int,
-    place: Indices,
-) -> int:  # fmt: skip
-    """Place of every unknown, red ones first, black ones ``places`` behind; returns how many cells have one.
+    node: Indices, row_of_node: Indices, rows: Integers, margin: int, places: int, place: Indices, at_node: Indices
+) -> int:
+    """Place of every unknown, and that of every node; returns how many cells have one.
 
-    ``node`` is the node of every cell in C order, -1 for none; ``colour`` the parity of every row of cells; ``place``
-    comes -1 and stays so where an unknown has no cell.  Returns -1 if one has two.
+    ``node`` is the node of every cell in C order, -1 for none; ``rows`` the numbers of the first cells of all rows;
+    both places come -1 and stay so where an unknown has no cell.  Returns -1 if one has two.
     """
-    count = 0
-    for row in range(len(colour)):
+    count, columns = 0, len(node) // len(rows)
+    for line in range(len(rows)):
         for column in range(columns):
-            here = node[row * columns + column]
+            here = node[line * columns + column]
             if here < 0 or row_of_node[here] < 0:
                 continue
-            i = row_of_node[here]
+            i, number = row_of_node[here], rows[line] + column
             if place[i] >= 0:
                 return -1
-            black = (colour[row] + column) & 1
-            place[i] = black * places + margin + row * width + (column >> 1)
+            place[i] = at_node[here] = (number & 1) * places + margin + (number >> 1)
             count += 1
     return count
 
 
 @njit(cache=True)
 def fill_faces(
-    pairs: Indices, conductance: Floats, row: Indices, place: Indices, distance: Integers, aside: Integers,
-    width: int, margin: int, scale: float, faces: Floats, links: Integers,
+    pairs: Indices, conductance: Floats, at_node: Indices, distance: Integers, scale: float, faces: Floats,
+    links: Integers,
 ) -> int:  # fmt: skip
     """Add every resistor between two unknowns to its red cell's face, and note those that lead elsewhere as links.
 
     Returns the number of links, or -1 if a resistor joins two cells of one colour or the links are too many.
     """
-    places, last, count = faces.shape[1], len(distance), 0
+    places, count = faces.shape[1], 0
     for k in range(len(pairs)):
-        i, j = row[pairs[k, 0]], row[pairs[k, 1]]
-        if i < 0 or j < 0 or i == j:
+        red, black = at_node[pairs[k, 0]], at_node[pairs[k, 1]]
+        if red < 0 or black < 0 or red == black:
             continue
-        red, black = place[i], place[j]
         if red >= places:
             red, black = black, red
         black -= places
         if red >= places or black < 0:
             return -1
-        away = black - red
-        face = -1
-        for q in range(last):
+        away, face = black - red, -1
+        for q in range(len(distance)):
             if away == distance[q]:
                 face = q
-        if face < 0 and away == aside[(red - margin) // width]:
-            face = last
         if face >= 0:
             faces[face, red] += conductance[k] * scale
         elif count < len(links):
@@ -74,55 +71,21 @@ def fill_faces(
 
 
 @njit(cache=True)
-def sum_degrees(
-    faces: Floats, distance: Integers, aside: Integers, width: int, margin: int, link_red: Indices,
-    link_black: Indices, links: Floats, degree: Floats,
-) -> tuple[Floats, float, float]:  # fmt: skip
-    """Add all conductances to the leaks of both colours, ``degree`` of shape (2, places).
-
-    Returns the mean along every axis, 0 where there is none, and the least and the greatest conductance of all.
-    """
-    last, least, greatest = len(distance), np.inf, 0.0
-    total, count = np.zeros(last + 1), np.zeros(last + 1)
-    for row in range(len(aside)):
-        begin = margin + row * width
-        for q in range(last + 1):
-            away = distance[q] if q < last else aside[row]
-            for red in range(begin, begin + width):
-                g = faces[q, red]
-                if g > 0.0:
-                    degree[0, red] += g
-                    degree[1, red + away] += g
-                    total[q] += g
-                    count[q] += 1.0
-                    least, greatest = min(least, g), max(greatest, g)
-    for k in range(len(links)):
-        degree[0, link_red[k]] += links[k]
-        degree[1, link_black[k]] += links[k]
-    mean = np.zeros((last + 1) // 2)
-    for axis in range(len(mean)):
-        mean[axis] = (total[2 * axis] + total[2 * axis + 1]) / max(count[2 * axis] + count[2 * axis + 1], 1.0)
-    return mean, least, greatest
-
-
-@njit(cache=True)
 def add_degrees(
-    faces: Singles, distance: Integers, aside: Integers, width: int, margin: int, link_red: Indices,
-    link_black: Indices, links: Singles, degree: Floats,
-) -> None:  # fmt: skip
+    faces: Reals, distance: Integers, margin: int, link_red: Indices, link_black: Indices, links: Reals, degree: Floats
+) -> None:
     """Add all conductances to the leaks of both colours, ``degree`` of shape (2, places)."""
-    last = len(distance)
-    for row in range(len(aside)):
-        begin = margin + row * width
-        for q in range(last + 1):
-            _add_face(faces, q, begin, distance[q] if q < last else aside[row], width - 1, degree)
+    end = faces.shape[1] - margin
+    for begin in range(margin, end, _BLOCK):
+        for q in range(len(distance)):
+            _add_face(faces, q, begin, distance[q], min(_BLOCK, end - begin), degree)
     for k in range(len(links)):
         degree[0, link_red[k]] += links[k]
         degree[1, link_black[k]] += links[k]
 
 
 @inner_fast
-def _add_face(faces: Singles, q: int, begin: int, away: int, count: int, degree: Floats) -> None:
+def _add_face(faces: Reals, q: int, begin: int, away: int, count: int, degree: Floats) -> None:
     face, red, black = np.uint64(q), np.uint64(begin), np.uint64(begin + away)
     for i in range(count):
         k = np.uint64(i)
@@ -132,21 +95,32 @@ def _add_face(faces: Singles, q: int, begin: int, away: int, count: int, degree:
         degree[1, black + k] += faces[face, red + k]
 
 
+@njit(cache=True, fastmath={"reassoc", "nsz", "nnan"})
+def compare(face: Floats) -> tuple[float, float, float, float]:
+    """Sum, number, least and greatest of the conductances across a face; infinite and 0 where there are none."""
+    total, count, least, greatest = 0.0, 0.0, np.inf, 0.0
+    for k in range(len(face)):
+        g = face[k]
+        total += g
+        count += 1.0 if g > 0.0 else 0.0
+        least = min(least, g if g > 0.0 else np.inf)
+        greatest = max(greatest, g)
+    return total, count, least, greatest
+
+
 @njit(cache=True)
 def strongest_at(
-    faces: Floats, distance: Integers, aside: Integers, width: int, margin: int, link_red: Indices,
+    faces: Floats, distance: Integers, margin: int, link_red: Indices,
     link_black: Indices, links: Floats, strongest: Singles,
 ) -> None:  # fmt: skip
     """Strongest conductance at every place of both colours, shape (2, places)."""
-    last = len(distance)
-    for row in range(len(aside)):
-        for red in range(margin + row * width, margin + (row + 1) * width):
-            for q in range(last + 1):
-                g = faces[q, red]
-                if g > 0.0:
-                    black = red + (distance[q] if q < last else aside[row])
-                    strongest[0, red] = max(strongest[0, red], g)
-                    strongest[1, black] = max(strongest[1, black], g)
+    for red in range(margin, faces.shape[1] - margin):
+        for q in range(len(distance)):
+            g = faces[q, red]
+            if g > 0.0:
+                black = red + distance[q]
+                strongest[0, red] = max(strongest[0, red], g)
+                strongest[1, black] = max(strongest[1, black], g)
     for k in range(len(links)):
         strongest[0, link_red[k]] = max(strongest[0, link_red[k]], links[k])
         strongest[1, link_black[k]] = max(strongest[1, link_black[k]], links[k])
@@ -154,22 +128,20 @@ def strongest_at(
 
 @njit(cache=True)
 def block_of_places(
-    exists: NDArray[np.bool_], aside: Integers, width: int, margin: int, shift: int, row_block: Integers,
-    row_colour: Integers, coarse_width: int, coarse_margin: int, coarse_places: int, block: Indices,
+    exists: NDArray[np.bool_], rows: Integers, columns: int, margin: int, shift: int, coarse_rows: Integers,
+    coarse_margin: int, coarse_places: int, block: Indices,
 ) -> None:  # fmt: skip
-    """Which place of the next board, red ones first, the block around every place takes; 0 where nothing is."""
-    for colour in range(2):
-        for row in range(len(row_block)):
-            odd = 1 if (aside[row] > 0) != (colour == 1) else 0
-            begin = coarse_margin + row_block[row] * coarse_width
-            for k in range(width):
-                here = margin + row * width + k
-                if exists[colour, here]:
-                    column = (2 * k + odd) >> shift
-                    black = (row_colour[row] + column) & 1
-                    block[colour, here] = black * coarse_places + begin + (column >> 1)
-                else:
-                    block[colour, here] = 0
+    """Which place of the next board, red ones first, the block around every place takes; left alone where nothing is.
+
+    ``rows`` are the numbers of the first cells of all rows, ``coarse_rows`` those of the blocks that these are in.
+    """
+    for line in range(len(rows)):
+        for column in range(columns):
+            number = rows[line] + column
+            colour, here = number & 1, margin + (number >> 1)
+            if exists[colour, here]:
+                number = coarse_rows[line] + (column >> shift)
+                block[colour, here] = (number & 1) * coarse_places + coarse_margin + (number >> 1)
 
 
 @njit(cache=True)
@@ -179,22 +151,20 @@ def _joins(g: float, weak: float, strongest: Singles, red: int, black: int) -> b
 
 @njit(cache=True)
 def count_inside(
-    faces: Floats, distance: Integers, aside: Integers, width: int, margin: int, link_red: Indices,
+    faces: Floats, distance: Integers, margin: int, link_red: Indices,
     link_black: Indices, links: Floats, block: Indices, weak: float, strongest: Singles, members: Indices,
     inner: Indices,
 ) -> None:  # fmt: skip
     """Members of every block, and the resistors inside it that are not weak."""
-    last = len(distance)
-    for row in range(len(aside)):
-        for k in range(margin + row * width, margin + (row + 1) * width):
-            for colour in range(2):
-                members[block[colour, k]] += 1
-            for q in range(last + 1):
-                g = faces[q, k]
-                if g > 0.0:
-                    black = k + (distance[q] if q < last else aside[row])
-                    if block[0, k] == block[1, black] and _joins(g, weak, strongest, k, black):
-                        inner[block[0, k]] += 1
+    for k in range(margin, faces.shape[1] - margin):
+        for colour in range(2):
+            members[block[colour, k]] += 1
+        for q in range(len(distance)):
+            g = faces[q, k]
+            if g > 0.0:
+                black = k + distance[q]
+                if block[0, k] == block[1, black] and _joins(g, weak, strongest, k, black):
+                    inner[block[0, k]] += 1
     for k in range(len(links)):
         red, black = link_red[k], link_black[k]
         if block[0, red] == block[1, black] and _joins(links[k], weak, strongest, red, black):
@@ -204,22 +174,21 @@ def count_inside(
 
 @njit(cache=True)
 def join_inside(
-    faces: Floats, distance: Integers, aside: Integers, width: int, margin: int, link_red: Indices,
+    faces: Floats, distance: Integers, margin: int, link_red: Indices,
     link_black: Indices, links: Floats, block: Indices, weak: float, strongest: Singles,
     doubtful: NDArray[np.bool_], parent: Indices,
 ) -> None:  # fmt: skip
     """Join the members of doubtful blocks by the resistors inside that are not weak (union-find over both colours)."""
-    last, places = len(distance), faces.shape[1]
-    for row in range(len(aside)):
-        for k in range(margin + row * width, margin + (row + 1) * width):
-            if not doubtful[block[0, k]]:
-                continue
-            for q in range(last + 1):
-                g = faces[q, k]
-                if g > 0.0:
-                    black = k + (distance[q] if q < last else aside[row])
-                    if block[0, k] == block[1, black] and _joins(g, weak, strongest, k, black):
-                        join(parent, k, places + black)
+    places = faces.shape[1]
+    for k in range(margin, faces.shape[1] - margin):
+        if not doubtful[block[0, k]]:
+            continue
+        for q in range(len(distance)):
+            g = faces[q, k]
+            if g > 0.0:
+                black = k + distance[q]
+                if block[0, k] == block[1, black] and _joins(g, weak, strongest, k, black):
+                    join(parent, k, places + black)
     for k in range(len(links)):
         red, black = link_red[k], link_black[k]
         if block[0, red] == block[1, black] and _joins(links[k], weak, strongest, red, black):
@@ -275,7 +244,7 @@ def invert(degree: Floats, inverse: Reals) -> None:
 
 @njit(cache=True)
 def sum_blocks(
-    faces: Floats, leak: Floats, distance: Integers, aside: Integers, width: int, margin: int, link_red: Indices,
+    faces: Floats, leak: Floats, distance: Integers, margin: int, link_red: Indices,
     link_black: Indices, link_axis: Indices, links: Floats, target: Indices, coarse_places: int,
     coarse_distance: Integers, first_extra: int, coarse: Floats, coarse_leak: Floats, inner: Singles,
     new_ends: Indices, new_axis: Indices, new_links: Floats,
@@ -285,33 +254,32 @@ def sum_blocks(
     ``inner`` of shape (ndim, 2 places) receives what lies inside aggregates along every axis.  Returns the number of
     new links, or -1 if a resistor joins two parts of one colour.
     """
-    last, count = len(distance), 0
-    for row in range(len(aside)):
-        for k in range(margin + row * width, margin + (row + 1) * width):
-            for colour in range(2):
-                coarse_leak[target[colour, k]] += leak[colour, k]
-            for q in range(last + 1):
-                g = faces[q, k]
-                if g == 0.0:
-                    continue
-                a = target[0, k]
-                b = target[1, k + (distance[q] if q < last else aside[row])]
-                axis = q >> 1
-                if a == b:
-                    inner[axis, a] += g
-                    continue
-                red, black = min(a, b), max(a, b) - coarse_places
-                if red >= coarse_places or black < 0:
-                    return -1
-                if red >= first_extra or black >= first_extra:
-                    new_ends[0, count], new_ends[1, count] = red, black
-                    new_axis[count], new_links[count] = axis, g
-                    count += 1
-                    continue
-                face = 2 * axis + 1
-                if black - red == coarse_distance[2 * axis]:
-                    face = 2 * axis
-                coarse[face, red] += g
+    count = 0
+    for k in range(margin, faces.shape[1] - margin):
+        for colour in range(2):
+            coarse_leak[target[colour, k]] += leak[colour, k]
+        for q in range(len(distance)):
+            g = faces[q, k]
+            if g == 0.0:
+                continue
+            a = target[0, k]
+            b = target[1, k + distance[q]]
+            axis = q >> 1
+            if a == b:
+                inner[axis, a] += g
+                continue
+            red, black = min(a, b), max(a, b) - coarse_places
+            if red >= coarse_places or black < 0:
+                return -1
+            if red >= first_extra or black >= first_extra:
+                new_ends[0, count], new_ends[1, count] = red, black
+                new_axis[count], new_links[count] = axis, g
+                count += 1
+                continue
+            face = 2 * axis + 1
+            if black - red == coarse_distance[2 * axis]:
+                face = 2 * axis
+            coarse[face, red] += g
     for k in range(len(links)):
         a, b = target[0, link_red[k]], target[1, link_black[k]]
         if a == b:
@@ -328,7 +296,7 @@ def sum_blocks(
 
 @njit(cache=True)
 def lengthen_faces(
-    faces: Floats, leak: Floats, distance: Integers, aside: Integers, width: int, margin: int, link_red: Indices,
+    faces: Floats, leak: Floats, distance: Integers, margin: int, link_red: Indices,
     link_black: Indices, link_axis: Indices, links: Floats, inner: Singles,
 ) -> None:  # fmt: skip
     """Make the conductances of a coarse board know length, in place.
@@ -336,19 +304,18 @@ def lengthen_faces(
     From the middle of one block to the middle of the next lies half of either block's own resistance, in series with
     what joins the two; a rail is reached through a quarter of the block's.
     """
-    last, places = len(distance), faces.shape[1]
-    for row in range(len(aside)):
-        for red in range(margin + row * width, margin + (row + 1) * width):
-            for q in range(last + 1):
-                if faces[q, red] > 0.0:
-                    black = places + red + (distance[q] if q < last else aside[row])
-                    faces[q, red] = _in_series(faces[q, red], inner[q >> 1, red], inner[q >> 1, black], 0.5)
-            for colour in range(2):
-                if leak[colour, red] > 0.0:
-                    own = 0.0
-                    for axis in range(len(inner)):
-                        own = max(own, float(inner[axis, colour * places + red]))
-                    leak[colour, red] = _in_series(leak[colour, red], own, 0.0, 0.25)
+    places = faces.shape[1]
+    for red in range(margin, faces.shape[1] - margin):
+        for q in range(len(distance)):
+            if faces[q, red] > 0.0:
+                black = places + red + distance[q]
+                faces[q, red] = _in_series(faces[q, red], inner[q >> 1, red], inner[q >> 1, black], 0.5)
+        for colour in range(2):
+            if leak[colour, red] > 0.0:
+                own = 0.0
+                for axis in range(len(inner)):
+                    own = max(own, float(inner[axis, colour * places + red]))
+                leak[colour, red] = _in_series(leak[colour, red], own, 0.0, 0.25)
     for k in range(len(links)):
         axis = link_axis[k]
         links[k] = _in_series(links[k], inner[axis, link_red[k]], inner[axis, places + link_black[k]], 0.5)

@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from resgrid.nodal.multigrid import board_setup
 from resgrid.nodal.multigrid.board_passes import Board, Reals
-from resgrid.nodal.multigrid.lattice import Lattice, cells_at
+from resgrid.nodal.multigrid.lattice import Lattice
 from resgrid.nodal.multigrid.levels import Graph
 
-LEAST_WIDTH = 4
 _BLOCK = 2048
 """Places a pass takes at a time: what it touches stays in the first cache."""
 
@@ -92,40 +91,34 @@ def lay_out(
     place : ndarray of int32, shape (n,)
         Place of every unknown, red ones first, black ones behind.
     None
-        Where unknowns are not the cells of a grid of two colours, or its rows are too short to be worth it.
+        Where unknowns are not the cells of a grid of two colours.
     """
-    if node.ndim < 2 or (node.shape[-1] + 1) // 2 + 1 < LEAST_WIDTH:
+    if node.ndim < 2:
         return None
     lattice = Lattice(node.shape)
-    width, margin, places = lattice.width, lattice.margin, lattice.places
     place = np.full(len(excess), -1, dtype=np.int32)
-    cells = board_setup.place_cells(node.ravel(), row, node.shape[-1], lattice.colour, width, margin, places, place)
+    at_node = np.full(len(row), -1, dtype=np.int32)
+    cells = board_setup.place_cells(node.ravel(), row, lattice.rows, lattice.margin, lattice.places, place, at_node)
     if cells != len(excess):
         return None
-    faces = np.zeros((2 * node.ndim, places))
+    faces = np.zeros((2 * node.ndim, lattice.places))
     rings = np.empty(sum(node.size // size for size in node.shape), dtype=np.int64)
-    count = board_setup.fill_faces(
-        pairs, conductance, row, place, lattice.distance, lattice.aside, width, margin, 1.0 / unit, faces, rings
-    )
+    count = board_setup.fill_faces(pairs, conductance, at_node, lattice.distance, 1.0 / unit, faces, rings)
     if count < 0:
         return None
-    leak = np.zeros((2, places))
+    leak = np.zeros((2, lattice.places))
     leak.ravel()[place] = excess / unit
-    ends, axis, links = _rings(pairs[rings[:count]], conductance[rings[:count]] / unit, row, place, lattice)
+    ends, axis, links = _rings(at_node[pairs[rings[:count]]], conductance[rings[:count]] / unit, lattice)
     empty = np.empty(0, dtype=np.int64)
     return level_of(lattice, faces, leak, ends, axis, links, (empty, empty)), place
 
 
 def _rings(
-    pairs: NDArray[np.int32],
-    conductance: NDArray[np.float64],
-    row: NDArray[np.int32],
-    place: NDArray[np.int32],
-    lattice: Lattice,
+    place: NDArray[np.int32], conductance: NDArray[np.float64], lattice: Lattice
 ) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64]]:
-    """Red and black places, axes and conductances of the resistors that close periodic axes."""
-    ends = np.sort(place[row[pairs]], axis=1).T - np.array([[0], [lattice.places]], dtype=np.int32)
-    red, black = (np.stack(cells_at(lattice, colour, ends[colour])) for colour in range(2))
+    """Red and black places, axes and conductances of the resistors that close periodic axes, from pairs of places."""
+    ends = np.sort(place, axis=1).T - np.array([[0], [lattice.places]], dtype=np.int32)
+    red, black = (np.stack(lattice.cells_at(colour, ends[colour])) for colour in range(2))
     axis = np.argmax(red != black, axis=0).astype(np.int32)
     order = np.lexsort((ends[1], ends[0]))
     return np.ascontiguousarray(ends[:, order], dtype=np.int32), axis[order], conductance[order]
@@ -142,13 +135,16 @@ def level_of(
 ) -> Level:
     """A level with its degrees summed."""
     degree = leak.copy()
-    mean, least, greatest = board_setup.sum_degrees(faces, *frame(lattice), ends[0], ends[1], links, degree)
+    board_setup.add_degrees(faces, *frame(lattice), ends[0], ends[1], links, degree)
+    total, count, least, greatest = np.array([board_setup.compare(face) for face in faces]).T
+    total, count = total.reshape(-1, 2).sum(axis=1), count.reshape(-1, 2).sum(axis=1)
+    mean, least, greatest = total / np.maximum(count, 1.0), least.min(), greatest.max()
     return Level(lattice, faces, leak, degree, mean, least < WEAK * greatest, ends, axis, links, extra_cell)
 
 
-def frame(lattice: Lattice) -> tuple[NDArray[np.int64], NDArray[np.int64], int, int]:
+def frame(lattice: Lattice) -> tuple[NDArray[np.int64], int]:
     """What tells the neighbours of places."""
-    return lattice.distance, lattice.aside, lattice.width, lattice.margin
+    return lattice.distance, lattice.margin
 
 
 def in_double(level: Level) -> Board:
@@ -175,10 +171,8 @@ def _board(
     return Board(
         faces=faces,
         distance=lattice.distance,
-        aside=lattice.aside,
-        width=lattice.width,
         margin=lattice.margin,
-        block=max(1, _BLOCK // lattice.width),
+        block=min(_BLOCK, lattice.places),
         link_red=red,
         link_black=black,
         links=links,
@@ -218,11 +212,8 @@ def to_graph(level: Level) -> tuple[Graph, NDArray[np.int32]]:
     used = np.flatnonzero(level.degree.ravel())
     number = np.full(2 * places, -1, dtype=np.int32)
     number[used] = np.arange(len(used), dtype=np.int32)
-    aside = np.zeros(places, dtype=np.int64)
-    aside[lattice.margin : lattice.margin + lattice.rows * lattice.width] = np.repeat(lattice.aside, lattice.width)
     red = [np.flatnonzero(face) for face in level.faces]
-    black = [here + d for here, d in zip(red, lattice.distance.tolist(), strict=False)]
-    black.append(red[-1] + aside[red[-1]])
+    black = [here + d for here, d in zip(red, lattice.distance.tolist(), strict=True)]
     here = number[np.concatenate([*red, level.ends[0]])]
     there = number[places + np.concatenate([*black, level.ends[1]])]
     g = np.concatenate([*(face[k] for face, k in zip(level.faces, red, strict=True)), level.links])
@@ -243,6 +234,6 @@ def _coordinates(level: Level, used: NDArray[np.int64]) -> NDArray[np.int32]:
         place = used[(used >= lattice.places) == (colour == 1)] - colour * lattice.places
         on_grid = place[place < lattice.first_extra]
         extra = np.unravel_index(level.extra_cell[colour], lattice.shape)
-        cells = zip(cells_at(lattice, colour, on_grid), extra, strict=True)
+        cells = zip(lattice.cells_at(colour, on_grid), extra, strict=True)
         parts.append(np.stack([np.concatenate(pair) for pair in cells], axis=1))
     return np.ascontiguousarray(np.concatenate(parts), dtype=np.int32)

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from resgrid.nodal.multigrid import board_setup
 from resgrid.nodal.multigrid.boards import WEAK, Level, frame, level_of
-from resgrid.nodal.multigrid.lattice import Lattice, cells_at
+from resgrid.nodal.multigrid.lattice import Lattice
 
 
 def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | None:
@@ -37,31 +37,27 @@ def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | N
     before, colour = lattice.places, (home >= lattice.places).astype(np.int64)
     if len(home):
         most = int(np.bincount(colour).max())
-        lattice = Lattice(lattice.shape, -(-most // lattice.width))
+        lattice = Lattice(lattice.shape, most)
         rank = np.where(colour == 0, np.cumsum(colour == 0), np.cumsum(colour == 1)) - 1
         number = (colour * lattice.places + lattice.first_extra + rank).astype(np.int32)
         board_setup.renumber(target, before, number, lattice.places - before)
-    cells = [cells_at(lattice, c, home[colour == c] - c * before) for c in range(2)]
+    cells = [lattice.cells_at(c, home[colour == c] - c * before) for c in range(2)]
     red, black = (np.ravel_multi_index(cell, lattice.shape).astype(np.int64) for cell in cells)
     return _summed(level, lattice, target, (red, black))
 
 
 def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray[np.int32]:
     """The place on the next lattice, red ones first, that every place's block takes."""
-    fine, exists = level.lattice, level.degree > 0.0
-    rows = [index.ravel() >> s for index, s in zip(np.indices(fine.shape[:-1]), shift[:-1].tolist(), strict=True)]
-    row_block = np.ravel_multi_index(rows, lattice.shape[:-1]).astype(np.int64)
-    target = np.zeros(exists.shape, dtype=np.int32)
+    fine = level.lattice
+    index = np.ix_(*(np.arange(n) >> s for n, s in zip((*fine.shape[:-1], 1), shift.tolist(), strict=True)))
+    target = np.zeros(level.degree.shape, dtype=np.int32)
     board_setup.block_of_places(
-        exists, fine.aside, fine.width, fine.margin, int(shift[-1]), row_block, sum(rows) & 1,
-        lattice.width, lattice.margin, lattice.places, target,
+        level.degree > 0.0, fine.rows, fine.shape[-1], fine.margin, int(shift[-1]), lattice.number(index).ravel(),
+        lattice.margin, lattice.places, target,
     )  # fmt: skip
     for colour, cell in enumerate(level.extra_cell):
         block = [index >> s for index, s in zip(np.unravel_index(cell, fine.shape), shift.tolist(), strict=True)]
-        line = np.ravel_multi_index(block[:-1], lattice.shape[:-1])
-        black = sum(block) & 1
-        place = black * lattice.places + lattice.margin + line * lattice.width + (block[-1] >> 1)
-        target[colour, fine.first_extra : fine.first_extra + len(cell)] = place
+        target[colour, fine.first_extra : fine.first_extra + len(cell)] = lattice.place(lattice.number(block))
     return target
 
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from resgrid.nodal.multigrid.board_cycle import Boards, cycle_boards
 from resgrid.nodal.multigrid.board_passes import Board
-from resgrid.nodal.multigrid.boards import LEAST_WIDTH, Level, in_double, in_single, to_graph, with_exact_diagonal
+from resgrid.nodal.multigrid.boards import Level, in_double, in_single, to_graph, with_exact_diagonal
 from resgrid.nodal.multigrid.coarsening import coarsen
 from resgrid.nodal.multigrid.kernels import Stack, cycle
 from resgrid.nodal.multigrid.levels import coarsen_down
@@ -97,7 +97,7 @@ def coarsen_boards(level: Level, most: int = 64, small: int = _SMALL) -> tuple[l
         levels.append(coarse)
         targets.append(target[1].copy())
         extras = sum(len(cell) for cell in coarse.extra_cell)
-        if coarse.size < small or coarse.lattice.width < LEAST_WIDTH or extras > _MOST_EXTRAS * coarse.size:
+        if coarse.size < small or extras > _MOST_EXTRAS * coarse.size:
             break
     return levels, targets
 
@@ -135,18 +135,15 @@ def lay_behind(boards: list[Board], targets: list[NDArray[np.int32]], nodes: int
         return np.concatenate([np.empty(0, dtype=kind), *(part.ravel() for part in parts)]).astype(kind, copy=False)
 
     places = np.cumsum([0, *(board.faces.shape[1] for board in boards)])
-    distance = np.array([board.distance for board in boards]).reshape(len(boards), len(level.faces) - 1)
+    distance = np.array([board.distance for board in boards]).reshape(len(boards), len(level.faces))
     return Boards(
         size=2 * int(places[1]) if boards else 1 + nodes,
         nodes=nodes,
         places=places,
-        rows=np.cumsum([0, *(len(board.aside) for board in boards)]),
         first_link=np.cumsum([0, *(len(board.links) for board in boards)]),
-        width=np.array([board.width for board in boards], dtype=np.int64),
         margin=np.array([board.margin for board in boards], dtype=np.int64),
         block=np.array([board.block for board in boards], dtype=np.int64),
         distance=distance.astype(np.int64),
-        aside=joined([board.aside for board in boards], np.int64),
         faces=joined([board.faces for board in boards], np.float32),
         links=joined([board.links for board in boards], np.float32),
         link_red=joined([board.link_red for board in boards], np.int32),
@@ -164,7 +161,7 @@ def lay_behind(boards: list[Board], targets: list[NDArray[np.int32]], nodes: int
 
 def own_vectors(boards: Boards) -> Boards:
     """The same boards with work space of their own, so that one hierarchy can serve several solves at a time."""
-    levels, places = len(boards.width), int(boards.places[-1])
+    levels, places = len(boards.margin), int(boards.places[-1])
     b, x = np.zeros((2, 2 * places + 1 + boards.nodes), dtype=np.float32)
     f, z, v, c, red = np.zeros((5, places), dtype=np.float32)
     energy, alpha = np.zeros((2, levels + 1))

@@ -1,7 +1,13 @@
-"""Where the cells of a grid lie on a board."""
+"""Where the cells of a grid lie on a board.
+
+Cells are numbered with a stride along every axis, as in an array, but all strides are odd: the numbers of neighbours
+differ by an odd one, so that those of red cells are even and those of black cells odd.  Halved, they are places in an
+array for each colour, where every neighbour of a red cell lies at the same distance for all of them.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,72 +18,70 @@ _PADDING = 16
 
 @dataclass(frozen=True, eq=False)
 class Lattice:
-    """Where the cells of a grid lie on a board.
+    """The places of a grid's cells.
 
     Attributes
     ----------
     shape : tuple of int
-        Of the grid.
-    extra_rows : int
-        Rows behind the last one for nodes beside the grid.
+        Of the grid, of two axes or more.
+    extras : int
+        Places of either colour behind the grid, for nodes beside it.
     """
 
     shape: tuple[int, ...]
-    extra_rows: int = 0
+    extras: int = 0
 
     @property
-    def width(self) -> int:
-        """Places a row; one is left empty between rows."""
-        return (self.shape[-1] + 1) // 2 + 1
+    def strides(self) -> tuple[int, ...]:
+        """From the number of a cell to the next one's along every axis.
 
-    @property
-    def grid_rows(self) -> int:
-        """Rows of cells."""
-        return int(np.prod(self.shape[:-1]))
-
-    @property
-    def rows(self) -> int:
-        """All rows."""
-        return self.grid_rows + self.extra_rows
-
-    @property
-    def strides(self) -> list[int]:
-        """Places from one cell to the next along every axis but the last."""
-        return [self.width * int(np.prod(self.shape[a + 1 : -1])) for a in range(len(self.shape) - 1)]
+        They leave gaps, so that the numbers of no other cells differ by a stride.
+        """
+        strides, span = [1], 0
+        for cells in self.shape[:0:-1]:
+            span += (cells - 1) * strides[-1]
+            strides.append(strides[-1] + span + 1 | 1)
+        return tuple(strides[::-1])
 
     @property
     def margin(self) -> int:
-        """Places before the first row."""
-        return max(self.strides) + _PADDING
-
-    @property
-    def places(self) -> int:
-        """Places of a colour, margins included."""
-        return 2 * self.margin + self.width * self.rows
+        """Places before the first cell and behind the last node."""
+        return (self.strides[0] + 1) // 2 + _PADDING
 
     @property
     def first_extra(self) -> int:
         """First place behind the grid."""
-        return self.margin + self.width * self.grid_rows
+        return self.margin + (self.shape[0] * self.strides[0] + 1) // 2
+
+    @property
+    def places(self) -> int:
+        """Places of a colour, margins included."""
+        return self.first_extra + self.extras + self.margin
 
     @property
     def distance(self) -> NDArray[np.int64]:
-        """From a red place to the black one across each face but the last."""
-        return np.array([*(d for stride in self.strides for d in (-stride, stride)), 0], dtype=np.int64)
+        """From a red place to the black one across each face, the lower and the upper one along every axis."""
+        return np.array([d for s in self.strides for d in (-(s + 1) // 2, (s - 1) // 2)], dtype=np.int64)
 
     @property
-    def colour(self) -> NDArray[np.int64]:
-        """Parity of every row of cells."""
-        return np.asarray(np.indices(self.shape[:-1]).sum(axis=0).ravel() % 2, dtype=np.int64)
+    def rows(self) -> NDArray[np.int64]:
+        """Numbers of the first cells of all rows along the last axis, in C order."""
+        first = np.ix_(*(np.arange(cells) for cells in (*self.shape[:-1], 1)))
+        return self.number(first).ravel()
 
-    @property
-    def aside(self) -> NDArray[np.int64]:
-        """From a red place to the black one across the last face, for every row."""
-        return np.concatenate([np.where(self.colour == 0, -1, 1), np.ones(self.extra_rows, dtype=np.int64)])
+    def number(self, index: Sequence[NDArray[np.int64]]) -> NDArray[np.int64]:
+        """Numbers of cells, from their indices along every axis."""
+        return np.asarray(sum(i * s for i, s in zip(index, self.strides, strict=True)), dtype=np.int64)
 
+    def place(self, number: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Places of numbered cells, black ones counted behind all places of red ones."""
+        return (number & 1) * self.places + self.margin + (number >> 1)
 
-def cells_at(lattice: Lattice, colour: int, place: NDArray[np.integer]) -> tuple[NDArray[np.int64], ...]:
-    """Indices of the cells at some places of a colour, one array for each axis."""
-    line, along = np.divmod(place.astype(np.int64) - lattice.margin, lattice.width)
-    column = 2 * along + ((lattice.colour[line] == 1) != (colour == 1))
-    return (*np.unravel_index(line, lattice.shape[:-1]), column)
+    def cells_at(self, colour: int, place: NDArray[np.integer]) -> tuple[NDArray[np.int64], ...]:
+        """Indices of the cells at some places of a colour, one array for each axis."""
+        rest = 2 * (place.astype(np.int64) - self.margin) + colour
+        index = []
+        for stride in self.strides:
+            along, rest = np.divmod(rest, stride)
+            index.append(along)
+        return tuple(index)

@@ -1,7 +1,7 @@
 """Waves over a board: passes in which red cells go ahead of black ones, so that faces are read once.
 
-They go ahead by as many rows as there are between neighbours, and red values are only kept in a window around the rows
-that a wave has come to.
+They go ahead by as many places as there are between neighbours, and red values are only kept in a window around the
+places that a wave has come to.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from resgrid.nodal.multigrid.board_passes import (
     Integers,
     Reals,
     Singles,
+    blocks_of,
     draw,
     extent,
     into_black,
     into_red,
     relax,
-    row_blocks,
 )
 from resgrid.nodal.multigrid.compiled import ZERO, inner, inner_fast
 
@@ -33,7 +33,7 @@ _ROOM = 4
 
 
 class _Wave(NamedTuple):
-    """The red values around the rows that a wave has come to.
+    """The red values around the places that a wave has come to.
 
     Attributes
     ----------
@@ -57,18 +57,17 @@ class _Wave(NamedTuple):
 
 @inner
 def _begin_wave(board: Board) -> _Wave:
-    places = board.block * board.width
-    ahead = -(-board.margin // places)
-    kept = ahead * places + board.margin
-    red = np.zeros(_ROOM * (kept + places), board.red_inverse.dtype)
+    ahead = -(-board.margin // board.block)
+    kept = ahead * board.block + board.margin
+    red = np.zeros(_ROOM * (kept + board.block), board.red_inverse.dtype)
     return _Wave(red, np.empty(len(board.links), red.dtype), np.array([board.margin - kept, 0, 0]), kept, ahead)
 
 
 @inner
 def _make_room(board: Board, wave: _Wave, block: int) -> int:
     """Make room for a block of red values; returns where among them it begins."""
-    begin = board.margin + block * board.block * board.width
-    if begin + board.block * board.width - wave.at[0] > len(wave.red):
+    begin = board.margin + block * board.block
+    if begin + board.block - wave.at[0] > len(wave.red):
         behind = begin - wave.kept - wave.at[0]
         for k in range(wave.kept):
             wave.red[k] = wave.red[behind + k]
@@ -78,23 +77,23 @@ def _make_room(board: Board, wave: _Wave, block: int) -> int:
 
 @inner
 def _lead(board: Board, wave: _Wave, x: Reals, block: int) -> None:
-    """``red = G x / degree`` on a block of rows, zero behind the last one."""
+    """``red = G x / degree`` on a block, zero behind the last one."""
     to = _draw_into_red(board, wave, x, block)
-    if block < row_blocks(board):
-        _, begin, count = extent(board, block)
+    if block < blocks_of(board):
+        begin, count = extent(board, block)
         _scale(board.red_inverse, begin, count, wave.red, to)
         _note(board, wave, begin, to)
 
 
 @inner
 def _draw_into_red(board: Board, wave: _Wave, x: Reals, block: int) -> int:
-    """``red = G x`` on a block of rows, zero behind the last one; returns where among the red values it begins."""
+    """``red = G x`` on a block, zero behind the last one; returns where among the red values it begins."""
     to = _make_room(board, wave, block)
-    if block >= row_blocks(board):
-        for k in range(to, to + board.block * board.width):
+    if block >= blocks_of(board):
+        for k in range(to, to + board.block):
             wave.red[k] = 0.0
         return to
-    _, begin, count = extent(board, block)
+    begin, count = extent(board, block)
     into_red(board, x, block, wave.red, to)
     while wave.at[1] < len(board.links) and board.link_red[wave.at[1]] < begin + count:
         wave.red[to + board.link_red[wave.at[1]] - begin] += wave.linked[wave.at[1]]
@@ -125,15 +124,15 @@ def restrict(board: Board, aggregate: Indices, z: Singles, coarse: Singles) -> N
 
     ``aggregate`` leads from a black place to its node there; from unused places to node 0, which nothing belongs to.
     """
-    total = np.empty(board.block * board.width, board.red_inverse.dtype)
+    total = np.empty(board.block, board.red_inverse.dtype)
     for node in range(len(coarse)):
         coarse[node] = 0.0
     wave = _begin_wave(board)
     draw(board, z, wave.linked)
-    for step in range(row_blocks(board) + wave.ahead):
+    for step in range(blocks_of(board) + wave.ahead):
         _lead(board, wave, z, step)
         if step >= wave.ahead:
-            _, begin, count = extent(board, step - wave.ahead)
+            begin, count = extent(board, step - wave.ahead)
             into_black(board, wave.red, wave.at[0], step - wave.ahead, total, ZERO)
             _add_to_nodes(aggregate, begin, count, total, coarse)
     for m in range(len(board.links)):
@@ -169,14 +168,14 @@ def prolong_and_multiply(
     The waves of both follow as close upon each other as neighbours allow; where there are links, one after the other.
     """
     first, second = _begin_wave(board), _begin_wave(exact)
-    blocks, ahead = row_blocks(board), first.ahead
+    blocks, ahead = blocks_of(board), first.ahead
     before, between = (ahead, 3 * ahead) if len(board.links) == 0 else (blocks, 2 * blocks + ahead)
-    total = np.empty(board.block * board.width, board.red_inverse.dtype)
+    total = np.empty(board.block, board.red_inverse.dtype)
     product = np.empty(len(total), exact.red_inverse.dtype)
     zr, zw, zs = 0.0, 0.0, 0.0
     for step in range(between + blocks + ahead):
         if step < blocks:
-            _, begin, count = extent(board, step)
+            begin, count = extent(board, step)
             _add_from_nodes(aggregate, begin, count, coarse, z)
         if step == before:
             draw(board, z, first.linked)
@@ -186,13 +185,13 @@ def prolong_and_multiply(
         if before <= step < before + blocks + ahead:
             _lead(board, first, z, step - before)
         if before + ahead <= step < before + blocks + ahead:
-            _, begin, count = extent(board, step - before - ahead)
+            begin, count = extent(board, step - before - ahead)
             into_black(board, first.red, first.at[0], step - before - ahead, total, ZERO)
             relax(board.black_inverse, r, begin, count, total, z)
         if between <= step:
             _lead(exact, second, z, step - between)
         if between + ahead <= step:
-            _, begin, count = extent(exact, step - between - ahead)
+            begin, count = extent(exact, step - between - ahead)
             into_black(exact, second.red, second.at[0], step - between - ahead, product, ZERO)
             a, b, c = _products(exact.black_degree, z, r, s, begin, count, product, w)
             zr, zw, zs = zr + a, zw + b, zs + c
@@ -241,18 +240,18 @@ def black_residual(board: Board, b: Floats, x: Floats, r: Floats) -> float:
 
     Returns its norm.
     """
-    blocks, squares = row_blocks(board), 0.0
-    total = np.empty(board.block * board.width)
+    blocks, squares = blocks_of(board), 0.0
+    total = np.empty(board.block)
     wave = _begin_wave(board)
     draw(board, x[1], wave.linked)
     for step in range(blocks + wave.ahead):
         to = _draw_into_red(board, wave, x[1], step)
         if step < blocks:
-            _, begin, count = extent(board, step)
+            begin, count = extent(board, step)
             _relax_both(board.red_inverse, b[0], begin, count, wave.red, to, x[0])
             _note(board, wave, begin, to)
         if step >= wave.ahead:
-            _, begin, count = extent(board, step - wave.ahead)
+            begin, count = extent(board, step - wave.ahead)
             into_black(board, wave.red, wave.at[0], step - wave.ahead, total, ZERO)
             squares += _subtract(board.black_degree, b[1], x[1], begin, count, total, r)
     if len(board.links) == 0:

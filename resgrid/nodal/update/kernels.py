@@ -20,13 +20,11 @@ Integers = NDArray[np.int64]
 @njit(cache=True)
 def across(board: Board, place: int, side: int) -> tuple[int, float]:
     """The place across a face of another place, and the conductance between them."""
-    places, last = board.faces.shape[1], len(board.distance)
-    at = place if place < places else place - places
-    row = (at - board.margin) // board.width
-    away = board.distance[side] if side < last else board.aside[row]
+    places, away = board.faces.shape[1], board.distance[side]
     if place < places:
-        return places + at + away, board.faces[side, at]
-    return at - away, board.faces[side, at - away]
+        return places + place + away, board.faces[side, place]
+    red = place - places - away
+    return red, board.faces[side, red]
 
 
 @njit(cache=True)
@@ -91,19 +89,21 @@ def separate(board: Board, one: Integers, other: Integers) -> None:
 
 
 @njit(cache=True)
-def cell_at(board: Board, columns: int, place: int) -> int:
-    """Flat index of the cell at a place of a first level."""
-    places = board.faces.shape[1]
+def cell_at(board: Board, shape: Integers, place: int) -> int:
+    """Flat index, in a grid of some shape, of the cell at a place of its first level."""
+    places, cell = board.faces.shape[1], 0
     black = place >= places
-    at = place - places if black else place
-    row = (at - board.margin) // board.width
-    odd = 1 if (board.aside[row] > 0) != black else 0
-    return int(row * columns + 2 * ((at - board.margin) % board.width) + odd)
+    rest = 2 * (place - board.margin - black * places) + black
+    for axis in range(len(shape)):
+        stride = board.distance[2 * axis + 1] - board.distance[2 * axis]
+        cell = cell * shape[axis] + rest // stride
+        rest %= stride
+    return int(cell)
 
 
 @njit(cache=True)
 def stay_together(
-    board: Board, node: Indices, columns: int, row_of_node: Indices, excess: Floats, feed: Floats,
+    board: Board, node: Indices, shape: Integers, row_of_node: Indices, excess: Floats, feed: Floats,
     span: float, seeds: Integers, needed: NDArray[np.bool_], most: int, label: Indices,
 ) -> bool:  # fmt: skip
     """Whether some places still reach each other, and the rails they need, within ``most`` steps.
@@ -122,7 +122,7 @@ def stay_together(
     while begin < end:
         place = queue[begin]
         begin += 1
-        row = row_of_node[node[cell_at(board, columns, place)]]
+        row = row_of_node[node[cell_at(board, shape, place)]]
         touches = contacts(excess[row], feed[row], span)
         low, high = low or touches[0], high or touches[1]
         for side in range(len(board.faces)):
@@ -152,80 +152,84 @@ def contacts(excess: float, feed: float, span: float) -> tuple[bool, bool]:
 
 
 @njit(cache=True)
-def number_cells(
-    row: Indices, columns: int, colour: Integers, width: int, margin: int, places: int,
-    rows: Integers, place: Indices,
-) -> int:  # fmt: skip
-    """Rows of the cells of a window in C order, -1 for none, and their places on its board; returns how many."""
-    count = 0
-    for line in range(len(colour)):
+def number_cells(row: Indices, first: Integers, margin: int, places: int, rows: Integers, place: Indices) -> int:
+    """Rows of the cells of a window in C order, -1 for none, and their places on its board; returns how many.
+
+    ``first`` are the numbers of the first cells of all lines of cells.
+    """
+    count, columns = 0, len(row) // len(first)
+    for line in range(len(first)):
         for column in range(columns):
-            here = row[line * columns + column]
+            here, number = row[line * columns + column], first[line] + column
             if here >= 0:
                 rows[count] = here
-                black = (colour[line] + column) & 1
-                place[count] = black * places + margin + line * width + (column >> 1)
+                place[count] = (number & 1) * places + margin + (number >> 1)
                 count += 1
     return count
 
 
 @njit(cache=True)
 def cut_out(
-    board: Board, lines: Integers, window_line: Integers, low: int, high: int, width: int, margin: int,
-    faces: Floats, inner: Integers, outer: Integers, conductance: Floats,
+    board: Board, shape: Integers, lines: Integers, first: Integers, window_first: Integers, low: int, high: int,
+    margin: int, faces: Floats, inner: Integers, outer: Integers, conductance: Floats,
 ) -> int:  # fmt: skip
     """Copy the faces of a window, and list the conductances that lead out of it.
 
-    ``lines`` are the rows of the board in the window and around it, ``window_line`` the number of every row in the
-    window, -1 outside; its cells take the places from ``low`` to ``high`` of a row.  Returns the length of the list:
-    ``inner`` counts places of the window, ``outer`` those of the board.
+    ``shape`` is that of the grid, ``first`` the numbers of the first cells of all its lines; ``lines`` are those in the
+    window and around it, ``window_first`` the numbers in the window of their cells at column ``low``, -1 outside; the
+    window ends before column ``high``.  Returns the length of the list: ``inner`` counts places of the window,
+    ``outer`` those of the board.
     """
-    count, places, last = 0, board.faces.shape[1], len(board.distance)
+    count, places, last = 0, board.faces.shape[1], len(shape) - 1
     for line in lines:
-        begin, own = board.margin + line * board.width, window_line[line]
-        for side in range(last + 1):
-            other, away = line, board.aside[line]
-            if side < last:
-                other, away = line + board.distance[side] // board.width, 0
-            theirs = window_line[other] if 0 <= other < len(window_line) else -1
+        own, apart = window_first[line], len(first)
+        for side in range(2 * len(shape)):
+            axis, ahead = side >> 1, 2 * (side & 1) - 1
+            if side & 1 == 0 and axis < last:
+                apart //= shape[axis]
+            other, aside = (line + ahead * apart, 0) if axis < last else (line, ahead)
+            theirs = window_first[other] if 0 <= other < len(first) else -1
             if own < 0 and theirs < 0:
                 continue
-            for k in range(max(low - 1, 0), min(high + 1, board.width)):
-                g = board.faces[side, begin + k]
-                red = own >= 0 and low <= k < high
-                black = theirs >= 0 and low <= k + away < high
+            begin = max(low - 1, 0)
+            for column in range(begin + (first[line] + begin & 1), min(high + 1, shape[last]), 2):
+                place = board.margin + (first[line] + column >> 1)
+                g = board.faces[side, place]
+                red = own >= 0 and low <= column < high
+                black = theirs >= 0 and low <= column + aside < high
                 if g == 0.0 or not (red or black):
                     continue
-                red_at = margin + own * width + k - low
+                red_at = margin + (own + column - low >> 1)
                 if red and black:
                     faces[side, red_at] = g
                     continue
-                there = board.margin + other * board.width + k + away
                 if red:
-                    inner[count], outer[count] = red_at, places + there
+                    inner[count], outer[count] = red_at, places + place + board.distance[side]
                 else:
-                    inner[count] = faces.shape[1] + margin + theirs * width + k + away - low
-                    outer[count] = begin + k
+                    inner[count] = faces.shape[1] + margin + (theirs + column + aside - low >> 1)
+                    outer[count] = place
                 conductance[count] = g
                 count += 1
-    return _cut_links(board, window_line, low, high, width, margin, faces.shape[1], count, inner, outer, conductance)
+    return _cut_links(board, shape, window_first, low, high, margin, faces.shape[1], count, inner, outer, conductance)
 
 
 @njit(cache=True)
 def _cut_links(
-    board: Board, window_line: Integers, low: int, high: int, width: int, margin: int, window_places: int,
+    board: Board, shape: Integers, window_first: Integers, low: int, high: int, margin: int, window_places: int,
     count: int, inner: Integers, outer: Integers, conductance: Floats,
 ) -> int:  # fmt: skip
     """The same for links, all of which count as leading out."""
     places = board.faces.shape[1]
     for m in range(len(board.links)):
         for colour in range(2):
-            here, there = board.link_red[m], places + board.link_black[m]
+            here, there = int(board.link_red[m]), int(places + board.link_black[m])
             if colour == 1:
-                here, there = board.link_black[m], board.link_red[m]
-            own, k = window_line[(here - board.margin) // board.width], (here - board.margin) % board.width
-            if own >= 0 and low <= k < high and board.links[m] > 0.0:
-                inner[count], outer[count] = colour * window_places + margin + own * width + k - low, there
+                here, there = there, here
+            line, column = divmod(cell_at(board, shape, here), shape[-1])
+            own = window_first[line]
+            if own >= 0 and low <= column < high and board.links[m] > 0.0:
+                inner[count] = colour * window_places + margin + (own + column - low >> 1)
+                outer[count] = there
                 conductance[count] = board.links[m]
                 count += 1
     return count

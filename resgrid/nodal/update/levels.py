@@ -24,6 +24,9 @@ from resgrid.nodal.update import kernels
 from resgrid.nodal.update.change import Change
 from resgrid.nodal.update.window import Box, Window, boxes_around, open_window, window_depth
 
+_Places = tuple[NDArray[np.int64], NDArray[np.int64]]
+"""Of red and of black cells."""
+
 _BLOCK_RESISTANCE = 0.125
 """Resistance on the way through a block of four to a point in it, in units of the mean resistance around."""
 
@@ -56,7 +59,7 @@ def patch_levels(
     grid, layout = hierarchy.grid, system.netlist.layout
     assert grid is not None
     assert layout is not None
-    shape, count = layout.node.shape, len(grid.boards.width)
+    shape, count = layout.node.shape, len(grid.boards.margin)
     depth = window_depth(shape, count + 1)
     index = np.stack(np.unravel_index(cells, shape), axis=1).astype(np.int64)
     boxes = boxes_around(index, shape, depth)
@@ -143,40 +146,34 @@ class _Patch:
         shift = self._shift(number)
         whole = (np.array(self.shape) - 1 >> shift) + 1
         low, high = self.box.low >> shift, (self.box.high - 1 >> shift) + 1
-        ring = np.array([1] * (len(whole) - 1) + [2])
-        low, high = np.where(low > 0, low + ring, 0), np.where(high < whole, high - ring, whole)
+        low, high = np.where(low > 0, low + 1, 0), np.where(high < whole, high - 1, whole)
         first = np.maximum((self.box.first >> shift) - 1, low)
         last = np.minimum((self.box.last - 1 >> shift) + 2, high)
-        first[-1] -= first[-1] % 2
-        last[-1] = min(last[-1] + last[-1] % 2, whole[-1])
         return Lattice(tuple(whole.tolist())), first, last
 
-    def _places(self, lattice: Lattice, first: NDArray[np.int64], last: NDArray[np.int64]) -> NDArray[np.int64]:
-        """Places of a range of cells, of either colour."""
-        index = [np.arange(a, b) for a, b in zip(first[:-1], last[:-1], strict=True)]
-        line = np.ravel_multi_index(np.ix_(*index), lattice.shape[:-1]).ravel()
-        along = np.arange(first[-1] // 2, (last[-1] + 1) // 2)
-        return (lattice.margin + line[:, None] * lattice.width + along).ravel()
-
-    def _both(self, number: int) -> tuple[Lattice, NDArray[np.int64], NDArray[np.int64]] | None:
+    def _both(self, number: int) -> tuple[Lattice, _Places, _Places] | None:
         """Places to be renewed on a level of the grid, and the same in the window; None if there are none."""
         lattice, first, last = self._ranges(number)
         if np.any(first >= last):
             return None
         origin = self.box.low >> self._shift(number)
-        window = self.levels[number].lattice
-        return lattice, self._places(lattice, first, last), self._places(window, first - origin, last - origin)
+        return (
+            lattice,
+            _places(lattice, first, last),
+            _places(self.levels[number].lattice, first - origin, last - origin),
+        )
 
     def leave(self, aggregate: NDArray[np.int32]) -> None:
         """Take black places whose part has been split off a block away from the block, in place."""
         both = self._both(0)
         if both is not None and self.targets:
-            self._split(0, both[1], both[2], aggregate)
+            self._split(0, both[1][1], both[2][1], aggregate)
 
     def _split(
         self, number: int, there: NDArray[np.int64], here: NDArray[np.int64], aggregate: NDArray[np.int32]
     ) -> None:
-        if number + 1 >= min(len(self.boards.width) + 1, len(self.levels)):
+        """The same for black places of any level of the grid, and of the window."""
+        if number + 1 >= min(len(self.boards.margin) + 1, len(self.levels)):
             return
         coarse = self.levels[number + 1].lattice
         split = self.targets[number][here] % coarse.places >= coarse.first_extra
@@ -193,16 +190,15 @@ class _Patch:
         if both is None:
             return False
         lattice, there, here = both
-        if lattice.width != boards.width[number - 1] or lattice.margin != boards.margin[number - 1]:
+        if not np.array_equal(lattice.distance, boards.distance[number - 1]):
             return False
         sides = len(level.faces)
-        boards.faces[sides * a : sides * e].reshape(sides, e - a)[:, there] = level.faces[:, here]
-        degree = level.degree[:, here]
+        boards.faces[sides * a : sides * e].reshape(sides, e - a)[:, there[0]] = level.faces[:, here[0]]
         with np.errstate(divide="ignore"):
-            inverse = np.where(degree > 0.0, 1.0 / degree, 0.0)
-        boards.red_inverse[a + there], boards.black_inverse[a + there] = inverse
-        boards.black_degree[a + there] = degree[1]
-        self._split(number, there, here, boards.aggregate[a:e])
+            inverse = [np.where(degree > 0.0, 1.0 / degree, 0.0) for degree in map(np.take, level.degree, here)]
+        boards.red_inverse[a + there[0]], boards.black_inverse[a + there[1]] = inverse
+        boards.black_degree[a + there[1]] = level.degree[1, here[1]]
+        self._split(number, there[1], here[1], boards.aggregate[a:e])
         return True
 
     def tie(self, stack: Stack) -> Stack:
@@ -214,9 +210,9 @@ class _Patch:
         # A node of the graph is known by the black places that belong to it.
         node = np.zeros(self.levels[number].degree.size, dtype=np.int64)
         a, e = self.boards.places[number - 2 : number]
-        node[self.targets[number - 1][before[2]]] = self.boards.aggregate[a:e][before[1]]
+        node[self.targets[number - 1][before[2][1]]] = self.boards.aggregate[a:e][before[1][1]]
         level = self.levels[number]
-        here = np.concatenate([both[2], both[2] + level.lattice.places])
+        here = np.concatenate([both[2][0], both[2][1] + level.lattice.places])
         here = here[(node[here] > 0) & (level.degree.ravel()[here] > 0)]
         nodes, leak = node[here] - 1, level.leak.ravel()[here]
         entries = np.concatenate(
@@ -224,6 +220,13 @@ class _Patch:
         )
         coupled = entries[stack.indptr[nodes + 1]] - entries[stack.indptr[nodes]]
         return _tie(stack, nodes, leak - (stack.diagonal[nodes] - coupled))
+
+
+def _places(lattice: Lattice, first: NDArray[np.int64], last: NDArray[np.int64]) -> _Places:
+    """Red and black places of a range of cells."""
+    number = lattice.number(np.ix_(*(np.arange(a, b) for a, b in zip(first, last, strict=True)))).ravel()
+    black = number & 1 == 1
+    return lattice.margin + (number[~black] >> 1), lattice.margin + (number[black] >> 1)
 
 
 def _tie(stack: Stack, nodes: NDArray[np.int64], leak: NDArray[np.float64]) -> Stack:

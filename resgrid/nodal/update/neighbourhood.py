@@ -79,7 +79,7 @@ class Neighbourhood:
         label = np.zeros(2 * board.faces.shape[1], dtype=np.int32)
         label[self._places(rows)] = -1
         return kernels.stay_together(
-            board, layout.node.ravel(), layout.node.shape[-1], before.unknown, after.excess,
+            board, layout.node.ravel(), np.array(layout.node.shape), before.unknown, after.excess,
             np.ascontiguousarray(after.feed), span,
             self._places(seeds), np.any(touches, axis=0), max(_NEAR, before.size // _NEAR_SHARE), label,
         )  # fmt: skip

@@ -15,7 +15,7 @@ from resgrid.nodal.multigrid.board_passes import Board
 from resgrid.nodal.multigrid.boards import Level, level_of
 from resgrid.nodal.multigrid.grid_levels import coarsen_boards, lay_levels
 from resgrid.nodal.multigrid.hierarchy import Hierarchy
-from resgrid.nodal.multigrid.lattice import Lattice, cells_at
+from resgrid.nodal.multigrid.lattice import Lattice
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.update import kernels
 from resgrid.nodal.watch import Watch
@@ -200,9 +200,7 @@ def _rows(
     inside = np.all((away >= 0) & (away < np.array(box.shape)[:, None]), axis=0)
     row[tuple(away[:, inside])] = -1
     rows, place = np.empty(row.size, dtype=np.int64), np.empty(row.size, dtype=np.int32)
-    count = kernels.number_cells(
-        row.ravel(), row.shape[-1], lattice.colour, lattice.width, lattice.margin, lattice.places, rows, place
-    )
+    count = kernels.number_cells(row.ravel(), lattice.rows, lattice.margin, lattice.places, rows, place)
     return rows[:count], place[:count].copy()
 
 
@@ -214,16 +212,15 @@ def _cut(
     line = np.arange(np.prod(shape[:-1])).reshape(shape[:-1])
     around = line[tuple(slice(*ends) for ends in near[:-1])]
     inside = line[tuple(slice(int(a), int(b)) for a, b in zip(box.low[:-1], box.high[:-1], strict=True))]
-    window_line = np.full(len(board.aside), -1)
-    window_line[inside.ravel()] = np.arange(inside.size)
-    low = int(box.low[-1]) // 2
-    high = (int(box.high[-1]) + 1) // 2
+    window_first = np.full(line.size, -1)
+    window_first[inside.ravel()] = lattice.rows
     room = 2 * sum(2 * faces.shape[1] // n for n in box.shape) + 2 * len(board.links) + 4 * len(faces)
     inner, outer = np.empty((2, room), dtype=np.int64)
     conductance = np.empty(room)
     count = kernels.cut_out(
-        board, around.ravel(), window_line, low, high, lattice.width, lattice.margin, faces, inner, outer, conductance
-    )
+        board, np.array(shape), around.ravel(), Lattice(shape).rows, window_first, int(box.low[-1]), int(box.high[-1]),
+        lattice.margin, faces, inner, outer, conductance,
+    )  # fmt: skip
     return inner[:count], outer[:count], conductance[:count]
 
 
@@ -232,6 +229,6 @@ def _cells(lattice: Lattice, place: NDArray[np.int64]) -> NDArray[np.int64]:
     cell = np.empty(len(place), dtype=np.int64)
     for colour in range(2):
         at = (place >= lattice.places) == (colour == 1)
-        here = cells_at(lattice, colour, place[at] - colour * lattice.places)
+        here = lattice.cells_at(colour, place[at] - colour * lattice.places)
         cell[at] = np.ravel_multi_index(here, lattice.shape)
     return cell
