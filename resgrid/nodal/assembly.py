@@ -34,12 +34,21 @@ def join(parent: Indices, a: int, b: int) -> None:
 
 
 @njit(cache=True)
-def join_parts(pairs: Indices, part: Indices) -> None:
-    """Join the nodes that resistors or floating sources connect, in place; nodes marked -1 join nothing."""
+def join_parts(pairs: Indices, part: Indices, contacts: Indices) -> int:
+    """Join the nodes that resistors or floating sources connect, in place; nodes marked -1 join nothing.
+
+    Pairs with just one node marked are noted as ``contacts``, for which there is room; returns how many there are.
+    """
+    count = 0
     for k in range(len(pairs)):
-        a, b = pairs[k, 0], pairs[k, 1]
-        if part[a] >= 0 and part[b] >= 0 and part[a] != part[b]:
-            join(part, a, b)
+        a, b = part[pairs[k, 0]], part[pairs[k, 1]]
+        if a >= 0 and b >= 0:
+            if a != b:
+                join(part, pairs[k, 0], pairs[k, 1])
+        elif a >= 0 or b >= 0:
+            contacts[count] = k
+            count += 1
+    return count
 
 
 @njit(cache=True)
@@ -60,7 +69,7 @@ def number_parts(part: Indices) -> int:
 
 @njit(cache=True)
 def known_range(pairs: Indices, known: Floats, part: Indices, lowest: Floats, highest: Floats) -> None:
-    """Widen every part's range of known voltages that its resistors reach, in place."""
+    """Widen every part's range of known voltages that its resistors reach, in place; contacts alone do."""
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
         if (part[a] >= 0) == (part[b] >= 0):
@@ -134,7 +143,7 @@ def add_contacts(
     excess: Floats,
     feed: Floats,
 ) -> bool:
-    """Add the resistors between rows and nodes of known voltage: their conductance, and the current from ``low`` up.
+    """Add the contacts of rows with nodes of known voltage: their conductance, and the current from ``low`` up.
 
     Returns whether all those voltages are ``low`` or ``high``.
     """
@@ -157,7 +166,7 @@ def add_contacts(
 def rail_contacts(
     pairs: Indices, conductance: Floats, row: Indices, known: Floats, high: float, to_high: Floats, to_low: Floats
 ) -> None:
-    """Add the conductances between rows and two rails."""
+    """Add the conductances of contacts between rows and two rails."""
     for k in range(len(pairs)):
         a, b = pairs[k, 0], pairs[k, 1]
         i = row[a]

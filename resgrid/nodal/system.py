@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from resgrid.nodal.connections import Connections
 
 Ties = tuple[NDArray[np.float64], NDArray[np.float64]]
+_Contacts = tuple[NDArray[np.int32], NDArray[np.float64]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,12 +194,15 @@ class _Parts:
         The range of known voltages that a part's resistors reach, in volts; infinite where they reach none.
     fed : ndarray of bool, shape (parts,)
         Whether current sources or the offsets of floating voltage sources drive it.
+    contacts : tuple of ndarray
+        The resistors between parts and nodes tied to ground: their nodes, shape (c, 2), and conductances, in siemens.
     """
 
     of_node: NDArray[np.int32]
     lowest: NDArray[np.float64]
     highest: NDArray[np.float64]
     fed: NDArray[np.bool_]
+    contacts: _Contacts
 
     @property
     def floating(self) -> NDArray[np.bool_]:
@@ -241,12 +245,11 @@ def assemble(netlist: Netlist) -> NodalSystem:
     unknown = parts.of_node
     reference = float(low) if size else 0.0
     excess, feed, injected = np.zeros(size), np.zeros(size), np.zeros(size)
-    pairs, conductance = netlist.resistor_nodes, netlist.conductance
-    two = assembly.add_contacts(pairs, conductance, unknown, offset, reference, high, excess, feed)
+    two = assembly.add_contacts(*parts.contacts, unknown, offset, reference, high, excess, feed)
     assembly.add_injected(netlist.current_nodes, netlist.current_amps, unknown, injected)
     lifted = _lifted(forest, unknown)
     if lifted:
-        assembly.add_offsets(pairs, conductance, unknown, offset, feed)
+        assembly.add_offsets(netlist.resistor_nodes, netlist.conductance, unknown, offset, feed)
     plain = two and low < high and not lifted and not injected.any()
     return NodalSystem(
         netlist=netlist,
@@ -256,7 +259,7 @@ def assemble(netlist: Netlist) -> NodalSystem:
         feed=_without_memory(feed),
         injected=_without_memory(injected),
         reference=reference,
-        rails=_rails(netlist, unknown, forest, float(low), float(high)) if plain else None,
+        rails=_rails(netlist, parts.contacts, unknown, forest, float(low), float(high)) if plain else None,
         undriven=undriven,
         undriven_volts=volts,
         floating=floating,
@@ -273,15 +276,17 @@ def _parts(netlist: Netlist, forest: SourceForest, held: NDArray[np.int64], volt
 
     part = np.arange(netlist.node_count, dtype=np.int32)
     part[held] = -1
-    join_parts(netlist.resistor_nodes, part)
-    join_parts(netlist.source_nodes, part)
+    room = np.empty(max(len(netlist.resistor_nodes), len(netlist.source_nodes)), dtype=np.int32)
+    contacts = room[: join_parts(netlist.resistor_nodes, part, room)].copy()
+    join_parts(netlist.source_nodes, part, room)
     number = number_parts(part)
     lowest, highest = np.full(number, np.inf), np.full(number, -np.inf)
-    known_range(netlist.resistor_nodes, volts, part, lowest, highest)
+    pairs = np.take(netlist.resistor_nodes, contacts, axis=0)
+    known_range(pairs, volts, part, lowest, highest)
     fed = np.zeros(number, dtype=np.bool_)
     mark_fed(netlist.current_nodes, netlist.current_amps, part, fed)
     fed[part[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
-    return _Parts(part, lowest, highest, fed)
+    return _Parts(part, lowest, highest, fed, (pairs, netlist.conductance[contacts]))
 
 
 def _lifted(forest: SourceForest, unknown: NDArray[np.int32]) -> bool:
@@ -308,17 +313,24 @@ def _check_driven(netlist: Netlist, volts: NDArray[np.float64], parts: _Parts) -
         )
 
 
-def _rails(netlist: Netlist, unknown: NDArray[np.int32], forest: SourceForest, lowest: float, highest: float) -> Rails:
+def _rails(
+    netlist: Netlist,
+    contacts: _Contacts,
+    unknown: NDArray[np.int32],
+    forest: SourceForest,
+    lowest: float,
+    highest: float,
+) -> Rails:
     """Both rails; a layout says which of them the obstacles are on."""
     upside_down = netlist.layout is not None and netlist.layout.supply < 0
     high, low = (lowest, highest) if upside_down else (highest, lowest)
-    return Rails(high, low, partial(_ties, netlist, unknown, forest, high))
+    return Rails(high, low, partial(_ties, contacts, unknown, forest, high))
 
 
-def _ties(netlist: Netlist, unknown: NDArray[np.int32], forest: SourceForest, high: float) -> Ties:
+def _ties(contacts: _Contacts, unknown: NDArray[np.int32], forest: SourceForest, high: float) -> Ties:
     from resgrid.nodal.assembly import rail_contacts
 
     size = int(unknown.max(initial=-1)) + 1
     to_high, to_low = np.zeros(size), np.zeros(size)
-    rail_contacts(netlist.resistor_nodes, netlist.conductance, unknown, forest.offset, high, to_high, to_low)
+    rail_contacts(*contacts, unknown, forest.offset, high, to_high, to_low)
     return to_high, to_low

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from resgrid.nodal.assembly import find, join
 from resgrid.nodal.multigrid.board_passes import Floats, Indices, Integers, Reals, Singles
-from resgrid.nodal.multigrid.compiled import inner_fast
+from resgrid.nodal.multigrid.compiled import inner, inner_fast
 
 _BLOCK = 2048
 """Places at a time: what they and their neighbours add up stays in the second cache."""
@@ -71,6 +71,29 @@ def fill_faces(
 
 
 @njit(cache=True)
+def sum_degrees(
+    faces: Floats, distance: Integers, margin: int, link_red: Indices, link_black: Indices, links: Floats,
+    degree: Floats,
+) -> tuple[Floats, Floats]:  # fmt: skip
+    """As `add_degrees`.
+
+    Returns the mean conductance along every axis, 0 where there is none, and the least and the greatest of all faces'.
+    """
+    end = faces.shape[1] - margin
+    total, count = np.zeros(len(distance) // 2), np.zeros(len(distance) // 2)
+    extremes = np.array([np.inf, 0.0])
+    for begin in range(margin, end, _BLOCK):
+        for q in range(len(distance)):
+            length = min(_BLOCK, end - begin)
+            _add_face(faces, q, begin, distance[q], length, degree)
+            some, number = _compare(faces[q, begin : begin + length], extremes)
+            total[q >> 1] += some
+            count[q >> 1] += number
+    _add_links(link_red, link_black, links, degree)
+    return total / np.maximum(count, 1.0), extremes
+
+
+@njit(cache=True)
 def add_degrees(
     faces: Reals, distance: Integers, margin: int, link_red: Indices, link_black: Indices, links: Reals, degree: Floats
 ) -> None:
@@ -79,6 +102,11 @@ def add_degrees(
     for begin in range(margin, end, _BLOCK):
         for q in range(len(distance)):
             _add_face(faces, q, begin, distance[q], min(_BLOCK, end - begin), degree)
+    _add_links(link_red, link_black, links, degree)
+
+
+@inner
+def _add_links(link_red: Indices, link_black: Indices, links: Reals, degree: Floats) -> None:
     for k in range(len(links)):
         degree[0, link_red[k]] += links[k]
         degree[1, link_black[k]] += links[k]
@@ -95,17 +123,21 @@ def _add_face(faces: Reals, q: int, begin: int, away: int, count: int, degree: F
         degree[1, black + k] += faces[face, red + k]
 
 
-@njit(cache=True, fastmath={"reassoc", "nsz", "nnan"})
-def compare(face: Floats) -> tuple[float, float, float, float]:
-    """Sum, number, least and greatest of the conductances across a face; infinite and 0 where there are none."""
-    total, count, least, greatest = 0.0, 0.0, np.inf, 0.0
-    for k in range(len(face)):
-        g = face[k]
-        total += g
-        count += 1.0 if g > 0.0 else 0.0
-        least = min(least, g if g > 0.0 else np.inf)
-        greatest = max(greatest, g)
-    return total, count, least, greatest
+@inner_fast
+def _compare(conductance: Floats, extremes: Floats) -> tuple[float, float]:
+    """Sum and number of the conductances that are not 0; widens their least and their greatest.
+
+    What is positive compares as its bits do, in whole numbers, of which several at a time are compared.
+    """
+    bits, extreme = conductance.view(np.uint64), extremes.view(np.uint64)
+    one, least, greatest = np.uint64(1), extreme[0] - np.uint64(1), extreme[1]
+    total, count = 0.0, 0.0
+    for i in range(len(conductance)):
+        total += conductance[i]
+        count += conductance[i] > 0.0
+        least, greatest = min(least, bits[i] - one), max(greatest, bits[i])  # 0 becomes the largest one
+    extreme[0], extreme[1] = least + one, greatest
+    return total, count
 
 
 @njit(cache=True)

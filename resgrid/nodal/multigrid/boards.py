@@ -11,6 +11,7 @@ from resgrid.nodal.multigrid import board_setup
 from resgrid.nodal.multigrid.board_passes import Board, Reals
 from resgrid.nodal.multigrid.lattice import Lattice
 from resgrid.nodal.multigrid.levels import Graph
+from resgrid.nodal.multigrid.place_kernels import put_at_places
 
 _BLOCK = 2048
 """Places a pass takes at a time: what it touches stays in the first cache."""
@@ -107,7 +108,7 @@ def lay_out(
     if count < 0:
         return None
     leak = np.zeros((2, lattice.places))
-    leak.ravel()[place] = excess / unit
+    put_at_places(place, excess, 1.0 / unit, leak.ravel())
     ends, axis, links = _rings(at_node[pairs[rings[:count]]], conductance[rings[:count]] / unit, lattice)
     empty = np.empty(0, dtype=np.int64)
     return level_of(lattice, faces, leak, ends, axis, links, (empty, empty)), place
@@ -135,10 +136,8 @@ def level_of(
 ) -> Level:
     """A level with its degrees summed."""
     degree = leak.copy()
-    board_setup.add_degrees(faces, *frame(lattice), ends[0], ends[1], links, degree)
-    total, count, least, greatest = np.array([board_setup.compare(face) for face in faces]).T
-    total, count = total.reshape(-1, 2).sum(axis=1), count.reshape(-1, 2).sum(axis=1)
-    mean, least, greatest = total / np.maximum(count, 1.0), least.min(), greatest.max()
+    mean, extremes = board_setup.sum_degrees(faces, *frame(lattice), ends[0], ends[1], links, degree)
+    least, greatest = extremes.tolist()
     return Level(lattice, faces, leak, degree, mean, least < WEAK * greatest, ends, axis, links, extra_cell)
 
 
