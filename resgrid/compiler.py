@@ -318,7 +318,8 @@ def _fill_piece(
         there = here + (group.upper[0] - group.lower[0]) * int(np.prod(space.shape[axis + 1 :]))
     part.nodes[:, 0] = node[here]
     part.nodes[:, 1] = nodes.obstacle if there is None else node[there]
-    part.face[:] = faces_ahead(here, space.shape, axis, group.faces[0] - group.lower[0]) + group.first_face
+    faces = faces_ahead(here.astype(part.face.dtype), space.shape, axis, group.faces[0] - group.lower[0])
+    part.face[:] = faces + group.first_face
     part.upward[:] = there is not None or group.faces[0] > 0
     part.conductance[:] = _unit_conductance(space, rules, axis)
     if there is None:

@@ -323,7 +323,8 @@ def _numbers(name: str, value: ArrayLike, node_count: int) -> NDArray[np.int32]:
     array = np.asarray(value)
     if array.size and array.dtype.kind not in "iu":
         raise InputError(f"{name} must hold node numbers, got {array.dtype}")
-    if array.size and not (array.min() >= 0 and array.max() < node_count):
+    bits = np.ascontiguousarray(array).view(f"u{array.itemsize}")  # where negative numbers are huge
+    if array.size and not bits.max() < node_count:
         raise InputError(f"{name} names a node outside 0 ... {node_count - 1}")
     return _column(name, array, 2, np.int32)
 

@@ -23,8 +23,13 @@ def places_in_slab(
     return np.flatnonzero(whole)
 
 
-def faces_ahead(here: NDArray[np.int64], shape: tuple[int, ...], axis: int, ahead: int) -> NDArray[np.int64]:
-    """Flat indices of the faces ``ahead`` faces behind the first one of every cell, among those across the axis."""
+def faces_ahead(
+    here: NDArray[np.integer[Any]], shape: tuple[int, ...], axis: int, ahead: int
+) -> NDArray[np.integer[Any]]:
+    """Flat indices of the faces ``ahead`` faces behind the first one of every cell, among those across the axis.
+
+    Of the same type as the cells' own indices, which must have room for them.
+    """
     inner = int(np.prod(shape[axis + 1 :]))
     faces = here + ahead * inner
     if axis > 0:

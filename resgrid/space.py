@@ -172,7 +172,9 @@ class ConfigurationSpace:
         region = label_regions(self.cell != Cell.OBSTACLE, self.periodic)
         served = np.zeros(region.max(initial=0) + 1, dtype=bool)
         served[region[self.cell == Cell.GOAL]] = True
-        connected = np.asarray(served[region] & (self.cell == Cell.FREE))
+        connected = np.asarray(self.cell == Cell.FREE)
+        if not served[1:].all():
+            connected &= served[region]
         connected.flags.writeable = False
         return connected
 

@@ -29,7 +29,7 @@ _LEAST_GAIN = 0.5
 _ROUNDING = 2.0**-52
 _SAFETY = 0.8
 _BURST = 1e-6
-_ENOUGH = 0.25
+_ENOUGH = 0.07
 
 
 @njit(cache=True, nogil=True)

@@ -24,8 +24,8 @@ from resgrid.nodal.multigrid.stopping import DRIFT, LEAST_GAIN, MOST_ITERATIONS,
 from resgrid.nodal.watch import Watch
 
 _ROUNDING = 2.0**-52
-_ENOUGH = 0.25
-"""Residual after the first step of a K-cycle that spares the second."""
+_ENOUGH = 0.07
+"""Residual after the first step of a K-cycle on the first coarse level that spares the second."""
 
 _BURST = 1e-6
 """Gain of a burst from its largest residual on: vectors in single precision allow no more."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +56,7 @@ class Level:
     links: NDArray[np.float64]
     extra_cell: tuple[NDArray[np.int64], NDArray[np.int64]]
 
-    @property
+    @cached_property
     def size(self) -> int:
         """Number of nodes."""
         return int(np.count_nonzero(self.degree))
