@@ -52,7 +52,7 @@ def iterate_on_board(
     put_at_places(place, b, 1.0 / unit, currents)
     if guess is not None:
         put_at_places(place, guess, 1.0, x)
-    equations = _Equations(currents.reshape(2, places), rtol * norm(b) / unit)
+    equations = _Equations(currents.reshape(2, places), rtol * norm(b) / unit, at_rest=guess is None)
     size = _converge(hierarchy, grid, equations, x.reshape(2, places), ErrorBound(guess, rtol), watch)
     del equations, currents
     return take_from_places(place, x), size * unit
@@ -60,10 +60,14 @@ def iterate_on_board(
 
 @dataclass(frozen=True, eq=False)
 class _Equations:
-    """Currents into the places of both colours, shape (2, places), and the residual that is small enough."""
+    """Currents into the places of both colours, shape (2, places), and the residual that is small enough.
+
+    ``at_rest`` says whether the iteration begins at 0.
+    """
 
     currents: NDArray[np.float64]
     wanted: float
+    at_rest: bool
 
 
 def _converge(
@@ -78,8 +82,10 @@ def _converge(
     burst = _Burst(hierarchy, grid, error, watch)
     last, left, unit = np.inf, MOST_ITERATIONS, hierarchy.unit
     rounding = _ROUNDING * grid.largest_degree
+    residual = waves.residual_at_rest if equations.at_rest else waves.black_residual
     while True:
-        size = waves.black_residual(grid.true, equations.currents, x, burst.residual)
+        size = residual(grid.true, equations.currents, x, burst.residual)
+        residual = waves.black_residual
         goal = max(equations.wanted, rounding * math.hypot(norm(x[0]), norm(x[1])))
         error.small &= size <= max(DRIFT * burst.left * last, goal)
         if error.small or not (size > goal and size < LEAST_GAIN * last and left > 0):

@@ -148,10 +148,10 @@ def frame(lattice: Lattice) -> tuple[NDArray[np.int64], int]:
 
 
 def in_double(level: Level) -> Board:
-    """A level for the compiled passes, in double precision."""
-    inverse = np.empty(level.lattice.places)
-    board_setup.invert(level.degree[0], inverse)
-    return _board(level, level.faces, level.links, inverse, np.empty(0), level.degree[1].copy())
+    """A level for the compiled passes, in double precision; takes over its degrees, and inverts the red ones."""
+    red, black = level.degree
+    board_setup.invert(red, red)
+    return _board(level, level.faces, level.links, red, np.empty(0), black)
 
 
 def in_single(level: Level) -> Board:
@@ -185,9 +185,10 @@ def _board(
 def with_exact_diagonal(level: Level, single: Board) -> Board:
     """A level in single precision, the diagonal being the sum of its rounded conductances in double precision.
 
-    So its products are exact for conductances that are off by a rounding error each, however smooth the vector.
+    So its products are exact for conductances that are off by a rounding error each, however smooth the vector.  Takes
+    over the level's leaks, to which it adds them.
     """
-    diagonal, (red, black) = level.leak.copy(), level.ends
+    diagonal, (red, black) = level.leak, level.ends
     board_setup.add_degrees(single.faces, *frame(level.lattice), red, black, single.links, diagonal)
     board_setup.invert(diagonal[0], diagonal[0])
     return single._replace(red_inverse=diagonal[0], black_inverse=np.empty(0), black_degree=diagonal[1])

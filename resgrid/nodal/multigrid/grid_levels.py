@@ -105,7 +105,10 @@ def coarsen_boards(level: Level, most: int = 64, small: int = _SMALL) -> tuple[l
 def lay_levels(
     levels: list[Level], targets: list[NDArray[np.int32]], place: NDArray[np.int32]
 ) -> tuple[GridLevels, Stack] | None:
-    """Lay boards out for the compiled passes, and coarsen the last one as a graph; None where it does not shrink."""
+    """Lay boards out for the compiled passes, and coarsen the last one as a graph; None where it does not shrink.
+
+    Takes over the degrees and leaks of the first level.
+    """
     level = levels[0]
     graph, number = to_graph(levels[-1])
     graphs, steps = coarsen_down(graph)
@@ -119,8 +122,8 @@ def lay_levels(
         graphs, steps = graphs[1:], steps[1:]
     boards = lay_behind([in_single(coarse) for coarse in levels[1:-1]], targets[1:], graphs[0].size, level)
     board = in_single(level)._replace(black_degree=np.empty(0, dtype=np.float32))
-    true, exact = in_double(level), with_exact_diagonal(level, board)
-    return GridLevels(true, board, exact, place, targets[0], boards), stack_levels(graphs, steps)
+    exact = with_exact_diagonal(level, board)
+    return GridLevels(in_double(level), board, exact, place, targets[0], boards), stack_levels(graphs, steps)
 
 
 def _counted(number: NDArray[np.int32], place: NDArray[np.integer]) -> NDArray[np.int32]:
