@@ -167,7 +167,7 @@ def estimate_memory(
     """
     n = system.size
     if method == "multigrid":
-        on_nodes, on_entries = (120.0, 12.0) if system.netlist.layout is not None else (230.0, 22.0)
+        on_nodes, on_entries = (100.0, 12.0) if system.netlist.layout is not None else (230.0, 22.0)
         if accuracy == "direction":
             on_nodes, on_entries = on_nodes + 60.0, on_entries + 18.0
         return on_nodes * n + on_entries * system.connections.entries

@@ -12,7 +12,7 @@ from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
 from resgrid.nodal.multigrid import waves
 from resgrid.nodal.multigrid.board_cycle import cycle_boards
-from resgrid.nodal.multigrid.boards import Level, in_double, in_single, lay_out, to_graph, with_exact_diagonal
+from resgrid.nodal.multigrid.boards import Level, compensated, in_double, in_single, lay_out, to_graph
 from resgrid.nodal.multigrid.coarsening import coarsen
 from resgrid.nodal.multigrid.grid_levels import inverse_below, own_vectors
 from resgrid.nodal.multigrid.hierarchy import build_hierarchy
@@ -89,7 +89,7 @@ def test_the_schur_complement_is_that_of_dense_elimination(
         relaxed, coarse = z[here] + 1.0, np.array([0.0, 1.0], dtype=np.float32)
         to_one = np.zeros(places, dtype=np.int32)
         to_one[here] = 1
-        zr, zw, zs = waves.prolong_and_multiply(board, with_exact_diagonal(level, board), to_one, coarse, r, s, z, w)
+        zr, zw, zs = waves.prolong_and_multiply(board, compensated(level, board), to_one, coarse, r, s, z, w)
         size = np.abs(schur).sum(axis=1).max() * np.abs(z).max()
         degree = matrix.diagonal()[black]
         relaxed += (r[here] - schur @ relaxed) / degree
@@ -99,6 +99,31 @@ def test_the_schur_complement_is_that_of_dense_elimination(
         assert zr == pytest.approx(wide @ r[here], rel=1e-6, abs=1e-6 * np.abs(wide).sum())
         assert zw == pytest.approx(wide @ product, rel=1e-6, abs=1e-6 * size * np.abs(wide).sum())
         assert zs == pytest.approx(wide @ s[here], rel=1e-6, abs=1e-6 * np.abs(wide).sum())
+
+
+@settings(max_examples=60, deadline=None)
+@given(spaces(max_cells=12), BOUNDARIES, st.integers(0, 2**16))
+def test_rounded_products_of_a_constant_are_what_leaks(space: ConfigurationSpace, boundary: str, seed: int) -> None:
+    made = laid_out(space, boundary, 1.0, seed)
+    if made is None:
+        return
+    for level in down(made[1], split=False):
+        matrix, used = matrix_of(level)
+        places, ends = level.lattice.places, level.ends
+        black = used >= places
+        schur = matrix[np.ix_(black, black)] - matrix[np.ix_(black, ~black)] @ np.linalg.solve(
+            matrix[np.ix_(~black, ~black)], matrix[np.ix_(~black, black)]
+        )
+        board = compensated(level, in_single(level))
+        red, far = np.nonzero(board.faces)[::-1], level.lattice.distance
+        there = np.concatenate([red[0] + far[red[1]], ends[1]])
+        here, g = np.concatenate([red[0], ends[0]]), np.concatenate([board.faces[red[::-1]], board.links]).astype(float)
+        share = board.red_inverse * np.bincount(here, g, places)
+        left = board.black_degree - np.bincount(there, g * share[here], places)
+        degree = matrix.diagonal()[black]
+        np.testing.assert_array_less(
+            np.abs(left[used[black] - places] - schur.sum(axis=1)), 1e-6 * schur.sum(axis=1) + 1e-13 * degree
+        )
 
 
 @settings(max_examples=60, deadline=None)
@@ -113,9 +138,11 @@ def test_the_residual_is_that_of_the_netlist(space: ConfigurationSpace, boundary
         rng = np.random.default_rng(seed)
         x, b = np.zeros((2, 2 * places))
         x[used], b[used] = rng.normal(size=(2, len(used)))
-        r = np.zeros(places)
+        r = np.ones(places)
         x = x.reshape(2, places)
         norm = waves.black_residual(in_double(level)._replace(block=block), b.reshape(2, places), x, r)
+        assert not r[: level.lattice.margin].any()
+        assert not r[-level.lattice.margin :].any()
         residual = b[used] - matrix @ x.ravel()[used]
         size = np.abs(matrix).sum(axis=1).max() * np.abs(x).max() + np.abs(b).max()
         black = used >= places

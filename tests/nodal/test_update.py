@@ -9,6 +9,8 @@ from spaces import space_of, spaces
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError
 from resgrid.nodal import methods
+from resgrid.nodal.multigrid.board_setup import compensate
+from resgrid.nodal.multigrid.grid_levels import GridLevels
 from resgrid.nodal.solve import factor, solve
 from resgrid.nodal.update.window import window_depth
 from resgrid.nodal.watch import Watch
@@ -35,6 +37,26 @@ def changed(space: ConfigurationSpace, cells: np.ndarray, to: int) -> Configurat
     cell = space.cell.copy()
     cell[tuple(cells.T)] = to
     return ConfigurationSpace(space.axes, cell, space.conductivity)
+
+
+def assert_compensated(grid: GridLevels) -> None:
+    """The diagonal of the board for products is that of all places summed anew."""
+    true, board = grid.true, grid.board
+    red = np.divide(1.0, true.red_inverse, out=np.zeros_like(true.red_inverse), where=true.red_inverse > 0)
+    degree = np.stack([red, true.black_degree])
+    leak = degree.copy()
+    for face, away in zip(true.faces, true.distance.tolist(), strict=True):
+        leak[0] -= face
+        leak[1] -= np.roll(face, away)
+    np.subtract.at(leak, (0, true.link_red), true.links)
+    np.subtract.at(leak, (1, true.link_black), true.links)
+    leak[leak < 1e-13 * degree] = 0.0
+    expected = np.empty_like(true.black_degree)
+    compensate(
+        board.faces, board.distance, board.margin, board.link_red, board.link_black, board.links, board.red_inverse,
+        leak, expected,
+    )  # fmt: skip
+    np.testing.assert_allclose(grid.exact.black_degree, expected, rtol=1e-13)
 
 
 def voltage_by_cell(system: object, x: np.ndarray) -> np.ndarray:
@@ -116,6 +138,7 @@ def test_multigrid_keeps_its_levels_and_finds_the_new_answer(
     after = changed(space, cells, Cell.OBSTACLE)
     updated = factors.update(cells)
     assert updated.change.reason == ""
+    assert_compensated(updated.hierarchy.grid)
     assert_same_as_fresh(updated, after, options)
     right = updated.system.feed + updated.system.injected
     exact = updated.solve(right, rtol=1e-13)
@@ -142,6 +165,7 @@ def test_blocks_around_a_change_are_those_of_the_changed_space() -> None:
     patched, anew = updated.hierarchy.grid, fresh.hierarchy.grid
     scale = updated.hierarchy.unit / fresh.hierarchy.unit
     np.testing.assert_allclose(scale * patched.true.faces, anew.true.faces, rtol=1e-12)
+    assert_compensated(patched)
     depth = window_depth(space.shape, len(anew.boards.margin))
     assert depth == 2
     places = anew.boards.places[depth]

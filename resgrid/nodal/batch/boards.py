@@ -62,13 +62,15 @@ class BoardBatch:
         system, unit = self.pattern.system, self.hierarchy.unit
         grid, inverse = _own_copies(self.grid), inverse_below(self.hierarchy.stack)
         places = len(grid.aggregate)
-        vectors, singles = np.zeros((3, 2, places)), np.zeros((3 + 1 + _DEPTH, places), dtype=np.float32)
+        leak, vectors = np.zeros((2, places)), np.zeros((3, 2, places))
+        singles = np.zeros((3 + 1 + _DEPTH, places), dtype=np.float32)
         solution = np.empty((len(conductance), system.size))
         for x, chip in zip(solution, conductance, strict=True):
             entries, excess, b = self.pattern.rows(chip)
             degree = kernels.refill(
-                system.coupling.indptr, entries, excess, self.face, grid.place, unit, grid.true, grid.board, grid.exact
-            )
+                system.coupling.indptr, entries, excess, self.face, grid.place, unit, grid.true, grid.board, grid.exact,
+                leak,
+            )  # fmt: skip
             residual = kernels.solve_board(
                 grid.true, grid.board, grid.exact, grid.aggregate, grid.boards, inverse, grid.place, b / unit, degree,
                 rtol, _MOST_ITERATIONS, self.start, x, vectors, singles[:3], singles[3:],
@@ -120,7 +122,7 @@ def _faces(pattern: Pattern, grid: GridLevels) -> NDArray[np.int64]:
 def _own_copies(grid: GridLevels) -> GridLevels:
     """Boards and work space that nobody else writes to."""
     true, board = _copied(grid.true), _copied(grid.board)
-    exact = _copied(grid.exact)._replace(faces=board.faces, links=board.links)
+    exact = board._replace(black_inverse=grid.exact.black_inverse, black_degree=grid.exact.black_degree.copy())
     return replace(grid, true=true, board=board, exact=exact, boards=own_vectors(grid.boards))
 
 

@@ -19,6 +19,7 @@ from resgrid.nodal.multigrid.board_passes import (
     begin_burst,
     gather_steps,
 )
+from resgrid.nodal.multigrid.board_setup import compensate
 from resgrid.nodal.multigrid.waves import black_residual, prolong_and_multiply, restrict
 
 Floats = NDArray[np.float64]
@@ -35,19 +36,20 @@ _ENOUGH = 0.07
 @njit(cache=True, nogil=True)
 def refill(
     indptr: Indices, conductance: Floats, excess: Floats, face: Integers, place: Indices, unit: float, true: Board,
-    board: Board, exact: Board,
+    board: Board, exact: Board, leak: Floats,
 ) -> float:  # fmt: skip
     """Write the conductances of a chip onto its boards; returns its largest diagonal entry, in units.
 
-    ``face`` says where an entry of a red row belongs: its face, or -1 less its link.
+    ``face`` says where an entry of a red row belongs: its face, or -1 less its link; ``leak`` of shape (2, places)
+    receives what leads to the rails.
     """
     scale, largest, places = 1.0 / unit, 0.0, len(true.black_degree)
     for i in range(len(place)):
-        here, degree, rounded = place[i], excess[i] * scale, excess[i] * scale
+        here, degree = place[i], excess[i] * scale
+        leak[here // places, here % places] = degree
         for k in range(indptr[i], indptr[i + 1]):
             g = conductance[k] * scale
             degree += g
-            rounded += np.float64(np.float32(g))
             if here < places:
                 if face[k] >= 0:
                     true.faces[face[k], here] = g
@@ -59,11 +61,13 @@ def refill(
         if here < places:
             true.red_inverse[here] = 1.0 / degree
             board.red_inverse[here] = 1.0 / degree
-            exact.red_inverse[here] = 1.0 / rounded
         else:
             true.black_degree[here - places] = degree
-            exact.black_degree[here - places] = rounded
             board.black_inverse[here - places] = 1.0 / degree
+    compensate(
+        board.faces, board.distance, board.margin, board.link_red, board.link_black, board.links, board.red_inverse,
+        leak, exact.black_degree,
+    )  # fmt: skip
     return largest
 
 

@@ -30,7 +30,7 @@ _ENOUGH = 0.07
 _BURST = 1e-6
 """Gain of a burst from its largest residual on: vectors in single precision allow no more."""
 
-_DEPTH = 4
+_DEPTH = 3
 """Steps that are kept before they are gone."""
 
 _SAFETY = 0.8
@@ -107,9 +107,11 @@ class _Burst:
         self._grid, self._boards, self._stack = grid, own_vectors(grid.boards), own_work(hierarchy.stack)
         self._unit = hierarchy.unit
         places = len(grid.aggregate)
-        self.residual, self._p = np.zeros((2, places))
+        self._p = np.zeros(places)
         self._r, self._s, self._w = np.zeros((3, places), dtype=np.float32)
-        self._z = np.empty((_DEPTH, places), dtype=np.float32)
+        self._z = np.zeros((_DEPTH, places), dtype=np.float32)
+        # Between bursts, the true residual stands where the last steps will be kept.
+        self.residual = self._z[-2:].reshape(-1).view(np.float64)
         self._on_x, self._on_p = np.zeros((2, _DEPTH + 1))
         self._on_p[-1] = 1.0
         self._count = 0

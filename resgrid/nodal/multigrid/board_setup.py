@@ -75,7 +75,7 @@ def sum_degrees(
     faces: Floats, distance: Integers, margin: int, link_red: Indices, link_black: Indices, links: Floats,
     degree: Floats,
 ) -> tuple[Floats, Floats]:  # fmt: skip
-    """As `add_degrees`.
+    """Add all conductances to the leaks of both colours, ``degree`` of shape (2, places).
 
     Returns the mean conductance along every axis, 0 where there is none, and the least and the greatest of all faces'.
     """
@@ -85,42 +85,76 @@ def sum_degrees(
     for begin in range(margin, end, _BLOCK):
         for q in range(len(distance)):
             length = min(_BLOCK, end - begin)
-            _add_face(faces, q, begin, distance[q], length, degree)
+            _add(faces, q, begin, length, degree[0])
+            _add_behind(faces, q, begin, distance[q], length, degree[1])
             some, number = _compare(faces[q, begin : begin + length], extremes)
             total[q >> 1] += some
             count[q >> 1] += number
-    _add_links(link_red, link_black, links, degree)
+    for k in range(len(links)):
+        degree[0, link_red[k]] += links[k]
+        degree[1, link_black[k]] += links[k]
     return total / np.maximum(count, 1.0), extremes
 
 
 @njit(cache=True)
-def add_degrees(
-    faces: Reals, distance: Integers, margin: int, link_red: Indices, link_black: Indices, links: Reals, degree: Floats
-) -> None:
-    """Add all conductances to the leaks of both colours, ``degree`` of shape (2, places)."""
-    end = faces.shape[1] - margin
+def compensate(
+    faces: Reals, distance: Integers, margin: int, link_red: Indices, link_black: Indices, links: Reals,
+    red_inverse: Reals, leak: Floats, degree: Reals,
+) -> None:  # fmt: skip
+    """Diagonal at black places that makes up for the rounding of conductances and of the red diagonal's reciprocals.
+
+    ``S = D - G R G^T`` then leaks at every black place exactly what it would without that rounding: its rows' sums are
+    those of the leaks, for red ones in the share ``leak / degree`` of the currents that pass them.
+    """
+    end, share = faces.shape[1] - margin, np.zeros(faces.shape[1])
+    degree[:] = leak[1]
+    for k in range(len(links)):
+        share[link_red[k]] += links[k]
     for begin in range(margin, end, _BLOCK):
+        count = min(_BLOCK, end - begin)
         for q in range(len(distance)):
-            _add_face(faces, q, begin, distance[q], min(_BLOCK, end - begin), degree)
-    _add_links(link_red, link_black, links, degree)
+            _add(faces, q, begin, count, share)
+        for k in range(begin, begin + count):
+            share[k] = share_of_red(share[k], leak[0, k], red_inverse[k])
+        for q in range(len(distance)):
+            _add_product(faces, q, begin, distance[q], count, share, degree)
+    for k in range(len(links)):
+        degree[link_black[k]] += links[k] * share[link_red[k]]
 
 
 @inner
-def _add_links(link_red: Indices, link_black: Indices, links: Reals, degree: Floats) -> None:
-    for k in range(len(links)):
-        degree[0, link_red[k]] += links[k]
-        degree[1, link_black[k]] += links[k]
+def share_of_red(conductance: float, leak: float, inverse: float) -> float:
+    """Share of the current towards a red cell that comes out of it, and leaks, if its neighbours are at one voltage.
+
+    It is 1 but for the rounding of the reciprocal of its diagonal entry.
+    """
+    if leak == 0.0:
+        return inverse * conductance
+    return inverse * conductance + leak / (conductance + leak)
 
 
 @inner_fast
-def _add_face(faces: Reals, q: int, begin: int, away: int, count: int, degree: Floats) -> None:
+def _add(faces: Reals, q: int, begin: int, count: int, total: Floats) -> None:
+    face, at = np.uint64(q), np.uint64(begin)
+    for i in range(count):
+        k = at + np.uint64(i)
+        total[k] += faces[face, k]
+
+
+@inner_fast
+def _add_behind(faces: Reals, q: int, begin: int, away: int, count: int, total: Floats) -> None:
     face, red, black = np.uint64(q), np.uint64(begin), np.uint64(begin + away)
     for i in range(count):
         k = np.uint64(i)
-        degree[0, red + k] += faces[face, red + k]
+        total[black + k] += faces[face, red + k]
+
+
+@inner_fast
+def _add_product(faces: Reals, q: int, begin: int, away: int, count: int, x: Floats, total: Reals) -> None:
+    face, red, black = np.uint64(q), np.uint64(begin), np.uint64(begin + away)
     for i in range(count):
         k = np.uint64(i)
-        degree[1, black + k] += faces[face, red + k]
+        total[black + k] += faces[face, red + k] * x[red + k]
 
 
 @inner_fast

@@ -155,7 +155,7 @@ def in_double(level: Level) -> Board:
 
 
 def in_single(level: Level) -> Board:
-    """A level for the compiled passes, in single precision; see `with_exact_diagonal` for its products."""
+    """A level for the compiled passes, in single precision; see `compensated` for its products."""
     single = np.float32
     inverse = np.empty(level.degree.shape, dtype=single)
     for degree, of_colour in zip(level.degree, inverse, strict=True):
@@ -182,16 +182,17 @@ def _board(
     )
 
 
-def with_exact_diagonal(level: Level, single: Board) -> Board:
-    """A level in single precision, the diagonal being the sum of its rounded conductances in double precision.
+def compensated(level: Level, single: Board) -> Board:
+    """A level in single precision but for its black diagonal, which is in double precision.
 
-    So its products are exact for conductances that are off by a rounding error each, however smooth the vector.  Takes
-    over the level's leaks, to which it adds them.
+    It makes up for all rounding, so that products are right to a few roundings of every conductance, however smooth the
+    vector.
     """
-    diagonal, (red, black) = level.leak, level.ends
-    board_setup.add_degrees(single.faces, *frame(level.lattice), red, black, single.links, diagonal)
-    board_setup.invert(diagonal[0], diagonal[0])
-    return single._replace(red_inverse=diagonal[0], black_inverse=np.empty(0), black_degree=diagonal[1])
+    degree, (red, black) = np.empty(level.lattice.places), level.ends
+    board_setup.compensate(
+        single.faces, *frame(level.lattice), red, black, single.links, single.red_inverse, level.leak, degree
+    )
+    return single._replace(black_inverse=np.empty(0, dtype=np.float32), black_degree=degree)
 
 
 def to_graph(level: Level) -> tuple[Graph, NDArray[np.int32]]:

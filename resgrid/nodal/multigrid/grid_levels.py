@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from resgrid.nodal.multigrid.board_cycle import Boards, cycle_boards
 from resgrid.nodal.multigrid.board_passes import Board
-from resgrid.nodal.multigrid.boards import Level, in_double, in_single, to_graph, with_exact_diagonal
+from resgrid.nodal.multigrid.boards import Level, compensated, in_double, in_single, to_graph
 from resgrid.nodal.multigrid.coarsening import coarsen
 from resgrid.nodal.multigrid.kernels import Stack, cycle
 from resgrid.nodal.multigrid.levels import coarsen_down
@@ -32,7 +32,8 @@ class GridLevels:
     Attributes
     ----------
     true, board, exact : Board
-        The first level in double precision, in single, and in single with a diagonal in double precision.
+        The first level in double precision, in single, and in single but for the black diagonal, which makes up for
+        that (`resgrid.nodal.multigrid.boards.compensated`).
     place : ndarray of int32, shape (n,)
         Place of every unknown, red ones first, black ones behind.
     aggregate : ndarray of int32, shape (places,)
@@ -107,7 +108,7 @@ def lay_levels(
 ) -> tuple[GridLevels, Stack] | None:
     """Lay boards out for the compiled passes, and coarsen the last one as a graph; None where it does not shrink.
 
-    Takes over the degrees and leaks of the first level.
+    Takes over the degrees of the first level.
     """
     level = levels[0]
     graph, number = to_graph(levels[-1])
@@ -122,7 +123,7 @@ def lay_levels(
         graphs, steps = graphs[1:], steps[1:]
     boards = lay_behind([in_single(coarse) for coarse in levels[1:-1]], targets[1:], graphs[0].size, level)
     board = in_single(level)._replace(black_degree=np.empty(0, dtype=np.float32))
-    exact = with_exact_diagonal(level, board)
+    exact = compensated(level, board)
     return GridLevels(in_double(level), board, exact, place, targets[0], boards), stack_levels(graphs, steps)
 
 

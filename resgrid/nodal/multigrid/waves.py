@@ -59,7 +59,7 @@ class _Wave(NamedTuple):
 def _begin_wave(board: Board) -> _Wave:
     ahead = -(-board.margin // board.block)
     kept = ahead * board.block + board.margin
-    red = np.zeros(_ROOM * (kept + board.block), board.red_inverse.dtype)
+    red = np.zeros(_ROOM * (kept + board.block), board.black_degree.dtype)
     return _Wave(red, np.empty(len(board.links), red.dtype), np.array([board.margin - kept, 0, 0]), kept, ahead)
 
 
@@ -171,7 +171,7 @@ def prolong_and_multiply(
     blocks, ahead = blocks_of(board), first.ahead
     before, between = (ahead, 3 * ahead) if len(board.links) == 0 else (blocks, 2 * blocks + ahead)
     total = np.empty(board.block, board.red_inverse.dtype)
-    product = np.empty(len(total), exact.red_inverse.dtype)
+    product = np.empty(len(total), exact.black_degree.dtype)
     zr, zw, zs = 0.0, 0.0, 0.0
     for step in range(between + blocks + ahead):
         if step < blocks:
@@ -241,6 +241,8 @@ def black_residual(board: Board, b: Floats, x: Floats, r: Floats) -> float:
     Returns its norm.
     """
     blocks, squares = blocks_of(board), 0.0
+    r[: board.margin] = 0.0
+    r[len(r) - board.margin :] = 0.0
     total = np.empty(board.block)
     wave = _begin_wave(board)
     draw(board, x[1], wave.linked)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from resgrid.nodal.assembly import find
 from resgrid.nodal.multigrid.board_passes import Board
+from resgrid.nodal.multigrid.board_setup import share_of_red
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -42,6 +43,60 @@ def sum_others(board: Board, place: Integers, cut: Integers) -> Floats:
             if (place[k] == red and black not in cut) or (place[k] == black and red not in cut):
                 total[k] += board.links[m]
     return total
+
+
+@njit(cache=True)
+def black_beside(board: Board, red: Integers) -> Integers:
+    """Black places that red ones share a conductance with, counted from 0; some more than once."""
+    found, count = np.empty(len(red) * (len(board.distance) + len(board.links)), np.int64), 0
+    for place in red:
+        for side in range(len(board.distance)):
+            if board.faces[side, place] > 0.0:
+                found[count] = place + board.distance[side]
+                count += 1
+        for m in range(len(board.links)):
+            if board.link_red[m] == place:
+                found[count] = board.link_black[m]
+                count += 1
+    return found[:count]
+
+
+@njit(cache=True)
+def compensated_degrees(true: Board, board: Board, black: Integers) -> Floats:
+    """As `resgrid.nodal.multigrid.board_setup.compensate`, for some black places counted from 0."""
+    degree = np.zeros(len(black))
+    for k in range(len(black)):
+        leak = true.black_degree[black[k]]
+        for side in range(len(true.distance)):
+            red = black[k] - true.distance[side]
+            leak -= true.faces[side, red]
+            if board.faces[side, red] > 0.0:
+                degree[k] += board.faces[side, red] * _share_of(true, board, red)
+        for m in range(len(true.links)):
+            if true.link_black[m] == black[k]:
+                leak -= true.links[m]
+                degree[k] += board.links[m] * _share_of(true, board, true.link_red[m])
+        degree[k] += _unless_rounding(leak, true.black_degree[black[k]])
+    return degree
+
+
+@njit(cache=True)
+def _share_of(true: Board, board: Board, red: int) -> float:
+    own = 1.0 / true.red_inverse[red]
+    conductance, leak = 0.0, own
+    for side in range(len(true.distance)):
+        conductance += board.faces[side, red]
+        leak -= true.faces[side, red]
+    for m in range(len(true.links)):
+        if true.link_red[m] == red:
+            conductance += board.links[m]
+            leak -= true.links[m]
+    return share_of_red(conductance, _unless_rounding(leak, own), board.red_inverse[red])
+
+
+@njit(cache=True)
+def _unless_rounding(leak: float, degree: float) -> float:
+    return leak if leak > 1e-14 * degree else 0.0
 
 
 @njit(cache=True)

@@ -100,16 +100,18 @@ def _patch_board(grid: GridLevels, system: NodalSystem, unit: float, change: Cha
     place = grid.place[rows].astype(np.int64)
     for level in (true, board):
         kernels.separate(level, pairs[:, 0], pairs[:, 1])
-    diagonal = {name: getattr(grid.exact, name).copy() for name in ("red_inverse", "black_degree")}
-    exact = grid.exact._replace(faces=board.faces, links=board.links, **diagonal)
     black = place >= len(grid.aggregate)
     at_red, at_black = place[~black], place[black] - len(grid.aggregate)
-    for level in (true, exact):
-        degree = kernels.sum_others(level, place, place[:0]) + system.excess[rows] / unit
-        level.red_inverse[at_red] = 1.0 / degree[~black]
-        level.black_degree[at_black] = degree[black]
+    degree = kernels.sum_others(true, place, place[:0]) + system.excess[rows] / unit
+    true.red_inverse[at_red] = 1.0 / degree[~black]
+    true.black_degree[at_black] = degree[black]
     board.red_inverse[at_red] = true.red_inverse[at_red]
     board.black_inverse[at_black] = 1.0 / true.black_degree[at_black]
+    diagonal = grid.exact.black_degree.copy()
+    pinned = grid.place[change.pinned].astype(np.int64) - len(grid.aggregate)
+    around = np.unique(np.concatenate([at_black, pinned[pinned >= 0], kernels.black_beside(true, at_red)]))
+    diagonal[around] = kernels.compensated_degrees(true, board, around)
+    exact = board._replace(black_inverse=grid.exact.black_inverse, black_degree=diagonal)
     return true, board, exact
 
 
