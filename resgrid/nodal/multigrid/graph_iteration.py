@@ -22,7 +22,7 @@ from resgrid.nodal.watch import Watch
 
 _BURST = 1e-5
 _ROUNDING = 2.0**-52
-_ENOUGH = 0.25
+_ENOUGH = 0.15
 """Residual after the first step of a K-cycle that spares the second."""
 
 
