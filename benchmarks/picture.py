@@ -60,7 +60,7 @@ def panel(ax: Axes, name: str, group: Sequence[Row]) -> Axes:
     ax.axvline(1.0, color=OURS, linewidth=1.0, alpha=0.5, zorder=0)
     ax.set_xscale("log")
     ax.margins(x=0.12)
-    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    ax.xaxis.set_major_locator(LogLocator(subs=(1.0, 3.0)))
     ax.xaxis.set_major_formatter("{x:g}")
     ax.xaxis.set_minor_formatter(NullFormatter())
     ax.set_yticks(range(len(group)), [row.contender for row in group])
