@@ -10,6 +10,9 @@ from resgrid.nodal.assembly import find, join
 from resgrid.nodal.multigrid.board_passes import Floats, Indices, Integers, Reals, Singles
 from resgrid.nodal.multigrid.compiled import inner, inner_fast
 
+_TINY = 1e-300
+"""Keeps what is nothing in all from being divided by."""
+
 _BLOCK = 2048
 """Places at a time: what they and their neighbours add up stays in the second cache."""
 
@@ -114,8 +117,7 @@ def compensate(
         count = min(_BLOCK, end - begin)
         for q in range(len(distance)):
             _add(faces, q, begin, count, share)
-        for k in range(begin, begin + count):
-            share[k] = share_of_red(share[k], leak[0, k], red_inverse[k])
+        _turn_into_shares(share, leak[0], red_inverse, begin, count)
         for q in range(len(distance)):
             _add_product(faces, q, begin, distance[q], count, share, degree)
     for k in range(len(links)):
@@ -128,9 +130,15 @@ def share_of_red(conductance: float, leak: float, inverse: float) -> float:
 
     It is 1 but for the rounding of the reciprocal of its diagonal entry.
     """
-    if leak == 0.0:
-        return inverse * conductance
-    return inverse * conductance + leak / (conductance + leak)
+    return inverse * conductance + leak / (conductance + leak + _TINY)
+
+
+@inner_fast
+def _turn_into_shares(conductance: Floats, leak: Floats, inverse: Reals, begin: int, count: int) -> None:
+    at = np.uint64(begin)
+    for i in range(count):
+        k = at + np.uint64(i)
+        conductance[k] = share_of_red(conductance[k], leak[k], inverse[k])
 
 
 @inner_fast
