@@ -7,12 +7,12 @@
    precision and in single. Cells are numbered with odd strides, so that the neighbour across a face lies at the same
    distance for all red cells. What fits no face is a link: a resistor that closes a ring, or leads to a node beside
    the lattice.
-3. *Coarse levels* (`coarsening.coarsen`, `grid_levels`) are boards again. A node is the connected part of a block of
-   two cells a side, cut where a conductance is weak beside the strongest at either end, so that no node joins across
-   a wall; further parts of a block become nodes beside the lattice. Axes that conduct badly are left for later.
-   Middle to middle, two blocks are joined through half of either one's own resistance in series with what lies
-   between (plain aggregation would make long ways too easy). Where many blocks have fallen apart, graphs take over
-   (`levels`): there aggregates are taken from blocks too, and corridors one node wide shrink by exact elimination.
+3. *Coarse levels* (`coarsening.coarsen`, `block_kernels`, `grid_levels`) are boards again. A node is the connected
+   part of a block of two cells a side, cut where a conductance is weak beside the strongest at either end, so that no
+   node joins across a wall; further parts of a block become nodes beside the lattice. Axes that conduct badly are left
+   for later. Middle to middle, two blocks are joined through half of either one's own resistance in series with what
+   lies between (plain aggregation would make long ways too easy). Where many blocks have fallen apart, graphs take
+   over (`levels`): there aggregates are taken from blocks too, and corridors one node wide shrink by exact elimination.
 4. *Netlists* without a grid have graphs from the first level on: aggregates grown node by node along the strongest
    conductances (`clusters`), rows laid out by colour and length (`ordering`).
 5. *Iteration* (`board_iteration`, `graph_iteration`). Flexible conjugate gradients (Notay 2000), on boards for the
@@ -25,7 +25,9 @@
    two steps of conjugate gradients, each preconditioned by the level below. The coarsest matrix is inverted.
 7. *Passes* (`board_passes`, `waves`). The time is that of reading conductances from memory. In a wave red cells go
    ahead of black ones by as far as neighbours reach, so that a pass reads them once; the finish of the cycle and the
-   product that follows it are two waves, one close behind the other.
+   product that follows it are two waves, one close behind the other. The product takes conductances in single
+   precision and makes up for their rounding on the diagonal (`boards.compensated`): rows sum to what leaks, so that
+   smooth vectors, of which only differences count, are multiplied as well as others.
 8. *Refinement* (`resgrid.nodal.refine`) makes a normwise answer right entry by entry: residuals in scaled double-
    double, every pass a solution to many digits of what is largest, until the potential has fallen as far as it falls.
 

@@ -119,6 +119,15 @@ def into_black(board: Board, x: Reals, first: int, block: int, total: Reals, to:
         _add_two_products(board.faces, q, (a, b), x, (a - first, b - first), count, total, to)
 
 
+@inner_fast
+def spread(g: Reals, q: int, begin: int, away: int, count: int, x: Reals, total: Reals) -> None:
+    """Add ``g x`` across a face to the black neighbours of some red cells."""
+    face, red, black = np.uint64(q), np.uint64(begin), np.uint64(begin + away)
+    for i in range(count):
+        k = np.uint64(i)
+        total[black + k] += g[face, red + k] * x[red + k]
+
+
 @inner
 def extent(board: Board, block: int) -> tuple[int, int]:
     """First place of a block, and how many it has."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.nodal.multigrid import board_setup
+from resgrid.nodal.multigrid import block_kernels
 from resgrid.nodal.multigrid.boards import WEAK, Level, frame, level_of
 from resgrid.nodal.multigrid.lattice import Lattice
 
@@ -40,7 +40,7 @@ def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | N
         lattice = Lattice(lattice.shape, most)
         rank = np.where(colour == 0, np.cumsum(colour == 0), np.cumsum(colour == 1)) - 1
         number = (colour * lattice.places + lattice.first_extra + rank).astype(np.int32)
-        board_setup.renumber(target, before, number, lattice.places - before)
+        block_kernels.renumber(target, before, number, lattice.places - before)
     cells = [lattice.cells_at(c, home[colour == c] - c * before) for c in range(2)]
     red, black = (np.ravel_multi_index(cell, lattice.shape).astype(np.int64) for cell in cells)
     return _summed(level, lattice, target, (red, black))
@@ -51,7 +51,7 @@ def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray
     fine = level.lattice
     index = np.ix_(*(np.arange(n) >> s for n, s in zip((*fine.shape[:-1], 1), shift.tolist(), strict=True)))
     target = np.zeros(level.degree.shape, dtype=np.int32)
-    board_setup.block_of_places(
+    block_kernels.block_of_places(
         level.degree > 0.0, fine.rows, fine.shape[-1], fine.margin, int(shift[-1]), lattice.number(index).ravel(),
         lattice.margin, lattice.places, target,
     )  # fmt: skip
@@ -66,9 +66,9 @@ def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: floa
     graph = (level.faces, *frame(level.lattice), level.ends[0], level.ends[1], level.links)
     strongest = np.zeros(level.degree.shape if weak else (2, 1), dtype=np.float32)
     if weak:
-        board_setup.strongest_at(*graph, strongest)
+        block_kernels.strongest_at(*graph, strongest)
     members, inner = np.zeros((2, 2 * lattice.places), dtype=np.int32)
-    board_setup.count_inside(*graph, target, weak, strongest, members, inner)
+    block_kernels.count_inside(*graph, target, weak, strongest, members, inner)
     # A part of a hypercube with n corners has at most as many edges as there are ones in the numbers below n.
     most = np.cumsum([0, 0, *(k.bit_count() for k in range(1, 64))])
     doubtful = (members > 1) & (inner <= most[np.clip(members - 1, 0, 63)])
@@ -79,9 +79,9 @@ def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: floa
     if not doubtful.any():
         return np.empty(0, dtype=np.int64)
     parent = np.arange(target.size, dtype=np.int32)
-    board_setup.join_inside(*graph, target, weak, strongest, doubtful, parent)
+    block_kernels.join_inside(*graph, target, weak, strongest, doubtful, parent)
     home = np.empty(int(members[doubtful].sum()), dtype=np.int64)
-    return home[: board_setup.split_blocks(doubtful, parent, target, lattice.places, home)]
+    return home[: block_kernels.split_blocks(doubtful, parent, target, lattice.places, home)]
 
 
 def _summed(
@@ -92,14 +92,14 @@ def _summed(
     faces, leak = np.zeros((sides, lattice.places)), np.zeros((2, lattice.places))
     inner = np.zeros((sides // 2, 2 * lattice.places), dtype=np.float32)
     ends, axis, links = np.empty((2, room), dtype=np.int32), np.empty(room, dtype=np.int32), np.empty(room)
-    count = board_setup.sum_blocks(
+    count = block_kernels.sum_blocks(
         level.faces, level.leak, *frame(level.lattice), level.ends[0], level.ends[1], level.axis, level.links,
         target, lattice.places, lattice.distance, lattice.first_extra, faces, leak.ravel(), inner, ends, axis, links,
     )  # fmt: skip
     if count < 0:
         return None
     ends, axis, links = _united(ends[:, :count], axis[:count], links[:count])
-    board_setup.lengthen_faces(faces, leak, *frame(lattice), ends[0], ends[1], axis, links, inner)
+    block_kernels.lengthen_faces(faces, leak, *frame(lattice), ends[0], ends[1], axis, links, inner)
     return level_of(lattice, faces, leak, ends, axis, links, extra_cell), target
 
 

@@ -25,6 +25,7 @@ from resgrid.nodal.multigrid.board_passes import (
     into_black,
     into_red,
     relax,
+    spread,
 )
 from resgrid.nodal.multigrid.compiled import ZERO, inner, inner_fast
 
@@ -273,19 +274,10 @@ def residual_at_rest(board: Board, b: Floats, x: Floats, r: Floats) -> float:
         begin, count = extent(board, block)
         if np.any(x[0, begin : begin + count]):
             for q in range(len(board.distance)):
-                _spread(board.faces, q, begin, board.distance[q], count, x[0], r)
+                spread(board.faces, q, begin, board.distance[q], count, x[0], r)
     for m in range(len(board.links)):
         r[board.link_black[m]] += board.links[m] * x[0, board.link_red[m]]
     return math.sqrt(_squares(r))
-
-
-@inner_fast
-def _spread(g: Reals, q: int, begin: int, away: int, count: int, x: Reals, total: Reals) -> None:
-    """Add ``g x`` across a face to the black neighbours of a block of red cells."""
-    face, red, black = np.uint64(q), np.uint64(begin), np.uint64(begin + away)
-    for i in range(count):
-        k = np.uint64(i)
-        total[black + k] += g[face, red + k] * x[red + k]
 
 
 @inner_fast
