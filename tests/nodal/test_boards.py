@@ -17,7 +17,7 @@ from resgrid.nodal.multigrid.coarsening import coarsen
 from resgrid.nodal.multigrid.grid_levels import inverse_below, own_vectors
 from resgrid.nodal.multigrid.hierarchy import build_hierarchy
 from resgrid.nodal.system import NodalSystem, assemble
-from resgrid.space import ConfigurationSpace
+from resgrid.space import Axis, ConfigurationSpace
 
 BOUNDARIES = st.sampled_from(["dirichlet", "neumann"])
 
@@ -173,6 +173,18 @@ def test_the_residual_at_rest_is_that_of_nothing_but_zeros(
 @settings(max_examples=60, deadline=None)
 @given(spaces(max_cells=12), BOUNDARIES, st.integers(0, 2**16))
 def test_aggregates_are_the_connected_parts_of_blocks(space: ConfigurationSpace, boundary: str, seed: int) -> None:
+    check_aggregates(space, boundary, seed)
+
+
+def test_parts_of_a_ring_of_two_blocks_stay_apart() -> None:
+    """Across the ring of two blocks two conductances join the same cells: no reason to take four cells for one part."""
+    walls = "002000020100 000010110100 000110010000 100100010000"
+    cell = np.array([list(row) for row in walls.split()], dtype=np.uint8).reshape(4, 4, 3)
+    axes = [Axis("x", 0.0, 2.0, 4, periodic=True), Axis("y", 0.0, 8.0, 4), Axis("z", 0.0, 1.5, 3)]
+    check_aggregates(ConfigurationSpace(axes, cell), "dirichlet", 0)
+
+
+def check_aggregates(space: ConfigurationSpace, boundary: str, seed: int) -> None:
     made = laid_out(space, boundary, 0.0, seed)
     if made is None:
         return

@@ -53,11 +53,13 @@ def _joins(g: float, weak: float, strongest: Singles, red: int, black: int) -> b
 
 @njit(cache=True)
 def count_inside(
-    faces: Floats, distance: Integers, margin: int, link_red: Indices,
-    link_black: Indices, links: Floats, block: Indices, weak: float, strongest: Singles, members: Indices,
+    faces: Floats, distance: Integers, margin: int, block: Indices, weak: float, strongest: Singles, members: Indices,
     inner: Indices,
 ) -> None:  # fmt: skip
-    """Members of every block, and the resistors inside it that are not weak."""
+    """Members of every block, and the faces inside it that conduct and are not weak.
+
+    Links do not count: those that close a ring of two cells join what a face joins already.
+    """
     for k in range(margin, faces.shape[1] - margin):
         for colour in range(2):
             members[block[colour, k]] += 1
@@ -67,10 +69,6 @@ def count_inside(
                 black = k + distance[q]
                 if block[0, k] == block[1, black] and _joins(g, weak, strongest, k, black):
                     inner[block[0, k]] += 1
-    for k in range(len(links)):
-        red, black = link_red[k], link_black[k]
-        if block[0, red] == block[1, black] and _joins(links[k], weak, strongest, red, black):
-            inner[block[0, red]] += 1
     members[0] = 0
 
 

@@ -68,7 +68,7 @@ def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: floa
     if weak:
         block_kernels.strongest_at(*graph, strongest)
     members, inner = np.zeros((2, 2 * lattice.places), dtype=np.int32)
-    block_kernels.count_inside(*graph, target, weak, strongest, members, inner)
+    block_kernels.count_inside(*graph[:3], target, weak, strongest, members, inner)
     # A part of a hypercube with n corners has at most as many edges as there are ones in the numbers below n.
     most = np.cumsum([0, 0, *(k.bit_count() for k in range(1, 64))])
     doubtful = (members > 1) & (inner <= most[np.clip(members - 1, 0, 63)])
