@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import CircuitError, InputError
-from resgrid.netlist import GROUND, MOST_NODES, Layout, Netlist, face_shape
-from resgrid.slabs import face_count, faces_ahead, places_in_slab, slab
+from resgrid.netlist import GROUND, MOST_NODES, Layout, Netlist
+from resgrid.slabs import face_counts, faces_ahead, places_in_slab, slab
 from resgrid.space import Cell, ConfigurationSpace
 
 BOUNDARIES = ("dirichlet", "neumann", "wall")
@@ -253,7 +253,7 @@ def _join(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes) -> _Resistors
     ends = [0, *np.cumsum([np.count_nonzero(group.kept) for group in groups]).tolist()]
     count = ends[-1]
     pairs = np.empty((count, 2), dtype=np.int32)
-    face = np.empty(count, dtype=np.int32 if face_count(space.shape) < 2**31 else np.int64)
+    face = np.empty(count, dtype=np.int32 if sum(face_counts(space.shape)) < 2**31 else np.int64)
     joined = _Resistors(pairs, np.empty(count), face, np.empty(count, dtype=np.bool_))
     for group, first, last in zip(groups, ends, ends[1:], strict=False):
         part = _Resistors(*(column[first:last] for column in vars(joined).values()))
@@ -297,7 +297,7 @@ def _groups(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes) -> Iterator
             on_edge = free if rules.rails == "merged" else present
             yield _Group(axis, slab(on_edge, axis, *first), first, first_face, first, None)
             yield _Group(axis, slab(on_edge, axis, *last), (size, size + 1), first_face, last, None)
-        first_face += int(np.prod(face_shape(space.shape, axis)))
+        first_face += face_counts(space.shape)[axis]
 
 
 def _fill(space: ConfigurationSpace, rules: _Rules, nodes: _Nodes, group: _Group, part: _Resistors) -> None:

@@ -37,6 +37,6 @@ def faces_ahead(
     return faces
 
 
-def face_count(shape: tuple[int, ...]) -> int:
-    """Number of faces across all axes, one more than the cells along each."""
-    return sum(math.prod(shape) // cells * (cells + 1) for cells in shape)
+def face_counts(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Number of faces across every axis, one more than the cells along it."""
+    return tuple(math.prod(shape) // cells * (cells + 1) for cells in shape)

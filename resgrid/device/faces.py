@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Layout, Netlist
-from resgrid.slabs import face_count
+from resgrid.slabs import face_counts
 
 
 def layout_of(netlist: Netlist, what: str) -> Layout:
@@ -106,7 +106,7 @@ def identities(netlist: Netlist) -> int:
     """How many resistors a chip of this kind may have: the faces of its grid, or else the resistors of its netlist."""
     if netlist.layout is None:
         return len(netlist.conductance) + len(netlist.nonlinear_current)
-    return face_count(netlist.layout.space.shape)
+    return sum(face_counts(netlist.layout.space.shape))
 
 
 def identity(netlist: Netlist) -> tuple[NDArray[np.integer[Any]], NDArray[np.int64]]:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Layout, Netlist
+from resgrid.slabs import face_counts
 from resgrid.space import Cell
 from resgrid.spice.analyses import MismatchAnalysis
 
@@ -198,7 +199,6 @@ def tile_array(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAnalysis
     if mismatch is not None and not mismatch.runs:
         value = value * mismatch.factors(len(value))
     shape = layout.space.shape
-    face_count = [layout.space.cell.size // n * (n + 1) for n in shape]
     return TileArray(
         shape=shape,
         tile=tile,
@@ -207,7 +207,7 @@ def tile_array(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAnalysis
         internodal=tile.internodal_switch_on is not None,
         wall_resistance=layout.wall_resistance,
         link_cells=cells[~contact],
-        link_axis=np.searchsorted(np.cumsum(face_count), faces.resistor_face[~contact], side="right"),
+        link_axis=np.searchsorted(np.cumsum(face_counts(shape)), faces.resistor_face[~contact], side="right"),
         link_face=faces.resistor_face[~contact],
         link_resistance=value[~contact],
         edge_cell=cells[contact, 0],

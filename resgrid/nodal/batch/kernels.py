@@ -43,10 +43,10 @@ def refill(
     ``face`` says where an entry of a red row belongs: its face, or -1 less its link; ``leak`` of shape (2, places)
     receives what leads to the rails.
     """
-    scale, largest, places = 1.0 / unit, 0.0, len(true.black_degree)
+    scale, largest, places, leaks = 1.0 / unit, 0.0, len(true.black_degree), leak.ravel()
     for i in range(len(place)):
         here, degree = place[i], excess[i] * scale
-        leak[here // places, here % places] = degree
+        leaks[here] = degree
         for k in range(indptr[i], indptr[i + 1]):
             g = conductance[k] * scale
             degree += g

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from resgrid.nodal.assembly import find, join
 from resgrid.nodal.multigrid.board_passes import Floats, Indices, Integers, Singles
+from resgrid.nodal.multigrid.place_kernels import place_of
 
 
 @njit(cache=True)
@@ -43,7 +44,7 @@ def block_of_places(
             colour, here = number & 1, margin + (number >> 1)
             if exists[colour, here]:
                 number = coarse_rows[line] + (column >> shift)
-                block[colour, here] = (number & 1) * coarse_places + coarse_margin + (number >> 1)
+                block[colour, here] = place_of(number, coarse_margin, coarse_places)
 
 
 @njit(cache=True)

@@ -7,12 +7,13 @@ from numba import njit
 
 from resgrid.nodal.multigrid.board_passes import Floats, Indices, Integers, Reals, spread
 from resgrid.nodal.multigrid.compiled import inner, inner_fast
+from resgrid.nodal.multigrid.place_kernels import place_of
 
 _TINY = 1e-300
 """Keeps what is nothing in all from being divided by."""
 
-_BLOCK = 2048
-"""Places at a time: what they and their neighbours add up stays in the second cache."""
+BLOCK = 2048
+"""Places a pass takes at a time: what it touches stays in the first caches."""
 
 
 @njit(cache=True)
@@ -33,7 +34,7 @@ def place_cells(
             i, number = row_of_node[here], rows[line] + column
             if place[i] >= 0:
                 return -1
-            place[i] = at_node[here] = (number & 1) * places + margin + (number >> 1)
+            place[i] = at_node[here] = place_of(number, margin, places)
             count += 1
     return count
 
@@ -83,9 +84,9 @@ def sum_degrees(
     end = faces.shape[1] - margin
     total, count = np.zeros(len(distance) // 2), np.zeros(len(distance) // 2)
     extremes = np.array([np.inf, 0.0])
-    for begin in range(margin, end, _BLOCK):
+    for begin in range(margin, end, BLOCK):
         for q in range(len(distance)):
-            length = min(_BLOCK, end - begin)
+            length = min(BLOCK, end - begin)
             _add(faces, q, begin, length, degree[0])
             _add_behind(faces, q, begin, distance[q], length, degree[1])
             some, number = _compare(faces[q, begin : begin + length], extremes)
@@ -111,8 +112,8 @@ def compensate(
     degree[:] = leak[1]
     for k in range(len(links)):
         share[link_red[k]] += links[k]
-    for begin in range(margin, end, _BLOCK):
-        count = min(_BLOCK, end - begin)
+    for begin in range(margin, end, BLOCK):
+        count = min(BLOCK, end - begin)
         for q in range(len(distance)):
             _add(faces, q, begin, count, share)
         _turn_into_shares(share, leak[0], red_inverse, begin, count)

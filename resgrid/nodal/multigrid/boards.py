@@ -14,9 +14,6 @@ from resgrid.nodal.multigrid.lattice import Lattice
 from resgrid.nodal.multigrid.levels import Graph
 from resgrid.nodal.multigrid.place_kernels import put_at_places
 
-_BLOCK = 2048
-"""Places a pass takes at a time: what it touches stays in the first cache."""
-
 WEAK = 0.1
 """Share of a conductance below which another one is weak beside it."""
 
@@ -172,7 +169,7 @@ def _board(
         faces=faces,
         distance=lattice.distance,
         margin=lattice.margin,
-        block=min(_BLOCK, lattice.places),
+        block=min(board_setup.BLOCK, lattice.places),
         link_red=red,
         link_black=black,
         links=links,

@@ -6,6 +6,13 @@ import numpy as np
 from numba import njit
 
 from resgrid.nodal.multigrid.board_passes import Floats, Indices
+from resgrid.nodal.multigrid.compiled import inner
+
+
+@inner
+def place_of(number: int, margin: int, places: int) -> int:
+    """Place of a numbered cell, as `resgrid.nodal.multigrid.lattice.Lattice.place`."""
+    return (number & 1) * places + margin + (number >> 1)
 
 
 @njit(cache=True, nogil=True)

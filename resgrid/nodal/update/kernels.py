@@ -10,8 +10,9 @@ from numba import njit
 from numpy.typing import NDArray
 
 from resgrid.nodal.assembly import find
-from resgrid.nodal.multigrid.board_passes import Board
+from resgrid.nodal.multigrid.board_passes import Board, Reals
 from resgrid.nodal.multigrid.board_setup import share_of_red
+from resgrid.nodal.multigrid.place_kernels import place_of
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
@@ -64,39 +65,31 @@ def black_beside(board: Board, red: Integers) -> Integers:
 @njit(cache=True)
 def compensated_degrees(true: Board, board: Board, black: Integers) -> Floats:
     """As `resgrid.nodal.multigrid.board_setup.compensate`, for some black places counted from 0."""
-    degree = np.zeros(len(black))
-    for k in range(len(black)):
-        leak = true.black_degree[black[k]]
-        for side in range(len(true.distance)):
-            red = black[k] - true.distance[side]
-            leak -= true.faces[side, red]
-            if board.faces[side, red] > 0.0:
-                degree[k] += board.faces[side, red] * _share_of(true, board, red)
-        for m in range(len(true.links)):
-            if true.link_black[m] == black[k]:
-                leak -= true.links[m]
-                degree[k] += board.links[m] * _share_of(true, board, true.link_red[m])
-        degree[k] += _unless_rounding(leak, true.black_degree[black[k]])
+    place = black + board.faces.shape[1]
+    degree = _leaks(true, place, true.black_degree[black])
+    for k in range(len(place)):
+        for side in range(len(board.distance)):
+            red, g = across(board, place[k], side)
+            if g > 0.0:
+                degree[k] += g * _share_of(true, board, red)
+        for m in range(len(board.links)):
+            if board.link_black[m] == black[k]:
+                degree[k] += board.links[m] * _share_of(true, board, board.link_red[m])
     return degree
 
 
 @njit(cache=True)
 def _share_of(true: Board, board: Board, red: int) -> float:
-    own = 1.0 / true.red_inverse[red]
-    conductance, leak = 0.0, own
-    for side in range(len(true.distance)):
-        conductance += board.faces[side, red]
-        leak -= true.faces[side, red]
-    for m in range(len(true.links)):
-        if true.link_red[m] == red:
-            conductance += board.links[m]
-            leak -= true.links[m]
-    return share_of_red(conductance, _unless_rounding(leak, own), board.red_inverse[red])
+    place = np.array([red])
+    conductance = sum_others(board, place, place[:0])
+    return share_of_red(conductance[0], _leaks(true, place, 1.0 / true.red_inverse[place])[0], board.red_inverse[red])
 
 
 @njit(cache=True)
-def _unless_rounding(leak: float, degree: float) -> float:
-    return leak if leak > 1e-14 * degree else 0.0
+def _leaks(true: Board, place: Integers, degree: Reals) -> Floats:
+    """What places of some degrees conduct to the rails; nothing where that may be rounding."""
+    leak = degree - sum_others(true, place, place[:0])
+    return np.where(leak > 1e-14 * degree, leak, 0.0)
 
 
 @njit(cache=True)
@@ -218,7 +211,7 @@ def number_cells(row: Indices, first: Integers, margin: int, places: int, rows: 
             here, number = row[line * columns + column], first[line] + column
             if here >= 0:
                 rows[count] = here
-                place[count] = (number & 1) * places + margin + (number >> 1)
+                place[count] = place_of(number, margin, places)
                 count += 1
     return count
 
