@@ -157,7 +157,11 @@ class ConfigurationSpace:
         Goal regions are the face-connected components of goal cells, periodic axes included, numbered from 0 in
         C order of their first cell.
         """
-        region = label_regions(self.cell == Cell.GOAL, self.periodic) - 1
+        goal = self.cell == Cell.GOAL
+        around = _box_around(goal)
+        whole = [ends.stop - ends.start == size for ends, size in zip(around, self.shape, strict=True)]
+        region = np.full(self.shape, -1, dtype=np.int32)
+        region[around] = label_regions(goal[around], self.periodic & whole) - 1
         region.flags.writeable = False
         return region
 
@@ -248,6 +252,13 @@ class ConfigurationSpace:
             raise InputError(f"the point {tuple(wrong.tolist())} lies outside the grid ({ranges})")
         cells = np.minimum(np.floor(scaled).astype(np.int64), size - 1)
         return cells, np.clip(scaled - cells, 0.0, 1.0)
+
+
+def _box_around(mask: NDArray[np.bool_]) -> tuple[slice, ...]:
+    """The smallest box that holds all of a mask."""
+    axes = range(mask.ndim)
+    lines = [np.flatnonzero(mask.any(axis=tuple(other for other in axes if other != axis))) for axis in axes]
+    return tuple(slice(int(line[0]), int(line[-1]) + 1) if len(line) else slice(0, 0) for line in lines)
 
 
 def label_regions(mask: NDArray[np.bool_], periodic: ArrayLike) -> NDArray[np.int32]:

@@ -4,7 +4,7 @@ from scipy import ndimage
 from spaces import space_of
 
 from resgrid.errors import InputError
-from resgrid.space import Axis, ConfigurationSpace, label_regions
+from resgrid.space import Axis, Cell, ConfigurationSpace, label_regions
 
 
 def test_a_point_is_located_and_split() -> None:
@@ -70,3 +70,13 @@ def test_values_are_read_only() -> None:
     space = space_of(np.zeros((2, 2)))
     with pytest.raises(ValueError, match="read-only"):
         space.cell[0, 0] = 1
+
+
+def test_goal_regions_are_those_of_the_whole_grid_wherever_the_goals_lie() -> None:
+    rng = np.random.default_rng(5)
+    for share in (0.0, 0.01, 0.05, 0.4):
+        for ring in ([False, False], [True, False], [True, True]):
+            cell = np.where(rng.random((7, 9)) < share, Cell.GOAL, Cell.FREE)
+            axes = [Axis(name, 0, 1, size, periodic=p) for name, size, p in zip("xy", cell.shape, ring, strict=True)]
+            space = ConfigurationSpace(axes, cell)
+            assert np.array_equal(space.goal_region, label_regions(cell == Cell.GOAL, ring) - 1)

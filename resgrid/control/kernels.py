@@ -11,6 +11,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.jit import inner
+
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
@@ -22,7 +24,7 @@ _SETTLED = 1e-12
 _LEAST_MOBILITY = 1e-12
 
 
-@njit(cache=True)
+@inner
 def _cell_at(
     shape: Integers, corner: Floats, spacing: Floats, periodic: NDArray[np.bool_], point: Floats, cell: Integers,
     local: Floats,
@@ -41,7 +43,7 @@ def _cell_at(
     return MOVES
 
 
-@njit(cache=True)
+@inner
 def _face_velocities(
     first_face: Integers, face_stride: Integers, direction: NDArray[np.int8], log_current: Floats, cell: Integers,
     lower: Floats, upper: Floats,
@@ -69,7 +71,7 @@ def _to_face(x: float, velocity: float, spacing: float) -> float:
     return ((1.0 - x if velocity > 0.0 else x) + _EDGE) * spacing / abs(velocity)
 
 
-@njit(cache=True)
+@inner
 def _along_current(local: Floats, lower: Floats, upper: Floats, spacing: Floats, velocity: Floats) -> float:
     """Unit velocity within a cell, and how far a straight step may go; -1 where no current leaves.
 
@@ -150,7 +152,7 @@ def _share(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> 
     return min(max(((px - ax) * dx + (py - ay) * dy) / squared, 0.0), 1.0)
 
 
-@njit(cache=True)
+@inner
 def _add(
     found: Floats, count: int, px: float, py: float, ox: float, oy: float, inward: tuple[float, float],
     owner: tuple[float, int, int], reach: float,
@@ -189,7 +191,7 @@ def _left_of(edge: Floats) -> tuple[float, float]:
     return -dy / length, dx / length
 
 
-@njit(cache=True)
+@inner
 def _inside_corner(edge: Floats, before: Floats) -> tuple[float, float]:
     """Direction into the solid from the corner where an edge starts: between its two edges' normals."""
     (ax, ay), (bx, by) = _left_of(edge), _left_of(before)
@@ -199,7 +201,7 @@ def _inside_corner(edge: Floats, before: Floats) -> tuple[float, float]:
     return (ax + bx) / length, (ay + by) / length
 
 
-@njit(cache=True)
+@inner
 def _add_end(
     found: Floats, count: int, px: float, py: float, edge: Floats, before: Floats, owner: tuple[float, int, int],
     reach: float, facing: bool,
@@ -294,7 +296,7 @@ def contact_rows(
             tangent[k, axis] = -ny * vx + nx * vy
 
 
-@njit(cache=True)
+@inner
 def _coulomb(
     normal: float, cross: float, tangent: float, approach: float, slip: float, friction: float
 ) -> tuple[float, float]:

@@ -8,13 +8,15 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.jit import inner
+
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 _UNKNOWN, _REACHED, _LOST, _WALKING = 0, 1, 2, 3
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _reading(height: float, steps: float) -> float:
     """What a converter makes of a voltage, as a share of its range: whole steps, or the share itself (``steps`` 0)."""
     if steps == 0.0 or math.isnan(height):

@@ -8,6 +8,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.jit import inner
+
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
 Integers = NDArray[np.int64]
@@ -241,7 +243,7 @@ def conductances_by_row(
     return _closed_up(indptr, fill, indices, data)
 
 
-@njit(cache=True)
+@inner
 def _closed_up(indptr: Indices, fill: Indices, indices: Indices, data: Floats) -> tuple[Indices, Indices, Floats]:
     """Sort every row, sum entries of one column, and close the gaps, in place."""
     size = 0
@@ -264,7 +266,7 @@ def _closed_up(indptr: Indices, fill: Indices, indices: Indices, data: Floats) -
     return indptr, indices[:size], data[:size]
 
 
-@njit(cache=True)
+@inner
 def _sort_by_rank(indices: Indices, data: Floats, begin: int, end: int, column: Indices, value: Floats) -> None:
     """As `sort_row`, every entry put where its rank says: no branch depends on the columns."""
     for k in range(begin, end):
@@ -278,7 +280,7 @@ def _sort_by_rank(indices: Indices, data: Floats, begin: int, end: int, column: 
         data[k] = value[k - begin]
 
 
-@njit(cache=True)
+@inner
 def sort_row(indices: Indices, data: Floats, begin: int, end: int) -> None:
     """Sort the entries ``begin ... end`` by column, in place (Shell 1959: insertion in ever smaller steps)."""
     step = 1

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.jit import inner
 from resgrid.nodal.scaled import BITS
 
 _BASE = 2.0**BITS
@@ -131,7 +132,7 @@ def _shift(value: float, steps: int) -> float:
     return 0.0 if steps < 0 else math.copysign(np.inf, value)
 
 
-@njit(cache=True)
+@inner
 def _steps_from(indptr: Indices, indices: Indices, seeds: NDArray[np.bool_]) -> Indices:
     """Steps of a breadth-first search from some nodes to every node; -1 where it does not come."""
     steps = np.full(len(seeds), -1, np.int32)

@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.jit import inner
 from resgrid.planning.field import Flow
 
 REACHED, NO_CURRENT, ENDLESS = 0, 1, 2
@@ -38,7 +39,7 @@ def _velocity(flow: Flow, face: int, scale: float) -> float:
     return sign * math.exp(flow.log_current[face] - scale)
 
 
-@njit(cache=True)
+@inner
 def _velocities(flow: Flow, cell: Integers, lower: Floats, upper: Floats) -> float:
     """Velocities on the lower and upper faces of a cell, scaled to a maximum of 1; returns the log of the scale."""
     scale = -np.inf
@@ -82,7 +83,7 @@ def _moved(x: float, lower: float, upper: float, time: float) -> float:
     return min(max(x + step, 0.0), 1.0)
 
 
-@njit(cache=True)
+@inner
 def _first_exit(local: Floats, lower: Floats, upper: Floats) -> tuple[float, int, int]:
     """Time, axis and side of the first exit in finite time; axis -1 for none."""
     time, way, side = np.inf, -1, 0
@@ -93,7 +94,7 @@ def _first_exit(local: Floats, lower: Floats, upper: Floats) -> tuple[float, int
     return time, way, side
 
 
-@njit(cache=True)
+@inner
 def _strongest_exit(lower: Floats, upper: Floats) -> tuple[float, int, int]:
     """Speed, axis and side of the face with the largest outward current; axis -1 for none."""
     speed, way, side = 0.0, -1, 0
@@ -105,7 +106,7 @@ def _strongest_exit(lower: Floats, upper: Floats) -> tuple[float, int, int]:
     return speed, way, side
 
 
-@njit(cache=True)
+@inner
 def _cross(local: Floats, lower: Floats, upper: Floats, spacing: Floats) -> tuple[float, float, int, int]:
     """Move a point to where it leaves its cell; returns time, length, axis (-1: stuck) and side."""
     time, way, side = _first_exit(local, lower, upper)
@@ -251,7 +252,7 @@ def trace_many(
         outcome[k], steps[k], length[k], log_time[k] = trace(flow, starts[k], locals_[k], no_cells, no_locals)
 
 
-@njit(cache=True)
+@inner
 def segment_to_box(start: Floats, end: Floats, lower: Floats, upper: Floats) -> float:
     """Distance from a segment to an axis-parallel box, by bisection on the derivative of the (convex) square."""
     a, b = 0.0, 1.0

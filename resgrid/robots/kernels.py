@@ -11,6 +11,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.jit import inner
 from resgrid.robots.solids import Solids
 
 Floats = NDArray[np.float64]
@@ -18,7 +19,7 @@ Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 
-@njit(cache=True)
+@inner
 def _squared_from_segment(x: float, y: float, ax: float, ay: float, bx: float, by: float) -> float:
     dx, dy = bx - ax, by - ay
     squared = dx * dx + dy * dy
@@ -26,7 +27,7 @@ def _squared_from_segment(x: float, y: float, ax: float, ay: float, bx: float, b
     return (x - ax - share * dx) ** 2 + (y - ay - share * dy) ** 2
 
 
-@njit(cache=True)
+@inner
 def _squared_between(ax: float, ay: float, bx: float, by: float, cx: float, cy: float, dx: float, dy: float) -> float:
     """Squared distance of two segments: 0 where they cross, else from an end of one to the other."""
     c = (bx - ax) * (cy - ay) - (by - ay) * (cx - ax)
@@ -40,7 +41,7 @@ def _squared_between(ax: float, ay: float, bx: float, by: float, cx: float, cy: 
     return min(from_first, from_second)
 
 
-@njit(cache=True)
+@inner
 def _near_polygon(ax: float, ay: float, bx: float, by: float, reach: float, edges: Floats) -> bool:
     inside = False
     for e in range(len(edges)):
@@ -52,7 +53,7 @@ def _near_polygon(ax: float, ay: float, bx: float, by: float, reach: float, edge
     return inside
 
 
-@njit(cache=True)
+@inner
 def _near_solids(ax: float, ay: float, bx: float, by: float, reach: float, solids: Solids) -> bool:
     """Whether a segment comes within a distance of an obstacle."""
     left, right = min(ax, bx) - reach, max(ax, bx) + reach
@@ -106,7 +107,7 @@ def _travel(joints: Floats, first: int, link: int, chords: Floats, lengths: Floa
     return total
 
 
-@njit(cache=True)
+@inner
 def _hits(
     joints: Floats, link: int, chords: Floats, folds: Floats, lengths: Floats, radii: Floats,
     relative: bool, self_collision: bool, slack: float, solids: Solids,

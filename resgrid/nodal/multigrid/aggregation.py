@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.jit import inner
 from resgrid.nodal.assembly import find, join, sort_row
 
 Floats = NDArray[np.float64]
@@ -77,7 +78,7 @@ def aggregate_blocks(
     return _numbered_by_colour(parent, coordinate, shift)
 
 
-@njit(cache=True)
+@inner
 def _numbered_by_colour(parent: Indices, coordinate: Indices, shift: Integers) -> tuple[Indices, int]:
     """Number the trees, those in blocks of even index sum first: resistors join the two halves only."""
     aggregate = np.empty(len(parent), np.int32)

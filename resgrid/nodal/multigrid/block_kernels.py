@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.jit import inner
 from resgrid.nodal.assembly import find, join
 from resgrid.nodal.multigrid.board_passes import Floats, Indices, Integers, Singles
 from resgrid.nodal.multigrid.place_kernels import place_of
@@ -47,7 +48,7 @@ def block_of_places(
                 block[colour, here] = place_of(number, coarse_margin, coarse_places)
 
 
-@njit(cache=True)
+@inner
 def _joins(g: float, weak: float, strongest: Singles, red: int, black: int) -> bool:
     return weak == 0.0 or g >= weak * max(strongest[0, red], strongest[1, black])
 
@@ -215,7 +216,7 @@ def lengthen_faces(
         links[k] = _in_series(links[k], inner[axis, link_red[k]], inner[axis, places + link_black[k]], 0.5)
 
 
-@njit(cache=True)
+@inner
 def _in_series(conductance: float, one: float, other: float, share: float) -> float:
     resistance = 1.0 / conductance
     if one > 0.0:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from resgrid.jit import inner, inner_fast
 from resgrid.nodal.multigrid.board_passes import (
     Board,
     Floats,
@@ -19,7 +20,6 @@ from resgrid.nodal.multigrid.board_passes import (
     add_into_black,
     relax_red,
 )
-from resgrid.nodal.multigrid.compiled import inner, inner_fast
 from resgrid.nodal.multigrid.waves import prolong_and_multiply, restrict
 
 

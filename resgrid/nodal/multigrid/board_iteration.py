@@ -82,18 +82,20 @@ def _converge(
     burst = _Burst(hierarchy, grid, error, watch)
     last, left, unit = np.inf, MOST_ITERATIONS, hierarchy.unit
     rounding = _ROUNDING * grid.largest_degree
-    residual = waves.residual_at_rest if equations.at_rest else waves.black_residual
+    at_rest = equations.at_rest
     while True:
+        residual = waves.residual_at_rest if at_rest else waves.black_residual
         size = residual(grid.true, equations.currents, x, burst.residual)
-        residual = waves.black_residual
-        goal = max(equations.wanted, rounding * math.hypot(norm(x[0]), norm(x[1])))
+        goal = equations.wanted
+        if size > goal and not at_rest:
+            goal = max(goal, rounding * math.hypot(norm(x[0]), norm(x[1])))
         error.small &= size <= max(DRIFT * burst.left * last, goal)
         if error.small or not (size > goal and size < LEAST_GAIN * last and left > 0):
             return size
         if not math.isfinite(last):
             watch.begin(size * unit, goal * unit)
         left -= burst.run(x, size, _SAFETY * goal / size, left)
-        last = size
+        last, at_rest = size, False
 
 
 class _Burst:

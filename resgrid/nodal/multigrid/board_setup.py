@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from resgrid.jit import inner, inner_fast
 from resgrid.nodal.multigrid.board_passes import Floats, Indices, Integers, Reals, spread
-from resgrid.nodal.multigrid.compiled import inner, inner_fast
 from resgrid.nodal.multigrid.place_kernels import place_of
 
 _TINY = 1e-300
@@ -109,7 +109,8 @@ def compensate(
     those of the leaks, for red ones in the share ``leak / degree`` of the currents that pass them.
     """
     end, share = faces.shape[1] - margin, np.zeros(faces.shape[1])
-    degree[:] = leak[1]
+    for k in range(len(degree)):
+        degree[k] = leak[1, k]
     for k in range(len(links)):
         share[link_red[k]] += links[k]
     for begin in range(margin, end, BLOCK):

@@ -9,6 +9,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.jit import inner
+
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
 Singles = NDArray[np.float32]
@@ -143,7 +145,7 @@ def grow_aggregates(
     return aggregate, count
 
 
-@njit(cache=True)
+@inner
 def _degrees(indptr: Indices, conductance: Floats, leak: Floats) -> tuple[Floats, Singles, Floats]:
     """All conductances of a node summed, one over the root of that, and the strongest one."""
     n = len(leak)
@@ -158,7 +160,7 @@ def _degrees(indptr: Indices, conductance: Floats, leak: Floats) -> tuple[Floats
     return degree, scale, strongest
 
 
-@njit(cache=True)
+@inner
 def _host(indptr: Indices, indices: Indices, conductance: Floats, aggregate: Indices, node: int) -> int:
     """The aggregate at the other end of a node's strongest conductance; -1 where it has none."""
     best, host = 0.0, -1

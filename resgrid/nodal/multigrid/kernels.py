@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.nodal.multigrid.compiled import ZERO, inner, inner_fast
+from resgrid.jit import ZERO, inner, inner_fast
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]

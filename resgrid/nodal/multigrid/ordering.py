@@ -6,6 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.jit import inner
+
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 Indices = NDArray[np.int32]
@@ -75,7 +77,7 @@ def _colours(indptr: Indices, indices: Indices) -> tuple[Indices, NDArray[np.int
     return colour, count
 
 
-@njit(cache=True)
+@inner
 def _sorted(nodes: Indices, key: Indices, start: Indices) -> Indices:
     """Nodes by key, those of one key in their order; ``start[k + 1]`` says how many there are of key ``k``."""
     for k in range(len(start) - 1):

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from resgrid.jit import inner
 from resgrid.nodal.multigrid.board_passes import Floats, Indices
-from resgrid.nodal.multigrid.compiled import inner
 
 
 @inner

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from resgrid.jit import ZERO, inner, inner_fast
 from resgrid.nodal.multigrid.board_passes import (
     Board,
     Floats,
@@ -27,7 +28,6 @@ from resgrid.nodal.multigrid.board_passes import (
     relax,
     spread,
 )
-from resgrid.nodal.multigrid.compiled import ZERO, inner, inner_fast
 
 _ROOM = 4
 """Of a window, in units of what is kept and a block; so seldom it is moved."""

@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.jit import inner
 from resgrid.nodal.kernels import _canonical, _sum, _two_product
 
 _INVERSE = 2.0**-256
@@ -69,12 +70,12 @@ class Record(NamedTuple):
     weights: Floats
 
 
-@njit(cache=True)
+@inner
 def _plus(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
     return _sum(a, a_low, b, b_low)
 
 
-@njit(cache=True)
+@inner
 def _times(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
     p, q = _two_product(a, b)
     q += a * b_low + a_low * b
@@ -82,7 +83,7 @@ def _times(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float
     return s, q - (s - p)
 
 
-@njit(cache=True)
+@inner
 def _reciprocal(d: float, d_low: float) -> tuple[float, float]:
     first = 1.0 / d
     p, q = _times(d, d_low, first, 0.0)
@@ -102,7 +103,7 @@ def find_twins(indptr: Indices, indices: Indices) -> Indices:
     return twin
 
 
-@njit(cache=True)
+@inner
 def _drop(web: Web, row: int, slot: int) -> None:
     """Take a slot out of a row: the row's last slot moves to its place."""
     last = web.start[row] + web.length[row] - 1
@@ -115,7 +116,7 @@ def _drop(web: Web, row: int, slot: int) -> None:
     web.length[row] -= 1
 
 
-@njit(cache=True)
+@inner
 def _find(web: Web, a: int, b: int) -> int:
     """Slot of a conductance between two rows, -1 for none, -2 if both rows are too long to be searched."""
     if web.length[a] > web.length[b]:
@@ -128,7 +129,7 @@ def _find(web: Web, a: int, b: int) -> int:
     return -1
 
 
-@njit(cache=True)
+@inner
 def _assign(web: Web, slot: int, g: float, g_low: float) -> None:
     """Give a conductance its value, in both rows."""
     other = web.twin[slot]
@@ -136,7 +137,7 @@ def _assign(web: Web, slot: int, g: float, g_low: float) -> None:
     web.g[other], web.g_low[other] = g, g_low
 
 
-@njit(cache=True)
+@inner
 def _join(web: Web, k: int, m: int, g: float, g_low: float) -> int:
     """Replace two conductances of a row, in slots ``k`` and ``m``, by one between their other ends.
 
@@ -157,14 +158,14 @@ def _join(web: Web, k: int, m: int, g: float, g_low: float) -> int:
     return 2 if there == -2 else 0
 
 
-@njit(cache=True)
+@inner
 def _tie(web: Web, row: int, share: float, share_low: float, e: float, e_low: float) -> None:
     """Add a share of a conductance to the rails to a row."""
     t, t_low = _times(share, share_low, e, e_low)
     web.excess[row], web.excess_low[row] = _plus(web.excess[row], web.excess_low[row], t, t_low)
 
 
-@njit(cache=True)
+@inner
 def _eliminate_row(web: Web, row: int, entry: Indices, weight: Floats) -> int:
     """Eliminate a row of at most two slots and record it.
 
@@ -206,7 +207,7 @@ def _eliminate_row(web: Web, row: int, entry: Indices, weight: Floats) -> int:
     return change
 
 
-@njit(cache=True)
+@inner
 def _queue(length: int, row: int, leaves: Indices, top: int, pairs: Indices, tail: int) -> tuple[int, int]:
     """Put a row of at most two slots on the stack of leaves or into the queue of pairs."""
     if length <= 1:
@@ -335,13 +336,13 @@ def _settle(hi: float, lo: float, e: int) -> tuple[float, float, int]:
     return m, lo, exponent
 
 
-@njit(cache=True)
+@inner
 def _scaled_times(hi: float, lo: float, e: int, factor: float, factor_low: float) -> tuple[float, float, int]:
     p, q = _times(hi, lo, factor, factor_low)
     return _settle(p, q, e)
 
 
-@njit(cache=True)
+@inner
 def _scaled_plus(hi: float, lo: float, e: int, t: float, t_low: float, te: int) -> tuple[float, float, int]:
     """Sum of two canonical scaled double-doubles, canonical; what lies 2**256 below the other is dropped."""
     if t == 0.0 or (hi != 0.0 and te < e - 1):

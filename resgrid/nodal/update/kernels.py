@@ -9,6 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.jit import inner
 from resgrid.nodal.assembly import find
 from resgrid.nodal.multigrid.board_passes import Board, Reals
 from resgrid.nodal.multigrid.board_setup import share_of_red
@@ -78,14 +79,14 @@ def compensated_degrees(true: Board, board: Board, black: Integers) -> Floats:
     return degree
 
 
-@njit(cache=True)
+@inner
 def _share_of(true: Board, board: Board, red: int) -> float:
     place = np.array([red])
     conductance = sum_others(board, place, place[:0])
     return share_of_red(conductance[0], _leaks(true, place, 1.0 / true.red_inverse[place])[0], board.red_inverse[red])
 
 
-@njit(cache=True)
+@inner
 def _leaks(true: Board, place: Integers, degree: Reals) -> Floats:
     """What places of some degrees conduct to the rails; nothing where that may be rounding."""
     leak = degree - sum_others(true, place, place[:0])
@@ -136,7 +137,7 @@ def separate(board: Board, one: Integers, other: Integers) -> None:
                 board.links[m] = 0.0
 
 
-@njit(cache=True)
+@inner
 def cell_at(board: Board, shape: Integers, place: int) -> int:
     """Flat index, in a grid of some shape, of the cell at a place of its first level."""
     places, cell = board.faces.shape[1], 0
@@ -261,7 +262,7 @@ def cut_out(
     return _cut_links(board, shape, window_first, low, high, margin, faces.shape[1], count, inner, outer, conductance)
 
 
-@njit(cache=True)
+@inner
 def _cut_links(
     board: Board, shape: Integers, window_first: Integers, low: int, high: int, margin: int, window_places: int,
     count: int, inner: Integers, outer: Integers, conductance: Floats,

@@ -10,6 +10,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.jit import inner
+
 Bytes = NDArray[np.uint8]
 
 READ, LONG, OTHER = 0, 1, 2
@@ -102,7 +104,7 @@ def nearest(digits: np.uint64, power: int) -> tuple[int, np.uint64]:
     return READ, (mantissa & ~_IMPLICIT) | (np.uint64(exponent) << np.uint64(52))
 
 
-@njit(cache=True)
+@inner
 def read_decimal(text: Bytes, start: int, stop: int) -> tuple[int, np.uint64]:
     """Read a decimal number.
 
@@ -155,7 +157,7 @@ def read_decimal(text: Bytes, start: int, stop: int) -> tuple[int, np.uint64]:
 _NONE = 10**6
 
 
-@njit(cache=True)
+@inner
 def _exponent(text: Bytes, start: int, stop: int) -> int:
     """The exponent that stands there, with its ``e``; `_NONE` if it is something else, or has more than four digits."""
     if text[start] | 32 != 101:

@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.jit import inner
 from resgrid.spice.reader.decimal_kernels import read_decimal
 
 Bytes = NDArray[np.uint8]
@@ -56,7 +57,7 @@ NO_KIND = 255
 CLASSES, FOLDED, KINDS = _classes(), _folded(), _kinds()
 
 
-@njit(cache=True)
+@inner
 def _is(text: Bytes, start: int, stop: int, word: Bytes) -> bool:
     """Whether a word, given in lower case, stands there."""
     if stop - start != len(word):
@@ -84,7 +85,7 @@ def _skip_blanks(text: Bytes, start: int) -> int:
     return i
 
 
-@njit(cache=True)
+@inner
 def _hash(text: Bytes, start: int) -> tuple[int, np.uint64]:
     """End of a token, and the hash of its name in lower case (FNV-1a)."""
     key = _OFFSET
@@ -270,7 +271,7 @@ def _is_strange(c: int) -> bool:
     return c < 32 or c > 126
 
 
-@njit(cache=True)
+@inner
 def _comments_out(text: Bytes, start: int, stop: int) -> bool:
     """Whether ``//`` stands there."""
     for i in range(start, stop):  # noqa: SIM110

@@ -14,6 +14,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.jit import inner
+
 _LOW = np.uint64(0xFFFFFFFF)
 _HALF = np.uint64(32)
 _FRACTION_BITS = 52
@@ -60,7 +62,7 @@ def _round_to_odd(power: NDArray[np.uint64], factor: np.uint64) -> np.uint64:
     return high | np.uint64(total > _ONE)
 
 
-@njit(cache=True)
+@inner
 def _shortest(bits: np.uint64, powers: NDArray[np.uint64]) -> tuple[np.uint64, np.int64]:
     """Shortest digits and their power of ten of a positive double."""
     fraction = bits & _FRACTION
@@ -94,7 +96,7 @@ def _shortest(bits: np.uint64, powers: NDArray[np.uint64]) -> tuple[np.uint64, n
     return (s + _ONE if up else s), np.int64(k)
 
 
-@njit(cache=True)
+@inner
 def _put_number(out: NDArray[np.uint8], at: int, digits: np.uint64, power: int, scratch: NDArray[np.uint8]) -> int:
     """Write digits times a power of ten as ``repr`` does; returns where it ends."""
     while digits >= _TEN and digits % _TEN == _ZERO:
@@ -119,7 +121,7 @@ def _put_number(out: NDArray[np.uint8], at: int, digits: np.uint64, power: int, 
     return _put_exponent(out, at, point - 1)
 
 
-@njit(cache=True)
+@inner
 def _put_plain(out: NDArray[np.uint8], at: int, scratch: NDArray[np.uint8], count: int, point: int) -> int:
     if point <= 0:
         out[at], out[at + 1] = _DIGIT, _POINT
@@ -139,7 +141,7 @@ def _put_plain(out: NDArray[np.uint8], at: int, scratch: NDArray[np.uint8], coun
     return at
 
 
-@njit(cache=True)
+@inner
 def _put_exponent(out: NDArray[np.uint8], at: int, exponent: int) -> int:
     out[at], out[at + 1] = _E, _MINUS if exponent < 0 else _PLUS
     at += 2

@@ -1,4 +1,4 @@
-"""How the loops of the multigrid solver are compiled."""
+"""How loops are compiled that others call."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ ZERO = cast(int, np.int64(0))
 """A zero that is no literal, for which functions would be compiled once more."""
 
 _Loop = TypeVar("_Loop", bound=Callable[..., Any])
-_INNER: dict[str, Any] = {"cache": True, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+_INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
 
 def inner(function: _Loop) -> _Loop:
-    """Compile a loop that only compiled ones call: without a way in from Python that takes less time."""
+    """Compile a loop that only compiled ones call: sooner, since it has no way in from Python and is not kept alone."""
     return cast(_Loop, njit(**_INNER)(function))
 
 
