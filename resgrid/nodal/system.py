@@ -19,7 +19,6 @@ if TYPE_CHECKING:
     from resgrid.nodal.connections import Connections
 
 Ties = tuple[NDArray[np.float64], NDArray[np.float64]]
-_Contacts = tuple[NDArray[np.int32], NDArray[np.float64]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -194,15 +193,18 @@ class _Parts:
         The range of known voltages that a part's resistors reach, in volts; infinite where they reach none.
     fed : ndarray of bool, shape (parts,)
         Whether current sources or the offsets of floating voltage sources drive it.
-    contacts : tuple of ndarray
-        The resistors between parts and nodes tied to ground: their nodes, shape (c, 2), and conductances, in siemens.
+    contacts : ndarray of int32, shape (c,)
+        The resistors between parts and nodes tied to ground.
+    ends : ndarray of int32, shape (c, 2)
+        Their nodes.
     """
 
     of_node: NDArray[np.int32]
     lowest: NDArray[np.float64]
     highest: NDArray[np.float64]
     fed: NDArray[np.bool_]
-    contacts: _Contacts
+    contacts: NDArray[np.int32]
+    ends: NDArray[np.int32]
 
     @property
     def floating(self) -> NDArray[np.bool_]:
@@ -245,7 +247,8 @@ def assemble(netlist: Netlist) -> NodalSystem:
     unknown = parts.of_node
     reference = float(low) if size else 0.0
     excess, feed, injected = np.zeros(size), np.zeros(size), np.zeros(size)
-    two = assembly.add_contacts(*parts.contacts, unknown, offset, reference, high, excess, feed)
+    touching = netlist.conductance[parts.contacts]
+    two = assembly.add_contacts(parts.ends, touching, unknown, offset, reference, high, excess, feed)
     assembly.add_injected(netlist.current_nodes, netlist.current_amps, unknown, injected)
     lifted = _lifted(forest, unknown)
     if lifted:
@@ -281,12 +284,12 @@ def _parts(netlist: Netlist, forest: SourceForest, held: NDArray[np.int64], volt
     join_parts(netlist.source_nodes, part, room)
     number = number_parts(part)
     lowest, highest = np.full(number, np.inf), np.full(number, -np.inf)
-    pairs = np.take(netlist.resistor_nodes, contacts, axis=0)
-    known_range(pairs, volts, part, lowest, highest)
+    ends = np.take(netlist.resistor_nodes, contacts, axis=0)
+    known_range(ends, volts, part, lowest, highest)
     fed = np.zeros(number, dtype=np.bool_)
     mark_fed(netlist.current_nodes, netlist.current_amps, part, fed)
     fed[part[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
-    return _Parts(part, lowest, highest, fed, (pairs, netlist.conductance[contacts]))
+    return _Parts(part, lowest, highest, fed, contacts, ends)
 
 
 def _lifted(forest: SourceForest, unknown: NDArray[np.int32]) -> bool:
@@ -315,7 +318,7 @@ def _check_driven(netlist: Netlist, volts: NDArray[np.float64], parts: _Parts) -
 
 def _rails(
     netlist: Netlist,
-    contacts: _Contacts,
+    contacts: NDArray[np.int32],
     unknown: NDArray[np.int32],
     forest: SourceForest,
     lowest: float,
@@ -324,13 +327,20 @@ def _rails(
     """Both rails; a layout says which of them the obstacles are on."""
     upside_down = netlist.layout is not None and netlist.layout.supply < 0
     high, low = (lowest, highest) if upside_down else (highest, lowest)
-    return Rails(high, low, partial(_ties, contacts, unknown, forest, high))
+    return Rails(high, low, partial(_ties, netlist, contacts, unknown, forest, high))
 
 
-def _ties(contacts: _Contacts, unknown: NDArray[np.int32], forest: SourceForest, high: float) -> Ties:
+def _ties(
+    netlist: Netlist,
+    contacts: NDArray[np.int32],
+    unknown: NDArray[np.int32],
+    forest: SourceForest,
+    high: float,
+) -> Ties:
     from resgrid.nodal.assembly import rail_contacts
 
     size = int(unknown.max(initial=-1)) + 1
     to_high, to_low = np.zeros(size), np.zeros(size)
-    rail_contacts(*contacts, unknown, forest.offset, high, to_high, to_low)
+    ends, conductance = np.take(netlist.resistor_nodes, contacts, axis=0), netlist.conductance[contacts]
+    rail_contacts(ends, conductance, unknown, forest.offset, high, to_high, to_low)
     return to_high, to_low
