@@ -1,8 +1,7 @@
 """Slabs against indices counted one by one."""
 
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from resgrid.netlist import face_shape
 from resgrid.slabs import face_counts, faces_ahead, places_in_slab

@@ -112,8 +112,7 @@ def _paint(name: str, progress: Progress, finished: threading.Event) -> None:
     if finished.wait(PATIENCE):
         return
     from rich.console import Console
-    from rich.progress import BarColumn, TextColumn
-    from rich.progress import Progress as Bar
+    from rich.progress import BarColumn, Progress as Bar, TextColumn
 
     columns = (TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[left]}"))
     with Bar(*columns, console=Console(stderr=True), transient=True, auto_refresh=False) as bar:

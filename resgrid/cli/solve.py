@@ -7,9 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from resgrid.cli.decks import deck_data, is_deck, open_deck, read_as_option, root_option, solve_deck
-from resgrid.cli.decks import solution_data as deck_solution_data
-from resgrid.cli.decks import solution_lines as deck_solution_lines
+from resgrid.cli.decks import (
+    deck_data,
+    is_deck,
+    open_deck,
+    read_as_option,
+    root_option,
+    solution_data as deck_solution_data,
+    solution_lines as deck_solution_lines,
+    solve_deck,
+)
 from resgrid.cli.job import only_boundary, open_job, size_of, solution_summary, solve_chip
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.output import emit_file

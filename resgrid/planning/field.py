@@ -161,6 +161,10 @@ def field_of(point: OperatingPoint) -> Field:
     return field
 
 
+field = field_of
+"""The same by its public name, which inside is that of its result."""
+
+
 def _check_walls(field: Field) -> None:
     """Refuse a chip that is not ideal, and where a streamline from a start with a path would enter an obstacle."""
     space = field.space

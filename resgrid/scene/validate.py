@@ -134,8 +134,7 @@ def _unknown(_detail: ErrorDetails, path: Path) -> str:
 
 def _siblings(path: Path) -> list[str]:
     """The keys that could stand where this one does: of all tables of that name, whatever their shape."""
-    from resgrid.scene import chip_tables, robot_tables
-    from resgrid.scene import document as schema
+    from resgrid.scene import chip_tables, document as schema, robot_tables
 
     shapes = (schema.Rectangle, schema.Circle, schema.PolygonTable, schema.HalfPlane)
     places = (schema.PointTable, schema.CellTable)

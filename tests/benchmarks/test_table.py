@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks import __main__ as benchmarks_main
-from benchmarks import grids, simulator, table
+from benchmarks import __main__ as benchmarks_main, grids, simulator, table
 from benchmarks.picture import draw, panels, write_picture
 from benchmarks.rows import RATIO, Row, Scale, Spread
 from benchmarks.timing import alternating, repeated, spread

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hidden import square
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from resgrid.control.learning import INSIDE, learn, proven_cells, resolver, scene_resolver, workspace_cells
 from resgrid.control.plant import make_plant

@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hidden import hiding, square
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from resgrid.compiler import compile_space
 from resgrid.control.fronts import wavefront

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hidden import hiding
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from resgrid.control.log import Ending, Mode, Run
 from resgrid.control.pushes import Push, random_pushes

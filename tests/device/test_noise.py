@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from dynamics import ExactMotion, random_dynamics, run_analysis, small_scene
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import resgrid as rg
 from resgrid.device.noise import BOLTZMANN, ROOM, analyse_noise, noise_covariance, noise_density

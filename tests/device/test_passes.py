@@ -8,8 +8,7 @@ import json
 import numpy as np
 import pytest
 from circuits import dense_solution
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from spaces import space_of, spaces
 
 import resgrid as rg
@@ -348,43 +347,6 @@ def test_loads_and_capacitors_sit_at_every_cell() -> None:
     loads = netlist.resistor_nodes[netlist.layout.resistor_face < 0]
     assert sorted(loads[:, 0]) == sorted(netlist.layout.node.ravel())
     assert np.all(loads[:, 1] == 0)
-
-
-def test_faults_are_nested_and_as_dense_as_asked() -> None:
-    netlist = rg.compile_space(space_of(np.pad([[2]], 60)), rails="cells")
-    few, many = Faults(0.01, 0.02, 1.0, 7).places(netlist), Faults(0.05, 0.1, 1.0, 7).places(netlist)
-    for a, b, share in ((few[0], many[0], 0.05), (few[1], many[1], 0.1)):
-        assert np.all(b[a])
-        assert b.mean() == pytest.approx(share, rel=0.1)
-    made = Faults(0.05, 0.1, 2.0, 7).apply(netlist)
-    face = netlist.layout.resistor_face
-    assert len(made.conductance) == len(face) - many[0][face].sum()
-    assert (made.conductance == 0.5).sum() == many[1][face].sum()
-
-
-def test_everything_open_leaves_nodes_without_a_voltage() -> None:
-    netlist = room("neumann")
-    cut = Faults(open_density=1.0).apply(netlist)
-    assert not cut.conductance.size
-    assert not cut.current_nodes.size
-    partly = Faults(open_density=0.55, seed=2).apply(netlist)
-    point = rg.solve(partly)
-    assert point.floating.size
-    assert {
-        str(rg.streamline(rg.field(point), cell=c).outcome) for c in np.argwhere(netlist.layout.space.cell == 0)
-    } == {
-        "reached",
-        "no_current",
-    }
-
-
-def test_a_shorted_saturating_resistor_is_linear() -> None:
-    netlist = Faults(0.1, 0.2, 3.0, 1).apply(Saturation(0.2).apply(room()))
-    assert np.all(netlist.conductance == 1 / 3.0)
-    assert len(netlist.conductance) + len(netlist.nonlinear_current) < len(room().conductance)
-    linear = Faults(0.1, 0.2, 3.0, 1).apply(room())
-    shorts = {tuple(sorted(pair)) for pair in linear.resistor_nodes[linear.conductance > 0.1].tolist()}
-    assert shorts == {tuple(sorted(pair)) for pair in netlist.resistor_nodes.tolist()}
 
 
 @given(space=spaces(max_cells=6), boundary=st.sampled_from(["dirichlet", "neumann"]), seed=st.integers(0, 99))

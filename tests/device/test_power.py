@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from circuits import ladder, random_grid
 from dynamics import small_scene
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 import resgrid as rg
 from resgrid.device.power import analyse_power

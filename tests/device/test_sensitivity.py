@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from circuits import dense_solution, random_grid
 from dynamics import small_scene
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from spaces import space_of, spaces
 
 import resgrid as rg

@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from dynamics import ExactMotion, random_dynamics, run_analysis, small_scene, with_capacitors
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from spaces import space_of
 
 import resgrid as rg

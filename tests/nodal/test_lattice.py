@@ -1,8 +1,7 @@
 """Places of cells against the indices they stand for."""
 
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from resgrid.nodal.multigrid.lattice import Lattice
 

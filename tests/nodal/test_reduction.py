@@ -5,8 +5,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 from circuits import dense_solution, ladder, random_grid
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy import sparse
 from spaces import serpentine, space_of, spaces
 

@@ -2,8 +2,7 @@ from itertools import combinations, product
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
-from hypothesis import strategies as st
+from hypothesis import assume, given, settings, strategies as st
 from spaces import space_of, spaces
 
 from resgrid.compiler import compile_space

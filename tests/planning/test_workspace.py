@@ -7,8 +7,7 @@ from math import cos, hypot, pi, sin, tau
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from spaces import space_of
 
 from resgrid.compiler import compile_space

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 import shapely
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from resgrid.errors import InputError
 from resgrid.robots import Ball, Box, DiscRobot, HalfSpace, PointRobot, Polygon, PolygonRobot, Robot, to_shapely

@@ -1,8 +1,7 @@
 """A scene written as a document and read again is the same scene."""
 
 import numpy as np
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from resgrid.robots import Ball, Box, HalfSpace, PointRobot
 from resgrid.scene import Chip, CostArea, Frame, GoalCell, GoalPoint, Scene

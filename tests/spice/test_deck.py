@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from circuits import dense_solution, ladder, random_grid
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from spaces import space_of
 
 from resgrid.compiler import compile_space

@@ -3,8 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from circuits import random_grid
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from resgrid.netlist import Netlist
 from resgrid.nodal.solve import solve

@@ -4,8 +4,7 @@ import contextlib
 import struct
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 
 from resgrid.errors import InputError
 from resgrid.spice.rawfile import read_rawfile

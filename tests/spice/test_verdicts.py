@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from circuits import random_grid
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from resgrid.spice.deck import format_deck
 from resgrid.spice.ngspice import simulate

@@ -13,8 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.nodal.multigrid import board_passes as passes
-from resgrid.nodal.multigrid import waves
+from resgrid.nodal.multigrid import board_passes as passes, waves
 from resgrid.nodal.multigrid.grid_levels import GridLevels, cycle_levels, own_vectors
 from resgrid.nodal.multigrid.hierarchy import Hierarchy
 from resgrid.nodal.multigrid.kernels import norm

@@ -4,8 +4,7 @@ import struct
 import numpy as np
 import pytest
 from fuzz_decks import same
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from resgrid.spice.reader.bulk import scan
 from resgrid.spice.reader.read import read_with

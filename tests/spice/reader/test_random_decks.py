@@ -6,8 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from decks import random_deck
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from resgrid import solve
 from resgrid.spice.rawfile import read_rawfile

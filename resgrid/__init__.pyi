@@ -1,0 +1,182 @@
+"""What `resgrid` offers, and where it lives; read at run time too, so that names are imported when first used."""
+
+from .compiler import compile_space as compile_space
+from .control.controller import Controller as Controller, make_controller as make_controller
+from .control.equipotential import equipotential_velocity as equipotential_velocity
+from .control.fronts import Wavefront as Wavefront, wavefront as wavefront
+from .control.log import Ending as Ending, Mode as Mode, Run as Run
+from .control.plant import Plant as Plant, make_plant as make_plant
+from .control.pushes import Push as Push, random_pushes as random_pushes
+from .control.settling import GridSettling as GridSettling, grid_settling as grid_settling
+from .control.settling_ratio import (
+    SettlingSweep as SettlingSweep,
+    announced as announced,
+    settling_sweep as settling_sweep,
+)
+from .control.simulation import Simulation as Simulation, simulation as simulation
+from .device.build import (
+    build_chip as build_chip,
+    compile_chip as compile_chip,
+    conductance_samples as conductance_samples,
+    mismatch_factors as mismatch_factors,
+)
+from .device.criticality import Criticality as Criticality, analyse_criticality as analyse_criticality
+from .device.decks import write_chip_decks as write_chip_decks
+from .device.exploration import Exploration as Exploration, chip_with as chip_with, explore_yield as explore_yield
+from .device.ideal import ideal_netlist as ideal_netlist
+from .device.noise import (
+    Noise as Noise,
+    analyse_noise as analyse_noise,
+    noise_covariance as noise_covariance,
+    noise_density as noise_density,
+)
+from .device.passes import (
+    apply_passes as apply_passes,
+    passes_from_json as passes_from_json,
+    passes_of as passes_of,
+    passes_to_json as passes_to_json,
+)
+from .device.power import Power as Power, analyse_power as analyse_power
+from .device.precision import Precision as Precision, analyse_precision as analyse_precision
+from .device.proportions import Proportion as Proportion
+from .device.sensitivity import (
+    Sensitivity as Sensitivity,
+    analyse_sensitivity as analyse_sensitivity,
+    voltage_sensitivity as voltage_sensitivity,
+)
+from .device.settling import Settling as Settling, analyse_settling as analyse_settling
+from .device.yields import Yield as Yield, analyse_yield as analyse_yield
+from .errors import (
+    AccuracyError as AccuracyError,
+    BudgetError as BudgetError,
+    CertificateError as CertificateError,
+    CircuitError as CircuitError,
+    InputError as InputError,
+    ResgridError as ResgridError,
+    ToolMissingError as ToolMissingError,
+)
+from .netlist import Layout as Layout, Netlist as Netlist
+from .nodal.batch.many import solve_many as solve_many
+from .nodal.drive import scale_drive as scale_drive
+from .nodal.operating_point import OperatingPoint as OperatingPoint
+from .nodal.secant import small_signal as small_signal
+from .nodal.solve import factor as factor, solve as solve
+from .nodal.transient import (
+    Transient as Transient,
+    TransientStepper as TransientStepper,
+    transient as transient,
+    transient_stepper as transient_stepper,
+)
+from .nodal.watch import Watch as Watch
+from .planning.behaviour import (
+    ClearanceCurve as ClearanceCurve,
+    clearance_curve as clearance_curve,
+    wall_clearance_curve as wall_clearance_curve,
+)
+from .planning.blend import blend as blend
+from .planning.certify import certify as certify
+from .planning.collision import Risk as Risk, risk as risk
+from .planning.completeness import Separation as Separation, check_verdicts as check_verdicts, separation as separation
+from .planning.destinations import Absorption as Absorption, absorption as absorption, basins as basins
+from .planning.export import ros_plan as ros_plan, write_path as write_path
+from .planning.field import Field as Field, field as field
+from .planning.free_way import certify_free as certify_free
+from .planning.normals import octree_voxels as octree_voxels, surface_normals as surface_normals
+from .planning.planner import Planner as Planner, plan as plan
+from .planning.scene_parts import Blocking as Blocking, blocking as blocking
+from .planning.seams import unwrap as unwrap
+from .planning.shares import dirichlet_share as dirichlet_share
+from .planning.short_path import ShortPath as ShortPath
+from .planning.shortcut import shorten as shorten
+from .planning.streamline import Outcome as Outcome, Streamline as Streamline
+from .planning.timing import time_path as time_path
+from .planning.trace import Traces as Traces, streamline as streamline, streamlines as streamlines
+from .planning.trajectory import Trajectory as Trajectory
+from .planning.walk import Walk as Walk, random_walk as random_walk
+from .planning.workspace import (
+    Collision as Collision,
+    replay as replay,
+    workspace_clearance as workspace_clearance,
+    workspace_path as workspace_path,
+)
+from .plot import (
+    plot_bits_histogram as plot_bits_histogram,
+    plot_circuit as plot_circuit,
+    plot_clearance_curve as plot_clearance_curve,
+    plot_configurations as plot_configurations,
+    plot_criticality as plot_criticality,
+    plot_currents as plot_currents,
+    plot_dirichlet_share as plot_dirichlet_share,
+    plot_exploration as plot_exploration,
+    plot_noise as plot_noise,
+    plot_pair as plot_pair,
+    plot_path as plot_path,
+    plot_potential as plot_potential,
+    plot_power as plot_power,
+    plot_precision as plot_precision,
+    plot_precision_page as plot_precision_page,
+    plot_robot_path as plot_robot_path,
+    plot_run as plot_run,
+    plot_runs_by_k as plot_runs_by_k,
+    plot_scene_page as plot_scene_page,
+    plot_sensitivity as plot_sensitivity,
+    plot_separation as plot_separation,
+    plot_served as plot_served,
+    plot_settling as plot_settling,
+    plot_settling_curve as plot_settling_curve,
+    plot_settling_sweep as plot_settling_sweep,
+    plot_slices as plot_slices,
+    plot_space as plot_space,
+    plot_streamlines as plot_streamlines,
+    plot_tip_ways as plot_tip_ways,
+    plot_velocities as plot_velocities,
+    plot_wavefront as plot_wavefront,
+    plot_workspace as plot_workspace,
+    plot_yield as plot_yield,
+    run_frames as run_frames,
+    save_animation as save_animation,
+    save_figure as save_figure,
+    wavefront_frames as wavefront_frames,
+)
+from .robots import Arm as Arm, DiscRobot as DiscRobot, PointRobot as PointRobot, PolygonRobot as PolygonRobot
+from .scene import (
+    Chip as Chip,
+    Defects as Defects,
+    Readout as Readout,
+    Scene as Scene,
+    apply_overrides as apply_overrides,
+    free_volume_lost as free_volume_lost,
+    occupancy_grid as occupancy_grid,
+    parse_quantity as parse_quantity,
+    parse_scene as parse_scene,
+    read_queries as read_queries,
+    read_scene as read_scene,
+    sample as sample,
+    scene_schema as scene_schema,
+)
+from .space import Axis as Axis, Cell as Cell, ConfigurationSpace as ConfigurationSpace
+from .spice.agreement import Agreement as Agreement, check_deck as check_deck, check_spice as check_spice
+from .spice.analyses import (
+    Measure as Measure,
+    MismatchAnalysis as MismatchAnalysis,
+    NoiseAnalysis as NoiseAnalysis,
+    OperatingAnalysis as OperatingAnalysis,
+    Probe as Probe,
+    TemperatureAnalysis as TemperatureAnalysis,
+    TransientAnalysis as TransientAnalysis,
+)
+from .spice.balance import PowerBalance as PowerBalance, power_balance as power_balance
+from .spice.deck import format_deck as format_deck
+from .spice.drops import Drops as Drops, supply_drops as supply_drops
+from .spice.finding import Finding as Finding
+from .spice.forecast import Forecast as Forecast, forecast_run as forecast_run
+from .spice.ngspice import run_ngspice as run_ngspice
+from .spice.parsed import Note as Note, ParsedDeck as ParsedDeck
+from .spice.rawwriter import write_raw as write_raw
+from .spice.reader import read_network as read_network, read_spice as read_spice
+from .spice.rules import check_rules as check_rules
+from .spice.tiles import Tile as Tile, expanded_netlist as expanded_netlist
+from .spice.verdicts import Verdict as Verdict, predict_simulators as predict_simulators
+from .spice.writer import write_spice as write_spice
+
+__version__: str
