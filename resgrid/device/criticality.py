@@ -23,8 +23,8 @@ from resgrid.device.reading import Reading, json_form
 from resgrid.device.walks import Eyes, Floor, eyes_of, floor_of, walk
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Netlist
-from resgrid.nodal.selected.diagonal import symmetric_factors
 from resgrid.nodal.solve import solve
+from resgrid.nodal.superlu import symmetric_factors
 from resgrid.nodal.system import NodalSystem, assemble
 from resgrid.scene.chip import Readout
 

@@ -21,7 +21,8 @@ from resgrid.device.spectrum import slowest_modes
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.dynamics import Dynamics, charge_basis, dynamics_of, factor_resolvent, require_grounded
-from resgrid.nodal.selected.diagonal import estimate_diagonal, inverse_diagonal, random_signs, symmetric_factors
+from resgrid.nodal.selected.diagonal import estimate_diagonal, inverse_diagonal, random_signs
+from resgrid.nodal.superlu import symmetric_factors
 
 BOLTZMANN = 1.380649e-23
 """In J/K, exact."""

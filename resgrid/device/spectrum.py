@@ -13,6 +13,7 @@ from scipy import sparse
 
 from resgrid.errors import AccuracyError, InputError
 from resgrid.nodal.dynamics import Dynamics, charge_basis, factor_resolvent
+from resgrid.nodal.superlu import symmetric_factors
 
 DENSE = 200
 """Rows up to which a dense eigenproblem is quicker."""
@@ -109,16 +110,16 @@ def fastest_time_constant(dynamics: Dynamics) -> float:
 def _iterated(
     own: sparse.csr_array, across: sparse.csr_array, loose: sparse.csc_matrix, capacitance: sparse.csr_array
 ) -> float:
-    from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh, splu
+    from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
-    inner = splu(loose) if loose.shape[0] else None
+    inner = symmetric_factors(loose) if loose.shape[0] else None
 
     def reduced(x: NDArray[np.float64]) -> NDArray[np.float64]:
         x = np.ravel(x)
         followed = 0.0 if inner is None else across @ inner.solve(across.T @ x)
         return np.asarray(own @ x - followed)
 
-    charge = splu(sparse.csc_matrix(capacitance))
+    charge = symmetric_factors(capacitance)
     n = own.shape[0]
     try:
         rate = eigsh(

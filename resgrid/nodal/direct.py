@@ -1,6 +1,6 @@
 """The direct method: sparse factors by SuperLU, substitution in scaled numbers, refinement in double-double.
 
-SuperLU (Li 2005) in symmetric mode with diagonal pivots gives ``A = L D L^T`` up to rounding.  Its own substitution
+SuperLU with diagonal pivots gives ``A = L D L^T`` up to rounding.  Its own substitution
 underflows where a potential falls below 1e-308, and its pivots, formed by subtraction, cost up to eight digits on a
 large grid.  So both substitutions are done again in scaled numbers, and the answer is refined with residuals in which
 differences come first, until nothing is left to gain: what remains is an entrywise backward error near 1e-28.
@@ -19,6 +19,7 @@ from scipy import sparse
 from resgrid.errors import AccuracyError
 from resgrid.nodal.refine import Numbers, refine
 from resgrid.nodal.scaled import Scaled
+from resgrid.nodal.superlu import symmetric_factors
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.watch import Watch
 from resgrid.space import Cell
@@ -154,19 +155,7 @@ def factor_direct(system: NodalSystem) -> DirectFactor:
     AccuracyError
         If a pivot vanishes in double precision.
     """
-    from scipy.sparse.linalg import splu
-
-    matrix = sparse.csc_matrix(sparse.diags_array(system.degree) - system.coupling)
-    try:
-        factors = splu(
-            matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True, "Equil": False}
-        )
-    except RuntimeError as error:
-        raise AccuracyError(
-            "the matrix is singular in double precision: its conductances span too many decades for the direct solver"
-        ) from error
-    if np.any(factors.perm_r != factors.perm_c):
-        raise AccuracyError("a pivot vanished in double precision: the conductances span too many decades")
+    factors = symmetric_factors(sparse.diags_array(system.degree) - system.coupling)
     lower = factors.L
     lower.sort_indices()
     # perm_c sends a column to its place; its inverse says which column stands there.

@@ -10,6 +10,7 @@ from resgrid.errors import InputError
 from resgrid.netlist import Layout, Netlist
 from resgrid.nodal.dynamics import Dynamics, charge_basis
 from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.nodal.superlu import symmetric_factors
 
 
 def initial_state(dynamics: Dynamics, initial: OperatingPoint | ArrayLike | None) -> NDArray[np.float64]:
@@ -101,7 +102,4 @@ def _consistent(dynamics: Dynamics, charge: NDArray[np.float64]) -> NDArray[np.f
 
 
 def _solve(matrix: sparse.csr_array, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
-    from scipy.sparse.linalg import splu
-
-    factors = splu(sparse.csc_matrix(matrix), permc_spec="MMD_AT_PLUS_A", options={"SymmetricMode": True})
-    return np.asarray(factors.solve(rhs), dtype=np.float64)
+    return np.asarray(symmetric_factors(matrix).solve(rhs), dtype=np.float64)

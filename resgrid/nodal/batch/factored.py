@@ -51,7 +51,7 @@ def factored_batch(pattern: Pattern) -> FactoredBatch:
 
 
 def _factors(pattern: Pattern) -> Any:
-    from resgrid.nodal.selected.diagonal import symmetric_factors
+    from resgrid.nodal.superlu import symmetric_factors
 
     system = pattern.system
     return symmetric_factors(sparse.diags_array(system.degree) - system.coupling)

@@ -10,9 +10,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
-from resgrid.errors import AccuracyError
+from resgrid.nodal.superlu import symmetric_factors
 
 
 def inverse_diagonal(matrix: Any) -> NDArray[Any]:
@@ -72,27 +71,3 @@ def estimate_diagonal(
     mean: NDArray[np.float64] = each.mean(axis=1)
     error: NDArray[np.float64] = each.std(axis=1, ddof=1) / np.sqrt(each.shape[1])
     return mean, error
-
-
-def symmetric_factors(matrix: Any) -> Any:
-    """SuperLU factors with diagonal pivots.
-
-    Raises
-    ------
-    AccuracyError
-        If a pivot vanishes in double precision.
-    """
-    from scipy.sparse.linalg import splu
-
-    try:
-        factors = splu(
-            sparse.csc_matrix(matrix),
-            permc_spec="MMD_AT_PLUS_A",
-            diag_pivot_thresh=0.0,
-            options={"SymmetricMode": True, "Equil": False},
-        )
-    except RuntimeError as error:
-        raise AccuracyError("the matrix is singular in double precision: its entries span too many decades") from error
-    if np.any(factors.perm_r != factors.perm_c):
-        raise AccuracyError("a pivot vanished in double precision: the conductances span too many decades")
-    return factors
