@@ -20,6 +20,7 @@ from resgrid.nodal.multigrid.kernels import norm
 from resgrid.nodal.multigrid.place_kernels import put_at_places, take_from_places
 from resgrid.nodal.multigrid.stack import own_work
 from resgrid.nodal.multigrid.stopping import DRIFT, LEAST_GAIN, MOST_ITERATIONS, ErrorBound
+from resgrid.nodal.multigrid.subnormals import subnormals_as_zero
 from resgrid.nodal.watch import Watch
 
 _ROUNDING = 2.0**-52
@@ -147,11 +148,12 @@ class _Burst:
     def _precondition(self, z: NDArray[np.float32]) -> tuple[float, float, float]:
         """Precondition the residual, relaxed in ``z``, and multiply: ``w = S z``; returns ``z.r, z.w, z.s``."""
         grid, boards = self._grid, self._boards
-        waves.restrict(grid.board, grid.aggregate, z, boards.b[: boards.size])
-        cycle_levels(boards, self._stack, _ENOUGH)
-        return waves.prolong_and_multiply(
-            grid.board, grid.exact, grid.aggregate, boards.x[: boards.size], self._r, self._s, z, self._w
-        )
+        with subnormals_as_zero():
+            waves.restrict(grid.board, grid.aggregate, z, boards.b[: boards.size])
+            cycle_levels(boards, self._stack, _ENOUGH)
+            return waves.prolong_and_multiply(
+                grid.board, grid.exact, grid.aggregate, boards.x[: boards.size], self._r, self._s, z, self._w
+            )
 
     def _note(self, beta: float, alpha: float) -> None:
         """Note a step ``alpha`` along the direction ``z + beta p``."""

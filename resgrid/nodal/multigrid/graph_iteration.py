@@ -17,6 +17,7 @@ from resgrid.nodal.multigrid.kernels import Stack, cycle, norm
 from resgrid.nodal.multigrid.ordering import inverse_of
 from resgrid.nodal.multigrid.stack import own_work
 from resgrid.nodal.multigrid.stopping import DRIFT, LEAST_GAIN, MOST_ITERATIONS, ErrorBound, largest
+from resgrid.nodal.multigrid.subnormals import subnormals_as_zero
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.watch import Watch
 
@@ -74,7 +75,8 @@ class _Burst:
         self.left, steps = 1.0, 0
         while self.left > gain and steps < most and not self._error.small:
             passes.put_scaled(self.r, self.left, self._b)
-            cycle(self._stack, _ENOUGH, 1)
+            with subnormals_as_zero():
+                cycle(self._stack, _ENOUGH, 1)
             zr, zw, zs = passes.multiply(self._stack, self._leak, self.r, self._s, self._w)
             beta = -zs / self._energy if self._energy > 0.0 else 0.0
             self._energy = zw + beta * zs
