@@ -7,7 +7,7 @@ from pathlib import Path
 
 import resgrid
 
-NOTICE = "the first solution on this machine also compiles its loops: about 20 s, once"
+NOTICE = "the first solution on this machine also compiles its loops: about 25 s, once"
 
 _INDEX = "assembly.conductances_by_row*.nbi"
 

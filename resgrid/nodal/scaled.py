@@ -45,7 +45,7 @@ class Scaled:
     @property
     def plain(self) -> NDArray[np.float64]:
         """The values as doubles; 0 where they underflow."""
-        return np.asarray(self.hi * power(self.exponent), dtype=np.float64)
+        return self.hi * power(self.exponent) if self.exponent.any() else self.hi.copy()
 
     @property
     def log(self) -> NDArray[np.float64]:

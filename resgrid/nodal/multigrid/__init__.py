@@ -22,7 +22,8 @@
    tell that the error is small).
 6. *Cycle* (`board_cycle`, `kernels`). One relaxation of the black cells before and one after each visit of the next
    level, so that the preconditioner is symmetric; K-cycles (Notay & Vassilevski 2008) on the coarse levels: one or
-   two steps of conjugate gradients, each preconditioned by the level below. The coarsest matrix is inverted.
+   two steps of conjugate gradients, each preconditioned by the level below. The coarsest matrix is inverted. Subnormal
+   numbers count as zero meanwhile (`subnormals`).
 7. *Passes* (`board_passes`, `waves`). The time is that of reading conductances from memory. In a wave red cells go
    ahead of black ones by as far as neighbours reach, so that a pass reads them once; the finish of the cycle and the
    product that follows it are two waves, one close behind the other. The product takes conductances in single
