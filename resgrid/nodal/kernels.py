@@ -156,17 +156,23 @@ def _steps_from(indptr: Indices, indices: Indices, seeds: NDArray[np.bool_]) -> 
 
 
 @njit(cache=True)
-def decay(indptr: Indices, indices: Indices, low: NDArray[np.bool_], high: NDArray[np.bool_], rate: float) -> float:
+def decay(
+    indptr: Indices, indices: Indices, low: NDArray[np.bool_], high: NDArray[np.bool_], rate: float, wall: float
+) -> float:
     """Estimate by how many factors of e a potential between two rails falls, from the low rail to the farthest node.
 
-    Where the nearest contact with the high rail lies ``r`` steps away it falls by ``rate / (2 r + 1)`` a step; the way
-    on which it falls least counts (shortest paths by buckets, Dial 1969).
+    Where the nearest contact with the high rail lies ``r`` steps away the corridor counts as ``w = 2 r + 1`` wide, and
+    the potential falls by ``((w / rate)**2 + w wall)**(-1/2)`` a step: as between plain rails where there is no
+    ``wall``, by the square root of what leaks through it where that is large.  The way on which the potential falls
+    least counts (shortest paths by buckets, Dial 1969).
     """
     n = len(low)
     depth = _steps_from(indptr, indices, high)
     costs = np.zeros(n, np.int32)
     for node in range(n):
-        costs[node] = max(1, int(_PARTS * rate / (2.0 * depth[node] + 1.0))) if depth[node] >= 0 else 0
+        width = 2.0 * depth[node] + 1.0
+        fall_here = 1.0 / math.sqrt((width / rate) ** 2 + width * wall)
+        costs[node] = max(1, int(_PARTS * fall_here)) if depth[node] >= 0 else 0
     buckets = int(_PARTS * rate) + 2
     first = np.full(buckets, -1, np.int32)
     # Entries of the lists of nodes in the buckets: the node, and the entry after it.

@@ -17,14 +17,17 @@ from resgrid.nodal.system import NodalSystem
 
 METHODS: dict[str, Callable[[NodalSystem], Factor]] = {"direct": factor_direct, "multigrid": factor_multigrid}
 
-_VOLUME, _CORRIDORS = 4.2, 3.4
-"""Neighbours a node above which factors fill like a volume, and below which the graph is mostly corridors."""
+_VOLUME, _OPEN, _CORRIDORS = 4.2, 3.9, 3.4
+"""Neighbours a node above which factors fill like a volume or an open plane, and below which all is narrow."""
+
+_LEAST_SHARE = 0.3
+"""Share of a grid's cells that cycles take time for even where fewer are free."""
 
 _SMALL = 2000
 _ROUGH, _ROUGH_VOLUME = 0.25, 0.5
 """Share of weak conductances above which cycles are too many; in a volume direct factors cost so much more."""
 
-_MOST_DECADES = 120.0
+_MOST_DECADES = 250.0
 _WHOLE_STEPS = 0.7
 """Potentials fall over straight distances, ways on a grid are longer."""
 
@@ -126,34 +129,43 @@ def _direct_seconds(size: int, neighbours: float) -> float:
         return float(1.1e-9 * size**2)
     if neighbours < _CORRIDORS:
         return 1.3e-6 * size
-    return float(2.0e-6 * size * (size / 128e3) ** 0.2)
+    a_row = 3.0e-6 if neighbours > _OPEN else 2.0e-6
+    return float(a_row * size * (size / 128e3) ** 0.2)
 
 
 def _multigrid_seconds(system: NodalSystem, accuracy: str, decades: float) -> float:
     """Rough time of a multigrid solution, measured on the same: of all iterations between two rails, by decades."""
-    on_grid = system.netlist.layout is not None
+    layout = system.netlist.layout
+    on_grid = layout is not None
     if accuracy == "normwise":
         a_row = 0.4e-6 if on_grid else 0.9e-6
     elif system.rails is None:
         a_row = 0.5e-6 if on_grid else 1.6e-6
     else:
         a_row = 0.33e-6 + 0.012e-6 * decades if on_grid else 1.5e-6 + 0.04e-6 * decades
-    return a_row * system.size
+    rows = system.size if layout is None else max(system.size, _LEAST_SHARE * layout.node.size)
+    return a_row * rows
 
 
 def _decades(system: NodalSystem, *, volume: bool) -> float:
     """Rough number of decades that a potential between two rails falls over the graph; 0 for other circuits.
 
-    Along a corridor ``w`` cells wide it falls by ``exp(-pi sqrt(d) / w)`` a cell, in ``d = 1`` or 2 cross dimensions.
-    On 20 spaces and maps the estimate was 0.9 to 1.7 times the true number, in volumes 2 times.
+    Along a corridor ``w`` cells wide it falls by ``exp(-pi sqrt(d) / w)`` a cell, in ``d = 1`` or 2 cross dimensions;
+    behind walls of ``k`` times the resistance between cells by ``exp(-sqrt(2 d / (k w)))`` where that is less.  On 20
+    spaces and maps the estimate was 0.9 to 1.7 times the true number, in volumes 2 times.
     """
     if system.rails is None:
         return 0.0
     from resgrid.nodal.kernels import decay
 
     coupling, rails = system.coupling, system.rails
-    rate = np.pi * np.sqrt(2.0 if volume else 1.0)
-    factors = decay(coupling.indptr, coupling.indices, rails.to_low > 0, rails.to_high > 0, rate)
+    cross = 2.0 if volume else 1.0
+    tied = rails.to_high[rails.to_high > 0]
+    wall = max(float(coupling.data.mean() / tied.mean()) - 1.0, 0.0) if tied.size else 0.0
+    factors = decay(
+        coupling.indptr, coupling.indices, rails.to_low > 0, rails.to_high > 0, np.pi * np.sqrt(cross),
+        wall / (2.0 * cross),
+    )  # fmt: skip
     return float(_WHOLE_STEPS * factors / np.log(10.0))
 
 

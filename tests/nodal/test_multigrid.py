@@ -134,6 +134,28 @@ def test_auto_takes_direct_where_refinement_would_have_to_win_too_many_decades()
     assert methods.choose_method(assemble(compile_space(space_of(shaft), boundary="neumann"))) == "multigrid"
 
 
+@pytest.mark.parametrize("width", [3, 8, 21])
+@pytest.mark.parametrize("wall", [0.0, 1.0, 30.0, 1e3])
+def test_decades_are_foreseen_along_corridors_behind_walls_of_any_resistance(width: int, wall: float) -> None:
+    corridor = np.zeros((width, 40 * width), dtype=np.uint8)
+    corridor[:, 0] = 2
+    netlist = compile_space(space_of(corridor), boundary="wall", resistance=1.0, wall_resistance=wall)
+    log_drop = solve(netlist, method="direct").log_drop
+    decades = -log_drop[np.isfinite(log_drop)].min() / np.log(10.0)
+    foreseen = methods._decades(assemble(netlist), volume=False) / methods._WHOLE_STEPS
+    assert 0.7 < foreseen / decades < 1.8
+
+
+def test_potentials_that_walls_hold_up_take_multigrid() -> None:
+    corridor = np.zeros((6, 2000), dtype=np.uint8)
+    corridor[:, 0] = 2
+    options = {"boundary": "wall", "resistance": 1.0}
+    thin = compile_space(space_of(corridor), **options, wall_resistance=0.0)
+    thick = compile_space(space_of(corridor), **options, wall_resistance=1e4)
+    assert methods.choose_method(assemble(thin)) == "direct"
+    assert methods.choose_method(assemble(thick)) == "multigrid"
+
+
 def test_refinement_carries_multigrid_down_a_shaft_of_a_hundred_decades() -> None:
     shaft = np.zeros((420, 6, 5), dtype=np.uint8)
     shaft[0, 2, 2] = 2
