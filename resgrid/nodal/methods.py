@@ -20,9 +20,6 @@ METHODS: dict[str, Callable[[NodalSystem], Factor]] = {"direct": factor_direct, 
 _VOLUME, _OPEN, _CORRIDORS = 4.2, 3.9, 3.4
 """Neighbours a node above which factors fill like a volume or an open plane, and below which all is narrow."""
 
-_LEAST_SHARE = 0.3
-"""Share of a grid's cells that cycles take time for even where fewer are free."""
-
 _SMALL = 2000
 _ROUGH, _ROUGH_VOLUME = 0.25, 0.5
 """Share of weak conductances above which cycles are too many; in a volume direct factors cost so much more."""
@@ -135,16 +132,14 @@ def _direct_seconds(size: int, neighbours: float) -> float:
 
 def _multigrid_seconds(system: NodalSystem, accuracy: str, decades: float) -> float:
     """Rough time of a multigrid solution, measured on the same: of all iterations between two rails, by decades."""
-    layout = system.netlist.layout
-    on_grid = layout is not None
+    on_grid = system.netlist.layout is not None
     if accuracy == "normwise":
         a_row = 0.4e-6 if on_grid else 0.9e-6
     elif system.rails is None:
         a_row = 0.5e-6 if on_grid else 1.6e-6
     else:
         a_row = 0.33e-6 + 0.012e-6 * decades if on_grid else 1.5e-6 + 0.04e-6 * decades
-    rows = system.size if layout is None else max(system.size, _LEAST_SHARE * layout.node.size)
-    return a_row * rows
+    return a_row * system.size
 
 
 def _decades(system: NodalSystem, *, volume: bool) -> float:

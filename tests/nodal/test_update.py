@@ -152,6 +152,36 @@ def test_multigrid_keeps_its_levels_and_finds_the_new_answer(
     assert_same_as_fresh(updated.update(more, Cell.GOAL), changed(after, more, Cell.GOAL), options)
 
 
+def test_directions_end_with_a_burst_that_went_below_rounding() -> None:
+    # Six black cells: the third step ends in noise, to which the true residual is not orthogonal.
+    cell = np.zeros((4, 2, 2), dtype=np.uint8)
+    cell[2, 0, 1], cell[3, 1, 1] = Cell.OBSTACLE, Cell.GOAL
+    space = space_of(cell, periodic=(True, False, False))
+    cells = np.array([[2, 1, 1], [0, 1, 0], [2, 0, 0], [1, 0, 1]])
+    updated = factor(compile_space(space), method="multigrid").update(cells)
+    assert_same_as_fresh(updated, changed(space, cells, Cell.OBSTACLE), {})
+
+
+@pytest.mark.parametrize("options", BOUNDARIES)
+@pytest.mark.usefixtures("whole")
+def test_boards_cover_what_carries_current_and_are_patched_there(options: dict[str, object]) -> None:
+    inner = boxes((70, 60), 2)
+    cell = np.pad(inner.cell, ((37, 5), (21, 60)), constant_values=Cell.OBSTACLE)
+    pocket = np.array([[3, 4]])
+    cell[3, 4] = Cell.FREE if options.get("boundary") == "neumann" else Cell.OBSTACLE
+    space = space_of(cell)
+    factors = factor(compile_space(space, **options), method="multigrid")
+    rows = np.argwhere(np.isfinite(voltage_by_cell(factors.system, factors.system.excess)).reshape(cell.shape))
+    covered = [(ends.start, ends.stop) for ends in factors.hierarchy.box]
+    assert covered == list(zip(rows.min(axis=0) // 32 * 32, rows.max(axis=0) + 1, strict=True))
+    assert covered[0][0] == 32 and covered[1][1] <= 81
+    cells = np.concatenate([free_cells(inner, 6, 1) + np.array([37, 21]), pocket[space.cell[3:4, 4] == Cell.FREE]])
+    updated = factors.update(cells)
+    assert updated.change.reason == ""
+    assert_compensated(updated.hierarchy.grid)
+    assert_same_as_fresh(updated, changed(space, cells, Cell.OBSTACLE), options)
+
+
 @pytest.mark.usefixtures("whole")
 def test_blocks_around_a_change_are_those_of_the_changed_space() -> None:
     space = boxes((300, 280), 9)

@@ -94,6 +94,8 @@ def _converge(
             return size
         if not math.isfinite(last):
             watch.begin(size * unit, goal * unit)
+        if size > DRIFT * burst.left * last:
+            burst.forget()
         left -= burst.run(x, size, _SAFETY * goal / size, left)
         last, at_rest = size, False
 
@@ -120,6 +122,10 @@ class _Burst:
         self._energy = 0.0
         self._error, self._watch = error, watch
         self.left = 1.0
+
+    def forget(self) -> None:
+        """Drop the last direction: a residual that is not what recursion left is not orthogonal to it."""
+        self._energy = 0.0
 
     def run(self, x: NDArray[np.float64], size: float, gain: float, most: int) -> int:
         """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the steps taken."""

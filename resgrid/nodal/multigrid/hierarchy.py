@@ -16,6 +16,9 @@ from resgrid.nodal.multigrid.levels import Graph, coarsen_down
 from resgrid.nodal.multigrid.stack import stack_graph, stack_levels
 from resgrid.nodal.system import NodalSystem
 
+_WHOLE = 32
+"""Cells that boards may begin at multiples of: their blocks lie as they would from the first cell on."""
+
 
 @dataclass(frozen=True, eq=False)
 class Hierarchy:
@@ -29,11 +32,14 @@ class Hierarchy:
         The boards, where the circuit is a grid of two colours.
     unit : float
         Conductance that counts as 1 on all levels, in siemens.
+    box : tuple of slice
+        The range of cells along every axis that the boards cover.
     """
 
     stack: Stack
     grid: GridLevels | None
     unit: float
+    box: tuple[slice, ...] = ()
 
     def largest_degree(self, system: NodalSystem) -> float:
         """Largest diagonal entry of a system's matrix, in siemens."""
@@ -57,10 +63,11 @@ def build_hierarchy(system: NodalSystem) -> Hierarchy:
     if layout is not None:
         pairs, conductance, row, node = _resistors(system, layout.node)
         unit = float(conductance.mean())
-        laid_out = lay_out(pairs, conductance, row, node, system.excess, unit)
+        box = _box_around_rows(row, node)
+        laid_out = lay_out(pairs, conductance, row, np.ascontiguousarray(node[box]), system.excess, unit)
         made = None if laid_out is None else coarsen_grid(*laid_out)
         if made is not None:
-            return Hierarchy(made[1], made[0], unit)
+            return Hierarchy(made[1], made[0], unit, box)
     coupling = system.coupling
     unit = float(coupling.data.mean()) if coupling.nnz else float(system.excess.mean())
     cell = _cells(system)
@@ -68,6 +75,29 @@ def build_hierarchy(system: NodalSystem) -> Hierarchy:
     finest = Graph(coupling.indptr, coupling.indices, coupling.data / unit, system.excess / unit, where)
     stack = stack_graph(finest) if where is None else stack_levels(*coarsen_down(finest), free=True)
     return Hierarchy(stack, None, unit)
+
+
+def _box_around_rows(row: NDArray[np.int32], node: NDArray[np.int32]) -> tuple[slice, ...]:
+    """The range of cells along every axis outside which no cell has a row, from whole blocks of several levels on."""
+    box: tuple[slice, ...] = ()
+    for axis in range(node.ndim):
+        lines = np.moveaxis(node[box], axis, 0)
+        first = _leading_without_rows(row, lines) // _WHOLE * _WHOLE
+        box = (*box, slice(first, len(lines) - _leading_without_rows(row, lines[:first:-1])))
+    return box
+
+
+def _leading_without_rows(row: NDArray[np.int32], lines: NDArray[np.int32]) -> int:
+    """How many lines from the first one on have no row in any cell; searched in steps that double and halve."""
+    count, step = 0, 1
+    while count < len(lines) and step:
+        some = lines[count : count + step]
+        if np.any(row[some[some >= 0]] >= 0):
+            step //= 2
+        else:
+            count += len(some)
+            step *= 2
+    return count
 
 
 def _resistors(

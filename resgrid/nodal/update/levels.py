@@ -59,10 +59,11 @@ def patch_levels(
     grid, layout = hierarchy.grid, system.netlist.layout
     assert grid is not None
     assert layout is not None
-    shape, count = layout.node.shape, len(grid.boards.margin)
+    node, count = layout.node[hierarchy.box], len(grid.boards.margin)
+    shape = node.shape
     depth = window_depth(shape, count + 1)
-    index = np.stack(np.unravel_index(cells, shape), axis=1).astype(np.int64)
-    boxes = boxes_around(index, shape, depth)
+    gone = _within(hierarchy.box, change.cells, layout.node.shape)
+    boxes = boxes_around(_within(hierarchy.box, cells, layout.node.shape), shape, depth)
     if not boxes:
         return None
     true, board, exact = _patch_board(grid, system, hierarchy.unit, change)
@@ -71,7 +72,7 @@ def patch_levels(
     aggregate[alone[alone >= 0]] = 0
     boards, stack, windows = _own_arrays(grid.boards), hierarchy.stack, []
     for box in boxes:
-        window, levels, targets = open_window(system, true, hierarchy.unit, box, change.cells, depth)
+        window, levels, targets = open_window(system, node, true, hierarchy.unit, box, gone, depth)
         patch = _Patch(box, shape, levels, targets, boards)
         patch.leave(aggregate)
         for number in range(1, len(levels)):
@@ -82,6 +83,13 @@ def patch_levels(
         windows += [] if window is None else [window]
     levels_after = GridLevels(true, board, exact, grid.place, aggregate, boards)
     return replace(hierarchy, stack=stack, grid=levels_after), tuple(windows)
+
+
+def _within(box: tuple[slice, ...], cells: NDArray[np.int64], shape: tuple[int, ...]) -> NDArray[np.int64]:
+    """Indices in a box, shape (k, ndim), of those cells of the whole grid that lie in it."""
+    low, high = (np.array([getattr(ends, name) for ends in box]) for name in ("start", "stop"))
+    index = np.stack(np.unravel_index(cells, shape), axis=1).astype(np.int64)
+    return np.asarray(index[np.all((index >= low) & (index < high), axis=1)] - low)
 
 
 def _own_arrays(boards: Boards) -> Boards:

@@ -29,12 +29,15 @@ class Neighbourhood:
         Places there; empty where there is no board.
     unit : float
         Conductance that counts as 1 on it, in siemens.
+    node : ndarray of int32, shape of the grid
+        Node of every cell that it covers.
     """
 
     system: NodalSystem
     board: Board | None
     place: NDArray[np.int32]
     unit: float
+    node: NDArray[np.int32]
 
     def between(self, pairs: NDArray[np.int64]) -> NDArray[np.float64]:
         """Conductance between pairs of rows, in siemens; 0 for none."""
@@ -70,8 +73,8 @@ class Neighbourhood:
         seeds: NDArray[np.int64],
     ) -> bool:
         """Whether the neighbours of rows that are cut off reach each other and the rails near by."""
-        board, layout = self.board, before.netlist.layout
-        if board is None or layout is None:
+        board = self.board
+        if board is None:
             return False
         rails = before.rails
         span = 0.0 if rails is None else abs(rails.high - rails.low)
@@ -79,7 +82,7 @@ class Neighbourhood:
         label = np.zeros(2 * board.faces.shape[1], dtype=np.int32)
         label[self._places(rows)] = -1
         return kernels.stay_together(
-            board, layout.node.ravel(), np.array(layout.node.shape), before.unknown, after.excess,
+            board, self.node.ravel(), np.array(self.node.shape), before.unknown, after.excess,
             np.ascontiguousarray(after.feed), span,
             self._places(seeds), np.any(touches, axis=0), max(_NEAR, before.size // _NEAR_SHARE), label,
         )  # fmt: skip
@@ -90,7 +93,8 @@ class Neighbourhood:
 
 def neighbourhood(system: NodalSystem, hierarchy: Hierarchy | None) -> Neighbourhood:
     """Of a system, and of its hierarchy if the first level is a board."""
-    grid = None if hierarchy is None else hierarchy.grid
-    if hierarchy is None or grid is None:
-        return Neighbourhood(system, None, np.empty(0, dtype=np.int32), 1.0)
-    return Neighbourhood(system, grid.true, grid.place, hierarchy.unit)
+    grid, layout = None if hierarchy is None else hierarchy.grid, system.netlist.layout
+    none = np.empty(0, dtype=np.int32)
+    if hierarchy is None or grid is None or layout is None:
+        return Neighbourhood(system, None, none, 1.0, none)
+    return Neighbourhood(system, grid.true, grid.place, hierarchy.unit, layout.node[hierarchy.box])

@@ -143,7 +143,13 @@ class Window:
 
 
 def open_window(
-    system: NodalSystem, board: Board, unit: float, box: Box, gone: NDArray[np.int64], depth: int
+    system: NodalSystem,
+    node: NDArray[np.int32],
+    board: Board,
+    unit: float,
+    box: Box,
+    gone: NDArray[np.int64],
+    depth: int,
 ) -> tuple[Window | None, list[Level], list[NDArray[np.int32]]]:
     """Cut a window out and coarsen it.
 
@@ -151,12 +157,14 @@ def open_window(
     ----------
     system : NodalSystem
         After the change.
+    node : ndarray of int32, shape of the grid
+        Node of every cell that the board covers.
     board : Board
         The same, in double precision.
     unit : float
     box : Box
-    gone : ndarray of int64
-        Flat indices of cells that no longer take part.
+    gone : ndarray of int64, shape (k, ndim)
+        Cells that no longer take part.
     depth : int
         How many times to coarsen, at most.
 
@@ -167,11 +175,8 @@ def open_window(
     levels, targets : list
         As of `coarsen_boards`.
     """
-    layout = system.netlist.layout
-    assert layout is not None
-    shape = layout.node.shape
-    lattice = Lattice(box.shape)
-    rows, place = _rows(system, layout.node, box, lattice, gone)
+    shape, lattice = node.shape, Lattice(box.shape)
+    rows, place = _rows(system, node, box, lattice, gone)
     faces, leak = np.zeros((len(board.faces), lattice.places)), np.zeros((2, lattice.places))
     inner, outer, conductance = _cut(board, shape, box, lattice, faces)
     leak.ravel()[place] = system.excess[rows] / unit
@@ -185,7 +190,7 @@ def open_window(
         return None, levels, targets
     number = np.empty(2 * lattice.places, dtype=np.int64)
     number[place] = np.arange(len(rows))
-    row_outside = system.unknown[layout.node.ravel()[_cells(Lattice(shape), outer)]].astype(np.int64)
+    row_outside = system.unknown[node.ravel()[_cells(Lattice(shape), outer)]].astype(np.int64)
     window = Window(rows, Hierarchy(made[1], made[0], unit), number[inner], row_outside, unit * conductance)
     return window, levels, targets
 
@@ -196,7 +201,7 @@ def _rows(
     """Rows of the cells of a window, and their places in it."""
     here = node[tuple(slice(a, b) for a, b in zip(box.low.tolist(), box.high.tolist(), strict=True))]
     row = np.where(here >= 0, system.unknown[here], -1)
-    away = np.stack(np.unravel_index(gone, node.shape)) - box.low[:, None]
+    away = gone.T - box.low[:, None]
     inside = np.all((away >= 0) & (away < np.array(box.shape)[:, None]), axis=0)
     row[tuple(away[:, inside])] = -1
     rows, place = np.empty(row.size, dtype=np.int64), np.empty(row.size, dtype=np.int32)
