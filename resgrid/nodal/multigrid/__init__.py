@@ -4,9 +4,9 @@
 1. *Before*: corridors, chains and trees have been eliminated (`resgrid.nodal.reduction`).
 2. *Boards* (`boards`, `lattice`, `board_setup`). A grid has two colours, and every resistor joins a red cell to a
    black one: conductances are kept face by face over the red cells, in flat arrays without indices, in double
-   precision and in single. Cells are numbered with odd strides, so that the neighbour across a face lies at the same
-   distance for all red cells. What fits no face is a link: a resistor that closes a ring, or leads to a node beside
-   the lattice.
+   precision and in single. They cover the box of cells that carry current. Cells are numbered with odd strides, so
+   that the neighbour across a face lies at the same distance for all red cells. What fits no face is a link: a
+   resistor that closes a ring, or leads to a node beside the lattice.
 3. *Coarse levels* (`coarsening.coarsen`, `block_kernels`, `grid_levels`) are boards again. A node is the connected
    part of a block of two cells a side, cut where a conductance is weak beside the strongest at either end, so that no
    node joins across a wall; further parts of a block become nodes beside the lattice. Axes that conduct badly are left
