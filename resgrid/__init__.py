@@ -22,6 +22,7 @@ import lazy_loader
 
 _public, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __all__ += ["__version__"]
+__all__.sort()
 
 
 def __getattr__(name: str) -> Any:

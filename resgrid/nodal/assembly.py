@@ -18,7 +18,7 @@ _FEW, _MANY = 5, 16
 """Entries of a row between which comparing all with all sorts them quickest."""
 
 
-@njit(cache=True)
+@inner
 def find(parent: Indices, node: int) -> int:
     """Root of a node in a union-find, whose trees have their smallest node as root; halves the way there."""
     while parent[node] != node:
@@ -27,7 +27,7 @@ def find(parent: Indices, node: int) -> int:
     return node
 
 
-@njit(cache=True)
+@inner
 def join(parent: Indices, a: int, b: int) -> None:
     """Make one tree of the trees of two nodes."""
     a, b = find(parent, a), find(parent, b)

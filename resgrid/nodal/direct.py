@@ -1,9 +1,9 @@
 """The direct method: sparse factors by SuperLU, substitution in scaled numbers, refinement in double-double.
 
-SuperLU with diagonal pivots gives ``A = L D L^T`` up to rounding.  Its own substitution
-underflows where a potential falls below 1e-308, and its pivots, formed by subtraction, cost up to eight digits on a
-large grid.  So both substitutions are done again in scaled numbers, and the answer is refined with residuals in which
-differences come first, until nothing is left to gain: what remains is an entrywise backward error near 1e-28.
+SuperLU with diagonal pivots gives ``A = L D L^T`` up to rounding.  Its own substitution underflows where a potential
+falls below 1e-308, and its pivots, formed by subtraction, cost up to eight digits on a large grid.  So both
+substitutions are done again in scaled numbers, and the answer is refined with residuals in which differences come
+first, until nothing is left to gain: what remains is an entrywise backward error near 1e-28.
 """
 
 from __future__ import annotations

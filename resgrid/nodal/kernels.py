@@ -170,9 +170,9 @@ def decay(
     depth = _steps_from(indptr, indices, high)
     costs = np.zeros(n, np.int32)
     for node in range(n):
-        width = 2.0 * depth[node] + 1.0
-        fall_here = 1.0 / math.sqrt((width / rate) ** 2 + width * wall)
-        costs[node] = max(1, int(_PARTS * fall_here)) if depth[node] >= 0 else 0
+        if depth[node] >= 0:
+            width = 2.0 * depth[node] + 1.0
+            costs[node] = max(1, int(_PARTS / math.sqrt((width / rate) ** 2 + width * wall)))
     buckets = int(_PARTS * rate) + 2
     first = np.full(buckets, -1, np.int32)
     # Entries of the lists of nodes in the buckets: the node, and the entry after it.

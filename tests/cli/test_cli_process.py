@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -54,11 +55,13 @@ def test_importing_and_asking_for_help_are_quick():
 
 
 def test_public_names_are_real_and_documented():
+    promised = Path(resgrid.__file__).with_suffix(".pyi").read_text()
     for name in resgrid.__all__:
         value = getattr(resgrid, name)
         if name != "__version__":
             assert value.__doc__, name
-    assert dir(resgrid) == sorted(resgrid.__all__)
+            assert re.search(rf"\b{name}\b", promised), f"{name} is hidden from type checkers"
+    assert dir(resgrid) == resgrid.__all__
     with pytest.raises(AttributeError, match="no attribute 'solv'"):
         _ = resgrid.solv
 

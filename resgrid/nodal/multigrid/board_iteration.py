@@ -82,8 +82,8 @@ def _converge(
     burst = _Burst(hierarchy, grid, error, watch)
     last, left, unit = np.inf, MOST_ITERATIONS, hierarchy.unit
     rounding = _ROUNDING * grid.largest_degree
-    at_rest = equations.at_rest
     while True:
+        at_rest = equations.at_rest and not math.isfinite(last)
         residual = waves.residual_at_rest if at_rest else waves.black_residual
         size = residual(grid.true, equations.currents, x, burst.residual)
         goal = equations.wanted
@@ -97,7 +97,7 @@ def _converge(
         if size > DRIFT * burst.left * last:
             burst.forget()
         left -= burst.run(x, size, _SAFETY * goal / size, left)
-        last, at_rest = size, False
+        last = size
 
 
 class _Burst:

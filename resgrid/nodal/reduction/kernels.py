@@ -327,7 +327,7 @@ def backward(record: Record, count: int, x: Floats) -> None:
         x[record.rows[k, 0]] = value
 
 
-@njit(cache=True)
+@inner
 def _settle(hi: float, lo: float, e: int) -> tuple[float, float, int]:
     """A scaled double-double made canonical."""
     m, exponent = _canonical(hi, e)
