@@ -12,6 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from resgrid.jit import inner
+from resgrid.planning.bodies import TOUCH
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -157,14 +158,14 @@ def _add(
     found: Floats, count: int, px: float, py: float, ox: float, oy: float, inward: tuple[float, float],
     owner: tuple[float, int, int], reach: float,
 ) -> int:  # fmt: skip
-    """Keep a pair of near points: the robot's core at p, the obstacle's surface at o."""
+    """Keep a pair of near points: the robot's core at p, the obstacle's surface at o; the normal of a touch is its."""
     dx, dy = px - ox, py - oy
     apart = math.hypot(dx, dy)
     radius, part, body = owner
     gap = apart - radius
-    if gap > reach or apart <= 0.0 or count >= len(found):
+    if gap > reach or count >= len(found):
         return count
-    nx, ny = dx / apart, dy / apart
+    nx, ny = (dx / apart, dy / apart) if apart > TOUCH else (-inward[0], -inward[1])
     rx, ry = px - radius * nx, py - radius * ny
     for k in range(count):
         same = abs(found[k, 0] - rx) + abs(found[k, 1] - ry) + abs(found[k, 2] - ox) + abs(found[k, 3] - oy)
@@ -193,11 +194,11 @@ def _left_of(edge: Floats) -> tuple[float, float]:
 
 @inner
 def _inside_corner(edge: Floats, before: Floats) -> tuple[float, float]:
-    """Direction into the solid from the corner where an edge starts: between its two edges' normals."""
+    """Direction into the solid from the corner where an edge starts: between its edges' normals, or along a spike."""
     (ax, ay), (bx, by) = _left_of(edge), _left_of(before)
     length = math.hypot(ax + bx, ay + by)
     if length < 1e-9:
-        return (edge[2] - edge[0]) * 1e-9, (edge[3] - edge[1]) * 1e-9
+        return ay, -ax
     return (ax + bx) / length, (ay + by) / length
 
 
@@ -237,10 +238,11 @@ def near_points(
     """Pairs of near points of a robot (segments with a radius) and obstacles, within a reach.
 
     Two segments that do not cross are nearest where one of them ends, so the ends of both are looked at: two parallel
-    ones give both ends of their overlap.  Edges have the solid on their left, and `edge_before` is the edge that ends
-    where one starts.  With `facing`, ends of the robot count before the side of an edge that is free, and before a
-    corner only where it is nearer than its edges.  Rows of `found`: the robot's surface point, the obstacle's, the unit
-    normal between them, the gap, the part, the obstacle, and the direction into it.  Returns how many there are.
+    ones give both ends of their overlap.  A disc or half-plane entered by no more than `TOUCH` is touched: no gap.
+    Edges have the solid on their left, and `edge_before` is the edge that ends where one starts.  With `facing`, ends
+    of the robot count before the side of an edge that is free, and before a corner only where it is nearer than its
+    edges.  Rows of `found`: the robot's surface point, the obstacle's, the unit normal between them, the gap, the part,
+    the obstacle, and the direction into it.  Returns how many there are.
     """
     count = 0
     for s in range(len(segments)):
@@ -267,16 +269,19 @@ def near_points(
             t = _share(cx, cy, ax, ay, bx, by)
             px, py = ax + t * (bx - ax), ay + t * (by - ay)
             apart = math.hypot(px - cx, py - cy)
-            if apart > size:
+            if apart > max(size - TOUCH * (1.0 + size), 0.0):
                 nx, ny = (px - cx) / apart, (py - cy) / apart
+                ox, oy = cx + size * nx, cy + size * ny
+                height = max(apart - size, 0.0)
                 owner = (r, part[s], disc_body[d])
-                count = _add(found, count, px, py, cx + size * nx, cy + size * ny, (-nx, -ny), owner, reach)
+                count = _add(found, count, ox + height * nx, oy + height * ny, ox, oy, (-nx, -ny), owner, reach)
         for h in range(len(planes)):
             nx, ny, offset = planes[h]
             for end in range(1 if single else 2):
                 px, py = (ax, ay) if end == 0 else (bx, by)
                 height = nx * px + ny * py - offset
-                if height > 0.0:
+                if height > -TOUCH * (1.0 + r):
+                    height = max(height, 0.0)
                     owner = (r, part[s], plane_body[h])
                     count = _add(found, count, px, py, px - height * nx, py - height * ny, (-nx, -ny), owner, reach)
     return count

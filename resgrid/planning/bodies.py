@@ -19,7 +19,8 @@ from resgrid.robots import Arm, DiscRobot, PointRobot, PolygonRobot, Robot
 from resgrid.robots.shapes import Ball, CellSet, HalfSpace, Shape
 from resgrid.space import ConfigurationSpace
 
-_TOUCH = 1e-9
+TOUCH = 1e-9
+"""Depth to which an entered round body or half-plane counts as touched, for each metre (and one more) of radius."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,8 +80,8 @@ class Body:
         within = self.radius + part.radius
         grown = Body(self.number, self.core, 0.0, self.half_plane)
         if self.half_plane is None:
-            return np.asarray(grown.distance(Part(part.core, 0.0)) < within - _TOUCH * (1.0 + within))
-        return np.asarray(self._deeper_than(part, _TOUCH * (1.0 + within)))
+            return np.asarray(grown.distance(Part(part.core, 0.0)) < within - TOUCH * (1.0 + within))
+        return np.asarray(self._deeper_than(part, TOUCH * (1.0 + within)))
 
     def _deeper_than(self, part: Part, depth: float) -> NDArray[np.bool_]:
         assert self.half_plane is not None

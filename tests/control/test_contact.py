@@ -58,6 +58,22 @@ def configuration(robot: Robot, rng: np.random.Generator) -> np.ndarray:
     return np.array([rng.uniform(axis.lower, axis.upper) for axis in axes])
 
 
+@settings(deadline=None)
+@given(st.floats(-9e-10, 9e-10), st.floats(0, 2 * np.pi), st.sampled_from([0.0, 0.2]))
+def test_what_is_touched_but_for_rounding_is_near(height: float, angle: float, radius: float) -> None:
+    """Whatever shapely calls no collision, a contact can be felt at: nothing falls between the two."""
+    toward = np.array([np.cos(angle), np.sin(angle)])
+    robot = PointRobot(radius)
+    for solid in (Ball((0.3, 0.2), 0.8), HalfSpace(tuple(toward), float(toward @ (0.3, 0.2)) + 0.8)):
+        plant = make_plant(robot, PLANE, [], [solid])
+        centre = np.array([0.3, 0.2]) + (0.8 + radius + height) * toward
+        pairs = plant.near(plant.pose(centre), 1e-6)
+        assert plant.penetration(centre)[0] == 0
+        assert len(pairs) == 1
+        assert pairs[0, 6] == pytest.approx(0, abs=2e-9)
+        np.testing.assert_allclose(pairs[0, 4:6], toward, atol=1e-6)
+
+
 @settings(deadline=None, max_examples=150)
 @given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1))
 def test_the_nearest_pair_is_as_near_as_shapely_says(robot: Robot, seed: int) -> None:
