@@ -1,9 +1,10 @@
-"""The direct method: sparse factors by SuperLU, substitution in scaled numbers, refinement in double-double.
+"""The direct method: sparse factors, substitution in scaled numbers, refinement in double-double.
 
-SuperLU with diagonal pivots gives ``A = L D L^T`` up to rounding.  Its own substitution underflows where a potential
-falls below 1e-308, and its pivots, formed by subtraction, cost up to eight digits on a large grid.  So both
+Narrow circuits are factored along their corridors, in positive numbers alone (`resgrid.nodal.narrow`).  All others are
+SuperLU's: with diagonal pivots it gives ``A = L D L^T`` up to rounding.  Its own substitution underflows where a
+potential falls below 1e-308, and its pivots, formed by subtraction, cost up to eight digits on a large grid.  So both
 substitutions are done again in scaled numbers, and the answer is refined with residuals in which differences come
-first, until nothing is left to gain: what remains is an entrywise backward error near 1e-28.
+first, until KCL holds to the rounding of the currents at every node (`resgrid.nodal.refine`).
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from scipy import sparse
 
 from resgrid.errors import AccuracyError
 from resgrid.nodal.refine import Numbers, refine
-from resgrid.nodal.scaled import Scaled
+from resgrid.nodal.scaled import Scaled, power
 from resgrid.nodal.superlu import symmetric_factors
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.watch import Watch
@@ -26,10 +27,11 @@ from resgrid.space import Cell
 
 if TYPE_CHECKING:
     from resgrid.nodal.factor import Factor
+    from resgrid.nodal.narrow import NarrowOrder
     from resgrid.nodal.update.change import Change
 
 REFINED = 1e-28
-"""Componentwise backward error at which refinement stops: the noise of double-double arithmetic."""
+"""Componentwise backward error that is enough where no current flows: the noise of double-double arithmetic."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +46,7 @@ class DirectFactor:
     pivot : ndarray of float64, shape (n,)
     order : ndarray of int64, shape (n,)
         Row ``order[k]`` of the system is row ``k`` of the factors.
-    plain : callable
+    doubles : callable or None
         SuperLU's own substitution, in doubles.
     change : Change or None
         What updates have changed since the netlist was compiled.
@@ -54,7 +56,7 @@ class DirectFactor:
     lower: sparse.csc_array
     pivot: NDArray[np.float64]
     order: NDArray[np.int64]
-    plain: Callable[[NDArray[np.float64]], NDArray[np.float64]]
+    doubles: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
     change: Change | None = None
     name = "direct"
 
@@ -98,7 +100,7 @@ class DirectFactor:
         del guess
         system = self.system
         degree = system.degree
-        x = self.plain(rhs)
+        x = self._plain(rhs)
         error = np.inf
         for _ in range(4):
             residual = rhs - (degree * x - system.coupling @ x)
@@ -108,13 +110,13 @@ class DirectFactor:
                 if watch is not None:
                     watch.done(error)
                 return x
-            x = x + self.plain(residual)
+            x = x + self._plain(residual)
         raise AccuracyError(f"the direct solver stopped at a backward error of {error:.1e}, above rtol = {rtol:.1e}", x)
 
     def solve_nonnegative(
         self, rhs: NDArray[np.float64] | Scaled, *, watch: Watch | None = None
     ) -> tuple[Scaled, float]:
-        """Solve for a right-hand side without negative entries, entry by entry as accurately as can be.
+        """Solve for a right-hand side without negative entries, entry by entry.
 
         Parameters
         ----------
@@ -130,17 +132,24 @@ class DirectFactor:
         error : float
             Its componentwise backward error.
         """
-        solution, error = refine(self.system, rhs, self._substitute, REFINED, exact=True)
+        solution, error = refine(self.system, rhs, self._substitute, REFINED)
         if watch is not None:
             watch.done(error)
         return solution, error
+
+    def _plain(self, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Both substitutions, from doubles to doubles."""
+        if self.doubles is not None:
+            return self.doubles(rhs)
+        m, e = self._substitute(rhs, np.zeros(len(rhs), dtype=np.int64), 0.0)
+        return m * power(e)
 
     def _substitute(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
         """Both substitutions, in scaled numbers, as accurate as the factors are."""
         del accuracy
         from resgrid.nodal.kernels import substitute
 
-        permuted, exponent = m[self.order], e[self.order]
+        permuted, exponent = m[self.order], e[self.order] if e.size else np.zeros(len(m), dtype=np.int64)
         substitute(self.lower.indptr, self.lower.indices, self.lower.data, self.pivot, permuted, exponent)
         solution, scale = np.empty_like(permuted), np.empty_like(exponent)
         solution[self.order], scale[self.order] = permuted, exponent
@@ -155,9 +164,18 @@ def factor_direct(system: NodalSystem) -> DirectFactor:
     AccuracyError
         If a pivot vanishes in double precision.
     """
+    narrow = system.narrow
+    if narrow is not None:
+        return _factor_narrow(system, narrow)
     factors = symmetric_factors(sparse.diags_array(system.degree) - system.coupling)
     lower = factors.L
     lower.sort_indices()
     # perm_c sends a column to its place; its inverse says which column stands there.
     order = np.argsort(factors.perm_c).astype(np.int64)
     return DirectFactor(system, lower, np.asarray(factors.U.diagonal()), order, factors.solve)
+
+
+def _factor_narrow(system: NodalSystem, narrow: NarrowOrder) -> DirectFactor:
+    from resgrid.nodal.narrow import factor_narrow
+
+    return DirectFactor(system, *factor_narrow(system, narrow), narrow.order.astype(np.int64))

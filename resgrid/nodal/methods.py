@@ -17,10 +17,12 @@ from resgrid.nodal.system import NodalSystem
 
 METHODS: dict[str, Callable[[NodalSystem], Factor]] = {"direct": factor_direct, "multigrid": factor_multigrid}
 
-_VOLUME, _OPEN, _CORRIDORS = 4.2, 3.9, 3.4
-"""Neighbours a node above which factors fill like a volume or an open plane, and below which all is narrow."""
+_VOLUME, _OPEN = 4.2, 3.9
+"""Neighbours a node above which factors fill like a volume, or an open plane."""
 
-_SMALL = 2000
+_SMALL, _OVERHEAD = 2000, 4e-3
+"""Rows up to which the direct method is always quicker, and what levels take however small they are, in seconds."""
+
 _ROUGH, _ROUGH_VOLUME = 0.25, 0.5
 """Share of weak conductances above which cycles are too many; in a volume direct factors cost so much more."""
 
@@ -91,9 +93,9 @@ def _require(needed: float, system: NodalSystem, name: str) -> None:
 def choose_method(system: NodalSystem, accuracy: str = "direction") -> str:
     """Choose a method beforehand: the one that would take less time.
 
-    Direct where the system is small; where conductances differ so wildly from node to node that no coarse grid stands
-    for them; and between two rails where the potential falls by more decades than refinement wins back in that time,
-    some nine a pass.
+    Direct where the system is small, or narrow; where conductances differ so wildly from node to node that no coarse
+    grid stands for them; and between two rails where the potential falls by more decades than refinement wins back in
+    that time, some nine a pass.
 
     Parameters
     ----------
@@ -116,30 +118,37 @@ def choose_method(system: NodalSystem, accuracy: str = "direction") -> str:
         decades = _decades(system, volume=neighbours > _VOLUME)
     if decades > _MOST_DECADES:
         return "direct"
-    quicker = _multigrid_seconds(system, accuracy, decades) < _direct_seconds(system.size, neighbours)
-    return "multigrid" if quicker else "direct"
+    seconds = _multigrid_seconds(system, accuracy, decades, narrow=neighbours < _OPEN)
+    if accuracy == "direction" and _narrow_seconds(system.size, neighbours) < seconds and system.narrow is not None:
+        return "direct"
+    return "multigrid" if seconds < _direct_seconds(system.size, neighbours) else "direct"
 
 
 def _direct_seconds(size: int, neighbours: float) -> float:
     """Rough time of a direct solution; the constants were measured on random rectangles, mazes and boxes."""
     if neighbours > _VOLUME:
         return float(1.1e-9 * size**2)
-    if neighbours < _CORRIDORS:
-        return 1.3e-6 * size
     a_row = 3.0e-6 if neighbours > _OPEN else 2.0e-6
     return float(a_row * size * (size / 128e3) ** 0.2)
 
 
-def _multigrid_seconds(system: NodalSystem, accuracy: str, decades: float) -> float:
+def _narrow_seconds(size: int, neighbours: float) -> float:
+    """The same along corridors, as in mazes: of ``w`` cells across, with ``4 - 2 / w`` neighbours a node."""
+    if neighbours >= _OPEN:
+        return np.inf
+    return size * (0.63e-6 + 0.03e-6 * 2.0 / (4.0 - neighbours))
+
+
+def _multigrid_seconds(system: NodalSystem, accuracy: str, decades: float, *, narrow: bool) -> float:
     """Rough time of a multigrid solution, measured on the same: of all iterations between two rails, by decades."""
     on_grid = system.netlist.layout is not None
     if accuracy == "normwise":
         a_row = 0.4e-6 if on_grid else 0.9e-6
     elif system.rails is None:
-        a_row = 0.5e-6 if on_grid else 1.6e-6
+        a_row = (0.9e-6 if narrow else 0.5e-6) if on_grid else 1.6e-6
     else:
-        a_row = 0.33e-6 + 0.012e-6 * decades if on_grid else 1.5e-6 + 0.04e-6 * decades
-    return a_row * system.size
+        a_row = (0.7e-6 if narrow else 0.33e-6) + 0.012e-6 * decades if on_grid else 1.5e-6 + 0.04e-6 * decades
+    return _OVERHEAD + a_row * system.size
 
 
 def _decades(system: NodalSystem, *, volume: bool) -> float:

@@ -40,8 +40,6 @@ def refine(
     rhs: NDArray[np.float64] | Scaled,
     approximate: Approximation,
     floor: float,
-    *,
-    exact: bool = False,
 ) -> tuple[Scaled, float]:
     """Solve for a right-hand side without negative entries.
 
@@ -53,9 +51,7 @@ def refine(
     approximate : callable
         Takes scaled numbers and the accuracy wanted, and returns scaled numbers.
     floor : float
-        Componentwise backward error to reach where hardly any current flows; everywhere, if ``exact``.
-    exact : bool
-        Whether KCL is to hold relative to the voltages, not just to the currents at every node.
+        Componentwise backward error to reach where hardly any current flows.
 
     Returns
     -------
@@ -64,10 +60,11 @@ def refine(
     error : float
         Its componentwise backward error.
     """
-    pair = _Answer(system, rhs, floor, exact)
+    pair = _Answer(system, rhs, floor)
     best, size, gain = np.inf, np.inf, 0.0
     while pair.steps < _MOST_STEPS:
-        pair.improve(*approximate(pair.residual, pair.exponent, gain))
+        if pair.improve(*approximate(pair.residual, pair.exponent, gain)):
+            best, size = np.inf, np.inf
         if not (pair.error < _LEAST_GAIN * best or pair.log_size < size + np.log(_LEAST_GAIN)):
             pair.take_back()
             break
@@ -81,11 +78,11 @@ def refine(
 class _Answer:
     """Double-doubles that are corrected step by step, and their residual; with exponents only where needed."""
 
-    def __init__(self, system: NodalSystem, rhs: NDArray[np.float64] | Scaled, floor: float, exact: bool) -> None:
+    def __init__(self, system: NodalSystem, rhs: NDArray[np.float64] | Scaled, floor: float) -> None:
         n = system.size
-        self._system, self._floor, self._exact, self.steps = system, floor, exact, 0
+        self._system, self._floor, self._exact, self.steps = system, floor, False, 0
         self._current, self._scale = scaled_currents(rhs)
-        self._plain = not exact and _without_exponent(self._current, self._scale)
+        self._plain = _without_exponent(self._current, self._scale)
         if self._plain:
             self._scale = _NONE
         self._now, self._last = self._zeros(n), self._zeros(n)
@@ -115,8 +112,8 @@ class _Answer:
             log = np.log(np.abs(self.residual)) + self.exponent * (BITS * np.log(2.0))
         return float(np.max(log, initial=-np.inf))
 
-    def improve(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> None:
-        """Add a correction, and compute the residual."""
+    def improve(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> bool:
+        """Add a correction, and compute the residual; returns whether it is judged more strictly from now on."""
         from resgrid.nodal.refine_kernels import correct, corrected
 
         self.steps += 1
@@ -129,7 +126,9 @@ class _Answer:
             for new, old in zip(self._now, self._last, strict=True):
                 new[:] = old
             correct(*self._now, m, e if e.size else np.zeros(len(m), dtype=np.int64))
+        before = self._exact
         self._compute_residual()
+        return self._exact and not before
 
     def take_back(self) -> None:
         """Forget the last correction."""

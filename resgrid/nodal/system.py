@@ -17,6 +17,7 @@ from resgrid.nodal.sources import SourceForest, tie_sources
 
 if TYPE_CHECKING:
     from resgrid.nodal.connections import Connections
+    from resgrid.nodal.narrow import NarrowOrder
 
 Ties = tuple[NDArray[np.float64], NDArray[np.float64]]
 
@@ -160,6 +161,13 @@ class NodalSystem:
         from resgrid.nodal.connections import count_connections
 
         return count_connections(self)
+
+    @cached_property
+    def narrow(self) -> NarrowOrder | None:
+        """An order of the rows in which factors fill little, if there is one."""
+        from resgrid.nodal.narrow import narrow_order
+
+        return narrow_order(self)
 
     @cached_property
     def degree(self) -> NDArray[np.float64]:

@@ -1,0 +1,210 @@
+"""Compiled loops over factors of narrow circuits: their order, their pattern and their numbers.
+
+Numba takes seconds to import: only functions that are about to solve import this module.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from resgrid.jit import inner
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int32]
+
+
+@njit(cache=True, nogil=True)
+def from_far(indptr: Indices, indices: Indices, root: int, order: Indices, rank: Indices) -> None:
+    """Number rows by their distance from a root, the farthest first; other parts of the graph come before.
+
+    ``order`` tells the row of every number, ``rank`` the number of every row.
+    """
+    n = len(order)
+    rank[:] = -1
+    head = end = n
+    for other in range(-1, n):
+        row = root if other < 0 else other
+        if rank[row] >= 0:
+            continue
+        end -= 1
+        order[end], rank[row] = row, end
+        while head > end:
+            head -= 1
+            here = order[head]
+            for k in range(indptr[here], indptr[here + 1]):
+                there = indices[k]
+                if rank[there] < 0:
+                    end -= 1
+                    order[end], rank[there] = there, end
+
+
+@njit(cache=True, nogil=True)
+def grow_tree(indptr: Indices, indices: Indices, order: Indices, rank: Indices, parent: Indices) -> None:
+    """The elimination tree: the first later row that every row is joined to once it is eliminated; -1 for none."""
+    n = len(order)
+    ancestor = np.full(n, -1, np.int32)
+    for k in range(n):
+        parent[k] = -1
+        for entry in range(indptr[order[k]], indptr[order[k] + 1]):
+            j = rank[indices[entry]]
+            while j < k:
+                above = ancestor[j]
+                ancestor[j] = k
+                if above < 0:
+                    parent[j] = k
+                if above < 0 or above == k:
+                    break
+                j = above
+
+
+@njit(cache=True, nogil=True)
+def branch_by_branch(parent: Indices, order: Indices, rank: Indices) -> None:
+    """Renumber the rows so that every branch of the elimination tree stands together; it fills as before."""
+    n = len(parent)
+    child, sibling = np.full(n, -1, np.int32), np.empty(n, np.int32)
+    for k in range(n - 1, -1, -1):
+        if parent[k] >= 0:
+            sibling[k] = child[parent[k]]
+            child[parent[k]] = k
+    before, path, number = order.copy(), np.empty(n, np.int32), np.empty(n, np.int32)
+    count = 0
+    for root in range(n):
+        if parent[root] >= 0:
+            continue
+        path[0], length = root, 1
+        while length > 0:
+            k = path[length - 1]
+            if child[k] >= 0:
+                path[length] = child[k]
+                length += 1
+                child[k] = sibling[child[k]]
+            else:
+                length -= 1
+                number[k] = count
+                order[count], rank[before[k]] = before[k], count
+                count += 1
+    for k in range(n):
+        sibling[number[k]] = number[parent[k]] if parent[k] >= 0 else -1
+    parent[:] = sibling
+
+
+@njit(cache=True, nogil=True)
+def list_rows(
+    indptr: Indices, indices: Indices, order: Indices, rank: Indices, parent: Indices, end: Indices, columns: Indices
+) -> bool:  # fmt: skip
+    """Columns left of the diagonal that the rows of the factor have entries in; False where there is no room for all.
+
+    They are what the elimination tree leads through from a row's neighbours up to it (Liu 1990).  ``end`` says where
+    the list of every row ends.
+    """
+    n, total = len(order), 0
+    seen = np.full(n, -1, np.int32)
+    for k in range(n):
+        seen[k] = k
+        for entry in range(indptr[order[k]], indptr[order[k] + 1]):
+            j = rank[indices[entry]]
+            while j < k and seen[j] != k:
+                if total == len(columns):
+                    return False
+                seen[j] = k
+                columns[total] = j
+                total += 1
+                j = parent[j]
+        end[k] = total
+    return True
+
+
+@njit(cache=True, nogil=True)
+def eliminate(
+    indptr: Indices, indices: Indices, data: Floats, excess: Floats, order: Indices, rank: Indices, end: Indices,
+    columns: Indices, start: Indices, below: Indices, lower: Floats, pivot: Floats,
+) -> bool:  # fmt: skip
+    """Factors ``L D L^T`` of the rows in order, in sums, products and quotients of positive numbers alone.
+
+    A row that is eliminated joins those it was joined to, and the rails, by ``c_i c_j / d``; its pivot ``d`` is the sum
+    of its conductances to later rows and to the rails, never a difference (Grassmann, Taksar & Heyman 1985).  So every
+    entry is right to some roundings, whatever the conductances.
+
+    Parameters
+    ----------
+    indptr, indices, data : ndarray
+        Conductances between rows by rows, in siemens.
+    excess : ndarray of float64, shape (n,)
+        Conductances to the rails, in siemens.
+    order, rank : ndarray of int32, shape (n,)
+    end, columns : ndarray of int32
+        As of `list_rows`.
+    start : ndarray of int32, shape (n + 1,)
+        Where the columns of ``L`` begin, their diagonals included.
+    below, lower : ndarray of int32 and of float64
+        Filled with rows and values of ``L``, the diagonal first in every column.
+    pivot : ndarray of float64, shape (n,)
+        Filled with ``D``.
+
+    Returns
+    -------
+    bool
+        Whether all pivots are positive and finite.
+    """
+    n = len(order)
+    after = start[:-1].copy()
+    _list_columns(end, columns, below, after)
+    after[:] = start[:-1]
+    joined, held, first = np.zeros(n), np.empty(n), 0
+    for k in range(n):
+        to_rails = excess[order[k]]
+        for entry in range(indptr[order[k]], indptr[order[k] + 1]):
+            joined[rank[indices[entry]]] = data[entry]
+        for m in range(first, end[k]):
+            j = columns[m]
+            after[j] += 1
+            share = -lower[after[j]]
+            to_rails += share * held[j]
+            _join(share * pivot[j], below, lower, after[j] + 1, start[j + 1], joined)
+        first = end[k]
+        total = to_rails + _take(below, lower, start[k] + 1, start[k + 1], joined)
+        if not (total > 0.0 and math.isfinite(total)):
+            return False
+        pivot[k], held[k] = total, to_rails
+        lower[start[k]] = 1.0
+        for entry in range(start[k] + 1, start[k + 1]):
+            lower[entry] /= -total
+    return True
+
+
+@inner
+def _list_columns(end: Indices, columns: Indices, below: Indices, after: Indices) -> None:
+    """Rows of the columns, the diagonal first, from the columns of the rows."""
+    first = 0
+    for k in range(len(end)):
+        below[after[k]] = k
+        after[k] += 1
+        for m in range(first, end[k]):
+            j = columns[m]
+            below[after[j]] = k
+            after[j] += 1
+        first = end[k]
+
+
+@inner
+def _join(conductance: float, below: Indices, lower: Floats, begin: int, end: int, joined: Floats) -> None:
+    """Join later rows to one by the shares of an earlier row that they all were joined to."""
+    for entry in range(begin, end):
+        k = np.uint64(entry)
+        joined[np.uint32(below[k])] -= conductance * lower[k]
+
+
+@inner
+def _take(below: Indices, lower: Floats, begin: int, end: int, joined: Floats) -> float:
+    """Take what a row is joined to over into its column; returns the sum."""
+    total = 0.0
+    for entry in range(begin, end):
+        conductance = joined[np.uint32(below[entry])]
+        joined[np.uint32(below[entry])] = 0.0
+        lower[entry] = conductance
+        total += conductance
+    return total

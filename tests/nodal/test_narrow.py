@@ -1,0 +1,102 @@
+"""Factors along corridors: their pattern, and every digit of what they give."""
+
+from __future__ import annotations
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from spaces import serpentine, space_of
+
+from resgrid.compiler import compile_space
+from resgrid.errors import AccuracyError
+from resgrid.netlist import Netlist
+from resgrid.nodal.direct import factor_direct
+from resgrid.nodal.narrow import factor_narrow, narrow_order
+from resgrid.nodal.system import NodalSystem, assemble
+
+
+def wild_system(size: int, seed: int) -> NodalSystem:
+    """A tree with some loops, its conductances spread over 24 decades, between two rails."""
+    rng = np.random.default_rng(seed)
+    tree = [(int(rng.integers(max(1, k - 3), k)), k) for k in range(2, size)]
+    loops = [(k, k + 2) for k in range(2, size - 2) if rng.random() < 0.3]
+    ties = [(0, 1), (size, size - 1)] + [(size, k) for k in range(1, size - 1) if rng.random() < 0.1]
+    pairs = np.array(tree + loops + ties)
+    conductance = 10.0 ** rng.uniform(-12, 12, len(pairs))
+    return assemble(Netlist(size + 1, pairs, conductance, np.array([[size, 0]]), np.array([1.0])))
+
+
+def exact_solution(system: NodalSystem, rhs: np.ndarray) -> list[mpmath.mpf]:
+    """The solution in 80 digits."""
+    with mpmath.workdps(80):
+        matrix = mpmath.matrix(-system.coupling.toarray())
+        for i in range(system.size):
+            matrix[i, i] = mpmath.mpf(float(system.excess[i])) - sum(matrix[i, :])
+        return list(mpmath.lu_solve(matrix, mpmath.matrix(rhs)))
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(3, 24), st.integers(0, 2**32 - 1))
+def test_every_digit_is_right_whatever_the_conductances(size: int, seed: int) -> None:
+    system = wild_system(size, seed)
+    factors = factor_direct(system)
+    assert factors.doubles is None
+    rhs = np.random.default_rng(seed).random(system.size)
+    m, e = factors._substitute(rhs, np.zeros(system.size, dtype=np.int64), 0.0)
+    for value, exponent, expected in zip(m, e, exact_solution(system, rhs), strict=True):
+        with mpmath.workdps(80):
+            error = abs(mpmath.ldexp(mpmath.mpf(float(value)), 256 * int(exponent)) / expected - 1)
+        assert error < 1e-15 * (20 + 5 * size)
+
+
+@settings(deadline=None, max_examples=60)
+@given(st.integers(3, 24), st.integers(0, 2**32 - 1))
+def test_factors_are_those_of_the_matrix_and_fill_where_elimination_does(size: int, seed: int) -> None:
+    system = wild_system(size, seed)
+    narrow = narrow_order(system)
+    assert narrow is not None
+    assert np.array_equal(narrow.order[narrow.rank], np.arange(system.size))
+    lower, pivot = factor_narrow(system, narrow)
+    assert np.all(pivot > 0)
+    matrix = (np.diag(system.degree) - system.coupling.toarray())[np.ix_(narrow.order, narrow.order)]
+    dense = lower.toarray()
+    np.testing.assert_allclose((dense * pivot) @ dense.T, matrix, rtol=1e-12, atol=1e-12 * np.abs(matrix).max())
+    filled = matrix != 0
+    for k in range(system.size):
+        later = np.flatnonzero(filled[k + 1 :, k]) + k + 1
+        filled[np.ix_(later, later)] = True
+    assert np.array_equal(dense != 0, np.tril(filled))
+    assert lower.has_sorted_indices
+    assert np.array_equal(lower.indices[lower.indptr[:-1]], np.arange(system.size))
+
+
+def test_a_corridor_fills_as_wide_as_it_is_and_a_plane_is_not_narrow() -> None:
+    corridor = assemble(compile_space(space_of(serpentine(9, 60, 3)), boundary="neumann"))
+    narrow = corridor.narrow
+    assert narrow is not None
+    assert len(narrow.columns) < 4 * corridor.size
+    plane = np.zeros((120, 120), dtype=np.uint8)
+    plane[60, 60] = 2
+    wide = assemble(compile_space(space_of(plane)))
+    assert wide.narrow is None
+    assert factor_direct(wide).doubles is not None
+
+
+def test_potentials_below_the_range_of_doubles_need_no_refinement() -> None:
+    system = assemble(compile_space(space_of(serpentine(21, 400, 1))))
+    assert system.rails is not None
+    factors = factor_direct(system)
+    m, e = factors._substitute(system.rails.to_low, np.zeros(system.size, dtype=np.int64), 0.0)
+    refined, error = factors.solve_nonnegative(system.rails.to_low)
+    assert e.min() < -10
+    assert np.array_equal(e, refined.exponent)
+    np.testing.assert_allclose(m, refined.hi, rtol=1e-12)
+    assert error < 1e-14
+
+
+def test_a_part_that_nothing_holds_is_refused() -> None:
+    system = wild_system(8, 1)
+    system.excess[:] = 0.0
+    with pytest.raises(AccuracyError, match="decades"):
+        factor_direct(system)
