@@ -4,7 +4,8 @@ Narrow circuits are factored along their corridors, in positive numbers alone (`
 SuperLU's: with diagonal pivots it gives ``A = L D L^T`` up to rounding.  Its own substitution underflows where a
 potential falls below 1e-308, and its pivots, formed by subtraction, cost up to eight digits on a large grid.  So both
 substitutions are done again in scaled numbers, and the answer is refined with residuals in which differences come
-first, until KCL holds to the rounding of the currents at every node (`resgrid.nodal.refine`).
+first, until KCL holds to the rounding of the currents at every node, or in small circuits of the voltages
+(`resgrid.nodal.refine`).
 """
 
 from __future__ import annotations
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
 
 REFINED = 1e-28
 """Componentwise backward error that is enough where no current flows: the noise of double-double arithmetic."""
+
+_EXACT_ROWS = 20_000
+"""Rows up to which it is reached everywhere: their answers are the nearest doubles, on every machine the same."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,7 +136,8 @@ class DirectFactor:
         error : float
             Its componentwise backward error.
         """
-        solution, error = refine(self.system, rhs, self._substitute, REFINED)
+        exact = self.system.size <= _EXACT_ROWS
+        solution, error = refine(self.system, rhs, self._substitute, REFINED, exact=exact)
         if watch is not None:
             watch.done(error)
         return solution, error

@@ -20,13 +20,18 @@ METHODS: dict[str, Callable[[NodalSystem], Factor]] = {"direct": factor_direct, 
 _VOLUME, _OPEN = 4.2, 3.9
 """Neighbours a node above which factors fill like a volume, or an open plane."""
 
+_ROOM = 20.0
+"""Cells across a corridor from which cycles converge as in the open."""
+
 _SMALL, _OVERHEAD = 2000, 4e-3
 """Rows up to which the direct method is always quicker, and what levels take however small they are, in seconds."""
 
 _ROUGH, _ROUGH_VOLUME = 0.25, 0.5
 """Share of weak conductances above which cycles are too many; in a volume direct factors cost so much more."""
 
-_MOST_DECADES = 250.0
+_LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
+"""By how many decades any maze's potential falls, and from how many on refinement takes too long."""
+
 _WHOLE_STEPS = 0.7
 """Potentials fall over straight distances, ways on a grid are longer."""
 
@@ -113,15 +118,23 @@ def choose_method(system: NodalSystem, accuracy: str = "direction") -> str:
     neighbours = found.entries / system.size
     if found.weak > (_ROUGH_VOLUME if neighbours > _VOLUME else _ROUGH):
         return "direct"
-    decades = 0.0
-    if accuracy == "direction" and system.rails is not None:
-        decades = _decades(system, volume=neighbours > _VOLUME)
-    if decades > _MOST_DECADES:
-        return "direct"
-    seconds = _multigrid_seconds(system, accuracy, decades, narrow=neighbours < _OPEN)
-    if accuracy == "direction" and _narrow_seconds(system.size, neighbours) < seconds and system.narrow is not None:
-        return "direct"
+    width, decades = _corridor_width(system), _LEAST_DECADES
+    seconds = _multigrid_seconds(system, accuracy, width, decades)
+    if accuracy == "direction":
+        along = _narrow_seconds(system, width)
+        if system.rails is not None and not along < seconds:
+            decades = _decades(system, volume=neighbours > _VOLUME)
+            seconds = _multigrid_seconds(system, accuracy, width, decades)
+        if decades > _MOST_DECADES or (along < seconds and system.narrow is not None):
+            return "direct"
     return "multigrid" if seconds < _direct_seconds(system.size, neighbours) else "direct"
+
+
+def _corridor_width(system: NodalSystem) -> float:
+    """Cells across the corridors of a maze whose nodes have as many neighbours on average; infinite in the open."""
+    dimensions = _dimensions(system)
+    missing = 2.0 * dimensions - system.connections.entries / system.size
+    return 2.0 * (dimensions - 1) / missing if missing > 0.0 else np.inf
 
 
 def _direct_seconds(size: int, neighbours: float) -> float:
@@ -132,22 +145,22 @@ def _direct_seconds(size: int, neighbours: float) -> float:
     return float(a_row * size * (size / 128e3) ** 0.2)
 
 
-def _narrow_seconds(size: int, neighbours: float) -> float:
-    """The same along corridors, as in mazes: of ``w`` cells across, with ``4 - 2 / w`` neighbours a node."""
-    if neighbours >= _OPEN:
-        return np.inf
-    return size * (0.63e-6 + 0.03e-6 * 2.0 / (4.0 - neighbours))
+def _narrow_seconds(system: NodalSystem, width: float) -> float:
+    """Rough time of a direct solution along corridors, measured on mazes."""
+    if _dimensions(system) <= 2:
+        return (0.63e-6 + 0.03e-6 * width) * system.size
+    return (0.3e-6 + 0.07e-6 * width**2) * system.size
 
 
-def _multigrid_seconds(system: NodalSystem, accuracy: str, decades: float, *, narrow: bool) -> float:
+def _multigrid_seconds(system: NodalSystem, accuracy: str, width: float, decades: float) -> float:
     """Rough time of a multigrid solution, measured on the same: of all iterations between two rails, by decades."""
-    on_grid = system.netlist.layout is not None
+    on_grid, mazy = system.netlist.layout is not None, width < _ROOM
     if accuracy == "normwise":
         a_row = 0.4e-6 if on_grid else 0.9e-6
     elif system.rails is None:
-        a_row = (0.9e-6 if narrow else 0.5e-6) if on_grid else 1.6e-6
+        a_row = (0.9e-6 if mazy else 0.5e-6) if on_grid else 1.6e-6
     else:
-        a_row = (0.7e-6 if narrow else 0.33e-6) + 0.012e-6 * decades if on_grid else 1.5e-6 + 0.04e-6 * decades
+        a_row = (0.7e-6 if mazy else 0.33e-6) + 0.012e-6 * decades if on_grid else 1.5e-6 + 0.04e-6 * decades
     return _OVERHEAD + a_row * system.size
 
 

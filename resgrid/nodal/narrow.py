@@ -18,7 +18,7 @@ from resgrid.errors import AccuracyError
 if TYPE_CHECKING:
     from resgrid.nodal.system import NodalSystem
 
-_MOST_FILL = 30
+_MOST_FILL = 60
 """Entries a column above which a circuit is not narrow."""
 
 

@@ -95,15 +95,18 @@ def branch_by_branch(parent: Indices, order: Indices, rank: Indices) -> None:
 @njit(cache=True, nogil=True)
 def list_rows(
     indptr: Indices, indices: Indices, order: Indices, rank: Indices, parent: Indices, end: Indices, columns: Indices
-) -> bool:  # fmt: skip
-    """Columns left of the diagonal that the rows of the factor have entries in; False where there is no room for all.
+) -> bool:
+    """Columns left of the diagonal that the rows of the factor have entries in.
 
     They are what the elimination tree leads through from a row's neighbours up to it (Liu 1990).  ``end`` says where
-    the list of every row ends.
+    the list of every row ends.  Returns False where there is no room for all, or where there will not be, to judge by
+    more than an eighth of the rows.
     """
     n, total = len(order), 0
-    seen = np.full(n, -1, np.int32)
+    seen, share = np.full(n, -1, np.int32), len(columns) / (n + n // 8)
     for k in range(n):
+        if total > share * (k + n // 8):
+            return False
         seen[k] = k
         for entry in range(indptr[order[k]], indptr[order[k] + 1]):
             j = rank[indices[entry]]

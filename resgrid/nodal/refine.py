@@ -40,6 +40,8 @@ def refine(
     rhs: NDArray[np.float64] | Scaled,
     approximate: Approximation,
     floor: float,
+    *,
+    exact: bool = False,
 ) -> tuple[Scaled, float]:
     """Solve for a right-hand side without negative entries.
 
@@ -51,7 +53,9 @@ def refine(
     approximate : callable
         Takes scaled numbers and the accuracy wanted, and returns scaled numbers.
     floor : float
-        Componentwise backward error to reach where hardly any current flows.
+        Componentwise backward error to reach where hardly any current flows; everywhere, if ``exact``.
+    exact : bool
+        Whether KCL is to hold relative to the voltages, not just to the currents at every node.
 
     Returns
     -------
@@ -60,7 +64,7 @@ def refine(
     error : float
         Its componentwise backward error.
     """
-    pair = _Answer(system, rhs, floor)
+    pair = _Answer(system, rhs, floor, exact)
     best, size, gain = np.inf, np.inf, 0.0
     while pair.steps < _MOST_STEPS:
         if pair.improve(*approximate(pair.residual, pair.exponent, gain)):
@@ -78,11 +82,11 @@ def refine(
 class _Answer:
     """Double-doubles that are corrected step by step, and their residual; with exponents only where needed."""
 
-    def __init__(self, system: NodalSystem, rhs: NDArray[np.float64] | Scaled, floor: float) -> None:
+    def __init__(self, system: NodalSystem, rhs: NDArray[np.float64] | Scaled, floor: float, exact: bool) -> None:
         n = system.size
-        self._system, self._floor, self._exact, self.steps = system, floor, False, 0
+        self._system, self._floor, self._exact, self.steps = system, floor, exact, 0
         self._current, self._scale = scaled_currents(rhs)
-        self._plain = _without_exponent(self._current, self._scale)
+        self._plain = not exact and _without_exponent(self._current, self._scale)
         if self._plain:
             self._scale = _NONE
         self._now, self._last = self._zeros(n), self._zeros(n)

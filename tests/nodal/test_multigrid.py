@@ -3,7 +3,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings, strategies as st
-from spaces import space_of, spaces
+from spaces import serpentine, space_of, spaces
 
 from resgrid.compiler import compile_space
 from resgrid.errors import AccuracyError, BudgetError, CircuitError, InputError
@@ -116,7 +116,7 @@ def test_coarse_levels_conserve_what_ties_them_to_the_rails_where_lengths_do_not
 def test_auto_takes_multigrid_unless_a_system_is_small_or_rough() -> None:
     little = assemble(compile_space(space_of(blocks((40, 40), 1))))
     assert methods.choose_method(little) == "direct"
-    plane = assemble(compile_space(space_of(blocks((80, 80), 1)), boundary="neumann"))
+    plane = assemble(compile_space(space_of(blocks((160, 160), 1)), boundary="neumann"))
     assert methods.choose_method(plane) == "multigrid"
     assert methods.choose_method(plane, "normwise") == "multigrid"
     volume = assemble(compile_space(space_of(blocks((32, 32, 32), 1))))
@@ -128,7 +128,7 @@ def test_auto_takes_multigrid_unless_a_system_is_small_or_rough() -> None:
 
 
 def test_auto_takes_direct_where_refinement_would_have_to_win_too_many_decades() -> None:
-    shaft = np.zeros((2500, 3, 3), dtype=np.uint8)
+    shaft = np.zeros((1300, 6, 6), dtype=np.uint8)
     shaft[0, 1, 1] = 2
     assert methods.choose_method(assemble(compile_space(space_of(shaft)))) == "direct"
     assert methods.choose_method(assemble(compile_space(space_of(shaft), boundary="neumann"))) == "multigrid"
@@ -147,13 +147,23 @@ def test_decades_are_foreseen_along_corridors_behind_walls_of_any_resistance(wid
 
 
 def test_potentials_that_walls_hold_up_take_multigrid() -> None:
-    corridor = np.zeros((6, 2000), dtype=np.uint8)
+    corridor = np.zeros((24, 8000), dtype=np.uint8)
     corridor[:, 0] = 2
     options = {"boundary": "wall", "resistance": 1.0}
     thin = compile_space(space_of(corridor), **options, wall_resistance=0.0)
     thick = compile_space(space_of(corridor), **options, wall_resistance=1e4)
     assert methods.choose_method(assemble(thin)) == "direct"
     assert methods.choose_method(assemble(thick)) == "multigrid"
+
+
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+def test_mazes_are_solved_directly_and_halls_by_multigrid(boundary: str) -> None:
+    narrow = assemble(compile_space(space_of(serpentine(40, 120, 4)), boundary=boundary))
+    assert methods.choose_method(narrow) == "direct"
+    assert narrow.narrow is not None
+    hall = np.zeros((40, 800), dtype=np.uint8)
+    hall[20, 20] = 2
+    assert methods.choose_method(assemble(compile_space(space_of(hall), boundary=boundary))) == "multigrid"
 
 
 def test_refinement_carries_multigrid_down_a_shaft_of_a_hundred_decades() -> None:

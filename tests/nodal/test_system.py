@@ -133,7 +133,7 @@ def test_counts_are_those_of_the_compressed_rows(
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
 def test_a_grid_is_judged_without_compressed_rows(boundary: str) -> None:
-    cell = (np.random.default_rng(3).random((60, 60)) < 0.1).astype(np.uint8)
+    cell = (np.random.default_rng(3).random((120, 120)) < 0.1).astype(np.uint8)
     cell[30, 30] = 2
     system = assemble(compile_space(space_of(cell), boundary=boundary))
     assert not may_reduce(system)
