@@ -70,7 +70,7 @@ def dense_solution(netlist: Netlist) -> OperatingPoint:
         potential=None,
         ammeters=Readings(
             resistor_current=through,
-            resistor_log_current=np.log(np.abs(through) + 1e-300),
+            log_current=np.log(np.abs(through) + 1e-300),
             resistor_direction=np.sign(through).astype(np.int8),
             source_current=current,
             power=float(np.sum(through * (first - second))),

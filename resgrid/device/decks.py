@@ -210,7 +210,6 @@ def _at_rest(netlist: Netlist) -> OperatingPoint:
         potential=None,
         ammeters=Readings(
             resistor_current=np.zeros(m),
-            resistor_log_current=np.full(m, -np.inf),
             resistor_direction=np.zeros(m, dtype=np.int8),
             source_current=np.zeros(len(netlist.source_volts)),
             power=0.0,

@@ -18,20 +18,33 @@ class Readings:
 
     Attributes
     ----------
-    resistor_current, resistor_log_current, resistor_direction, source_current, power, kcl_residual
+    resistor_current, resistor_direction, source_current, power, kcl_residual
         As the attributes of `OperatingPoint`.
+    log_current : ndarray of float64, shape (resistors,), or None
+        As `OperatingPoint.resistor_log_current`; None where it is the logarithm of a current that does not underflow,
+        to be taken when first asked for.
     """
 
     resistor_current: NDArray[np.float64]
-    resistor_log_current: NDArray[np.float64]
     resistor_direction: NDArray[np.int8]
     source_current: NDArray[np.float64]
     power: float
     kcl_residual: float
+    log_current: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
-        for array in (self.resistor_current, self.resistor_log_current, self.resistor_direction, self.source_current):
+        for array in (self.resistor_current, self.resistor_direction, self.source_current):
             array.flags.writeable = False
+
+    @cached_property
+    def resistor_log_current(self) -> NDArray[np.float64]:
+        """As the attribute of `OperatingPoint`."""
+        log = self.log_current
+        if log is None:
+            with np.errstate(divide="ignore"):
+                log = np.log(np.abs(self.resistor_current))
+        log.flags.writeable = False
+        return log
 
 
 @dataclass(frozen=True, eq=False)

@@ -99,15 +99,12 @@ def _readings(
     outflow, through = -injected, np.abs(injected)
     amps = np.empty(len(netlist.conductance))
     power = plain_currents(netlist.resistor_nodes, netlist.conductance, height, amps, outflow, through)
-    with np.errstate(divide="ignore"):
-        log_amps = np.log(np.abs(amps))
     source_current = source_currents(netlist, forest, outflow)
     through[unsolved] = 0.0
     carries = through > 0
     residual = np.abs(outflow[carries]) / (0.5 * through[carries])
     return Readings(
         resistor_current=amps,
-        resistor_log_current=log_amps,
         resistor_direction=np.sign(amps).astype(np.int8),
         source_current=source_current,
         power=power,

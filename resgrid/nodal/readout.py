@@ -89,7 +89,7 @@ def read_off(
         potential=potential,
         ammeters=Readings(
             resistor_current=amps if plain else amps * power(exponent),
-            resistor_log_current=logarithm(np.abs(amps), exponent),
+            log_current=None if plain else logarithm(np.abs(amps), exponent),
             resistor_direction=np.sign(amps).astype(np.int8),
             source_current=source_currents(netlist, system.forest, -sums.net * scale),
             power=power_sum,

@@ -118,7 +118,7 @@ def _in_place(netlist: Netlist, point: OperatingPoint, change: float, seconds: f
         ammeters=dataclasses.replace(
             point.readings,
             resistor_current=point.resistor_current[:m],
-            resistor_log_current=point.resistor_log_current[:m],
+            log_current=point.resistor_log_current[:m],
             resistor_direction=point.resistor_direction[:m],
             kcl_residual=max(point.kcl_residual, change),
         ),
