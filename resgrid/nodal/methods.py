@@ -11,6 +11,7 @@ from resgrid.errors import InputError
 from resgrid.nodal.direct import factor_direct
 from resgrid.nodal.factor import Factor
 from resgrid.nodal.multigrid.solver import factor_multigrid
+from resgrid.nodal.narrow import narrow_memory
 from resgrid.nodal.reduction.elimination import may_reduce, reduce_system
 from resgrid.nodal.reduction.reduced_factor import ReducedFactor
 from resgrid.nodal.system import NodalSystem
@@ -76,9 +77,9 @@ def factor_system(system: NodalSystem, method: str, *, reduce: bool = True, accu
         if reduction.core is None:
             return ReducedFactor(reduction, None)
         if reduction.count >= _FAIR_SHARE * system.size:
-            dimensions = _dimensions(system)
+            dimensions = system.dimensions
             return ReducedFactor(reduction, _factor_whole(reduction.core, method, accuracy, dimensions))
-    return _factor_whole(system, method, accuracy, _dimensions(system))
+    return _factor_whole(system, method, accuracy, system.dimensions)
 
 
 def _factor_whole(system: NodalSystem, method: str, accuracy: str, dimensions: int) -> Factor:
@@ -132,7 +133,7 @@ def choose_method(system: NodalSystem, accuracy: str = "direction") -> str:
 
 def _corridor_width(system: NodalSystem) -> float:
     """Cells across the corridors of a maze whose nodes have as many neighbours on average; infinite in the open."""
-    dimensions = _dimensions(system)
+    dimensions = system.dimensions
     missing = 2.0 * dimensions - system.connections.entries / system.size
     return 2.0 * (dimensions - 1) / missing if missing > 0.0 else np.inf
 
@@ -147,7 +148,7 @@ def _direct_seconds(size: int, neighbours: float) -> float:
 
 def _narrow_seconds(system: NodalSystem, width: float) -> float:
     """Rough time of a direct solution along corridors, measured on mazes."""
-    if _dimensions(system) <= 2:
+    if system.dimensions <= 2:
         return (0.63e-6 + 0.03e-6 * width) * system.size
     return (0.3e-6 + 0.07e-6 * width**2) * system.size
 
@@ -191,10 +192,11 @@ def estimate_memory(
 ) -> float:
     """Estimate the peak memory of a method above the netlist, in bytes.
 
-    Direct fill grows about as ``n log n`` on planar grids, ``n**(4/3)`` in three and ``n**(3/2)`` in four dimensions
-    (George & Liu 1981); the constants were measured under minimum degree on open grids, which fill most.  Those of
-    multigrid are a tenth above what was measured on grids, which do without compressed rows, and on other netlists;
-    directions take rows and scaled numbers besides.
+    Entries of narrow circuits' factors are counted (`resgrid.nodal.narrow`).  Those of others grow about as
+    ``n log n`` on planar grids, as ``n**(4/3)`` in three and ``n**(3/2)`` in four dimensions (George & Liu 1981); the
+    constants were measured under minimum degree on open grids, which fill most.  Those of multigrid are a tenth above
+    what was measured on grids, which do without compressed rows, and on other netlists; directions take rows and
+    scaled numbers besides.
     """
     n = system.size
     if method == "multigrid":
@@ -202,17 +204,13 @@ def estimate_memory(
         if accuracy == "direction":
             on_nodes, on_entries = on_nodes + 60.0, on_entries + 18.0
         return on_nodes * n + on_entries * system.connections.entries
+    if system.narrow is not None:
+        return narrow_memory(system, system.narrow)
     fill = {
         0: 3.0 * n,
         1: 3.0 * n,
         2: 2.6 * n * np.log2(n + 2),
         3: 10.0 * n ** (4 / 3),
         4: 4.5 * n ** (3 / 2),
-    }[_dimensions(system) if dimensions is None else dimensions]
+    }[system.dimensions if dimensions is None else dimensions]
     return float(50 * fill + 600 * n)
-
-
-def _dimensions(system: NodalSystem) -> int:
-    """Dimensions that a graph fills: those of its grid; 2 for other netlists."""
-    layout = system.netlist.layout
-    return sum(size > 2 for size in layout.space.shape) if layout is not None else 2

@@ -18,8 +18,10 @@ from resgrid.errors import AccuracyError
 if TYPE_CHECKING:
     from resgrid.nodal.system import NodalSystem
 
-_MOST_FILL = 60
-"""Entries a column above which a circuit is not narrow."""
+_MOST_FILL, _MOST_FILL_OF_VOLUMES = 60, 200
+"""Entries a column above which a circuit is not narrow: other factors are sooner made, but of volumes much later."""
+
+_MOST_ENTRIES = 2**31 - 1
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,7 +48,7 @@ def narrow_order(system: NodalSystem) -> NarrowOrder | None:
 
     graph = system.coupling.indptr, system.coupling.indices
     order, rank, parent, end = np.empty((4, system.size), dtype=np.int32)
-    columns = np.empty(_MOST_FILL * system.size, dtype=np.int32)
+    columns = np.empty(_room(system), dtype=np.int32)
     tied = system.excess if system.rails is None else system.rails.to_low
     kernels.from_far(*graph, int(np.argmax(tied)), order, rank)
     kernels.grow_tree(*graph, order, rank, parent)
@@ -54,6 +56,17 @@ def narrow_order(system: NodalSystem) -> NarrowOrder | None:
     if not kernels.list_rows(*graph, order, rank, parent, end, columns):
         return None
     return NarrowOrder(order, rank, end, columns[: end[-1]].copy())
+
+
+def _room(system: NodalSystem) -> int:
+    """Entries that the factor of a narrow circuit may have."""
+    most = _MOST_FILL_OF_VOLUMES if system.dimensions > 2 else _MOST_FILL
+    return min(most * system.size, _MOST_ENTRIES - system.size)
+
+
+def narrow_memory(system: NodalSystem, narrow: NarrowOrder) -> float:
+    """Estimate the peak memory of a solution in such an order, in bytes, the room for most entries included."""
+    return 24.0 * len(narrow.columns) + 4.0 * _room(system) + 120.0 * system.size
 
 
 def factor_narrow(system: NodalSystem, narrow: NarrowOrder) -> tuple[sparse.csc_array, NDArray[np.float64]]:

@@ -162,6 +162,12 @@ class NodalSystem:
 
         return count_connections(self)
 
+    @property
+    def dimensions(self) -> int:
+        """Dimensions that the graph fills: those of its grid; 2 for other netlists."""
+        layout = self.netlist.layout
+        return sum(size > 2 for size in layout.space.shape) if layout is not None else 2
+
     @cached_property
     def narrow(self) -> NarrowOrder | None:
         """An order of the rows in which factors fill little, if there is one."""

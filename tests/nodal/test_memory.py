@@ -28,6 +28,31 @@ def without_layout(netlist: Netlist) -> Netlist:
     return netlist.replace(layout=None)
 
 
+@pytest.mark.parametrize("shape", [(12, 3000), (1500, 5, 5)])
+def test_factors_along_a_corridor_take_what_the_estimate_says(shape: tuple[int, ...]) -> None:
+    cell = np.zeros(shape, dtype=np.uint8)
+    cell[(0,) * len(shape)] = Cell.GOAL
+    netlist = compile_space(ConfigurationSpace([Axis("xyz"[k], 0, n, n) for k, n in enumerate(shape)], cell))
+    system = assemble(netlist)
+    assert system.narrow is not None
+    estimate = estimate_memory(system, "direct")
+    solve(netlist, method="direct")
+    tracemalloc.start()
+    solve(netlist, method="direct")
+    taken = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert taken < estimate < 2.5 * taken
+
+
+def test_a_winding_volume_needs_no_more_memory_than_its_corridor() -> None:
+    """Factors of an open volume of as many cells take ten times as much."""
+    shaft = np.zeros((6000, 5, 5), dtype=np.uint8)
+    shaft[0, 2, 2] = Cell.GOAL
+    axes = [Axis("xyz"[k], 0, n, n) for k, n in enumerate(shaft.shape)]
+    system = assemble(compile_space(ConfigurationSpace(axes, shaft)))
+    assert estimate_memory(system, "direct") < 2000.0 * system.size
+
+
 @pytest.mark.parametrize("accuracy", ["normwise", "direction"])
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
 @pytest.mark.parametrize("shape", [(200, 220), (36, 34, 40)])
