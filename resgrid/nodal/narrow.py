@@ -23,6 +23,9 @@ _MOST_FILL, _MOST_FILL_OF_VOLUMES = 60, 200
 
 _MOST_ENTRIES = 2**31 - 1
 
+_STRETCH = 20_000
+"""Rows eliminated at a time."""
+
 
 @dataclass(frozen=True, eq=False)
 class NarrowOrder:
@@ -88,17 +91,21 @@ def factor_narrow(system: NodalSystem, narrow: NarrowOrder) -> tuple[sparse.csc_
     AccuracyError
         If a pivot leaves the range of doubles.
     """
-    from resgrid.nodal.narrow_kernels import eliminate
+    from resgrid.nodal.narrow_kernels import eliminate, list_columns
 
     n, coupling = system.size, system.coupling
     start = np.zeros(n + 1, dtype=np.int32)
     np.cumsum(1 + np.bincount(narrow.columns, minlength=n), out=start[1:])
-    below, lower, pivot = np.empty(start[-1], dtype=np.int32), np.empty(start[-1]), np.empty(n)
-    if not eliminate(
-        coupling.indptr, coupling.indices, coupling.data, system.excess,
-        narrow.order, narrow.rank, narrow.end, narrow.columns, start, below, lower, pivot,
-    ):  # fmt: skip
-        raise AccuracyError(
-            "a pivot left the range of doubles: the conductances span too many decades for a direct solution"
-        )
+    below, lower = np.empty(start[-1], dtype=np.int32), np.empty(start[-1])
+    list_columns(narrow.end, narrow.columns, start, below)
+    after, pivot, held, joined = start[:-1].copy(), np.empty(n), np.empty(n), np.zeros(n)
+    # In stretches, so that it can be interrupted.
+    for begin in range(0, n, _STRETCH):
+        if not eliminate(
+            coupling.indptr, coupling.indices, coupling.data, system.excess, narrow.order, narrow.rank, narrow.end,
+            narrow.columns, start, after, below, lower, pivot, held, joined, begin, min(begin + _STRETCH, n),
+        ):  # fmt: skip
+            raise AccuracyError(
+                "a pivot left the range of doubles: the conductances span too many decades for a direct solution"
+            )
     return sparse.csc_array((lower, below, start), shape=(n, n)), pivot

@@ -126,9 +126,10 @@ def list_rows(
 @njit(cache=True, nogil=True)
 def eliminate(
     indptr: Indices, indices: Indices, data: Floats, excess: Floats, order: Indices, rank: Indices, end: Indices,
-    columns: Indices, start: Indices, below: Indices, lower: Floats, pivot: Floats,
+    columns: Indices, start: Indices, after: Indices, below: Indices, lower: Floats, pivot: Floats, held: Floats,
+    joined: Floats, begin: int, behind: int,
 ) -> bool:  # fmt: skip
-    """Factors ``L D L^T`` of the rows in order, in sums, products and quotients of positive numbers alone.
+    """Factors ``L D L^T`` of some rows in order, in sums, products and quotients of positive numbers alone.
 
     A row that is eliminated joins those it was joined to, and the rails, by ``c_i c_j / d``; its pivot ``d`` is the sum
     of its conductances to later rows and to the rails, never a difference (Grassmann, Taksar & Heyman 1985).  So every
@@ -146,22 +147,26 @@ def eliminate(
         As of `list_rows`.
     start : ndarray of int32, shape (n + 1,)
         Where the columns of ``L`` begin, their diagonals included.
-    below, lower : ndarray of int32 and of float64
-        Filled with rows and values of ``L``, the diagonal first in every column.
-    pivot : ndarray of float64, shape (n,)
-        Filled with ``D``.
+    after : ndarray of int32, shape (n,)
+        Where columns have been used up to: their beginnings, before the first row.
+    below : ndarray of int32
+        The rows of ``L``, as of `list_columns`.
+    lower : ndarray of float64
+        Filled with its values, the diagonal first in every column.
+    pivot, held : ndarray of float64, shape (n,)
+        Filled with ``D``, and with the conductances to the rails of every row when its turn comes.
+    joined : ndarray of float64, shape (n,)
+        Zeros, and left so.
+    begin, behind : int
+        The rows, from ... to before ...; those before have been eliminated.
 
     Returns
     -------
     bool
         Whether all pivots are positive and finite.
     """
-    n = len(order)
-    after = start[:-1].copy()
-    _list_columns(end, columns, below, after)
-    after[:] = start[:-1]
-    joined, held, first = np.zeros(n), np.empty(n), 0
-    for k in range(n):
+    first = end[begin - 1] if begin > 0 else 0
+    for k in range(begin, behind):
         to_rails = excess[order[k]]
         for entry in range(indptr[order[k]], indptr[order[k] + 1]):
             joined[rank[indices[entry]]] = data[entry]
@@ -189,10 +194,10 @@ def eliminate(
     return True
 
 
-@inner
-def _list_columns(end: Indices, columns: Indices, below: Indices, after: Indices) -> None:
+@njit(cache=True, nogil=True)
+def list_columns(end: Indices, columns: Indices, start: Indices, below: Indices) -> None:
     """Rows of the columns, the diagonal first, from the columns of the rows."""
-    first = 0
+    first, after = 0, start.copy()
     for k in range(len(end)):
         below[after[k]] = k
         after[k] += 1

@@ -71,6 +71,17 @@ def test_factors_are_those_of_the_matrix_and_fill_where_elimination_does(size: i
     assert np.array_equal(lower.indices[lower.indptr[:-1]], np.arange(system.size))
 
 
+def test_it_makes_no_difference_where_elimination_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
+    system = wild_system(200, 7)
+    narrow = narrow_order(system)
+    assert narrow is not None
+    whole = factor_narrow(system, narrow)
+    monkeypatch.setattr("resgrid.nodal.narrow._STRETCH", 7)
+    parts = factor_narrow(system, narrow)
+    assert np.array_equal(whole[0].data, parts[0].data)
+    assert np.array_equal(whole[1], parts[1])
+
+
 def test_a_corridor_fills_as_wide_as_it_is_and_a_plane_is_not_narrow() -> None:
     corridor = assemble(compile_space(space_of(serpentine(9, 60, 3)), boundary="neumann"))
     narrow = corridor.narrow
