@@ -39,6 +39,9 @@ _WHOLE_STEPS = 0.7
 _FAIR_SHARE = 0.2
 """Share of the rows that elimination must take to be worth its way back and forth."""
 
+_LONG = 20_000
+"""Rows from which factors along corridors take half of the time of elimination."""
+
 _REDUCING = 220.0
 """Peak memory of elimination, in bytes a row."""
 
@@ -46,8 +49,9 @@ _REDUCING = 220.0
 def factor_system(system: NodalSystem, method: str, *, reduce: bool = True, accuracy: str = "direction") -> Factor:
     """Make a system ready to be solved, unless it would not fit in memory.
 
-    Nodes with at most two neighbours are eliminated first where that pays (`resgrid.nodal.reduction`); the method then
-    solves what is left.  Where nothing is left, the factor's name is ``"elimination"`` whatever was asked for.
+    Nodes with at most two neighbours are eliminated first where that pays (`resgrid.nodal.reduction`), which it does
+    not for directions along large mazes (`resgrid.nodal.narrow`); the method then solves what is left.  Where nothing
+    is left, the factor's name is ``"elimination"`` whatever was asked for.
 
     Parameters
     ----------
@@ -71,7 +75,7 @@ def factor_system(system: NodalSystem, method: str, *, reduce: bool = True, accu
     """
     if method != "auto" and method not in METHODS:
         raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
-    if reduce and may_reduce(system):
+    if reduce and may_reduce(system) and not _is_long_corridor(system, method, accuracy):
         _require(_REDUCING * system.size, system, "elimination")
         reduction = reduce_system(system)
         if reduction.core is None:
@@ -80,6 +84,13 @@ def factor_system(system: NodalSystem, method: str, *, reduce: bool = True, accu
             dimensions = system.dimensions
             return ReducedFactor(reduction, _factor_whole(reduction.core, method, accuracy, dimensions))
     return _factor_whole(system, method, accuracy, system.dimensions)
+
+
+def _is_long_corridor(system: NodalSystem, method: str, accuracy: str) -> bool:
+    """Whether a system is factored whole, along its corridors, in less time than rows are eliminated and put back."""
+    if accuracy != "direction" or method == "multigrid" or system.size < _LONG or system.narrow is None:
+        return False
+    return method == "direct" or choose_method(system, accuracy) == "direct"
 
 
 def _factor_whole(system: NodalSystem, method: str, accuracy: str, dimensions: int) -> Factor:

@@ -12,6 +12,7 @@ from resgrid.compiler import compile_space
 from resgrid.errors import AccuracyError
 from resgrid.netlist import Netlist
 from resgrid.nodal.direct import factor_direct
+from resgrid.nodal.methods import factor_system
 from resgrid.nodal.narrow import factor_narrow, narrow_order
 from resgrid.nodal.system import NodalSystem, assemble
 
@@ -111,3 +112,13 @@ def test_a_part_that_nothing_holds_is_refused() -> None:
     system.excess[:] = 0.0
     with pytest.raises(AccuracyError, match="decades"):
         factor_direct(system)
+
+
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+def test_a_large_maze_is_factored_whole_as_elimination_has_it(boundary: str) -> None:
+    system = assemble(compile_space(space_of(serpentine(61, 400, 1)), boundary=boundary))
+    whole, reduced = factor_system(system, "auto"), factor_system(system, "multigrid")
+    assert (whole.name, reduced.name) == ("direct", "elimination")
+    assert factor_system(system, "auto", accuracy="normwise").name == "elimination"
+    rhs = np.maximum(system.drive, 0.0) if system.rails is None else system.rails.to_low
+    np.testing.assert_allclose(whole.solve_nonnegative(rhs)[0].log, reduced.solve_nonnegative(rhs)[0].log, atol=1e-9)
