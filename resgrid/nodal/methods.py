@@ -75,7 +75,9 @@ def factor_system(system: NodalSystem, method: str, *, reduce: bool = True, accu
     """
     if method != "auto" and method not in METHODS:
         raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
-    if reduce and may_reduce(system) and not _is_long_corridor(system, method, accuracy):
+    if reduce and may_reduce(system):
+        if _is_long_corridor(system, method, accuracy):
+            return _factor_whole(system, "direct", accuracy, system.dimensions)
         _require(_REDUCING * system.size, system, "elimination")
         reduction = reduce_system(system)
         if reduction.core is None:

@@ -48,12 +48,15 @@ class NarrowOrder:
 def narrow_order(system: NodalSystem) -> NarrowOrder | None:
     """Order the rows of a system by their distance from a rail; None where it is not narrow."""
     from resgrid.nodal import narrow_kernels as kernels
+    from resgrid.nodal.multigrid.clusters import breadth_first
+    from resgrid.nodal.multigrid.ordering import inverse_of
 
     graph = system.coupling.indptr, system.coupling.indices
-    order, rank, parent, end = np.empty((4, system.size), dtype=np.int32)
+    parent, end = np.empty((2, system.size), dtype=np.int32)
     columns = np.empty(_room(system), dtype=np.int32)
     tied = system.excess if system.rails is None else system.rails.to_low
-    kernels.from_far(*graph, int(np.argmax(tied)), order, rank)
+    order = np.ascontiguousarray(breadth_first(*graph, int(np.argmax(tied)))[::-1])
+    rank = inverse_of(order)
     kernels.grow_tree(*graph, order, rank, parent)
     kernels.branch_by_branch(parent, order, rank)
     if not kernels.list_rows(*graph, order, rank, parent, end, columns):

@@ -20,31 +20,6 @@ _MANY = 16
 
 
 @njit(cache=True, nogil=True)
-def from_far(indptr: Indices, indices: Indices, root: int, order: Indices, rank: Indices) -> None:
-    """Number rows by their distance from a root, the farthest first; other parts of the graph come before.
-
-    ``order`` tells the row of every number, ``rank`` the number of every row.
-    """
-    n = len(order)
-    rank[:] = -1
-    head = end = n
-    for other in range(-1, n):
-        row = root if other < 0 else other
-        if rank[row] >= 0:
-            continue
-        end -= 1
-        order[end], rank[row] = row, end
-        while head > end:
-            head -= 1
-            here = order[head]
-            for k in range(indptr[here], indptr[here + 1]):
-                there = indices[k]
-                if rank[there] < 0:
-                    end -= 1
-                    order[end], rank[there] = there, end
-
-
-@njit(cache=True, nogil=True)
 def grow_tree(indptr: Indices, indices: Indices, order: Indices, rank: Indices, parent: Indices) -> None:
     """The elimination tree: the first later row that every row is joined to once it is eliminated; -1 for none."""
     n = len(order)
@@ -156,7 +131,7 @@ def eliminate(
     pivot, held : ndarray of float64, shape (n,)
         Filled with ``D``, and with the conductances to the rails of every row when its turn comes.
     joined : ndarray of float64, shape (n,)
-        Zeros, and left so.
+        Zeros before the first row; what rows behind these are joined to, afterwards.
     begin, behind : int
         The rows, from ... to before ...; those before have been eliminated.
 

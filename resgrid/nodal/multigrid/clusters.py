@@ -37,13 +37,14 @@ def far_share(indptr: Indices, indices: Indices) -> float:
 
 
 @njit(cache=True)
-def breadth_first(indptr: Indices, indices: Indices) -> Indices:
-    """The nodes in an order that keeps neighbours together (after Cuthill & McKee 1969)."""
+def breadth_first(indptr: Indices, indices: Indices, root: int = 0) -> Indices:
+    """The nodes by their distance from a root, other parts behind: neighbours together (Cuthill & McKee 1969)."""
     n = len(indptr) - 1
     order = np.empty(n + 1, np.int32)
     seen = np.zeros(n, np.uint8)
     size = 0
-    for first in range(n):
+    for other in range(-1, n):
+        first = root if other < 0 else other
         if seen[first]:
             continue
         seen[first] = 1

@@ -35,7 +35,7 @@ def stack_graph(graph: Graph) -> Stack:
     rows = (graph.indptr, graph.indices, graph.conductance, graph.leak)
     if graph.size < _LARGE or not clusters.far_share(*rows[:2]) > _FAR:
         return stack_levels(*coarsen_down(graph), free=True)
-    order = clusters.breadth_first(*rows[:2])
+    order = clusters.breadth_first(*rows[:2], 0)
     stack = stack_levels(*coarsen_down(Graph(*clusters.renumber(*rows, order), None)), free=True)
     return stack._replace(order=order[stack.order])
 
