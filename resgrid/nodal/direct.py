@@ -10,7 +10,6 @@ first, until KCL holds to the rounding of the currents at every node, or in smal
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -19,16 +18,16 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from resgrid.errors import AccuracyError
+from resgrid.nodal.narrow import NarrowFactors, factor_narrow
 from resgrid.nodal.refine import Numbers, refine
 from resgrid.nodal.scaled import Scaled, power
-from resgrid.nodal.superlu import symmetric_factors
+from resgrid.nodal.superlu import SparseFactors
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.watch import Watch
 from resgrid.space import Cell
 
 if TYPE_CHECKING:
     from resgrid.nodal.factor import Factor
-    from resgrid.nodal.narrow import NarrowOrder
     from resgrid.nodal.update.change import Change
 
 REFINED = 1e-28
@@ -40,27 +39,18 @@ _EXACT_ROWS = 20_000
 
 @dataclass(frozen=True, eq=False)
 class DirectFactor:
-    """The factors ``P A P^T = L D L^T`` of a nodal system.
+    """A nodal system and its factors ``L D L^T``.
 
     Attributes
     ----------
     system : NodalSystem
-    lower : scipy.sparse.csc_array
-        Unit lower triangular, the diagonal entry first in every column.
-    pivot : ndarray of float64, shape (n,)
-    order : ndarray of int64, shape (n,)
-        Row ``order[k]`` of the system is row ``k`` of the factors.
-    doubles : callable or None
-        SuperLU's own substitution, in doubles.
+    factors : NarrowFactors or SparseFactors
     change : Change or None
         What updates have changed since the netlist was compiled.
     """
 
     system: NodalSystem
-    lower: sparse.csc_array
-    pivot: NDArray[np.float64]
-    order: NDArray[np.int64]
-    doubles: Callable[[NDArray[np.float64]], NDArray[np.float64]] | None = None
+    factors: NarrowFactors | SparseFactors
     change: Change | None = None
     name = "direct"
 
@@ -144,21 +134,15 @@ class DirectFactor:
 
     def _plain(self, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Both substitutions, from doubles to doubles."""
-        if self.doubles is not None:
-            return self.doubles(rhs)
-        m, e = self._substitute(rhs, np.zeros(len(rhs), dtype=np.int64), 0.0)
+        if isinstance(self.factors, SparseFactors):
+            return self.factors.doubles(rhs)
+        m, e = self.factors.substitute(rhs, np.zeros(len(rhs), dtype=np.int64))
         return m * power(e)
 
     def _substitute(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
         """Both substitutions, in scaled numbers, as accurate as the factors are."""
         del accuracy
-        from resgrid.nodal.kernels import substitute
-
-        permuted, exponent = m[self.order], e[self.order] if e.size else np.zeros(len(m), dtype=np.int64)
-        substitute(self.lower.indptr, self.lower.indices, self.lower.data, self.pivot, permuted, exponent)
-        solution, scale = np.empty_like(permuted), np.empty_like(exponent)
-        solution[self.order], scale[self.order] = permuted, exponent
-        return solution, scale
+        return self.factors.substitute(m, e if e.size else np.zeros(len(m), dtype=np.int64))
 
 
 def factor_direct(system: NodalSystem) -> DirectFactor:
@@ -169,18 +153,6 @@ def factor_direct(system: NodalSystem) -> DirectFactor:
     AccuracyError
         If a pivot vanishes in double precision.
     """
-    narrow = system.narrow
-    if narrow is not None:
-        return _factor_narrow(system, narrow)
-    factors = symmetric_factors(sparse.diags_array(system.degree) - system.coupling)
-    lower = factors.L
-    lower.sort_indices()
-    # perm_c sends a column to its place; its inverse says which column stands there.
-    order = np.argsort(factors.perm_c).astype(np.int64)
-    return DirectFactor(system, lower, np.asarray(factors.U.diagonal()), order, factors.solve)
-
-
-def _factor_narrow(system: NodalSystem, narrow: NarrowOrder) -> DirectFactor:
-    from resgrid.nodal.narrow import factor_narrow
-
-    return DirectFactor(system, *factor_narrow(system, narrow), narrow.order.astype(np.int64))
+    if system.narrow is not None:
+        return DirectFactor(system, factor_narrow(system, system.narrow))
+    return DirectFactor(system, SparseFactors.of(sparse.diags_array(system.degree) - system.coupling))

@@ -7,15 +7,16 @@ joined to those across the corridor alone.  Fewer operations come of it than a g
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from resgrid.errors import AccuracyError
 
 if TYPE_CHECKING:
+    from resgrid.nodal.panel_kernels import Panels
     from resgrid.nodal.system import NodalSystem
 
 _MOST_FILL, _MOST_FILL_OF_VOLUMES = 60, 200
@@ -23,8 +24,8 @@ _MOST_FILL, _MOST_FILL_OF_VOLUMES = 60, 200
 
 _MOST_ENTRIES = 2**31 - 1
 
-_STRETCH = 20_000
-"""Rows eliminated at a time."""
+_STRETCH = 2_000
+"""Panels eliminated at a time."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,14 +36,55 @@ class NarrowOrder:
     ----------
     order, rank : ndarray of int32, shape (n,)
         Row of every number, and number of every row.
-    end, columns : ndarray of int32, shapes (n,) and (entries,)
-        Columns left of the diagonal that the rows of the factor have entries in, and where the list of every row ends.
+    panels : Panels
+        Columns of the factor that are kept together, and their rows.
     """
 
     order: NDArray[np.int32]
     rank: NDArray[np.int32]
-    end: NDArray[np.int32]
-    columns: NDArray[np.int32]
+    panels: Panels
+
+    @property
+    def entries(self) -> int:
+        """Entries of all panels."""
+        return int(self.panels.offset[-1])
+
+    @cached_property
+    def widths(self) -> NDArray[np.int32]:
+        """Columns of every panel."""
+        return np.diff(self.panels.first)
+
+    @cached_property
+    def longest(self) -> int:
+        """Most rows of a panel."""
+        return int(np.diff(self.panels.start).max())
+
+
+@dataclass(frozen=True, eq=False)
+class NarrowFactors:
+    """Factors ``L D L^T`` in such an order.
+
+    Attributes
+    ----------
+    narrow : NarrowOrder
+    values : ndarray of float64
+        The entries of ``-L`` below the diagonal, panel by panel.
+    pivot : ndarray of float64, shape (n,)
+        ``D``, in siemens.
+    """
+
+    narrow: NarrowOrder
+    values: NDArray[np.float64]
+    pivot: NDArray[np.float64]
+
+    def substitute(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Both substitutions, in scaled numbers; ``m`` and ``e``, shape (n,), stay as they are."""
+        from resgrid.nodal.panel_substitution import substitute_panels
+
+        order, rank = self.narrow.order, self.narrow.rank
+        m, e = m[order], e[order]
+        substitute_panels(self.narrow.panels, self.values, self.pivot, m, e, np.empty(self.narrow.longest))
+        return m[rank], e[rank]
 
 
 def narrow_order(system: NodalSystem) -> NarrowOrder | None:
@@ -50,18 +92,22 @@ def narrow_order(system: NodalSystem) -> NarrowOrder | None:
     from resgrid.nodal import narrow_kernels as kernels
     from resgrid.nodal.multigrid.clusters import breadth_first
     from resgrid.nodal.multigrid.ordering import inverse_of
+    from resgrid.nodal.panel_kernels import Panels
 
-    graph = system.coupling.indptr, system.coupling.indices
-    parent, end = np.empty((2, system.size), dtype=np.int32)
-    columns = np.empty(_room(system), dtype=np.int32)
+    graph, room = (system.coupling.indptr, system.coupling.indices), _room(system)
     tied = system.excess if system.rails is None else system.rails.to_low
     order = np.ascontiguousarray(breadth_first(*graph, int(np.argmax(tied)))[::-1])
-    rank = inverse_of(order)
+    rank, parent = inverse_of(order), np.empty(system.size, dtype=np.int32)
     kernels.grow_tree(*graph, order, rank, parent)
     kernels.branch_by_branch(parent, order, rank)
-    if not kernels.list_rows(*graph, order, rank, parent, end, columns):
+    (first, start), rows = np.empty((2, system.size + 1), dtype=np.int32), np.empty(room, dtype=np.int32)
+    count = kernels.list_panels(*graph, order, rank, room, first, start, rows)
+    if count < 0:
         return None
-    return NarrowOrder(order, rank, end, columns[: end[-1]].copy())
+    first, start = first[: count + 1].copy(), start[: count + 1].copy()
+    offset = np.zeros(count + 1, dtype=np.int64)
+    np.cumsum(np.diff(first).astype(np.int64) * np.diff(start), out=offset[1:])
+    return NarrowOrder(order, rank, Panels(first, start, rows[: start[-1]].copy(), offset))
 
 
 def _room(system: NodalSystem) -> int:
@@ -72,10 +118,10 @@ def _room(system: NodalSystem) -> int:
 
 def narrow_memory(system: NodalSystem, narrow: NarrowOrder) -> float:
     """Estimate the peak memory of a solution in such an order, in bytes, the room for most entries included."""
-    return 24.0 * len(narrow.columns) + 4.0 * _room(system) + 120.0 * system.size
+    return 8.0 * narrow.entries + 8.0 * len(narrow.panels.rows) + 4.0 * _room(system) + 180.0 * system.size
 
 
-def factor_narrow(system: NodalSystem, narrow: NarrowOrder) -> tuple[sparse.csc_array, NDArray[np.float64]]:
+def factor_narrow(system: NodalSystem, narrow: NarrowOrder) -> NarrowFactors:
     """Factor a system in such an order.
 
     Parameters
@@ -85,30 +131,32 @@ def factor_narrow(system: NodalSystem, narrow: NarrowOrder) -> tuple[sparse.csc_
 
     Returns
     -------
-    lower : scipy.sparse.csc_array, shape (n, n)
-        Unit lower triangular, the diagonal entry first in every column.
-    pivot : ndarray of float64, shape (n,)
+    NarrowFactors
 
     Raises
     ------
     AccuracyError
         If a pivot leaves the range of doubles.
     """
-    from resgrid.nodal.narrow_kernels import eliminate, list_columns
+    from resgrid.nodal.panel_kernels import Bench, Matrix, Numbers, eliminate
 
-    n, coupling = system.size, system.coupling
-    start = np.zeros(n + 1, dtype=np.int32)
-    np.cumsum(1 + np.bincount(narrow.columns, minlength=n), out=start[1:])
-    below, lower = np.empty(start[-1], dtype=np.int32), np.empty(start[-1])
-    list_columns(narrow.end, narrow.columns, start, below)
-    after, pivot, held, joined = start[:-1].copy(), np.empty(n), np.empty(n), np.zeros(n)
+    n, count, coupling = system.size, len(narrow.widths), system.coupling
+    matrix = Matrix(coupling.indptr, coupling.indices, coupling.data, system.excess, narrow.order, narrow.rank)
+    numbers = Numbers(np.empty(narrow.entries), np.empty(n), np.empty(n))
+    bench = Bench(
+        panel_of=np.repeat(np.arange(count, dtype=np.int32), narrow.widths),
+        waiting=np.full(count, -1, dtype=np.int32),
+        following=np.empty(count, dtype=np.int32),
+        after=np.empty(count, dtype=np.int32),
+        place=np.empty(n, dtype=np.int32),
+        column=np.empty(narrow.longest),
+        weight=np.empty(int(narrow.widths.max())),
+        second=np.empty(int(narrow.widths.max())),
+    )
     # In stretches, so that it can be interrupted.
-    for begin in range(0, n, _STRETCH):
-        if not eliminate(
-            coupling.indptr, coupling.indices, coupling.data, system.excess, narrow.order, narrow.rank, narrow.end,
-            narrow.columns, start, after, below, lower, pivot, held, joined, begin, min(begin + _STRETCH, n),
-        ):  # fmt: skip
+    for begin in range(0, count, _STRETCH):
+        if not eliminate(matrix, narrow.panels, numbers, bench, begin, min(begin + _STRETCH, count)):
             raise AccuracyError(
                 "a pivot left the range of doubles: the conductances span too many decades for a direct solution"
             )
-    return sparse.csc_array((lower, below, start), shape=(n, n)), pivot
+    return NarrowFactors(narrow, numbers.values, numbers.pivot)

@@ -1,11 +1,9 @@
-"""Compiled loops over factors of narrow circuits: their order, their pattern and their numbers.
+"""Compiled loops over narrow circuits: the order of their elimination, and the pattern of its factors.
 
 Numba takes seconds to import: only functions that are about to solve import this module.
 """
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 from numba import njit
@@ -13,10 +11,10 @@ from numpy.typing import NDArray
 
 from resgrid.jit import inner
 
-Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
 
-_MANY = 16
+_WIDEST, _FEW, _SHARE = 16, 20.0, 0.2
+"""Most columns of a panel, and how many of its entries may be zeros: so many, and such a share of all."""
 
 
 @njit(cache=True, nogil=True)
@@ -70,126 +68,91 @@ def branch_by_branch(parent: Indices, order: Indices, rank: Indices) -> None:
 
 
 @njit(cache=True, nogil=True)
-def list_rows(
-    indptr: Indices, indices: Indices, order: Indices, rank: Indices, parent: Indices, end: Indices, columns: Indices
-) -> bool:
-    """Columns left of the diagonal that the rows of the factor have entries in.
+def list_panels(
+    indptr: Indices, indices: Indices, order: Indices, rank: Indices, most: int, first: Indices, start: Indices,
+    rows: Indices,
+) -> int:  # fmt: skip
+    """Gather columns of the factor into panels, and list their rows (`resgrid.nodal.panel_kernels.Panels`).
 
-    They are what the elimination tree leads through from a row's neighbours up to it (Liu 1990).  ``end`` says where
-    the list of every row ends.  Returns False where there is no room for all, or where there will not be, to judge by
-    more than an eighth of the rows.
-    """
-    n, total = len(order), 0
-    seen, share = np.full(n, -1, np.int32), len(columns) / (n + n // 8)
-    for k in range(n):
-        if total > share * (k + n // 8):
-            return False
-        seen[k] = k
-        for entry in range(indptr[order[k]], indptr[order[k] + 1]):
-            j = rank[indices[entry]]
-            while j < k and seen[j] != k:
-                if total == len(columns):
-                    return False
-                seen[j] = k
-                columns[total] = j
-                total += 1
-                j = parent[j]
-        end[k] = total
-    return True
-
-
-@njit(cache=True, nogil=True)
-def eliminate(
-    indptr: Indices, indices: Indices, data: Floats, excess: Floats, order: Indices, rank: Indices, end: Indices,
-    columns: Indices, start: Indices, after: Indices, below: Indices, lower: Floats, pivot: Floats, held: Floats,
-    joined: Floats, begin: int, behind: int,
-) -> bool:  # fmt: skip
-    """Factors ``L D L^T`` of some rows in order, in sums, products and quotients of positive numbers alone.
-
-    A row that is eliminated joins those it was joined to, and the rails, by ``c_i c_j / d``; its pivot ``d`` is the sum
-    of its conductances to later rows and to the rails, never a difference (Grassmann, Taksar & Heyman 1985).  So every
-    entry is right to some roundings, whatever the conductances.  Across a corridor rows mostly follow one upon another,
-    which fills the vector registers where they are many; as a function of its own, that loop takes three times as long.
+    A column has entries in the rows that it is joined to, and in those of the panels whose first row behind their own
+    it is (Liu 1990).  It goes with the panel before where that fills few rows of the others with zeros.
 
     Parameters
     ----------
-    indptr, indices, data : ndarray
-        Conductances between rows by rows, in siemens.
-    excess : ndarray of float64, shape (n,)
-        Conductances to the rails, in siemens.
+    indptr, indices : ndarray of int32
+        Neighbours of the rows.
     order, rank : ndarray of int32, shape (n,)
-    end, columns : ndarray of int32
-        As of `list_rows`.
-    start : ndarray of int32, shape (n + 1,)
-        Where the columns of ``L`` begin, their diagonals included.
-    after : ndarray of int32, shape (n,)
-        Where columns have been used up to: their beginnings, before the first row.
-    below : ndarray of int32
-        The rows of ``L``, as of `list_columns`.
-    lower : ndarray of float64
-        Filled with its values, the diagonal first in every column.
-    pivot, held : ndarray of float64, shape (n,)
-        Filled with ``D``, and with the conductances to the rails of every row when its turn comes.
-    joined : ndarray of float64, shape (n,)
-        Zeros before the first row; what rows behind these are joined to, afterwards.
-    begin, behind : int
-        The rows, from ... to before ...; those before have been eliminated.
+    most : int
+        Entries that all panels may have.
+    first, start : ndarray of int32, shape (n + 1,)
+    rows : ndarray of int32
+        Filled as far as there are panels, columns or rows.
 
     Returns
     -------
-    bool
-        Whether all pivots are positive and finite.
+    int
+        Number of panels; -1 where there is no room for all, or where there will not be, to judge by more than an eighth
+        of the rows.
     """
-    first = end[begin - 1] if begin > 0 else 0
-    for k in range(begin, behind):
-        to_rails = excess[order[k]]
-        for entry in range(indptr[order[k]], indptr[order[k] + 1]):
-            joined[rank[indices[entry]]] = data[entry]
-        for m in range(first, end[k]):
-            j = columns[m]
-            after[j] += 1
-            share = -lower[after[j]]
-            to_rails += share * held[j]
-            conductance, here, count = share * pivot[j], np.uint64(after[j] + 1), start[j + 1] - after[j] - 1
-            if count >= _MANY and below[start[j + 1] - 1] - below[after[j] + 1] == count - 1:
-                there = np.uint64(below[after[j] + 1])
-                for i in range(count):
-                    joined[there + np.uint64(i)] -= conductance * lower[here + np.uint64(i)]
-            else:
-                for i in range(count):
-                    joined[np.uint32(below[here + np.uint64(i)])] -= conductance * lower[here + np.uint64(i)]
-        first = end[k]
-        total = to_rails + _take(below, lower, start[k] + 1, start[k + 1], joined)
-        if not (total > 0.0 and math.isfinite(total)):
-            return False
-        pivot[k], held[k] = total, to_rails
-        lower[start[k]] = 1.0
-        for entry in range(start[k] + 1, start[k + 1]):
-            lower[entry] /= -total
-    return True
-
-
-@njit(cache=True, nogil=True)
-def list_columns(end: Indices, columns: Indices, start: Indices, below: Indices) -> None:
-    """Rows of the columns, the diagonal first, from the columns of the rows."""
-    first, after = 0, start.copy()
-    for k in range(len(end)):
-        below[after[k]] = k
-        after[k] += 1
-        for m in range(first, end[k]):
-            j = columns[m]
-            below[after[j]] = k
-            after[j] += 1
-        first = end[k]
+    n = len(order)
+    seen, branch, sibling = np.full(n, -1, np.int32), np.full(n, -1, np.int32), np.empty(n, np.int32)
+    panel, area, end, columns, zeros = -1, 0, 0, 0, 0
+    share = most / (n + n // 8)
+    for k in range(n):
+        if panel >= 0:
+            if columns < _WIDEST and seen[k] == panel:
+                longer = _add_rows(indptr, indices, order, rank, k, panel, seen, branch, sibling, start, rows, end)
+                filled = zeros + columns * (longer - end)
+                entries = (columns + 1) * (longer - start[panel]) - columns * (columns + 1) // 2
+                if filled <= _FEW + _SHARE * entries:
+                    zeros, columns, end = filled, columns + 1, longer
+                    continue
+                for r in range(end, longer):
+                    seen[rows[r]] = -1
+            area += columns * (end - start[panel])
+            if area > share * (k + n // 8) or end + n > len(rows):
+                return -1
+            _sort(rows, start[panel], end)
+            if end > start[panel] + columns:
+                up = rows[start[panel] + columns]
+                sibling[panel], branch[up] = branch[up], panel
+        panel += 1
+        first[panel], start[panel], columns, zeros = k, end, 1, 0
+        rows[end], seen[k] = k, panel
+        end = _add_rows(indptr, indices, order, rank, k, panel, seen, branch, sibling, start, rows, end + 1)
+    _sort(rows, start[panel], end)
+    first[panel + 1], start[panel + 1] = n, end
+    return panel + 1
 
 
 @inner
-def _take(below: Indices, lower: Floats, begin: int, end: int, joined: Floats) -> float:
-    """Take what a row is joined to over into its column; returns the sum."""
-    total = 0.0
-    for entry in range(begin, end):
-        conductance = joined[np.uint32(below[entry])]
-        joined[np.uint32(below[entry])] = 0.0
-        lower[entry] = conductance
-        total += conductance
-    return total
+def _add_rows(
+    indptr: Indices, indices: Indices, order: Indices, rank: Indices, k: int, panel: int, seen: Indices,
+    branch: Indices, sibling: Indices, start: Indices, rows: Indices, end: int,
+) -> int:  # fmt: skip
+    """Add the rows that a column has entries in to those of its panel; returns where they end."""
+    child = branch[k]
+    while child >= 0:
+        for r in range(start[child], start[child + 1]):
+            row = rows[r]
+            if row > k and seen[row] != panel:
+                seen[row], rows[end] = panel, row
+                end += 1
+        child = sibling[child]
+    for entry in range(indptr[order[k]], indptr[order[k] + 1]):
+        row = rank[indices[entry]]
+        if row > k and seen[row] != panel:
+            seen[row], rows[end] = panel, row
+            end += 1
+    return end
+
+
+@inner
+def _sort(rows: Indices, begin: int, end: int) -> None:
+    """Sort rows by insertion: most stand in order, and elimination takes longer than the worst case."""
+    for r in range(begin + 1, end):
+        row, k = rows[r], r
+        while k > begin and rows[k - 1] > row:
+            rows[k] = rows[k - 1]
+            k -= 1
+        rows[k] = row

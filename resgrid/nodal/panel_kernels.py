@@ -1,0 +1,301 @@
+"""Compiled loops over panels: the elimination of narrow circuits.
+
+A *panel* is a run of columns of ``L`` that are kept as one dense block over the rows that any of them has entries in,
+its own first (supernodes; Ashcraft & Grimes 1989).  Elimination then adds up dense columns, for the most part.
+
+Numba takes seconds to import: only functions that are about to solve import this module.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from resgrid.jit import inlined, inner_fast
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Indices = NDArray[np.int32]
+
+
+class Panels(NamedTuple):
+    """Panels of a unit lower triangular matrix.
+
+    Attributes
+    ----------
+    first : ndarray of int32, shape (panels + 1,)
+        Their first columns, and ``n``.
+    start : ndarray of int32, shape (panels + 1,)
+        Where their rows begin in ``rows``.
+    rows : ndarray of int32
+        Their rows, ascending: first those of their own columns.
+    offset : ndarray of int64, shape (panels + 1,)
+        Where their entries begin among the values: column by column, all as long as there are rows.
+    """
+
+    first: Indices
+    start: Indices
+    rows: Indices
+    offset: Integers
+
+
+class Matrix(NamedTuple):
+    """A nodal system in the order of its elimination.
+
+    Attributes
+    ----------
+    indptr, indices, data : ndarray
+        Conductances between rows by rows, in siemens.
+    excess : ndarray of float64, shape (n,)
+        Conductances to the rails, in siemens.
+    order, rank : ndarray of int32, shape (n,)
+        Row of every number, and number of every row.
+    """
+
+    indptr: Indices
+    indices: Indices
+    data: Floats
+    excess: Floats
+    order: Indices
+    rank: Indices
+
+
+class Numbers(NamedTuple):
+    """The numbers of the factors; a share is that of a conductance in its pivot.
+
+    Attributes
+    ----------
+    values : ndarray of float64
+        The entries of ``-L`` below the diagonal, panel by panel: shares that go to later rows.  What stands above the
+        diagonal is 0.
+    pivot, to_rails : ndarray of float64, shape (n,)
+        ``D`` in siemens, and the shares that go to the rails.
+    """
+
+    values: Floats
+    pivot: Floats
+    to_rails: Floats
+
+
+class Bench(NamedTuple):
+    """Where elimination keeps what it is at.
+
+    Attributes
+    ----------
+    panel_of : ndarray of int32, shape (n,)
+    waiting, following : ndarray of int32, shape (panels,)
+        Lists of the panels that are next to be added to a panel: the first, and the one after each; -1 at the end.
+    after : ndarray of int32, shape (panels,)
+        Which of their rows that panel begins at.
+    place : ndarray of int32, shape (n,)
+        Places of the rows of the panel that is being eliminated.
+    column : ndarray of float64
+        As long as the longest panel.
+    weight, second : ndarray of float64
+        As long as the widest panel.
+    """
+
+    panel_of: Indices
+    waiting: Indices
+    following: Indices
+    after: Indices
+    place: Indices
+    column: Floats
+    weight: Floats
+    second: Floats
+
+
+@njit(cache=True, nogil=True)
+def eliminate(matrix: Matrix, panels: Panels, numbers: Numbers, bench: Bench, begin: int, end: int) -> bool:
+    """Factor some panels in order, in sums, products and quotients of positive numbers alone.
+
+    A row that is eliminated joins those it was joined to, and the rails, by ``c_i c_j / d``; its pivot ``d`` is the sum
+    of its conductances to later rows and to the rails, never a difference (Grassmann, Taksar & Heyman 1985).  So every
+    entry is right to some roundings, whatever the conductances.
+
+    Parameters
+    ----------
+    matrix : Matrix
+    panels : Panels
+    numbers : Numbers
+        Filled.
+    bench : Bench
+        ``waiting`` filled with -1 before the first panel.
+    begin, end : int
+        The panels, from ... to before ...; those before have been eliminated.
+
+    Returns
+    -------
+    bool
+        Whether all pivots are positive and finite.
+    """
+    for panel in range(begin, end):
+        _lay_out(matrix, panels, numbers, bench, panel)
+        other = bench.waiting[panel]
+        while other >= 0:
+            following = bench.following[other]
+            _join(panels, numbers, bench, other, panel)
+            _queue(panels, bench, other)
+            other = following
+        if not _eliminate_within(panels, numbers, bench, panel):
+            return False
+        bench.after[panel] = panels.start[panel] + panels.first[panel + 1] - panels.first[panel]
+        _queue(panels, bench, panel)
+    return True
+
+
+@inlined
+def _queue(panels: Panels, bench: Bench, panel: int) -> None:
+    """Have a panel wait for the one that its next row belongs to."""
+    after = bench.after[panel]
+    if after < panels.start[panel + 1]:
+        target = bench.panel_of[panels.rows[after]]
+        bench.following[panel] = bench.waiting[target]
+        bench.waiting[target] = panel
+
+
+@inlined
+def _lay_out(matrix: Matrix, panels: Panels, numbers: Numbers, bench: Bench, panel: int) -> None:
+    """Fill a panel with the conductances of the circuit."""
+    indptr, indices, data, excess, order, rank = matrix
+    values, place = numbers.values, bench.place
+    first, base = panels.first[panel], panels.offset[panel]
+    length = panels.start[panel + 1] - panels.start[panel]
+    for i in range(base, panels.offset[panel + 1]):
+        values[np.uint64(i)] = 0.0
+    for r in range(length):
+        place[panels.rows[panels.start[panel] + r]] = r
+    for k in range(first, panels.first[panel + 1]):
+        numbers.to_rails[k] = excess[order[k]]
+        for entry in range(indptr[order[k]], indptr[order[k] + 1]):
+            row = rank[indices[entry]]
+            if row > k:
+                values[base + (k - first) * length + place[row]] = data[entry]
+
+
+@inlined
+def _join(panels: Panels, numbers: Numbers, bench: Bench, other: int, panel: int) -> None:
+    """Add what an eliminated panel joins the columns of a later one to; moves on to its first row behind them."""
+    rows, place, weight, second = panels.rows, bench.place, bench.weight, bench.second
+    values, pivot, to_rails = numbers
+    begin, end = bench.after[other], panels.start[other + 1]
+    columns, apart = panels.first[other + 1] - panels.first[other], end - panels.start[other]
+    source = panels.offset[other] + begin - panels.start[other]
+    length = panels.start[panel + 1] - panels.start[panel]
+    follow_on = place[rows[end - 1]] - place[rows[begin]] == end - 1 - begin
+    at = begin
+    while at < end and rows[at] < panels.first[panel + 1]:
+        here, left = source + at - begin, end - at - 1
+        there = panels.offset[panel] + place[rows[at]] * (length + 1)
+        _weigh(values, pivot, to_rails, panels.first[other], columns, here, apart, rows[at], weight)
+        if not follow_on:
+            for i in range(left):
+                bench.column[i] = 0.0
+            _add_columns(bench.column, 0, values, here + 1, apart, weight, columns, left)
+            there -= place[rows[at]]
+            for i in range(left):
+                values[there + place[rows[at + 1 + i]]] += bench.column[i]
+            at += 1
+        elif left > 0 and rows[at + 1] < panels.first[panel + 1]:
+            _weigh(values, pivot, to_rails, panels.first[other], columns, here + 1, apart, rows[at + 1], second)
+            _add_columns(values, there + 1, values, here + 1, apart, weight, columns, 1)
+            _add_to_both(values, there + 2, length, here + 2, apart, weight, second, columns, left - 1)
+            at += 2
+        else:
+            _add_columns(values, there + 1, values, here + 1, apart, weight, columns, left)
+            at += 1
+    bench.after[other] = at
+
+
+@inlined
+def _weigh(
+    values: Floats, pivot: Floats, to_rails: Floats, first: int, columns: int, here: int, apart: int, row: int,
+    weight: Floats,
+) -> None:  # fmt: skip
+    """Conductances from eliminated columns to a row, which their shares count by; adds what goes to the rails."""
+    total = 0.0
+    for k in range(columns):
+        weight[k] = pivot[first + k] * values[here + k * apart]
+        total += weight[k] * to_rails[first + k]
+    to_rails[row] += total
+
+
+@inlined
+def _eliminate_within(panels: Panels, numbers: Numbers, bench: Bench, panel: int) -> bool:
+    """Eliminate the columns of a panel that everything before has been added to."""
+    values, pivot, to_rails = numbers
+    first, base = panels.first[panel], panels.offset[panel]
+    length, weight = panels.start[panel + 1] - panels.start[panel], bench.weight
+    for c in range(panels.first[panel + 1] - first):
+        k, below, end = first + c, base + c * length + c + 1, base + (c + 1) * length
+        _weigh(values, pivot, to_rails, first, c, base + c, length, k, weight)
+        _add_columns(values, below, values, base + c + 1, length, weight, c, end - below)
+        total = to_rails[k] + _sum(values, below, end)
+        if not (total > 0.0 and math.isfinite(total)):
+            return False
+        pivot[k] = total
+        to_rails[k] /= total
+        for i in range(below, end):
+            values[np.uint64(i)] /= total
+    return True
+
+
+@inner_fast
+def _sum(values: Floats, begin: int, end: int) -> float:
+    total = 0.0
+    for i in range(begin, end):
+        total += values[np.uint64(i)]
+    return total
+
+
+@inner_fast
+def _add_columns(
+    target: Floats, there: int, values: Floats, here: int, apart: int, weight: Floats, columns: int, count: int
+) -> None:
+    """Add columns of values that begin ``apart``, by their weights, four at a time."""
+    t, k = np.uint64(there), 0
+    while k + 4 <= columns:
+        w0, w1, w2, w3 = weight[k], weight[k + 1], weight[k + 2], weight[k + 3]
+        s0, s1 = np.uint64(here + k * apart), np.uint64(here + (k + 1) * apart)
+        s2, s3 = np.uint64(here + (k + 2) * apart), np.uint64(here + (k + 3) * apart)
+        for each in range(count):
+            i = np.uint64(each)
+            target[t + i] += (w0 * values[s0 + i] + w1 * values[s1 + i]) + (w2 * values[s2 + i] + w3 * values[s3 + i])
+        k += 4
+    while k < columns:
+        w, s = weight[k], np.uint64(here + k * apart)
+        for each in range(count):
+            target[t + np.uint64(each)] += w * values[s + np.uint64(each)]
+        k += 1
+
+
+@inner_fast
+def _add_to_both(
+    values: Floats, there: int, beside: int, here: int, apart: int, weight: Floats, second: Floats, columns: int,
+    count: int,
+) -> None:  # fmt: skip
+    """Add columns by their weights to one, and by others to the next, which begins ``beside`` it."""
+    t, u, k = np.uint64(there), np.uint64(there + beside), 0
+    while k + 4 <= columns:
+        w0, w1, w2, w3 = weight[k], weight[k + 1], weight[k + 2], weight[k + 3]
+        v0, v1, v2, v3 = second[k], second[k + 1], second[k + 2], second[k + 3]
+        s0, s1 = np.uint64(here + k * apart), np.uint64(here + (k + 1) * apart)
+        s2, s3 = np.uint64(here + (k + 2) * apart), np.uint64(here + (k + 3) * apart)
+        for each in range(count):
+            i = np.uint64(each)
+            a, b, c, d = values[s0 + i], values[s1 + i], values[s2 + i], values[s3 + i]
+            values[t + i] += (w0 * a + w1 * b) + (w2 * c + w3 * d)
+            values[u + i] += (v0 * a + v1 * b) + (v2 * c + v3 * d)
+        k += 4
+    while k < columns:
+        w, v, s = weight[k], second[k], np.uint64(here + k * apart)
+        for each in range(count):
+            i = np.uint64(each)
+            a = values[s + i]
+            values[t + i] += w * a
+            values[u + i] += v * a
+        k += 1
