@@ -2,7 +2,7 @@ from collections.abc import Iterator
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings, strategies as st
+from hypothesis import assume, example, given, settings, strategies as st
 from spaces import serpentine, space_of, spaces
 
 from resgrid.compiler import compile_space
@@ -11,6 +11,7 @@ from resgrid.netlist import Netlist
 from resgrid.nodal import methods
 from resgrid.nodal.multigrid import aggregation
 from resgrid.nodal.multigrid.hierarchy import build_hierarchy
+from resgrid.nodal.multigrid.solver import factor_multigrid
 from resgrid.nodal.solve import factor, solve
 from resgrid.nodal.system import assemble
 
@@ -82,6 +83,23 @@ def test_multigrid_solves_netlists_without_a_grid(seed: int) -> None:
     assert np.allclose(direct.voltage, multigrid.voltage, rtol=1e-9, atol=1e-15, equal_nan=True)
     normwise = solve(netlist, method="multigrid", accuracy="normwise", rtol=1e-10)
     assert np.allclose(direct.voltage, normwise.voltage, atol=1e-7, equal_nan=True)
+
+
+@settings(max_examples=60, deadline=None)
+@example(134)
+@given(st.integers(0, 2**32 - 1))
+def test_small_netlists_are_solved_as_far_as_rounding_lets(seed: int) -> None:
+    """Where a burst ends in rounding, the next one begins with a residual that has nothing to do with the last step."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(4, 40))
+    tree = [(int(rng.integers(0, k)), k) for k in range(1, count + 1)]
+    more = [tuple(sorted(rng.choice(count + 1, 2, replace=False).tolist())) for _ in range(2 * count)]
+    conductance = np.append(10.0 ** rng.uniform(-7, -3, len(tree + more)), 1e-4)
+    pairs = np.array([*tree, *more, (count, count + 1)])
+    system = assemble(Netlist(count + 2, pairs, conductance, np.array([[count + 1, 0]]), np.array([1.0])))
+    x = factor_multigrid(system).solve(system.drive, rtol=1e-12)
+    exact = np.linalg.solve(np.diag(system.degree) - system.coupling.toarray(), system.drive)
+    np.testing.assert_allclose(x, exact, rtol=0, atol=1e-6)
 
 
 def test_aggregates_never_join_across_a_wall() -> None:

@@ -73,6 +73,8 @@ class _Burst:
         self.x[:] = 0.0
         self.r /= size
         self.left, steps = 1.0, 0
+        # What recursion leaves is orthogonal to the last direction, the true residual is not.
+        along = float(self._p @ self.r)
         while self.left > gain and steps < most and not self._error.small:
             passes.put_scaled(self.r, self.left, self._b)
             with subnormals_as_zero():
@@ -82,7 +84,7 @@ class _Burst:
             self._energy = zw + beta * zs
             if not self._energy > 0.0:
                 break
-            step = zr / self._energy
+            step, along = (zr + beta * along) / self._energy, 0.0
             self.left = math.sqrt(passes.advance(self._z, self._w, self._p, self._s, self.x, self.r, beta, step))
             self._error.moved(zr * step * size * size, partial(self._step, abs(step) * size / self._unit))
             self._watch.step(self.left * size)
