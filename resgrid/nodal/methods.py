@@ -162,8 +162,8 @@ def _direct_seconds(size: int, neighbours: float) -> float:
 def _narrow_seconds(system: NodalSystem, width: float) -> float:
     """Rough time of a direct solution along corridors, measured on mazes."""
     if system.dimensions <= 2:
-        return (0.63e-6 + 0.03e-6 * width) * system.size
-    return (0.3e-6 + 0.07e-6 * width**2) * system.size
+        return (0.65e-6 + 0.015e-6 * width) * system.size
+    return (0.7e-6 + 0.03e-6 * width**2) * system.size
 
 
 def _multigrid_seconds(system: NodalSystem, accuracy: str, width: float, decades: float) -> float:

@@ -19,8 +19,11 @@ if TYPE_CHECKING:
     from resgrid.nodal.panel_kernels import Panels
     from resgrid.nodal.system import NodalSystem
 
-_MOST_FILL, _MOST_FILL_OF_VOLUMES = 60, 200
+_MOST_FILL, _MOST_FILL_OF_VOLUMES = 100, 350
 """Entries a column above which a circuit is not narrow: other factors are sooner made, but of volumes much later."""
+
+_LEAST_SHARED = 4
+"""Entries of all panels for each of their rows, at least, where a circuit is narrow."""
 
 _MOST_ENTRIES = 2**31 - 1
 
@@ -100,7 +103,7 @@ def narrow_order(system: NodalSystem) -> NarrowOrder | None:
     rank, parent = inverse_of(order), np.empty(system.size, dtype=np.int32)
     kernels.grow_tree(*graph, order, rank, parent)
     kernels.branch_by_branch(parent, order, rank)
-    (first, start), rows = np.empty((2, system.size + 1), dtype=np.int32), np.empty(room, dtype=np.int32)
+    (first, start), rows = np.empty((2, system.size + 1), dtype=np.int32), np.empty(_rows(system), dtype=np.int32)
     count = kernels.list_panels(*graph, order, rank, room, first, start, rows)
     if count < 0:
         return None
@@ -116,9 +119,14 @@ def _room(system: NodalSystem) -> int:
     return min(most * system.size, _MOST_ENTRIES - system.size)
 
 
+def _rows(system: NodalSystem) -> int:
+    """Rows that its panels may have, with room for one more panel."""
+    return _room(system) // _LEAST_SHARED + 2 * system.size
+
+
 def narrow_memory(system: NodalSystem, narrow: NarrowOrder) -> float:
     """Estimate the peak memory of a solution in such an order, in bytes, the room for most entries included."""
-    return 8.0 * narrow.entries + 8.0 * len(narrow.panels.rows) + 4.0 * _room(system) + 180.0 * system.size
+    return 8.0 * narrow.entries + 8.0 * len(narrow.panels.rows) + 4.0 * _rows(system) + 180.0 * system.size
 
 
 def factor_narrow(system: NodalSystem, narrow: NarrowOrder) -> NarrowFactors:

@@ -68,6 +68,26 @@ def test_currents_may_differ_by_thousands_of_decades_from_row_to_row(size: int, 
         assert error < 1e-15 * (20 + 5 * size)
 
 
+def test_a_potential_may_fall_by_hundreds_of_decades_from_column_to_column_of_a_panel() -> None:
+    """Every node is held by 1e20 S and fed through 1e-20 S: it has 1e-40 of the potential before it."""
+    size = 40
+    along, held = np.stack([np.arange(1, size + 1), np.arange(2, size + 2)], axis=1), np.zeros((size, 2), dtype=int)
+    held[:, 1] = np.arange(1, size + 1)
+    conductance = np.repeat([1e-20, 1e20], size)
+    netlist = Netlist(size + 2, np.concatenate([along, held]), conductance, np.array([[size + 1, 0]]), np.array([1.0]))
+    system = assemble(netlist)
+    factors = factor_direct(system)
+    assert isinstance(factors.factors, NarrowFactors)
+    assert factors.factors.narrow.widths.max() > 5
+    for end in (0, size - 1):
+        rhs = np.zeros(size)
+        rhs[end] = 1e-20
+        m, e = factors.factors.substitute(rhs, np.zeros(size, dtype=np.int64))
+        for value, exponent, expected in zip(m, e, exact_solution(system, rhs, 2000), strict=True):
+            with mpmath.workdps(80):
+                assert abs(mpmath.ldexp(mpmath.mpf(float(value)), 256 * int(exponent)) / expected - 1) < 1e-13
+
+
 def dense_factor(factors: NarrowFactors) -> np.ndarray:
     """The unit lower triangular factor, and NaN where no panel has an entry."""
     first, start, rows, offset = factors.narrow.panels
