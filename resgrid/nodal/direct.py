@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 REFINED = 1e-28
 """Componentwise backward error that is enough where no current flows: the noise of double-double arithmetic."""
 
-_EXACT_ROWS = 20_000
+EXACT_ROWS = 20_000
 """Rows up to which it is reached everywhere: their answers are the nearest doubles, on every machine the same."""
 
 
@@ -126,7 +126,7 @@ class DirectFactor:
         error : float
             Its componentwise backward error.
         """
-        exact = self.system.size <= _EXACT_ROWS
+        exact = self.system.size <= EXACT_ROWS
         solution, error = refine(self.system, rhs, self._substitute, REFINED, exact=exact)
         if watch is not None:
             watch.done(error)

@@ -8,10 +8,10 @@ import numpy as np
 
 from resgrid.budget import require_memory
 from resgrid.errors import InputError
-from resgrid.nodal.direct import factor_direct
+from resgrid.nodal.direct import EXACT_ROWS, factor_direct
 from resgrid.nodal.factor import Factor
 from resgrid.nodal.multigrid.solver import factor_multigrid
-from resgrid.nodal.narrow import narrow_memory
+from resgrid.nodal.narrow import NarrowOrder, narrow_memory
 from resgrid.nodal.reduction.elimination import may_reduce, reduce_system
 from resgrid.nodal.reduction.reduced_factor import ReducedFactor
 from resgrid.nodal.system import NodalSystem
@@ -139,7 +139,9 @@ def choose_method(system: NodalSystem, accuracy: str = "direction") -> str:
         if system.rails is not None and not along < seconds:
             decades = _decades(system, volume=neighbours > _VOLUME)
             seconds = _multigrid_seconds(system, accuracy, width, decades)
-        if decades > _MOST_DECADES or (along < seconds and system.narrow is not None):
+        if decades > _MOST_DECADES:
+            return "direct"
+        if along < seconds and system.narrow is not None and _panel_seconds(system.narrow) < seconds:
             return "direct"
     return "multigrid" if seconds < _direct_seconds(system.size, neighbours) else "direct"
 
@@ -160,10 +162,17 @@ def _direct_seconds(size: int, neighbours: float) -> float:
 
 
 def _narrow_seconds(system: NodalSystem, width: float) -> float:
-    """Rough time of a direct solution along corridors, measured on mazes."""
+    """Rough time of a direct solution along corridors of one width, measured on mazes."""
     if system.dimensions <= 2:
         return (0.65e-6 + 0.015e-6 * width) * system.size
     return (0.7e-6 + 0.03e-6 * width**2) * system.size
+
+
+def _panel_seconds(narrow: NarrowOrder) -> float:
+    """Rough time of a direct solution in an order that has been found, measured on mazes and maps."""
+    size = len(narrow.order)
+    a_row = 0.5e-6 if size > EXACT_ROWS else 0.85e-6
+    return a_row * size + 8e-9 * narrow.entries + 0.2e-9 * narrow.products
 
 
 def _multigrid_seconds(system: NodalSystem, accuracy: str, width: float, decades: float) -> float:
