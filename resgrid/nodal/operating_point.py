@@ -20,9 +20,8 @@ class Readings:
     ----------
     resistor_current, resistor_direction, source_current, power, kcl_residual
         As the attributes of `OperatingPoint`.
-    log_current : ndarray of float64, shape (resistors,), or None
-        As `OperatingPoint.resistor_log_current`; None where it is the logarithm of a current that does not underflow,
-        to be taken when first asked for.
+    log_current : callable or None
+        Takes `OperatingPoint.resistor_log_current` when first asked for; None where no current underflows.
     """
 
     resistor_current: NDArray[np.float64]
@@ -30,7 +29,7 @@ class Readings:
     source_current: NDArray[np.float64]
     power: float
     kcl_residual: float
-    log_current: NDArray[np.float64] | None = None
+    log_current: Callable[[], NDArray[np.float64]] | None = None
 
     def __post_init__(self) -> None:
         for array in (self.resistor_current, self.resistor_direction, self.source_current):
@@ -39,8 +38,9 @@ class Readings:
     @cached_property
     def resistor_log_current(self) -> NDArray[np.float64]:
         """As the attribute of `OperatingPoint`."""
-        log = self.log_current
-        if log is None:
+        if self.log_current is not None:
+            log = self.log_current()
+        else:
             with np.errstate(divide="ignore"):
                 log = np.log(np.abs(self.resistor_current))
         log.flags.writeable = False

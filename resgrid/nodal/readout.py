@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -89,7 +90,7 @@ def read_off(
         potential=potential,
         ammeters=Readings(
             resistor_current=amps if plain else amps * power(exponent),
-            log_current=None if plain else logarithm(np.abs(amps), exponent),
+            log_current=None if plain else partial(_log_current, amps, exponent),
             resistor_direction=np.sign(amps).astype(np.int8),
             source_current=source_currents(netlist, system.forest, -sums.net * scale),
             power=power_sum,
@@ -101,6 +102,10 @@ def read_off(
         seconds=seconds,
     )
     return point, sums
+
+
+def _log_current(amps: NDArray[np.float64], exponent: NDArray[np.int64]) -> NDArray[np.float64]:
+    return logarithm(np.abs(amps), exponent)
 
 
 def relative_residual(system: NodalSystem, sums: Balance) -> NDArray[np.float64]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import time
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -118,7 +119,7 @@ def _in_place(netlist: Netlist, point: OperatingPoint, change: float, seconds: f
         ammeters=dataclasses.replace(
             point.readings,
             resistor_current=point.resistor_current[:m],
-            log_current=point.resistor_log_current[:m],
+            log_current=partial(np.asarray, point.resistor_log_current[:m]),
             resistor_direction=point.resistor_direction[:m],
             kcl_residual=max(point.kcl_residual, change),
         ),
