@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner
+from resgrid.jit import inlined
 
 Indices = NDArray[np.int32]
 
@@ -125,7 +125,7 @@ def list_panels(
     return panel + 1
 
 
-@inner
+@inlined
 def _add_rows(
     indptr: Indices, indices: Indices, order: Indices, rank: Indices, k: int, panel: int, seen: Indices,
     branch: Indices, sibling: Indices, start: Indices, rows: Indices, end: int,
@@ -147,7 +147,7 @@ def _add_rows(
     return end
 
 
-@inner
+@inlined
 def _sort(rows: Indices, begin: int, end: int) -> None:
     """Sort rows by insertion: most stand in order, and elimination takes longer than the worst case."""
     for r in range(begin + 1, end):
