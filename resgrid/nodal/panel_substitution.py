@@ -34,7 +34,7 @@ def substitute_panels(panels: Panels, values: Floats, pivot: Floats, m: Floats, 
     values, pivot : ndarray of float64
         As of `Numbers`.
     m, e : ndarray, shape (n,)
-        ``b``, none of it negative, in scaled numbers; ``x`` on return.
+        ``b`` in scaled numbers; ``x`` on return, to all digits where nothing in ``b`` is negative.
     column : ndarray of float64
         As long as the longest panel; overwritten.
     """
@@ -82,7 +82,7 @@ def _collect(panels: Panels, values: Floats, pivot: Floats, m: Floats, e: Intege
     plain = True
     for c in range(columns - 1, -1, -1):
         column[c] = column[c] / pivot[first + c] + _product(column, values, base + c * length, c + 1, length)
-        plain = plain and _LEAST <= column[c] <= _MOST
+        plain = plain and _LEAST <= abs(column[c]) <= _MOST
     if plain:
         for c in range(columns):
             m[first + c], e[first + c] = _canonical(column[c], common)
@@ -114,7 +114,7 @@ def _align(rows: Indices, begin: int, skipped: int, length: int, m: Floats, e: I
 def _smallest(column: Floats, begin: int, end: int) -> float:
     least = np.inf
     for i in range(begin, end):
-        least = min(least, column[np.uint64(i)])
+        least = min(least, abs(column[np.uint64(i)]))
     return least
 
 
