@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined
+from resgrid.jit import ZERO, inlined
 
 Indices = NDArray[np.int32]
 
@@ -96,7 +96,7 @@ def list_panels(
     """
     n = len(order)
     seen, branch, sibling = np.full(n, -1, np.int32), np.full(n, -1, np.int32), np.empty(n, np.int32)
-    panel, area, end, columns, zeros = -1, 0, 0, 0, 0
+    panel, area, end, columns, zeros = ZERO - 1, ZERO, ZERO, 0, 0
     share = most / (n + n // 8)
     for k in range(n):
         if panel >= 0:

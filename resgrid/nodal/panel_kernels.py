@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined, inner_fast
+from resgrid.jit import ONE, ZERO, inlined, inner_fast
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -195,14 +195,14 @@ def _join(panels: Panels, numbers: Numbers, bench: Bench, other: int, panel: int
         if not follow_on:
             for i in range(left):
                 bench.column[i] = 0.0
-            _add_columns(bench.column, 0, values, here + 1, apart, weight, columns, left)
+            _add_columns(bench.column, ZERO, values, here + 1, apart, weight, columns, left)
             there -= place[rows[at]]
             for i in range(left):
                 values[there + place[rows[at + 1 + i]]] += bench.column[i]
             at += 1
         elif left > 0 and rows[at + 1] < panels.first[panel + 1]:
             _weigh(values, pivot, to_rails, panels.first[other], columns, here + 1, apart, rows[at + 1], second)
-            _add_columns(values, there + 1, values, here + 1, apart, weight, columns, 1)
+            _add_columns(values, there + 1, values, here + 1, apart, weight, columns, ONE)
             _add_to_both(values, there + 2, length, here + 2, apart, weight, second, columns, left - 1)
             at += 2
         else:

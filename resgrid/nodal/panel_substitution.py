@@ -9,7 +9,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inlined, inner_fast
+from resgrid.jit import ZERO, inlined, inner_fast
 from resgrid.nodal.kernels import _add, _canonical, _shift
 from resgrid.nodal.panel_kernels import Panels
 
@@ -78,7 +78,7 @@ def _collect(panels: Panels, values: Floats, pivot: Floats, m: Floats, e: Intege
     """Solve for the rows of a panel's columns, from those of the later ones."""
     begin, base, first = panels.start[panel], panels.offset[panel], panels.first[panel]
     length, columns = panels.start[panel + 1] - begin, panels.first[panel + 1] - first
-    common = _align(panels.rows, begin, 0, length, m, e, column)
+    common = _align(panels.rows, begin, ZERO, length, m, e, column)
     plain = True
     for c in range(columns - 1, -1, -1):
         column[c] = column[c] / pivot[first + c] + _product(column, values, base + c * length, c + 1, length)
