@@ -64,7 +64,8 @@ def branch_by_branch(parent: Indices, order: Indices, rank: Indices) -> None:
                 count += 1
     for k in range(n):
         sibling[number[k]] = number[parent[k]] if parent[k] >= 0 else -1
-    parent[:] = sibling
+    for k in range(n):
+        parent[k] = sibling[k]
 
 
 @njit(cache=True, nogil=True)
