@@ -88,7 +88,7 @@ def _line(ax: Axes, place: int, row: Row) -> None:
     colour = OURS if row.contender == "resgrid" else SHORT if missed else THEIRS
     ax.plot([row.value.low, row.value.high], [place, place], color=colour, linewidth=3, alpha=0.35, zorder=2)
     ax.plot(row.value.median, place, "o", color=colour, markersize=6, zorder=3)
-    seconds = f"{row.seconds:.2g} s" if row.seconds >= 0.1 else f"{1e3 * row.seconds:.2g} ms"
+    seconds = f"{row.seconds:.2g} s" if row.seconds >= 0.0995 else f"{1e3 * row.seconds:.2g} ms"
     ratio = f"{row.value.median:.2g}" if row.value.median < 100 else f"{row.value.median:.0f}"
     text = f"{ratio}  ({seconds}{', residual missed' if missed else ''})"
     ax.annotate(
