@@ -59,6 +59,13 @@ def _add(m: float, e: int, t: float, te: int) -> tuple[float, int]:
     return m, e
 
 
+@njit(cache=True, inline="always")
+def _add_product(m: float, e: int, factor: float, v: float, ve: int) -> tuple[float, int]:
+    """A scaled number and a double times another."""
+    t, te = _canonical(factor * v, ve)
+    return _add(m, e, t, te)
+
+
 @njit(cache=True, nogil=True)
 def canonical(m: Floats, e: Integers) -> None:
     """Make scaled numbers canonical, in place."""
@@ -81,14 +88,12 @@ def substitute(indptr: Indices, indices: Indices, lower: Floats, pivot: Floats, 
             continue
         for k in range(indptr[j] + 1, indptr[j + 1]):
             i = indices[k]
-            t, te = _canonical(-lower[k] * v, ve)
-            m[i], e[i] = _add(m[i], e[i], t, te)
+            m[i], e[i] = _add_product(m[i], e[i], -lower[k], v, ve)
     for j in range(n - 1, -1, -1):
         v, ve = _canonical(m[j] / pivot[j], e[j])
         for k in range(indptr[j] + 1, indptr[j + 1]):
             i = indices[k]
-            t, te = _canonical(-lower[k] * m[i], e[i])
-            v, ve = _add(v, ve, t, te)
+            v, ve = _add_product(v, ve, -lower[k], m[i], e[i])
         m[j], e[j] = _canonical(v, ve)
 
 

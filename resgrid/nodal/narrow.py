@@ -26,6 +26,7 @@ _LEAST_SHARED = 4
 """Entries of all panels for each of their rows, at least, where a circuit is narrow."""
 
 _MOST_ENTRIES = 2**31 - 1
+"""Keeps the places of their rows, a quarter as many, within 32 bits."""
 
 _STRETCH = 2_000
 """Panels eliminated at a time."""
@@ -55,7 +56,7 @@ class NarrowOrder:
     @property
     def products(self) -> float:
         """Products that elimination takes, about."""
-        return float(0.5 * np.sum(self.widths * np.diff(self.panels.start).astype(np.float64) ** 2))
+        return float(0.5 * np.sum(self.widths * self.lengths.astype(np.float64) ** 2))
 
     @cached_property
     def widths(self) -> NDArray[np.int32]:
@@ -63,9 +64,14 @@ class NarrowOrder:
         return np.diff(self.panels.first)
 
     @cached_property
+    def lengths(self) -> NDArray[np.int32]:
+        """Rows of every panel."""
+        return np.diff(self.panels.start)
+
+    @cached_property
     def longest(self) -> int:
         """Most rows of a panel."""
-        return int(np.diff(self.panels.start).max())
+        return int(self.lengths.max())
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,11 +157,11 @@ def factor_narrow(system: NodalSystem, narrow: NarrowOrder) -> NarrowFactors:
     AccuracyError
         If a pivot leaves the range of doubles.
     """
-    from resgrid.nodal.panel_kernels import Bench, Matrix, Numbers, eliminate
+    from resgrid.nodal.panel_kernels import Bench, Entries, Matrix, eliminate
 
     n, count, coupling = system.size, len(narrow.widths), system.coupling
     matrix = Matrix(coupling.indptr, coupling.indices, coupling.data, system.excess, narrow.order, narrow.rank)
-    numbers = Numbers(np.empty(narrow.entries), np.empty(n), np.empty(n))
+    entries = Entries(np.empty(narrow.entries), np.empty(n), np.empty(n))
     bench = Bench(
         panel_of=np.repeat(np.arange(count, dtype=np.int32), narrow.widths),
         waiting=np.full(count, -1, dtype=np.int32),
@@ -168,8 +174,8 @@ def factor_narrow(system: NodalSystem, narrow: NarrowOrder) -> NarrowFactors:
     )
     # In stretches, so that it can be interrupted.
     for begin in range(0, count, _STRETCH):
-        if not eliminate(matrix, narrow.panels, numbers, bench, begin, min(begin + _STRETCH, count)):
+        if not eliminate(matrix, narrow.panels, entries, bench, begin, min(begin + _STRETCH, count)):
             raise AccuracyError(
                 "a pivot left the range of doubles: the conductances span too many decades for a direct solution"
             )
-    return NarrowFactors(narrow, numbers.values, numbers.pivot)
+    return NarrowFactors(narrow, entries.values, entries.pivot)

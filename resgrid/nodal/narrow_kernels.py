@@ -45,7 +45,7 @@ def branch_by_branch(parent: Indices, order: Indices, rank: Indices) -> None:
         if parent[k] >= 0:
             sibling[k] = child[parent[k]]
             child[parent[k]] = k
-    before, path, number = order.copy(), np.empty(n, np.int32), np.empty(n, np.int32)
+    before, path = order.copy(), np.empty(n, np.int32)
     count = 0
     for root in range(n):
         if parent[root] >= 0:
@@ -59,13 +59,8 @@ def branch_by_branch(parent: Indices, order: Indices, rank: Indices) -> None:
                 child[k] = sibling[child[k]]
             else:
                 length -= 1
-                number[k] = count
                 order[count], rank[before[k]] = before[k], count
                 count += 1
-    for k in range(n):
-        sibling[number[k]] = number[parent[k]] if parent[k] >= 0 else -1
-    for k in range(n):
-        parent[k] = sibling[k]
 
 
 @njit(cache=True, nogil=True)

@@ -64,8 +64,8 @@ class Matrix(NamedTuple):
     rank: Indices
 
 
-class Numbers(NamedTuple):
-    """The numbers of the factors; a share is that of a conductance in its pivot.
+class Entries(NamedTuple):
+    """The entries of the factors; a share is that of a conductance in its pivot.
 
     Attributes
     ----------
@@ -110,7 +110,7 @@ class Bench(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def eliminate(matrix: Matrix, panels: Panels, numbers: Numbers, bench: Bench, begin: int, end: int) -> bool:
+def eliminate(matrix: Matrix, panels: Panels, entries: Entries, bench: Bench, begin: int, end: int) -> bool:
     """Factor some panels in order, in sums, products and quotients of positive numbers alone.
 
     A row that is eliminated joins those it was joined to, and the rails, by ``c_i c_j / d``; its pivot ``d`` is the sum
@@ -121,7 +121,7 @@ def eliminate(matrix: Matrix, panels: Panels, numbers: Numbers, bench: Bench, be
     ----------
     matrix : Matrix
     panels : Panels
-    numbers : Numbers
+    entries : Entries
         Filled.
     bench : Bench
         ``waiting`` filled with -1 before the first panel.
@@ -134,14 +134,14 @@ def eliminate(matrix: Matrix, panels: Panels, numbers: Numbers, bench: Bench, be
         Whether all pivots are positive and finite.
     """
     for panel in range(begin, end):
-        _lay_out(matrix, panels, numbers, bench, panel)
+        _lay_out(matrix, panels, entries, bench, panel)
         other = bench.waiting[panel]
         while other >= 0:
             following = bench.following[other]
-            _join(panels, numbers, bench, other, panel)
+            _join(panels, entries, bench, other, panel)
             _queue(panels, bench, other)
             other = following
-        if not _eliminate_within(panels, numbers, bench, panel):
+        if not _eliminate_within(panels, entries, bench, panel):
             return False
         bench.after[panel] = panels.start[panel] + panels.first[panel + 1] - panels.first[panel]
         _queue(panels, bench, panel)
@@ -159,10 +159,10 @@ def _queue(panels: Panels, bench: Bench, panel: int) -> None:
 
 
 @inlined
-def _lay_out(matrix: Matrix, panels: Panels, numbers: Numbers, bench: Bench, panel: int) -> None:
+def _lay_out(matrix: Matrix, panels: Panels, entries: Entries, bench: Bench, panel: int) -> None:
     """Fill a panel with the conductances of the circuit."""
     indptr, indices, data, excess, order, rank = matrix
-    values, place = numbers.values, bench.place
+    values, place = entries.values, bench.place
     first, base = panels.first[panel], panels.offset[panel]
     length = panels.start[panel + 1] - panels.start[panel]
     for i in range(base, panels.offset[panel + 1]):
@@ -170,7 +170,7 @@ def _lay_out(matrix: Matrix, panels: Panels, numbers: Numbers, bench: Bench, pan
     for r in range(length):
         place[panels.rows[panels.start[panel] + r]] = r
     for k in range(first, panels.first[panel + 1]):
-        numbers.to_rails[k] = excess[order[k]]
+        entries.to_rails[k] = excess[order[k]]
         for entry in range(indptr[order[k]], indptr[order[k] + 1]):
             row = rank[indices[entry]]
             if row > k:
@@ -178,10 +178,10 @@ def _lay_out(matrix: Matrix, panels: Panels, numbers: Numbers, bench: Bench, pan
 
 
 @inlined
-def _join(panels: Panels, numbers: Numbers, bench: Bench, other: int, panel: int) -> None:
+def _join(panels: Panels, entries: Entries, bench: Bench, other: int, panel: int) -> None:
     """Add what an eliminated panel joins the columns of a later one to; moves on to its first row behind them."""
     rows, place, weight, second = panels.rows, bench.place, bench.weight, bench.second
-    values, pivot, to_rails = numbers
+    values, pivot, to_rails = entries
     begin, end = bench.after[other], panels.start[other + 1]
     columns, apart = panels.first[other + 1] - panels.first[other], end - panels.start[other]
     source = panels.offset[other] + begin - panels.start[other]
@@ -225,9 +225,9 @@ def _weigh(
 
 
 @inlined
-def _eliminate_within(panels: Panels, numbers: Numbers, bench: Bench, panel: int) -> bool:
+def _eliminate_within(panels: Panels, entries: Entries, bench: Bench, panel: int) -> bool:
     """Eliminate the columns of a panel that everything before has been added to."""
-    values, pivot, to_rails = numbers
+    values, pivot, to_rails = entries
     first, base = panels.first[panel], panels.offset[panel]
     length, weight = panels.start[panel + 1] - panels.start[panel], bench.weight
     for c in range(panels.first[panel + 1] - first):

@@ -10,7 +10,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from resgrid.jit import ZERO, inlined, inner_fast
-from resgrid.nodal.kernels import _add, _canonical, _shift
+from resgrid.nodal.kernels import _add_product, _canonical, _shift
 from resgrid.nodal.panel_kernels import Panels
 
 Floats = NDArray[np.float64]
@@ -32,7 +32,7 @@ def substitute_panels(panels: Panels, values: Floats, pivot: Floats, m: Floats, 
     ----------
     panels : Panels
     values, pivot : ndarray of float64
-        As of `Numbers`.
+        As of `resgrid.nodal.panel_kernels.Entries`.
     m, e : ndarray, shape (n,)
         ``b`` in scaled numbers; ``x`` on return, to all digits where nothing in ``b`` is negative.
     column : ndarray of float64
@@ -68,8 +68,7 @@ def _spread(panels: Panels, values: Floats, m: Floats, e: Integers, column: Floa
         value, scale = m[panels.rows[begin + c]], e[panels.rows[begin + c]]
         for r in range(c + 1, length):
             row = panels.rows[begin + r]
-            t, te = _canonical(values[base + c * length + r] * value, scale)
-            t, te = _add(m[row], e[row], t, te)
+            t, te = _add_product(m[row], e[row], values[base + c * length + r], value, scale)
             m[row], e[row] = _canonical(t, te)
 
 
@@ -91,8 +90,7 @@ def _collect(panels: Panels, values: Floats, pivot: Floats, m: Floats, e: Intege
         value, scale = _canonical(m[first + c] / pivot[first + c], e[first + c])
         for r in range(c + 1, length):
             row = panels.rows[begin + r]
-            t, te = _canonical(values[base + c * length + r] * m[row], e[row])
-            value, scale = _add(value, scale, t, te)
+            value, scale = _add_product(value, scale, values[base + c * length + r], m[row], e[row])
         m[first + c], e[first + c] = _canonical(value, scale)
 
 

@@ -73,8 +73,8 @@ class _Burst:
         self.x[:] = 0.0
         self.r /= size
         self.left, steps = 1.0, 0
-        # What recursion leaves is orthogonal to the last direction, the true residual is not.
-        along = float(self._p @ self.r)
+        # What recursion leaves is orthogonal to the last direction, the true residual is not.  BLAS would take threads.
+        along = float(np.einsum("i,i", self._p, self.r))
         while self.left > gain and steps < most and not self._error.small:
             passes.put_scaled(self.r, self.left, self._b)
             with subnormals_as_zero():
