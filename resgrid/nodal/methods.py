@@ -33,9 +33,6 @@ _ROUGH, _ROUGH_VOLUME = 0.25, 0.5
 _LEAST_DECADES, _MOST_DECADES = 30.0, 250.0
 """By how many decades any maze's potential falls, and from how many on refinement takes too long."""
 
-_WHOLE_STEPS = 0.7
-"""Potentials fall over straight distances, ways on a grid are longer."""
-
 _FAIR_SHARE = 0.2
 """Share of the rows that elimination must take to be worth its way back and forth."""
 
@@ -46,7 +43,9 @@ _REDUCING = 220.0
 """Peak memory of elimination, in bytes a row."""
 
 
-def factor_system(system: NodalSystem, method: str, *, reduce: bool = True, accuracy: str = "direction") -> Factor:
+def factor_system(
+    system: NodalSystem, method: str, *, reduce: bool = True, accuracy: str = "direction", later: bool = False
+) -> Factor:
     """Make a system ready to be solved, unless it would not fit in memory.
 
     Nodes with at most two neighbours are eliminated first where that pays (`resgrid.nodal.reduction`), which it does
@@ -61,6 +60,8 @@ def factor_system(system: NodalSystem, method: str, *, reduce: bool = True, accu
         Whether nodes may be eliminated beforehand.
     accuracy : {"direction", "normwise"}
         What the solutions are for; ``"auto"`` asks for it.
+    later : bool
+        Whether multigrid makes its levels with the first solution, which tells how they are graded.
 
     Returns
     -------
@@ -77,15 +78,15 @@ def factor_system(system: NodalSystem, method: str, *, reduce: bool = True, accu
         raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
     if reduce and may_reduce(system):
         if _is_long_corridor(system, method, accuracy):
-            return _factor_whole(system, "direct", accuracy, system.dimensions)
+            return _factor_whole(system, "direct", accuracy, system.dimensions, later)
         _require(_REDUCING * system.size, system, "elimination")
         reduction = reduce_system(system)
         if reduction.core is None:
             return ReducedFactor(reduction, None)
         if reduction.count >= _FAIR_SHARE * system.size:
             dimensions = system.dimensions
-            return ReducedFactor(reduction, _factor_whole(reduction.core, method, accuracy, dimensions))
-    return _factor_whole(system, method, accuracy, system.dimensions)
+            return ReducedFactor(reduction, _factor_whole(reduction.core, method, accuracy, dimensions, later))
+    return _factor_whole(system, method, accuracy, system.dimensions, later)
 
 
 def _is_long_corridor(system: NodalSystem, method: str, accuracy: str) -> bool:
@@ -95,10 +96,10 @@ def _is_long_corridor(system: NodalSystem, method: str, accuracy: str) -> bool:
     return method == "direct" or choose_method(system, accuracy) == "direct"
 
 
-def _factor_whole(system: NodalSystem, method: str, accuracy: str, dimensions: int) -> Factor:
+def _factor_whole(system: NodalSystem, method: str, accuracy: str, dimensions: int, later: bool) -> Factor:
     name = choose_method(system, accuracy) if method == "auto" else method
     _require(estimate_memory(system, name, accuracy, dimensions), system, name)
-    return METHODS[name](system)
+    return factor_multigrid(system, later=later) if name == "multigrid" else METHODS[name](system)
 
 
 def _require(needed: float, system: NodalSystem, name: str) -> None:
@@ -137,7 +138,7 @@ def choose_method(system: NodalSystem, accuracy: str = "direction") -> str:
     if accuracy == "direction":
         along = _narrow_seconds(system, width)
         if system.rails is not None and not along < seconds:
-            decades = _decades(system, volume=neighbours > _VOLUME)
+            decades = system.decades
             seconds = _multigrid_seconds(system, accuracy, width, decades)
         if decades > _MOST_DECADES:
             return "direct"
@@ -187,28 +188,6 @@ def _multigrid_seconds(system: NodalSystem, accuracy: str, width: float, decades
     return _OVERHEAD + a_row * system.size
 
 
-def _decades(system: NodalSystem, *, volume: bool) -> float:
-    """Rough number of decades that a potential between two rails falls over the graph; 0 for other circuits.
-
-    Along a corridor ``w`` cells wide it falls by ``exp(-pi sqrt(d) / w)`` a cell, in ``d = 1`` or 2 cross dimensions;
-    behind walls of ``k`` times the resistance between cells by ``exp(-sqrt(2 d / (k w)))`` where that is less.  On 20
-    spaces and maps the estimate was 0.9 to 1.7 times the true number, in volumes 2 times.
-    """
-    if system.rails is None:
-        return 0.0
-    from resgrid.nodal.kernels import decay
-
-    coupling, rails = system.coupling, system.rails
-    cross = 2.0 if volume else 1.0
-    tied = rails.to_high[rails.to_high > 0]
-    wall = max(float(coupling.data.mean() / tied.mean()) - 1.0, 0.0) if tied.size else 0.0
-    factors = decay(
-        coupling.indptr, coupling.indices, rails.to_low > 0, rails.to_high > 0, np.pi * np.sqrt(cross),
-        wall / (2.0 * cross),
-    )  # fmt: skip
-    return float(_WHOLE_STEPS * factors / np.log(10.0))
-
-
 def estimate_memory(
     system: NodalSystem, method: str = "direct", accuracy: str = "direction", dimensions: int | None = None
 ) -> float:
@@ -218,13 +197,14 @@ def estimate_memory(
     ``n log n`` on planar grids, as ``n**(4/3)`` in three and ``n**(3/2)`` in four dimensions (George & Liu 1981); the
     constants were measured under minimum degree on open grids, which fill most.  Those of multigrid are a tenth above
     what was measured on grids, which do without compressed rows, and on other netlists; directions take rows and
-    scaled numbers besides.
+    scaled numbers besides, and in planes a second set of levels.
     """
     n = system.size
     if method == "multigrid":
         on_nodes, on_entries = (100.0, 12.0) if system.netlist.layout is not None else (230.0, 22.0)
         if accuracy == "direction":
-            on_nodes, on_entries = on_nodes + 60.0, on_entries + 18.0
+            graded = system.rails is not None and system.netlist.layout is not None and system.dimensions == 2
+            on_nodes, on_entries = on_nodes + (120.0 if graded else 60.0), on_entries + 18.0
         return on_nodes * n + on_entries * system.connections.entries
     if system.narrow is not None:
         return narrow_memory(system, system.narrow)

@@ -89,7 +89,8 @@ def solve(
     with _timed(seconds, "assemble"):
         system = assemble(netlist)
     with _timed(seconds, "factor"):
-        factors = factor_system(system, method, accuracy=accuracy) if system.size else None
+        later = accuracy == "direction"
+        factors = factor_system(system, method, accuracy=accuracy, later=later) if system.size else None
     name = factors.name if factors else "none"
     if accuracy == "normwise":
         with _timed(seconds, "substitute"):

@@ -17,6 +17,7 @@ from resgrid.nodal.sources import SourceForest, tie_sources
 
 if TYPE_CHECKING:
     from resgrid.nodal.connections import Connections
+    from resgrid.nodal.multigrid.graded import Gradable
     from resgrid.nodal.narrow import NarrowOrder
 
 Ties = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -174,6 +175,20 @@ class NodalSystem:
         from resgrid.nodal.narrow import narrow_order
 
         return narrow_order(self)
+
+    @cached_property
+    def decades(self) -> float:
+        """By about how many decades a potential between two rails falls; 0 for other circuits."""
+        from resgrid.nodal.fall import foresee_decades
+
+        return foresee_decades(self)
+
+    @cached_property
+    def gradable(self) -> Gradable | None:
+        """Its coarse levels, ready to be graded as a solution falls; None where they cannot be."""
+        from resgrid.nodal.multigrid.graded import gradable
+
+        return gradable(self)
 
     @cached_property
     def degree(self) -> NDArray[np.float64]:

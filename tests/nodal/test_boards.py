@@ -4,6 +4,7 @@ import networkx as nx
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from levels import matrix_of
 from numpy.typing import NDArray
 from spaces import space_of, spaces
 
@@ -13,7 +14,7 @@ from resgrid.nodal.multigrid import waves
 from resgrid.nodal.multigrid.board_cycle import cycle_boards
 from resgrid.nodal.multigrid.boards import Level, compensated, in_double, in_single, lay_out, to_graph
 from resgrid.nodal.multigrid.coarsening import coarsen
-from resgrid.nodal.multigrid.grid_levels import inverse_below, own_vectors
+from resgrid.nodal.multigrid.grid_levels import UNGRADED, inverse_below, own_vectors
 from resgrid.nodal.multigrid.hierarchy import build_hierarchy
 from resgrid.nodal.system import NodalSystem, assemble
 from resgrid.space import Axis, ConfigurationSpace
@@ -41,24 +42,14 @@ def laid_out(space: ConfigurationSpace, boundary: str, spread: float, seed: int)
     return None if made is None else (system, made[0])
 
 
-def matrix_of(level: Level) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """The dense nodal matrix of a level over its nodes, red ones first, and their places."""
-    graph, number = to_graph(level)
-    matrix = np.zeros((graph.size, graph.size))
-    row = np.repeat(np.arange(graph.size), np.diff(graph.indptr))
-    matrix[row, graph.indices] = -graph.conductance
-    matrix += np.diag(graph.leak - matrix.sum(axis=1))
-    return matrix, np.flatnonzero(number >= 0)
-
-
 def down(level: Level, split: bool) -> list[Level]:
     """A level and the coarse ones below it."""
     levels = [level]
     while levels[-1].size > 3 and min(levels[-1].lattice.shape) > 1:
         made = coarsen(levels[-1], split=split)
-        if made is None or made[0].size == levels[-1].size:
+        if made is None or made.level.size == levels[-1].size:
             break
-        levels.append(made[0])
+        levels.append(made.level)
     return levels
 
 
@@ -88,7 +79,7 @@ def test_the_schur_complement_is_that_of_dense_elimination(
         relaxed, coarse = z[here] + 1.0, np.array([0.0, 1.0], dtype=np.float32)
         to_one = np.zeros(places, dtype=np.int32)
         to_one[here] = 1
-        zr, zw, zs = waves.prolong_and_multiply(board, compensated(level, board), to_one, coarse, r, s, z, w)
+        zr, zw, zs = waves.prolong_and_multiply(board, compensated(level, board), to_one, UNGRADED, coarse, r, s, z, w)
         size = np.abs(schur).sum(axis=1).max() * np.abs(z).max()
         degree = matrix.diagonal()[black]
         relaxed += (r[here] - schur @ relaxed) / degree
@@ -189,10 +180,10 @@ def check_aggregates(space: ConfigurationSpace, boundary: str, seed: int) -> Non
         return
     level = made[1]
     for _ in range(3):
-        result = coarsen(level, split=False)
+        result = coarsen(level, split=False, keep=True)
         if result is None or level.size < 3:
             return
-        coarse, target = result
+        coarse, target = result.level, result.whole_target
         graph, number = to_graph(level)
         row = np.repeat(np.arange(graph.size), np.diff(graph.indptr))
         shrinks = [n > m for n, m in zip(level.lattice.shape, coarse.lattice.shape, strict=True)]
@@ -214,10 +205,10 @@ def test_coarse_levels_join_what_resistors_join_and_nothing_else(
     space: ConfigurationSpace, boundary: str, seed: int
 ) -> None:
     made = laid_out(space, boundary, 0.0, seed)
-    result = None if made is None else coarsen(made[1], split=False)
+    result = None if made is None else coarsen(made[1], split=False, keep=True)
     if made is None or result is None:
         return
-    level, (coarse, target) = made[1], result
+    level, coarse, target = made[1], result.level, result.whole_target
     fine, number = to_graph(level)
     small, place = to_graph(coarse)
     node = place[target.ravel()[number >= 0]]
@@ -257,10 +248,12 @@ def test_a_step_of_the_cycle_is_symmetric_where_it_is_linear(shape: tuple[int, .
     def preconditioned(r: NDArray[np.float32]) -> NDArray[np.float64]:
         z = grid.board.black_inverse * r
         boards = own_vectors(grid.boards)
-        waves.restrict(grid.board, grid.aggregate, z, boards.b[: boards.size])
+        waves.restrict(grid.board, grid.aggregate, grid.weight, z, boards.b[: boards.size])
         assert cycle_boards(boards, inverse_below(hierarchy.stack), np.inf, 99)
         coarse = boards.x[: boards.size]
-        waves.prolong_and_multiply(grid.board, grid.exact, grid.aggregate, coarse, r, r, z, np.zeros_like(z))
+        waves.prolong_and_multiply(
+            grid.board, grid.exact, grid.aggregate, grid.weight, coarse, r, r, z, np.zeros_like(z)
+        )
         return z.astype(np.float64)
 
     a, b = (rng.normal(size=(2, places)) * used).astype(np.float32)

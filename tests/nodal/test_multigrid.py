@@ -8,7 +8,7 @@ from spaces import serpentine, space_of, spaces
 from resgrid.compiler import compile_space
 from resgrid.errors import AccuracyError, BudgetError, CircuitError, InputError
 from resgrid.netlist import Netlist
-from resgrid.nodal import methods
+from resgrid.nodal import fall, methods
 from resgrid.nodal.multigrid import aggregation
 from resgrid.nodal.multigrid.hierarchy import build_hierarchy
 from resgrid.nodal.multigrid.solver import factor_multigrid
@@ -160,7 +160,7 @@ def test_decades_are_foreseen_along_corridors_behind_walls_of_any_resistance(wid
     netlist = compile_space(space_of(corridor), boundary="wall", resistance=1.0, wall_resistance=wall)
     log_drop = solve(netlist, method="direct").log_drop
     decades = -log_drop[np.isfinite(log_drop)].min() / np.log(10.0)
-    foreseen = methods._decades(assemble(netlist), volume=False) / methods._WHOLE_STEPS
+    foreseen = assemble(netlist).decades / fall.WHOLE_STEPS
     assert 0.7 < foreseen / decades < 1.8
 
 

@@ -103,9 +103,11 @@ def solve_board(
         left, count, before_x, before_p = 1.0, 0, 0.0, 1.0
         gain, peak = _SAFETY * goal / size, 1.0
         while left > max(gain, _BURST * peak) and most > 0 and count < depth:
-            restrict(board, aggregate, z[count], boards.b[: boards.size])
+            restrict(board, aggregate, boards.weight, z[count], boards.b[: boards.size])
             cycle_boards(boards, coarsest, _ENOUGH, 0)
-            zr, zw, zs = prolong_and_multiply(board, exact, aggregate, boards.x[: boards.size], r, s, z[count], w)
+            zr, zw, zs = prolong_and_multiply(
+                board, exact, aggregate, boards.weight, boards.x[: boards.size], r, s, z[count], w
+            )
             beta = -zs / energy if energy > 0.0 else 0.0
             energy = zw + beta * zs
             if not energy > 0.0:

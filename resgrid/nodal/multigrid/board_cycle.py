@@ -43,6 +43,8 @@ class Boards(NamedTuple):
     red_inverse, black_inverse, black_degree : ndarray of float32
     aggregate : ndarray of int32
         Node of the next level that a black place belongs to; graph nodes count from 1.
+    weight : ndarray of float32
+        What it takes from there; empty where that is all (`resgrid.nodal.multigrid.graded`).
     b, x : ndarray of float32
         Currents and voltages of both colours, and of the graph's nodes behind them.
     f, z, v, c, red : ndarray of float32
@@ -69,6 +71,7 @@ class Boards(NamedTuple):
     black_inverse: Singles
     black_degree: Singles
     aggregate: Indices
+    weight: Singles
     b: Singles
     x: Singles
     f: Singles
@@ -212,17 +215,20 @@ def cycle_boards(boards: Boards, coarsest: Singles, stop: float, first: int) -> 
         begin, below = 2 * a, 2 * e
         beyond = len(boards.b) if level + 1 == count else 2 * boards.places[level + 2]
         f, z, v, c, red = boards.f[a:e], boards.z[a:e], boards.v[a:e], boards.c[a:e], boards.red[a:e]
-        aggregate, b, x = boards.aggregate[a:e], boards.b[begin:below], boards.x[begin:below]
+        aggregate, weight = boards.aggregate[a:e], boards.weight[a:e]
+        b, x = boards.b[begin:below], boards.x[begin:below]
         visit, done = visits[level], False
         if visit == 0:
             _fold(board, b, red, f, z)
         elif visit == 1:
             alpha[level], energy[level], _ = prolong_and_multiply(
-                board, board, aggregate, boards.x[below:beyond], f, f, z, v
+                board, board, aggregate, weight, boards.x[below:beyond], f, f, z, v
             )
             done = level < first or _first_step(board, stop * 2.0**level, alpha[level], energy[level], f, z, c, v)
         else:
-            rest, product, gamma = prolong_and_multiply(board, board, aggregate, boards.x[below:beyond], f, v, z, red)
+            rest, product, gamma = prolong_and_multiply(
+                board, board, aggregate, weight, boards.x[below:beyond], f, v, z, red
+            )
             _second_step(energy[level], alpha[level], rest, product, gamma, c, z)
             done = True
         if done:
@@ -231,7 +237,7 @@ def cycle_boards(boards: Boards, coarsest: Singles, stop: float, first: int) -> 
             level -= 1
         else:
             visits[level] += 1
-            restrict(board, aggregate, z, boards.b[below:beyond])
+            restrict(board, aggregate, weight, z, boards.b[below:beyond])
             level += 1
     visits[count + 1] = 0
     return True

@@ -33,6 +33,9 @@ _BURST = 1e-6
 _DEPTH = 3
 """Steps that are kept before they are gone."""
 
+_LIFT = 2.0**64
+"""Norm of a residual that is graded: it falls by as many decades as single precision spans."""
+
 _SAFETY = 0.8
 """The recursive residual is brought below the goal by this factor."""
 
@@ -110,6 +113,7 @@ class _Burst:
     def __init__(self, hierarchy: Hierarchy, grid: GridLevels, error: ErrorBound, watch: Watch) -> None:
         self._grid, self._boards, self._stack = grid, own_vectors(grid.boards), own_work(hierarchy.stack)
         self._unit = hierarchy.unit
+        self._lift = _LIFT if len(grid.weight) else 1.0
         places = len(grid.aggregate)
         self._p = np.zeros(places)
         self._r, self._s, self._w = np.zeros((3, places), dtype=np.float32)
@@ -128,9 +132,13 @@ class _Burst:
         self._energy = 0.0
 
     def run(self, x: NDArray[np.float64], size: float, gain: float, most: int) -> int:
-        """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the steps taken."""
+        """Reduce the residual, of norm ``size``, by a factor ``gain``; returns the steps taken.
+
+        Vectors are in units of ``one`` times the conductances'.
+        """
         board = self._grid.board
-        passes.begin_burst(board.black_inverse, size, self.residual, self._r, self._z[0])
+        one = size / self._lift
+        passes.begin_burst(board.black_inverse, one, self.residual, self._r, self._z[0])
         self.left, peak, steps = 1.0, 1.0, 0
         while self.left > max(gain, _BURST * peak) and steps < most and not self._error.small:
             zr, zw, zs = self._precondition(self._z[self._count])
@@ -140,26 +148,27 @@ class _Burst:
                 break
             alpha = zr / self._energy
             self._note(beta, alpha)
-            self._error.moved(alpha * zr * size * size, partial(self._step, abs(alpha) * size))
+            self._error.moved(alpha * zr * one * one, partial(self._step, abs(alpha) * one))
             if self._count == _DEPTH:
-                self._gather(x[1], size)
+                self._gather(x[1], one)
             inverse, z = board.black_inverse, self._z[self._count]
-            self.left = math.sqrt(passes.advance(inverse, self._w, self._s, self._r, z, beta, alpha))
+            self.left = math.sqrt(passes.advance(inverse, self._w, self._s, self._r, z, beta, alpha)) / self._lift
             peak = max(peak, self.left)
             self._watch.step(self.left * size * self._unit)
             steps += 1
-        self._gather(x[1], size)
+        self._gather(x[1], one)
         return steps
 
     def _precondition(self, z: NDArray[np.float32]) -> tuple[float, float, float]:
         """Precondition the residual, relaxed in ``z``, and multiply: ``w = S z``; returns ``z.r, z.w, z.s``."""
         grid, boards = self._grid, self._boards
         with subnormals_as_zero():
-            waves.restrict(grid.board, grid.aggregate, z, boards.b[: boards.size])
+            waves.restrict(grid.board, grid.aggregate, grid.weight, z, boards.b[: boards.size])
             cycle_levels(boards, self._stack, _ENOUGH)
             return waves.prolong_and_multiply(
-                grid.board, grid.exact, grid.aggregate, boards.x[: boards.size], self._r, self._s, z, self._w
-            )
+                grid.board, grid.exact, grid.aggregate, grid.weight, boards.x[: boards.size],
+                self._r, self._s, z, self._w,
+            )  # fmt: skip
 
     def _note(self, beta: float, alpha: float) -> None:
         """Note a step ``alpha`` along the direction ``z + beta p``."""

@@ -148,7 +148,7 @@ def in_double(level: Level) -> Board:
     """A level for the compiled passes, in double precision; takes over its degrees, and inverts the red ones."""
     red, black = level.degree
     board_setup.invert(red, red)
-    return _board(level, level.faces, level.links, red, np.empty(0), black)
+    return board_of(level, level.faces, level.links, red, np.empty(0), black)
 
 
 def in_single(level: Level) -> Board:
@@ -158,12 +158,13 @@ def in_single(level: Level) -> Board:
     for degree, of_colour in zip(level.degree, inverse, strict=True):
         board_setup.invert(degree, of_colour)
     faces, links = level.faces.astype(single), level.links.astype(single)
-    return _board(level, faces, links, inverse[0], inverse[1], level.degree[1].astype(single))
+    return board_of(level, faces, links, inverse[0], inverse[1], level.degree[1].astype(single))
 
 
-def _board(
+def board_of(
     level: Level, faces: Reals, links: Reals, red_inverse: Reals, black_inverse: Reals, black_degree: Reals
 ) -> Board:
+    """A level for the compiled passes."""
     lattice, (red, black) = level.lattice, level.ends
     return Board(
         faces=faces,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -10,7 +12,31 @@ from resgrid.nodal.multigrid.boards import WEAK, Level, frame, level_of
 from resgrid.nodal.multigrid.lattice import Lattice
 
 
-def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | None:
+@dataclass(frozen=True, eq=False)
+class Coarsened:
+    """A level and the way to it.
+
+    Attributes
+    ----------
+    level : Level
+    target : ndarray of int32, shape (places,)
+        Place there, red ones first, of the aggregate that every black place before belongs to; 0 for unused places.
+    whole_target : ndarray of int32, shape (2, places)
+        The same of both colours; empty, as what follows, where it was not asked for.
+    stretch : ndarray of float32, shape (2 ndim, places)
+        What length has left of the conductance across every face.
+    link_stretch : ndarray of float32, shape (links,)
+        The same of every link.
+    """
+
+    level: Level
+    target: NDArray[np.int32]
+    whole_target: NDArray[np.int32]
+    stretch: NDArray[np.float32]
+    link_stretch: NDArray[np.float32]
+
+
+def coarsen(level: Level, *, split: bool, keep: bool = False) -> Coarsened | None:
     """Make the next level: blocks of two cells along every axis but those that conduct badly.
 
     A block that falls apart, without its weak conductances, keeps one part on the grid; the others become extra nodes
@@ -21,14 +47,13 @@ def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | N
     level : Level
     split : bool
         Whether weak conductances beside strong ones do not join.
+    keep : bool
+        Whether the same blocks are to be summed once more (`resgrid.nodal.multigrid.graded`).
 
     Returns
     -------
-    coarse : Level
-    target : ndarray of int32, shape (2, places)
-        Place there of the aggregate that every place belongs to, red ones first; 0 for unused places.
-    None
-        If parts of one block are joined by weak conductances: they have one colour.
+    Coarsened or None
+        None if parts of one block are joined by weak conductances: they have one colour.
     """
     shift = (level.mean > WEAK * level.mean.max()).astype(np.int64)
     lattice = Lattice(tuple((n - 1 >> s) + 1 for n, s in zip(level.lattice.shape, shift.tolist(), strict=True)))
@@ -43,7 +68,7 @@ def coarsen(level: Level, *, split: bool) -> tuple[Level, NDArray[np.int32]] | N
         block_kernels.renumber(target, before, number, lattice.places - before)
     cells = [lattice.cells_at(c, home[colour == c] - c * before) for c in range(2)]
     red, black = (np.ravel_multi_index(cell, lattice.shape).astype(np.int64) for cell in cells)
-    return _summed(level, lattice, target, (red, black))
+    return _summed(level, lattice, target, (red, black), keep)
 
 
 def _blocks(level: Level, lattice: Lattice, shift: NDArray[np.int64]) -> NDArray[np.int32]:
@@ -85,9 +110,43 @@ def _split(level: Level, lattice: Lattice, target: NDArray[np.int32], weak: floa
 
 
 def _summed(
-    level: Level, lattice: Lattice, target: NDArray[np.int32], extra_cell: tuple[NDArray[np.int64], NDArray[np.int64]]
-) -> tuple[Level, NDArray[np.int32]] | None:
-    extras, sides = sum(len(cell) for cell in extra_cell), len(level.faces)
+    level: Level,
+    lattice: Lattice,
+    target: NDArray[np.int32],
+    extra_cell: tuple[NDArray[np.int64], NDArray[np.int64]],
+    keep: bool,
+) -> Coarsened | None:
+    summed = sum_up(level, lattice, target, sum(len(cell) for cell in extra_cell))
+    if summed is None:
+        return None
+    faces, leak, inner, ends, axis, links = summed
+    before = (faces.copy(), links.copy()) if keep else (np.empty((0, 0)), np.empty(0))
+    block_kernels.lengthen_faces(faces, leak, *frame(lattice), ends[0], ends[1], axis, links, inner)
+    left = [_share_left(old, new) for old, new in zip(before, (faces, links), strict=True)]
+    coarse = level_of(lattice, faces, leak, ends, axis, links, extra_cell)
+    return Coarsened(coarse, target[1].copy(), target if keep else target[:0], *left)
+
+
+def _share_left(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float32]:
+    left = np.ones(before.shape, dtype=np.float32)
+    if before.size:
+        np.divide(after, before, out=left, where=before > 0.0, casting="same_kind")
+    return left
+
+
+Summed = tuple[
+    NDArray[np.float64], NDArray[np.float64], NDArray[np.float32], NDArray[np.int32], NDArray[np.int32],
+    NDArray[np.float64],
+]  # fmt: skip
+"""Faces, leaks, what lies inside blocks, and the ends, axes and conductances of links."""
+
+
+def sum_up(level: Level, lattice: Lattice, target: NDArray[np.int32], extras: int) -> Summed | None:
+    """Sum the conductances between blocks, which have ``extras`` nodes beside the lattice.
+
+    None if parts of one block are joined by weak conductances: they have one colour.
+    """
+    sides = len(level.faces)
     room = len(level.links) + extras * sides * 2 ** (sides // 2)
     faces, leak = np.zeros((sides, lattice.places)), np.zeros((2, lattice.places))
     inner = np.zeros((sides // 2, 2 * lattice.places), dtype=np.float32)
@@ -98,9 +157,7 @@ def _summed(
     )  # fmt: skip
     if count < 0:
         return None
-    ends, axis, links = _united(ends[:, :count], axis[:count], links[:count])
-    block_kernels.lengthen_faces(faces, leak, *frame(lattice), ends[0], ends[1], axis, links, inner)
-    return level_of(lattice, faces, leak, ends, axis, links, extra_cell), target
+    return faces, leak, inner, *_united(ends[:, :count], axis[:count], links[:count])
 
 
 def _united(

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from resgrid.nodal.multigrid.board_cycle import Boards, cycle_boards
 from resgrid.nodal.multigrid.board_passes import Board
 from resgrid.nodal.multigrid.boards import Level, compensated, in_double, in_single, to_graph
-from resgrid.nodal.multigrid.coarsening import coarsen
+from resgrid.nodal.multigrid.coarsening import Coarsened, coarsen
 from resgrid.nodal.multigrid.kernels import Stack, cycle
 from resgrid.nodal.multigrid.levels import coarsen_down
 from resgrid.nodal.multigrid.stack import stack_levels
@@ -21,7 +21,9 @@ _SMALL = 250
 _SHRINKAGE = 0.6
 """Share of nodes above which a board has fallen apart, and a graph takes its place."""
 
-_MOST_EXTRAS = 0.1
+UNGRADED = np.empty(0, dtype=np.float32)
+
+_MOST_EXTRAS, _MOST_EXTRAS_KEPT = 0.1, 0.5
 """Share of nodes beside the lattice above which a graph serves better than a board."""
 
 
@@ -40,6 +42,8 @@ class GridLevels:
         Node of the next level that a black place belongs to.
     boards : Boards
         The coarse boards; there may be none.
+    weight : ndarray of float32, shape (places,)
+        What a black place takes from its node; empty where that is all (`resgrid.nodal.multigrid.graded`).
     """
 
     true: Board
@@ -48,6 +52,7 @@ class GridLevels:
     place: NDArray[np.int32]
     aggregate: NDArray[np.int32]
     boards: Boards
+    weight: NDArray[np.float32]
 
     @cached_property
     def largest_degree(self) -> float:
@@ -76,63 +81,74 @@ def coarsen_grid(level: Level, place: NDArray[np.int32]) -> tuple[GridLevels, St
     return lay_levels(*coarsen_boards(level), place)
 
 
-def coarsen_boards(level: Level, most: int = 64, small: int = _SMALL) -> tuple[list[Level], list[NDArray[np.int32]]]:
+def coarsen_boards(
+    level: Level, most: int = 64, small: int = _SMALL, *, keep: bool = False
+) -> tuple[list[Level], list[Coarsened]]:
     """Coarsen a board by blocks until it falls apart or has less than ``small`` nodes, at most ``most`` times.
 
     Returns
     -------
     levels : list of Level
         From the given one on.
-    targets : list of ndarray of int32
-        For every level but the last, the place on the next one that every black place belongs to, red ones first.
+    steps : list of Coarsened
+        The ways to all but the first.
     """
     levels: list[Level] = [level]
-    targets: list[NDArray[np.int32]] = []
-    while len(targets) < most:
-        made = coarsen(levels[-1], split=level.uneven)
-        if made is None:
+    steps: list[Coarsened] = []
+    while len(steps) < most:
+        made = coarsen(levels[-1], split=level.uneven, keep=keep)
+        if made is None or made.level.size > _SHRINKAGE * levels[-1].size:
             break
-        coarse, target = made
-        if coarse.size > _SHRINKAGE * levels[-1].size:
-            break
+        coarse = made.level
         levels.append(coarse)
-        targets.append(target[1].copy())
+        steps.append(made)
         extras = sum(len(cell) for cell in coarse.extra_cell)
-        if coarse.size < small or extras > _MOST_EXTRAS * coarse.size:
+        if coarse.size < small or extras > (_MOST_EXTRAS_KEPT if keep else _MOST_EXTRAS) * coarse.size:
             break
-    return levels, targets
+    return levels, steps
 
 
 def lay_levels(
-    levels: list[Level], targets: list[NDArray[np.int32]], place: NDArray[np.int32]
+    levels: list[Level], steps: list[Coarsened], place: NDArray[np.int32]
 ) -> tuple[GridLevels, Stack] | None:
     """Lay boards out for the compiled passes, and coarsen the last one as a graph; None where it does not shrink.
 
     Takes over the degrees of the first level.
     """
-    level = levels[0]
+    level, targets = levels[0], [step.target for step in steps]
     graph, number = to_graph(levels[-1])
-    graphs, steps = coarsen_down(graph)
+    graphs, shrinking = coarsen_down(graph)
     if targets:
-        targets = [*targets[:-1], _counted(number, targets[-1])]
+        targets = [*targets[:-1], counted(number, targets[-1])]
     else:
-        if not steps:
+        if not shrinking:
             return None
-        number[number >= 0] = steps[0].target[number[number >= 0]]
-        targets = [_counted(number, np.arange(level.lattice.places, 2 * level.lattice.places))]
-        graphs, steps = graphs[1:], steps[1:]
+        number[number >= 0] = shrinking[0].target[number[number >= 0]]
+        targets = [counted(number, np.arange(level.lattice.places, 2 * level.lattice.places))]
+        graphs, shrinking = graphs[1:], shrinking[1:]
     boards = lay_behind([in_single(coarse) for coarse in levels[1:-1]], targets[1:], graphs[0].size, level)
+    return GridLevels(*first_boards(level), place, targets[0], boards, UNGRADED), stack_levels(graphs, shrinking)
+
+
+def first_boards(level: Level) -> tuple[Board, Board, Board]:
+    """The first level in all three precisions; takes over its degrees."""
     board = in_single(level)._replace(black_degree=np.empty(0, dtype=np.float32))
     exact = compensated(level, board)
-    return GridLevels(in_double(level), board, exact, place, targets[0], boards), stack_levels(graphs, steps)
+    return in_double(level), board, exact
 
 
-def _counted(number: NDArray[np.int32], place: NDArray[np.integer]) -> NDArray[np.int32]:
+def counted(number: NDArray[np.int32], place: NDArray[np.integer]) -> NDArray[np.int32]:
     """Numbers of a graph's nodes at some places, counted from 1; 0 for none, as at place 0."""
     return np.asarray(number[place] + 1, dtype=np.int32)
 
 
-def lay_behind(boards: list[Board], targets: list[NDArray[np.int32]], nodes: int, level: Level) -> Boards:
+def lay_behind(
+    boards: list[Board],
+    targets: list[NDArray[np.int32]],
+    nodes: int,
+    level: Level,
+    weights: list[NDArray[np.float32]] | None = None,
+) -> Boards:
     """Lay boards one behind the other, without work space."""
 
     def joined(parts: list[NDArray[Any]], kind: type) -> NDArray[Any]:
@@ -156,6 +172,7 @@ def lay_behind(boards: list[Board], targets: list[NDArray[np.int32]], nodes: int
         black_inverse=joined([board.black_inverse for board in boards], np.float32),
         black_degree=joined([board.black_degree for board in boards], np.float32),
         aggregate=joined(targets, np.int32),
+        weight=joined(weights or [], np.float32),
         **dict.fromkeys(("b", "x", "f", "z", "v", "c", "red"), np.empty(0, dtype=np.float32)),
         visits=np.empty(0, dtype=np.int64),
         energy=np.empty(0),

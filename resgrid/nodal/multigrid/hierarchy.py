@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.nodal.multigrid.aggregation import coordinates
-from resgrid.nodal.multigrid.boards import lay_out
+from resgrid.nodal.multigrid.boards import Level, lay_out
 from resgrid.nodal.multigrid.grid_levels import GridLevels, coarsen_grid
 from resgrid.nodal.multigrid.kernels import Stack
 from resgrid.nodal.multigrid.levels import Graph, coarsen_down
@@ -59,22 +59,31 @@ def build_hierarchy(system: NodalSystem) -> Hierarchy:
     -------
     Hierarchy
     """
-    layout = system.netlist.layout
-    if layout is not None:
-        pairs, conductance, row, node = _resistors(system, layout.node)
-        unit = float(conductance.mean())
-        box = _box_around_rows(row, node)
-        laid_out = lay_out(pairs, conductance, row, np.ascontiguousarray(node[box]), system.excess, unit)
-        made = None if laid_out is None else coarsen_grid(*laid_out)
+    found = lay_out_system(system)
+    if found is not None:
+        level, place, unit, box = found
+        made = coarsen_grid(level, place)
         if made is not None:
             return Hierarchy(made[1], made[0], unit, box)
     coupling = system.coupling
     unit = float(coupling.data.mean()) if coupling.nnz else float(system.excess.mean())
-    cell = _cells(system)
+    cell, layout = _cells(system), system.netlist.layout
     where = None if cell is None or layout is None else coordinates(cell, np.array(layout.node.shape))
     finest = Graph(coupling.indptr, coupling.indices, coupling.data / unit, system.excess / unit, where)
     stack = stack_graph(finest) if where is None else stack_levels(*coarsen_down(finest), free=True)
     return Hierarchy(stack, None, unit)
+
+
+def lay_out_system(system: NodalSystem) -> tuple[Level, NDArray[np.int32], float, tuple[slice, ...]] | None:
+    """Lay a system out by colour; the level, places, unit and box, or None where it is no grid of two colours."""
+    layout = system.netlist.layout
+    if layout is None:
+        return None
+    pairs, conductance, row, node = _resistors(system, layout.node)
+    unit = float(conductance.mean())
+    box = _box_around_rows(row, node)
+    laid_out = lay_out(pairs, conductance, row, np.ascontiguousarray(node[box]), system.excess, unit)
+    return None if laid_out is None else (*laid_out, unit, box)
 
 
 def _box_around_rows(row: NDArray[np.int32], node: NDArray[np.int32]) -> tuple[slice, ...]:

@@ -6,14 +6,14 @@ The algorithm is told on one page in `resgrid.nodal.multigrid`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import AccuracyError, InputError
-from resgrid.nodal.refine import Numbers, refine
+from resgrid.nodal.refine import Approximation, Numbers, refine
 from resgrid.nodal.scaled import Scaled, power
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.watch import Watch
@@ -28,8 +28,15 @@ if TYPE_CHECKING:
 REFINED = 1e-20
 """Componentwise backward error that is enough where no current flows."""
 
-_PASS, _LEAST_PASS = 1e-11, 1e-3
+PASS, LEAST_PASS = 1e-11, 1e-3
 """By how much a pass of refinement lessens the residual: at most, and at least."""
+
+
+_FAR = 55.0
+"""Decades a potential falls, as foreseen, from which levels are graded for it."""
+
+_TRUSTED = 1e-12
+"""Componentwise backward error above which levels that are not graded have their turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +46,8 @@ class MultigridFactor:
     Attributes
     ----------
     system : NodalSystem
-    hierarchy : Hierarchy
+    patched : Hierarchy or None
+        Its levels, where an update has patched them.
     change : Change or None
         What updates have changed since the netlist was compiled.
     windows : tuple of Window
@@ -47,10 +55,19 @@ class MultigridFactor:
     """
 
     system: NodalSystem
-    hierarchy: Hierarchy
+    patched: Hierarchy | None = None
     change: Change | None = None
     windows: tuple[Window, ...] = ()
     name = "multigrid"
+
+    @cached_property
+    def hierarchy(self) -> Hierarchy:
+        """What preconditions normwise solutions, and others that fall by few decades; made when it is asked for."""
+        from resgrid.nodal.multigrid.hierarchy import build_hierarchy
+
+        if self.patched is not None:
+            return self.patched
+        return build_hierarchy(self.system)
 
     def update(self, cells: ArrayLike, to: int = Cell.OBSTACLE) -> Factor:
         """Factor the circuit again after free cells have become obstacles or goals (`update_factor`)."""
@@ -95,9 +112,10 @@ class MultigridFactor:
         """
         if guess is not None:
             guess = self._improved(rhs, guess)
+        from resgrid.nodal.multigrid.iteration import iterate
         from resgrid.nodal.multigrid.kernels import norm
 
-        x, residual = self._iterate(rhs, rtol, guess, watch)
+        x, residual = iterate(self.system, self.hierarchy, rhs, rtol, guess, watch)
         largest = self.hierarchy.largest_degree(self.system)
         error = residual / (2.0 * largest * norm(x) + norm(rhs) or 1.0)
         if not error <= rtol:
@@ -129,25 +147,27 @@ class MultigridFactor:
         error : float
             Its componentwise backward error.
         """
-        solution, error = refine(self.system, rhs, partial(self._approximate, watch), REFINED)
+        graded = self._graded_approximation(rhs, watch)
+        if graded is not None:
+            solution, error = refine(self.system, rhs, graded, REFINED)
+        if graded is None or not error <= _TRUSTED:
+            solution, error = refine(
+                self.system, rhs, partial(approximate, self.system, self.hierarchy, watch), REFINED
+            )
         if watch is not None:
             watch.done(error)
         return solution, error
 
-    def _approximate(
-        self, watch: Watch | None, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float
-    ) -> Numbers:
-        """Up to eleven digits of ``A^-1`` times scaled numbers, relative to the largest."""
-        top = 0
-        if e.any() and m.any():
-            top = int(e[m != 0].max())
-            m = m * power(np.clip(e - top, -8, 0))
-        largest = max(float(m.max(initial=0.0)), -float(m.min(initial=0.0)))
-        if not largest:
-            return np.zeros_like(m), np.zeros_like(e)
-        x, _ = self._iterate(m / largest, min(max(accuracy, _PASS), _LEAST_PASS), None, watch)
-        x *= largest
-        return x, np.full_like(e, top)
+    def _graded_approximation(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Approximation | None:
+        """What approximates ``A^-1`` in proportion to the solution, where that falls by many decades in a plane."""
+        system = self.system
+        if self.patched is not None or isinstance(rhs, Scaled) or system.dimensions != 2 or system.decades < _FAR:
+            return None
+        if system.gradable is None:
+            return None
+        from resgrid.nodal.multigrid.graded_solver import graded_approximation
+
+        return graded_approximation(system, system.gradable, rhs, watch)
 
     def _improved(self, b: NDArray[np.float64], guess: NDArray[np.float64]) -> NDArray[np.float64]:
         """The guess, made better where the last update has changed the circuit."""
@@ -160,16 +180,33 @@ class MultigridFactor:
 
         return improve_guess(self.system, self.change, self.windows, b, guess)
 
-    def _iterate(
-        self, b: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
-    ) -> tuple[NDArray[np.float64], float]:
-        from resgrid.nodal.multigrid.iteration import iterate
 
-        return iterate(self.system, self.hierarchy, b, rtol, guess, watch)
+def approximate(
+    system: NodalSystem,
+    hierarchy: Hierarchy,
+    watch: Watch | None,
+    m: NDArray[np.float64],
+    e: NDArray[np.int64],
+    accuracy: float,
+) -> Numbers:
+    """Up to eleven digits of ``A^-1`` times scaled numbers, relative to the largest."""
+    from resgrid.nodal.multigrid.iteration import iterate
+
+    top = 0
+    if e.any() and m.any():
+        top = int(e[m != 0].max())
+        m = m * power(np.clip(e - top, -8, 0))
+    largest = max(float(m.max(initial=0.0)), -float(m.min(initial=0.0)))
+    if not largest:
+        return np.zeros_like(m), np.zeros_like(e)
+    x, _ = iterate(system, hierarchy, m / largest, min(max(accuracy, PASS), LEAST_PASS), None, watch)
+    x *= largest
+    return x, np.full_like(e, top)
 
 
-def factor_multigrid(system: NodalSystem) -> MultigridFactor:
-    """Build the hierarchy of a nodal system."""
-    from resgrid.nodal.multigrid.hierarchy import build_hierarchy
-
-    return MultigridFactor(system, build_hierarchy(system))
+def factor_multigrid(system: NodalSystem, *, later: bool = False) -> MultigridFactor:
+    """Build the hierarchy of a nodal system; ``later``, with the first solution, which tells how it is graded."""
+    factors = MultigridFactor(system)
+    if not later:
+        _ = factors.hierarchy
+    return factors

@@ -120,10 +120,11 @@ def _scale(inverse: Reals, begin: int, count: int, value: Reals, to: int) -> Non
 
 
 @njit(cache=True, nogil=True)
-def restrict(board: Board, aggregate: Indices, z: Singles, coarse: Singles) -> None:
+def restrict(board: Board, aggregate: Indices, weight: Singles, z: Singles, coarse: Singles) -> None:
     """Let the red cells follow the black values ``z``, and sum the black residual into the next level.
 
     ``aggregate`` leads from a black place to its node there; from unused places to node 0, which nothing belongs to.
+    ``weight`` is what a black place counts for, and takes from its node; where it is empty, it is 1.
     """
     total = np.empty(board.block, board.red_inverse.dtype)
     for node in range(len(coarse)):
@@ -135,23 +136,34 @@ def restrict(board: Board, aggregate: Indices, z: Singles, coarse: Singles) -> N
         if step >= wave.ahead:
             begin, count = extent(board, step - wave.ahead)
             into_black(board, wave.red, wave.at[0], step - wave.ahead, total, ZERO)
-            _add_to_nodes(aggregate, begin, count, total, coarse)
+            _add_to_nodes(aggregate, weight, begin, count, total, coarse)
     for m in range(len(board.links)):
-        coarse[aggregate[board.link_black[m]]] += board.links[m] * wave.linked[m]
+        share = weight[board.link_black[m]] if len(weight) > 0 else np.float32(1.0)
+        coarse[aggregate[board.link_black[m]]] += share * board.links[m] * wave.linked[m]
     coarse[0] = 0.0
 
 
 @inner
-def _add_to_nodes(aggregate: Indices, begin: int, count: int, total: Reals, coarse: Singles) -> None:
+def _add_to_nodes(aggregate: Indices, weight: Singles, begin: int, count: int, total: Reals, coarse: Singles) -> None:
     at = np.uint64(begin)
+    if len(weight) > 0:
+        for i in range(count):
+            k = np.uint64(i)
+            coarse[np.uint32(aggregate[at + k])] += weight[at + k] * total[k]
+        return
     for i in range(count):
         k = np.uint64(i)
         coarse[np.uint32(aggregate[at + k])] += total[k]
 
 
 @inner
-def _add_from_nodes(aggregate: Indices, begin: int, count: int, coarse: Singles, z: Singles) -> None:
+def _add_from_nodes(aggregate: Indices, weight: Singles, begin: int, count: int, coarse: Singles, z: Singles) -> None:
     at = np.uint64(begin)
+    if len(weight) > 0:
+        for i in range(count):
+            k = at + np.uint64(i)
+            z[k] += weight[k] * coarse[np.uint32(aggregate[k])]
+        return
     for i in range(count):
         k = at + np.uint64(i)
         z[k] += coarse[np.uint32(aggregate[k])]
@@ -159,8 +171,9 @@ def _add_from_nodes(aggregate: Indices, begin: int, count: int, coarse: Singles,
 
 @njit(cache=True, nogil=True)
 def prolong_and_multiply(
-    board: Board, exact: Board, aggregate: Indices, coarse: Singles, r: Singles, s: Singles, z: Singles, w: Singles
-) -> tuple[float, float, float]:
+    board: Board, exact: Board, aggregate: Indices, weight: Singles, coarse: Singles, r: Singles, s: Singles,
+    z: Singles, w: Singles,
+) -> tuple[float, float, float]:  # fmt: skip
     """Finish the preconditioner's answer ``z`` to ``r``, and form ``w = S z``; returns ``z.r``, ``z.w`` and ``z.s``.
 
     The next level's answer is added to ``z``, the red cells follow, and the black ones are relaxed.  S is the Schur
@@ -177,7 +190,7 @@ def prolong_and_multiply(
     for step in range(between + blocks + ahead):
         if step < blocks:
             begin, count = extent(board, step)
-            _add_from_nodes(aggregate, begin, count, coarse, z)
+            _add_from_nodes(aggregate, weight, begin, count, coarse, z)
         if step == before:
             draw(board, z, first.linked)
         if step == between:

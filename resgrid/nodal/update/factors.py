@@ -60,7 +60,7 @@ def update_factor(factors: Factor, cells: ArrayLike, to: int) -> Factor:
     if not reason and hierarchy is not None:
         patched = patch_levels(hierarchy, system, change, change.cells[0 if before is None else len(before.cells) :])
         if patched is not None:
-            return replace(factors, system=system, hierarchy=patched[0], change=change, windows=patched[1])
+            return replace(factors, system=system, patched=patched[0], change=change, windows=patched[1])
         reason = "the changed cells are all over the grid"
     return _anew(system, change, reason, METHODS["multigrid"])
 

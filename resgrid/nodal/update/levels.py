@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from resgrid.nodal.multigrid.board_cycle import Boards
 from resgrid.nodal.multigrid.board_passes import Board
 from resgrid.nodal.multigrid.boards import Level
+from resgrid.nodal.multigrid.coarsening import Coarsened
 from resgrid.nodal.multigrid.grid_levels import GridLevels
 from resgrid.nodal.multigrid.hierarchy import Hierarchy
 from resgrid.nodal.multigrid.kernels import Stack
@@ -72,8 +73,8 @@ def patch_levels(
     aggregate[alone[alone >= 0]] = 0
     boards, stack, windows = _own_arrays(grid.boards), hierarchy.stack, []
     for box in boxes:
-        window, levels, targets = open_window(system, node, true, hierarchy.unit, box, gone, depth)
-        patch = _Patch(box, shape, levels, targets, boards)
+        window, levels, steps = open_window(system, node, true, hierarchy.unit, box, gone, depth)
+        patch = _Patch(box, shape, levels, steps, boards)
         patch.leave(aggregate)
         for number in range(1, len(levels)):
             if number > count:
@@ -81,7 +82,7 @@ def patch_levels(
             elif not patch.renew(number):
                 break
         windows += [] if window is None else [window]
-    levels_after = GridLevels(true, board, exact, grid.place, aggregate, boards)
+    levels_after = GridLevels(true, board, exact, grid.place, aggregate, boards, grid.weight)
     return replace(hierarchy, stack=stack, grid=levels_after), tuple(windows)
 
 
@@ -132,7 +133,7 @@ class _Patch:
     box : Box
     shape : tuple of int
         Of the grid.
-    levels, targets : list
+    levels, steps : list
         Of the window.
     boards : Boards
         The coarse boards, whose arrays are renewed in place.
@@ -141,7 +142,7 @@ class _Patch:
     box: Box
     shape: tuple[int, ...]
     levels: list[Level]
-    targets: list[NDArray[np.int32]]
+    steps: list[Coarsened]
     boards: Boards
 
     def _shift(self, number: int) -> NDArray[np.int64]:
@@ -176,7 +177,7 @@ class _Patch:
     def leave(self, aggregate: NDArray[np.int32]) -> None:
         """Take black places whose part has been split off a block away from the block, in place."""
         both = self._both(0)
-        if both is not None and self.targets:
+        if both is not None and self.steps:
             self._split(0, both[1][1], both[2][1], aggregate)
 
     def _split(
@@ -186,7 +187,7 @@ class _Patch:
         if number + 1 >= min(len(self.boards.margin) + 1, len(self.levels)):
             return
         coarse = self.levels[number + 1].lattice
-        split = self.targets[number][here] % coarse.places >= coarse.first_extra
+        split = self.steps[number].target[here] % coarse.places >= coarse.first_extra
         whole = self._ranges(number + 1)[0]
         places = int(self.boards.places[number + 1] - self.boards.places[number])
         split &= aggregate[there] % places < whole.first_extra
@@ -220,7 +221,7 @@ class _Patch:
         # A node of the graph is known by the black places that belong to it.
         node = np.zeros(self.levels[number].degree.size, dtype=np.int64)
         a, e = self.boards.places[number - 2 : number]
-        node[self.targets[number - 1][before[2][1]]] = self.boards.aggregate[a:e][before[1][1]]
+        node[self.steps[number - 1].target[before[2][1]]] = self.boards.aggregate[a:e][before[1][1]]
         level = self.levels[number]
         here = np.concatenate([both[2][0], both[2][1] + level.lattice.places])
         here = here[(node[here] > 0) & (level.degree.ravel()[here] > 0)]

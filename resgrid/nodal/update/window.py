@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from resgrid.nodal.multigrid.board_iteration import iterate_on_board
 from resgrid.nodal.multigrid.board_passes import Board
 from resgrid.nodal.multigrid.boards import Level, level_of
+from resgrid.nodal.multigrid.coarsening import Coarsened
 from resgrid.nodal.multigrid.grid_levels import coarsen_boards, lay_levels
 from resgrid.nodal.multigrid.hierarchy import Hierarchy
 from resgrid.nodal.multigrid.lattice import Lattice
@@ -150,7 +151,7 @@ def open_window(
     box: Box,
     gone: NDArray[np.int64],
     depth: int,
-) -> tuple[Window | None, list[Level], list[NDArray[np.int32]]]:
+) -> tuple[Window | None, list[Level], list[Coarsened]]:
     """Cut a window out and coarsen it.
 
     Parameters
@@ -172,7 +173,7 @@ def open_window(
     -------
     window : Window or None
         None where a window does not shrink.
-    levels, targets : list
+    levels, steps : list
         As of `coarsen_boards`.
     """
     shape, lattice = node.shape, Lattice(box.shape)
@@ -184,15 +185,15 @@ def open_window(
     none = np.empty(0, dtype=np.int64)
     ends, axis = np.empty((2, 0), dtype=np.int32), np.empty(0, dtype=np.int32)
     level = level_of(lattice, faces, leak, ends, axis, np.empty(0), (none, none))
-    levels, targets = coarsen_boards(level, depth, _SMALL)
-    made = lay_levels(levels, targets, place)
+    levels, steps = coarsen_boards(level, depth, _SMALL)
+    made = lay_levels(levels, steps, place)
     if made is None:
-        return None, levels, targets
+        return None, levels, steps
     number = np.empty(2 * lattice.places, dtype=np.int64)
     number[place] = np.arange(len(rows))
     row_outside = system.unknown[node.ravel()[_cells(Lattice(shape), outer)]].astype(np.int64)
     window = Window(rows, Hierarchy(made[1], made[0], unit), number[inner], row_outside, unit * conductance)
-    return window, levels, targets
+    return window, levels, steps
 
 
 def _rows(

@@ -1,0 +1,194 @@
+"""What a potential will be like, from coarse to fine: nested iteration, in which all numbers stay positive.
+
+On a level that is small the equations are solved directly.  Then, level by level, the answer is spread over the blocks,
+relaxed a few times, and taken as the height that the next finer level is graded by, whose equations some iterations
+solve well enough.  Coarse networks know length, so that the decades by which a potential falls differ by some per cent
+from level to level only.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from resgrid.nodal.multigrid import grade_kernels
+from resgrid.nodal.multigrid.board_iteration import iterate_on_board
+from resgrid.nodal.multigrid.boards import Level, to_graph
+from resgrid.nodal.multigrid.graded import Gradable, unknowns
+from resgrid.nodal.multigrid.place_kernels import put_at_places, take_from_places
+from resgrid.nodal.watch import Watch
+
+_SMALL, _SMALL_VOLUME = 4000, 800
+"""Nodes up to which a level is solved directly, of planes and of volumes."""
+
+_SWEEPS = 3
+_ENOUGH = 1e-5
+"""Residual to which coarse levels are solved."""
+
+_SEAM = 8
+"""Steps around places that are astray within which others may have gone astray with them."""
+
+_MOST_MENDED, _MOST_MENDED_OF_VOLUMES = 10_000, 2_000
+"""Nodes whose equations are solved directly where iterations go astray."""
+
+
+def foresee(levels: Gradable, currents: NDArray[np.float64]) -> NDArray[np.float64]:
+    """About what the potential will be.
+
+    Parameters
+    ----------
+    levels : Gradable
+    currents : ndarray of float64, shape (2, places)
+        Into the places of the first level, none negative.
+
+    Returns
+    -------
+    ndarray of float64, shape (2, places)
+        Positive wherever there is an unknown.
+    """
+    below, into = levels.below(), _summed(levels, currents)
+    if _is_small(below.levels[0]) or not below.steps:
+        coarse = _solved(below.levels[0], into)
+    else:
+        coarse = _potential(below, into, foresee(below, into))
+    return _spread(levels, coarse, currents)
+
+
+def _is_small(level: Level) -> bool:
+    return level.size <= (_SMALL if _is_plane(level) else _SMALL_VOLUME)
+
+
+def _is_plane(level: Level) -> bool:
+    return len(level.faces) <= 4
+
+
+def _summed(levels: Gradable, currents: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Currents into the blocks."""
+    step = levels.steps[0]
+    summed = np.bincount(step.whole_target.ravel(), currents.ravel(), 2 * step.level.lattice.places)
+    summed[0] = 0.0
+    return np.asarray(summed.reshape(2, -1), dtype=np.float64)
+
+
+def _solved(level: Level, currents: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Potential by elimination in order of minimum degree; positive, for all that is subtracted are rounding errors."""
+    graph, number = to_graph(level)
+    n, used = graph.size, np.flatnonzero(number >= 0)
+    coupling = sparse.csr_array((graph.conductance, graph.indices, graph.indptr), shape=(n, n))
+    matrix = sparse.diags_array(coupling.sum(axis=1) + graph.leak) - coupling
+    potential = np.zeros(number.size)
+    potential[used] = _eliminated(matrix, currents.ravel()[used])
+    return potential.reshape(currents.shape)
+
+
+def _eliminated(matrix: sparse.sparray, currents: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Solution by SuperLU; not a number where rounding leaves no pivot."""
+    from scipy.sparse.linalg import splu
+
+    columns = sparse.csc_array(matrix)
+    try:
+        factors = splu(columns, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    except RuntimeError:
+        return np.full(len(currents), np.nan)
+    return np.asarray(factors.solve(currents))
+
+
+def _potential(levels: Gradable, currents: NDArray[np.float64], height: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Potential to some tenths of itself, by some iterations on levels in proportion to a height.
+
+    Parameters
+    ----------
+    levels : Gradable
+    currents, height : ndarray of float64, shape (2, places)
+        As of `foresee`.
+
+    Returns
+    -------
+    ndarray of float64, shape (2, places)
+        Positive wherever there is an unknown.
+    """
+    hierarchy = levels.grade(height, stretched=False)
+    assert hierarchy.grid is not None
+    b, x = take_from_places(levels.place, currents.ravel()), np.zeros_like(currents)
+    found = iterate_on_board(hierarchy, hierarchy.grid, b * levels.unit, _ENOUGH, None, Watch())[0]
+    put_at_places(levels.place, found, 1.0, x.ravel())
+    return mended(levels, currents, x, height)
+
+
+def mended(
+    levels: Gradable, currents: NDArray[np.float64], x: NDArray[np.float64], height: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Solve the equations directly where the way up a potential does not lead to its source, the rest taken as it is.
+
+    Where these are too many, they keep the height that was foreseen.  Returns ``x`` itself where nothing is astray.
+    """
+    board = levels.first[0]
+    wrong = grade_kernels.astray(board, currents, x) & unknowns(board)
+    places = _around(levels, np.flatnonzero(wrong))
+    if not len(places):
+        return x
+    if len(places) > few(levels):
+        return np.where(wrong, height, x)
+    found = solved_at(levels, places, currents, x)
+    if not np.all(np.isfinite(found)):
+        return x
+    better = x.copy()
+    better.ravel()[places] = found
+    return better
+
+
+def few(levels: Gradable) -> int:
+    """How many places' equations are solved directly, at most."""
+    return _MOST_MENDED if _is_plane(levels.levels[0]) else _MOST_MENDED_OF_VOLUMES
+
+
+def _around(levels: Gradable, places: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Some places, and all that are few steps away."""
+    for _ in range(_SEAM):
+        places = np.unique(np.concatenate([places, _joined(levels, places)[1]]))
+    return places
+
+
+def _joined(
+    levels: Gradable, places: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    """Faces and links at some places, red ones first: from which place, to which one, and their conductance."""
+    board, count = levels.first[0], levels.levels[0].lattice.places
+    red, black = places[places < count], places[places >= count] - count
+    here: list[NDArray[np.integer]] = []
+    there: list[NDArray[np.integer]] = []
+    conductance: list[NDArray[np.floating]] = []
+    for face, away in zip(board.faces, board.distance.tolist(), strict=True):
+        here += [red, count + black]
+        there += [count + red + away, black - away]
+        conductance += [face[red], face[black - away]]
+    at_red, at_black = np.isin(board.link_red, red), np.isin(board.link_black, black)
+    here += [board.link_red[at_red], count + board.link_black[at_black]]
+    there += [count + board.link_black[at_red], board.link_red[at_black]]
+    conductance += [board.links[at_red], board.links[at_black]]
+    a, b, g = (np.concatenate(parts) for parts in (here, there, conductance))
+    return a[g > 0.0].astype(np.int64), b[g > 0.0].astype(np.int64), g[g > 0.0]
+
+
+def solved_at(
+    levels: Gradable, places: NDArray[np.int64], currents: NDArray[np.float64], x: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Potential at some places, red ones first, that the others' and the currents feed."""
+    board = levels.first[0]
+    here, there, g = _joined(levels, places)
+    row, column = np.searchsorted(places, here), np.searchsorted(places, there)
+    inside = np.isin(there, places)
+    fed = currents.ravel()[places] + np.bincount(row[~inside], (g * x.ravel()[there])[~inside], len(places))
+    with np.errstate(divide="ignore"):
+        degree = np.concatenate([1.0 / board.red_inverse, board.black_degree])[places]
+    coupling = sparse.csc_array((g[inside], (row[inside], column[inside])), shape=(len(places),) * 2)
+    return _eliminated(sparse.diags_array(degree) - coupling, fed)
+
+
+def _spread(levels: Gradable, coarse: NDArray[np.float64], currents: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Spread a coarse potential over its blocks, and smooth it."""
+    x = coarse.ravel()[levels.steps[0].whole_target]
+    x[levels.levels[0].degree == 0.0] = 0.0
+    grade_kernels.smooth(levels.first[0], currents, x, _SWEEPS)
+    return np.asarray(x)

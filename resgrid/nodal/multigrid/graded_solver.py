@@ -1,0 +1,96 @@
+"""Approximate solutions in proportion to themselves, for refinement: all decades of a potential in a few passes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.nodal.multigrid.foresight import few, foresee, mended, solved_at
+from resgrid.nodal.multigrid.graded import Gradable, unknowns
+from resgrid.nodal.multigrid.place_kernels import put_at_places, take_from_places
+from resgrid.nodal.multigrid.solver import approximate
+from resgrid.nodal.refine import Approximation, Numbers
+from resgrid.nodal.system import NodalSystem
+from resgrid.nodal.watch import Watch
+
+_SPAN = 1e-48
+"""Fall of a potential down to which it is found in single precision."""
+
+_LEAST = 1e-200
+"""Voltages that are left to scaled numbers."""
+
+
+def graded_approximation(
+    system: NodalSystem, levels: Gradable, currents: NDArray[np.float64], watch: Watch | None
+) -> Approximation | None:
+    """What refines a solution on levels that are graded by it; None where too much of it falls out of single precision.
+
+    Parameters
+    ----------
+    system : NodalSystem
+    levels : Gradable
+        Its own.
+    currents : ndarray of float64, shape (n,)
+        Into the rows, in amperes, none negative.
+    watch : Watch or None
+        Told every step.
+
+    Returns
+    -------
+    callable or None
+        As `resgrid.nodal.refine.refine` takes it.
+    """
+    height = foresee(levels, at_places(levels, currents))
+    if not np.all(np.isfinite(height)):
+        return None
+    graded = _Graded(system, levels, height, watch)
+    return graded if graded.reaches_all else None
+
+
+def at_places(levels: Gradable, currents: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Currents into the places of the first level, in its unit, shape (2, places)."""
+    into = np.zeros((2, levels.levels[0].lattice.places))
+    put_at_places(levels.place, currents, 1.0 / levels.unit, into.ravel())
+    return into
+
+
+class _Graded:
+    """Passes over levels that are graded by a height, and by the first answer, where that tells of another height.
+
+    Slits and pockets behind them fall by more decades than single precision spans: there the equations are solved
+    directly, after every pass.
+    """
+
+    def __init__(self, system: NodalSystem, levels: Gradable, height: NDArray[np.float64], watch: Watch | None) -> None:
+        self._system, self._levels, self._watch = system, levels, watch
+        self._first = True
+        self._grade(height)
+
+    def _grade(self, height: NDArray[np.float64]) -> None:
+        self._height, self._hierarchy = height, self._levels.grade(height, stretched=True)
+        self._deep = np.flatnonzero(unknowns(self._levels.first[0]) & (height < _SPAN * height.max()))
+
+    @property
+    def reaches_all(self) -> bool:
+        """Whether single precision reaches all of the solution but for what is solved directly."""
+        return len(self._deep) <= few(self._levels)
+
+    def __call__(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
+        """As `resgrid.nodal.multigrid.solver.approximate`."""
+        rows, exponent = approximate(self._system, self._hierarchy, self._watch, m, e, accuracy)
+        if not (self._first or len(self._deep)) or exponent.any():
+            return rows, exponent
+        into, x = at_places(self._levels, m), np.zeros(self._height.shape)
+        put_at_places(self._levels.place, rows, 1.0, x.ravel())
+        if self._first:
+            self._first = False
+            better = mended(self._levels, into, x, self._height)
+            if better is x:
+                return rows, exponent
+            x = better
+            self._grade(x)
+        if len(self._deep) and self.reaches_all:
+            x.ravel()[self._deep] = solved_at(self._levels, self._deep, into, x)
+        rows = take_from_places(self._levels.place, x.ravel())
+        rows[np.abs(rows) < _LEAST] = 0.0
+        return rows, exponent

@@ -1,0 +1,213 @@
+"""Levels graded by the potential, against direct solutions and dense algebra: all decades at once, slits and all."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings, strategies as st
+from levels import matrix_of
+from numpy.typing import NDArray
+from spaces import space_of, spaces
+
+from resgrid.compiler import compile_space
+from resgrid.errors import CircuitError
+from resgrid.netlist import Netlist
+from resgrid.nodal import methods
+from resgrid.nodal.multigrid import grade_kernels, graded, graded_solver, solver
+from resgrid.nodal.multigrid.board_iteration import iterate_on_board
+from resgrid.nodal.multigrid.foresight import foresee
+from resgrid.nodal.multigrid.graded_solver import at_places
+from resgrid.nodal.multigrid.grid_levels import own_vectors
+from resgrid.nodal.multigrid.hierarchy import Hierarchy, build_hierarchy
+from resgrid.nodal.multigrid.place_kernels import put_at_places
+from resgrid.nodal.multigrid.stack import own_work
+from resgrid.nodal.solve import solve
+from resgrid.nodal.system import NodalSystem, assemble
+from resgrid.nodal.watch import Watch
+from resgrid.space import ConfigurationSpace
+
+
+@pytest.fixture(scope="module", autouse=True)
+def unreduced() -> Iterator[None]:
+    """The whole circuit, graded however little its potential falls."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(methods, "may_reduce", lambda _: False)
+        patch.setattr(solver, "_FAR", 2.0)
+        yield
+
+
+def rooms(size: int = 200) -> NDArray[np.uint8]:
+    """Rectangles in a room, its goal in a corner."""
+    rng, cell = np.random.default_rng(5), np.zeros((size, size), dtype=np.uint8)
+    for _ in range(size**2 // 300):
+        i, j = rng.integers(8, size, 2)
+        cell[i : i + rng.integers(2, 14), j : j + rng.integers(2, 14)] = 1
+    cell[0, 0] = 2
+    return cell
+
+
+def with_slits() -> NDArray[np.uint8]:
+    """Two rooms joined by a slit of 30 cells, and another slit of 160 that leads out of the first into nowhere."""
+    cell = np.ones((63, 172), dtype=np.uint8)
+    cell[1:59, 1:60] = cell[1:59, 90:170] = 0
+    cell[20, 60:90] = cell[59:61, 10] = cell[61, 10:170] = 0
+    cell[1, 1] = 2
+    return cell
+
+
+def log_potential(netlist: Netlist) -> tuple[NodalSystem, NDArray[np.float64]]:
+    """The system of a netlist, and the logarithm of its potential at every row, solved directly."""
+    system, point = assemble(netlist), solve(netlist, method="direct")
+    assert point.log_drop is not None
+    log = np.empty(system.size)
+    nodes = np.flatnonzero(system.unknown >= 0)
+    log[system.unknown[nodes]] = point.log_drop[nodes]
+    return system, log
+
+
+def after_one_pass(system: NodalSystem, hierarchy: Hierarchy) -> tuple[NDArray[np.float64], int]:
+    """The potential after one pass, and its iterations."""
+    assert hierarchy.grid is not None
+    assert system.rails is not None
+    watch, b = Watch(), system.rails.to_low
+    x, _ = iterate_on_board(hierarchy, hierarchy.grid, b / b.max(), 1e-11, None, watch)
+    return x * b.max(), watch.iterations
+
+
+def test_one_pass_is_right_in_all_decades_where_plain_levels_are_right_in_the_first_ones() -> None:
+    system, log = log_potential(compile_space(space_of(rooms()), boundary="dirichlet"))
+    assert log.min() < -15 * np.log(10.0)
+    levels = graded.gradable(system)
+    assert levels is not None
+    height = np.zeros((2, levels.levels[0].lattice.places))
+    put_at_places(levels.place, np.exp(log), 1.0, height.ravel())
+    plain, steps = after_one_pass(system, build_hierarchy(system))
+    assert np.abs(plain / np.exp(log) - 1.0).max() > 1.0
+    x, more = after_one_pass(system, levels.grade(height, stretched=True))
+    assert np.abs(x / np.exp(log) - 1.0).max() < 1e-4
+    assert more <= steps + 2
+
+
+def test_what_is_foreseen_falls_as_the_potential_does() -> None:
+    system, log = log_potential(compile_space(space_of(rooms(400)), boundary="dirichlet"))
+    levels = graded.gradable(system)
+    assert levels is not None
+    assert system.rails is not None
+    height = foresee(levels, at_places(levels, system.rails.to_low)).ravel()[levels.place]
+    assert height.min() > 0.0
+    low = log < -5.0
+    assert np.median(np.log(height[low]) / log[low]) == pytest.approx(1.0, abs=0.06)
+
+
+@settings(max_examples=40, deadline=None)
+@given(spaces(max_cells=14), st.integers(0, 2**16))
+def test_coarse_levels_are_galerkins_sums_in_proportion_to_the_height(space: ConfigurationSpace, seed: int) -> None:
+    assume(2 <= len(space.shape) <= 3)
+    try:
+        levels = graded.gradable(assemble(compile_space(space, boundary="dirichlet")))
+    except CircuitError:
+        return
+    if levels is None:
+        return
+    level, step = levels.levels[0], levels.steps[0]
+    used = graded.unknowns(levels.first[0]).ravel()
+    h = np.where(used, np.random.default_rng(seed).uniform(0.7, 1.3, used.size), 0.0).reshape(2, -1)
+    fresh = graded.lay_out_system(assemble(compile_space(space, boundary="dirichlet")))
+    assert fresh is not None
+    matrix, fine = matrix_of(fresh[0])
+    coarse = graded._summed(graded._transformed(level, levels.first[0], h), step, stretched=False)
+    small, nodes = matrix_of(coarse)
+    shares = np.zeros((len(fine), len(nodes)))
+    shares[np.arange(len(fine)), np.searchsorted(nodes, step.whole_target.ravel()[fine])] = h.ravel()[fine]
+    expected = shares.T @ matrix @ shares
+    np.testing.assert_allclose(small, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+def test_a_graded_step_is_symmetric_where_it_is_linear() -> None:
+    from resgrid.nodal.multigrid import waves
+    from resgrid.nodal.multigrid.board_cycle import cycle_boards
+    from resgrid.nodal.multigrid.grid_levels import inverse_below
+
+    system, log = log_potential(compile_space(space_of(rooms(60)), boundary="dirichlet"))
+    levels = graded.gradable(system)
+    assert levels is not None
+    height = np.zeros((2, levels.levels[0].lattice.places))
+    put_at_places(levels.place, np.exp(0.2 * log), 1.0, height.ravel())
+    hierarchy = levels.grade(height, stretched=True)
+    grid = hierarchy.grid
+    assert grid is not None
+    assert len(grid.boards.margin) > 0
+    assert len(grid.weight) > 0
+
+    def preconditioned(r: NDArray[np.float32]) -> NDArray[np.float64]:
+        z, boards = grid.board.black_inverse * r, own_vectors(grid.boards)
+        waves.restrict(grid.board, grid.aggregate, grid.weight, z, boards.b[: boards.size])
+        assert cycle_boards(boards, inverse_below(own_work(hierarchy.stack)), np.inf, 99)
+        waves.prolong_and_multiply(
+            grid.board, grid.exact, grid.aggregate, grid.weight, boards.x[: boards.size], r, r, z, np.zeros_like(z)
+        )
+        return z.astype(np.float64)
+
+    used = grid.true.black_degree > 0
+    a, b = (np.random.default_rng(1).normal(size=(2, len(used))) * used).astype(np.float32)
+    assert b @ preconditioned(a) == pytest.approx(a @ preconditioned(b), rel=1e-3)
+
+
+def test_slits_and_rooms_behind_them_do_not_keep_the_others_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    netlist = compile_space(space_of(with_slits()), boundary="dirichlet")
+    _, log = log_potential(netlist)
+    assert log.min() < -60 * np.log(10.0)
+    point = solve(netlist, method="multigrid")
+    assert_same(point.log_drop, solve(netlist, method="direct").log_drop)
+    monkeypatch.setattr(solver, "_FAR", np.inf)
+    plain = solve(netlist, method="multigrid")
+    assert_same(plain.log_drop, point.log_drop)
+    assert point.iterations is not None
+    assert plain.iterations is not None
+    assert point.iterations < 0.7 * plain.iterations
+
+
+def test_a_way_up_that_ends_away_from_the_source_is_astray() -> None:
+    system, log = log_potential(compile_space(space_of(rooms(40)), boundary="dirichlet"))
+    levels = graded.gradable(system)
+    assert levels is not None
+    assert system.rails is not None
+    x, currents = np.zeros((2, levels.levels[0].lattice.places)), at_places(levels, system.rails.to_low)
+    put_at_places(levels.place, np.exp(log), 1.0, x.ravel())
+    unknown = graded.unknowns(levels.first[0])
+    assert not np.any(grade_kernels.astray(levels.first[0], currents, x) & unknown)
+    lowest = levels.place[np.argmin(log)]
+    x.ravel()[lowest] = 1e-3 * np.exp(log.max())
+    wrong = grade_kernels.astray(levels.first[0], currents, x) & unknown
+    assert wrong.ravel()[lowest]
+    assert np.count_nonzero(wrong) < 0.2 * np.count_nonzero(unknown)
+    x.ravel()[lowest] = -1.0
+    assert grade_kernels.astray(levels.first[0], currents, x).ravel()[lowest]
+
+
+def test_plain_levels_have_their_turn_where_graded_ones_fail(monkeypatch: pytest.MonkeyPatch) -> None:
+    netlist = compile_space(space_of(rooms(60)), boundary="dirichlet")
+    monkeypatch.setattr(graded_solver._Graded, "__call__", lambda _self, m, e, _: (0.0 * m, e))
+    assert_same(solve(netlist, method="multigrid").log_drop, solve(netlist, method="direct").log_drop)
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    spaces(max_cells=30), st.sampled_from([{"boundary": "dirichlet"}, {"boundary": "wall", "wall_resistance": 30.0}])
+)
+def test_graded_multigrid_agrees_with_the_direct_method(space: ConfigurationSpace, options: dict[str, object]) -> None:
+    assume(len(space.shape) == 2)
+    try:
+        netlist = compile_space(space, **options)  # type: ignore[arg-type]
+        direct = solve(netlist, method="direct")
+    except CircuitError:
+        return
+    assert_same(solve(netlist, method="multigrid").log_drop, direct.log_drop)
+
+
+def assert_same(one: NDArray[np.float64] | None, other: NDArray[np.float64] | None) -> None:
+    assert one is not None
+    assert other is not None
+    here = np.isfinite(other)
+    np.testing.assert_array_equal(np.isfinite(one), here)
+    np.testing.assert_allclose(one[here], other[here], rtol=0, atol=1e-10)
