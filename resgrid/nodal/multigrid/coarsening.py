@@ -124,7 +124,7 @@ def _summed(
     block_kernels.lengthen_faces(faces, leak, *frame(lattice), ends[0], ends[1], axis, links, inner)
     left = [_share_left(old, new) for old, new in zip(before, (faces, links), strict=True)]
     coarse = level_of(lattice, faces, leak, ends, axis, links, extra_cell)
-    return Coarsened(coarse, target[1].copy(), target if keep else target[:0], *left)
+    return Coarsened(coarse, target[1].copy(), target if keep else np.empty((2, 0), dtype=np.int32), *left)
 
 
 def _share_left(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[np.float32]:

@@ -19,8 +19,8 @@ from resgrid.nodal.multigrid.graded import Gradable, unknowns
 from resgrid.nodal.multigrid.place_kernels import put_at_places, take_from_places
 from resgrid.nodal.watch import Watch
 
-_SMALL, _SMALL_VOLUME = 4000, 800
-"""Nodes up to which a level is solved directly, of planes and of volumes."""
+_SMALL = 4000
+"""Nodes up to which a level is solved directly."""
 
 _SWEEPS = 3
 _ENOUGH = 1e-5
@@ -29,8 +29,8 @@ _ENOUGH = 1e-5
 _SEAM = 8
 """Steps around places that are astray within which others may have gone astray with them."""
 
-_MOST_MENDED, _MOST_MENDED_OF_VOLUMES = 10_000, 2_000
-"""Nodes whose equations are solved directly where iterations go astray."""
+FEW = 10_000
+"""Nodes whose equations are solved directly, at most, where iterations go astray."""
 
 
 def foresee(levels: Gradable, currents: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -48,19 +48,11 @@ def foresee(levels: Gradable, currents: NDArray[np.float64]) -> NDArray[np.float
         Positive wherever there is an unknown.
     """
     below, into = levels.below(), _summed(levels, currents)
-    if _is_small(below.levels[0]) or not below.steps:
+    if below.levels[0].size <= _SMALL or not below.steps:
         coarse = _solved(below.levels[0], into)
     else:
         coarse = _potential(below, into, foresee(below, into))
     return _spread(levels, coarse, currents)
-
-
-def _is_small(level: Level) -> bool:
-    return level.size <= (_SMALL if _is_plane(level) else _SMALL_VOLUME)
-
-
-def _is_plane(level: Level) -> bool:
-    return len(level.faces) <= 4
 
 
 def _summed(levels: Gradable, currents: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -128,7 +120,7 @@ def mended(
     places = _around(levels, np.flatnonzero(wrong))
     if not len(places):
         return x
-    if len(places) > few(levels):
+    if len(places) > FEW:
         return np.where(wrong, height, x)
     found = solved_at(levels, places, currents, x)
     if not np.all(np.isfinite(found)):
@@ -136,11 +128,6 @@ def mended(
     better = x.copy()
     better.ravel()[places] = found
     return better
-
-
-def few(levels: Gradable) -> int:
-    """How many places' equations are solved directly, at most."""
-    return _MOST_MENDED if _is_plane(levels.levels[0]) else _MOST_MENDED_OF_VOLUMES
 
 
 def _around(levels: Gradable, places: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner
+from resgrid.jit import inlined, inner
 from resgrid.nodal.multigrid.board_passes import (
     Board,
     Floats,
@@ -63,19 +63,6 @@ def smooth(board: Board, currents: Floats, x: Floats, sweeps: int) -> None:
 
 
 @njit(cache=True)
-def left_over(board: Board, currents: Floats, x: Floats) -> Floats:
-    """Residual at the places of both colours; all of shape (2, places)."""
-    r = np.empty(x.shape)
-    relax_red(board, currents[0], x[1], r[0])
-    add_into_black(board, x[0], currents[1], r[1])
-    for k in range(x.shape[1]):
-        degree = 1.0 / board.red_inverse[k] if board.red_inverse[k] > 0.0 else 0.0
-        r[0, k] = degree * (r[0, k] - x[0, k])
-        r[1, k] = r[1, k] - board.black_degree[k] * x[1, k] if board.black_degree[k] > 0.0 else 0.0
-    return r
-
-
-@njit(cache=True)
 def astray(board: Board, currents: Floats, x: Floats) -> NDArray[np.bool_]:
     """Places from which the way up does not lead to where currents come in, as it does on the solution.
 
@@ -108,16 +95,20 @@ def _steepest(board: Board, x: Floats) -> Indices:
     """The highest neighbour of every place, red ones first, if it is higher than the place itself."""
     margin, places = board.margin, x.shape[1]
     red, black = x
-    up, most = np.arange(2 * places).astype(np.int32), black.copy()
+    up, highest, most = np.arange(2 * places).astype(np.int32), red.copy(), black.copy()
     for k in range(margin, places - margin):
-        own, highest = red[k], red[k]
         for q in range(len(board.distance)):
             if board.faces[q, k] > 0.0:
-                there = k + board.distance[q]
-                if black[there] > highest:
-                    highest = black[there]
-                    up[k] = places + there
-                if own > most[there]:
-                    most[there] = own
-                    up[places + there] = k
+                _climb(red, black, k, k + board.distance[q], highest, most, up)
+    for m in range(len(board.links)):
+        _climb(red, black, board.link_red[m], board.link_black[m], highest, most, up)
     return up
+
+
+@inlined
+def _climb(red: Floats, black: Floats, k: int, there: int, highest: Floats, most: Floats, up: Indices) -> None:
+    """Note either end of a conductance as the other's highest neighbour, if it is."""
+    if black[there] > highest[k]:
+        highest[k], up[k] = black[there], len(red) + there
+    if red[k] > most[there]:
+        most[there], up[len(red) + there] = red[k], k

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.nodal.multigrid.foresight import few, foresee, mended, solved_at
+from resgrid.nodal.multigrid.foresight import FEW, foresee, mended, solved_at
 from resgrid.nodal.multigrid.graded import Gradable, unknowns
 from resgrid.nodal.multigrid.place_kernels import put_at_places, take_from_places
 from resgrid.nodal.multigrid.solver import approximate
@@ -73,7 +73,7 @@ class _Graded:
     @property
     def reaches_all(self) -> bool:
         """Whether single precision reaches all of the solution but for what is solved directly."""
-        return len(self._deep) <= few(self._levels)
+        return len(self._deep) <= FEW
 
     def __call__(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
         """As `resgrid.nodal.multigrid.solver.approximate`."""
