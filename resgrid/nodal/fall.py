@@ -9,7 +9,7 @@ import numpy as np
 if TYPE_CHECKING:
     from resgrid.nodal.system import NodalSystem
 
-_VOLUME = 4.2
+VOLUME = 4.2
 """Neighbours a node above which corridors have two dimensions across."""
 
 WHOLE_STEPS = 0.7
@@ -28,7 +28,7 @@ def foresee_decades(system: NodalSystem) -> float:
     from resgrid.nodal.kernels import decay
 
     coupling, rails = system.coupling, system.rails
-    cross = 2.0 if system.connections.entries > _VOLUME * system.size else 1.0
+    cross = 2.0 if system.connections.entries > VOLUME * system.size else 1.0
     tied = rails.to_high[rails.to_high > 0]
     wall = max(float(coupling.data.mean() / tied.mean()) - 1.0, 0.0) if tied.size else 0.0
     factors = decay(

@@ -10,6 +10,7 @@ from resgrid.budget import require_memory
 from resgrid.errors import InputError
 from resgrid.nodal.direct import EXACT_ROWS, factor_direct
 from resgrid.nodal.factor import Factor
+from resgrid.nodal.fall import VOLUME
 from resgrid.nodal.multigrid.solver import factor_multigrid
 from resgrid.nodal.narrow import NarrowOrder, narrow_memory
 from resgrid.nodal.reduction.elimination import may_reduce, reduce_system
@@ -18,8 +19,8 @@ from resgrid.nodal.system import NodalSystem
 
 METHODS: dict[str, Callable[[NodalSystem], Factor]] = {"direct": factor_direct, "multigrid": factor_multigrid}
 
-_VOLUME, _OPEN = 4.2, 3.9
-"""Neighbours a node above which factors fill like a volume, or an open plane."""
+_OPEN = 3.9
+"""Neighbours a node above which factors fill like an open plane; like a volume above `fall.VOLUME`."""
 
 _ROOM = 20.0
 """Cells across a corridor from which cycles converge as in the open."""
@@ -131,7 +132,7 @@ def choose_method(system: NodalSystem, accuracy: str = "direction") -> str:
     if system.size < _SMALL or not found.entries:
         return "direct"
     neighbours = found.entries / system.size
-    if found.weak > (_ROUGH_VOLUME if neighbours > _VOLUME else _ROUGH):
+    if found.weak > (_ROUGH_VOLUME if neighbours > VOLUME else _ROUGH):
         return "direct"
     width, decades = _corridor_width(system), _LEAST_DECADES
     seconds = _multigrid_seconds(system, accuracy, width, decades)
@@ -156,7 +157,7 @@ def _corridor_width(system: NodalSystem) -> float:
 
 def _direct_seconds(size: int, neighbours: float) -> float:
     """Rough time of a direct solution; the constants were measured on random rectangles, mazes and boxes."""
-    if neighbours > _VOLUME:
+    if neighbours > VOLUME:
         return float(1.1e-9 * size**2)
     a_row = 3.0e-6 if neighbours > _OPEN else 2.0e-6
     return float(a_row * size * (size / 128e3) ** 0.2)

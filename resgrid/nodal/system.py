@@ -17,7 +17,6 @@ from resgrid.nodal.sources import SourceForest, tie_sources
 
 if TYPE_CHECKING:
     from resgrid.nodal.connections import Connections
-    from resgrid.nodal.multigrid.graded import Gradable
     from resgrid.nodal.narrow import NarrowOrder
 
 Ties = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -182,13 +181,6 @@ class NodalSystem:
         from resgrid.nodal.fall import foresee_decades
 
         return foresee_decades(self)
-
-    @cached_property
-    def gradable(self) -> Gradable | None:
-        """Its coarse levels, ready to be graded as a solution falls; None where they cannot be."""
-        from resgrid.nodal.multigrid.graded import gradable
-
-        return gradable(self)
 
     @cached_property
     def degree(self) -> NDArray[np.float64]:

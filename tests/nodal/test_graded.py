@@ -79,7 +79,7 @@ def test_one_pass_is_right_in_all_decades_where_plain_levels_are_right_in_the_fi
     assert log.min() < -15 * np.log(10.0)
     levels = graded.gradable(system)
     assert levels is not None
-    height = np.zeros((2, levels.levels[0].lattice.places))
+    height = np.zeros((2, levels.level.lattice.places))
     put_at_places(levels.place, np.exp(log), 1.0, height.ravel())
     plain, steps = after_one_pass(system, build_hierarchy(system))
     assert np.abs(plain / np.exp(log) - 1.0).max() > 1.0
@@ -109,7 +109,7 @@ def test_coarse_levels_are_galerkins_sums_in_proportion_to_the_height(space: Con
         return
     if levels is None:
         return
-    level, step = levels.levels[0], levels.steps[0]
+    level, step = levels.level, levels.steps[0]
     used = graded.unknowns(levels.first[0]).ravel()
     h = np.where(used, np.random.default_rng(seed).uniform(0.7, 1.3, used.size), 0.0).reshape(2, -1)
     fresh = graded.lay_out_system(assemble(compile_space(space, boundary="dirichlet")))
@@ -131,7 +131,7 @@ def test_a_graded_step_is_symmetric_where_it_is_linear() -> None:
     system, log = log_potential(compile_space(space_of(rooms(60)), boundary="dirichlet"))
     levels = graded.gradable(system)
     assert levels is not None
-    height = np.zeros((2, levels.levels[0].lattice.places))
+    height = np.zeros((2, levels.level.lattice.places))
     put_at_places(levels.place, np.exp(0.2 * log), 1.0, height.ravel())
     hierarchy = levels.grade(height, stretched=True)
     grid = hierarchy.grid
@@ -172,7 +172,7 @@ def test_a_way_up_that_ends_away_from_the_source_is_astray() -> None:
     levels = graded.gradable(system)
     assert levels is not None
     assert system.rails is not None
-    x, currents = np.zeros((2, levels.levels[0].lattice.places)), at_places(levels, system.rails.to_low)
+    x, currents = np.zeros((2, levels.level.lattice.places)), at_places(levels, system.rails.to_low)
     put_at_places(levels.place, np.exp(log), 1.0, x.ravel())
     unknown = graded.unknowns(levels.first[0])
     assert not np.any(grade_kernels.astray(levels.first[0], currents, x) & unknown)

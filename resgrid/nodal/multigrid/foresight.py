@@ -12,11 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from resgrid.errors import AccuracyError
 from resgrid.nodal.multigrid import grade_kernels
 from resgrid.nodal.multigrid.board_iteration import iterate_on_board
 from resgrid.nodal.multigrid.boards import Level, to_graph
 from resgrid.nodal.multigrid.graded import Gradable, unknowns
 from resgrid.nodal.multigrid.place_kernels import put_at_places, take_from_places
+from resgrid.nodal.superlu import symmetric_factors
 from resgrid.nodal.watch import Watch
 
 _SMALL = 4000
@@ -46,10 +48,15 @@ def foresee(levels: Gradable, currents: NDArray[np.float64]) -> NDArray[np.float
     -------
     ndarray of float64, shape (2, places)
         Positive wherever there is an unknown.
+
+    Raises
+    ------
+    AccuracyError
+        If rounding leaves no pivot on the small level.
     """
     below, into = levels.below(), _summed(levels, currents)
-    if below.levels[0].size <= _SMALL or not below.steps:
-        coarse = _solved(below.levels[0], into)
+    if below.level.size <= _SMALL or not below.steps:
+        coarse = _solved(below.level, into)
     else:
         coarse = _potential(below, into, foresee(below, into))
     return _spread(levels, coarse, currents)
@@ -64,26 +71,14 @@ def _summed(levels: Gradable, currents: NDArray[np.float64]) -> NDArray[np.float
 
 
 def _solved(level: Level, currents: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Potential by elimination in order of minimum degree; positive, for all that is subtracted are rounding errors."""
+    """Potential by sparse factors; positive, for all that they subtract are rounding errors."""
     graph, number = to_graph(level)
     n, used = graph.size, np.flatnonzero(number >= 0)
     coupling = sparse.csr_array((graph.conductance, graph.indices, graph.indptr), shape=(n, n))
     matrix = sparse.diags_array(coupling.sum(axis=1) + graph.leak) - coupling
     potential = np.zeros(number.size)
-    potential[used] = _eliminated(matrix, currents.ravel()[used])
+    potential[used] = symmetric_factors(matrix).solve(currents.ravel()[used])
     return potential.reshape(currents.shape)
-
-
-def _eliminated(matrix: sparse.sparray, currents: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Solution by SuperLU; not a number where rounding leaves no pivot."""
-    from scipy.sparse.linalg import splu
-
-    columns = sparse.csc_array(matrix)
-    try:
-        factors = splu(columns, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    except RuntimeError:
-        return np.full(len(currents), np.nan)
-    return np.asarray(factors.solve(currents))
 
 
 def _potential(levels: Gradable, currents: NDArray[np.float64], height: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -117,16 +112,15 @@ def mended(
     """
     board = levels.first[0]
     wrong = grade_kernels.astray(board, currents, x) & unknowns(board)
-    places = _around(levels, np.flatnonzero(wrong))
+    places = np.flatnonzero(wrong)
     if not len(places):
         return x
+    if len(places) <= FEW:
+        places = _around(levels, places)
     if len(places) > FEW:
         return np.where(wrong, height, x)
-    found = solved_at(levels, places, currents, x)
-    if not np.all(np.isfinite(found)):
-        return x
     better = x.copy()
-    better.ravel()[places] = found
+    better.ravel()[places] = solved_at(levels, places, currents, x)
     return better
 
 
@@ -141,7 +135,7 @@ def _joined(
     levels: Gradable, places: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
     """Faces and links at some places, red ones first: from which place, to which one, and their conductance."""
-    board, count = levels.first[0], levels.levels[0].lattice.places
+    board, count = levels.first[0], levels.level.lattice.places
     red, black = places[places < count], places[places >= count] - count
     here: list[NDArray[np.integer]] = []
     there: list[NDArray[np.integer]] = []
@@ -161,21 +155,25 @@ def _joined(
 def solved_at(
     levels: Gradable, places: NDArray[np.int64], currents: NDArray[np.float64], x: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Potential at some places, red ones first, that the others' and the currents feed."""
-    board = levels.first[0]
+    """Potential at some places, red ones first, fed by the others' and by currents; as it is, if rounding forbids."""
+    board, count = levels.first[0], levels.level.lattice.places
     here, there, g = _joined(levels, places)
     row, column = np.searchsorted(places, here), np.searchsorted(places, there)
     inside = np.isin(there, places)
     fed = currents.ravel()[places] + np.bincount(row[~inside], (g * x.ravel()[there])[~inside], len(places))
-    with np.errstate(divide="ignore"):
-        degree = np.concatenate([1.0 / board.red_inverse, board.black_degree])[places]
+    red, black = places[places < count], places[places >= count] - count
+    degree = np.concatenate([1.0 / board.red_inverse[red], board.black_degree[black]])
     coupling = sparse.csc_array((g[inside], (row[inside], column[inside])), shape=(len(places),) * 2)
-    return _eliminated(sparse.diags_array(degree) - coupling, fed)
+    try:
+        found = symmetric_factors(sparse.diags_array(degree) - coupling).solve(fed)
+    except AccuracyError:
+        return x.ravel()[places]
+    return np.asarray(found)
 
 
 def _spread(levels: Gradable, coarse: NDArray[np.float64], currents: NDArray[np.float64]) -> NDArray[np.float64]:
     """Spread a coarse potential over its blocks, and smooth it."""
     x = coarse.ravel()[levels.steps[0].whole_target]
-    x[levels.levels[0].degree == 0.0] = 0.0
+    x[levels.level.degree == 0.0] = 0.0
     grade_kernels.smooth(levels.first[0], currents, x, _SWEEPS)
     return np.asarray(x)

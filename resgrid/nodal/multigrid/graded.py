@@ -53,10 +53,10 @@ class Gradable:
 
     Attributes
     ----------
-    levels : list of Level
-        From the first one down to one that is small.
+    level : Level
+        The first one.
     steps : list of Coarsened
-        The ways to all but the first.
+        The others, down to one that is small, and the ways to them.
     first : tuple of three Board
         The first level, in the precisions of `GridLevels`.
     place : ndarray of int32, shape (n,)
@@ -67,7 +67,7 @@ class Gradable:
         As of `Hierarchy`.
     """
 
-    levels: list[Level]
+    level: Level
     steps: list[Coarsened]
     first: tuple[Board, Board, Board]
     place: NDArray[np.int32]
@@ -90,7 +90,7 @@ class Gradable:
         """
         lowest = 10.0**-_MOST_DECADES * height.max()
         height = np.where(unknowns(self.first[0]), np.maximum(height, lowest), 0.0)
-        levels, scales = [_transformed(self.levels[0], self.first[0], height)], [height]
+        levels, scales = [_transformed(self.level, self.first[0], height)], [height]
         for step in self.steps:
             levels.append(_summed(levels[-1], step, stretched))
             scales.append(_scale(levels[-1].degree))
@@ -100,16 +100,16 @@ class Gradable:
         graph, number = to_graph(levels[-1])
         targets[-1] = counted(number, targets[-1])
         boards = [_in_single(*both) for both in zip(levels[1:-1], scales[1:-1], strict=True)]
-        laid = lay_behind(boards, targets[1:], graph.size, self.levels[0], weights[1:])
+        laid = lay_behind(boards, targets[1:], graph.size, self.level, weights[1:])
         grid = GridLevels(*self.first, self.place, targets[0], laid, weights[0])
         return Hierarchy(stack_levels([_of_unit_diagonal(graph)], []), grid, self.unit, self.box)
 
     def below(self) -> Gradable:
         """The same from the next level on."""
-        level = self.levels[1]
+        level = self.steps[0].level
         place = np.flatnonzero(level.degree).astype(np.int32)
         first = first_boards(replace(level, degree=level.degree.copy()))
-        return Gradable(self.levels[1:], self.steps[1:], first, place, self.unit, ())
+        return Gradable(level, self.steps[1:], first, place, self.unit, ())
 
 
 def gradable(system: NodalSystem) -> Gradable | None:
@@ -121,7 +121,7 @@ def gradable(system: NodalSystem) -> Gradable | None:
     levels, steps = coarsen_boards(level, keep=True)
     if not steps or levels[-1].size > _MOST_LEFT:
         return None
-    return Gradable(levels, steps, first_boards(level), place, unit, box)
+    return Gradable(level, steps, first_boards(level), place, unit, box)
 
 
 def unknowns(board: Board) -> NDArray[np.bool_]:

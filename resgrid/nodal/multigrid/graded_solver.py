@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.errors import AccuracyError
 from resgrid.nodal.multigrid.foresight import FEW, foresee, mended, solved_at
 from resgrid.nodal.multigrid.graded import Gradable, unknowns
 from resgrid.nodal.multigrid.place_kernels import put_at_places, take_from_places
@@ -40,7 +41,10 @@ def graded_approximation(
     callable or None
         As `resgrid.nodal.refine.refine` takes it.
     """
-    height = foresee(levels, at_places(levels, currents))
+    try:
+        height = foresee(levels, at_places(levels, currents))
+    except AccuracyError:
+        return None
     if not np.all(np.isfinite(height)):
         return None
     graded = _Graded(system, levels, height, watch)
@@ -49,7 +53,7 @@ def graded_approximation(
 
 def at_places(levels: Gradable, currents: NDArray[np.float64]) -> NDArray[np.float64]:
     """Currents into the places of the first level, in its unit, shape (2, places)."""
-    into = np.zeros((2, levels.levels[0].lattice.places))
+    into = np.zeros((2, levels.level.lattice.places))
     put_at_places(levels.place, currents, 1.0 / levels.unit, into.ravel())
     return into
 

@@ -21,6 +21,7 @@ from resgrid.space import Cell
 
 if TYPE_CHECKING:
     from resgrid.nodal.factor import Factor
+    from resgrid.nodal.multigrid.graded import Gradable
     from resgrid.nodal.multigrid.hierarchy import Hierarchy
     from resgrid.nodal.update.change import Change
     from resgrid.nodal.update.window import Window
@@ -28,9 +29,8 @@ if TYPE_CHECKING:
 REFINED = 1e-20
 """Componentwise backward error that is enough where no current flows."""
 
-PASS, LEAST_PASS = 1e-11, 1e-3
+_PASS, _LEAST_PASS = 1e-11, 1e-3
 """By how much a pass of refinement lessens the residual: at most, and at least."""
-
 
 _FAR = 55.0
 """Decades a potential falls, as foreseen, from which levels are graded for it."""
@@ -68,6 +68,12 @@ class MultigridFactor:
         if self.patched is not None:
             return self.patched
         return build_hierarchy(self.system)
+
+    @cached_property
+    def _gradable(self) -> Gradable | None:
+        from resgrid.nodal.multigrid.graded import gradable
+
+        return gradable(self.system)
 
     def update(self, cells: ArrayLike, to: int = Cell.OBSTACLE) -> Factor:
         """Factor the circuit again after free cells have become obstacles or goals (`update_factor`)."""
@@ -163,11 +169,15 @@ class MultigridFactor:
         system = self.system
         if self.patched is not None or isinstance(rhs, Scaled) or system.dimensions != 2 or system.decades < _FAR:
             return None
-        if system.gradable is None:
+        levels = self._gradable
+        if levels is None:
             return None
         from resgrid.nodal.multigrid.graded_solver import graded_approximation
 
-        return graded_approximation(system, system.gradable, rhs, watch)
+        graded = graded_approximation(system, levels, rhs, watch)
+        if graded is None:
+            vars(self)["_gradable"] = None  # neither kept nor tried again
+        return graded
 
     def _improved(self, b: NDArray[np.float64], guess: NDArray[np.float64]) -> NDArray[np.float64]:
         """The guess, made better where the last update has changed the circuit."""
@@ -199,7 +209,7 @@ def approximate(
     largest = max(float(m.max(initial=0.0)), -float(m.min(initial=0.0)))
     if not largest:
         return np.zeros_like(m), np.zeros_like(e)
-    x, _ = iterate(system, hierarchy, m / largest, min(max(accuracy, PASS), LEAST_PASS), None, watch)
+    x, _ = iterate(system, hierarchy, m / largest, min(max(accuracy, _PASS), _LEAST_PASS), None, watch)
     x *= largest
     return x, np.full_like(e, top)
 
