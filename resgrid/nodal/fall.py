@@ -16,6 +16,10 @@ WHOLE_STEPS = 0.7
 """Potentials fall over straight distances, ways on a grid are longer."""
 
 
+_ROUNDS = 30
+"""Rounds in which depths are found where rows are numbered as it happens, at most."""
+
+
 def foresee_decades(system: NodalSystem) -> float:
     """Rough number of decades that a potential between two rails falls over the graph; 0 for other circuits.
 
@@ -33,6 +37,6 @@ def foresee_decades(system: NodalSystem) -> float:
     wall = max(float(coupling.data.mean() / tied.mean()) - 1.0, 0.0) if tied.size else 0.0
     factors = decay(
         coupling.indptr, coupling.indices, rails.to_low > 0, rails.to_high > 0, np.pi * np.sqrt(cross),
-        wall / (2.0 * cross),
+        wall / (2.0 * cross), 1 if system.netlist.layout is not None else _ROUNDS,
     )  # fmt: skip
     return float(WHOLE_STEPS * factors / np.log(10.0))

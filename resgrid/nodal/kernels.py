@@ -24,6 +24,7 @@ _LARGE = 2.0 ** (BITS // 2)
 _SMALL = 2.0 ** -(BITS // 2)
 _SPLITTER = 2.0**27 + 1.0
 _PARTS = 64.0
+_END, _UNSEEN = -1, -2
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -138,76 +139,73 @@ def _shift(value: float, steps: int) -> float:
 
 
 @inner
-def _steps_from(indptr: Indices, indices: Indices, seeds: NDArray[np.bool_]) -> Indices:
-    """Steps of a breadth-first search from some nodes to every node; -1 where it does not come."""
-    steps = np.full(len(seeds), -1, np.int32)
-    queue = np.empty(len(seeds), np.int32)
-    tail = 0
-    for node in range(len(seeds)):
-        if seeds[node]:
-            steps[node] = 0
-            queue[tail] = node
-            tail += 1
-    head = 0
-    while head < tail:
-        node = queue[head]
-        head += 1
-        for k in range(indptr[node], indptr[node + 1]):
-            if steps[indices[k]] < 0:
-                steps[indices[k]] = steps[node] + 1
-                queue[tail] = indices[k]
-                tail += 1
+def _steps_from(indptr: Indices, indices: Indices, seeds: NDArray[np.bool_], rounds: int) -> Indices:
+    """Steps from some nodes to every node, by sweeps up and down the rows; the number of nodes where they do not come.
+
+    Where rows are those of a grid, one round does: the way from the nearest seed runs up or down the rows.
+    """
+    n = len(seeds)
+    steps = np.full(n, n, np.int32)
+    for _ in range(rounds):
+        moved = False
+        for i in range(n):
+            least = 0 if seeds[i] else steps[i]
+            for k in range(indptr[i], indptr[i + 1]):
+                least = min(least, steps[indices[k]] + 1)
+            moved |= least < steps[i]
+            steps[i] = least
+        if not moved:
+            break
+        for i in range(n - 1, -1, -1):
+            for k in range(indptr[i], indptr[i + 1]):
+                steps[i] = min(steps[i], steps[indices[k]] + 1)
     return steps
 
 
 @njit(cache=True)
 def decay(
-    indptr: Indices, indices: Indices, low: NDArray[np.bool_], high: NDArray[np.bool_], rate: float, wall: float
-) -> float:
+    indptr: Indices, indices: Indices, low: NDArray[np.bool_], high: NDArray[np.bool_], rate: float, wall: float,
+    rounds: int,
+) -> float:  # fmt: skip
     """Estimate by how many factors of e a potential between two rails falls, from the low rail to the farthest node.
 
-    Where the nearest contact with the high rail lies ``r`` steps away the corridor counts as ``w = 2 r + 1`` wide, and
-    the potential falls by ``((w / rate)**2 + w wall)**(-1/2)`` a step: as between plain rails where there is no
-    ``wall``, by the square root of what leaks through it where that is large.  The way on which the potential falls
-    least counts (shortest paths by buckets, Dial 1969).
+    Where the nearest contact with the high rail lies ``r`` steps away, as `_steps_from` finds it in some rounds, the
+    corridor counts as ``w = 2 r + 1`` wide, and the potential falls by ``((w / rate)**2 + w wall)**(-1/2)`` a step: as
+    between plain rails where there is no ``wall``, by the square root of what leaks through it where that is large.
+    The way on which the potential falls least counts (shortest paths by buckets, Dial 1969); since a step's fall is
+    that of the node it leads to, the first way found to a node is the best.
     """
     n = len(low)
-    depth = _steps_from(indptr, indices, high)
-    costs = np.zeros(n, np.int32)
-    for node in range(n):
-        if depth[node] >= 0:
-            width = 2.0 * depth[node] + 1.0
-            costs[node] = max(1, int(_PARTS / math.sqrt((width / rate) ** 2 + width * wall)))
+    depth = _steps_from(indptr, indices, high, rounds)
+    costs = np.ones(n + 1, np.int32)
+    costs[n] = 0
+    for r in range(n):
+        width = 2.0 * r + 1.0
+        costs[r] = max(1, int(_PARTS / math.sqrt((width / rate) ** 2 + width * wall)))
+        if costs[r] == 1:
+            break
     buckets = int(_PARTS * rate) + 2
-    first = np.full(buckets, -1, np.int32)
-    # Entries of the lists of nodes in the buckets: the node, and the entry after it.
-    entry = np.empty((len(indices) + n, 2), np.int32)
-    fall = np.full(n, 2**31 - 1, np.int32)
-    size = 0
+    # Lists of nodes in the buckets: the first one of each, and the one after every node.
+    first, after = np.full(buckets, _END, np.int32), np.full(n, _UNSEEN, np.int32)
+    waiting = 0
     for node in range(n):
         if low[node]:
-            fall[node] = 0
-            entry[size, 0], entry[size, 1], first[0] = node, first[0], size
-            size += 1
-    now, most, waiting = 0, 0, size
+            after[node], first[0] = first[0], node
+            waiting += 1
+    now, most, bucket = 0, 0, 0
     while waiting > 0:
-        bucket = now % buckets
-        item = first[bucket]
-        if item < 0:
+        node = first[bucket]
+        if node == _END:
             now += 1
+            bucket = bucket + 1 if bucket + 1 < buckets else 0
             continue
-        node, first[bucket] = entry[item]
+        first[bucket], most = after[node], now
         waiting -= 1
-        if fall[node] != now:
-            continue
-        most = now
         for k in range(indptr[node], indptr[node + 1]):
             other = indices[k]
-            value = now + costs[other]
-            if value < fall[other]:
-                fall[other] = value
-                bucket = value % buckets
-                entry[size, 0], entry[size, 1], first[bucket] = other, first[bucket], size
-                size += 1
+            if after[other] == _UNSEEN:
+                ahead = bucket + costs[depth[other]]
+                ahead -= buckets if ahead >= buckets else 0
+                after[other], first[ahead] = first[ahead], other
                 waiting += 1
     return most / _PARTS

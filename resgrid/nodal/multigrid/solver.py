@@ -155,14 +155,17 @@ class MultigridFactor:
         """
         graded = self._graded_approximation(rhs, watch)
         if graded is not None:
-            solution, error = refine(self.system, rhs, graded, REFINED)
+            solution, error = self._refined(rhs, graded)
         if graded is None or not error <= _TRUSTED:
-            solution, error = refine(
-                self.system, rhs, partial(approximate, self.system, self.hierarchy, watch), REFINED
-            )
+            solution, error = self._refined(rhs, partial(approximate, self.system, self.hierarchy, watch))
         if watch is not None:
             watch.done(error)
         return solution, error
+
+    def _refined(self, rhs: NDArray[np.float64] | Scaled, passes: Approximation) -> tuple[Scaled, float]:
+        from resgrid.nodal.multigrid.pockets import PocketsDirectly
+
+        return refine(self.system, rhs, PocketsDirectly(self.system, passes), REFINED)
 
     def _graded_approximation(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Approximation | None:
         """What approximates ``A^-1`` in proportion to the solution, where that falls by many decades in a plane."""

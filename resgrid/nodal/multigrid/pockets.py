@@ -1,0 +1,100 @@
+"""Passes of refinement where few rows are left: their equations are solved directly, with what surrounds them.
+
+Coarse levels see little of slits and of the pockets behind them, which are the last to be right.  All around them is
+right by then, and corrections die out within a few cells, so that a pass over the whole circuit would serve some
+hundred rows alone.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from resgrid.errors import AccuracyError
+from resgrid.nodal.refine import Approximation, Numbers
+from resgrid.nodal.scaled import power
+from resgrid.nodal.superlu import symmetric_factors
+from resgrid.nodal.system import NodalSystem
+
+_STEPS = 8
+"""Steps around a row that is left within which corrections die out."""
+
+_FEW = 2_000
+"""Rows left, at most, for which a direct pass is tried."""
+
+_MOST, _SHARE = 20_000, 16
+"""Rows that are solved directly, at most: so many, or one in so many of all."""
+
+_GAIN = 0.5
+"""Share of the rows left before that may be left after a direct pass, for another one to follow."""
+
+
+class PocketsDirectly:
+    """An approximate inverse that solves directly where few entries of the right-hand side are left.
+
+    Corrections in the open do not die out: where a direct pass leaves many of the rows, the next one is a whole one.
+
+    Parameters
+    ----------
+    system : NodalSystem
+    whole : callable
+        The approximate inverse of all rows; its turn is the first.
+    """
+
+    def __init__(self, system: NodalSystem, whole: Approximation) -> None:
+        self._system, self._whole = system, whole
+        self._most = 0.0
+
+    def __call__(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
+        """As `resgrid.nodal.refine.refine` takes it."""
+        rows = np.flatnonzero(m)
+        if 0 < len(rows) <= self._most:
+            region = _around(self._system, rows)
+            found = None if region is None else _solved(self._system, region, m, e)
+            if found is not None:
+                self._most = _GAIN * len(rows)
+                return found
+        self._most = _FEW
+        return self._whole(m, e, accuracy)
+
+
+def _around(system: NodalSystem, rows: NDArray[np.int64]) -> NDArray[np.int64] | None:
+    """Some rows, and all that are few steps away; None for too many."""
+    coupling, most = system.coupling, min(_MOST, system.size // _SHARE)
+    region = edge = rows
+    for _ in range(_STEPS):
+        if len(region) > most:
+            return None
+        edge = np.setdiff1d(coupling[edge].indices, region)
+        region = np.union1d(region, edge)
+    return region if len(region) <= most else None
+
+
+def _solved(
+    system: NodalSystem, region: NDArray[np.int64], m: NDArray[np.float64], e: NDArray[np.int64]
+) -> Numbers | None:
+    """Corrections of some rows, all others as they are; None if rounding forbids."""
+    n = len(region)
+    rows = system.coupling[region]
+    here = np.repeat(np.arange(n), np.diff(rows.indptr))
+    place = np.searchsorted(region, rows.indices)
+    inside = region[np.minimum(place, n - 1)] == rows.indices
+    degree = np.bincount(here, rows.data, n) + system.excess[region]
+    coupling = sparse.csr_array((rows.data[inside], (here[inside], place[inside])), shape=(n, n))
+    try:
+        factors = symmetric_factors(sparse.diags_array(degree) - coupling)
+    except AccuracyError:
+        return None
+    x, exponent = np.zeros_like(m), np.zeros_like(e)
+    right = m[region]
+    if e.size:
+        # Pockets do not know of each other: each has an exponent of its own.
+        pocket = connected_components(coupling, directed=False)[1]
+        top = np.full(pocket.max() + 1, np.iinfo(np.int64).min)
+        np.maximum.at(top, pocket[right != 0], e[region][right != 0])
+        exponent[region] = top[pocket]
+        right = right * power(np.clip(e[region] - top[pocket], -8, 0))
+    x[region] = factors.solve(right)
+    return x, exponent
