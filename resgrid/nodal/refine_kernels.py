@@ -25,6 +25,9 @@ from resgrid.nodal.kernels import (
 
 _SETTLED = 1e-29
 _UNIT = 2.0**-53
+_NOTHING = 1e-290
+"""Residual below which a row is right: what the lower parts of values that are gone leave."""
+
 _ROW_ROUNDING = 12.0
 """Rounding errors in a row's sum of currents beside one for each conductance, with a margin."""
 
@@ -166,7 +169,7 @@ def residual(
             size += conductance[k] * (abs(x) + abs(own))
         if own != 0.0:
             least = min(least, abs(own))
-        wrong = abs(r)
+        wrong = 0.0 if abs(r) < _NOTHING else abs(r)
         if not math.isfinite(wrong):
             return np.inf, np.inf, np.inf, 0.0, 0.0
         if wrong > backward * size:

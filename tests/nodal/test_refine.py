@@ -9,6 +9,7 @@ from spaces import serpentine, space_of
 from resgrid.compiler import compile_space
 from resgrid.nodal import methods, readout
 from resgrid.nodal.methods import factor_system
+from resgrid.nodal.refine_kernels import residual
 from resgrid.nodal.scaled import Scaled, power
 from resgrid.nodal.solve import solve
 from resgrid.nodal.system import NodalSystem, assemble
@@ -92,3 +93,12 @@ def test_powers_are_those_of_two() -> None:
     exponent = np.array([-100, -5, -4, -3, -1, 0, 1, 3])
     assert np.array_equal(power(exponent), np.exp2(256.0 * exponent))
     assert np.all(np.isinf(power(np.array([4, 5, 99]))))
+
+
+def test_what_lower_parts_leave_of_values_that_are_gone_is_right() -> None:
+    """Two nodes, joined and held by 1 S each, whose values have cancelled but for the last bits of a double."""
+    indptr, indices, one = np.array([0, 1, 2], np.int32), np.array([1, 0], np.int32), np.ones(2)
+    none, hi, lo, left = np.empty(0, np.int64), np.zeros(2), np.array([0.0, 5e-324]), np.ones(2)
+    sizes = residual(indptr, indices, one, one, np.zeros(2), none, hi, lo, none, True, 1e-20, 1.0, left, none)
+    assert sizes[:3] == (0.0, 0.0, 0.0)
+    assert not left.any()

@@ -16,7 +16,7 @@ from resgrid.errors import AccuracyError
 from resgrid.nodal.multigrid import grade_kernels
 from resgrid.nodal.multigrid.board_iteration import iterate_on_board
 from resgrid.nodal.multigrid.boards import Level, to_graph
-from resgrid.nodal.multigrid.graded import Gradable, unknowns
+from resgrid.nodal.multigrid.graded import Gradable
 from resgrid.nodal.multigrid.place_kernels import put_at_places, take_from_places
 from resgrid.nodal.superlu import symmetric_factors
 from resgrid.nodal.watch import Watch
@@ -64,9 +64,9 @@ def foresee(levels: Gradable, currents: NDArray[np.float64]) -> NDArray[np.float
 
 def _summed(levels: Gradable, currents: NDArray[np.float64]) -> NDArray[np.float64]:
     """Currents into the blocks."""
-    step = levels.steps[0]
-    summed = np.bincount(step.whole_target.ravel(), currents.ravel(), 2 * step.level.lattice.places)
-    summed[0] = 0.0
+    step, fed = levels.steps[0], np.flatnonzero(currents != 0.0)
+    target = step.whole_target.ravel()[fed]
+    summed = np.bincount(target, currents.ravel()[fed], 2 * step.level.lattice.places)
     return np.asarray(summed.reshape(2, -1), dtype=np.float64)
 
 
@@ -110,8 +110,7 @@ def mended(
 
     Where these are too many, they keep the height that was foreseen.  Returns ``x`` itself where nothing is astray.
     """
-    board = levels.first[0]
-    wrong = grade_kernels.astray(board, currents, x) & unknowns(board)
+    wrong = grade_kernels.astray(levels.first[0], currents, x) & levels.unknown
     places = np.flatnonzero(wrong)
     if not len(places):
         return x
@@ -126,9 +125,14 @@ def mended(
 
 def _around(levels: Gradable, places: NDArray[np.int64]) -> NDArray[np.int64]:
     """Some places, and all that are few steps away."""
+    seen, edge = np.zeros(levels.unknown.size, dtype=np.bool_), places
+    seen[places] = True
     for _ in range(_SEAM):
-        places = np.unique(np.concatenate([places, _joined(levels, places)[1]]))
-    return places
+        around = _joined(levels, edge)[1]
+        around = around[~seen[around]]
+        seen[around] = True
+        edge = np.unique(around)
+    return np.flatnonzero(seen)
 
 
 def _joined(

@@ -16,6 +16,7 @@ values pass to and fro.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,6 +75,12 @@ class Gradable:
     unit: float
     box: tuple[slice, ...]
 
+    @cached_property
+    def unknown(self) -> NDArray[np.bool_]:
+        """Whether there is an unknown at every place, shape (2, places)."""
+        board = self.first[0]
+        return np.stack([board.red_inverse > 0.0, board.black_degree > 0.0])
+
     def grade(self, height: NDArray[np.float64], *, stretched: bool) -> Hierarchy:
         """Levels in proportion to a height.
 
@@ -89,7 +96,7 @@ class Gradable:
         Hierarchy
         """
         lowest = 10.0**-_MOST_DECADES * height.max()
-        height = np.where(unknowns(self.first[0]), np.maximum(height, lowest), 0.0)
+        height = np.maximum(height, lowest, out=np.zeros_like(height), where=self.unknown)
         levels, scales = [_transformed(self.level, self.first[0], height)], [height]
         for step in self.steps:
             levels.append(_summed(levels[-1], step, stretched))
@@ -107,7 +114,7 @@ class Gradable:
     def below(self) -> Gradable:
         """The same from the next level on."""
         level = self.steps[0].level
-        place = np.flatnonzero(level.degree).astype(np.int32)
+        place = np.flatnonzero(level.degree > 0.0).astype(np.int32)
         first = first_boards(replace(level, degree=level.degree.copy()))
         return Gradable(level, self.steps[1:], first, place, self.unit, ())
 
@@ -122,11 +129,6 @@ def gradable(system: NodalSystem) -> Gradable | None:
     if not steps or levels[-1].size > _MOST_LEFT:
         return None
     return Gradable(level, steps, first_boards(level), place, unit, box)
-
-
-def unknowns(board: Board) -> NDArray[np.bool_]:
-    """Whether there is an unknown at every place, shape (2, places)."""
-    return np.stack([board.red_inverse, board.black_degree]) > 0.0
 
 
 def _transformed(level: Level, board: Board, h: NDArray[np.float64]) -> Level:

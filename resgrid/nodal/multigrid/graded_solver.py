@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
 from resgrid.nodal.multigrid.foresight import FEW, foresee, mended, solved_at
-from resgrid.nodal.multigrid.graded import Gradable, unknowns
+from resgrid.nodal.multigrid.graded import Gradable
 from resgrid.nodal.multigrid.place_kernels import put_at_places, take_from_places
 from resgrid.nodal.multigrid.solver import approximate
 from resgrid.nodal.refine import Approximation, Numbers
@@ -16,6 +16,9 @@ from resgrid.nodal.watch import Watch
 
 _SPAN = 1e-48
 """Fall of a potential down to which it is found in single precision."""
+
+_MANY = 1000
+"""Places astray for which levels are graded once more; fewer are solved directly at the end."""
 
 _LEAST = 1e-200
 """Voltages that are left to scaled numbers."""
@@ -59,7 +62,7 @@ def at_places(levels: Gradable, currents: NDArray[np.float64]) -> NDArray[np.flo
 
 
 class _Graded:
-    """Passes over levels that are graded by a height, and by the first answer, where that tells of another height.
+    """Passes over levels that are graded by a height, or by the first answer, where that tells of quite another height.
 
     Slits and pockets behind them fall by more decades than single precision spans: there the equations are solved
     directly, after every pass.
@@ -72,7 +75,7 @@ class _Graded:
 
     def _grade(self, height: NDArray[np.float64]) -> None:
         self._height, self._hierarchy = height, self._levels.grade(height, stretched=True)
-        self._deep = np.flatnonzero(unknowns(self._levels.first[0]) & (height < _SPAN * height.max()))
+        self._deep = np.flatnonzero(self._levels.unknown & (height < _SPAN * height.max()))
 
     @property
     def reaches_all(self) -> bool:
@@ -91,8 +94,9 @@ class _Graded:
             better = mended(self._levels, into, x, self._height)
             if better is x:
                 return rows, exponent
+            if np.count_nonzero(better != x) > _MANY:
+                self._grade(better)
             x = better
-            self._grade(x)
         if len(self._deep) and self.reaches_all:
             x.ravel()[self._deep] = solved_at(self._levels, self._deep, into, x)
         rows = take_from_places(self._levels.place, x.ravel())

@@ -49,7 +49,7 @@ class PocketsDirectly:
 
     def __call__(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
         """As `resgrid.nodal.refine.refine` takes it."""
-        rows = np.flatnonzero(m)
+        rows = np.flatnonzero(m != 0.0)
         if 0 < len(rows) <= self._most:
             region = _around(self._system, rows)
             found = None if region is None else _solved(self._system, region, m, e)
@@ -62,14 +62,18 @@ class PocketsDirectly:
 
 def _around(system: NodalSystem, rows: NDArray[np.int64]) -> NDArray[np.int64] | None:
     """Some rows, and all that are few steps away; None for too many."""
-    coupling, most = system.coupling, min(_MOST, system.size // _SHARE)
-    region = edge = rows
+    coupling, most, count = system.coupling, min(_MOST, system.size // _SHARE), len(rows)
+    seen, edge = np.zeros(system.size, dtype=np.bool_), rows
+    seen[rows] = True
     for _ in range(_STEPS):
-        if len(region) > most:
+        if count > most:
             return None
-        edge = np.setdiff1d(coupling[edge].indices, region)
-        region = np.union1d(region, edge)
-    return region if len(region) <= most else None
+        around = coupling[edge].indices
+        around = around[~seen[around]]
+        seen[around] = True
+        edge = np.unique(around)
+        count += len(edge)
+    return np.flatnonzero(seen) if count <= most else None
 
 
 def _solved(

@@ -32,8 +32,11 @@ REFINED = 1e-20
 _PASS, _LEAST_PASS = 1e-11, 1e-3
 """By how much a pass of refinement lessens the residual: at most, and at least."""
 
-_FAR = 55.0
-"""Decades a potential falls, as foreseen, from which levels are graded for it."""
+_FAR, _FIXED = 30.0, 3e6
+"""Decades a potential falls, as foreseen, from which levels are graded for it: so many, and so many over the rows.
+
+Some of the time that grading takes is the same for few rows and for many.
+"""
 
 _TRUSTED = 1e-12
 """Componentwise backward error above which levels that are not graded have their turn."""
@@ -170,7 +173,9 @@ class MultigridFactor:
     def _graded_approximation(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Approximation | None:
         """What approximates ``A^-1`` in proportion to the solution, where that falls by many decades in a plane."""
         system = self.system
-        if self.patched is not None or isinstance(rhs, Scaled) or system.dimensions != 2 or system.decades < _FAR:
+        if self.patched is not None or isinstance(rhs, Scaled) or system.dimensions != 2:
+            return None
+        if system.decades < _FAR + _FIXED / system.size:
             return None
         levels = self._gradable
         if levels is None:
