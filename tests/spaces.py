@@ -38,9 +38,11 @@ def serpentine(legs: int, leg: int, width: int) -> np.ndarray:
 
 
 @st.composite
-def spaces(draw: st.DrawFn, max_cells: int = 9, conductive: bool = True) -> ConfigurationSpace:
-    """Random spaces of one to four dimensions with at least one goal cell and one free cell."""
-    ndim = draw(st.integers(1, 4))
+def spaces(
+    draw: st.DrawFn, max_cells: int = 9, conductive: bool = True, dimensions: tuple[int, int] = (1, 4)
+) -> ConfigurationSpace:
+    """Random spaces of one to four dimensions, or as given, with at least one goal cell and one free cell."""
+    ndim = draw(st.integers(*dimensions))
     limit = {1: 30, 2: max_cells, 3: 5, 4: 3}[ndim]
     shape = tuple(draw(st.integers(2, limit)) for _ in range(ndim))
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))

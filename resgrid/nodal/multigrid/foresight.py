@@ -8,6 +8,9 @@ from level to level only.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
@@ -119,7 +122,7 @@ def mended(
     if len(places) > FEW:
         return np.where(wrong, height, x)
     better = x.copy()
-    better.ravel()[places] = solved_at(levels, places, currents, x)
+    better.ravel()[places] = part_of(levels, places).potential(currents, x)
     return better
 
 
@@ -148,31 +151,58 @@ def _joined(
         here += [red, count + black]
         there += [count + red + away, black - away]
         conductance += [face[red], face[black - away]]
-    at_red, at_black = np.isin(board.link_red, red), np.isin(board.link_black, black)
-    here += [board.link_red[at_red], count + board.link_black[at_black]]
-    there += [count + board.link_black[at_red], board.link_red[at_black]]
-    conductance += [board.links[at_red], board.links[at_black]]
+    if len(board.links):
+        at_red, at_black = np.isin(board.link_red, red), np.isin(board.link_black, black)
+        here += [board.link_red[at_red], count + board.link_black[at_black]]
+        there += [count + board.link_black[at_red], board.link_red[at_black]]
+        conductance += [board.links[at_red], board.links[at_black]]
     a, b, g = (np.concatenate(parts) for parts in (here, there, conductance))
     return a[g > 0.0].astype(np.int64), b[g > 0.0].astype(np.int64), g[g > 0.0]
 
 
-def solved_at(
-    levels: Gradable, places: NDArray[np.int64], currents: NDArray[np.float64], x: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Potential at some places, red ones first, fed by the others' and by currents; as it is, if rounding forbids."""
+@dataclass(frozen=True, eq=False)
+class Part:
+    """The equations of some places, all others as they are.
+
+    Attributes
+    ----------
+    places : ndarray of int64, shape (n,)
+        Red ones first.
+    row, outside : ndarray of int64, shape (edges,)
+        Conductances that lead out: from which of the places, counted, to which one.
+    conductance : ndarray of float64, shape (edges,)
+    factors : scipy.sparse.linalg.SuperLU or None
+        None where rounding forbids.
+    """
+
+    places: NDArray[np.int64]
+    row: NDArray[np.int64]
+    outside: NDArray[np.int64]
+    conductance: NDArray[np.float64]
+    factors: Any
+
+    def potential(self, currents: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Potential at the places, fed by the others' and by currents; as it is, if there are no factors."""
+        if self.factors is None:
+            return np.asarray(x.ravel()[self.places])
+        drawn = np.bincount(self.row, self.conductance * x.ravel()[self.outside], len(self.places))
+        return np.asarray(self.factors.solve(currents.ravel()[self.places] + drawn))
+
+
+def part_of(levels: Gradable, places: NDArray[np.int64]) -> Part:
+    """The equations of some places, red ones first."""
     board, count = levels.first[0], levels.level.lattice.places
     here, there, g = _joined(levels, places)
     row, column = np.searchsorted(places, here), np.searchsorted(places, there)
-    inside = np.isin(there, places)
-    fed = currents.ravel()[places] + np.bincount(row[~inside], (g * x.ravel()[there])[~inside], len(places))
+    inside = places[np.minimum(column, len(places) - 1)] == there
     red, black = places[places < count], places[places >= count] - count
     degree = np.concatenate([1.0 / board.red_inverse[red], board.black_degree[black]])
     coupling = sparse.csc_array((g[inside], (row[inside], column[inside])), shape=(len(places),) * 2)
     try:
-        found = symmetric_factors(sparse.diags_array(degree) - coupling).solve(fed)
+        factors = symmetric_factors(sparse.diags_array(degree) - coupling)
     except AccuracyError:
-        return x.ravel()[places]
-    return np.asarray(found)
+        factors = None
+    return Part(places, row[~inside], there[~inside], g[~inside], factors)
 
 
 def _spread(levels: Gradable, coarse: NDArray[np.float64], currents: NDArray[np.float64]) -> NDArray[np.float64]:

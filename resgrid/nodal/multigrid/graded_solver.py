@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
-from resgrid.nodal.multigrid.foresight import FEW, foresee, mended, solved_at
+from resgrid.nodal.multigrid.foresight import FEW, Part, foresee, mended, part_of
 from resgrid.nodal.multigrid.graded import Gradable
 from resgrid.nodal.multigrid.place_kernels import put_at_places, take_from_places
 from resgrid.nodal.multigrid.solver import approximate
@@ -75,6 +75,7 @@ class _Graded:
 
     def _grade(self, height: NDArray[np.float64]) -> None:
         self._height, self._hierarchy = height, self._levels.grade(height, stretched=True)
+        self._deep_part: Part | None = None
         self._deep = np.flatnonzero(self._levels.unknown & (height < _SPAN * height.max()))
 
     @property
@@ -98,7 +99,8 @@ class _Graded:
                 self._grade(better)
             x = better
         if len(self._deep) and self.reaches_all:
-            x.ravel()[self._deep] = solved_at(self._levels, self._deep, into, x)
+            self._deep_part = self._deep_part or part_of(self._levels, self._deep)
+            x.ravel()[self._deep] = self._deep_part.potential(into, x)
         rows = take_from_places(self._levels.place, x.ravel())
         rows[np.abs(rows) < _LEAST] = 0.0
         return rows, exponent
