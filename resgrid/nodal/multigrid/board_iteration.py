@@ -36,6 +36,9 @@ _DEPTH = 3
 _LIFT = 2.0**64
 """Norm of a residual that is graded: it falls by as many decades as single precision spans."""
 
+_SMOOTH = 0.1
+"""Share of the residual allowed that a guess may leave: its error is smooth, and large beside its residual."""
+
 _SAFETY = 0.8
 """The recursive residual is brought below the goal by this factor."""
 
@@ -89,7 +92,7 @@ def _converge(
         at_rest = equations.at_rest and not math.isfinite(last)
         residual = waves.residual_at_rest if at_rest else waves.black_residual
         size = residual(grid.true, equations.currents, x, burst.residual)
-        goal = equations.wanted
+        goal = equations.wanted if equations.at_rest or math.isfinite(last) else _SMOOTH * equations.wanted
         if size > goal and not at_rest:
             goal = max(goal, rounding * math.hypot(norm(x[0]), norm(x[1])))
         error.small &= size <= max(DRIFT * burst.left * last, goal)
@@ -116,8 +119,8 @@ class _Burst:
         self._lift = _LIFT if len(grid.weight) else 1.0
         places = len(grid.aggregate)
         self._p = np.zeros(places)
-        self._r, self._s, self._w = np.zeros((3, places), dtype=np.float32)
-        self._z = np.zeros((_DEPTH, places), dtype=np.float32)
+        self._s, self._w = np.zeros((2, places), dtype=np.float32)
+        self._r, self._z = np.empty(places, dtype=np.float32), np.empty((_DEPTH, places), dtype=np.float32)
         # Between bursts, the true residual stands where the last steps will be kept.
         self.residual = self._z[-2:].reshape(-1).view(np.float64)
         self._on_x, self._on_p = np.zeros((2, _DEPTH + 1))

@@ -137,9 +137,9 @@ class Window:
         assert grid is not None
         return iterate_on_board(self.hierarchy, grid, currents, rtol, guess, Watch())[0]
 
-    def drawn(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    def drawn(self, x: NDArray[np.float64], reference: float = 0.0) -> NDArray[np.float64]:
         """Currents that voltages ``x`` of the whole circuit drive into the window's rows, in amperes."""
-        drawn = np.bincount(self.inner, self.conductance * x[self.outer], minlength=len(self.rows))
+        drawn = np.bincount(self.inner, self.conductance * (x[self.outer] - reference), minlength=len(self.rows))
         return np.asarray(drawn, dtype=np.float64)
 
 

@@ -1,0 +1,97 @@
+"""The voltages that are expected after an update, before anything is iterated."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+from spaces import space_of
+
+from resgrid.compiler import compile_space
+from resgrid.nodal.multigrid.solver import MultigridFactor
+from resgrid.nodal.solve import factor
+from resgrid.nodal.update import guess as guesses
+from resgrid.nodal.watch import Watch
+from resgrid.space import Cell, ConfigurationSpace
+
+SIZE = 240
+NEW = np.array([[3, 5], [4, 5], [5, 5], [5, 4], [6, 2], [8, 8]])
+
+
+def rectangles(goals: list[tuple[int, int]]) -> ConfigurationSpace:
+    """Rectangles that cover a tenth of a plane, away from the corner."""
+    rng, cell = np.random.default_rng(3), np.zeros((SIZE, SIZE), dtype=np.uint8)
+    while np.count_nonzero(cell) < 0.1 * cell.size:
+        i, j = rng.integers(0, SIZE, 2)
+        if i + j > 30:
+            cell[i : i + rng.integers(2, 12), j : j + rng.integers(2, 12)] = Cell.OBSTACLE
+    for goal in goals:
+        cell[goal] = Cell.GOAL
+    return space_of(cell)
+
+
+def factored(space: ConfigurationSpace, boundary: str) -> MultigridFactor:
+    factors = factor(compile_space(space, boundary=boundary), method="multigrid")
+    assert isinstance(factors, MultigridFactor)
+    return factors
+
+
+def right_side(factors: MultigridFactor) -> NDArray[np.float64]:
+    return factors.system.feed + factors.system.injected
+
+
+def error_outside(
+    before: MultigridFactor, after: MultigridFactor, found: NDArray[np.float64], exact: NDArray[np.float64]
+) -> float:
+    """Largest error of the rows in no window."""
+    outside = np.ones(before.system.size, dtype=np.bool_)
+    outside[after.change.pinned if after.change else []] = False
+    for window in after.windows:
+        outside[window.rows] = False
+    return float(np.abs(found - exact)[outside].max())
+
+
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+def test_what_lies_outside_the_windows_follows(boundary: str) -> None:
+    before = factored(rectangles([(0, 0)]), boundary)
+    old = before.solve(right_side(before), rtol=1e-13)
+    after = before.update(NEW)
+    assert isinstance(after, MultigridFactor)
+    assert after.change is not None
+    exact = after.solve(right_side(after), rtol=1e-13)
+    found = guesses.improve_guess(after.system, after.change, after.windows, right_side(after), old)
+    assert error_outside(before, after, found, exact) < 0.02 * error_outside(before, after, old, exact)
+    np.testing.assert_allclose(found[after.change.pinned], exact[after.change.pinned], rtol=0, atol=1e-12)
+
+
+def test_the_drop_is_not_scaled_where_another_goal_holds_the_outside() -> None:
+    before = factored(rectangles([(0, 0), (SIZE - 9, SIZE - 9)]), "dirichlet")
+    old = before.solve(right_side(before), rtol=1e-13)
+    after = before.update(NEW)
+    assert isinstance(after, MultigridFactor)
+    assert after.change is not None
+    exact = after.solve(right_side(after), rtol=1e-13)
+    guess = guesses.improve_guess(after.system, after.change, after.windows, right_side(after), old)
+    outside = np.ones(len(old), dtype=np.bool_)
+    for window in after.windows:
+        outside[window.rows] = False
+    outside[after.change.pinned] = False
+    np.testing.assert_array_equal(guess[outside], old[outside])
+    found = after.solve(right_side(after), rtol=1e-10, guess=old)
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-8)
+
+
+def test_hardly_anything_is_left_to_iterate() -> None:
+    before = factored(rectangles([(0, 0)]), "dirichlet")
+    old = before.solve(right_side(before))
+    after = before.update(NEW)
+    warm, cold = Watch(), Watch()
+    exact = after.solve(right_side(after), rtol=1e-13)
+    found = after.solve(right_side(after), rtol=1e-8, guess=old, watch=warm)
+    after.solve(right_side(after), rtol=1e-8, watch=cold)
+    assert warm.iterations <= 2 < cold.iterations
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-7)
+    # A guess that solves nothing is no worse than none at all.
+    np.testing.assert_allclose(
+        after.solve(right_side(after), rtol=1e-10, guess=np.full_like(old, 0.3)), exact, rtol=0, atol=1e-8
+    )
