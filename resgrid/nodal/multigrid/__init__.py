@@ -31,6 +31,7 @@
    smooth vectors, of which only differences count, are multiplied as well as others.
 8. *Refinement* (`resgrid.nodal.refine`) makes a normwise answer right entry by entry: residuals in scaled double-
    double, every pass a solution to many digits of what is largest, until the potential has fallen as far as it falls.
+   The last rows, mostly in slits, are solved directly with what surrounds them (`pockets`).
 9. *Grading* (`graded`, `foresight`, `graded_solver`). Where a potential falls by many decades in a plane, coarse nodes
    move their members in proportion to it, and all decades gain digits alike. What it will be is foreseen from coarse to
    fine: a small level solved directly, its answer spread, relaxed, and taken as the height that the next level is
