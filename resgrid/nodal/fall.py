@@ -15,7 +15,6 @@ VOLUME = 4.2
 WHOLE_STEPS = 0.7
 """Potentials fall over straight distances, ways on a grid are longer."""
 
-
 _ROUNDS = 30
 """Rounds in which depths are found where rows are numbered as it happens, at most."""
 

@@ -45,11 +45,14 @@ def system_of(space: ConfigurationSpace) -> NodalSystem:
     return assemble(compile_space(space, boundary="dirichlet"))
 
 
-def rows_in_rooms(system: NodalSystem, space: ConfigurationSpace) -> NDArray[np.int64]:
-    """One row in every room."""
+def after_a_first_pass() -> tuple[NodalSystem, NDArray[np.int64], Whole, PocketsDirectly]:
+    """The rooms' system, one row in every room, and passes of which the first has been made."""
+    system, whole = system_of(rooms_on_a_corridor()), Whole()
     layout = system.netlist.layout
     assert layout is not None
-    return np.asarray(system.unknown[layout.node[9, 10::20]], dtype=np.int64)
+    passes = PocketsDirectly(system, whole)
+    passes(np.zeros(system.size), NONE, 0.0)
+    return system, np.asarray(system.unknown[layout.node[9, 10::20]], dtype=np.int64), whole, passes
 
 
 def test_the_first_pass_and_those_that_many_rows_need_are_whole() -> None:
@@ -64,13 +67,9 @@ def test_the_first_pass_and_those_that_many_rows_need_are_whole() -> None:
 
 
 def test_few_rows_are_solved_with_what_surrounds_them() -> None:
-    space = rooms_on_a_corridor()
-    system = system_of(space)
-    whole, m = Whole(), np.zeros(system.size)
-    passes = PocketsDirectly(system, whole)
-    passes(m, NONE, 0.0)
-    rows = rows_in_rooms(system, space)[:4]
-    m[rows] = [1.0, -2.0, 3.0, 1e-30]
+    system, rows, whole, passes = after_a_first_pass()
+    m = np.zeros(system.size)
+    m[rows[:4]] = [1.0, -2.0, 3.0, 1e-30]
     x, e = passes(m, NONE, 1e-9)
     assert len(whole.asked) == 1
     assert not e.size
@@ -84,12 +83,9 @@ def test_few_rows_are_solved_with_what_surrounds_them() -> None:
 
 
 def test_a_whole_pass_follows_where_rows_stay() -> None:
-    space = rooms_on_a_corridor()
-    system = system_of(space)
-    whole, m = Whole(), np.zeros(system.size)
-    passes = PocketsDirectly(system, whole)
-    passes(m, NONE, 0.0)
-    m[rows_in_rooms(system, space)[:4]] = 1.0
+    system, rows, whole, passes = after_a_first_pass()
+    m = np.zeros(system.size)
+    m[rows[:4]] = 1.0
     passes(m, NONE, 1e-9)
     passes(m, NONE, 1e-9)
     assert whole.asked == [0, 4]
@@ -98,12 +94,9 @@ def test_a_whole_pass_follows_where_rows_stay() -> None:
 
 
 def test_pockets_have_exponents_of_their_own() -> None:
-    space = rooms_on_a_corridor()
-    system = system_of(space)
-    passes = PocketsDirectly(system, Whole())
+    system, rows, _, passes = after_a_first_pass()
     m, e = np.zeros(system.size), np.zeros(system.size, dtype=np.int64)
-    passes(m, e, 0.0)
-    first, other = rows_in_rooms(system, space)[[0, 3]]
+    first, other = rows[[0, 3]]
     m[first], m[other] = 1.0, 1.0
     e[other] = -40
     x, exponent = passes(m, e, 1e-9)

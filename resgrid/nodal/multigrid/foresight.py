@@ -8,18 +8,15 @@ from level to level only.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.errors import AccuracyError
 from resgrid.nodal.multigrid import grade_kernels
 from resgrid.nodal.multigrid.board_iteration import iterate_on_board
 from resgrid.nodal.multigrid.boards import Level, to_graph
 from resgrid.nodal.multigrid.graded import Gradable
+from resgrid.nodal.multigrid.part import Part, surroundings
 from resgrid.nodal.multigrid.place_kernels import put_at_places, take_from_places
 from resgrid.nodal.superlu import symmetric_factors
 from resgrid.nodal.watch import Watch
@@ -30,9 +27,6 @@ _SMALL = 4000
 _SWEEPS = 3
 _ENOUGH = 1e-5
 """Residual to which coarse levels are solved."""
-
-_SEAM = 8
-"""Steps around places that are astray within which others may have gone astray with them."""
 
 FEW = 10_000
 """Nodes whose equations are solved directly, at most, where iterations go astray."""
@@ -117,25 +111,12 @@ def mended(
     places = np.flatnonzero(wrong)
     if not len(places):
         return x
-    if len(places) <= FEW:
-        places = _around(levels, places)
-    if len(places) > FEW:
+    region = surroundings(places, wrong.size, lambda edge: _joined(levels, edge)[1], FEW)
+    if region is None:
         return np.where(wrong, height, x)
     better = x.copy()
-    better.ravel()[places] = part_of(levels, places).potential(currents, x)
+    better.ravel()[region] = part_of(levels, region).potential(currents.ravel(), x.ravel())
     return better
-
-
-def _around(levels: Gradable, places: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Some places, and all that are few steps away."""
-    seen, edge = np.zeros(levels.unknown.size, dtype=np.bool_), places
-    seen[places] = True
-    for _ in range(_SEAM):
-        around = _joined(levels, edge)[1]
-        around = around[~seen[around]]
-        seen[around] = True
-        edge = np.unique(around)
-    return np.flatnonzero(seen)
 
 
 def _joined(
@@ -160,49 +141,13 @@ def _joined(
     return a[g > 0.0].astype(np.int64), b[g > 0.0].astype(np.int64), g[g > 0.0]
 
 
-@dataclass(frozen=True, eq=False)
-class Part:
-    """The equations of some places, all others as they are.
-
-    Attributes
-    ----------
-    places : ndarray of int64, shape (n,)
-        Red ones first.
-    row, outside : ndarray of int64, shape (edges,)
-        Conductances that lead out: from which of the places, counted, to which one.
-    conductance : ndarray of float64, shape (edges,)
-    factors : scipy.sparse.linalg.SuperLU or None
-        None where rounding forbids.
-    """
-
-    places: NDArray[np.int64]
-    row: NDArray[np.int64]
-    outside: NDArray[np.int64]
-    conductance: NDArray[np.float64]
-    factors: Any
-
-    def potential(self, currents: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Potential at the places, fed by the others' and by currents; as it is, if there are no factors."""
-        if self.factors is None:
-            return np.asarray(x.ravel()[self.places])
-        drawn = np.bincount(self.row, self.conductance * x.ravel()[self.outside], len(self.places))
-        return np.asarray(self.factors.solve(currents.ravel()[self.places] + drawn))
-
-
 def part_of(levels: Gradable, places: NDArray[np.int64]) -> Part:
     """The equations of some places, red ones first."""
     board, count = levels.first[0], levels.level.lattice.places
     here, there, g = _joined(levels, places)
-    row, column = np.searchsorted(places, here), np.searchsorted(places, there)
-    inside = places[np.minimum(column, len(places) - 1)] == there
     red, black = places[places < count], places[places >= count] - count
     degree = np.concatenate([1.0 / board.red_inverse[red], board.black_degree[black]])
-    coupling = sparse.csc_array((g[inside], (row[inside], column[inside])), shape=(len(places),) * 2)
-    try:
-        factors = symmetric_factors(sparse.diags_array(degree) - coupling)
-    except AccuracyError:
-        factors = None
-    return Part(places, row[~inside], there[~inside], g[~inside], factors)
+    return Part.of(places, degree, np.searchsorted(places, here), there, g)
 
 
 def _spread(levels: Gradable, coarse: NDArray[np.float64], currents: NDArray[np.float64]) -> NDArray[np.float64]:

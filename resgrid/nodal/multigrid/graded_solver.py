@@ -6,8 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
-from resgrid.nodal.multigrid.foresight import FEW, Part, foresee, mended, part_of
+from resgrid.nodal.multigrid.foresight import FEW, foresee, mended, part_of
 from resgrid.nodal.multigrid.graded import Gradable
+from resgrid.nodal.multigrid.part import Part
 from resgrid.nodal.multigrid.place_kernels import put_at_places, take_from_places
 from resgrid.nodal.multigrid.solver import approximate
 from resgrid.nodal.refine import Approximation, Numbers
@@ -100,7 +101,7 @@ class _Graded:
             x = better
         if len(self._deep) and self.reaches_all:
             self._deep_part = self._deep_part or part_of(self._levels, self._deep)
-            x.ravel()[self._deep] = self._deep_part.potential(into, x)
+            x.ravel()[self._deep] = self._deep_part.potential(into.ravel(), x.ravel())
         rows = take_from_places(self._levels.place, x.ravel())
         rows[np.abs(rows) < _LEAST] = 0.0
         return rows, exponent

@@ -9,17 +9,12 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from resgrid.errors import AccuracyError
+from resgrid.nodal.multigrid.part import Part, surroundings
 from resgrid.nodal.refine import Approximation, Numbers
 from resgrid.nodal.scaled import power
-from resgrid.nodal.superlu import symmetric_factors
 from resgrid.nodal.system import NodalSystem
-
-_STEPS = 8
-"""Steps around a row that is left within which corrections die out."""
 
 _FEW = 2_000
 """Rows left, at most, for which a direct pass is tried."""
@@ -62,43 +57,27 @@ class PocketsDirectly:
 
 def _around(system: NodalSystem, rows: NDArray[np.int64]) -> NDArray[np.int64] | None:
     """Some rows, and all that are few steps away; None for too many."""
-    coupling, most, count = system.coupling, min(_MOST, system.size // _SHARE), len(rows)
-    seen, edge = np.zeros(system.size, dtype=np.bool_), rows
-    seen[rows] = True
-    for _ in range(_STEPS):
-        if count > most:
-            return None
-        around = coupling[edge].indices
-        around = around[~seen[around]]
-        seen[around] = True
-        edge = np.unique(around)
-        count += len(edge)
-    return np.flatnonzero(seen) if count <= most else None
+    most = min(_MOST, system.size // _SHARE)
+    return surroundings(rows, system.size, lambda edge: system.coupling[edge].indices, most)
 
 
 def _solved(
     system: NodalSystem, region: NDArray[np.int64], m: NDArray[np.float64], e: NDArray[np.int64]
 ) -> Numbers | None:
     """Corrections of some rows, all others as they are; None if rounding forbids."""
-    n = len(region)
-    rows = system.coupling[region]
+    rows, n = system.coupling[region], len(region)
     here = np.repeat(np.arange(n), np.diff(rows.indptr))
-    place = np.searchsorted(region, rows.indices)
-    inside = region[np.minimum(place, n - 1)] == rows.indices
-    degree = np.bincount(here, rows.data, n) + system.excess[region]
-    coupling = sparse.csr_array((rows.data[inside], (here[inside], place[inside])), shape=(n, n))
-    try:
-        factors = symmetric_factors(sparse.diags_array(degree) - coupling)
-    except AccuracyError:
+    part = Part.of(region, np.bincount(here, rows.data, n) + system.excess[region], here, rows.indices, rows.data)
+    if part.factors is None:
         return None
     x, exponent = np.zeros_like(m), np.zeros_like(e)
     right = m[region]
     if e.size:
         # Pockets do not know of each other: each has an exponent of its own.
-        pocket = connected_components(coupling, directed=False)[1]
+        pocket = connected_components(part.coupling, directed=False)[1]
         top = np.full(pocket.max() + 1, np.iinfo(np.int64).min)
         np.maximum.at(top, pocket[right != 0], e[region][right != 0])
         exponent[region] = top[pocket]
         right = right * power(np.clip(e[region] - top[pocket], -8, 0))
-    x[region] = factors.solve(right)
+    x[region] = part.factors.solve(right)
     return x, exponent

@@ -57,7 +57,7 @@ def improve_guess(
     x[change.pinned] = at_rail
     tied, fed = (_sum_outside(values, change, windows) for values in (system.excess, b))
     hardly = tied <= _HARDLY * sum(window.conductance.sum() for window in windows)
-    if hardly and (shift := _rise(system, change, windows, b, x, max(tied, 0.0))):
+    if hardly and (shift := _rise(system, change, windows, b, x, tied, fed)):
         x += shift
         x[change.pinned] = at_rail
     inside = [window.solve(b[window.rows] + window.drawn(x), _ACCURACY, x[window.rows]) for window in windows]
@@ -82,6 +82,7 @@ def _rise(
     b: NDArray[np.float64],
     x: NDArray[np.float64],
     tied: float,
+    fed: float,
 ) -> float:
     """By how much all voltages outside rise.
 
@@ -89,17 +90,13 @@ def _rise(
     windows hold themselves has no part.
     """
     ones = np.ones(len(x))
-    held = np.flatnonzero(system.excess != 0.0)
-    current = b.sum() - b[change.pinned].sum() - (system.excess[held] * x[held]).sum()
-    current += (system.excess[change.pinned] * x[change.pinned]).sum()
-    stiffness = tied
+    current, stiffness = fed - _sum_outside(system.excess * x, change, windows), max(tied, 0.0)
     for window in windows:
-        rows = window.rows
-        follows = window.solve(window.drawn(ones), _FOLLOWING, ones[rows])
+        follows = window.solve(window.drawn(ones), _FOLLOWING, ones[window.rows])
         pull = window.conductance * (1.0 - follows[window.inner])
-        current += ((follows - 1.0) * b[rows] + system.excess[rows] * x[rows]).sum() - (pull * x[window.outer]).sum()
+        current += float((follows * b[window.rows]).sum() - (pull * x[window.outer]).sum())
         stiffness += float(pull.sum())
-    return float(current / stiffness) if stiffness > 0.0 else 0.0
+    return current / stiffness if stiffness > 0.0 else 0.0
 
 
 def _holding_rail(system: NodalSystem, tied: float, fed: float) -> float | None:
