@@ -68,7 +68,7 @@ def measured(netlist: Netlist) -> dict[tuple[str, str], float]:
     return total
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(spaces(), st.sampled_from(["dirichlet", "neumann", "wall"]), st.sampled_from(["obstacle", "open"]))
 def test_every_resistor_is_the_one_the_rules_say(space: ConfigurationSpace, boundary: str, edge: str) -> None:
     wall = 3.0 if boundary == "wall" else 0.0

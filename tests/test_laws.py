@@ -50,7 +50,7 @@ def test_a_harmonic_polynomial_is_reproduced(shape: tuple[int, ...]) -> None:
     assert np.abs(point.voltage[1:] - value.ravel()).max() < 1e-11
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(spaces(), st.sampled_from(BOUNDARIES))
 def test_maximum_principle_and_no_local_minimum(space: ConfigurationSpace, options: dict[str, object]) -> None:
     point = solved(space, **options)
@@ -69,7 +69,7 @@ def test_maximum_principle_and_no_local_minimum(space: ConfigurationSpace, optio
     assert np.all(outflow[driven] | ~carries[driven])
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(spaces(), st.sampled_from(BOUNDARIES), st.floats(1e-3, 1e6))
 def test_scaling_every_resistance_leaves_voltages_alone(
     space: ConfigurationSpace, options: dict[str, object], factor_: float
@@ -83,7 +83,7 @@ def test_scaling_every_resistance_leaves_voltages_alone(
     assert one.power == pytest.approx(other.power * factor_, rel=1e-9)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(spaces(), st.integers(0, 2**32 - 1))
 def test_superposition(space: ConfigurationSpace, seed: int) -> None:
     netlist = compile_space(space, resistance=1.0)
@@ -98,7 +98,7 @@ def test_superposition(space: ConfigurationSpace, seed: int) -> None:
     assert np.allclose(together, 2.0 * factors.solve(p) - 3.0 * factors.solve(q), atol=1e-9)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(spaces(), st.sampled_from(BOUNDARIES))
 def test_currents_into_all_rails_sum_to_the_drive_and_power_balances(
     space: ConfigurationSpace, options: dict[str, object]
@@ -112,7 +112,7 @@ def test_currents_into_all_rails_sum_to_the_drive_and_power_balances(
     assert point.power == pytest.approx(delivered, rel=1e-9)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.integers(2, 25), st.integers(0, 2**32 - 1))
 def test_networkx_resistance_distance_agrees(count: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -126,7 +126,7 @@ def test_networkx_resistance_distance_agrees(count: int, seed: int) -> None:
     assert point.voltage[count - 1] == pytest.approx(expected, rel=1e-9)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(spaces(), st.sampled_from(BOUNDARIES))
 def test_merged_and_single_rails_are_the_same_circuit(space: ConfigurationSpace, options: dict[str, object]) -> None:
     merged = solved(space, **options)
@@ -136,7 +136,7 @@ def test_merged_and_single_rails_are_the_same_circuit(space: ConfigurationSpace,
     assert np.allclose(merged.voltage[first[both]], single.voltage[second[both]], atol=1e-12, equal_nan=True)
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(spaces(), st.sampled_from(BOUNDARIES))
 def test_both_accuracies_agree_with_a_dense_solution(space: ConfigurationSpace, options: dict[str, object]) -> None:
     point = solved(space, **options)

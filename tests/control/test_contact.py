@@ -58,7 +58,6 @@ def configuration(robot: Robot, rng: np.random.Generator) -> np.ndarray:
     return np.array([rng.uniform(axis.lower, axis.upper) for axis in axes])
 
 
-@settings(deadline=None)
 @given(st.floats(-9e-10, 9e-10), st.floats(0, 2 * np.pi), st.sampled_from([0.0, 0.2]))
 def test_what_is_touched_but_for_rounding_is_near(height: float, angle: float, radius: float) -> None:
     """Whatever shapely calls no collision, a contact can be felt at: nothing falls between the two."""
@@ -74,7 +73,7 @@ def test_what_is_touched_but_for_rounding_is_near(height: float, angle: float, r
         np.testing.assert_allclose(pairs[0, 4:6], toward, atol=1e-6)
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1))
 def test_the_nearest_pair_is_as_near_as_shapely_says(robot: Robot, seed: int) -> None:
     plant = make_plant(robot, axes_of(robot), SOLIDS)
@@ -94,7 +93,7 @@ def test_the_nearest_pair_is_as_near_as_shapely_says(robot: Robot, seed: int) ->
     np.testing.assert_allclose(pairs[:, 0:2] - pairs[:, 2:4], pairs[:, 6:7] * pairs[:, 4:6], atol=1e-12)
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1))
 def test_the_jacobian_is_the_derivative_of_where_a_point_goes(robot: Robot, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -110,7 +109,7 @@ def test_the_jacobian_is_the_derivative_of_where_a_point_goes(robot: Robot, seed
             np.testing.assert_allclose((ahead - back) / 2e-6, here.jacobian(point, part)[:, axis], atol=1e-8)
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1), st.floats(0, 1.5))
 def test_contact_forces_obey_coulomb_and_power_balances(robot: Robot, seed: int, mu: float) -> None:
     """Whatever touches: no gap closes, no force pulls, friction opposes slip, tau . qdot = f . xdot."""
@@ -176,7 +175,7 @@ def test_a_map_and_its_copies_across_the_seam_are_bodies() -> None:
     np.testing.assert_allclose(plant.near(plant.pose(np.array([7.9, 1.5])), 0.2)[:, 6], near[:, 6])
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1))
 def test_no_point_moves_farther_in_a_cell_than_the_bound(robot: Robot, seed: int) -> None:
     rng = np.random.default_rng(seed)

@@ -25,7 +25,7 @@ def controller_of(cell: np.ndarray, k: float = 0.98, **options: object) -> Contr
     return make_controller(plan(space_of(cell), k=k).field, **options)  # type: ignore[arg-type]
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(spaces(), st.integers(0, 2**32 - 1))
 def test_the_velocity_is_linear_between_the_face_currents(space, seed) -> None:
     """Pollock's interpolation, written out anew from the field's own face currents."""

@@ -24,7 +24,7 @@ ROBOTS: list[tuple[Robot, tuple[Axis, ...]]] = [
 SOLIDS = [Box((0.3, 0.2), (0.9, 0.8)), Ball((-0.6, 0.5), 0.3), Polygon(((0.0, -0.4), (0.6, -0.9), (-0.4, -1.0)))]
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1))
 @example(ROBOTS[1], 5608)  # the bisection ends where the ball is entered by a rounding error
 def test_a_contact_proves_the_cell_it_is_made_in_and_no_free_cell(case, seed: int) -> None:

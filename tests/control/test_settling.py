@@ -85,7 +85,7 @@ def test_a_jacobi_sweep_is_the_mean_of_the_neighbours() -> None:
         np.testing.assert_allclose(grid.field.potential, phi, rtol=1e-12)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(0, 10_000), st.sampled_from(["jacobi", "sor", "chip"]), st.floats(0.01, 50.0))
 def test_no_current_ever_runs_into_an_obstacle_and_no_voltage_beyond_its_rail(seed, method, pace) -> None:
     rng = np.random.default_rng(seed)
@@ -194,7 +194,7 @@ def test_impossible_settings_are_refused(scenes) -> None:
         announced(hiding([Box((4.0, 0.5), (4.5, 1.0))], robot=PointRobot()), GridSettling(k=0.98))
 
 
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 @given(st.integers(0, 10_000), st.sampled_from(["jacobi", "sor", "chip"]), st.floats(0.3, 30.0))
 @example(193, "jacobi", 1.0)
 @example(1183, "sor", 1.0)

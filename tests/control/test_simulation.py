@@ -159,7 +159,7 @@ def test_a_start_within_an_obstacle_or_outside_is_refused_and_a_blocked_one_told
     assert (at_goal.ending, at_goal.goal, len(at_goal.time)) == (Ending.ARRIVED, 0, 1)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(st.integers(0, 10_000))
 def test_pushes_do_not_prevent_arrival(seed: int) -> None:
     """Eight random pushes, three times as strong as the nominal velocity, beside a known wall."""

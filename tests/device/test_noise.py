@@ -25,7 +25,7 @@ def exact_power(exact: ExactMotion, low: float, high: float) -> np.ndarray:
     return 4 * BOLTZMANN * ROOM * (exact.vectors**2 @ area)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 10**6), low=st.sampled_from([0.0, 1e3, 1e7]), decades=st.floats(0.1, 6))
 def test_noise_of_random_circuits_within_a_band(seed: int, low: float, decades: float) -> None:
     netlist = random_dynamics(seed)

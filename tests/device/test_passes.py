@@ -128,7 +128,7 @@ def test_series_of_preferred_values_are_those_of_the_standard() -> None:
 
 
 @given(exponent=st.floats(-3, 9), series=st.sampled_from(["E6", "E12", "E24", "E48", "E96", "E192"]))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_preferred_values_are_the_nearest_by_ratio(exponent: float, series: str) -> None:
     wanted = 10.0**exponent
     drawn = 1 / PreferredValues(series).apply(rg.Netlist(2, [[1, 0]], [1 / wanted])).conductance[0]
@@ -283,7 +283,7 @@ def test_switched_chips_are_those_of_the_tiles(boundary: str) -> None:
 
 
 @given(space=spaces(max_cells=5), boundary=st.sampled_from(["dirichlet", "neumann", "wall"]), seed=st.integers(0, 99))
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 def test_any_chip_on_any_space_solves_as_a_dense_one(space: rg.ConfigurationSpace, boundary: str, seed: int) -> None:
     chip = rg.Chip(
         mismatch=0.2, gradient=(0.2,), temperature=60.0, tc1=1e-3, internodal_switch_on=200.0,
@@ -350,7 +350,7 @@ def test_loads_and_capacitors_sit_at_every_cell() -> None:
 
 
 @given(space=spaces(max_cells=6), boundary=st.sampled_from(["dirichlet", "neumann"]), seed=st.integers(0, 99))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_mismatch_keeps_the_promises_on_any_space(space: rg.ConfigurationSpace, boundary: str, seed: int) -> None:
     chip = rg.Chip(mismatch=0.4, gradient=(0.5,), seed=seed)
     edge = ["periodic" if ring else "open" for ring in space.periodic]

@@ -10,7 +10,7 @@ import resgrid as rg
 from resgrid.device.power import analyse_power
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(seed=st.integers(0, 10**6), drive=st.booleans())
 def test_what_sources_deliver_becomes_heat(seed: int, drive: bool) -> None:
     op = rg.solve(random_grid(seed, drive=drive))

@@ -28,7 +28,7 @@ def differences(netlist: rg.Netlist, weights: np.ndarray, step: float = 1e-4) ->
     return np.array(result)
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(seed=st.integers(0, 10**6), drive=st.booleans())
 def test_derivatives_equal_central_differences(seed: int, drive: bool) -> None:
     netlist = random_grid(seed, side=4, drive=drive)
@@ -131,7 +131,7 @@ def test_deep_in_a_corridor_steps_are_still_decided() -> None:
     assert np.isfinite(result.flip_drift.min())
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(space=spaces(max_cells=6))
 def test_any_space_gives_the_steepest_neighbour(space: rg.ConfigurationSpace) -> None:
     try:

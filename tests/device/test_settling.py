@@ -47,7 +47,7 @@ def test_the_two_figures_of_a_64_cell_grid() -> None:
     assert slowest_modes(dynamics_of(corner), 1)[0][0] / (R * C) == pytest.approx(10204, abs=1)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10**6))
 def test_time_constants_of_random_circuits(seed: int) -> None:
     netlist = random_dynamics(seed, side=6)

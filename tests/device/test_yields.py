@@ -72,7 +72,7 @@ def robot(
     return True
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(spaces(max_cells=6, conductive=False), st.integers(0, 1000), st.sampled_from([1.0, -2.5]))
 def test_robots_walk_by_the_rules(space: rg.ConfigurationSpace, seed: int, supply: float) -> None:
     try:
@@ -100,7 +100,7 @@ def test_robots_walk_by_the_rules(space: rg.ConfigurationSpace, seed: int, suppl
         assert found[start] == robot(netlist, volts, readout, start, offset, blur)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(spaces(max_cells=7), st.sampled_from(["dirichlet", "neumann"]), st.sampled_from([None, 0.2]))
 def test_through_an_ideal_readout_every_start_with_a_path_is_served(
     space: rg.ConfigurationSpace, boundary: str, mismatch: float | None

@@ -53,7 +53,7 @@ def down(level: Level, split: bool) -> list[Level]:
     return levels
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(spaces(max_cells=12), BOUNDARIES, st.integers(1, 40), st.integers(0, 2**16))
 def test_the_schur_complement_is_that_of_dense_elimination(
     space: ConfigurationSpace, boundary: str, block: int, seed: int
@@ -91,7 +91,7 @@ def test_the_schur_complement_is_that_of_dense_elimination(
         assert zs == pytest.approx(wide @ s[here], rel=1e-6, abs=1e-6 * np.abs(wide).sum())
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(spaces(max_cells=12), BOUNDARIES, st.integers(0, 2**16))
 def test_rounded_products_of_a_constant_are_what_leaks(space: ConfigurationSpace, boundary: str, seed: int) -> None:
     made = laid_out(space, boundary, 1.0, seed)
@@ -116,7 +116,7 @@ def test_rounded_products_of_a_constant_are_what_leaks(space: ConfigurationSpace
         )
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(spaces(max_cells=12), BOUNDARIES, st.integers(1, 40), st.integers(0, 2**16))
 def test_the_residual_is_that_of_the_netlist(space: ConfigurationSpace, boundary: str, block: int, seed: int) -> None:
     made = laid_out(space, boundary, 1.0, seed)
@@ -141,7 +141,7 @@ def test_the_residual_is_that_of_the_netlist(space: ConfigurationSpace, boundary
         assert norm == pytest.approx(np.linalg.norm(residual[black]), rel=1e-12, abs=1e-13 * size)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(spaces(max_cells=12), BOUNDARIES, st.integers(1, 40), st.booleans(), st.integers(0, 2**16))
 def test_the_residual_at_rest_is_that_of_nothing_but_zeros(
     space: ConfigurationSpace, boundary: str, block: int, sparse: bool, seed: int
@@ -160,7 +160,7 @@ def test_the_residual_at_rest_is_that_of_nothing_but_zeros(
         np.testing.assert_allclose(x, expected, rtol=1e-12)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(spaces(max_cells=12), BOUNDARIES, st.integers(0, 2**16))
 def test_aggregates_are_the_connected_parts_of_blocks(space: ConfigurationSpace, boundary: str, seed: int) -> None:
     check_aggregates(space, boundary, seed)
@@ -199,7 +199,7 @@ def check_aggregates(space: ConfigurationSpace, boundary: str, seed: int) -> Non
         level = coarse
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(spaces(max_cells=14), BOUNDARIES, st.integers(0, 2**16))
 def test_coarse_levels_join_what_resistors_join_and_nothing_else(
     space: ConfigurationSpace, boundary: str, seed: int

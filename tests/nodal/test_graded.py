@@ -100,7 +100,7 @@ def test_what_is_foreseen_falls_as_the_potential_does() -> None:
     assert np.median(np.log(height[low]) / log[low]) == pytest.approx(1.0, abs=0.06)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(spaces(max_cells=14, dimensions=(2, 3)), st.integers(0, 2**16))
 def test_coarse_levels_are_galerkins_sums_in_proportion_to_the_height(space: ConfigurationSpace, seed: int) -> None:
     try:
@@ -191,7 +191,7 @@ def test_plain_levels_have_their_turn_where_graded_ones_fail(monkeypatch: pytest
     assert_same(solve(netlist, method="multigrid").log_drop, solve(netlist, method="direct").log_drop)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     spaces(max_cells=30, dimensions=(2, 2)),
     st.sampled_from([{"boundary": "dirichlet"}, {"boundary": "wall", "wall_resistance": 30.0}]),

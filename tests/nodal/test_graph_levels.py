@@ -42,7 +42,7 @@ def dense(graph: Graph) -> NDArray[np.float64]:
     return np.diag(coupling.sum(axis=1) + graph.leak) - coupling
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(**GRAPHS, window=st.integers(1, 80))
 def test_rows_stand_by_colour_and_no_two_neighbours_share_one(
     nodes: int, per_node: float, seed: int, window: int
@@ -64,7 +64,7 @@ def test_rows_of_a_window_stand_by_length() -> None:
     assert np.all((np.diff(length) >= 0) | (np.diff(colour[order]) > 0))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(**GRAPHS, strict=st.booleans())
 def test_aggregates_are_connected_and_their_sums_conserve_conductance(
     nodes: int, per_node: float, seed: int, strict: bool
@@ -84,7 +84,7 @@ def test_aggregates_are_connected_and_their_sums_conserve_conductance(
         assert np.all(within > 0)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(**GRAPHS)
 def test_breadth_first_renumbering_is_the_same_graph(nodes: int, per_node: float, seed: int) -> None:
     graph = random_graph(nodes, per_node, seed)

@@ -49,7 +49,7 @@ def random_netlist(count: int, seed: int) -> Netlist:
     return Netlist(count, pairs, conductance, np.array([[1, 0], [count - 1, 0]]), np.array([1.0, 0.0]))
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(spaces(), st.sampled_from(BOUNDARIES))
 def test_multigrid_and_direct_agree_on_small_spaces(space: object, options: dict[str, object]) -> None:
     try:
@@ -85,7 +85,7 @@ def test_multigrid_solves_netlists_without_a_grid(seed: int) -> None:
     assert np.allclose(direct.voltage, normwise.voltage, atol=1e-7, equal_nan=True)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @example(134)
 @given(st.integers(0, 2**32 - 1))
 def test_small_netlists_are_solved_as_far_as_rounding_lets(seed: int) -> None:

@@ -38,7 +38,7 @@ def exact_solution(system: NodalSystem, rhs: np.ndarray | list[mpmath.mpf], digi
         return list(mpmath.lu_solve(matrix, mpmath.matrix(rhs)))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.integers(3, 24), st.integers(0, 2**32 - 1))
 def test_every_digit_is_right_whatever_the_conductances(size: int, seed: int) -> None:
     system = wild_system(size, seed)
@@ -52,7 +52,7 @@ def test_every_digit_is_right_whatever_the_conductances(size: int, seed: int) ->
         assert error < 1e-15 * (20 + 5 * size)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.integers(3, 24), st.integers(0, 2**32 - 1))
 def test_currents_may_differ_by_thousands_of_decades_from_row_to_row(size: int, seed: int) -> None:
     system = wild_system(size, seed)
@@ -104,7 +104,7 @@ def dense_factor(factors: NarrowFactors) -> np.ndarray:
     return lower
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.integers(3, 60), st.integers(0, 2**32 - 1))
 def test_factors_are_those_of_the_matrix_and_fill_where_elimination_does(size: int, seed: int) -> None:
     system = wild_system(size, seed)

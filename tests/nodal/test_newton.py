@@ -114,7 +114,7 @@ def test_deep_saturation_is_damped_and_still_converges() -> None:
 
 
 @given(space=spaces(), volts=st.sampled_from([0.02, 0.2, 2.0]), spread=st.floats(0, 0.5), seed=st.integers(0, 99))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_monotone_branches_leave_no_local_minimum(
     space: rg.ConfigurationSpace, volts: float, spread: float, seed: int
 ) -> None:

@@ -81,7 +81,7 @@ def series_parallel(draw: st.DrawFn) -> tuple[np.ndarray, np.ndarray]:
     return rng.permutation(np.array(pairs)), 10.0 ** rng.uniform(-decades, decades, len(pairs))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(series_parallel(), st.integers(0, 99))
 def test_series_parallel_circuits_vanish_and_keep_thirty_digits(
     circuit: tuple[np.ndarray, np.ndarray], seed: int
@@ -97,7 +97,7 @@ def test_series_parallel_circuits_vanish_and_keep_thirty_digits(
     assert error < 1e-29
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 1.0, 4.0]))
 def test_what_has_a_core_is_right_entry_by_entry(seed: int, decades: float) -> None:
     rng = np.random.default_rng(seed)
@@ -115,7 +115,7 @@ def test_what_has_a_core_is_right_entry_by_entry(seed: int, decades: float) -> N
     assert np.allclose(reduced(system).solve(signed, rtol=1e-14), expected, rtol=0, atol=1e-6 * np.abs(expected).max())
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(spaces(), st.sampled_from(["dirichlet", "neumann", "wall"]))
 def test_reduced_and_whole_systems_agree_on_spaces(space: object, boundary: str) -> None:
     options = {"wall_resistance": 3.0} if boundary == "wall" else {}

@@ -58,7 +58,7 @@ def check(system: NodalSystem) -> None:
         np.testing.assert_allclose(system.feed, tied, rtol=1e-14, atol=0)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(space=spaces(), rules=st.sampled_from(RULES), seed=st.integers(0, 99))
 def test_rows_are_sums_over_resistors(space: ConfigurationSpace, rules: dict[str, Any], seed: int) -> None:
     try:
@@ -87,7 +87,7 @@ def with_sources(seed: int) -> Netlist:
     )
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(seed=st.integers(0, 2**32 - 1))
 def test_floating_sources_share_rows(seed: int) -> None:
     try:
@@ -106,7 +106,7 @@ def test_floating_sources_share_rows(seed: int) -> None:
     assert np.array_equal(np.flatnonzero(np.isnan(system.known) & (system.unknown < 0)), system.floating)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(space=spaces(), rules=st.sampled_from(RULES), decades=st.sampled_from([0.0, 3.0]), seed=st.integers(0, 99))
 def test_counts_are_those_of_the_compressed_rows(
     space: ConfigurationSpace, rules: dict[str, Any], decades: float, seed: int

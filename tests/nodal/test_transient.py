@@ -19,7 +19,7 @@ def one_pole(**changes: object) -> rg.Netlist:
     ).replace(**changes)
 
 
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=15)
 @given(seed=st.integers(0, 10**6), method=st.sampled_from(["tr-bdf2", "trapezoidal"]))
 def test_random_circuits_follow_the_matrix_exponential(seed: int, method: str) -> None:
     netlist = random_dynamics(seed)

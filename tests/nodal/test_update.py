@@ -98,7 +98,7 @@ def whole(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(methods, "may_reduce", lambda _: False)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     spaces(),
     st.sampled_from(BOUNDARIES),

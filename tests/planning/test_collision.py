@@ -37,7 +37,7 @@ def transitions(netlist: Netlist) -> tuple[np.ndarray, np.ndarray]:
     return W, netlist.layout.free_node
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(spaces(max_cells=7), st.sampled_from(BOUNDARIES))
 def test_an_absorbing_markov_chain_agrees(space: ConfigurationSpace, options: dict[str, object]) -> None:
     """The fundamental matrix of Kemeny & Snell (1960), and Doob's transform for walks that succeed."""
@@ -180,7 +180,7 @@ def test_the_basins_of_streamlines_and_of_walks() -> None:
     np.testing.assert_allclose(absorbed.probability[0], absorbed.probability[1][::-1], rtol=1e-12)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(spaces(max_cells=8), st.sampled_from(BOUNDARIES))
 def test_a_basin_is_what_the_streamline_says(space: ConfigurationSpace, options: dict[str, object]) -> None:
     assume(space.goal_connected.any())

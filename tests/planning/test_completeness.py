@@ -53,7 +53,7 @@ def opens(space: ConfigurationSpace, groups: list[set[Index]], start: Index, goa
     return any(space.goal_region[cell] == goal for cell in flood(passable, space.periodic, start, corners=False))
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(spaces(max_cells=7, conductive=False), st.integers(0, 2**32 - 1))
 def test_the_least_set_is_what_trying_all_sets_finds(space: ConfigurationSpace, seed: int) -> None:
     start = tuple(np.argwhere(space.cell < 2)[seed % int((space.cell < 2).sum())].tolist())
@@ -81,7 +81,7 @@ def test_the_least_set_is_what_trying_all_sets_finds(space: ConfigurationSpace, 
     assert all(found.barriers.mask(g)[tuple(np.array(sorted(groups[g])).T)].all() for g in found.bounding)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(1, 3), st.integers(0, 2**32 - 1))
 def test_groups_meet_at_corners_and_across_seams(ndim: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
@@ -178,7 +178,7 @@ def solved(space: ConfigurationSpace, **options: object) -> Field:
         raise
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(
     spaces(),
     st.sampled_from([{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}, {"edge": "open"}]),

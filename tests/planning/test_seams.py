@@ -15,7 +15,7 @@ from resgrid.space import Cell, ConfigurationSpace
 
 
 @given(spaces(max_cells=7), st.data())
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_no_step_is_longer_than_a_cell_and_all_add_up(space: ConfigurationSpace, data: st.DataObject) -> None:
     reachable = np.argwhere(space.goal_connected)
     if not len(reachable):

@@ -50,7 +50,7 @@ def segments(draw: st.DrawFn) -> tuple[list[float], list[float], tuple[int, ...]
 
 
 @given(segments(), st.data())
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 def test_a_line_is_free_exactly_if_all_cells_it_touches_are(case, data: st.DataObject) -> None:
     """Ends on quarters of cells: corners and borders are hit all the time."""
     start, end, shape = case
@@ -77,7 +77,7 @@ def points_along(points: NDArray[np.float64], count: int) -> NDArray[np.float64]
 
 
 @given(spaces(max_cells=12, conductive=False), st.data())
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_short_paths_are_free_shorter_and_join_the_same_ends(space: ConfigurationSpace, data: st.DataObject) -> None:
     reachable = np.argwhere(space.goal_connected)
     if not len(reachable):

@@ -31,7 +31,7 @@ def room() -> ConfigurationSpace:
     return space_of(cell, spacing=(0.5, 0.25))
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(spaces(), st.sampled_from(BOUNDARIES), st.integers(0, 2**32 - 1))
 def test_every_start_arrives_certified_or_says_why(
     space: ConfigurationSpace, options: dict[str, object], seed: int
@@ -54,7 +54,7 @@ def test_every_start_arrives_certified_or_says_why(
             assert path.outcome in {Outcome.REACHED, Outcome.NO_CURRENT}
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(spaces(), st.sampled_from([0.0, 0.01, 0.5, 0.99, 1.0]))
 def test_blends_arrive_from_everywhere(space: ConfigurationSpace, k: float) -> None:
     dirichlet, neumann = field(space), field(space, boundary="neumann")

@@ -60,7 +60,7 @@ def test_a_right_angle_is_rounded_within_half_the_tolerance() -> None:
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.sampled_from([0.0, 0.01, 0.5]))
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_limits_hold_and_the_path_is_kept(seed: int, ndim: int, tolerance: float) -> None:
     rng = np.random.default_rng(seed)
     space = space_of(np.zeros((10,) * ndim))

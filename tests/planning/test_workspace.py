@@ -83,7 +83,7 @@ def test_to_touch_is_not_to_enter() -> None:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_no_point_of_a_robot_moves_farther_than_its_bound(seed: int) -> None:
     rng = np.random.default_rng(seed)
     robots = [
@@ -101,7 +101,7 @@ def test_no_point_of_a_robot_moves_farther_than_its_bound(seed: int) -> None:
 
 
 @given(st.integers(0, 2**32 - 1))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_exact_distances_agree_with_shapelys_polygons(seed: int) -> None:
     """Circles as polygons of 64 and more edges: near enough to see any mistake."""
     rng = np.random.default_rng(seed)

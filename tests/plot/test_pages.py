@@ -127,7 +127,7 @@ def test_paths_of_another_space_are_refused(field: Field, cube: Field, line: Fie
             plot_scene_page(each, [path])
 
 
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=12)
 @given(spaces(), st.sampled_from(["dirichlet", "neumann", "wall"]), st.booleans())
 def test_every_field_has_a_page(space: ConfigurationSpace, boundary: str, periodic: bool) -> None:
     """Whatever the shape: thin, tiny, without obstacles, all of one value."""

@@ -105,7 +105,7 @@ def test_refined_grids_lose_less_and_less_volume():
     assert lost[0] > 2.5 * lost[1] > 6 * lost[2] > 0
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.integers(0, 4), st.lists(st.floats(-7, 7), min_size=4, max_size=4))
 def test_kinematics(which, angles):
     arm = ARMS[which]
@@ -268,7 +268,7 @@ def test_the_protocol_fits():
     assert all(isinstance(arm, Robot) for arm in ARMS)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(st.integers(0, 4), st.integers(0, 2**32 - 1), st.sampled_from([0.05, 0.4, 2.0]))
 def test_no_point_of_a_link_moves_farther_than_the_bound(which, seed, width):
     from resgrid.robots.kernels import _travel

@@ -63,7 +63,7 @@ def shapes(draw, ndim=2):
     return Polygon(vertices)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(shape=shapes(), reach=radius, seed=st.integers(0, 1000))
 def test_no_point_of_a_free_cell_lies_in_a_grown_obstacle(shape, reach, seed):
     blocked = PointRobot(reach).occupancy(AXES, [shape], "conservative")
@@ -76,7 +76,7 @@ def test_no_point_of_a_free_cell_lies_in_a_grown_obstacle(shape, reach, seed):
             assert not inside(shape, points, max(reach - 1e-7, 0.0)).any()
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(shape=shapes(), reach=radius)
 def test_a_blocked_cell_comes_within_reach_by_shapely(shape, reach):
     if isinstance(shape, Ball):
@@ -94,7 +94,7 @@ def test_a_blocked_cell_comes_within_reach_by_shapely(shape, reach):
             assert blocked[cell] == (gap < within), (cell, gap, within)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(shape=shapes(), reach=radius)
 def test_centre_rule_judges_the_centre_alone(shape, reach):
     blocked = PointRobot(reach).occupancy(AXES, [shape], "centre")
@@ -105,7 +105,7 @@ def test_centre_rule_judges_the_centre_alone(shape, reach):
     assert (blocked <= maybe.reshape(blocked.shape)).all()
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(shape=shapes(ndim=3), reach=radius)
 def test_three_dimensions(shape, reach):
     axes = (Axis("x", -1, 2, 4), Axis("y", -1, 2, 5), Axis("z", 0, 1, 3))

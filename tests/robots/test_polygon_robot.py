@@ -76,7 +76,7 @@ simple = st.sampled_from(
 )
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(simple, st.floats(0, 6.3), st.integers(0, 2), st.integers(0, 99))
 def test_minkowski_sums(vertices, turn, which, seed):
     polygon = Polygon(((0.5, 0.2), (0.7, 0.2), (0.7, 1.1), (0.5, 1.1))) if which == 0 else OBSTACLES[which]

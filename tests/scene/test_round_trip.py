@@ -44,7 +44,7 @@ def scenes(draw):
     )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(scenes())
 def test_documents_round_trip(scene):
     again = build_scene(document_of(scene), "s", None)

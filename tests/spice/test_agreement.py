@@ -42,7 +42,7 @@ def lines_of(deck: Path) -> list[str]:
     return deck.read_text().split("\n")
 
 
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 2.0, 6.0]), st.booleans())
 def test_ngspice_agrees_with_a_dense_solution(seed: int, decades: float, drive: bool) -> None:
     netlist = random_grid(seed, decades=decades, drive=drive)
@@ -86,7 +86,7 @@ def test_an_untouched_deck_agrees(deck: Path) -> None:
     assert (agreement.reference, agreement.simulator, agreement.nodes) == ("sidecar", "ngspice", 39)
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(st.data())
 def test_any_byte_that_changes_fails_the_check(original: Path, data: st.DataObject) -> None:
     text = original.read_bytes()

@@ -107,7 +107,7 @@ def test_places_in_a_scene_are_cells() -> None:
 
 
 @given(st.lists(st.tuples(st.integers(0, 7), st.integers(0, 7), st.integers(-3, 3)), max_size=14))
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 def test_contradictions_are_those_of_linear_algebra(sources: list[tuple[int, int, int]]) -> None:
     """A source closes a loop if its row depends on those before it, and contradicts if its volts do not."""
     ends = np.array([(a, b) for a, b, _ in sources], dtype=np.int64).reshape(-1, 2)

@@ -37,7 +37,7 @@ def test_nodes_that_float_have_no_drop() -> None:
 
 
 @given(st.integers(0, 10_000), st.booleans())
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_power_delivered_is_power_dissipated(seed: int, drive: bool) -> None:
     point = solve(random_grid(seed, side=4, drive=drive))
     balance = power_balance(point)

@@ -8,7 +8,7 @@ import resgrid as rg
 BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 1e5}]
 
 
-@settings(max_examples=30, deadline=None, suppress_health_check=[HealthCheck.filter_too_much])
+@settings(max_examples=30, suppress_health_check=[HealthCheck.filter_too_much])
 @given(spaces(), st.sampled_from(BOUNDARIES))
 def test_ngspice_agrees(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:
     try:

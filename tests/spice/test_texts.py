@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, strategies as st
 
 from resgrid.spice.text.texts import fill, names, numbers, weave
 
 FINITE = st.floats(allow_nan=False, allow_infinity=False)
 
 
-@settings(deadline=None)
 @given(st.lists(FINITE, min_size=1, max_size=50))
 def test_a_number_is_written_as_repr_does(values: list[float]) -> None:
     assert numbers(np.array(values)).strings() == [repr(value) for value in values]

@@ -95,7 +95,7 @@ def test_ngspice_finds_the_expanded_netlist(tmp_path: Path, dialect: str, option
         assert rg.check_deck(written.path).agrees
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=list(HealthCheck))
+@settings(max_examples=25, suppress_health_check=list(HealthCheck))
 @given(
     spaces(max_cells=6),
     st.sampled_from([BOUNDARIES[0], BOUNDARIES[2], BOUNDARIES[4]]),

@@ -83,7 +83,7 @@ def test_predicted_failures_of_ngspice_are_failures(tmp_path: Path, text: str, r
 
 
 @given(st.integers(0, 10_000))
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_what_is_predicted_right_is_right(seed: int) -> None:
     netlist = random_grid(seed, side=4)
     assert verdict_of(netlist).outcome == "right"

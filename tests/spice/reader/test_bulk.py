@@ -18,7 +18,6 @@ spellings = st.sampled_from(("%r", "%.17g", "%.3e", "%.20f", "%.25e", "%g", "%.1
 
 
 @given(st.lists(st.tuples(floats, spellings), min_size=1, max_size=50))
-@settings(deadline=None)
 def test_numbers_are_the_nearest_doubles(wanted: list[tuple[float, str]]) -> None:
     words = [spelling % value for value, spelling in wanted]
     data = "".join(f"R{i} a b {word}\n" for i, word in enumerate(words)).encode()
@@ -92,7 +91,7 @@ CARDS = st.sampled_from(
 
 
 @given(st.sampled_from(("title", "R0 a b 1", ".param y=2", "* t")), st.lists(CARDS, max_size=12))
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 def test_the_short_way_changes_nothing(tmp_path_factory, first: str, cards: list[str]) -> None:
     from fuzz_decks import outcome
 

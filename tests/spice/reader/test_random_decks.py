@@ -39,7 +39,7 @@ def test_voltages_are_those_of_ngspice(tmp_path: Path) -> None:
 
 
 @given(st.integers(0, 10**9))
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 def test_both_ways_of_reading_agree(tmp_path_factory, seed: int) -> None:
     from fuzz_decks import same
 
