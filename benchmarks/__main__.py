@@ -15,13 +15,14 @@ from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from pathlib import Path
 
-from benchmarks import accuracy, chips, decks, grids, memory, pipeline, simulator, table, updates
+from benchmarks import accuracy, chips, decks, grids, memory, pipeline, simulator, start, table, updates
 from benchmarks.picture import write_picture
 from benchmarks.rows import Row, Scale
 
 FOLDER = Path(__file__).parent
 
 SECTIONS: tuple[tuple[str, Callable[[Scale], list[Row]]], ...] = (
+    ("start", start.start),
     ("pipeline", pipeline.pipeline),
     ("plane", grids.plane),
     ("volume", grids.volume),
@@ -72,9 +73,9 @@ def main(words: list[str] | None = None) -> None:
             if chosen.sections and name not in chosen.sections:
                 continue
             sys.stderr.write(f"{name} ...\n")
-            start = time.perf_counter()
+            begin = time.perf_counter()
             rows = measured(name, measure, scale)
-            sys.stdout.write(f"\n{name} ({time.perf_counter() - start:.0f} s)\n{table.format_rows(rows, last)}")
+            sys.stdout.write(f"\n{name} ({time.perf_counter() - begin:.0f} s)\n{table.format_rows(rows, last)}")
             sys.stdout.flush()
             kept[name] = table.section_record(rows, scale)
             table.write_results(chosen.folder / "results.json", kept)
