@@ -221,7 +221,11 @@ def add_conductances(pairs: Indices, conductance: Floats, row: Indices, degree: 
 def conductances_by_row(
     pairs: Indices, conductance: Floats, row: Indices, size: int
 ) -> tuple[Indices, Indices, Floats]:
-    """Symmetric compressed rows of the conductances between rows: sorted, parallel resistors summed, no diagonal."""
+    """Symmetric compressed rows of the conductances between rows: sorted, parallel resistors summed, no diagonal.
+
+    Rows are filled with lower neighbours from the front and with upper ones from behind: where a grid's resistors come
+    axis by axis, they are sorted then.
+    """
     indptr = np.zeros(size + 1, np.int32)
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
@@ -232,24 +236,37 @@ def conductances_by_row(
         indptr[i + 1] += indptr[i]
     indices = np.empty(indptr[size], np.int32)
     data = np.empty(indptr[size])
-    fill = indptr[:-1].copy()
+    front, back = indptr[:-1].copy(), indptr[1:].copy()
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
         if i >= 0 and j >= 0 and i != j:
-            indices[fill[i]], data[fill[i]] = j, conductance[k]
-            indices[fill[j]], data[fill[j]] = i, conductance[k]
-            fill[i] += 1
-            fill[j] += 1
-    return _closed_up(indptr, fill, indices, data)
+            lower, upper = min(i, j), max(i, j)
+            back[lower] -= 1
+            indices[back[lower]], data[back[lower]] = upper, conductance[k]
+            indices[front[upper]], data[front[upper]] = lower, conductance[k]
+            front[upper] += 1
+    if _ascending(indptr, indices):
+        return indptr, indices, data
+    return _closed_up(indptr, indices, data)
 
 
 @inner
-def _closed_up(indptr: Indices, fill: Indices, indices: Indices, data: Floats) -> tuple[Indices, Indices, Floats]:
+def _ascending(indptr: Indices, indices: Indices) -> bool:
+    """Whether every row is sorted, and no column there twice."""
+    ascending = True
+    for i in range(len(indptr) - 1):
+        for k in range(indptr[i] + 1, indptr[i + 1]):
+            ascending &= indices[k - 1] < indices[k]
+    return ascending
+
+
+@inner
+def _closed_up(indptr: Indices, indices: Indices, data: Floats) -> tuple[Indices, Indices, Floats]:
     """Sort every row, sum entries of one column, and close the gaps, in place."""
-    size = 0
+    size, end = 0, 0
     column, value = np.empty(_MANY, np.int32), np.empty(_MANY)
-    for i in range(len(fill)):
-        begin, end = indptr[i], fill[i]
+    for i in range(len(indptr) - 1):
+        begin, end = end, indptr[i + 1]
         if _FEW < end - begin <= _MANY:
             _sort_by_rank(indices, data, begin, end, column, value)
         else:
@@ -262,7 +279,7 @@ def _closed_up(indptr: Indices, fill: Indices, indices: Indices, data: Floats) -
                 indices[size] = indices[k]
                 data[size] = data[k]
                 size += 1
-    indptr[len(fill)] = size
+    indptr[len(indptr) - 1] = size
     return indptr, indices[:size], data[:size]
 
 
@@ -333,21 +350,21 @@ def plain_currents(
 @njit(cache=True)
 def count_neighbours(
     pairs: Indices, conductance: Floats, row: Indices, neighbours: NDArray[np.int8]
-) -> tuple[int, float, float]:
+) -> tuple[int, float, float, float]:
     """Count the neighbours of every row up to three.
 
-    Returns how many conductances there are between rows, their smallest and their largest.
+    Returns how many conductances there are between rows, their smallest, their largest and their sum.
     """
-    count, smallest, largest = 0, np.inf, 0.0
+    count, smallest, largest, total = 0, np.inf, 0.0, 0.0
     for k in range(len(pairs)):
         i, j = row[pairs[k, 0]], row[pairs[k, 1]]
         if i < 0 or j < 0 or i == j:
             continue
         count += 1
         g = conductance[k]
-        smallest, largest = min(smallest, g), max(largest, g)
+        smallest, largest, total = min(smallest, g), max(largest, g), total + g
         neighbours[i], neighbours[j] = min(neighbours[i] + 1, 3), min(neighbours[j] + 1, 3)
-    return count, smallest, largest
+    return count, smallest, largest, total
 
 
 @njit(cache=True)

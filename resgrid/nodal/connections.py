@@ -27,6 +27,8 @@ class Connections:
         Number of rows with at most two neighbours.
     weak : float
         Share of conductances that are weak beside the strongest one at either of their ends.
+    mean : float
+        Mean conductance, in siemens; NaN where there is none.
     smallest, largest : float
         The range of the conductances, those to rails included, in siemens.
     """
@@ -34,6 +36,7 @@ class Connections:
     entries: int
     few: int
     weak: float
+    mean: float
     smallest: float
     largest: float
 
@@ -50,7 +53,7 @@ def count_connections(system: NodalSystem) -> Connections:
     if system.derived is None and _is_simple(netlist.layout):
         neighbours = np.zeros(system.size, dtype=np.int8)
         graph = netlist.resistor_nodes, netlist.conductance, system.unknown
-        inner, smallest, largest = assembly.count_neighbours(*graph, neighbours)
+        inner, smallest, largest, total = assembly.count_neighbours(*graph, neighbours)
         some = smallest < WEAK * largest
         weak = assembly.weak_pairs(*graph, system.size, WEAK) / inner if some else 0.0
         entries, few = 2 * inner, int(np.count_nonzero(neighbours <= 2))
@@ -59,11 +62,13 @@ def count_connections(system: NodalSystem) -> Connections:
         entries, few = coupling.nnz, int(np.count_nonzero(np.diff(coupling.indptr) <= 2))
         weak = assembly.weak_share(coupling.indptr, coupling.indices, coupling.data, WEAK)
         smallest, largest = coupling.data.min(initial=np.inf), coupling.data.max(initial=0.0)
+        total = 0.5 * coupling.data.sum()
     present = system.excess[system.excess > 0]
     return Connections(
         entries=entries,
         few=few,
         weak=float(weak),
+        mean=2.0 * float(total) / entries if entries else np.nan,
         smallest=float(min(smallest, present.min(initial=np.inf))),
         largest=float(max(largest, present.max(initial=0.0))),
     )

@@ -5,15 +5,22 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 if TYPE_CHECKING:
-    from resgrid.nodal.system import NodalSystem
+    from scipy import sparse
+
+    from resgrid.nodal.fall_kernels import Places
+    from resgrid.nodal.system import NodalSystem, Rails
 
 VOLUME = 4.2
 """Neighbours a node above which corridors have two dimensions across."""
 
 WHOLE_STEPS = 0.7
 """Potentials fall over straight distances, ways on a grid are longer."""
+
+_SPARSE = 4
+"""Cells for each node above which a grid's cells take longer than its graph."""
 
 _ROUNDS = 30
 """Rounds in which depths are found where rows are numbered as it happens, at most."""
@@ -28,14 +35,43 @@ def foresee_decades(system: NodalSystem) -> float:
     """
     if system.rails is None or not system.connections.entries:
         return 0.0
-    from resgrid.nodal.kernels import decay
+    from resgrid.nodal.fall_kernels import decay
 
-    coupling, rails = system.coupling, system.rails
     cross = 2.0 if system.connections.entries > VOLUME * system.size else 1.0
-    tied = rails.to_high[rails.to_high > 0]
-    wall = max(float(coupling.data.mean() / tied.mean()) - 1.0, 0.0) if tied.size else 0.0
-    factors = decay(
-        coupling.indptr, coupling.indices, rails.to_low > 0, rails.to_high > 0, np.pi * np.sqrt(cross),
-        wall / (2.0 * cross), 1 if system.netlist.layout is not None else _ROUNDS,
-    )  # fmt: skip
+    rounds = 1 if system.netlist.layout is not None else _ROUNDS
+    wall = _wall(system, system.rails)
+    factors = decay(_places(system, system.rails), np.pi * np.sqrt(cross), wall / (2.0 * cross), rounds)
     return float(WHOLE_STEPS * factors / np.log(10.0))
+
+
+def _wall(system: NodalSystem, rails: Rails) -> float:
+    """Mean resistance before the high rail beyond that between nodes, and as a multiple of that."""
+    tied = rails.to_high[rails.to_high > 0]
+    return max(system.connections.mean / float(tied.mean()) - 1.0, 0.0) if tied.size else 0.0
+
+
+def _places(system: NodalSystem, rails: Rails) -> Places:
+    """The graph; a grid by its cells, which takes no compressed rows, unless most of them are no nodes."""
+    low, high, layout = rails.to_low > 0, rails.to_high > 0, system.netlist.layout
+    whole = system.derived is None and system.separated is None
+    if layout is None or not whole or layout.space.periodic.any() or layout.node.size > _SPARSE * system.size:
+        return _of_graph(system.coupling, low, high)
+    return _of_grid(layout.node, system.unknown, low, high)
+
+
+def _of_graph(coupling: sparse.csr_array, low: NDArray[np.bool_], high: NDArray[np.bool_]) -> Places:
+    from resgrid.nodal.fall_kernels import Places
+
+    return Places(np.ones_like(low), low, high, coupling.indptr, coupling.indices, np.empty(0, dtype=np.int64))
+
+
+def _of_grid(
+    node: NDArray[np.int32], unknown: NDArray[np.int32], low: NDArray[np.bool_], high: NDArray[np.bool_]
+) -> Places:
+    from resgrid.nodal.fall_kernels import Places
+
+    row = np.take(np.append(unknown, np.int32(-1)), np.pad(node, 1, constant_values=-1))
+    strides, row = np.array(row.strides) // row.itemsize, row.ravel()
+    low, high = (np.take(np.append(flags, False), row) for flags in (low, high))
+    none = np.empty(0, dtype=np.int32)
+    return Places(row >= 0, low, high, none, none, np.concatenate([-strides, strides]))

@@ -15,7 +15,6 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import inner
 from resgrid.nodal.scaled import BITS
 
 _BASE = 2.0**BITS
@@ -23,8 +22,6 @@ _INVERSE = 2.0**-BITS
 _LARGE = 2.0 ** (BITS // 2)
 _SMALL = 2.0 ** -(BITS // 2)
 _SPLITTER = 2.0**27 + 1.0
-_PARTS = 64.0
-_END, _UNSEEN = -1, -2
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -136,76 +133,3 @@ def _shift(value: float, steps: int) -> float:
     if steps == -1:
         return value * _INVERSE
     return 0.0 if steps < 0 else math.copysign(np.inf, value)
-
-
-@inner
-def _steps_from(indptr: Indices, indices: Indices, seeds: NDArray[np.bool_], rounds: int) -> Indices:
-    """Steps from some nodes to every node, by sweeps up and down the rows; the number of nodes where they do not come.
-
-    Where rows are those of a grid, one round does: the way from the nearest seed runs up or down the rows.
-    """
-    n = len(seeds)
-    steps = np.full(n, n, np.int32)
-    for _ in range(rounds):
-        moved = False
-        for i in range(n):
-            least = 0 if seeds[i] else steps[i]
-            for k in range(indptr[i], indptr[i + 1]):
-                least = min(least, steps[indices[k]] + 1)
-            moved |= least < steps[i]
-            steps[i] = least
-        if not moved:
-            break
-        for i in range(n - 1, -1, -1):
-            for k in range(indptr[i], indptr[i + 1]):
-                steps[i] = min(steps[i], steps[indices[k]] + 1)
-    return steps
-
-
-@njit(cache=True)
-def decay(
-    indptr: Indices, indices: Indices, low: NDArray[np.bool_], high: NDArray[np.bool_], rate: float, wall: float,
-    rounds: int,
-) -> float:  # fmt: skip
-    """Estimate by how many factors of e a potential between two rails falls, from the low rail to the farthest node.
-
-    Where the nearest contact with the high rail lies ``r`` steps away, as `_steps_from` finds it in some rounds, the
-    corridor counts as ``w = 2 r + 1`` wide, and the potential falls by ``((w / rate)**2 + w wall)**(-1/2)`` a step: as
-    between plain rails where there is no ``wall``, by the square root of what leaks through it where that is large.
-    The way on which the potential falls least counts (shortest paths by buckets, Dial 1969); since a step's fall is
-    that of the node it leads to, the first way found to a node is the best.
-    """
-    n = len(low)
-    depth = _steps_from(indptr, indices, high, rounds)
-    costs = np.ones(n + 1, np.int32)
-    costs[n] = 0
-    for r in range(n):
-        width = 2.0 * r + 1.0
-        costs[r] = max(1, int(_PARTS / math.sqrt((width / rate) ** 2 + width * wall)))
-        if costs[r] == 1:
-            break
-    buckets = int(_PARTS * rate) + 2
-    # Lists of nodes in the buckets: the first one of each, and the one after every node.
-    first, after = np.full(buckets, _END, np.int32), np.full(n, _UNSEEN, np.int32)
-    waiting = 0
-    for node in range(n):
-        if low[node]:
-            after[node], first[0] = first[0], node
-            waiting += 1
-    now, most, bucket = 0, 0, 0
-    while waiting > 0:
-        node = first[bucket]
-        if node == _END:
-            now += 1
-            bucket = bucket + 1 if bucket + 1 < buckets else 0
-            continue
-        first[bucket], most = after[node], now
-        waiting -= 1
-        for k in range(indptr[node], indptr[node + 1]):
-            other = indices[k]
-            if after[other] == _UNSEEN:
-                ahead = bucket + costs[depth[other]]
-                ahead -= buckets if ahead >= buckets else 0
-                after[other], first[ahead] = first[ahead], other
-                waiting += 1
-    return most / _PARTS
