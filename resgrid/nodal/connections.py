@@ -28,7 +28,7 @@ class Connections:
     weak : float
         Share of conductances that are weak beside the strongest one at either of their ends.
     mean : float
-        Mean conductance, in siemens; NaN where there is none.
+        Mean conductance, in siemens; 0 where there is none.
     smallest, largest : float
         The range of the conductances, those to rails included, in siemens.
     """
@@ -68,7 +68,7 @@ def count_connections(system: NodalSystem) -> Connections:
         entries=entries,
         few=few,
         weak=float(weak),
-        mean=2.0 * float(total) / entries if entries else np.nan,
+        mean=2.0 * float(total) / entries if entries else 0.0,
         smallest=float(min(smallest, present.min(initial=np.inf))),
         largest=float(max(largest, present.max(initial=0.0))),
     )
