@@ -8,6 +8,7 @@ node, however small they are there, or where nothing is left to gain.
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,16 @@ from numpy.typing import NDArray
 from resgrid.nodal.scaled import BITS, Scaled, power
 from resgrid.nodal.system import NodalSystem
 
+if TYPE_CHECKING:
+    from resgrid.nodal.refine_kernels import Imbalance
+
 _NONE = np.zeros(0, dtype=np.int64)
+_ALL = np.zeros(0, dtype=np.int32)
 _MOST_STEPS = 60
 _LEAST_GAIN = 0.5
+
+_FEW = 8
+"""One voltage in so many is few: then residuals are computed around those alone."""
 
 _MARGIN = 0.01
 """Share of the violation allowed that the last pass aims at."""
@@ -91,7 +99,8 @@ class _Answer:
             self._scale = _NONE
         self._now, self._last = self._zeros(n), self._zeros(n)
         self.residual, self.exponent = self._current.copy(), self._scale.copy()
-        self.error = self.left = self._largest = np.inf
+        self.error = self.left = np.inf
+        self._found: Imbalance | None = None
 
     def _zeros(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
         return np.zeros(n), np.zeros(n), _NONE if self._plain else np.zeros(n, dtype=np.int64)
@@ -111,8 +120,8 @@ class _Answer:
     def log_size(self) -> float:
         """Natural logarithm of the largest entry of the residual."""
         with np.errstate(divide="ignore"):
-            if self._plain:
-                return float(np.log(self._largest))
+            if self._plain and self._found is not None:
+                return float(np.log(self._found.largest))
             log = np.log(np.abs(self.residual)) + self.exponent * (BITS * np.log(2.0))
         return float(np.max(log, initial=-np.inf))
 
@@ -131,34 +140,45 @@ class _Answer:
                 new[:] = old
             correct(*self._now, m, e if e.size else np.zeros(len(m), dtype=np.int64))
         before = self._exact
-        self._compute_residual()
+        self._compute_residual(self._changed_by(m))
         return self._exact and not before
 
     def take_back(self) -> None:
         """Forget the last correction."""
         self._now, self._last = self._last, self._now
 
-    def _compute_residual(self) -> None:
+    def _changed_by(self, m: NDArray[np.float64]) -> NDArray[np.int32]:
+        """Rows whose residuals a correction of few voltages changes; none where all are to be looked at."""
+        from resgrid.nodal.refine_kernels import touched
+
+        if not self._plain or self._found is None or _FEW * np.count_nonzero(m) > len(m):
+            return _ALL
+        coupling = self._system.coupling
+        rows = touched(coupling.indptr, coupling.indices, m)
+        return rows if np.count_nonzero(self.residual[rows]) == np.count_nonzero(self.residual) else _ALL
+
+    def _compute_residual(self, rows: NDArray[np.int32]) -> None:
         """Judge relative to the currents, and where they are too small for that, relative to the voltages."""
         if not self._exact:
-            least, share = self._residual_of_currents()
-            if self._plain and least < _LEAST_PLAIN:
+            found = self._residual_of_currents(rows)
+            if self._plain and found.least < _LEAST_PLAIN:
                 self._leave_plain()
-                _, share = self._residual_of_currents()
-            if self.left > 1.0 or share > _FLAT:
+                found = self._residual_of_currents(_ALL)
+            self.error, self.left, self._found = found.backward, found.left, found
+            if self.left > 1.0 or found.share > _FLAT:
                 return
             self._leave_plain()
             self._exact = True
         self._exact_residual()
 
-    def _residual_of_currents(self) -> tuple[float, float]:
+    def _residual_of_currents(self, rows: NDArray[np.int32]) -> Imbalance:
         from resgrid.nodal.refine_kernels import residual
 
-        self.error, self.left, self._largest, least, share = residual(
+        found = residual(
             *self._rows, self._current, self._scale, *self._now,
-            self._plain, self._floor, _kept(self.steps), self.residual, self.exponent,
+            self._plain, self._floor, _kept(self.steps), rows, self.residual, self.exponent,
         )  # fmt: skip
-        return least, share
+        return found if not len(rows) or self._found is None else found.beside(self._found)
 
     def _exact_residual(self) -> None:
         from resgrid.nodal.refine_kernels import exact_residual

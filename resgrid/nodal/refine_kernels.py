@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -101,6 +102,57 @@ def _find_exponents(
         top[i] = most
 
 
+class Imbalance(NamedTuple):
+    """How far KCL is from holding.
+
+    Attributes
+    ----------
+    backward : float
+        Componentwise backward error ``max |r_i| / (b + |A| |x|)_i`` (Oettli & Prager 1964).
+    settled : float
+        That of the rows that are right.
+    left : float
+        Largest violation relative to what is allowed: `_EXACT` of the row's currents, or ``floor`` times
+        ``(b + |A| |x|)_i`` where that is more.
+    largest : float
+        Largest magnitude of a residual, where plain.
+    least : float
+        Smallest magnitude of a value other than 0, where plain.
+    share : float
+        Smallest ratio of a row's currents to ``(b + |A| |x|)_i``.
+    """
+
+    backward: float
+    settled: float
+    left: float
+    largest: float
+    least: float
+    share: float
+
+    def beside(self, rest: Imbalance) -> Imbalance:
+        """Together with rows that have been found right before."""
+        return Imbalance(
+            max(self.backward, rest.settled), max(self.settled, rest.settled), self.left, self.largest,
+            min(self.least, rest.least), min(self.share, rest.share),
+        )  # fmt: skip
+
+
+@njit(cache=True, nogil=True)
+def touched(indptr: Indices, indices: Indices, m: Floats) -> Indices:
+    """Rows whose currents change with voltages: where corrections are not 0, and next to there."""
+    near = np.zeros(len(m), np.bool_)
+    for i in range(len(m)):
+        if m[i] != 0.0:
+            near[i] = True
+            for k in range(indptr[i], indptr[i + 1]):
+                near[indices[k]] = True
+    rows, count = np.empty(len(m), np.int32), 0
+    for i in range(len(m)):
+        rows[count] = i
+        count += near[i]
+    return rows[:count].copy()
+
+
 @njit(cache=True, nogil=True)
 def residual(
     indptr: Indices,
@@ -115,9 +167,10 @@ def residual(
     plain: bool,
     floor: float,
     kept: float,
+    rows: Indices,
     out: Floats,
     out_e: Integers,
-) -> tuple[float, float, float, float, float]:
+) -> Imbalance:
     """Residual of KCL in scaled numbers ``(out, out_e)``, and how large it is.
 
     Row ``i`` is ``b_i - s_i x_i + sum_j g_ij (x_j - x_i)``: differences come first, so that off-diagonals and row
@@ -129,26 +182,18 @@ def residual(
     that are right to the rounding of these sums come out as 0, so that a correction can turn to those that are smaller
     by many decades; those that come in as 0 stay so up to ``kept`` times that rounding.
 
+    Only some ``rows`` are looked at where they are given; they must be plain.
+
     Returns
     -------
-    backward : float
-        Componentwise backward error ``max |r_i| / (b + |A| |x|)_i`` (Oettli & Prager 1964).
-    left : float
-        Largest violation relative to what is allowed: `_EXACT` of the row's currents, or ``floor`` times
-        ``(b + |A| |x|)_i`` where that is more.
-    largest : float
-        Largest magnitude of a residual, where ``plain``.
-    least : float
-        Smallest magnitude of a value other than 0, where ``plain``.
-    share : float
-        Smallest ratio of a row's currents to ``(b + |A| |x|)_i``.
-
-    Infinite, infinite, infinite, 0 and 0 where a residual is not finite.
+    Imbalance
+        Of the rows looked at; of infinite errors where a residual is not finite.
     """
-    backward, left, largest, least, share, top = 0.0, 0.0, 0.0, np.inf, 1.0, 0
+    backward, settled, left, largest, least, share, top = 0.0, 0.0, 0.0, 0.0, np.inf, 1.0, 0
     if not plain:
         _find_exponents(indptr, indices, injected, injected_e, hi, e, out_e)
-    for i in range(len(hi)):
+    for index in range(len(rows) if len(rows) > 0 else len(hi)):
+        i = rows[index] if len(rows) > 0 else index
         own, own_low, b = hi[i], lo[i], injected[i]
         if not plain:
             top = out_e[i]
@@ -171,22 +216,23 @@ def residual(
             least = min(least, abs(own))
         wrong = 0.0 if abs(r) < _NOTHING else abs(r)
         if not math.isfinite(wrong):
-            return np.inf, np.inf, np.inf, 0.0, 0.0
-        if wrong > backward * size:
-            backward = wrong / size
+            return Imbalance(np.inf, np.inf, np.inf, np.inf, 0.0, 0.0)
+        error = wrong / size if size > 0.0 else 0.0
+        backward = max(backward, error)
         if flow < share * size:
             share = flow / size
         rounding = _UNIT * (_ROW_ROUNDING + indptr[i + 1] - indptr[i]) * flow
         rounding *= kept if out[i] == 0.0 else 1.0
         if wrong <= max(rounding, _SETTLED * size):
             r, top = 0.0, 0
+            settled = max(settled, error)
         else:
             largest = max(largest, wrong)
             left = max(left, wrong / max(_EXACT * flow, floor * size))
         out[i] = r
         if not plain:
             out_e[i] = top
-    return backward, left, largest, least, share
+    return Imbalance(backward, settled, left, largest, least, share)
 
 
 @njit(cache=True, nogil=True)

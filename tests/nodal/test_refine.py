@@ -7,7 +7,7 @@ import pytest
 from spaces import serpentine, space_of
 
 from resgrid.compiler import compile_space
-from resgrid.nodal import methods, readout
+from resgrid.nodal import methods, readout, refine
 from resgrid.nodal.methods import factor_system
 from resgrid.nodal.refine_kernels import residual
 from resgrid.nodal.scaled import Scaled, power
@@ -99,6 +99,38 @@ def test_what_lower_parts_leave_of_values_that_are_gone_is_right() -> None:
     """Two nodes, joined and held by 1 S each, whose values have cancelled but for the last bits of a double."""
     indptr, indices, one = np.array([0, 1, 2], np.int32), np.array([1, 0], np.int32), np.ones(2)
     none, hi, lo, left = np.empty(0, np.int64), np.zeros(2), np.array([0.0, 5e-324]), np.ones(2)
-    sizes = residual(indptr, indices, one, one, np.zeros(2), none, hi, lo, none, True, 1e-20, 1.0, left, none)
-    assert sizes[:3] == (0.0, 0.0, 0.0)
+    rows = np.empty(0, np.int32)
+    found = residual(indptr, indices, one, one, np.zeros(2), none, hi, lo, none, True, 1e-20, 1.0, rows, left, none)
+    assert (found.backward, found.left, found.largest) == (0.0, 0.0, 0.0)
     assert not left.any()
+
+
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+def test_around_few_corrections_residuals_are_those_of_all_rows(boundary: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An inverse that is off at some rows, and turns to them alone from its second pass on."""
+    system = assemble(compile_space(scattered((60, 50), 8), boundary=boundary))
+    rhs = system.rails.to_low if system.rails is not None else system.injected
+    inverse = np.linalg.inv(np.diag(system.degree) - system.coupling.toarray())
+    late = np.random.default_rng(1).random(system.size) < 0.01
+    own = np.linalg.inv(np.linalg.inv(inverse)[np.ix_(late, late)])
+
+    def answer() -> tuple[Scaled, float]:
+        passes = 0
+
+        def approximate(m: np.ndarray, e: np.ndarray, _: float) -> refine.Numbers:
+            nonlocal passes
+            passes += 1
+            x = (inverse @ m) * np.where(late, 1.001, 1.0)
+            if passes > 1:
+                x = np.zeros_like(m)
+                x[late] = own @ m[late]
+            return x, np.zeros_like(e)
+
+        return refine.refine(system, rhs, approximate, 1e-20)
+
+    around, error = answer()
+    monkeypatch.setattr(refine, "_FEW", system.size + 1)
+    of_all, least_error = answer()
+    assert np.array_equal(around.hi, of_all.hi)
+    assert np.array_equal(around.lo, of_all.lo)
+    assert least_error <= error < 1e-12
