@@ -141,7 +141,7 @@ def renumber(block: Indices, before: int, number: Indices, shift: int) -> None:
 def sum_blocks(
     faces: Floats, leak: Floats, distance: Integers, margin: int, link_red: Indices,
     link_black: Indices, link_axis: Indices, links: Floats, target: Indices, coarse_places: int,
-    coarse_distance: Integers, first_extra: int, coarse: Floats, coarse_leak: Floats, inner: Singles,
+    first_extra: int, coarse: Floats, coarse_leak: Floats, inner: Singles,
     new_ends: Indices, new_axis: Indices, new_links: Floats,
 ) -> int:  # fmt: skip
     """Sum the conductances between aggregates into the faces and links of the next board, leaks into its leaks.
@@ -152,12 +152,13 @@ def sum_blocks(
     count = 0
     for k in range(margin, faces.shape[1] - margin):
         for colour in range(2):
-            coarse_leak[target[colour, k]] += leak[colour, k]
+            if leak[colour, k] != 0.0:
+                coarse_leak[target[colour, k]] += leak[colour, k]
+        a = target[0, k]
         for q in range(len(distance)):
             g = faces[q, k]
             if g == 0.0:
                 continue
-            a = target[0, k]
             b = target[1, k + distance[q]]
             axis = q >> 1
             if a == b:
@@ -171,10 +172,8 @@ def sum_blocks(
                 new_axis[count], new_links[count] = axis, g
                 count += 1
                 continue
-            face = 2 * axis + 1
-            if black - red == coarse_distance[2 * axis]:
-                face = 2 * axis
-            coarse[face, red] += g
+            # Where the red cell's block is black, the same face is the opposite one of the red block.
+            coarse[q if a < b else q ^ 1, red] += g
     for k in range(len(links)):
         a, b = target[0, link_red[k]], target[1, link_black[k]]
         if a == b:

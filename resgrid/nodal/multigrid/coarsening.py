@@ -153,7 +153,7 @@ def sum_up(level: Level, lattice: Lattice, target: NDArray[np.int32], extras: in
     ends, axis, links = np.empty((2, room), dtype=np.int32), np.empty(room, dtype=np.int32), np.empty(room)
     count = block_kernels.sum_blocks(
         level.faces, level.leak, *frame(level.lattice), level.ends[0], level.ends[1], level.axis, level.links,
-        target, lattice.places, lattice.distance, lattice.first_extra, faces, leak.ravel(), inner, ends, axis, links,
+        target, lattice.places, lattice.first_extra, faces, leak.ravel(), inner, ends, axis, links,
     )  # fmt: skip
     if count < 0:
         return None
