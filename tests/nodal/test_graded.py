@@ -191,6 +191,18 @@ def test_plain_levels_have_their_turn_where_graded_ones_fail(monkeypatch: pytest
     assert_same(solve(netlist, method="multigrid").log_drop, solve(netlist, method="direct").log_drop)
 
 
+def test_a_height_that_leads_many_astray_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    netlist = compile_space(space_of(with_slits()), boundary="dirichlet")
+    system = assemble(netlist)
+    levels = graded.gradable(system)
+    assert levels is not None
+    assert system.rails is not None
+    assert graded_solver.graded_approximation(system, levels, system.rails.to_low, None) is not None
+    monkeypatch.setattr(graded_solver, "FEW", 100)
+    assert graded_solver.graded_approximation(system, levels, system.rails.to_low, None) is None
+    assert_same(solve(netlist, method="multigrid").log_drop, solve(netlist, method="direct").log_drop)
+
+
 @settings(max_examples=40)
 @given(
     spaces(max_cells=30, dimensions=(2, 2)),

@@ -51,8 +51,8 @@ def graded_approximation(
         return None
     if not np.all(np.isfinite(height)):
         return None
-    graded = _Graded(system, levels, height, watch)
-    return graded if graded.reaches_all else None
+    graded = _Graded(system, levels, watch)
+    return graded if graded.begin(currents, height) else None
 
 
 def at_places(levels: Gradable, currents: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -69,39 +69,60 @@ class _Graded:
     directly, after every pass.
     """
 
-    def __init__(self, system: NodalSystem, levels: Gradable, height: NDArray[np.float64], watch: Watch | None) -> None:
+    def __init__(self, system: NodalSystem, levels: Gradable, watch: Watch | None) -> None:
         self._system, self._levels, self._watch = system, levels, watch
-        self._first = True
+        self._begun: NDArray[np.float64] | None = None
+
+    def begin(self, currents: NDArray[np.float64], height: NDArray[np.float64]) -> bool:
+        """Make the first pass; returns whether the height serves.
+
+        Single precision must reach all of it but for what is solved directly, and the way up the answer must lead to
+        the source, but for pockets.
+        """
         self._grade(height)
+        if len(self._deep) > FEW:
+            return False
+        nothing = np.zeros(len(currents), dtype=np.int64)
+        rows, _ = approximate(self._system, self._hierarchy, self._watch, currents, nothing, 0.0)
+        into, x = self._at_places(currents, rows)
+        better = mended(self._levels, into, x, height)
+        astray = np.count_nonzero(better != x)
+        if astray > FEW:
+            return False
+        if astray > _MANY:
+            self._grade(better)
+        self._begun = self._with_depths(into, better)
+        return True
+
+    def __call__(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
+        """As `resgrid.nodal.multigrid.solver.approximate`; for the currents that it began with at first."""
+        if self._begun is not None:
+            rows, self._begun = self._begun, None
+            return rows, np.zeros_like(e)
+        rows, exponent = approximate(self._system, self._hierarchy, self._watch, m, e, accuracy)
+        if not len(self._deep) or exponent.any():
+            return rows, exponent
+        return self._with_depths(*self._at_places(m, rows)), exponent
 
     def _grade(self, height: NDArray[np.float64]) -> None:
-        self._height, self._hierarchy = height, self._levels.grade(height, stretched=True)
+        self._hierarchy = self._levels.grade(height, stretched=True)
         self._deep_part: Part | None = None
         self._deep = np.flatnonzero(self._levels.unknown & (height < _SPAN * height.max()))
 
-    @property
-    def reaches_all(self) -> bool:
-        """Whether single precision reaches all of the solution but for what is solved directly."""
-        return len(self._deep) <= FEW
-
-    def __call__(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
-        """As `resgrid.nodal.multigrid.solver.approximate`."""
-        rows, exponent = approximate(self._system, self._hierarchy, self._watch, m, e, accuracy)
-        if not (self._first or len(self._deep)) or exponent.any():
-            return rows, exponent
-        into, x = at_places(self._levels, m), np.zeros(self._height.shape)
+    def _at_places(
+        self, m: NDArray[np.float64], rows: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Currents and potentials by place, shape (2, places)."""
+        into = at_places(self._levels, m)
+        x = np.zeros_like(into)
         put_at_places(self._levels.place, rows, 1.0, x.ravel())
-        if self._first:
-            self._first = False
-            better = mended(self._levels, into, x, self._height)
-            if better is x:
-                return rows, exponent
-            if np.count_nonzero(better != x) > _MANY:
-                self._grade(better)
-            x = better
-        if len(self._deep) and self.reaches_all:
+        return into, x
+
+    def _with_depths(self, into: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The rows of a potential, solved directly where single precision does not reach."""
+        if 0 < len(self._deep) <= FEW:
             self._deep_part = self._deep_part or part_of(self._levels, self._deep)
             x.ravel()[self._deep] = self._deep_part.potential(into.ravel(), x.ravel())
         rows = take_from_places(self._levels.place, x.ravel())
         rows[np.abs(rows) < _LEAST] = 0.0
-        return rows, exponent
+        return rows
