@@ -9,7 +9,7 @@ import resgrid
 
 NOTICE = "the first solution on this machine also compiles its loops: about 25 s, once"
 
-_INDEX = "assembly.conductances_by_row*.nbi"
+_INDEX = "row_kernels.conductances_by_row*.nbi"
 
 
 def is_first_run() -> bool:

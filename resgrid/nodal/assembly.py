@@ -14,9 +14,6 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]
 Integers = NDArray[np.int64]
 
-_FEW, _MANY = 5, 16
-"""Entries of a row between which comparing all with all sorts them quickest."""
-
 
 @inner
 def find(parent: Indices, node: int) -> int:
@@ -215,105 +212,6 @@ def add_conductances(pairs: Indices, conductance: Floats, row: Indices, degree: 
         if i >= 0 and j >= 0 and i != j:
             degree[i] += conductance[k]
             degree[j] += conductance[k]
-
-
-@njit(cache=True)
-def conductances_by_row(
-    pairs: Indices, conductance: Floats, row: Indices, size: int
-) -> tuple[Indices, Indices, Floats]:
-    """Symmetric compressed rows of the conductances between rows: sorted, parallel resistors summed, no diagonal.
-
-    Rows are filled with lower neighbours from the front and with upper ones from behind: where a grid's resistors come
-    axis by axis, they are sorted then.
-    """
-    indptr = np.zeros(size + 1, np.int32)
-    for k in range(len(pairs)):
-        i, j = row[pairs[k, 0]], row[pairs[k, 1]]
-        if i >= 0 and j >= 0 and i != j:
-            indptr[i + 1] += 1
-            indptr[j + 1] += 1
-    for i in range(size):
-        indptr[i + 1] += indptr[i]
-    indices = np.empty(indptr[size], np.int32)
-    data = np.empty(indptr[size])
-    front, back = indptr[:-1].copy(), indptr[1:].copy()
-    for k in range(len(pairs)):
-        i, j = row[pairs[k, 0]], row[pairs[k, 1]]
-        if i >= 0 and j >= 0 and i != j:
-            lower, upper = min(i, j), max(i, j)
-            back[lower] -= 1
-            indices[back[lower]], data[back[lower]] = upper, conductance[k]
-            indices[front[upper]], data[front[upper]] = lower, conductance[k]
-            front[upper] += 1
-    if _ascending(indptr, indices):
-        return indptr, indices, data
-    return _closed_up(indptr, indices, data)
-
-
-@inner
-def _ascending(indptr: Indices, indices: Indices) -> bool:
-    """Whether every row is sorted, and no column there twice."""
-    ascending = True
-    for i in range(len(indptr) - 1):
-        for k in range(indptr[i] + 1, indptr[i + 1]):
-            ascending &= indices[k - 1] < indices[k]
-    return ascending
-
-
-@inner
-def _closed_up(indptr: Indices, indices: Indices, data: Floats) -> tuple[Indices, Indices, Floats]:
-    """Sort every row, sum entries of one column, and close the gaps, in place."""
-    size, end = 0, 0
-    column, value = np.empty(_MANY, np.int32), np.empty(_MANY)
-    for i in range(len(indptr) - 1):
-        begin, end = end, indptr[i + 1]
-        if _FEW < end - begin <= _MANY:
-            _sort_by_rank(indices, data, begin, end, column, value)
-        else:
-            sort_row(indices, data, begin, end)
-        indptr[i] = size
-        for k in range(begin, end):
-            if size > indptr[i] and indices[size - 1] == indices[k]:
-                data[size - 1] += data[k]
-            else:
-                indices[size] = indices[k]
-                data[size] = data[k]
-                size += 1
-    indptr[len(indptr) - 1] = size
-    return indptr, indices[:size], data[:size]
-
-
-@inner
-def _sort_by_rank(indices: Indices, data: Floats, begin: int, end: int, column: Indices, value: Floats) -> None:
-    """As `sort_row`, every entry put where its rank says: no branch depends on the columns."""
-    for k in range(begin, end):
-        rank = 0
-        for other in range(begin, end):
-            rank += (indices[other] < indices[k]) | ((indices[other] == indices[k]) & (other < k))
-        column[rank] = indices[k]
-        value[rank] = data[k]
-    for k in range(begin, end):
-        indices[k] = column[k - begin]
-        data[k] = value[k - begin]
-
-
-@inner
-def sort_row(indices: Indices, data: Floats, begin: int, end: int) -> None:
-    """Sort the entries ``begin ... end`` by column, in place (Shell 1959: insertion in ever smaller steps)."""
-    step = 1
-    while 3 * step + 1 < end - begin:
-        step = 3 * step + 1
-    while step > 0:
-        for k in range(begin + step, end):
-            column, value = indices[k], data[k]
-            place = k - step
-            while place >= begin and indices[place] > column:
-                indices[place + step] = indices[place]
-                data[place + step] = data[place]
-                place -= step
-            indices[place + step] = column
-            data[place + step] = value
-        step //= 3
 
 
 @njit(cache=True)

@@ -58,11 +58,11 @@ def count_connections(system: NodalSystem) -> Connections:
         weak = assembly.weak_pairs(*graph, system.size, WEAK) / inner if some else 0.0
         entries, few = 2 * inner, int(np.count_nonzero(neighbours <= 2))
     else:
-        coupling = system.coupling
-        entries, few = coupling.nnz, int(np.count_nonzero(np.diff(coupling.indptr) <= 2))
-        weak = assembly.weak_share(coupling.indptr, coupling.indices, coupling.data, WEAK)
-        smallest, largest = coupling.data.min(initial=np.inf), coupling.data.max(initial=0.0)
-        total = 0.5 * coupling.data.sum()
+        rows = system.rows
+        entries, few = rows.nnz, int(np.count_nonzero(np.diff(rows.indptr) <= 2))
+        weak = assembly.weak_share(rows.indptr, rows.indices, rows.data, WEAK)
+        smallest, largest = rows.data.min(initial=np.inf), rows.data.max(initial=0.0)
+        total = 0.5 * rows.data.sum()
     present = system.excess[system.excess > 0]
     return Connections(
         entries=entries,

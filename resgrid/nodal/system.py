@@ -147,13 +147,30 @@ class NodalSystem:
             return _without(replace(self, separated=None).coupling, self.separated)
         if self.derived is not None:
             return self.derived
-        from resgrid.nodal.assembly import conductances_by_row
+        from resgrid.nodal.row_kernels import sort_rows
+
+        if self.rows.has_sorted_indices:
+            return self.rows
+        coupling = self.rows.copy()
+        sort_rows(coupling.indptr, coupling.indices, coupling.data)
+        coupling.has_sorted_indices = coupling.has_canonical_format = True
+        vars(self)["rows"] = coupling  # one of them is enough
+        return coupling
+
+    @cached_property
+    def rows(self) -> sparse.csr_array:
+        """The `coupling` with the entries of every row in any order: half of the work, on a general graph."""
+        if self.separated is not None or self.derived is not None:
+            return self.coupling
+        from resgrid.nodal.row_kernels import conductances_by_row
 
         netlist, size = self.netlist, self.size
-        indptr, indices, data = conductances_by_row(netlist.resistor_nodes, netlist.conductance, self.unknown, size)
-        coupling = sparse.csr_array((data, indices, indptr), shape=(size, size))
-        coupling.has_sorted_indices = coupling.has_canonical_format = True
-        return coupling
+        indptr, indices, data, ordered = conductances_by_row(
+            netlist.resistor_nodes, netlist.conductance, self.unknown, size
+        )
+        rows = sparse.csr_array((data, indices, indptr), shape=(size, size))
+        rows.has_sorted_indices = rows.has_canonical_format = ordered
+        return rows
 
     @cached_property
     def connections(self) -> Connections:

@@ -7,7 +7,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from resgrid.jit import inner
-from resgrid.nodal.assembly import find, join, sort_row
+from resgrid.nodal.assembly import find, join
+from resgrid.nodal.row_kernels import sort_row
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]

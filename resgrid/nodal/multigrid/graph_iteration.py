@@ -100,5 +100,5 @@ def matrix_rows(
     system: NodalSystem,
 ) -> tuple[NDArray[np.uint32], NDArray[np.uint32], NDArray[np.float64], NDArray[np.float64]]:
     """The nodal matrix in compressed rows, with indices that need no sign."""
-    coupling = system.coupling
-    return coupling.indptr.view(np.uint32), coupling.indices.view(np.uint32), coupling.data, system.excess
+    rows = system.rows
+    return rows.indptr.view(np.uint32), rows.indices.view(np.uint32), rows.data, system.excess

@@ -65,11 +65,11 @@ def build_hierarchy(system: NodalSystem) -> Hierarchy:
         made = coarsen_grid(level, place)
         if made is not None:
             return Hierarchy(made[1], made[0], unit, box)
-    coupling = system.coupling
-    unit = float(coupling.data.mean()) if coupling.nnz else float(system.excess.mean())
     cell, layout = _cells(system), system.netlist.layout
     where = None if cell is None or layout is None else coordinates(cell, np.array(layout.node.shape))
-    finest = Graph(coupling.indptr, coupling.indices, coupling.data / unit, system.excess / unit, where)
+    rows = system.rows if where is None else system.coupling
+    unit = float(rows.data.mean()) if rows.nnz else float(system.excess.mean())
+    finest = Graph(rows.indptr, rows.indices, rows.data / unit, system.excess / unit, where)
     stack = stack_graph(finest) if where is None else stack_levels(*coarsen_down(finest), free=True)
     return Hierarchy(stack, None, unit)
 
