@@ -18,9 +18,12 @@ Integers = NDArray[np.int64]
 @inner
 def find(parent: Indices, node: int) -> int:
     """Root of a node in a union-find, whose trees have their smallest node as root; halves the way there."""
-    while parent[node] != node:
-        parent[node] = parent[parent[node]]
-        node = parent[node]
+    above = parent[node]
+    while above != node:
+        top = parent[above]
+        if top != above:
+            parent[node] = top
+        node, above = top, parent[top]
     return node
 
 
@@ -40,10 +43,13 @@ def join_parts(pairs: Indices, part: Indices, contacts: Indices) -> int:
     """
     count = 0
     for k in range(len(pairs)):
-        a, b = part[pairs[k, 0]], part[pairs[k, 1]]
+        i, j = pairs[k, 0], pairs[k, 1]
+        a, b = part[i], part[j]
         if a >= 0 and b >= 0:
             if a != b:
-                join(part, pairs[k, 0], pairs[k, 1])
+                # As `join`, a call of which takes as long as all of this.
+                a, b = find(part, a), find(part, b)
+                part[max(a, b)] = part[i] = part[j] = min(a, b)
         elif a >= 0 or b >= 0:
             contacts[count] = k
             count += 1

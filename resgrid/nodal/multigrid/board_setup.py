@@ -47,8 +47,10 @@ def fill_faces(
     """Add every resistor between two unknowns to its red cell's face, and note those that lead elsewhere as links.
 
     Returns the number of links, or -1 if a resistor joins two cells of one colour or the links are too many.
+
+    Resistors come axis by axis: most cross the face of the one before, or the opposite one.
     """
-    places, count = faces.shape[1], 0
+    places, count, face = faces.shape[1], 0, 0
     for k in range(len(pairs)):
         red, black = at_node[pairs[k, 0]], at_node[pairs[k, 1]]
         if red < 0 or black < 0 or red == black:
@@ -58,18 +60,29 @@ def fill_faces(
         black -= places
         if red >= places or black < 0:
             return -1
-        away, face = black - red, -1
-        for q in range(len(distance)):
-            if away == distance[q]:
-                face = q
-        if face >= 0:
-            faces[face, red] += conductance[k] * scale
-        elif count < len(links):
-            links[count] = k
-            count += 1
-        else:
-            return -1
+        away = black - red
+        if away == distance[face ^ 1]:
+            face ^= 1
+        elif away != distance[face]:
+            other = _face_at(distance, away)
+            if other < 0:
+                if count == len(links):
+                    return -1
+                links[count] = k
+                count += 1
+                continue
+            face = other
+        faces[face, red] += conductance[k] * scale
     return count
+
+
+@inner
+def _face_at(distance: Integers, away: int) -> int:
+    """The face across which a black cell lies so far from a red one; -1 for none."""
+    for q in range(len(distance)):
+        if distance[q] == away:
+            return q
+    return -1
 
 
 @njit(cache=True)
