@@ -7,7 +7,7 @@ from pathlib import Path
 
 import resgrid
 
-NOTICE = "the first solution on this machine also compiles its loops: about 25 s, once"
+NOTICE = "the first solution on this machine also compiles its loops: half a minute, once"
 
 _INDEX = "row_kernels.conductances_by_row*.nbi"
 

@@ -284,7 +284,7 @@ def assemble(netlist: Netlist) -> NodalSystem:
     size, undriven, volts, floating = assembly.number_rows(parts.of_node, driven, parts.lowest, root)
     unknown = parts.of_node
     reference = float(low) if size else 0.0
-    excess, feed, injected = np.zeros(size), np.zeros(size), np.zeros(size)
+    excess, feed, injected = np.zeros(size), np.zeros(size), np.zeros(size if len(netlist.current_nodes) else 0)
     touching = netlist.conductance[parts.contacts]
     two = assembly.add_contacts(parts.ends, touching, unknown, offset, reference, high, excess, feed)
     assembly.add_injected(netlist.current_nodes, netlist.current_amps, unknown, injected)
@@ -297,8 +297,8 @@ def assemble(netlist: Netlist) -> NodalSystem:
         forest=forest,
         unknown=unknown,
         excess=excess,
-        feed=_without_memory(feed),
-        injected=_without_memory(injected),
+        feed=_without_memory(feed, size),
+        injected=_without_memory(injected, size),
         reference=reference,
         rails=_rails(netlist, parts.contacts, unknown, forest, float(low), float(high)) if plain else None,
         undriven=undriven,
@@ -307,9 +307,9 @@ def assemble(netlist: Netlist) -> NodalSystem:
     )
 
 
-def _without_memory(currents: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The same currents; one zero for all of them where nothing flows."""
-    return currents if currents.any() else np.broadcast_to(0.0, currents.shape)
+def _without_memory(currents: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    """The same currents; one zero for all rows where nothing flows."""
+    return currents if currents.any() else np.broadcast_to(0.0, size)
 
 
 def _parts(netlist: Netlist, forest: SourceForest, held: NDArray[np.int64], volts: NDArray[np.float64]) -> _Parts:
