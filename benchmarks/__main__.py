@@ -47,7 +47,7 @@ def arguments(words: list[str]) -> argparse.Namespace:
     names = [name for name, _ in SECTIONS]
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     parser.add_argument("sections", nargs="*", metavar="SECTION", help=f"which to run (all): {', '.join(names)}")
-    parser.add_argument("--scale", choices=SCALES, default="quick", help="how large (quick, about ten minutes)")
+    parser.add_argument("--scale", choices=SCALES, default="quick", help="how large (quick, some twenty minutes)")
     parser.add_argument("--seed", type=int, default=0, help="added to every problem's seed")
     parser.add_argument("--rounds", type=int, help="alternating runs of each comparison")
     parser.add_argument("--folder", type=Path, default=FOLDER, help="where results.json and results.png are kept")

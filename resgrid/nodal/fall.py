@@ -51,7 +51,7 @@ def _wall(system: NodalSystem, rails: Rails) -> float:
 
 
 def _places(system: NodalSystem, rails: Rails) -> Places:
-    """The graph; a grid by its cells, which takes no compressed rows, unless most of them are no nodes."""
+    """The rows as a graph, or, where most cells of a grid are rows, as its cells: these need no compressed rows."""
     low, high, layout = rails.to_low > 0, rails.to_high > 0, system.netlist.layout
     whole = system.derived is None and system.separated is None
     if layout is None or not whole or layout.space.periodic.any() or layout.node.size > _SPARSE * system.size:

@@ -28,7 +28,7 @@ _LEAST = 1e-200
 def graded_approximation(
     system: NodalSystem, levels: Gradable, currents: NDArray[np.float64], watch: Watch | None
 ) -> Approximation | None:
-    """What refines a solution on levels that are graded by it; None where too much of it falls out of single precision.
+    """What refines a solution on levels that are graded by it; None where that does not serve (`_Graded.begin`).
 
     Parameters
     ----------
@@ -82,8 +82,8 @@ class _Graded:
         self._grade(height)
         if len(self._deep) > FEW:
             return False
-        nothing = np.zeros(len(currents), dtype=np.int64)
-        rows, _ = approximate(self._system, self._hierarchy, self._watch, currents, nothing, 0.0)
+        no_exponents = np.empty(0, dtype=np.int64)
+        rows, _ = approximate(self._system, self._hierarchy, self._watch, currents, no_exponents, 0.0)
         into, x = self._at_places(currents, rows)
         better = mended(self._levels, into, x, height)
         astray = np.count_nonzero(better != x)
