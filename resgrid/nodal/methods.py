@@ -116,7 +116,7 @@ def choose_method(system: NodalSystem, accuracy: str = "direction") -> str:
 
     Direct where the system is small, or narrow; where conductances differ so wildly from node to node that no coarse
     grid stands for them; and between two rails where the potential falls by more decades than refinement wins back in
-    that time, some nine a pass.
+    that time, some twelve a pass.
 
     Parameters
     ----------

@@ -199,6 +199,7 @@ def test_a_height_that_leads_many_astray_is_given_up(monkeypatch: pytest.MonkeyP
     assert system.rails is not None
     assert graded_solver.graded_approximation(system, levels, system.rails.to_low, None) is not None
     monkeypatch.setattr(graded_solver, "FEW", 100)
+    monkeypatch.setattr(graded_solver, "mended", lambda *_: np.zeros((2, levels.level.lattice.places)))
     assert graded_solver.graded_approximation(system, levels, system.rails.to_low, None) is None
     assert_same(solve(netlist, method="multigrid").log_drop, solve(netlist, method="direct").log_drop)
 

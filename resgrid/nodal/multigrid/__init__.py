@@ -17,7 +17,7 @@
    conductances (`clusters`), rows laid out by colour and length (`ordering`).
 5. *Iteration* (`board_iteration`, `graph_iteration`). Flexible conjugate gradients (Notay 2000), on boards for the
    black cells alone: the red ones are eliminated exactly. Vectors are in single precision; after a burst of at most
-   six digits the residual is formed anew from the true conductances, and the search directions go on. It ends at
+   five digits the residual is formed anew from the true conductances, and the search directions go on. It ends at
    ``rtol |b|``, or where rounding, ``eps |A| |x|``, forbids more (`stopping`: or, from a guess on, where the steps
    tell that the error is small).
 6. *Cycle* (`board_cycle`, `kernels`). One relaxation of the black cells before and one after each visit of the next

@@ -196,7 +196,7 @@ def lengthen_faces(
     """Make the conductances of a coarse board know length, in place.
 
     From the middle of one block to the middle of the next lies half of either block's own resistance, in series with
-    what joins the two; a rail is reached through a quarter of the block's.
+    what joins the two; a rail is reached through 0.15 times the block's.
     """
     places = faces.shape[1]
     for red in range(margin, faces.shape[1] - margin):
@@ -209,7 +209,7 @@ def lengthen_faces(
                 own = 0.0
                 for axis in range(len(inner)):
                     own = max(own, float(inner[axis, colour * places + red]))
-                leak[colour, red] = _in_series(leak[colour, red], own, 0.0, 0.25)
+                leak[colour, red] = _in_series(leak[colour, red], own, 0.0, 0.15)
     for k in range(len(links)):
         axis = link_axis[k]
         links[k] = _in_series(links[k], inner[axis, link_red[k]], inner[axis, places + link_black[k]], 0.5)

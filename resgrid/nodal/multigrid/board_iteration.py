@@ -1,6 +1,6 @@
 """Flexible conjugate gradients on the black cells of a grid.
 
-They run in bursts of at most six digits: after each the true residual is formed in double precision, and the next
+They run in bursts of at most five digits: after each the true residual is formed in double precision, and the next
 begins with it, search directions kept.
 """
 
@@ -27,7 +27,7 @@ _ROUNDING = 2.0**-52
 _ENOUGH = 0.07
 """Residual after the first step of a K-cycle on the first coarse level that spares the second."""
 
-_BURST = 1e-6
+_BURST = 1e-5
 """Gain of a burst from its largest residual on: vectors in single precision allow no more."""
 
 _DEPTH = 3
@@ -39,7 +39,7 @@ _LIFT = 2.0**64
 _SMOOTH = 0.1
 """Share of the residual allowed that a guess may leave: its error is smooth, and large beside its residual."""
 
-_SAFETY = 0.8
+_SAFETY = 0.95
 """The recursive residual is brought below the goal by this factor."""
 
 

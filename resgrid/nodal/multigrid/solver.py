@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 REFINED = 1e-20
 """Componentwise backward error that is enough where no current flows."""
 
-_PASS, _LEAST_PASS = 1e-11, 1e-3
+_PASS, _LEAST_PASS = 1e-12, 1e-3
 """By how much a pass of refinement lessens the residual: at most, and at least."""
 
 _FAR, _FIXED = 30.0, 3e6
@@ -207,7 +207,7 @@ def approximate(
     e: NDArray[np.int64],
     accuracy: float,
 ) -> Numbers:
-    """Up to eleven digits of ``A^-1`` times scaled numbers, relative to the largest."""
+    """Up to twelve digits of ``A^-1`` times scaled numbers, relative to the largest."""
     from resgrid.nodal.multigrid.iteration import iterate
 
     top = 0
