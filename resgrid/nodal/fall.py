@@ -55,14 +55,14 @@ def _places(system: NodalSystem, rails: Rails) -> Places:
     low, high, layout = rails.to_low > 0, rails.to_high > 0, system.netlist.layout
     whole = system.derived is None and system.separated is None
     if layout is None or not whole or layout.space.periodic.any() or layout.node.size > _SPARSE * system.size:
-        return _of_graph(system.coupling, low, high)
+        return _of_graph(system.rows, low, high)
     return _of_grid(layout.node, system.unknown, low, high)
 
 
-def _of_graph(coupling: sparse.csr_array, low: NDArray[np.bool_], high: NDArray[np.bool_]) -> Places:
+def _of_graph(rows: sparse.csr_array, low: NDArray[np.bool_], high: NDArray[np.bool_]) -> Places:
     from resgrid.nodal.fall_kernels import Places
 
-    return Places(np.ones_like(low), low, high, coupling.indptr, coupling.indices, np.empty(0, dtype=np.int64))
+    return Places(np.ones_like(low), low, high, rows.indptr, rows.indices, np.empty(0, dtype=np.int64))
 
 
 def _of_grid(
