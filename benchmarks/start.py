@@ -37,7 +37,7 @@ def start(scale: Scale) -> list[Row]:
 def _light_row(name: str, code: str, scale: Scale) -> Row:
     ours, python = (partial(_python, words) for words in (code, "pass"))
     seconds, bare, _ = alternating(ours, python, scale.rounds)
-    above = Spread(*(getattr(seconds, part) - bare.median for part in ("median", "low", "high")))
+    above = Spread(seconds.median - bare.median, seconds.low - bare.median, seconds.high - bare.median)
     return Row(name, seconds.median, above, "s")
 
 

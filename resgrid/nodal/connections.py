@@ -53,22 +53,23 @@ def count_connections(system: NodalSystem) -> Connections:
     if system.derived is None and _is_simple(netlist.layout):
         neighbours = np.zeros(system.size, dtype=np.int8)
         graph = netlist.resistor_nodes, netlist.conductance, system.unknown
-        inner, smallest, largest, total = assembly.count_neighbours(*graph, neighbours)
+        inner, smallest, largest, half = assembly.count_neighbours(*graph, neighbours)
         some = smallest < WEAK * largest
         weak = assembly.weak_pairs(*graph, system.size, WEAK) / inner if some else 0.0
         entries, few = 2 * inner, int(np.count_nonzero(neighbours <= 2))
+        total = 2.0 * half
     else:
         rows = system.rows
         entries, few = rows.nnz, int(np.count_nonzero(np.diff(rows.indptr) <= 2))
         weak = assembly.weak_share(rows.indptr, rows.indices, rows.data, WEAK)
         smallest, largest = rows.data.min(initial=np.inf), rows.data.max(initial=0.0)
-        total = 0.5 * rows.data.sum()
+        total = rows.data.sum()
     present = system.excess[system.excess > 0]
     return Connections(
         entries=entries,
         few=few,
         weak=float(weak),
-        mean=2.0 * float(total) / entries if entries else 0.0,
+        mean=float(total) / entries if entries else 0.0,
         smallest=float(min(smallest, present.min(initial=np.inf))),
         largest=float(max(largest, present.max(initial=0.0))),
     )

@@ -149,12 +149,11 @@ class _Answer:
 
     def _changed_by(self, m: NDArray[np.float64]) -> NDArray[np.int32]:
         """Rows whose residuals a correction of few voltages changes; none where all are to be looked at."""
-        from resgrid.nodal.refine_kernels import touched
-
         if not self._plain or self._found is None or _FEW * np.count_nonzero(m) > len(m):
             return _ALL
-        coupling = self._system.coupling
-        rows = touched(coupling.indptr, coupling.indices, m)
+        changed = m != 0.0
+        changed[self._system.coupling[np.flatnonzero(changed)].indices] = True
+        rows = np.flatnonzero(changed).astype(np.int32)
         return rows if np.count_nonzero(self.residual[rows]) == np.count_nonzero(self.residual) else _ALL
 
     def _compute_residual(self, rows: NDArray[np.int32]) -> None:

@@ -138,22 +138,6 @@ class Imbalance(NamedTuple):
 
 
 @njit(cache=True, nogil=True)
-def touched(indptr: Indices, indices: Indices, m: Floats) -> Indices:
-    """Rows whose currents change with voltages: where corrections are not 0, and next to there."""
-    near = np.zeros(len(m), np.bool_)
-    for i in range(len(m)):
-        if m[i] != 0.0:
-            near[i] = True
-            for k in range(indptr[i], indptr[i + 1]):
-                near[indices[k]] = True
-    rows, count = np.empty(len(m), np.int32), 0
-    for i in range(len(m)):
-        rows[count] = i
-        count += near[i]
-    return rows[:count].copy()
-
-
-@njit(cache=True, nogil=True)
 def residual(
     indptr: Indices,
     indices: Indices,
