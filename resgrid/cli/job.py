@@ -324,5 +324,6 @@ def solution_summary(chip: Chip, space: ConfigurationSpace) -> dict[str, Any]:
         "solver": chip.point.method,
         "iterations": chip.point.iterations,
         "backward_error": chip.point.backward_error,
+        "entry_error": chip.point.entry_error if math.isfinite(chip.point.entry_error) else None,
         "seconds": dict(chip.point.seconds),
     }

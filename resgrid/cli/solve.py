@@ -119,13 +119,15 @@ def _check_target(output: str | None, report: Report) -> None:
         raise InputError("-o - and --json both want standard output; write the field to a file")
 
 
-def _lines(data: dict[str, object], shape: tuple[int, ...]) -> list[str]:
+def _lines(data: dict[str, Any], shape: tuple[int, ...]) -> list[str]:
+    proved = data["entry_error"]
     return [
         f"{data['chip']} chip of {size_of(shape)} cells, {data['free_cells']:,} free",
         f"  nodes               {data['nodes']:,}",
         f"  resistors           {data['resistors']:,}",
         f"  unreachable cells   {data['unreachable_cells']:,}",
         f"  KCL residual        {data['kcl_residual']:.1e} of the current through the node",
+        *([] if proved is None else [f"  every entry right   to {proved:.1e} of itself, as KCL proves"]),
         f"  power               {data['power']:.6g} W",
         f"  solver              {data['solver']}",
     ]

@@ -117,7 +117,7 @@ class DirectFactor:
         rhs : ndarray of float64 or Scaled, shape (n,)
             Currents in amperes, none negative; of scaled ones ``lo`` is not used.
         watch : Watch, optional
-            Told the backward error.
+            Told the backward error, and a bound on the errors of entries.
 
         Returns
         -------
@@ -127,10 +127,10 @@ class DirectFactor:
             Its componentwise backward error.
         """
         exact = self.system.size <= EXACT_ROWS
-        solution, error = refine(self.system, rhs, self._substitute, REFINED, exact=exact)
+        found = refine(self.system, rhs, self._substitute, REFINED, exact=exact)
         if watch is not None:
-            watch.done(error)
-        return solution, error
+            watch.done(found.error, found.bound)
+        return found.solution, found.error
 
     def _plain(self, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
         """Both substitutions, from doubles to doubles."""

@@ -22,12 +22,17 @@ WHOLE_STEPS = 0.7
 _SPARSE = 4
 """Cells for each node above which a grid's cells take longer than its graph."""
 
+_MOST_REST, _SHARE_OF_REST = 5_000, 50
+"""Nodes behind slits that are left out: so many at most, and one in so many."""
+
 _ROUNDS = 30
 """Rounds in which depths are found where rows are numbered as it happens, at most."""
 
 
 def foresee_decades(system: NodalSystem) -> float:
     """Rough number of decades that a potential between two rails falls over the graph; 0 for other circuits.
+
+    The lowest nodes do not count, if they are few: they are found directly (`resgrid.nodal.multigrid.pockets`).
 
     Along a corridor ``w`` cells wide it falls by ``exp(-pi sqrt(d) / w)`` a cell, in ``d = 1`` or 2 cross dimensions;
     behind walls of ``k`` times the resistance between cells by ``exp(-sqrt(2 d / (k w)))`` where that is less.  On 20
@@ -40,7 +45,8 @@ def foresee_decades(system: NodalSystem) -> float:
     cross = 2.0 if system.connections.entries > VOLUME * system.size else 1.0
     rounds = 1 if system.netlist.layout is not None else _ROUNDS
     wall = _wall(system, system.rails)
-    factors = decay(_places(system, system.rails), np.pi * np.sqrt(cross), wall / (2.0 * cross), rounds)
+    rest = min(_MOST_REST, system.size // _SHARE_OF_REST)
+    factors = decay(_places(system, system.rails), np.pi * np.sqrt(cross), wall / (2.0 * cross), rounds, rest)
     return float(WHOLE_STEPS * factors / np.log(10.0))
 
 

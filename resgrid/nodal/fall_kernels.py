@@ -91,8 +91,8 @@ def _costs(deepest: int, rate: float, wall: float) -> Indices:
 
 
 @njit(cache=True)
-def decay(places: Places, rate: float, wall: float, rounds: int) -> float:
-    """Estimate by how many factors of e a potential between two rails falls, from the low rail to the farthest node.
+def decay(places: Places, rate: float, wall: float, rounds: int, rest: int) -> float:
+    """Estimate by how many factors of e a potential falls from the low rail on, but at the ``rest`` lowest nodes.
 
     Where the nearest contact with the high rail lies ``r`` steps away, as `_depths` finds it in some rounds, the
     corridor counts as ``w = 2 r + 1`` wide, and the potential falls by ``((w / rate)**2 + w wall)**(-1/2)`` a step: as
@@ -106,13 +106,13 @@ def decay(places: Places, rate: float, wall: float, rounds: int) -> float:
     for node in range(n):
         after[node] = _SEEN - 1 - costs[after[node]] if places.there[node] else _SEEN
     first = np.full(int(_PARTS * rate) + 2, _SEEN, np.int32)
-    buckets, waiting = len(first), 0
+    buckets, waiting, unseen = len(first), 0, np.count_nonzero(places.there) - rest
     for node in range(n):
         if places.low[node]:
             after[node], first[0] = first[0], node
             waiting += 1
     now, most, bucket = 0, 0, 0
-    while waiting > 0:
+    while waiting > 0 and unseen > 0:
         node = first[bucket]
         if node == _SEEN:
             now += 1
@@ -120,6 +120,7 @@ def decay(places: Places, rate: float, wall: float, rounds: int) -> float:
             continue
         first[bucket], most = after[node], now
         waiting -= 1
+        unseen -= 1
         for k in range(_neighbours(places, node)):
             other = _neighbour(places, node, k)
             if after[other] < _SEEN:

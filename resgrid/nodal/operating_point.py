@@ -79,7 +79,7 @@ class OperatingPoint:
         Node voltages above ground, in volts; NaN where a node floats.
     log_drop : ndarray of float64, shape (nodes,), or None
         Natural logarithm of the drop ``u = (V_high - V) / (V_high - V_low)`` from the high rail (the obstacle rail
-        where there is a layout), right to the last digits even where ``u`` itself underflows; 0 on the low rail,
+        where there is a layout), right to ``entry_error`` even where ``u`` itself underflows; 0 on the low rail,
         -inf on the high one and wherever nothing arrives.  None unless the circuit has exactly two rails.
     potential : ndarray of float64, shape (nodes,), or None
         With two rails ``1 - u``, taken from whichever of both is smaller.  With one rail and currents of one sign the
@@ -100,6 +100,11 @@ class OperatingPoint:
     backward_error : float
         Of the solution: componentwise for ``accuracy = "direction"``, normwise for ``"normwise"``.  Of a circuit with
         nonlinear resistors it is the last linear system's.
+    entry_error : float
+        No drop ``u``, be it the smallest, is off by a larger share of itself (with one rail: no height above it), as
+        the violations of KCL prove (`resgrid.nodal.refine`); the rounding of its logarithm to a double not counted.
+        Infinite where nothing is proved: of normwise answers, of currents of both signs beside a single rail, of
+        circuits with nonlinear resistors, and where parts of the circuit carry no current.
     nonlinear_amps : ndarray of float64, shape (nonlinear resistors,)
         Current from a nonlinear resistor's first node to its second, in amperes (0 where it underflows).
     nonlinear_log_amps : ndarray of float64, shape (nonlinear resistors,)
@@ -119,6 +124,7 @@ class OperatingPoint:
     seconds: Mapping[str, float]
     iterations: int = 0
     backward_error: float = 0.0
+    entry_error: float = np.inf
     nonlinear_amps: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     nonlinear_log_amps: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     nonlinear_direction: NDArray[np.int8] = field(default_factory=lambda: np.empty(0, dtype=np.int8))

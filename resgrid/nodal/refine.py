@@ -1,14 +1,19 @@
 """Refinement of scaled double-doubles: from an approximate inverse to an answer that is right entry by entry.
 
 The residual is computed with differences first, relative to the currents at each node, so that every pass gains the
-digits of the approximate inverse wherever it is any good.  It ends where KCL holds to the rounding of currents at every
-node, however small they are there, or where nothing is left to gain.
+digits of the approximate inverse wherever it is any good.  It ends where a bound on the error of every entry is proved,
+or where nothing is left to gain.
+
+The bound: a row that violates KCL by a share ``e_i`` of its currents is right for conductances that differ by no more
+than that share.  By the matrix-tree theorem every entry of ``A^-1`` is a ratio of sums of products, positive all of
+them, in which each row has one conductance above and one below at most.  So every entry of ``A^-1 b``, be it the
+smallest, is off by a share of at most ``2 sum_i e_i`` (for shares that are all alike: O'Cinneide 1993).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +24,9 @@ from resgrid.nodal.system import NodalSystem
 if TYPE_CHECKING:
     from resgrid.nodal.refine_kernels import Imbalance
 
+CONVERGED = 1e-12
+"""Componentwise backward error up to which an answer is one, whatever is proved of its entries."""
+
 _NONE = np.zeros(0, dtype=np.int64)
 _ALL = np.zeros(0, dtype=np.int32)
 _MOST_STEPS = 60
@@ -27,8 +35,18 @@ _LEAST_GAIN = 0.5
 _FEW = 8
 """One voltage in so many is few: then residuals are computed around those alone."""
 
-_MARGIN = 0.01
-"""Share of the violation allowed that the last pass aims at."""
+_ALLOWED = 2e-9
+"""Violations of KCL, summed over the rows that are not right, that refinement leaves: entries are right to 4e-9, and to
+the rounding of the rows' sums, some 4e-9 for a million rows."""
+
+_MARGIN = 0.1
+"""Share of what is allowed that the last pass aims at."""
+
+_HOPELESS = 1e-3
+"""Componentwise backward error above which some voltages have no digit right."""
+
+_PROVED = 1e-6
+"""Bound on the errors of entries up to which an answer is one, whatever its backward error."""
 
 _FLAT = 1e-14
 """Share of currents in ``(b + |A| |x|)_i`` below which they may be what rounding leaves of none."""
@@ -42,6 +60,42 @@ Numbers = tuple[NDArray[np.float64], NDArray[np.int64]]
 Approximation = Callable[[NDArray[np.float64], NDArray[np.int64], float], Numbers]
 """About ``A^-1`` times scaled numbers, right to a share (the third argument) of the largest; may be better."""
 
+Resolution = Callable[[NDArray[np.int64], Numbers, Numbers], tuple[NDArray[np.int64], Numbers] | None]
+"""From the rows that are left, all voltages and all currents: some rows and their voltages, found anew; or None."""
+
+
+class Refined(NamedTuple):
+    """An answer and what it is worth.
+
+    Attributes
+    ----------
+    solution : Scaled, shape (n,)
+        Voltages in volts.
+    error : float
+        Componentwise backward error.
+    bound : float
+        No voltage is off by a larger share of itself.
+    """
+
+    solution: Scaled
+    error: float
+    bound: float
+
+    @property
+    def converged(self) -> bool:
+        """Whether it is an answer at all."""
+        return is_answer(self.error, self.bound)
+
+
+def entry_bound(violation: float) -> float:
+    """Share of itself by which an entry is off, at most, from the sum of all rows' violations of KCL."""
+    return float(np.expm1(2.0 * violation / (1.0 - violation))) if violation < 0.1 else np.inf
+
+
+def is_answer(error: float, bound: float) -> bool:
+    """Whether a componentwise backward error, or a bound on the error of every entry, tells of an answer."""
+    return error <= CONVERGED or bound <= _PROVED
+
 
 def refine(
     system: NodalSystem,
@@ -50,7 +104,8 @@ def refine(
     floor: float,
     *,
     exact: bool = False,
-) -> tuple[Scaled, float]:
+    resolve: Resolution | None = None,
+) -> Refined:
     """Solve for a right-hand side without negative entries.
 
     Parameters
@@ -64,27 +119,29 @@ def refine(
         Componentwise backward error to reach where hardly any current flows; everywhere, if ``exact``.
     exact : bool
         Whether KCL is to hold relative to the voltages, not just to the currents at every node.
+    resolve : callable, optional
+        Asked where rows are left that have no digit right: a correction would only gain those of what is wrong.
 
     Returns
     -------
-    solution : Scaled, shape (n,)
-        Voltages in volts.
-    error : float
-        Its componentwise backward error.
+    Refined
     """
     pair = _Answer(system, rhs, floor, exact)
-    best, size, gain = np.inf, np.inf, 0.0
+    best, size, bound, gain = np.inf, np.inf, np.inf, 0.0
     while pair.steps < _MOST_STEPS:
-        if pair.improve(*approximate(pair.residual, pair.exponent, gain)):
+        anew = resolve is not None and pair.hopeless and pair.replace(resolve)
+        if not anew:
+            pair.improve(*approximate(pair.residual, pair.exponent, gain))
+        if pair.compute_residual():
             best, size = np.inf, np.inf
         if not (pair.error < _LEAST_GAIN * best or pair.log_size < size + np.log(_LEAST_GAIN)):
             pair.take_back()
             break
-        best, size = pair.error, pair.log_size
+        best, size, bound = pair.error, pair.log_size, pair.bound
         if pair.left <= 1.0:
             break
         gain = _MARGIN / pair.left
-    return pair.solution, float(best)
+    return Refined(pair.solution, float(best), bound)
 
 
 class _Answer:
@@ -99,8 +156,9 @@ class _Answer:
             self._scale = _NONE
         self._now, self._last = self._zeros(n), self._zeros(n)
         self.residual, self.exponent = self._current.copy(), self._scale.copy()
-        self.error = self.left = np.inf
+        self.error = self.left = self.bound = np.inf
         self._found: Imbalance | None = None
+        self._changed = np.ones(n, dtype=np.bool_)
 
     def _zeros(self, n: int) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
         return np.zeros(n), np.zeros(n), _NONE if self._plain else np.zeros(n, dtype=np.int64)
@@ -125,11 +183,15 @@ class _Answer:
             log = np.log(np.abs(self.residual)) + self.exponent * (BITS * np.log(2.0))
         return float(np.max(log, initial=-np.inf))
 
-    def improve(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> bool:
-        """Add a correction, and compute the residual; returns whether it is judged more strictly from now on."""
+    @property
+    def hopeless(self) -> bool:
+        """Whether some voltages have no digit right."""
+        return self.steps > 0 and not self._exact and self.error > _HOPELESS
+
+    def improve(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> None:
+        """Add a correction."""
         from resgrid.nodal.refine_kernels import correct, corrected
 
-        self.steps += 1
         if self._plain and not _without_exponent(m, e):
             self._leave_plain()
         self._now, self._last = self._last, self._now
@@ -139,31 +201,59 @@ class _Answer:
             for new, old in zip(self._now, self._last, strict=True):
                 new[:] = old
             correct(*self._now, m, e if e.size else np.zeros(len(m), dtype=np.int64))
-        before = self._exact
-        self._compute_residual(self._changed_by(m))
-        return self._exact and not before
+        self._changed = m != 0.0
+
+    def replace(self, resolve: Resolution) -> bool:
+        """Take some voltages from elsewhere; returns whether there were any."""
+        from resgrid.nodal.kernels import canonical
+
+        hi, _, exponent = self._now
+        found = resolve(np.flatnonzero(self.residual), (hi, exponent), (self._current, self._scale))
+        if found is None:
+            return False
+        rows, (m, e) = found
+        self._now, self._last = self._last, self._now
+        for new, old in zip(self._now, self._last, strict=True):
+            new[:] = old
+        self._now[0][rows], self._now[1][rows] = m, 0.0
+        if not self._plain:
+            canonical(m, e)
+            self._now[0][rows], self._now[2][rows] = m, e
+        self._changed = np.zeros(len(hi), dtype=np.bool_)
+        self._changed[rows] = True
+        return True
 
     def take_back(self) -> None:
         """Forget the last correction."""
         self._now, self._last = self._last, self._now
 
-    def _changed_by(self, m: NDArray[np.float64]) -> NDArray[np.int32]:
-        """Rows whose residuals a correction of few voltages changes; none where all are to be looked at."""
-        if not self._plain or self._found is None or _FEW * np.count_nonzero(m) > len(m):
+    def _rows_changed(self) -> NDArray[np.int32]:
+        """Rows whose residuals a change of few voltages changes; none where all are to be looked at."""
+        changed = self._changed
+        if not self._plain or self._found is None or _FEW * np.count_nonzero(changed) > len(changed):
             return _ALL
-        changed = m != 0.0
         changed[self._system.coupling[np.flatnonzero(changed)].indices] = True
         rows = np.flatnonzero(changed).astype(np.int32)
         return rows if np.count_nonzero(self.residual[rows]) == np.count_nonzero(self.residual) else _ALL
 
-    def _compute_residual(self, rows: NDArray[np.int32]) -> None:
-        """Judge relative to the currents, and where they are too small for that, relative to the voltages."""
+    def compute_residual(self) -> bool:
+        """Judge relative to the currents, and where they are too small for that, relative to the voltages.
+
+        Returns whether it is judged more strictly from now on.
+        """
+        self.steps += 1
+        rows, before = self._rows_changed(), self._exact
+        self._judge(rows)
+        return self._exact and not before
+
+    def _judge(self, rows: NDArray[np.int32]) -> None:
         if not self._exact:
             found = self._residual_of_currents(rows)
             if self._plain and found.least < _LEAST_PLAIN:
                 self._leave_plain()
                 found = self._residual_of_currents(_ALL)
-            self.error, self.left, self._found = found.backward, found.left, found
+            self.error, self.left, self._found = found.backward, found.left / _ALLOWED, found
+            self.bound = entry_bound(found.left + found.right)
             if self.left > 1.0 or found.share > _FLAT:
                 return
             self._leave_plain()
@@ -182,10 +272,10 @@ class _Answer:
     def _exact_residual(self) -> None:
         from resgrid.nodal.refine_kernels import exact_residual
 
-        self.error = exact_residual(
+        self.error, violation = exact_residual(
             *self._rows, self._current, self._scale, *self._now, self.residual, self.exponent
         )  # fmt: skip
-        self.left = self.error / self._floor
+        self.left, self.bound = self.error / self._floor, entry_bound(violation)
 
     @property
     def _rows(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:

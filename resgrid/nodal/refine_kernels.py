@@ -32,13 +32,6 @@ _NOTHING = 1e-290
 _ROW_ROUNDING = 12.0
 """Rounding errors in a row's sum of currents beside one for each conductance, with a margin."""
 
-_EXACT = 1e-13
-"""Violation of KCL, relative to the currents at a node, that refinement leaves.
-
-A row's violation is a relative change of its conductances by no more than that, and a voltage changes by no more than
-the sum of these changes along the way (O'Cinneide 1993): ten million nodes further the sixth digit is still right.
-"""
-
 
 @njit(cache=True, inline="always")
 def _canonical_pair(hi: float, lo: float, e: int) -> tuple[float, float, int]:
@@ -112,8 +105,9 @@ class Imbalance(NamedTuple):
     settled : float
         That of the rows that are right.
     left : float
-        Largest violation relative to what is allowed: `_EXACT` of the row's currents, or ``floor`` times
-        ``(b + |A| |x|)_i`` where that is more.
+        Sum of the violations of rows that are not right, each relative to the currents at its row.
+    right : float
+        That of all other rows, those below ``floor`` times ``(b + |A| |x|)_i`` among them, and what rounding may hide.
     largest : float
         Largest magnitude of a residual, where plain.
     least : float
@@ -125,6 +119,7 @@ class Imbalance(NamedTuple):
     backward: float
     settled: float
     left: float
+    right: float
     largest: float
     least: float
     share: float
@@ -132,8 +127,8 @@ class Imbalance(NamedTuple):
     def beside(self, rest: Imbalance) -> Imbalance:
         """Together with rows that have been found right before."""
         return Imbalance(
-            max(self.backward, rest.settled), max(self.settled, rest.settled), self.left, self.largest,
-            min(self.least, rest.least), min(self.share, rest.share),
+            max(self.backward, rest.settled), max(self.settled, rest.settled), self.left, self.right + rest.right,
+            self.largest, min(self.least, rest.least), min(self.share, rest.share),
         )  # fmt: skip
 
 
@@ -173,7 +168,7 @@ def residual(
     Imbalance
         Of the rows looked at; of infinite errors where a residual is not finite.
     """
-    backward, settled, left, largest, least, share, top = 0.0, 0.0, 0.0, 0.0, np.inf, 1.0, 0
+    backward, settled, left, right, largest, least, share, top = 0.0, 0.0, 0.0, 0.0, 0.0, np.inf, 1.0, 0
     if not plain:
         _find_exponents(indptr, indices, injected, injected_e, hi, e, out_e)
     for index in range(len(rows) if len(rows) > 0 else len(hi)):
@@ -200,23 +195,25 @@ def residual(
             least = min(least, abs(own))
         wrong = 0.0 if abs(r) < _NOTHING else abs(r)
         if not math.isfinite(wrong):
-            return Imbalance(np.inf, np.inf, np.inf, np.inf, 0.0, 0.0)
+            return Imbalance(np.inf, np.inf, np.inf, np.inf, np.inf, 0.0, 0.0)
         error = wrong / size if size > 0.0 else 0.0
         backward = max(backward, error)
         if flow < share * size:
             share = flow / size
-        rounding = _UNIT * (_ROW_ROUNDING + indptr[i + 1] - indptr[i]) * flow
-        rounding *= kept if out[i] == 0.0 else 1.0
-        if wrong <= max(rounding, _SETTLED * size):
+        violation, rounding = wrong / flow if wrong > 0.0 else 0.0, _UNIT * (_ROW_ROUNDING + indptr[i + 1] - indptr[i])
+        right += rounding
+        if wrong <= max(rounding * flow * (kept if out[i] == 0.0 else 1.0), _SETTLED * size):
             r, top = 0.0, 0
             settled = max(settled, error)
+            right += violation
         else:
             largest = max(largest, wrong)
-            left = max(left, wrong / max(_EXACT * flow, floor * size))
+            counted = violation if wrong > floor * size else 0.0
+            left, right = left + counted, right + violation - counted
         out[i] = r
         if not plain:
             out_e[i] = top
-    return Imbalance(backward, settled, left, largest, least, share)
+    return Imbalance(backward, settled, left, right, largest, least, share)
 
 
 @njit(cache=True, nogil=True)
@@ -232,13 +229,20 @@ def exact_residual(
     e: Integers,
     out: Floats,
     out_e: Integers,
-) -> float:
-    """Residual of KCL by double-double arithmetic; returns its componentwise backward error.
+) -> tuple[float, float]:
+    """Residual of KCL by double-double arithmetic.
 
     As `residual`, but right relative to the voltages: where no current flows, their differences then vanish to thirty
     digits.  Rows that are right to the noise of double-doubles come out as 0.
+
+    Returns
+    -------
+    backward : float
+        Componentwise backward error.
+    violation : float
+        Sum of the violations of all rows, and what rounding may hide, relative to the currents at each.
     """
-    worst = 0.0
+    worst, violation = 0.0, 0.0
     _find_exponents(indptr, indices, injected, injected_e, hi, e, out_e)
     for i in range(len(hi)):
         top = out_e[i]
@@ -247,17 +251,21 @@ def exact_residual(
         p, q = _two_product(excess[i], own)
         r, r_low = _sum(b, 0.0, -p, -(q + excess[i] * own_low))
         size = abs(b) + abs(p)
+        flow = size
         for k in range(indptr[i], indptr[i + 1]):
             j = indices[k]
             x = _shift(hi[j], e[j] - top)
             d, d_low = _sum(x, _shift(lo[j], e[j] - top), -own, -own_low)
             p, q = _two_product(conductance[k], d)
             r, r_low = _sum(r, r_low, p, q + conductance[k] * d_low)
+            flow += abs(p)
             size += conductance[k] * (abs(x) + abs(own))
         out[i] = r + r_low
         out_e[i] = top if out[i] != 0.0 else 0
         if size > 0.0:
             worst = max(worst, abs(out[i]) / size)
+        if flow > 0.0:
+            violation += (abs(out[i]) + _SETTLED * size) / flow
         if abs(out[i]) <= _SETTLED * size:
             out[i], out_e[i] = 0.0, 0
-    return worst
+    return worst, violation

@@ -116,6 +116,7 @@ def _in_place(netlist: Netlist, point: OperatingPoint, change: float, seconds: f
     return dataclasses.replace(
         point,
         netlist=netlist,
+        entry_error=np.inf,
         ammeters=dataclasses.replace(
             point.readings,
             resistor_current=point.resistor_current[:m],

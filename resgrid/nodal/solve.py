@@ -18,6 +18,7 @@ from resgrid.nodal.methods import factor_system
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.plain import read_plain
 from resgrid.nodal.readout import Balance
+from resgrid.nodal.refine import is_answer
 from resgrid.nodal.system import NodalSystem, assemble
 from resgrid.nodal.watch import Progress, Watch
 
@@ -25,9 +26,6 @@ ACCURACIES = ("direction", "normwise")
 
 DIRECTION_RESIDUAL = 1e-6
 """Largest KCL violation of a direction-safe field, relative to the current through the node."""
-
-CONVERGED = 1e-12
-"""Componentwise backward error above which an entrywise answer is a failure."""
 
 
 def solve(
@@ -47,7 +45,8 @@ def solve(
         Resistors and sources; capacitors are open.  With nonlinear resistors the voltages come from Newton's method.
     accuracy : {"direction", "normwise"}
         ``"direction"``: at every driven node KCL holds to 1e-6 of the current through that same node, so that the way
-        down is right everywhere; entrywise accurate where the circuit has two rails, or one and currents of one sign.
+        down is right everywhere; where the circuit has two rails, or one and currents of one sign, every entry is
+        right to ``entry_error``, some 1e-8 of itself.
         ``"normwise"``: only the backward error is held below ``rtol``.
     method : {"auto", "direct", "multigrid"}
         How to solve; ``"auto"`` chooses by size and shape (`resgrid.nodal.methods.choose_method`); the operating point
@@ -104,7 +103,9 @@ def solve(
         del factors
     with _timed(seconds, "read"):
         point, sums = readout.read_off(system, values, name, seconds)
-    point = replace(point, iterations=watch.iterations, backward_error=watch.error)
+    signed = point.log_drop is None and point.potential is None
+    bound = np.inf if signed else watch.bound + np.finfo(np.float64).eps
+    point = replace(point, iterations=watch.iterations, backward_error=watch.error, entry_error=bound)
     _check_direction(system, values, point, sums)
     return point
 
@@ -156,7 +157,7 @@ def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
 
 def _check_direction(system: NodalSystem, values: NodeValues, point: OperatingPoint, sums: Balance) -> None:
     """Refuse an answer that is not direction-safe."""
-    if not point.backward_error <= CONVERGED:
+    if not is_answer(point.backward_error, point.entry_error):
         raise AccuracyError(
             f"method {point.method!r} reached a componentwise backward error of {point.backward_error:.1e} only: the "
             "potential falls, or the conductances differ, by more decades than it can hold; the answer is not returned",

@@ -30,11 +30,14 @@ class Watch:
         Steps of the iterative method, all right-hand sides and passes of refinement together; 0 without one.
     error : float
         Largest backward error of a solution, normwise or componentwise as promised; 0 until there is one.
+    bound : float
+        Largest bound on the relative error of the entries of a solution, infinite where none was proved; 0 until there
+        is a solution.
     """
 
     def __init__(self, progress: Progress | None = None) -> None:
         self.iterations = 0
-        self.error = 0.0
+        self.error = self.bound = 0.0
         self._progress = progress
         self._stopped = False
         self._lock = threading.Lock()
@@ -60,11 +63,12 @@ class Watch:
         if self._progress is not None:
             self._progress(self.iterations, residual / (self._pass.start or 1.0), self._seconds_left(residual))
 
-    def done(self, error: float) -> None:
-        """A solution of this backward error is reached."""
+    def done(self, error: float, bound: float = math.inf) -> None:
+        """A solution of this backward error is reached, none of whose entries is off by more than this bound."""
         with self._lock:
             if not (error <= self.error or math.isnan(self.error)):
                 self.error = error
+            self.bound = max(self.bound, bound)
 
     def stop(self) -> None:
         """End the solve at its next step."""

@@ -17,8 +17,10 @@ from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import GROUND, Layout, Netlist
 from resgrid.nodal.factor import Factor
 from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.nodal.refine import is_answer
 from resgrid.nodal.scaled import Scaled
-from resgrid.nodal.solve import CONVERGED, factor
+from resgrid.nodal.solve import factor
+from resgrid.nodal.watch import Watch
 from resgrid.space import Cell
 
 
@@ -65,8 +67,9 @@ class Walk:
         AccuracyError
             If the conductances differ by more decades than the factors can hold.
         """
-        answer, error = self.factors.solve_nonnegative(rhs)
-        if not error <= CONVERGED:
+        watch = Watch()
+        answer, error = self.factors.solve_nonnegative(rhs, watch=watch)
+        if not is_answer(error, watch.bound):
             raise AccuracyError(
                 f"the direct solver reached a componentwise backward error of {error:.1e} only: the conductances "
                 "differ by more decades than its factors can hold",

@@ -25,6 +25,7 @@ def test_solve_tells_what_its_meters_read(answer, room, tmp_path):
     assert data["unreachable_cells"] == 5
     assert data["nodes"] == 24 + 3  # ground and both rails
     assert data["kcl_residual"] < 1e-12
+    assert 2**-52 <= data["entry_error"] < 1e-15
     assert set(data["seconds"]) >= {"assemble", "factor", "substitute", "read"}
     assert data["solver"] == "direct"
     op = rg.solve(rg.compile_space(rg.sample(rg.read_scene(room))))

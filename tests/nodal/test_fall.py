@@ -30,8 +30,8 @@ def railed(space: ConfigurationSpace, boundary: str) -> NodalSystem | None:
 
 
 @settings(max_examples=150)
-@given(spaces(), st.sampled_from(["dirichlet", "neumann"]))
-def test_cells_tell_what_the_graph_tells(space, boundary):
+@given(spaces(), st.sampled_from(["dirichlet", "neumann"]), st.integers(0, 5))
+def test_cells_tell_what_the_graph_tells(space, boundary, rest):
     axes = tuple(replace(axis, periodic=False) for axis in space.axes)
     system = railed(ConfigurationSpace(axes, space.cell, space.conductivity), boundary)
     if system is None:
@@ -39,12 +39,12 @@ def test_cells_tell_what_the_graph_tells(space, boundary):
     low, high = system.rails.to_low > 0, system.rails.to_high > 0
     on_grid = _of_grid(system.netlist.layout.node, system.unknown, low, high)
     on_graph = _of_graph(system.coupling, low, high)
-    assert decay(on_grid, RATE, WALL, 1) == decay(on_graph, RATE, WALL, system.size)
+    assert decay(on_grid, RATE, WALL, 1, rest) == decay(on_graph, RATE, WALL, system.size, rest)
 
 
 @settings(max_examples=80)
-@given(spaces())
-def test_the_best_way_is_that_of_networkx(space):
+@given(spaces(), st.floats(0.0, 1.0))
+def test_the_best_way_is_that_of_networkx_but_for_the_lowest_nodes(space, share):
     system = railed(space, "dirichlet")
     if system is None:
         return
@@ -55,13 +55,14 @@ def test_the_best_way_is_that_of_networkx(space):
     parts = nx.multi_source_dijkstra_path_length(
         graph, set(np.flatnonzero(low)), weight=lambda _, to, __: int(costs[depth.get(to, system.size)])
     )
-    found = decay(_of_graph(system.coupling, low, high), RATE, WALL, system.size)
-    assert found == max(parts.values(), default=0) / 64.0
+    rest = int(share * system.size)
+    found = decay(_of_graph(system.coupling, low, high), RATE, WALL, system.size, rest)
+    assert found == max(sorted(parts.values())[: system.size - rest], default=0) / 64.0
 
 
 @pytest.mark.parametrize("width", [1, 3, 8])
 def test_corridors_fall_as_foreseen(width):
     netlist = compile_space(space_of(serpentine(6, 60, width)))
     drop = solve(netlist).log_drop
-    truth = -drop[np.isfinite(drop)].min() / LN10
+    truth = -np.quantile(drop[np.isfinite(drop)], 0.02) / LN10
     assert 0.9 < foresee_decades(assemble(netlist)) / truth < 1.8

@@ -223,4 +223,4 @@ def assert_same(one: NDArray[np.float64] | None, other: NDArray[np.float64] | No
     assert other is not None
     here = np.isfinite(other)
     np.testing.assert_array_equal(np.isfinite(one), here)
-    np.testing.assert_allclose(one[here], other[here], rtol=0, atol=1e-10)
+    np.testing.assert_allclose(one[here], other[here], rtol=0, atol=1e-8)

@@ -9,9 +9,11 @@ from spaces import space_of
 
 from resgrid.compiler import compile_space
 from resgrid.nodal import methods
+from resgrid.nodal.methods import factor_system
 from resgrid.nodal.multigrid import pockets
 from resgrid.nodal.multigrid.pockets import PocketsDirectly
 from resgrid.nodal.refine import Numbers
+from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.solve import solve
 from resgrid.nodal.system import NodalSystem, assemble
 from resgrid.space import Cell, ConfigurationSpace
@@ -109,14 +111,59 @@ def test_refinement_ends_with_pockets(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(methods, "may_reduce", lambda _: False)
     netlist = compile_space(rooms_on_a_corridor(), boundary="dirichlet")
     calls: list[int] = []
-    solved = pockets._solved
+    part = pockets._part
 
-    def counted(system: NodalSystem, region: NDArray[np.int64], m: NDArray[np.float64], e: NDArray[np.int64]) -> object:
+    def counted(system: NodalSystem, region: NDArray[np.int64]) -> object:
         calls.append(len(region))
-        return solved(system, region, m, e)
+        return part(system, region)
 
-    monkeypatch.setattr(pockets, "_solved", counted)
+    monkeypatch.setattr(pockets, "_part", counted)
     point, direct = (solve(netlist, method=method) for method in ("multigrid", "direct"))
     assert point.log_drop is not None
     np.testing.assert_allclose(point.log_drop, direct.log_drop, rtol=0, atol=1e-8, equal_nan=True)
     assert calls
+
+
+@pytest.mark.parametrize("length", [60, 600])
+def test_what_lies_along_a_slit_is_found_from_what_flows_in(length: int) -> None:
+    """Half a decade a cell: what a double spans ends after some five hundred cells, and takes another pass."""
+    cell = np.full((120, 120 + length), Cell.OBSTACLE, dtype=np.uint8)
+    cell[1:-1, 1:115] = cell[6, 115:-1] = cell[20, 115 : 115 + length // 2] = Cell.FREE
+    cell[6, 4] = Cell.GOAL
+    system = system_of(space_of(cell))
+    layout = system.netlist.layout
+    assert layout is not None
+    assert system.rails is not None
+    current = system.rails.to_low, np.zeros(system.size, dtype=np.int64)
+    exact, _ = factor_system(system, "direct", reduce=False).solve_nonnegative(system.rails.to_low)
+    wrong, exponent = exact.hi.copy(), exact.exponent.copy()
+    rows = system.unknown[layout.node[6, 118:-1]].astype(np.int64)
+    wrong[rows], exponent[rows] = -1e-13, 0
+    left = np.sort(np.random.default_rng(1).choice(rows, len(rows) // 2, replace=False))
+    passes = PocketsDirectly(system, Whole())
+    found = passes.anew(left, (wrong, exponent), current)
+    assert found is not None
+    region, (m, e) = found
+    assert set(rows) <= set(region)
+    log, expected = Scaled(m, np.zeros_like(m), e).log, exact.log[region]
+    near = expected > expected.max() - 290 * np.log(10.0)
+    assert np.count_nonzero(near) >= min(length, 450)
+    np.testing.assert_allclose(log[near], expected[near], rtol=0, atol=1e-11)
+    # Half of the rows must be right for another try.
+    assert passes.anew(left, (wrong, exponent), current) is None
+
+
+def test_rows_without_a_digit_are_found_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Thousands of decades, some rooms at the end of slits, and a pass over the whole that gains twelve at a time."""
+    monkeypatch.setattr(methods, "may_reduce", lambda _: False)
+    cell = np.full((120, 420), Cell.OBSTACLE, dtype=np.uint8)
+    cell[1:-1, 1:115] = cell[6, 115:400] = cell[3:9, 400:406] = cell[40, 115:160] = Cell.FREE
+    cell[6, 4] = Cell.GOAL
+    netlist = compile_space(space_of(cell), boundary="dirichlet")
+    point, direct = (solve(netlist, method=method) for method in ("multigrid", "direct"))
+    assert point.log_drop is not None
+    assert direct.log_drop is not None
+    assert point.log_drop[np.isfinite(point.log_drop)].min() < -150 * np.log(10.0)
+    np.testing.assert_allclose(point.log_drop, direct.log_drop, rtol=0, atol=point.entry_error, equal_nan=True)
+    monkeypatch.setattr(PocketsDirectly, "anew", lambda *_: None)
+    assert point.iterations < 0.5 * solve(netlist, method="multigrid").iterations

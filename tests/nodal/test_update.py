@@ -84,12 +84,16 @@ def assert_same_as_fresh(factors: object, space: ConfigurationSpace, options: di
     np.testing.assert_allclose(found[both], expected[both], rtol=0, atol=1e-7 * np.nanmax(np.abs(expected)))
     if system.rails is None or fresh.log_drop is None:
         return
-    drop, error = factors.solve_nonnegative(system.rails.to_low)
-    assert error < 1e-12
+    watch = Watch()
+    drop, error = factors.solve_nonnegative(system.rails.to_low, watch=watch)
+    # Nothing is proved of cells between goals alone, through which no current flows.
+    assert watch.bound < 1e-8 or error < 1e-25
     log_drop = voltage_by_cell(system, drop.log) - system.reference
     expected = np.where(node >= 0, fresh.log_drop[node], np.nan)
     both &= np.isfinite(expected)
-    np.testing.assert_allclose(log_drop[both], expected[both], rtol=1e-9, atol=1e-9)
+    np.testing.assert_allclose(
+        log_drop[both], expected[both], rtol=1e-15, atol=min(watch.bound + fresh.entry_error, 1e-8) + 1e-15
+    )
 
 
 @pytest.fixture

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
-from resgrid.nodal.multigrid.foresight import FEW, foresee, mended, part_of
+from resgrid.nodal.multigrid.foresight import FEW, foresee, mended
 from resgrid.nodal.multigrid.graded import Gradable
-from resgrid.nodal.multigrid.part import Part
 from resgrid.nodal.multigrid.place_kernels import put_at_places, take_from_places
 from resgrid.nodal.multigrid.solver import approximate
 from resgrid.nodal.refine import Approximation, Numbers
@@ -20,6 +19,9 @@ _SPAN = 1e-48
 
 _MANY = 1000
 """Places astray for which levels are graded once more; fewer are solved directly at the end."""
+
+_LOW = 0.03
+"""What is low gains digits a little later than the norm of the residual tells, to which it adds nothing."""
 
 _LEAST = 1e-200
 """Voltages that are left to scaled numbers."""
@@ -65,8 +67,8 @@ def at_places(levels: Gradable, currents: NDArray[np.float64]) -> NDArray[np.flo
 class _Graded:
     """Passes over levels that are graded by a height, or by the first answer, where that tells of quite another height.
 
-    Slits and pockets behind them fall by more decades than single precision spans: there the equations are solved
-    directly, after every pass.
+    Slits and pockets behind them fall by more decades than single precision spans: they are left to
+    `resgrid.nodal.multigrid.pockets`.
     """
 
     def __init__(self, system: NodalSystem, levels: Gradable, watch: Watch | None) -> None:
@@ -79,19 +81,21 @@ class _Graded:
         Single precision must reach all of it but for what is solved directly, and the way up the answer must lead to
         the source, but for pockets.
         """
-        self._grade(height)
-        if len(self._deep) > FEW:
+        if np.count_nonzero(self._levels.unknown & (height < _SPAN * height.max())) > FEW:
             return False
+        self._grade(height)
         no_exponents = np.empty(0, dtype=np.int64)
         rows, _ = approximate(self._system, self._hierarchy, self._watch, currents, no_exponents, 0.0)
-        into, x = self._at_places(currents, rows)
+        into, x = at_places(self._levels, currents), np.zeros((2, self._levels.level.lattice.places))
+        put_at_places(self._levels.place, rows, 1.0, x.ravel())
         better = mended(self._levels, into, x, height)
         astray = np.count_nonzero(better != x)
         if astray > FEW:
             return False
         if astray > _MANY:
             self._grade(better)
-        self._begun = self._with_depths(into, better)
+        self._begun = take_from_places(self._levels.place, better.ravel())
+        self._begun[np.abs(self._begun) < _LEAST] = 0.0
         return True
 
     def __call__(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
@@ -99,30 +103,7 @@ class _Graded:
         if self._begun is not None:
             rows, self._begun = self._begun, None
             return rows, np.zeros_like(e)
-        rows, exponent = approximate(self._system, self._hierarchy, self._watch, m, e, accuracy)
-        if not len(self._deep) or exponent.any():
-            return rows, exponent
-        return self._with_depths(*self._at_places(m, rows)), exponent
+        return approximate(self._system, self._hierarchy, self._watch, m, e, _LOW * accuracy)
 
     def _grade(self, height: NDArray[np.float64]) -> None:
         self._hierarchy = self._levels.grade(height, stretched=True)
-        self._deep_part: Part | None = None
-        self._deep = np.flatnonzero(self._levels.unknown & (height < _SPAN * height.max()))
-
-    def _at_places(
-        self, m: NDArray[np.float64], rows: NDArray[np.float64]
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Currents and potentials by place, shape (2, places)."""
-        into = at_places(self._levels, m)
-        x = np.zeros_like(into)
-        put_at_places(self._levels.place, rows, 1.0, x.ravel())
-        return into, x
-
-    def _with_depths(self, into: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The rows of a potential, solved directly where single precision does not reach."""
-        if 0 < len(self._deep) <= FEW:
-            self._deep_part = self._deep_part or part_of(self._levels, self._deep)
-            x.ravel()[self._deep] = self._deep_part.potential(into.ravel(), x.ravel())
-        rows = take_from_places(self._levels.place, x.ravel())
-        rows[np.abs(rows) < _LEAST] = 0.0
-        return rows

@@ -82,15 +82,21 @@ class Part:
 
 
 def surroundings(
-    nodes: NDArray[np.int64], size: int, neighbours: Callable[[NDArray[np.int64]], NDArray[np.integer]], most: int
+    nodes: NDArray[np.int64],
+    size: int,
+    neighbours: Callable[[NDArray[np.int64]], NDArray[np.integer]],
+    most: int,
+    least: int = 0,
 ) -> NDArray[np.int64] | None:
     """Some of ``size`` nodes, and all that are few steps away; None for more than ``most``.
 
-    ``neighbours`` tells those of some nodes, one of them as often as it likes.
+    Steps that lead to less than ``least`` nodes in all are followed by more.  ``neighbours`` tells those of some
+    nodes, one of them as often as it likes.
     """
-    seen, edge, count = np.zeros(size, dtype=np.bool_), nodes, len(nodes)
+    seen, edge, count, steps = np.zeros(size, dtype=np.bool_), nodes, len(nodes), 0
     seen[nodes] = True
-    for _ in range(STEPS):
+    while len(edge) and (steps < STEPS or count < least):
+        steps += 1
         if count > most:
             return None
         around = neighbours(edge)

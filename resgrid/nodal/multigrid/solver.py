@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import AccuracyError, InputError
-from resgrid.nodal.refine import Approximation, Numbers, refine
+from resgrid.nodal.refine import Approximation, Numbers, Refined, refine
 from resgrid.nodal.scaled import Scaled, power
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.watch import Watch
@@ -29,17 +29,14 @@ if TYPE_CHECKING:
 REFINED = 1e-20
 """Componentwise backward error that is enough where no current flows."""
 
-_PASS, _LEAST_PASS = 1e-12, 1e-3
+_PASS, _LEAST_PASS = 1e-12, 1e-2
 """By how much a pass of refinement lessens the residual: at most, and at least."""
 
-_FAR, _FIXED = 30.0, 3e6
+_FAR, _FIXED = 12.5, 3.2e6
 """Decades a potential falls, as foreseen, from which levels are graded for it: so many, and so many over the rows.
 
 Some of the time that grading takes is the same for few rows and for many.
 """
-
-_TRUSTED = 1e-12
-"""Componentwise backward error above which levels that are not graded have their turn."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +144,7 @@ class MultigridFactor:
         rhs : ndarray of float64 or Scaled, shape (n,)
             Currents in amperes, none negative.
         watch : Watch, optional
-            Told every step, and the backward error.
+            Told every step, the backward error, and a bound on the errors of entries.
 
         Returns
         -------
@@ -157,18 +154,19 @@ class MultigridFactor:
             Its componentwise backward error.
         """
         graded = self._graded_approximation(rhs, watch)
-        if graded is not None:
-            solution, error = self._refined(rhs, graded)
-        if graded is None or not error <= _TRUSTED:
-            solution, error = self._refined(rhs, partial(approximate, self.system, self.hierarchy, watch))
+        found = None if graded is None else self._refined(rhs, graded)
+        if found is None or not found.converged:
+            # Levels that are not graded have their turn.
+            found = self._refined(rhs, partial(approximate, self.system, self.hierarchy, watch))
         if watch is not None:
-            watch.done(error)
-        return solution, error
+            watch.done(found.error, found.bound)
+        return found.solution, found.error
 
-    def _refined(self, rhs: NDArray[np.float64] | Scaled, passes: Approximation) -> tuple[Scaled, float]:
+    def _refined(self, rhs: NDArray[np.float64] | Scaled, passes: Approximation) -> Refined:
         from resgrid.nodal.multigrid.pockets import PocketsDirectly
 
-        return refine(self.system, rhs, PocketsDirectly(self.system, passes), REFINED)
+        pockets = PocketsDirectly(self.system, passes)
+        return refine(self.system, rhs, pockets, REFINED, resolve=pockets.anew)
 
     def _graded_approximation(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Approximation | None:
         """What approximates ``A^-1`` in proportion to the solution, where that falls by many decades in a plane."""

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.errors import AccuracyError
 from resgrid.nodal.factor import Factor
 from resgrid.nodal.reduction.elimination import Reduction
-from resgrid.nodal.refine import scaled_currents
+from resgrid.nodal.refine import entry_bound, scaled_currents
 from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.watch import Watch
@@ -139,7 +139,7 @@ class ReducedFactor:
         rhs : ndarray of float64 or Scaled, shape (n,)
             Currents in amperes, none negative; of scaled ones ``lo`` is not used.
         watch : Watch, optional
-            Told every step of the method that solves the core, and the backward error.
+            Told every step of the method that solves the core, the backward error, and a bound on errors of entries.
 
         Returns
         -------
@@ -159,12 +159,12 @@ class ReducedFactor:
         core, core_error = self._core_solution(Scaled(hi[kept], lo[kept], e[kept]), watch)
         hi[kept], lo[kept], e[kept] = core.hi, core.lo, core.exponent
         kernels.backward_scaled(reduction.record, reduction.count, hi, lo, e)
-        error = exact_residual(
+        error, violation = exact_residual(
             coupling.indptr, coupling.indices, coupling.data, self.system.excess, current, scale,
             hi, lo, e, np.empty(len(hi)), np.empty(len(hi), dtype=np.int64),
         )  # fmt: skip
         if watch is not None:
-            watch.done(max(error, core_error))
+            watch.done(max(error, core_error), entry_bound(violation))
         return Scaled(hi, lo, e, core.noise), max(error, core_error)
 
     def _core_solution(self, rhs: Scaled, watch: Watch | None) -> tuple[Scaled, float]:
