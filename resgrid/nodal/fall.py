@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,17 +29,30 @@ _ROUNDS = 30
 """Rounds in which depths are found where rows are numbered as it happens, at most."""
 
 
-def foresee_decades(system: NodalSystem) -> float:
-    """Rough number of decades that a potential between two rails falls over the graph; 0 for other circuits.
+class Fall(NamedTuple):
+    """By how many decades a potential falls.
 
-    The lowest nodes do not count, if they are few: they are found directly (`resgrid.nodal.multigrid.pockets`).
+    Attributes
+    ----------
+    most : float
+        But at the lowest nodes, if these are few: they are found directly (`resgrid.nodal.multigrid.pockets`).
+    whole : float
+        In all.
+    """
+
+    most: float
+    whole: float
+
+
+def foresee_decades(system: NodalSystem) -> Fall:
+    """Rough number of decades that a potential between two rails falls over the graph; 0 for other circuits.
 
     Along a corridor ``w`` cells wide it falls by ``exp(-pi sqrt(d) / w)`` a cell, in ``d = 1`` or 2 cross dimensions;
     behind walls of ``k`` times the resistance between cells by ``exp(-sqrt(2 d / (k w)))`` where that is less.  On 20
     spaces and maps the estimate was 0.9 to 1.7 times the true number, in volumes 2 times.
     """
     if system.rails is None or not system.connections.entries:
-        return 0.0
+        return Fall(0.0, 0.0)
     from resgrid.nodal.fall_kernels import decay
 
     cross = 2.0 if system.connections.entries > VOLUME * system.size else 1.0
@@ -47,7 +60,7 @@ def foresee_decades(system: NodalSystem) -> float:
     wall = _wall(system, system.rails)
     rest = min(_MOST_REST, system.size // _SHARE_OF_REST)
     factors = decay(_places(system, system.rails), np.pi * np.sqrt(cross), wall / (2.0 * cross), rounds, rest)
-    return float(WHOLE_STEPS * factors / np.log(10.0))
+    return Fall(*(float(WHOLE_STEPS * factor / np.log(10.0)) for factor in factors))
 
 
 def _wall(system: NodalSystem, rails: Rails) -> float:

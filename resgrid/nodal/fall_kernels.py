@@ -91,8 +91,8 @@ def _costs(deepest: int, rate: float, wall: float) -> Indices:
 
 
 @njit(cache=True)
-def decay(places: Places, rate: float, wall: float, rounds: int, rest: int) -> float:
-    """Estimate by how many factors of e a potential falls from the low rail on, but at the ``rest`` lowest nodes.
+def decay(places: Places, rate: float, wall: float, rounds: int, rest: int) -> tuple[float, float]:
+    """Estimate by how many factors of e a potential falls, but at the ``rest`` lowest nodes, and in all.
 
     Where the nearest contact with the high rail lies ``r`` steps away, as `_depths` finds it in some rounds, the
     corridor counts as ``w = 2 r + 1`` wide, and the potential falls by ``((w / rate)**2 + w wall)**(-1/2)`` a step: as
@@ -111,16 +111,16 @@ def decay(places: Places, rate: float, wall: float, rounds: int, rest: int) -> f
         if places.low[node]:
             after[node], first[0] = first[0], node
             waiting += 1
-    now, most, bucket = 0, 0, 0
-    while waiting > 0 and unseen > 0:
+    now, most, deepest, bucket = 0, 0, 0, 0
+    while waiting > 0:
         node = first[bucket]
         if node == _SEEN:
             now += 1
             bucket = bucket + 1 if bucket + 1 < buckets else 0
             continue
-        first[bucket], most = after[node], now
-        waiting -= 1
-        unseen -= 1
+        first[bucket], deepest = after[node], now
+        waiting, unseen = waiting - 1, unseen - 1
+        most = now if unseen >= 0 else most
         for k in range(_neighbours(places, node)):
             other = _neighbour(places, node, k)
             if after[other] < _SEEN:
@@ -128,4 +128,4 @@ def decay(places: Places, rate: float, wall: float, rounds: int, rest: int) -> f
                 ahead -= buckets if ahead >= buckets else 0
                 after[other], first[ahead] = first[ahead], other
                 waiting += 1
-    return most / _PARTS
+    return most / _PARTS, deepest / _PARTS

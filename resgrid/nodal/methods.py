@@ -139,7 +139,7 @@ def choose_method(system: NodalSystem, accuracy: str = "direction") -> str:
     if accuracy == "direction":
         along = _narrow_seconds(system, width)
         if system.rails is not None and not along < seconds:
-            decades = system.decades
+            decades = system.fall.most
             seconds = _multigrid_seconds(system, accuracy, width, decades)
         if decades > _MOST_DECADES:
             return "direct"

@@ -17,6 +17,7 @@ from resgrid.nodal.sources import SourceForest, tie_sources
 
 if TYPE_CHECKING:
     from resgrid.nodal.connections import Connections
+    from resgrid.nodal.fall import Fall
     from resgrid.nodal.narrow import NarrowOrder
 
 Ties = tuple[NDArray[np.float64], NDArray[np.float64]]
@@ -193,8 +194,8 @@ class NodalSystem:
         return narrow_order(self)
 
     @cached_property
-    def decades(self) -> float:
-        """By about how many decades a potential between two rails falls; 0 for other circuits."""
+    def fall(self) -> Fall:
+        """By about how many decades a potential between two rails falls."""
         from resgrid.nodal.fall import foresee_decades
 
         return foresee_decades(self)

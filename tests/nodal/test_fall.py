@@ -57,7 +57,8 @@ def test_the_best_way_is_that_of_networkx_but_for_the_lowest_nodes(space, share)
     )
     rest = int(share * system.size)
     found = decay(_of_graph(system.coupling, low, high), RATE, WALL, system.size, rest)
-    assert found == max(sorted(parts.values())[: system.size - rest], default=0) / 64.0
+    ways = sorted(parts.values())
+    assert found == (max(ways[: system.size - rest], default=0) / 64.0, max(ways, default=0) / 64.0)
 
 
 @pytest.mark.parametrize("width", [1, 3, 8])
@@ -65,4 +66,4 @@ def test_corridors_fall_as_foreseen(width):
     netlist = compile_space(space_of(serpentine(6, 60, width)))
     drop = solve(netlist).log_drop
     truth = -np.quantile(drop[np.isfinite(drop)], 0.02) / LN10
-    assert 0.9 < foresee_decades(assemble(netlist)) / truth < 1.8
+    assert 0.9 < foresee_decades(assemble(netlist)).most / truth < 1.8

@@ -1,6 +1,7 @@
 """Levels graded by the potential, against direct solutions and dense algebra: all decades at once, slits and all."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,7 +14,7 @@ from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
 from resgrid.nodal import methods
-from resgrid.nodal.multigrid import grade_kernels, graded, graded_solver, solver
+from resgrid.nodal.multigrid import foresight, graded, graded_solver, solver
 from resgrid.nodal.multigrid.board_iteration import iterate_on_board
 from resgrid.nodal.multigrid.foresight import foresee
 from resgrid.nodal.multigrid.graded_solver import at_places
@@ -84,7 +85,7 @@ def test_one_pass_is_right_in_all_decades_where_plain_levels_are_right_in_the_fi
     put_at_places(levels.place, np.exp(log), 1.0, height.ravel())
     plain, steps = after_one_pass(system, build_hierarchy(system))
     assert np.abs(plain / np.exp(log) - 1.0).max() > 1.0
-    x, more = after_one_pass(system, levels.grade(height, stretched=True))
+    x, more = after_one_pass(system, levels.grade(height))
     assert np.abs(x / np.exp(log) - 1.0).max() < 1e-4
     assert more <= steps + 2
 
@@ -96,8 +97,10 @@ def test_what_is_foreseen_falls_as_the_potential_does() -> None:
     assert system.rails is not None
     height = foresee(levels, at_places(levels, system.rails.to_low)).ravel()[levels.place]
     assert height.min() > 0.0
-    low = log < -5.0
-    assert np.median(np.log(height[low]) / log[low]) == pytest.approx(1.0, abs=0.06)
+    off = (np.log(height) - log) / np.log(10.0)
+    assert log.min() / np.log(10.0) < -15
+    assert abs(np.median(off)) < 0.15
+    assert np.abs(np.quantile(off, [0.01, 0.99])).max() < 0.5
 
 
 @settings(max_examples=40)
@@ -110,17 +113,44 @@ def test_coarse_levels_are_galerkins_sums_in_proportion_to_the_height(space: Con
     if levels is None:
         return
     level, step = levels.level, levels.steps[0]
+    plain = replace(step, stretch=np.ones_like(step.stretch), link_stretch=np.ones_like(step.link_stretch))
     used = levels.unknown.ravel()
     h = np.where(used, np.random.default_rng(seed).uniform(0.7, 1.3, used.size), 0.0).reshape(2, -1)
     fresh = graded.lay_out_system(assemble(compile_space(space, boundary="dirichlet")))
     assert fresh is not None
     matrix, fine = matrix_of(fresh[0])
-    coarse = graded._summed(graded._transformed(level, levels.first[0], h), step, stretched=False)
+    coarse = graded.summed(graded.transformed(level, levels.first[0], h), plain, fed=True)
     small, nodes = matrix_of(coarse)
     shares = np.zeros((len(fine), len(nodes)))
     shares[np.arange(len(fine)), np.searchsorted(nodes, step.whole_target.ravel()[fine])] = h.ravel()[fine]
     expected = shares.T @ matrix @ shares
     np.testing.assert_allclose(small, expected, rtol=0, atol=1e-9 * np.abs(expected).max())
+
+
+@settings(max_examples=60)
+@given(spaces(max_cells=24, dimensions=(2, 2)), st.floats(0.0, 3.0), st.integers(0, 2**16))
+def test_a_cycle_makes_a_potential_better_in_proportion(space: ConfigurationSpace, decades: float, seed: int) -> None:
+    """From potentials that are off by up to three decades, block by block; the exact one stays as it is."""
+    try:
+        netlist = compile_space(space, boundary="dirichlet")
+        system, log = log_potential(netlist)
+    except CircuitError:
+        return
+    levels = graded.gradable(system) if system.rails is not None else None
+    if levels is None or not np.isfinite(log).all():
+        return
+    exact, currents = np.zeros((2, levels.level.lattice.places)), at_places(levels, system.rails.to_low)
+    put_at_places(levels.place, np.exp(log), 1.0, exact.ravel())
+    laid = graded.lay_out_system(system)
+    assert laid is not None
+    still = foresight._improved(laid[0], levels.steps, currents, exact.copy())
+    here = levels.unknown
+    np.testing.assert_allclose(still[here], exact[here], rtol=1e-9)
+    step = levels.steps[0]
+    wrong = 10.0 ** np.random.default_rng(seed).uniform(-decades, decades, 2 * step.level.lattice.places)
+    x = foresight._improved(laid[0], levels.steps, currents, exact * wrong[step.whole_target])
+    assert x[here].min() > 0.0
+    assert np.abs(np.log10(x[here] / exact[here])).max() < 0.3 * decades + 1e-9
 
 
 def test_a_graded_step_is_symmetric_where_it_is_linear() -> None:
@@ -133,7 +163,7 @@ def test_a_graded_step_is_symmetric_where_it_is_linear() -> None:
     assert levels is not None
     height = np.zeros((2, levels.level.lattice.places))
     put_at_places(levels.place, np.exp(0.2 * log), 1.0, height.ravel())
-    hierarchy = levels.grade(height, stretched=True)
+    hierarchy = levels.grade(height)
     grid = hierarchy.grid
     assert grid is not None
     assert len(grid.boards.margin) > 0
@@ -153,55 +183,20 @@ def test_a_graded_step_is_symmetric_where_it_is_linear() -> None:
     assert b @ preconditioned(a) == pytest.approx(a @ preconditioned(b), rel=1e-3)
 
 
-def test_slits_and_rooms_behind_them_do_not_keep_the_others_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    netlist = compile_space(space_of(with_slits()), boundary="dirichlet")
-    _, log = log_potential(netlist)
-    assert log.min() < -60 * np.log(10.0)
-    point = solve(netlist, method="multigrid")
-    assert_same(point.log_drop, solve(netlist, method="direct").log_drop)
-    monkeypatch.setattr(solver, "_FAR", np.inf)
-    plain = solve(netlist, method="multigrid")
-    assert_same(plain.log_drop, point.log_drop)
-    assert point.iterations is not None
-    assert plain.iterations is not None
-    assert point.iterations < 0.7 * plain.iterations
-
-
-def test_a_way_up_that_ends_away_from_the_source_is_astray() -> None:
-    system, log = log_potential(compile_space(space_of(rooms(40)), boundary="dirichlet"))
-    levels = graded.gradable(system)
-    assert levels is not None
-    assert system.rails is not None
-    x, currents = np.zeros((2, levels.level.lattice.places)), at_places(levels, system.rails.to_low)
-    put_at_places(levels.place, np.exp(log), 1.0, x.ravel())
-    unknown = levels.unknown
-    assert not np.any(grade_kernels.astray(levels.first[0], currents, x) & unknown)
-    lowest = levels.place[np.argmin(log)]
-    x.ravel()[lowest] = 1e-3 * np.exp(log.max())
-    wrong = grade_kernels.astray(levels.first[0], currents, x) & unknown
-    assert wrong.ravel()[lowest]
-    assert np.count_nonzero(wrong) < 0.2 * np.count_nonzero(unknown)
-    x.ravel()[lowest] = -1.0
-    assert grade_kernels.astray(levels.first[0], currents, x).ravel()[lowest]
-
-
 def test_plain_levels_have_their_turn_where_graded_ones_fail(monkeypatch: pytest.MonkeyPatch) -> None:
     netlist = compile_space(space_of(rooms(60)), boundary="dirichlet")
-    monkeypatch.setattr(graded_solver._Graded, "__call__", lambda _self, m, e, _: (0.0 * m, e))
+    monkeypatch.setattr(graded_solver, "graded_approximation", lambda *_: lambda m, e, _: (0.0 * m, e))
     assert_same(solve(netlist, method="multigrid").log_drop, solve(netlist, method="direct").log_drop)
 
 
-def test_a_height_that_leads_many_astray_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
-    netlist = compile_space(space_of(with_slits()), boundary="dirichlet")
-    system = assemble(netlist)
-    levels = graded.gradable(system)
-    assert levels is not None
-    assert system.rails is not None
-    assert graded_solver.graded_approximation(system, levels, system.rails.to_low, None) is not None
-    monkeypatch.setattr(graded_solver, "FEW", 100)
-    monkeypatch.setattr(graded_solver, "mended", lambda *_: np.zeros((2, levels.level.lattice.places)))
-    assert graded_solver.graded_approximation(system, levels, system.rails.to_low, None) is None
-    assert_same(solve(netlist, method="multigrid").log_drop, solve(netlist, method="direct").log_drop)
+def test_potentials_whose_squares_are_no_doubles_are_not_graded(monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[float] = []
+    monkeypatch.setattr(graded_solver, "graded_approximation", lambda system, *_: tried.append(system.fall.whole))
+    for cell in (rooms(60), with_slits()):
+        netlist = compile_space(space_of(cell), boundary="dirichlet")
+        assert_same(solve(netlist, method="multigrid").log_drop, solve(netlist, method="direct").log_drop)
+    assert len(tried) == 1
+    assert tried[0] < graded.MOST_DECADES < assemble(netlist).fall.whole
 
 
 @settings(max_examples=40)

@@ -160,7 +160,7 @@ def test_decades_are_foreseen_along_corridors_behind_walls_of_any_resistance(wid
     netlist = compile_space(space_of(corridor), boundary="wall", resistance=1.0, wall_resistance=wall)
     log_drop = solve(netlist, method="direct").log_drop
     decades = -log_drop[np.isfinite(log_drop)].min() / np.log(10.0)
-    foreseen = assemble(netlist).decades / fall.WHOLE_STEPS
+    foreseen = assemble(netlist).fall.whole / fall.WHOLE_STEPS
     assert 0.7 < foreseen / decades < 1.8
 
 

@@ -35,9 +35,8 @@
    them (`pockets`): corrected, or, where no digit is right, found anew from what flows in, hundreds of decades at once.
 9. *Grading* (`graded`, `foresight`, `graded_solver`). Where a potential falls by many decades in a plane, coarse nodes
    move their members in proportion to it, and all decades gain digits alike. What it will be is foreseen from coarse to
-   fine: a small level solved directly, its answer spread, relaxed, and taken as the height that the next level is
-   graded by. Pockets behind slits, which coarse levels cannot see, are told by the way up from them and solved
-   directly. Where that fails, plain levels have their turn.
+   fine: a small level solved directly, its answer spread, and made better on every level by a multiplicative cycle, in
+   which all numbers stay positive and every decade counts alike. Where grading fails, plain levels have their turn.
 
 References
 ----------

@@ -38,7 +38,7 @@ from resgrid.nodal.multigrid.levels import Graph
 from resgrid.nodal.multigrid.stack import stack_levels
 from resgrid.nodal.system import NodalSystem
 
-_MOST_DECADES = 120.0
+MOST_DECADES = 120.0
 """By how many decades heights may fall: their squares are doubles."""
 
 _MOST_LEFT = 500
@@ -81,25 +81,23 @@ class Gradable:
         board = self.first[0]
         return np.stack([board.red_inverse > 0.0, board.black_degree > 0.0])
 
-    def grade(self, height: NDArray[np.float64], *, stretched: bool) -> Hierarchy:
-        """Levels in proportion to a height.
+    def grade(self, height: NDArray[np.float64]) -> Hierarchy:
+        """Levels in proportion to a height that is nearly the solution.
 
         Parameters
         ----------
         height : ndarray of float64, shape (2, places)
             By colour; what falls by more decades than doubles' squares span is cut off.
-        stretched : bool
-            Whether conductances know length, which is right where the height is nearly the solution.
 
         Returns
         -------
         Hierarchy
         """
-        lowest = 10.0**-_MOST_DECADES * height.max()
+        lowest = 10.0**-MOST_DECADES * height.max()
         height = np.maximum(height, lowest, out=np.zeros_like(height), where=self.unknown)
-        levels, scales = [_transformed(self.level, self.first[0], height)], [height]
+        levels, scales = [transformed(self.level, self.first[0], height)], [height]
         for step in self.steps:
-            levels.append(_summed(levels[-1], step, stretched))
+            levels.append(summed(levels[-1], step, fed=False))
             scales.append(_scale(levels[-1].degree))
         targets = [step.target for step in self.steps]
         weights = [_shares(height[1], scales[1].ravel()[targets[0]])]
@@ -110,13 +108,6 @@ class Gradable:
         laid = lay_behind(boards, targets[1:], graph.size, self.level, weights[1:])
         grid = GridLevels(*self.first, self.place, targets[0], laid, weights[0])
         return Hierarchy(stack_levels([_of_unit_diagonal(graph)], []), grid, self.unit, self.box)
-
-    def below(self) -> Gradable:
-        """The same from the next level on."""
-        level = self.steps[0].level
-        place = np.flatnonzero(level.degree > 0.0).astype(np.int32)
-        first = first_boards(replace(level, degree=level.degree.copy()))
-        return Gradable(level, self.steps[1:], first, place, self.unit, ())
 
 
 def gradable(system: NodalSystem) -> Gradable | None:
@@ -131,7 +122,7 @@ def gradable(system: NodalSystem) -> Gradable | None:
     return Gradable(level, steps, first_boards(level), place, unit, box)
 
 
-def _transformed(level: Level, board: Board, h: NDArray[np.float64]) -> Level:
+def transformed(level: Level, board: Board, h: NDArray[np.float64]) -> Level:
     """The circuit of ``u / h``."""
     faces, leak, (red, black) = np.zeros_like(level.faces), np.zeros_like(h), level.ends
     np.add.at(leak[0], red, level.links * h[1, black])
@@ -140,17 +131,17 @@ def _transformed(level: Level, board: Board, h: NDArray[np.float64]) -> Level:
     return replace(level, faces=faces, leak=leak, links=level.links * h[0, red] * h[1, black])
 
 
-def _summed(level: Level, step: Coarsened, stretched: bool) -> Level:
-    """The next level."""
+def summed(level: Level, step: Coarsened, *, fed: bool) -> Level:
+    """The next level, where conductances know length; leaks do as well, unless they balance currents that are fed."""
     plain = step.level
-    summed = sum_up(level, plain.lattice, step.whole_target, sum(len(cell) for cell in plain.extra_cell))
-    assert summed is not None
-    faces, leak, _, _, _, links = summed
+    found = sum_up(level, plain.lattice, step.whole_target, sum(len(cell) for cell in plain.extra_cell))
+    assert found is not None
+    faces, leak, _, _, _, links = found
+    before = np.empty(0) if fed else _degree(plain, faces, links)
+    faces *= step.stretch
+    links *= step.link_stretch
     total = _degree(plain, faces, links)
-    if stretched:
-        faces *= step.stretch
-        links *= step.link_stretch
-        before, total = total, _degree(plain, faces, links)
+    if not fed:
         leak *= np.divide(total, before, out=np.ones_like(total), where=before > 0.0)
     np.maximum(leak, (_LEAST_REST - 1.0) * total, out=leak)
     return replace(plain, faces=faces, leak=leak, degree=total + leak, links=links)

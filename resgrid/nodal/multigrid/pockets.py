@@ -10,17 +10,25 @@ larger than the potential itself, it is found there from what flows in, all deca
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from resgrid.nodal.multigrid.part import Part, surroundings
+from resgrid.errors import AccuracyError
 from resgrid.nodal.refine import Approximation, Numbers
 from resgrid.nodal.scaled import power
+from resgrid.nodal.superlu import symmetric_factors
 from resgrid.nodal.system import NodalSystem
 
-_FEW = 2_000
+_FEW = 5_000
 """Rows left, at most, for which a direct pass is tried."""
+
+_STEPS = 8
+"""Steps around a row within which corrections die out."""
 
 _MOST, _SHARE = 20_000, 16
 """Rows that are solved directly, at most: so many, or one in so many of all."""
@@ -46,18 +54,16 @@ class PocketsDirectly:
 
     def __init__(self, system: NodalSystem, whole: Approximation) -> None:
         self._system, self._whole = system, whole
-        self._most = 0.0
-        self._most_anew = _MOST
+        self._most, self._most_anew = 0.0, float(_MOST)
 
     def __call__(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
         """As `resgrid.nodal.refine.refine` takes it."""
         rows = np.flatnonzero(m != 0.0)
         if 0 < len(rows) <= self._most:
-            region = _around(self._system, rows)
-            found = None if region is None else _solved(self._system, region, m, e)
-            if found is not None:
+            part = _part_around(self._system, rows)
+            if part is not None:
                 self._most = _GAIN * len(rows)
-                return found
+                return part.correction(m, e)
         self._most = _FEW
         return self._whole(m, e, accuracy)
 
@@ -65,74 +71,107 @@ class PocketsDirectly:
         self, rows: NDArray[np.int64], voltage: Numbers, current: Numbers
     ) -> tuple[NDArray[np.int64], Numbers] | None:
         """Voltages of some rows and those around them, from all others; as `resgrid.nodal.refine.refine` takes it."""
-        if not 0 < len(rows) <= self._most_anew:
+        part = _part_around(self._system, rows) if 0 < len(rows) <= self._most_anew else None
+        if part is None:
             return None
-        region = _around(self._system, rows)
-        found = None if region is None else _fed(self._system, region, voltage, current)
-        if region is None or found is None:
-            return None
-        self._most_anew = int(_GAIN * len(rows))
-        return region, found
+        self._most_anew = _GAIN * len(rows)
+        return part.rows, part.fed(voltage, current)
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """The equations of some rows.
+
+    Attributes
+    ----------
+    rows : ndarray of int64, shape (n,)
+        In ascending order.
+    inside, outside : ndarray of int64, shape (edges,)
+        Conductances that lead out: from which of the rows, counted, to which one.
+    conductance : ndarray of float64, shape (edges,)
+    coupling : scipy.sparse.csr_array, shape (n, n)
+        Conductances among the rows.
+    factors : scipy.sparse.linalg.SuperLU
+    """
+
+    rows: NDArray[np.int64]
+    inside: NDArray[np.int64]
+    outside: NDArray[np.int64]
+    conductance: NDArray[np.float64]
+    coupling: sparse.csr_array
+    factors: Any
+
+    def correction(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
+        """Corrections of these rows, all others as they are."""
+        x, exponent, right = np.zeros_like(m), np.zeros_like(e), m[self.rows]
+        if e.size:
+            own = e[self.rows]
+            top = self._tops([(np.arange(len(right)), right, own)])
+            exponent[self.rows] = top
+            right = right * power(np.clip(own - top, -8, 0))
+        x[self.rows] = self.factors.solve(right)
+        return x, exponent
+
+    def fed(self, voltage: Numbers, current: Numbers) -> Numbers:
+        """Voltages of these rows, fed by all others and by currents."""
+        (x, e), (b, scale), n = voltage, current, len(self.rows)
+        drawn, into = self.conductance * x[self.outside], b[self.rows]
+        top = np.zeros(0, dtype=np.int64)
+        if e.size:
+            there, own = e[self.outside], scale[self.rows]
+            top = self._tops([(self.inside, drawn, there), (np.arange(n), into, own)])
+            drawn = drawn * power(np.clip(there - top[self.inside], -8, 0))
+            into = into * power(np.clip(own - top, -8, 0))
+        return self.factors.solve(into + np.bincount(self.inside, drawn, n)), top
+
+    def _tops(self, terms: list[tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]]) -> NDArray[np.int64]:
+        """The largest exponent, in every row's pocket, of terms ``(row, mantissa, exponent)``.
+
+        Pockets do not know of each other: each has an exponent of its own.
+        """
+        count, pocket = connected_components(self.coupling, directed=False)
+        none = np.iinfo(np.int64).min
+        top = np.full(count, none)
+        for row, mantissa, exponent in terms:
+            used = mantissa != 0.0
+            np.maximum.at(top, pocket[row[used]], exponent[used])
+        return np.asarray(np.where(top == none, 0, top)[pocket], dtype=np.int64)
+
+
+def _part_around(system: NodalSystem, rows: NDArray[np.int64]) -> _Part | None:
+    """The equations of some rows and those around them; None for too many, or if rounding forbids."""
+    region = _around(system, rows)
+    return None if region is None else _part(system, region)
 
 
 def _around(system: NodalSystem, rows: NDArray[np.int64]) -> NDArray[np.int64] | None:
     """Some rows, and all that are few steps away; None for too many."""
     most = min(_MOST, system.size // _SHARE)
-    return surroundings(rows, system.size, lambda edge: system.coupling[edge].indices, most, most // _LEAST)
+    seen, edge, count, steps = np.zeros(system.size, dtype=np.bool_), rows, len(rows), 0
+    seen[rows] = True
+    while len(edge) and (steps < _STEPS or count < most // _LEAST):
+        steps += 1
+        if count > most:
+            return None
+        around = system.coupling[edge].indices
+        around = around[~seen[around]]
+        seen[around] = True
+        edge = np.unique(around)
+        count += len(edge)
+    return np.flatnonzero(seen) if count <= most else None
 
 
-def _part(system: NodalSystem, region: NDArray[np.int64]) -> Part | None:
+def _part(system: NodalSystem, region: NDArray[np.int64]) -> _Part | None:
     """The equations of some rows; None if rounding forbids."""
     rows, n = system.coupling[region], len(region)
-    here = np.repeat(np.arange(n), np.diff(rows.indptr))
-    part = Part.of(region, np.bincount(here, rows.data, n) + system.excess[region], here, rows.indices, rows.data)
-    return None if part.factors is None else part
-
-
-def _solved(
-    system: NodalSystem, region: NDArray[np.int64], m: NDArray[np.float64], e: NDArray[np.int64]
-) -> Numbers | None:
-    """Corrections of some rows, all others as they are; None if rounding forbids."""
-    part = _part(system, region)
-    if part is None:
+    here, there, conductance = np.repeat(np.arange(n), np.diff(rows.indptr)), rows.indices, rows.data
+    degree = np.bincount(here, conductance, n) + system.excess[region]
+    column = np.searchsorted(region, there)
+    inside = region[np.minimum(column, n - 1)] == there
+    coupling = sparse.csr_array((conductance[inside], (here[inside], column[inside])), shape=(n, n))
+    try:
+        factors = symmetric_factors(sparse.diags_array(degree) - coupling)
+    except AccuracyError:
         return None
-    x, exponent = np.zeros_like(m), np.zeros_like(e)
-    right = m[region]
-    if e.size:
-        pocket, top = _tops(part, [(np.arange(len(region)), right, e[region])])
-        exponent[region] = top[pocket]
-        right = right * power(np.clip(e[region] - top[pocket], -8, 0))
-    x[region] = part.factors.solve(right)
-    return x, exponent
-
-
-def _fed(system: NodalSystem, region: NDArray[np.int64], voltage: Numbers, current: Numbers) -> Numbers | None:
-    """Voltages of some rows, fed by all others and by currents; None if rounding forbids."""
-    part = _part(system, region)
-    if part is None:
-        return None
-    (x, e), (b, scale), n = voltage, current, len(region)
-    drawn, into = part.conductance * x[part.outside], b[region]
-    if not e.size:
-        return part.factors.solve(into + np.bincount(part.row, drawn, n)), e
-    from_outside = e[part.outside]
-    pocket, top = _tops(part, [(part.row, drawn, from_outside), (np.arange(n), into, scale[region])])
-    drawn = drawn * power(np.clip(from_outside - top[pocket[part.row]], -8, 0))
-    into = into * power(np.clip(scale[region] - top[pocket], -8, 0))
-    return part.factors.solve(into + np.bincount(part.row, drawn, n)), top[pocket]
-
-
-def _tops(
-    part: Part, terms: list[tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]]
-) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Pocket of every row, and the largest exponent in every pocket of terms ``(row, mantissa, exponent)``.
-
-    Pockets do not know of each other: each has an exponent of its own.
-    """
-    count, pocket = connected_components(part.coupling, directed=False)
-    top = np.full(count, np.iinfo(np.int64).min)
-    for row, mantissa, exponent in terms:
-        used = mantissa != 0.0
-        np.maximum.at(top, pocket[row[used]], exponent[used])
-    top[top == np.iinfo(np.int64).min] = 0
-    return pocket, top
+    out = ~inside
+    return _Part(region, here[out], there[out].astype(np.int64), conductance[out], coupling, factors)

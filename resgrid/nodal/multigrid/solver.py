@@ -32,7 +32,7 @@ REFINED = 1e-20
 _PASS, _LEAST_PASS = 1e-12, 1e-2
 """By how much a pass of refinement lessens the residual: at most, and at least."""
 
-_FAR, _FIXED = 12.5, 3.2e6
+_FAR, _FIXED = 12.0, 1e6
 """Decades a potential falls, as foreseen, from which levels are graded for it: so many, and so many over the rows.
 
 Some of the time that grading takes is the same for few rows and for many.
@@ -173,7 +173,9 @@ class MultigridFactor:
         system = self.system
         if self.patched is not None or isinstance(rhs, Scaled) or system.dimensions != 2:
             return None
-        if system.decades < _FAR + _FIXED / system.size:
+        from resgrid.nodal.multigrid.graded import MOST_DECADES
+
+        if system.fall.most < _FAR + _FIXED / system.size or system.fall.whole > MOST_DECADES:
             return None
         levels = self._gradable
         if levels is None:
