@@ -17,7 +17,7 @@ from scipy import sparse
 from resgrid.nodal.multigrid import grade_kernels
 from resgrid.nodal.multigrid.boards import Level, in_double, to_graph
 from resgrid.nodal.multigrid.coarsening import Coarsened
-from resgrid.nodal.multigrid.graded import Gradable, summed, transformed
+from resgrid.nodal.multigrid.graded import Gradable, cut_off, summed, transformed
 from resgrid.nodal.superlu import symmetric_factors
 
 _SMALL = 4000
@@ -77,11 +77,12 @@ def _spread(level: Level, step: Coarsened, coarse: NDArray[np.float64]) -> NDArr
 def _improved(
     level: Level, steps: list[Coarsened], currents: NDArray[np.float64], x: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """A potential made better, in place, by one multiplicative cycle down the steps."""
+    """A potential made better by one multiplicative cycle down the steps; ``x`` is used up."""
     if not steps:
         return _solved(level, currents)
     step, board = steps[0], in_double(replace(level, degree=level.degree.copy()))
     grade_kernels.smooth(board, currents, x, _SWEEPS)
+    x = cut_off(x, level.degree > 0.0)
     below = summed(transformed(level, board, x), step, fed=True)
     ones = (below.degree > 0.0).astype(np.float64)
     factor = _improved(below, steps[1:], _into_blocks(step, currents, x), ones)

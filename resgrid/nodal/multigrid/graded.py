@@ -93,8 +93,7 @@ class Gradable:
         -------
         Hierarchy
         """
-        lowest = 10.0**-MOST_DECADES * height.max()
-        height = np.maximum(height, lowest, out=np.zeros_like(height), where=self.unknown)
+        height = cut_off(height, self.unknown)
         levels, scales = [transformed(self.level, self.first[0], height)], [height]
         for step in self.steps:
             levels.append(summed(levels[-1], step, fed=False))
@@ -120,6 +119,12 @@ def gradable(system: NodalSystem) -> Gradable | None:
     if not steps or levels[-1].size > _MOST_LEFT:
         return None
     return Gradable(level, steps, first_boards(level), place, unit, box)
+
+
+def cut_off(height: NDArray[np.float64], unknown: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """A height where there are unknowns, lifted to where its square is a double."""
+    lowest = 10.0**-MOST_DECADES * height.max()
+    return np.asarray(np.maximum(height, lowest, out=np.zeros_like(height), where=unknown), dtype=np.float64)
 
 
 def transformed(level: Level, board: Board, h: NDArray[np.float64]) -> Level:
