@@ -135,8 +135,10 @@ def refine(
         if pair.compute_residual():
             best, size = np.inf, np.inf
         if not (pair.error < _LEAST_GAIN * best or pair.log_size < size + np.log(_LEAST_GAIN)):
-            pair.take_back()
-            break
+            if not anew:
+                pair.take_back()
+                break
+            resolve = None
         best, size, bound = pair.error, pair.log_size, pair.bound
         if pair.left <= 1.0:
             break

@@ -32,7 +32,7 @@ REFINED = 1e-20
 _PASS, _LEAST_PASS = 1e-12, 1e-2
 """By how much a pass of refinement lessens the residual: at most, and at least."""
 
-_FAR, _FIXED = 12.0, 1e6
+_FAR, _FIXED = 11.5, 7e5
 """Decades a potential falls, as foreseen, from which levels are graded for it: so many, and so many over the rows.
 
 Some of the time that grading takes is the same for few rows and for many.
