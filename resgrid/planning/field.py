@@ -53,8 +53,9 @@ class Field:
         ``phi``: 1 on obstacles, 0 on goals; NaN in a cell without a node.  With a uniform drive it is the height above
         the goal rail, scaled to a maximum of 1.
     log_drop : ndarray of float64, shape of the space, or None
-        Natural logarithm of ``u = 1 - phi``, right to the last digits where ``phi`` rounds to 1; -inf where nothing
-        arrives, NaN in a cell without a node.  None where no high rail exists (uniform drive, blends).
+        Natural logarithm of ``u = 1 - phi``, right to some 1e-8 (``OperatingPoint.entry_error``) even where ``phi``
+        rounds to 1; -inf where nothing arrives, NaN in a cell without a node.  None where no high rail exists (uniform
+        drive, blends).
     face_direction : tuple of ndarray of int8
         Per axis ``a``, shape of the space with one more along ``a``: the sign of the current through the lower face of
         every cell, positive in the direction of the axis, 0 where none flows.  It runs from high potential to low.  On
