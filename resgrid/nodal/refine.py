@@ -24,7 +24,7 @@ from resgrid.nodal.system import NodalSystem
 if TYPE_CHECKING:
     from resgrid.nodal.refine_kernels import Imbalance
 
-CONVERGED = 1e-12
+_CONVERGED = 1e-12
 """Componentwise backward error up to which an answer is one, whatever is proved of its entries."""
 
 _NONE = np.zeros(0, dtype=np.int64)
@@ -60,8 +60,8 @@ Numbers = tuple[NDArray[np.float64], NDArray[np.int64]]
 Approximation = Callable[[NDArray[np.float64], NDArray[np.int64], float], Numbers]
 """About ``A^-1`` times scaled numbers, right to a share (the third argument) of the largest; may be better."""
 
-Resolution = Callable[[NDArray[np.int64], Numbers, Numbers], tuple[NDArray[np.int64], Numbers] | None]
-"""From the rows that are left, all voltages and all currents: some rows and their voltages, found anew; or None."""
+Resolution = Callable[[NDArray[np.float64], Numbers, Numbers], tuple[NDArray[np.int64], Numbers] | None]
+"""From mantissas of the residual, all voltages and all currents: some rows and their voltages, found anew; or None."""
 
 
 class Refined(NamedTuple):
@@ -94,7 +94,7 @@ def entry_bound(violation: float) -> float:
 
 def is_answer(error: float, bound: float) -> bool:
     """Whether a componentwise backward error, or a bound on the error of every entry, tells of an answer."""
-    return error <= CONVERGED or bound <= _PROVED
+    return error <= _CONVERGED or bound <= _PROVED
 
 
 def refine(
@@ -200,8 +200,7 @@ class _Answer:
         if self._plain:
             corrected(*self._last[:2], m, *self._now[:2])
         else:
-            for new, old in zip(self._now, self._last, strict=True):
-                new[:] = old
+            self._copy_last()
             correct(*self._now, m, e if e.size else np.zeros(len(m), dtype=np.int64))
         self._changed = m != 0.0
 
@@ -210,13 +209,12 @@ class _Answer:
         from resgrid.nodal.kernels import canonical
 
         hi, _, exponent = self._now
-        found = resolve(np.flatnonzero(self.residual), (hi, exponent), (self._current, self._scale))
+        found = resolve(self.residual, (hi, exponent), (self._current, self._scale))
         if found is None:
             return False
         rows, (m, e) = found
         self._now, self._last = self._last, self._now
-        for new, old in zip(self._now, self._last, strict=True):
-            new[:] = old
+        self._copy_last()
         self._now[0][rows], self._now[1][rows] = m, 0.0
         if not self._plain:
             canonical(m, e)
@@ -224,6 +222,10 @@ class _Answer:
         self._changed = np.zeros(len(hi), dtype=np.bool_)
         self._changed[rows] = True
         return True
+
+    def _copy_last(self) -> None:
+        for new, old in zip(self._now, self._last, strict=True):
+            new[:] = old
 
     def take_back(self) -> None:
         """Forget the last correction."""

@@ -204,7 +204,7 @@ def test_netlists_with_hubs_agree_with_direct(seed: int, large: int, monkeypatch
     monkeypatch.setattr(stack, "_LARGE", large)
     netlist = hubs(seed)
     direct, multigrid = solve(netlist, method="direct"), solve(netlist, method="multigrid")
-    assert np.allclose(direct.voltage, multigrid.voltage, rtol=1e-7, atol=1e-15, equal_nan=True)
+    assert np.allclose(direct.voltage, multigrid.voltage, rtol=1e-9, atol=1e-15, equal_nan=True)
 
 
 def test_the_same_netlist_gives_the_same_bits() -> None:

@@ -261,7 +261,7 @@ def test_a_core_is_named_after_the_method_that_solves_it() -> None:
     assert [factor.name for factor in factors] == ["direct", "multigrid"]
     assert all(isinstance(factor, ReducedFactor) and factor.system is system for factor in factors)
     direct, multigrid = (factor.solve_nonnegative(rhs)[0].plain for factor in factors)
-    assert np.allclose(direct, multigrid, rtol=1e-8, atol=0)
+    assert np.allclose(direct, multigrid, rtol=1e-12, atol=0)
     whole, _ = factor_system(system, "direct", reduce=False).solve_nonnegative(rhs)
     assert np.allclose(direct, whole.plain, rtol=1e-13, atol=0)
 

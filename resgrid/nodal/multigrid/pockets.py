@@ -58,23 +58,23 @@ class PocketsDirectly:
 
     def __call__(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
         """As `resgrid.nodal.refine.refine` takes it."""
-        rows = np.flatnonzero(m != 0.0)
-        if 0 < len(rows) <= self._most:
-            part = _part_around(self._system, rows)
-            if part is not None:
-                self._most = _GAIN * len(rows)
-                return part.correction(m, e)
+        count = np.count_nonzero(m)
+        part = _part_around(self._system, m) if 0 < count <= self._most else None
+        if part is not None:
+            self._most = _GAIN * count
+            return part.correction(m, e)
         self._most = _FEW
         return self._whole(m, e, accuracy)
 
     def anew(
-        self, rows: NDArray[np.int64], voltage: Numbers, current: Numbers
+        self, left: NDArray[np.float64], voltage: Numbers, current: Numbers
     ) -> tuple[NDArray[np.int64], Numbers] | None:
-        """Voltages of some rows and those around them, from all others; as `resgrid.nodal.refine.refine` takes it."""
-        part = _part_around(self._system, rows) if 0 < len(rows) <= self._most_anew else None
+        """Voltages of the rows left and those around, from all others; as `resgrid.nodal.refine.refine` takes it."""
+        count = np.count_nonzero(left)
+        part = _part_around(self._system, left) if 0 < count <= self._most_anew else None
         if part is None:
             return None
-        self._most_anew = _GAIN * len(rows)
+        self._most_anew = _GAIN * count
         return part.rows, part.fed(voltage, current)
 
 
@@ -138,9 +138,9 @@ class _Part:
         return np.asarray(np.where(top == none, 0, top)[pocket], dtype=np.int64)
 
 
-def _part_around(system: NodalSystem, rows: NDArray[np.int64]) -> _Part | None:
-    """The equations of some rows and those around them; None for too many, or if rounding forbids."""
-    region = _around(system, rows)
+def _part_around(system: NodalSystem, left: NDArray[np.float64]) -> _Part | None:
+    """The equations of the rows left, and of those around; None for too many, or if rounding forbids."""
+    region = _around(system, np.flatnonzero(left))
     return None if region is None else _part(system, region)
 
 
