@@ -25,6 +25,9 @@ _SPARSE = 4
 _MOST_REST, _SHARE_OF_REST = 5_000, 50
 """Nodes behind slits that are left out: so many at most, and one in so many."""
 
+_FIRST = 1_000
+"""Nodes near the low rail that count as its surroundings."""
+
 _ROUNDS = 30
 """Rounds in which depths are found where rows are numbered as it happens, at most."""
 
@@ -34,12 +37,15 @@ class Fall(NamedTuple):
 
     Attributes
     ----------
+    near : float
+        Around the low rail.
     most : float
         But at the lowest nodes, if these are few: they are found directly (`resgrid.nodal.multigrid.pockets`).
     whole : float
         In all.
     """
 
+    near: float
     most: float
     whole: float
 
@@ -52,14 +58,14 @@ def foresee_decades(system: NodalSystem) -> Fall:
     spaces and maps the estimate was 0.9 to 1.7 times the true number, in volumes 2 times.
     """
     if system.rails is None or not system.connections.entries:
-        return Fall(0.0, 0.0)
+        return Fall(0.0, 0.0, 0.0)
     from resgrid.nodal.fall_kernels import decay
 
     cross = 2.0 if system.connections.entries > VOLUME * system.size else 1.0
     rounds = 1 if system.netlist.layout is not None else _ROUNDS
     wall = _wall(system, system.rails)
     rest = min(_MOST_REST, system.size // _SHARE_OF_REST)
-    factors = decay(_places(system, system.rails), np.pi * np.sqrt(cross), wall / (2.0 * cross), rounds, rest)
+    factors = decay(_places(system, system.rails), np.pi * np.sqrt(cross), wall / (2.0 * cross), rounds, _FIRST, rest)
     return Fall(*(float(WHOLE_STEPS * factor / np.log(10.0)) for factor in factors))
 
 

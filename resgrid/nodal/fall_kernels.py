@@ -91,8 +91,8 @@ def _costs(deepest: int, rate: float, wall: float) -> Indices:
 
 
 @njit(cache=True)
-def decay(places: Places, rate: float, wall: float, rounds: int, rest: int) -> tuple[float, float]:
-    """Estimate by how many factors of e a potential falls, but at the ``rest`` lowest nodes, and in all.
+def decay(places: Places, rate: float, wall: float, rounds: int, first: int, rest: int) -> tuple[float, float, float]:
+    """Factors of e by which a potential falls, about: over the ``first`` nodes, but at the ``rest`` lowest, in all.
 
     Where the nearest contact with the high rail lies ``r`` steps away, as `_depths` finds it in some rounds, the
     corridor counts as ``w = 2 r + 1`` wide, and the potential falls by ``((w / rate)**2 + w wall)**(-1/2)`` a step: as
@@ -101,31 +101,32 @@ def decay(places: Places, rate: float, wall: float, rounds: int, rest: int) -> t
     that of the node it leads to, the first way found to a node is the best.
     """
     n = len(places.there)
-    # Lists of nodes in the buckets: the first one of each, and the one after every node; until then, a node's cost.
+    # Lists of nodes in the buckets: their heads, and the one after every node; until then, a node's cost.
     after, costs = _depths(places, rounds), _costs(n, rate, wall)
     for node in range(n):
         after[node] = _SEEN - 1 - costs[after[node]] if places.there[node] else _SEEN
-    first = np.full(int(_PARTS * rate) + 2, _SEEN, np.int32)
-    buckets, waiting, unseen = len(first), 0, np.count_nonzero(places.there) - rest
+    head = np.full(int(_PARTS * rate) + 2, _SEEN, np.int32)
+    buckets, waiting, seen, kept = len(head), 0, 0, np.count_nonzero(places.there) - rest
     for node in range(n):
         if places.low[node]:
-            after[node], first[0] = first[0], node
+            after[node], head[0] = head[0], node
             waiting += 1
-    now, most, deepest, bucket = 0, 0, 0, 0
+    now, near, most, deepest, bucket = 0, 0, 0, 0, 0
     while waiting > 0:
-        node = first[bucket]
+        node = head[bucket]
         if node == _SEEN:
             now += 1
             bucket = bucket + 1 if bucket + 1 < buckets else 0
             continue
-        first[bucket], deepest = after[node], now
-        waiting, unseen = waiting - 1, unseen - 1
-        most = now if unseen >= 0 else most
+        head[bucket], deepest = after[node], now
+        waiting, seen = waiting - 1, seen + 1
+        near = now if seen <= first else near
+        most = now if seen <= kept else most
         for k in range(_neighbours(places, node)):
             other = _neighbour(places, node, k)
             if after[other] < _SEEN:
                 ahead = bucket + _SEEN - 1 - after[other]
                 ahead -= buckets if ahead >= buckets else 0
-                after[other], first[ahead] = first[ahead], other
+                after[other], head[ahead] = head[ahead], other
                 waiting += 1
-    return most / _PARTS, deepest / _PARTS
+    return near / _PARTS, most / _PARTS, deepest / _PARTS

@@ -10,7 +10,7 @@ from spaces import space_of
 from resgrid.compiler import compile_space
 from resgrid.nodal import methods
 from resgrid.nodal.methods import factor_system
-from resgrid.nodal.multigrid import pockets
+from resgrid.nodal.multigrid import pockets, solver
 from resgrid.nodal.multigrid.pockets import PocketsDirectly
 from resgrid.nodal.refine import Numbers
 from resgrid.nodal.scaled import Scaled
@@ -82,6 +82,37 @@ def test_few_rows_are_solved_with_what_surrounds_them() -> None:
     np.testing.assert_allclose(x[region], exact, rtol=1e-10)
     # What leaks out of the slits is all that is left.
     assert np.abs(m - matrix @ x).max() < 1e-4 * np.abs(m).max()
+
+
+def test_what_lies_around_currents_into_a_slit_is_solved_first() -> None:
+    system = system_of(rooms_on_a_corridor())
+    assert system.rails is not None
+    whole, current = Whole(), system.rails.to_low
+    passes = PocketsDirectly(system, whole, in_slit=True)
+    x, _ = passes(current, NONE, 0.0)
+    assert not whole.asked
+    matrix = np.diag(system.degree) - system.coupling.toarray()
+    left = current - matrix @ x
+    left[np.abs(left) < 1e-14] = 0.0
+    few = (x, np.zeros(system.size, dtype=np.int64)), (current, np.zeros(system.size, dtype=np.int64))
+    assert passes.anew(left, *few) is None
+    passes(left, NONE, 0.0)
+    assert whole.asked == [np.count_nonzero(left)]
+    assert passes.anew(left, *few) is not None
+
+
+def test_a_goal_in_a_slit_spares_a_pass(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some twelve decades from the goal to the room."""
+    cell = np.full((200, 315), Cell.OBSTACLE, dtype=np.uint8)
+    cell[6, 1:15] = cell[1:-1, 15:-1] = Cell.FREE
+    cell[6, 1] = Cell.GOAL
+    monkeypatch.setattr(methods, "may_reduce", lambda _: False)
+    netlist = compile_space(space_of(cell), boundary="dirichlet")
+    point, direct = (solve(netlist, method=method) for method in ("multigrid", "direct"))
+    assert point.log_drop is not None
+    np.testing.assert_allclose(point.log_drop, direct.log_drop, rtol=0, atol=point.entry_error, equal_nan=True)
+    monkeypatch.setattr(solver, "_STEEP", np.inf)
+    assert point.iterations < 0.8 * solve(netlist, method="multigrid").iterations
 
 
 def test_a_whole_pass_follows_where_rows_stay() -> None:

@@ -49,12 +49,15 @@ class PocketsDirectly:
     ----------
     system : NodalSystem
     whole : callable
-        The approximate inverse of all rows; its turn is the first.
+        The approximate inverse of all rows; its turn is the first, unless
+    in_slit : bool
+        the currents flow into a slit: a pass would gain the decades along it, and few beyond.
     """
 
-    def __init__(self, system: NodalSystem, whole: Approximation) -> None:
+    def __init__(self, system: NodalSystem, whole: Approximation, in_slit: bool = False) -> None:
         self._system, self._whole = system, whole
-        self._most, self._most_anew = 0.0, float(_MOST)
+        self._most, self._most_anew = float(_FEW if in_slit else 0), float(_MOST)
+        self._in_slit = in_slit
 
     def __call__(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
         """As `resgrid.nodal.refine.refine` takes it."""
@@ -63,13 +66,15 @@ class PocketsDirectly:
         if part is not None:
             self._most = _GAIN * count
             return part.correction(m, e)
-        self._most = _FEW
+        self._most, self._in_slit = _FEW, False
         return self._whole(m, e, accuracy)
 
     def anew(
         self, left: NDArray[np.float64], voltage: Numbers, current: Numbers
     ) -> tuple[NDArray[np.int64], Numbers] | None:
         """Voltages of the rows left and those around, from all others; as `resgrid.nodal.refine.refine` takes it."""
+        if self._in_slit:
+            return None
         count = np.count_nonzero(left)
         part = _part_around(self._system, left) if 0 < count <= self._most_anew else None
         if part is None:

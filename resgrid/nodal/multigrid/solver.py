@@ -38,6 +38,9 @@ _FAR, _FIXED = 11.5, 7e5
 Some of the time that grading takes is the same for few rows and for many.
 """
 
+_STEEP = 8.0
+"""Decades foreseen around the low rail from which it lies in a slit: a pass would gain little beyond."""
+
 
 @dataclass(frozen=True, eq=False)
 class MultigridFactor:
@@ -165,8 +168,16 @@ class MultigridFactor:
     def _refined(self, rhs: NDArray[np.float64] | Scaled, passes: Approximation) -> Refined:
         from resgrid.nodal.multigrid.pockets import PocketsDirectly
 
-        pockets = PocketsDirectly(self.system, passes)
+        pockets = PocketsDirectly(self.system, passes, self._slit > 0.0)
         return refine(self.system, rhs, pockets, REFINED, resolve=pockets.anew)
+
+    @cached_property
+    def _slit(self) -> float:
+        """Decades that the potential falls in a slit around the low rail; 0 where it lies in none."""
+        if self.patched is not None or self.system.rails is None:
+            return 0.0
+        near = self.system.fall.near
+        return near if near > _STEEP else 0.0
 
     def _graded_approximation(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Approximation | None:
         """What approximates ``A^-1`` in proportion to the solution, where that falls by many decades in a plane."""
@@ -175,7 +186,8 @@ class MultigridFactor:
             return None
         from resgrid.nodal.multigrid.graded import MOST_DECADES
 
-        if system.fall.most < _FAR + _FIXED / system.size or system.fall.whole > MOST_DECADES:
+        ahead = system.fall.most - self._slit
+        if ahead < _FAR + _FIXED / system.size or system.fall.whole > MOST_DECADES:
             return None
         levels = self._gradable
         if levels is None:
