@@ -11,8 +11,8 @@ from numba import njit
 FAST = {"contract", "reassoc", "nsz", "arcp"}
 """Liberties with the order of sums, so that they fill the vector registers; infinities and NaN keep their meaning."""
 
-ZERO, ONE = cast(int, np.int64(0)), cast(int, np.int64(1))
-"""Numbers that are no literals, for which functions would be compiled once more."""
+ZERO = cast(int, np.int64(0))
+"""A number that is no literal, for which functions would be compiled once more."""
 
 _Loop = TypeVar("_Loop", bound=Callable[..., Any])
 _INNER: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}

@@ -174,7 +174,7 @@ def _panel_seconds(narrow: NarrowOrder) -> float:
     """Rough time of a direct solution in an order that has been found, measured on mazes and maps."""
     size = len(narrow.order)
     a_row = 0.5e-6 if size > EXACT_ROWS else 0.85e-6
-    return a_row * size + 8e-9 * narrow.entries + 0.2e-9 * narrow.products
+    return a_row * size + 8e-9 * narrow.entries + 0.17e-9 * narrow.products
 
 
 def _multigrid_seconds(system: NodalSystem, accuracy: str, width: float, decades: float) -> float:

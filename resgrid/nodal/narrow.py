@@ -170,7 +170,7 @@ def factor_narrow(system: NodalSystem, narrow: NarrowOrder) -> NarrowFactors:
         place=np.empty(n, dtype=np.int32),
         column=np.empty(narrow.longest),
         weight=np.empty(int(narrow.widths.max())),
-        second=np.empty(int(narrow.widths.max())),
+        weights=np.empty((int(narrow.widths.max()), 4)),
     )
     # In stretches, so that it can be interrupted.
     for begin in range(0, count, _STRETCH):

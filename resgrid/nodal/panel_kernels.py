@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.jit import ONE, ZERO, inlined, inner_fast
+from resgrid.jit import ZERO, inlined, inner_fast
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -71,7 +71,7 @@ class Entries(NamedTuple):
     ----------
     values : ndarray of float64
         The entries of ``-L`` below the diagonal, panel by panel: shares that go to later rows.  What stands above the
-        diagonal is 0.
+        diagonal means nothing.
     pivot, to_rails : ndarray of float64, shape (n,)
         ``D`` in siemens, and the shares that go to the rails.
     """
@@ -95,7 +95,8 @@ class Bench(NamedTuple):
         Places of the rows of the panel that is being eliminated.
     column : ndarray of float64
         As long as the longest panel.
-    weight, second : ndarray of float64
+    weight : ndarray of float64, shape (columns,)
+    weights : ndarray of float64, shape (columns, 4)
         As long as the widest panel.
     """
 
@@ -106,7 +107,7 @@ class Bench(NamedTuple):
     place: Indices
     column: Floats
     weight: Floats
-    second: Floats
+    weights: Floats
 
 
 @njit(cache=True, nogil=True)
@@ -180,10 +181,11 @@ def _lay_out(matrix: Matrix, panels: Panels, entries: Entries, bench: Bench, pan
 @inlined
 def _join(panels: Panels, entries: Entries, bench: Bench, other: int, panel: int) -> None:
     """Add what an eliminated panel joins the columns of a later one to; moves on to its first row behind them."""
-    rows, place, weight, second = panels.rows, bench.place, bench.weight, bench.second
+    rows, place, weight = panels.rows, bench.place, bench.weight
     values, pivot, to_rails = entries
     begin, end = bench.after[other], panels.start[other + 1]
-    columns, apart = panels.first[other + 1] - panels.first[other], end - panels.start[other]
+    first, columns = panels.first[other], panels.first[other + 1] - panels.first[other]
+    apart = end - panels.start[other]
     source = panels.offset[other] + begin - panels.start[other]
     length = panels.start[panel + 1] - panels.start[panel]
     follow_on = place[rows[end - 1]] - place[rows[begin]] == end - 1 - begin
@@ -191,23 +193,22 @@ def _join(panels: Panels, entries: Entries, bench: Bench, other: int, panel: int
     while at < end and rows[at] < panels.first[panel + 1]:
         here, left = source + at - begin, end - at - 1
         there = panels.offset[panel] + place[rows[at]] * (length + 1)
-        _weigh(values, pivot, to_rails, panels.first[other], columns, here, apart, rows[at], weight)
-        if not follow_on:
+        if follow_on and left > 2 and rows[at + 3] < panels.first[panel + 1]:
+            _weigh_four(values, pivot, to_rails, first, columns, here, apart, rows[at], bench.weights)
+            _add_to_four(values, there + 1, length, here + 1, apart, bench.weights, columns, left)
+            at += 4
+            continue
+        _weigh(values, pivot, to_rails, first, columns, here, apart, rows[at], weight)
+        if follow_on:
+            _add_columns(values, there + 1, values, here + 1, apart, weight, columns, left)
+        else:
             for i in range(left):
                 bench.column[i] = 0.0
             _add_columns(bench.column, ZERO, values, here + 1, apart, weight, columns, left)
             there -= place[rows[at]]
             for i in range(left):
                 values[there + place[rows[at + 1 + i]]] += bench.column[i]
-            at += 1
-        elif left > 0 and rows[at + 1] < panels.first[panel + 1]:
-            _weigh(values, pivot, to_rails, panels.first[other], columns, here + 1, apart, rows[at + 1], second)
-            _add_columns(values, there + 1, values, here + 1, apart, weight, columns, ONE)
-            _add_to_both(values, there + 2, length, here + 2, apart, weight, second, columns, left - 1)
-            at += 2
-        else:
-            _add_columns(values, there + 1, values, here + 1, apart, weight, columns, left)
-            at += 1
+        at += 1
     bench.after[other] = at
 
 
@@ -225,15 +226,39 @@ def _weigh(
 
 
 @inlined
+def _weigh_four(
+    values: Floats, pivot: Floats, to_rails: Floats, first: int, columns: int, here: int, apart: int, row: int,
+    weights: Floats,
+) -> None:  # fmt: skip
+    """The same for four rows, one behind the other."""
+    a, b, c, d = 0.0, 0.0, 0.0, 0.0
+    for k in range(columns):
+        own, rails, at = pivot[first + k], to_rails[first + k], here + k * apart
+        w, x, y, z = own * values[at], own * values[at + 1], own * values[at + 2], own * values[at + 3]
+        weights[k, 0], weights[k, 1], weights[k, 2], weights[k, 3] = w, x, y, z
+        a, b, c, d = a + w * rails, b + x * rails, c + y * rails, d + z * rails
+    to_rails[row] += a
+    to_rails[row + 1] += b
+    to_rails[row + 2] += c
+    to_rails[row + 3] += d
+
+
+@inlined
 def _eliminate_within(panels: Panels, entries: Entries, bench: Bench, panel: int) -> bool:
     """Eliminate the columns of a panel that everything before has been added to."""
     values, pivot, to_rails = entries
-    first, base = panels.first[panel], panels.offset[panel]
-    length, weight = panels.start[panel + 1] - panels.start[panel], bench.weight
-    for c in range(panels.first[panel + 1] - first):
+    first, base, width = panels.first[panel], panels.offset[panel], panels.first[panel + 1] - panels.first[panel]
+    length, weight, done = panels.start[panel + 1] - panels.start[panel], bench.weight, 0
+    for c in range(width):
         k, below, end = first + c, base + c * length + c + 1, base + (c + 1) * length
-        _weigh(values, pivot, to_rails, first, c, base + c, length, k, weight)
-        _add_columns(values, below, values, base + c + 1, length, weight, c, end - below)
+        if c % 4 == 0:
+            done = 0
+            if 0 < c <= width - 4:
+                _weigh_four(values, pivot, to_rails, first, c, base + c, length, k, bench.weights)
+                _add_to_four(values, below, length, base + c + 1, length, bench.weights, c, end - below)
+                done = c
+        _weigh(values, pivot, to_rails, first + done, c - done, base + done * length + c, length, k, weight)
+        _add_columns(values, below, values, base + done * length + c + 1, length, weight, c - done, end - below)
         total = to_rails[k] + _sum(values, below, end)
         if not (total > 0.0 and math.isfinite(total)):
             return False
@@ -274,28 +299,34 @@ def _add_columns(
 
 
 @inner_fast
-def _add_to_both(
-    values: Floats, there: int, beside: int, here: int, apart: int, weight: Floats, second: Floats, columns: int,
-    count: int,
-) -> None:  # fmt: skip
-    """Add columns by their weights to one, and by others to the next, which begins ``beside`` it."""
-    t, u, k = np.uint64(there), np.uint64(there + beside), 0
+def _add_to_four(
+    values: Floats, there: int, beside: int, here: int, apart: int, weights: Floats, columns: int, count: int
+) -> None:
+    """Add columns to four that begin ``beside`` each other, by the weights of each, four at a time."""
+    t0, t1 = np.uint64(there), np.uint64(there + beside)
+    t2, t3, k = np.uint64(there + 2 * beside), np.uint64(there + 3 * beside), 0
     while k + 4 <= columns:
-        w0, w1, w2, w3 = weight[k], weight[k + 1], weight[k + 2], weight[k + 3]
-        v0, v1, v2, v3 = second[k], second[k + 1], second[k + 2], second[k + 3]
+        a0, a1, a2, a3 = weights[k, 0], weights[k + 1, 0], weights[k + 2, 0], weights[k + 3, 0]
+        b0, b1, b2, b3 = weights[k, 1], weights[k + 1, 1], weights[k + 2, 1], weights[k + 3, 1]
+        c0, c1, c2, c3 = weights[k, 2], weights[k + 1, 2], weights[k + 2, 2], weights[k + 3, 2]
+        d0, d1, d2, d3 = weights[k, 3], weights[k + 1, 3], weights[k + 2, 3], weights[k + 3, 3]
         s0, s1 = np.uint64(here + k * apart), np.uint64(here + (k + 1) * apart)
         s2, s3 = np.uint64(here + (k + 2) * apart), np.uint64(here + (k + 3) * apart)
         for each in range(count):
             i = np.uint64(each)
-            a, b, c, d = values[s0 + i], values[s1 + i], values[s2 + i], values[s3 + i]
-            values[t + i] += (w0 * a + w1 * b) + (w2 * c + w3 * d)
-            values[u + i] += (v0 * a + v1 * b) + (v2 * c + v3 * d)
+            u, v, w, x = values[s0 + i], values[s1 + i], values[s2 + i], values[s3 + i]
+            values[t0 + i] += (a0 * u + a1 * v) + (a2 * w + a3 * x)
+            values[t1 + i] += (b0 * u + b1 * v) + (b2 * w + b3 * x)
+            values[t2 + i] += (c0 * u + c1 * v) + (c2 * w + c3 * x)
+            values[t3 + i] += (d0 * u + d1 * v) + (d2 * w + d3 * x)
         k += 4
     while k < columns:
-        w, v, s = weight[k], second[k], np.uint64(here + k * apart)
+        a, b, c, d, s = weights[k, 0], weights[k, 1], weights[k, 2], weights[k, 3], np.uint64(here + k * apart)
         for each in range(count):
             i = np.uint64(each)
-            a = values[s + i]
-            values[t + i] += w * a
-            values[u + i] += v * a
+            u = values[s + i]
+            values[t0 + i] += a * u
+            values[t1 + i] += b * u
+            values[t2 + i] += c * u
+            values[t3 + i] += d * u
         k += 1
