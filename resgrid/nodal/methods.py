@@ -11,7 +11,7 @@ from resgrid.errors import InputError
 from resgrid.nodal.direct import EXACT_ROWS, factor_direct
 from resgrid.nodal.factor import Factor
 from resgrid.nodal.fall import VOLUME
-from resgrid.nodal.multigrid.solver import factor_multigrid
+from resgrid.nodal.multigrid.solver import decades_to_grade, factor_multigrid
 from resgrid.nodal.narrow import NarrowOrder, narrow_memory
 from resgrid.nodal.reduction.elimination import may_reduce, reduce_system
 from resgrid.nodal.reduction.reduced_factor import ReducedFactor
@@ -198,13 +198,14 @@ def estimate_memory(
     ``n log n`` on planar grids, as ``n**(4/3)`` in three and ``n**(3/2)`` in four dimensions (George & Liu 1981); the
     constants were measured under minimum degree on open grids, which fill most.  Those of multigrid are a tenth above
     what was measured on grids, which do without compressed rows, and on other netlists; directions take rows and
-    scaled numbers besides, and in planes a second set of levels.
+    scaled numbers besides, and where levels are graded, as in most planes, a second set of them.
     """
     n = system.size
     if method == "multigrid":
         on_nodes, on_entries = (100.0, 12.0) if system.netlist.layout is not None else (230.0, 22.0)
         if accuracy == "direction":
-            graded = system.rails is not None and system.netlist.layout is not None and system.dimensions == 2
+            on_grid = system.rails is not None and system.netlist.layout is not None
+            graded = on_grid and (system.dimensions == 2 or system.fall.most > decades_to_grade(system))
             on_nodes, on_entries = on_nodes + (120.0 if graded else 60.0), on_entries + 18.0
         return on_nodes * n + on_entries * system.connections.entries
     if system.narrow is not None:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from levels import matrix_of
 from numpy.typing import NDArray
-from spaces import space_of, spaces
+from spaces import serpentine, space_of, spaces
 
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
@@ -35,6 +35,7 @@ def unreduced() -> Iterator[None]:
         patch.setattr(methods, "may_reduce", lambda _: False)
         patch.setattr(solver, "_FAR", 2.0)
         patch.setattr(solver, "_FIXED", 0.0)
+        patch.setattr(solver, "_FAR_IN_VOLUMES", 2.0)
         yield
 
 
@@ -185,6 +186,24 @@ def test_a_graded_step_is_symmetric_where_it_is_linear() -> None:
     assert b @ preconditioned(a) == pytest.approx(a @ preconditioned(b), rel=1e-3)
 
 
+def test_a_maze_in_a_volume_is_graded() -> None:
+    """A corridor ten cells high and wide, and three hundred long: some sixty decades."""
+    plane = np.pad(serpentine(5, 60, 10), 1, constant_values=1)
+    cell = np.pad(np.repeat(np.minimum(plane, 1)[None], 10, axis=0), ((1, 1), (0, 0), (0, 0)), constant_values=1)
+    cell[(5, *np.argwhere(plane == 2)[0])] = 2
+    netlist = compile_space(space_of(cell), boundary="dirichlet")
+    found = {}
+    for decades in (40.0, np.inf):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(solver, "_FAR_IN_VOLUMES", decades)
+            found[decades] = solve(netlist, method="multigrid")
+    graded_one, plain = found.values()
+    assert_same(graded_one.log_drop, solve(netlist, method="direct").log_drop)
+    assert graded_one.log_drop is not None
+    assert np.nanmin(graded_one.log_drop) < -30 * np.log(10.0)
+    assert graded_one.iterations < 0.75 * plain.iterations
+
+
 def test_plain_levels_have_their_turn_where_graded_ones_fail(monkeypatch: pytest.MonkeyPatch) -> None:
     netlist = compile_space(space_of(rooms(60)), boundary="dirichlet")
     monkeypatch.setattr(graded_solver, "graded_approximation", lambda *_: lambda m, e, _: (0.0 * m, e))
@@ -218,7 +237,7 @@ def test_potentials_whose_squares_are_no_doubles_are_not_graded(monkeypatch: pyt
 
 @settings(max_examples=40)
 @given(
-    spaces(max_cells=30, dimensions=(2, 2)),
+    st.one_of(spaces(max_cells=30, dimensions=(2, 2)), spaces(max_cells=10, dimensions=(3, 3))),
     st.sampled_from([{"boundary": "dirichlet"}, {"boundary": "wall", "wall_resistance": 30.0}]),
 )
 def test_graded_multigrid_agrees_with_the_direct_method(space: ConfigurationSpace, options: dict[str, object]) -> None:

@@ -38,6 +38,9 @@ _FAR, _FIXED = 11.5, 7e5
 Some of the time that grading takes is the same for few rows and for many.
 """
 
+_FAR_IN_VOLUMES = 40.0
+"""The same in a volume, where levels that are not graded do better."""
+
 _STEEP = 8.0
 """Decades foreseen around the low rail from which it lies in a slit: a pass would gain little beyond."""
 
@@ -180,14 +183,13 @@ class MultigridFactor:
         return near if near > _STEEP else 0.0
 
     def _graded_approximation(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Approximation | None:
-        """What approximates ``A^-1`` in proportion to the solution, where that falls by many decades in a plane."""
+        """What approximates ``A^-1`` in proportion to the solution, where that falls by many decades."""
         system = self.system
-        if self.patched is not None or isinstance(rhs, Scaled) or system.dimensions != 2:
+        if self.patched is not None or isinstance(rhs, Scaled) or system.dimensions not in (2, 3):
             return None
         from resgrid.nodal.multigrid.graded import MOST_DECADES
 
-        ahead = system.fall.most - self._slit
-        if ahead < _FAR + _FIXED / system.size or system.fall.whole > MOST_DECADES:
+        if system.fall.most - self._slit < decades_to_grade(system) or system.fall.whole > MOST_DECADES:
             return None
         levels = self._gradable
         if levels is None:
@@ -232,6 +234,11 @@ def approximate(
     x, _ = iterate(system, hierarchy, m / largest, min(max(accuracy, _PASS), _LEAST_PASS), None, watch)
     x *= largest
     return x, np.full_like(e, top)
+
+
+def decades_to_grade(system: NodalSystem) -> float:
+    """Decades a potential falls, as foreseen, from which levels are graded for it."""
+    return _FAR_IN_VOLUMES if system.dimensions > 2 else _FAR + _FIXED / system.size
 
 
 def factor_multigrid(system: NodalSystem, *, later: bool = False) -> MultigridFactor:
