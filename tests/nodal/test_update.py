@@ -282,6 +282,17 @@ def test_a_part_that_is_cut_off_is_told_and_solved(options: dict[str, object]) -
         updated.update([[4, 5], [6, 5], [5, 4], [5, 6]])
 
 
+@pytest.mark.parametrize("options", BOUNDARIES)
+@pytest.mark.usefixtures("whole")
+def test_rows_that_are_left_without_neighbours_are_solved(options: dict[str, object]) -> None:
+    cell = np.full((7, 7), Cell.OBSTACLE, dtype=np.uint8)
+    cell[3, 1:6] = cell[1:6, 3] = Cell.FREE
+    cell[3, 3] = Cell.GOAL
+    space, ends = space_of(cell), np.array([[3, 1], [3, 5], [1, 3], [5, 3]])
+    updated = factor(compile_space(space, **options), method="multigrid").update(ends)
+    assert_same_as_fresh(updated, changed(space, ends, Cell.OBSTACLE), options)
+
+
 def test_a_start_behind_the_way_out_drives_nothing() -> None:
     corridor = np.zeros((30, 1), dtype=np.uint8)
     corridor[0] = 2

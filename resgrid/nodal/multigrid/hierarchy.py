@@ -80,6 +80,8 @@ def lay_out_system(system: NodalSystem) -> tuple[Level, NDArray[np.int32], float
     if layout is None:
         return None
     pairs, conductance, row, node = _resistors(system, layout.node)
+    if not conductance.size:
+        return None
     unit = float(conductance.mean())
     box = _box_around_rows(row, node)
     laid_out = lay_out(pairs, conductance, row, np.ascontiguousarray(node[box]), system.excess, unit)
