@@ -139,8 +139,10 @@ def choose_method(system: NodalSystem, accuracy: str = "direction") -> str:
     if accuracy == "direction":
         along = _narrow_seconds(system, width)
         if system.rails is not None and not along < seconds:
-            decades = system.fall.most
-            seconds = _multigrid_seconds(system, accuracy, width, decades)
+            from resgrid.nodal.multigrid.graded import MOST_DECADES
+
+            decades, graded = system.fall.most, system.fall.whole <= MOST_DECADES
+            seconds = _multigrid_seconds(system, accuracy, width, decades, graded=graded)
         if decades > _MOST_DECADES:
             return "direct"
         if along < seconds and system.narrow is not None and _panel_seconds(system.narrow) < seconds:
@@ -174,18 +176,27 @@ def _panel_seconds(narrow: NarrowOrder) -> float:
     """Rough time of a direct solution in an order that has been found, measured on mazes and maps."""
     size = len(narrow.order)
     a_row = 0.5e-6 if size > EXACT_ROWS else 0.85e-6
-    return a_row * size + 8e-9 * narrow.entries + 0.17e-9 * narrow.products
+    return a_row * size + 7e-9 * narrow.entries + 0.1e-9 * narrow.products
 
 
-def _multigrid_seconds(system: NodalSystem, accuracy: str, width: float, decades: float) -> float:
-    """Rough time of a multigrid solution, measured on the same: of all iterations between two rails, by decades."""
+def _multigrid_seconds(
+    system: NodalSystem, accuracy: str, width: float, decades: float, *, graded: bool = True
+) -> float:
+    """Rough time of a multigrid solution, measured on the same: of all iterations between two rails, by decades.
+
+    Levels that may be graded take half as many.
+    """
     on_grid, mazy = system.netlist.layout is not None, width < _ROOM
     if accuracy == "normwise":
         a_row = 0.4e-6 if on_grid else 0.9e-6
     elif system.rails is None:
         a_row = (0.9e-6 if mazy else 0.5e-6) if on_grid else 1.6e-6
     else:
-        a_row = (0.7e-6 if mazy else 0.33e-6) + 0.012e-6 * decades if on_grid else 1.5e-6 + 0.04e-6 * decades
+        a_row = (
+            (0.7e-6 if mazy else 0.33e-6) + (0.012e-6 if graded else 0.025e-6) * decades
+            if on_grid
+            else 1.5e-6 + 0.04e-6 * decades
+        )
     return _OVERHEAD + a_row * system.size
 
 

@@ -10,6 +10,7 @@ from resgrid.errors import AccuracyError, BudgetError, CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal import fall, methods
 from resgrid.nodal.multigrid import aggregation
+from resgrid.nodal.multigrid.graded import MOST_DECADES
 from resgrid.nodal.multigrid.hierarchy import build_hierarchy
 from resgrid.nodal.multigrid.solver import factor_multigrid
 from resgrid.nodal.solve import factor, solve
@@ -151,6 +152,15 @@ def test_auto_takes_direct_where_refinement_would_have_to_win_too_many_decades()
     shaft[0, 1, 1] = 2
     assert methods.choose_method(assemble(compile_space(space_of(shaft)))) == "direct"
     assert methods.choose_method(assemble(compile_space(space_of(shaft), boundary="neumann"))) == "multigrid"
+
+
+@pytest.mark.parametrize(("length", "method"), [(600, "multigrid"), (1100, "direct")])
+def test_wide_corridors_take_multigrid_as_far_as_it_is_graded(length: int, method: str) -> None:
+    corridor = np.zeros((10, 10, length), dtype=np.uint8)
+    corridor[5, 5, 0] = 2
+    system = assemble(compile_space(space_of(corridor)))
+    assert (system.fall.whole > MOST_DECADES) == (method == "direct")
+    assert methods.choose_method(system) == method
 
 
 @pytest.mark.parametrize("width", [3, 8, 21])
