@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.errors import AccuracyError, InputError
+from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.netlist import Layout, face_shape
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.space import Cell, ConfigurationSpace
@@ -132,6 +132,8 @@ def field_of(point: OperatingPoint) -> Field:
     ------
     InputError
         If the netlist was not compiled from a space, or has neither two rails nor one rail and a drive.
+    CircuitError
+        If no current flows through any free cell.
     AccuracyError
         If the chip's switches or rails are so poor that current leaves free cells into obstacles; it carries the field.
     """
@@ -139,6 +141,7 @@ def field_of(point: OperatingPoint) -> Field:
     if layout is None:
         raise InputError("this netlist was not compiled from a space, so it has no field")
     if point.potential is None:
+        _check_driven(point, layout)
         raise InputError("this circuit has more rails or drives than a field is defined for")
     direction, log_current = face_currents(
         layout,
@@ -164,6 +167,17 @@ def field_of(point: OperatingPoint) -> Field:
 
 field = field_of
 """The same by its public name, which inside is that of its result."""
+
+
+def _check_driven(point: OperatingPoint, layout: Layout) -> None:
+    """Refuse a circuit whose sources feed each other alone, as where goals beside obstacles are rails cell by cell."""
+    free = np.zeros(point.netlist.node_count, dtype=np.bool_)
+    free[layout.free_node] = True
+    if not point.resistor_current[free[point.netlist.resistor_nodes].any(axis=1)].any():
+        raise CircuitError(
+            "nothing is driven: no free cell lies between the goal and an obstacle, so that all of them are at one "
+            "voltage; move the goal, or open a way to it"
+        )
 
 
 def _check_walls(field: Field) -> None:

@@ -246,3 +246,13 @@ def test_blended_currents_are_the_sum_on_the_grid() -> None:
     drop = (neumann.potential[:-1] - neumann.potential[1:])[inner]
     scale = (space.spacing.min() / space.spacing[0]) ** 2
     assert np.allclose(neumann.face_current(0)[1:-1][inner], drop * scale, rtol=1e-9, atol=1e-14)
+
+
+@pytest.mark.parametrize("rails", ["merged", "cells"])
+@pytest.mark.parametrize(
+    "cell", [[2, 0, 2, 1, 0, 1], [[2, 0, 2, 1], [2, 2, 2, 1], [1, 1, 1, 1]]], ids=["line", "plane"]
+)
+def test_free_cells_that_are_not_between_rails_have_no_field(cell: list[object], rails: str) -> None:
+    """Goals beside obstacles are rails cell by cell: currents flow between their sources, but through no free cell."""
+    with pytest.raises(CircuitError, match="nothing is driven"):
+        field_of(solve(compile_space(space_of(cell), edge="open", rails=rails)))
