@@ -191,12 +191,10 @@ def _multigrid_seconds(
         a_row = 0.4e-6 if on_grid else 0.9e-6
     elif system.rails is None:
         a_row = (0.9e-6 if mazy else 0.5e-6) if on_grid else 1.6e-6
+    elif on_grid:
+        a_row = (0.7e-6 if mazy else 0.33e-6) + (0.012e-6 if graded else 0.025e-6) * decades
     else:
-        a_row = (
-            (0.7e-6 if mazy else 0.33e-6) + (0.012e-6 if graded else 0.025e-6) * decades
-            if on_grid
-            else 1.5e-6 + 0.04e-6 * decades
-        )
+        a_row = 1.5e-6 + 0.04e-6 * decades
     return _OVERHEAD + a_row * system.size
 
 

@@ -194,6 +194,7 @@ def _join(panels: Panels, entries: Entries, bench: Bench, other: int, panel: int
         here, left = source + at - begin, end - at - 1
         there = panels.offset[panel] + place[rows[at]] * (length + 1)
         if follow_on and left > 2 and rows[at + 3] < panels.first[panel + 1]:
+            # The same rows for all four: what that adds above the diagonal does no harm.
             _weigh_four(values, pivot, to_rails, first, columns, here, apart, rows[at], bench.weights)
             _add_to_four(values, there + 1, length, here + 1, apart, bench.weights, columns, left)
             at += 4
@@ -245,7 +246,10 @@ def _weigh_four(
 
 @inlined
 def _eliminate_within(panels: Panels, entries: Entries, bench: Bench, panel: int) -> bool:
-    """Eliminate the columns of a panel that everything before has been added to."""
+    """Eliminate the columns of a panel that everything before has been added to.
+
+    Four at a time receive all that comes before the first of them; only the others among the four are left then.
+    """
     values, pivot, to_rails = entries
     first, base, width = panels.first[panel], panels.offset[panel], panels.first[panel + 1] - panels.first[panel]
     length, weight, done = panels.start[panel + 1] - panels.start[panel], bench.weight, 0

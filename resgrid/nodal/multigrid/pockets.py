@@ -49,9 +49,10 @@ class PocketsDirectly:
     ----------
     system : NodalSystem
     whole : callable
-        The approximate inverse of all rows; its turn is the first, unless
+        The approximate inverse of all rows.
     in_slit : bool
-        the currents flow into a slit: a pass would gain the decades along it, and few beyond.
+        Whether the currents flow into a slit.  Its surroundings have the first turn then, and not the whole: a pass
+        over all rows would gain the decades along the slit, and few beyond.
     """
 
     def __init__(self, system: NodalSystem, whole: Approximation, in_slit: bool = False) -> None:
