@@ -71,7 +71,7 @@ class Entries(NamedTuple):
     ----------
     values : ndarray of float64
         The entries of ``-L`` below the diagonal, panel by panel: shares that go to later rows.  What stands above the
-        diagonal means nothing.
+        diagonal is 0.
     pivot, to_rails : ndarray of float64, shape (n,)
         ``D`` in siemens, and the shares that go to the rails.
     """
@@ -194,7 +194,7 @@ def _join(panels: Panels, entries: Entries, bench: Bench, other: int, panel: int
         here, left = source + at - begin, end - at - 1
         there = panels.offset[panel] + place[rows[at]] * (length + 1)
         if follow_on and left > 2 and rows[at + 3] < panels.first[panel + 1]:
-            # The same rows for all four: what that adds above the diagonal does no harm.
+            # The same rows for all four: what that adds above the diagonal is cleared when they are eliminated.
             _weigh_four(values, pivot, to_rails, first, columns, here, apart, rows[at], bench.weights)
             _add_to_four(values, there + 1, length, here + 1, apart, bench.weights, columns, left)
             at += 4
@@ -268,6 +268,8 @@ def _eliminate_within(panels: Panels, entries: Entries, bench: Bench, panel: int
             return False
         pivot[k] = total
         to_rails[k] /= total
+        for i in range(base + c * length, below):
+            values[np.uint64(i)] = 0.0
         for i in range(below, end):
             values[np.uint64(i)] /= total
     return True

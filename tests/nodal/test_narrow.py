@@ -98,7 +98,8 @@ def dense_factor(factors: NarrowFactors) -> np.ndarray:
         assert np.array_equal(inside[: len(columns)], columns)
         assert np.all(np.diff(inside) > 0)
         block = factors.values[offset[panel] : offset[panel + 1]].reshape(len(columns), len(inside))
-        lower[np.ix_(inside, columns)] = -np.tril(block.T, -1)
+        assert np.all(np.tril(block.T, -1) == block.T)
+        lower[np.ix_(inside, columns)] = -block.T
     np.fill_diagonal(lower, 1.0)
     return lower
 
@@ -131,7 +132,7 @@ def test_it_makes_no_difference_where_elimination_pauses(monkeypatch: pytest.Mon
     whole = factor_narrow(system, narrow)
     monkeypatch.setattr("resgrid.nodal.narrow._STRETCH", 3)
     parts = factor_narrow(system, narrow)
-    np.testing.assert_array_equal(dense_factor(whole), dense_factor(parts))
+    assert np.array_equal(whole.values, parts.values)
     assert np.array_equal(whole.pivot, parts.pivot)
 
 
