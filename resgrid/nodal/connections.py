@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from resgrid.netlist import Layout
-    from resgrid.nodal.system import NodalSystem
+from resgrid.netlist import Layout
+from resgrid.nodal.system import NodalSystem, once
 
 WEAK = 0.1
 """A conductance is weak below this share of the strongest one at either of its ends."""
@@ -41,6 +39,7 @@ class Connections:
     largest: float
 
 
+@once
 def count_connections(system: NodalSystem) -> Connections:
     """Count the neighbours of all rows, and compare their conductances.
 

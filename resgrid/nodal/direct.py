@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from resgrid.errors import AccuracyError
-from resgrid.nodal.narrow import NarrowFactors, factor_narrow
+from resgrid.nodal.narrow import NarrowFactors, factor_narrow, narrow_order
 from resgrid.nodal.refine import Numbers, refine
 from resgrid.nodal.scaled import Scaled, power
 from resgrid.nodal.superlu import SparseFactors
@@ -153,6 +153,7 @@ def factor_direct(system: NodalSystem) -> DirectFactor:
     AccuracyError
         If a pivot vanishes in double precision.
     """
-    if system.narrow is not None:
-        return DirectFactor(system, factor_narrow(system, system.narrow))
+    narrow = narrow_order(system)
+    if narrow is not None:
+        return DirectFactor(system, factor_narrow(system, narrow))
     return DirectFactor(system, SparseFactors.of(sparse.diags_array(system.degree) - system.coupling))

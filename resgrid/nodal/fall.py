@@ -7,11 +7,13 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.nodal.connections import count_connections
+from resgrid.nodal.system import NodalSystem, Rails, once
+
 if TYPE_CHECKING:
     from scipy import sparse
 
     from resgrid.nodal.fall_kernels import Places
-    from resgrid.nodal.system import NodalSystem, Rails
 
 VOLUME = 4.2
 """Neighbours a node above which corridors have two dimensions across."""
@@ -50,6 +52,7 @@ class Fall(NamedTuple):
     whole: float
 
 
+@once
 def foresee_decades(system: NodalSystem) -> Fall:
     """Rough number of decades that a potential between two rails falls over the graph; 0 for other circuits.
 
@@ -57,11 +60,12 @@ def foresee_decades(system: NodalSystem) -> Fall:
     behind walls of ``k`` times the resistance between cells by ``exp(-sqrt(2 d / (k w)))`` where that is less.  On 20
     spaces and maps the estimate was 0.9 to 1.7 times the true number, in volumes 2 times.
     """
-    if system.rails is None or not system.connections.entries:
+    found = count_connections(system)
+    if system.rails is None or not found.entries:
         return Fall(0.0, 0.0, 0.0)
     from resgrid.nodal.fall_kernels import decay
 
-    cross = 2.0 if system.connections.entries > VOLUME * system.size else 1.0
+    cross = 2.0 if found.entries > VOLUME * system.size else 1.0
     rounds = 1 if system.netlist.layout is not None else _ROUNDS
     wall = _wall(system, system.rails)
     rest = min(_MOST_REST, system.size // _SHARE_OF_REST)
@@ -72,7 +76,7 @@ def foresee_decades(system: NodalSystem) -> Fall:
 def _wall(system: NodalSystem, rails: Rails) -> float:
     """Mean resistance before the high rail beyond that between nodes, and as a multiple of that."""
     tied = rails.to_high[rails.to_high > 0]
-    return max(system.connections.mean / float(tied.mean()) - 1.0, 0.0) if tied.size else 0.0
+    return max(count_connections(system).mean / float(tied.mean()) - 1.0, 0.0) if tied.size else 0.0
 
 
 def _places(system: NodalSystem, rails: Rails) -> Places:

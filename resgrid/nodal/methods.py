@@ -8,11 +8,12 @@ import numpy as np
 
 from resgrid.budget import require_memory
 from resgrid.errors import InputError
+from resgrid.nodal.connections import count_connections
 from resgrid.nodal.direct import EXACT_ROWS, factor_direct
 from resgrid.nodal.factor import Factor
-from resgrid.nodal.fall import VOLUME
+from resgrid.nodal.fall import VOLUME, foresee_decades
 from resgrid.nodal.multigrid.solver import decades_to_grade, factor_multigrid
-from resgrid.nodal.narrow import NarrowOrder, narrow_memory
+from resgrid.nodal.narrow import NarrowOrder, narrow_memory, narrow_order
 from resgrid.nodal.reduction.elimination import may_reduce, reduce_system
 from resgrid.nodal.reduction.reduced_factor import ReducedFactor
 from resgrid.nodal.system import NodalSystem
@@ -92,7 +93,7 @@ def factor_system(
 
 def _is_long_corridor(system: NodalSystem, method: str, accuracy: str) -> bool:
     """Whether a system is factored whole, along its corridors, in less time than rows are eliminated and put back."""
-    if accuracy != "direction" or method == "multigrid" or system.size < _LONG or system.narrow is None:
+    if accuracy != "direction" or method == "multigrid" or system.size < _LONG or narrow_order(system) is None:
         return False
     return method == "direct" or choose_method(system, accuracy) == "direct"
 
@@ -128,7 +129,7 @@ def choose_method(system: NodalSystem, accuracy: str = "direction") -> str:
     str
         ``"direct"`` or ``"multigrid"``.
     """
-    found = system.connections
+    found = count_connections(system)
     if system.size < _SMALL or not found.entries:
         return "direct"
     neighbours = found.entries / system.size
@@ -141,11 +142,13 @@ def choose_method(system: NodalSystem, accuracy: str = "direction") -> str:
         if system.rails is not None and not along < seconds:
             from resgrid.nodal.multigrid.graded import MOST_DECADES
 
-            decades, graded = system.fall.most, system.fall.whole <= MOST_DECADES
+            fall = foresee_decades(system)
+            decades, graded = fall.most, fall.whole <= MOST_DECADES
             seconds = _multigrid_seconds(system, accuracy, width, decades, graded=graded)
         if decades > _MOST_DECADES:
             return "direct"
-        if along < seconds and system.narrow is not None and _panel_seconds(system.narrow) < seconds:
+        narrow = narrow_order(system) if along < seconds else None
+        if narrow is not None and _panel_seconds(narrow) < seconds:
             return "direct"
     return "multigrid" if seconds < _direct_seconds(system.size, neighbours) else "direct"
 
@@ -153,7 +156,7 @@ def choose_method(system: NodalSystem, accuracy: str = "direction") -> str:
 def _corridor_width(system: NodalSystem) -> float:
     """Cells across the corridors of a maze whose nodes have as many neighbours on average; infinite in the open."""
     dimensions = system.dimensions
-    missing = 2.0 * dimensions - system.connections.entries / system.size
+    missing = 2.0 * dimensions - count_connections(system).entries / system.size
     return 2.0 * (dimensions - 1) / missing if missing > 0.0 else np.inf
 
 
@@ -214,11 +217,12 @@ def estimate_memory(
         on_nodes, on_entries = (100.0, 12.0) if system.netlist.layout is not None else (230.0, 22.0)
         if accuracy == "direction":
             on_grid = system.rails is not None and system.netlist.layout is not None
-            graded = on_grid and (system.dimensions == 2 or system.fall.most > decades_to_grade(system))
+            graded = on_grid and (system.dimensions == 2 or foresee_decades(system).most > decades_to_grade(system))
             on_nodes, on_entries = on_nodes + (120.0 if graded else 60.0), on_entries + 18.0
-        return on_nodes * n + on_entries * system.connections.entries
-    if system.narrow is not None:
-        return narrow_memory(system, system.narrow)
+        return on_nodes * n + on_entries * count_connections(system).entries
+    narrow = narrow_order(system)
+    if narrow is not None:
+        return narrow_memory(system, narrow)
     fill = {
         0: 3.0 * n,
         1: 3.0 * n,

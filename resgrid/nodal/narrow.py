@@ -14,10 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
+from resgrid.nodal.system import NodalSystem, once
 
 if TYPE_CHECKING:
     from resgrid.nodal.panel_kernels import Panels
-    from resgrid.nodal.system import NodalSystem
 
 _MOST_FILL, _MOST_FILL_OF_VOLUMES = 100, 350
 """Entries a column above which a circuit is not narrow: other factors are sooner made, but of volumes much later."""
@@ -101,6 +101,7 @@ class NarrowFactors:
         return m[rank], e[rank]
 
 
+@once
 def narrow_order(system: NodalSystem) -> NarrowOrder | None:
     """Order the rows of a system by their distance from a rail; None where it is not narrow."""
     from resgrid.nodal import narrow_kernels as kernels

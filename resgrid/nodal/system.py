@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property, partial
-from typing import TYPE_CHECKING
+from functools import cached_property, partial, wraps
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +15,7 @@ from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Netlist
 from resgrid.nodal.sources import SourceForest, tie_sources
 
-if TYPE_CHECKING:
-    from resgrid.nodal.connections import Connections
-    from resgrid.nodal.fall import Fall
-    from resgrid.nodal.narrow import NarrowOrder
+_Found = TypeVar("_Found")
 
 Ties = tuple[NDArray[np.float64], NDArray[np.float64]]
 
@@ -173,32 +170,11 @@ class NodalSystem:
         rows.has_sorted_indices = rows.has_canonical_format = ordered
         return rows
 
-    @cached_property
-    def connections(self) -> Connections:
-        """Counts of neighbours and a comparison of conductances, which a method is chosen by."""
-        from resgrid.nodal.connections import count_connections
-
-        return count_connections(self)
-
     @property
     def dimensions(self) -> int:
         """Dimensions that the graph fills: those of its grid; 2 for other netlists."""
         layout = self.netlist.layout
         return sum(size > 2 for size in layout.space.shape) if layout is not None else 2
-
-    @cached_property
-    def narrow(self) -> NarrowOrder | None:
-        """An order of the rows in which factors fill little, if there is one."""
-        from resgrid.nodal.narrow import narrow_order
-
-        return narrow_order(self)
-
-    @cached_property
-    def fall(self) -> Fall:
-        """By about how many decades a potential between two rails falls."""
-        from resgrid.nodal.fall import foresee_decades
-
-        return foresee_decades(self)
 
     @cached_property
     def degree(self) -> NDArray[np.float64]:
@@ -210,6 +186,21 @@ class NodalSystem:
         degree = self.excess.copy()
         add_conductances(self.netlist.resistor_nodes, self.netlist.conductance, self.unknown, degree)
         return degree
+
+
+def once(find: Callable[[NodalSystem], _Found]) -> Callable[[NodalSystem], _Found]:
+    """Find something out about a system once, and remember it as long as the system lives."""
+    name = f"{find.__module__}.{find.__qualname__}"
+
+    @wraps(find)
+    def remembered(system: NodalSystem) -> _Found:
+        memory = vars(system)
+        if name not in memory:
+            memory[name] = find(system)
+        found: _Found = memory[name]
+        return found
+
+    return remembered
 
 
 def _without(coupling: sparse.csr_array, pairs: NDArray[np.int64]) -> sparse.csr_array:

@@ -14,6 +14,7 @@ from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
 from resgrid.nodal import methods
+from resgrid.nodal.fall import foresee_decades
 from resgrid.nodal.multigrid import foresight, graded, graded_solver, solver
 from resgrid.nodal.multigrid.board_iteration import iterate_on_board
 from resgrid.nodal.multigrid.foresight import foresee
@@ -227,12 +228,14 @@ def test_coarse_levels_may_fall_lower_than_squares_of_doubles() -> None:
 
 def test_potentials_whose_squares_are_no_doubles_are_not_graded(monkeypatch: pytest.MonkeyPatch) -> None:
     tried: list[float] = []
-    monkeypatch.setattr(graded_solver, "graded_approximation", lambda system, *_: tried.append(system.fall.whole))
+    monkeypatch.setattr(
+        graded_solver, "graded_approximation", lambda system, *_: tried.append(foresee_decades(system).whole)
+    )
     for cell in (rooms(60), with_slits()):
         netlist = compile_space(space_of(cell), boundary="dirichlet")
         assert_same(solve(netlist, method="multigrid").log_drop, solve(netlist, method="direct").log_drop)
     assert len(tried) == 1
-    assert tried[0] < graded.MOST_DECADES < assemble(netlist).fall.whole
+    assert tried[0] < graded.MOST_DECADES < foresee_decades(assemble(netlist)).whole
 
 
 @settings(max_examples=40)

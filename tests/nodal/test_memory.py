@@ -8,6 +8,7 @@ import pytest
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
 from resgrid.nodal.methods import estimate_memory
+from resgrid.nodal.narrow import narrow_order
 from resgrid.nodal.solve import solve
 from resgrid.nodal.system import assemble
 from resgrid.space import Axis, Cell, ConfigurationSpace
@@ -34,7 +35,7 @@ def test_factors_along_a_corridor_take_what_the_estimate_says(shape: tuple[int, 
     cell[(0,) * len(shape)] = Cell.GOAL
     netlist = compile_space(ConfigurationSpace([Axis("xyz"[k], 0, n, n) for k, n in enumerate(shape)], cell))
     system = assemble(netlist)
-    assert system.narrow is not None
+    assert narrow_order(system) is not None
     estimate = estimate_memory(system, "direct")
     solve(netlist, method="direct")
     tracemalloc.start()

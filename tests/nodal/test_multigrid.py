@@ -13,6 +13,7 @@ from resgrid.nodal.multigrid import aggregation
 from resgrid.nodal.multigrid.graded import MOST_DECADES
 from resgrid.nodal.multigrid.hierarchy import build_hierarchy
 from resgrid.nodal.multigrid.solver import factor_multigrid
+from resgrid.nodal.narrow import narrow_order
 from resgrid.nodal.solve import factor, solve
 from resgrid.nodal.system import assemble
 
@@ -159,7 +160,7 @@ def test_wide_corridors_take_multigrid_as_far_as_it_is_graded(length: int, metho
     corridor = np.zeros((10, 10, length), dtype=np.uint8)
     corridor[5, 5, 0] = 2
     system = assemble(compile_space(space_of(corridor)))
-    assert (system.fall.whole > MOST_DECADES) == (method == "direct")
+    assert (fall.foresee_decades(system).whole > MOST_DECADES) == (method == "direct")
     assert methods.choose_method(system) == method
 
 
@@ -171,7 +172,7 @@ def test_decades_are_foreseen_along_corridors_behind_walls_of_any_resistance(wid
     netlist = compile_space(space_of(corridor), boundary="wall", resistance=1.0, wall_resistance=wall)
     log_drop = solve(netlist, method="direct").log_drop
     decades = -log_drop[np.isfinite(log_drop)].min() / np.log(10.0)
-    foreseen = assemble(netlist).fall.whole / fall.WHOLE_STEPS
+    foreseen = fall.foresee_decades(assemble(netlist)).whole / fall.WHOLE_STEPS
     assert 0.7 < foreseen / decades < 1.8
 
 
@@ -189,7 +190,7 @@ def test_potentials_that_walls_hold_up_take_multigrid() -> None:
 def test_mazes_are_solved_directly_and_halls_by_multigrid(boundary: str) -> None:
     narrow = assemble(compile_space(space_of(serpentine(40, 120, 4)), boundary=boundary))
     assert methods.choose_method(narrow) == "direct"
-    assert narrow.narrow is not None
+    assert narrow_order(narrow) is not None
     hall = np.zeros((40, 800), dtype=np.uint8)
     hall[20, 20] = 2
     assert methods.choose_method(assemble(compile_space(space_of(hall), boundary=boundary))) == "multigrid"

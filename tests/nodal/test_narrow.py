@@ -138,13 +138,13 @@ def test_it_makes_no_difference_where_elimination_pauses(monkeypatch: pytest.Mon
 
 def test_a_corridor_fills_as_wide_as_it_is_and_a_plane_is_not_narrow() -> None:
     corridor = assemble(compile_space(space_of(serpentine(9, 60, 3)), boundary="neumann"))
-    narrow = corridor.narrow
+    narrow = narrow_order(corridor)
     assert narrow is not None
     assert narrow.entries < 13 * corridor.size
     plane = np.zeros((120, 120), dtype=np.uint8)
     plane[60, 60] = 2
     wide = assemble(compile_space(space_of(plane)))
-    assert wide.narrow is None
+    assert narrow_order(wide) is None
     assert isinstance(factor_direct(wide).factors, SparseFactors)
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import AccuracyError, InputError
+from resgrid.nodal.fall import foresee_decades
 from resgrid.nodal.refine import Approximation, Numbers, Refined, refine
 from resgrid.nodal.scaled import Scaled, power
 from resgrid.nodal.system import NodalSystem
@@ -179,7 +180,7 @@ class MultigridFactor:
         """Decades that the potential falls in a slit around the low rail; 0 where it lies in none."""
         if self.patched is not None or self.system.rails is None:
             return 0.0
-        near = self.system.fall.near
+        near = foresee_decades(self.system).near
         return near if near > _STEEP else 0.0
 
     def _graded_approximation(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Approximation | None:
@@ -189,7 +190,10 @@ class MultigridFactor:
             return None
         from resgrid.nodal.multigrid.graded import MOST_DECADES
 
-        if system.fall.most - self._slit < decades_to_grade(system) or system.fall.whole > MOST_DECADES:
+        if (
+            foresee_decades(system).most - self._slit < decades_to_grade(system)
+            or foresee_decades(system).whole > MOST_DECADES
+        ):
             return None
         levels = self._gradable
         if levels is None:

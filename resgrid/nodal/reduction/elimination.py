@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.nodal.connections import count_connections
 from resgrid.nodal.reduction.rows import Elimination, eliminate_rows
 from resgrid.nodal.system import NodalSystem
 
@@ -57,7 +58,7 @@ def may_reduce(system: NodalSystem) -> bool:
     corridors two cells wide; and only within the range of conductances that products of them can bear.
     """
     n = system.size
-    found = system.connections
+    found = count_connections(system)
     if not n or found.entries >= 2**31:
         return False
     if found.entries > _CORRIDOR * n and n > _SMALL and found.few < _FEW * n:
