@@ -12,7 +12,8 @@ from resgrid.nodal.connections import count_connections
 from resgrid.nodal.direct import EXACT_ROWS, factor_direct
 from resgrid.nodal.factor import Factor
 from resgrid.nodal.fall import VOLUME, foresee_decades
-from resgrid.nodal.multigrid.solver import decades_to_grade, factor_multigrid
+from resgrid.nodal.multigrid.grading import is_graded, may_be_graded
+from resgrid.nodal.multigrid.solver import factor_multigrid
 from resgrid.nodal.narrow import NarrowOrder, narrow_memory, narrow_order
 from resgrid.nodal.reduction.elimination import may_reduce, reduce_system
 from resgrid.nodal.reduction.reduced_factor import ReducedFactor
@@ -140,11 +141,8 @@ def choose_method(system: NodalSystem, accuracy: str = "direction") -> str:
     if accuracy == "direction":
         along = _narrow_seconds(system, width)
         if system.rails is not None and not along < seconds:
-            from resgrid.nodal.multigrid.graded import MOST_DECADES
-
-            fall = foresee_decades(system)
-            decades, graded = fall.most, fall.whole <= MOST_DECADES
-            seconds = _multigrid_seconds(system, accuracy, width, decades, graded=graded)
+            decades = foresee_decades(system).most
+            seconds = _multigrid_seconds(system, accuracy, width, decades, graded=may_be_graded(system))
         if decades > _MOST_DECADES:
             return "direct"
         narrow = narrow_order(system) if along < seconds else None
@@ -216,9 +214,7 @@ def estimate_memory(
     if method == "multigrid":
         on_nodes, on_entries = (100.0, 12.0) if system.netlist.layout is not None else (230.0, 22.0)
         if accuracy == "direction":
-            on_grid = system.rails is not None and system.netlist.layout is not None
-            graded = on_grid and (system.dimensions == 2 or foresee_decades(system).most > decades_to_grade(system))
-            on_nodes, on_entries = on_nodes + (120.0 if graded else 60.0), on_entries + 18.0
+            on_nodes, on_entries = on_nodes + (120.0 if is_graded(system) else 60.0), on_entries + 18.0
         return on_nodes * n + on_entries * count_connections(system).entries
     narrow = narrow_order(system)
     if narrow is not None:

@@ -15,7 +15,7 @@ from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
 from resgrid.nodal import methods
 from resgrid.nodal.fall import foresee_decades
-from resgrid.nodal.multigrid import foresight, graded, graded_solver, solver
+from resgrid.nodal.multigrid import foresight, graded, graded_solver, grading
 from resgrid.nodal.multigrid.board_iteration import iterate_on_board
 from resgrid.nodal.multigrid.foresight import foresee
 from resgrid.nodal.multigrid.graded_solver import at_places
@@ -34,9 +34,9 @@ def unreduced() -> Iterator[None]:
     """The whole circuit, graded however little its potential falls."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(methods, "may_reduce", lambda _: False)
-        patch.setattr(solver, "_FAR", 2.0)
-        patch.setattr(solver, "_FIXED", 0.0)
-        patch.setattr(solver, "_FAR_IN_VOLUMES", 2.0)
+        patch.setattr(grading, "_FAR", 2.0)
+        patch.setattr(grading, "_FIXED", 0.0)
+        patch.setattr(grading, "_FAR_IN_VOLUMES", 2.0)
         yield
 
 
@@ -196,7 +196,7 @@ def test_a_maze_in_a_volume_is_graded() -> None:
     found = {}
     for decades in (40.0, np.inf):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(solver, "_FAR_IN_VOLUMES", decades)
+            patch.setattr(grading, "_FAR_IN_VOLUMES", decades)
             found[decades] = solve(netlist, method="multigrid")
     graded_one, plain = found.values()
     assert_same(graded_one.log_drop, solve(netlist, method="direct").log_drop)
@@ -235,7 +235,7 @@ def test_potentials_whose_squares_are_no_doubles_are_not_graded(monkeypatch: pyt
         netlist = compile_space(space_of(cell), boundary="dirichlet")
         assert_same(solve(netlist, method="multigrid").log_drop, solve(netlist, method="direct").log_drop)
     assert len(tried) == 1
-    assert tried[0] < graded.MOST_DECADES < foresee_decades(assemble(netlist)).whole
+    assert tried[0] < grading.MOST_DECADES < foresee_decades(assemble(netlist)).whole
 
 
 @settings(max_examples=40)

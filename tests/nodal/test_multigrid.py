@@ -10,7 +10,7 @@ from resgrid.errors import AccuracyError, BudgetError, CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal import fall, methods
 from resgrid.nodal.multigrid import aggregation
-from resgrid.nodal.multigrid.graded import MOST_DECADES
+from resgrid.nodal.multigrid.grading import MOST_DECADES
 from resgrid.nodal.multigrid.hierarchy import build_hierarchy
 from resgrid.nodal.multigrid.solver import factor_multigrid
 from resgrid.nodal.narrow import narrow_order

@@ -10,7 +10,7 @@ from spaces import space_of
 from resgrid.compiler import compile_space
 from resgrid.nodal import methods
 from resgrid.nodal.methods import factor_system
-from resgrid.nodal.multigrid import pockets, solver
+from resgrid.nodal.multigrid import grading, pockets
 from resgrid.nodal.multigrid.pockets import PocketsDirectly
 from resgrid.nodal.refine import Numbers
 from resgrid.nodal.scaled import Scaled
@@ -111,7 +111,7 @@ def test_a_goal_in_a_slit_spares_a_pass(monkeypatch: pytest.MonkeyPatch) -> None
     point, direct = (solve(netlist, method=method) for method in ("multigrid", "direct"))
     assert point.log_drop is not None
     np.testing.assert_allclose(point.log_drop, direct.log_drop, rtol=0, atol=point.entry_error, equal_nan=True)
-    monkeypatch.setattr(solver, "_STEEP", np.inf)
+    monkeypatch.setattr(grading, "_STEEP", np.inf)
     assert point.iterations < 0.8 * solve(netlist, method="multigrid").iterations
 
 

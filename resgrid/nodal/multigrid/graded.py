@@ -26,6 +26,7 @@ from resgrid.nodal.multigrid.board_passes import Board
 from resgrid.nodal.multigrid.board_setup import sum_degrees
 from resgrid.nodal.multigrid.boards import Level, board_of, frame, to_graph
 from resgrid.nodal.multigrid.coarsening import Coarsened, sum_up
+from resgrid.nodal.multigrid.grading import MOST_DECADES
 from resgrid.nodal.multigrid.grid_levels import (
     GridLevels,
     coarsen_boards,
@@ -37,9 +38,6 @@ from resgrid.nodal.multigrid.hierarchy import Hierarchy, lay_out_system
 from resgrid.nodal.multigrid.levels import Graph
 from resgrid.nodal.multigrid.stack import stack_levels
 from resgrid.nodal.system import NodalSystem
-
-MOST_DECADES = 120.0
-"""By how many decades heights may fall: their squares are doubles."""
 
 _MOST_LEFT = 500
 """Nodes that may be left where boards end: their matrix is inverted."""

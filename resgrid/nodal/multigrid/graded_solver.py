@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
+from resgrid.nodal.multigrid.approximation import approximate
 from resgrid.nodal.multigrid.foresight import foresee
 from resgrid.nodal.multigrid.graded import Gradable
 from resgrid.nodal.multigrid.place_kernels import put_at_places
-from resgrid.nodal.multigrid.solver import approximate
 from resgrid.nodal.refine import Approximation, Numbers
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.watch import Watch

@@ -13,9 +13,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import AccuracyError, InputError
-from resgrid.nodal.fall import foresee_decades
-from resgrid.nodal.refine import Approximation, Numbers, Refined, refine
-from resgrid.nodal.scaled import Scaled, power
+from resgrid.nodal.multigrid.approximation import approximate
+from resgrid.nodal.multigrid.grading import decades_in_slit, is_graded
+from resgrid.nodal.refine import Approximation, Refined, refine
+from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.watch import Watch
 from resgrid.space import Cell
@@ -29,21 +30,6 @@ if TYPE_CHECKING:
 
 REFINED = 1e-20
 """Componentwise backward error that is enough where no current flows."""
-
-_PASS, _LEAST_PASS = 1e-12, 1e-2
-"""By how much a pass of refinement lessens the residual: at most, and at least."""
-
-_FAR, _FIXED = 11.5, 7e5
-"""Decades a potential falls, as foreseen, from which levels are graded for it: so many, and so many over the rows.
-
-Some of the time that grading takes is the same for few rows and for many.
-"""
-
-_FAR_IN_VOLUMES = 40.0
-"""The same in a volume, where levels that are not graded do better."""
-
-_STEEP = 8.0
-"""Decades foreseen around the low rail from which it lies in a slit: a pass would gain little beyond."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -172,35 +158,20 @@ class MultigridFactor:
     def _refined(self, rhs: NDArray[np.float64] | Scaled, passes: Approximation) -> Refined:
         from resgrid.nodal.multigrid.pockets import PocketsDirectly
 
-        pockets = PocketsDirectly(self.system, passes, self._slit > 0.0)
+        in_slit = self.patched is None and decades_in_slit(self.system) > 0.0
+        pockets = PocketsDirectly(self.system, passes, in_slit)
         return refine(self.system, rhs, pockets, REFINED, resolve=pockets.anew)
-
-    @cached_property
-    def _slit(self) -> float:
-        """Decades that the potential falls in a slit around the low rail; 0 where it lies in none."""
-        if self.patched is not None or self.system.rails is None:
-            return 0.0
-        near = foresee_decades(self.system).near
-        return near if near > _STEEP else 0.0
 
     def _graded_approximation(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Approximation | None:
         """What approximates ``A^-1`` in proportion to the solution, where that falls by many decades."""
-        system = self.system
-        if self.patched is not None or isinstance(rhs, Scaled) or system.dimensions not in (2, 3):
-            return None
-        from resgrid.nodal.multigrid.graded import MOST_DECADES
-
-        if (
-            foresee_decades(system).most - self._slit < decades_to_grade(system)
-            or foresee_decades(system).whole > MOST_DECADES
-        ):
+        if self.patched is not None or isinstance(rhs, Scaled) or not is_graded(self.system):
             return None
         levels = self._gradable
         if levels is None:
             return None
         from resgrid.nodal.multigrid.graded_solver import graded_approximation
 
-        graded = graded_approximation(system, levels, rhs, watch)
+        graded = graded_approximation(self.system, levels, rhs, watch)
         if graded is None:
             vars(self)["_gradable"] = None  # neither kept nor tried again
         return graded
@@ -215,34 +186,6 @@ class MultigridFactor:
         from resgrid.nodal.update.guess import improve_guess
 
         return improve_guess(self.system, self.change, self.windows, b, guess)
-
-
-def approximate(
-    system: NodalSystem,
-    hierarchy: Hierarchy,
-    watch: Watch | None,
-    m: NDArray[np.float64],
-    e: NDArray[np.int64],
-    accuracy: float,
-) -> Numbers:
-    """Up to twelve digits of ``A^-1`` times scaled numbers, relative to the largest."""
-    from resgrid.nodal.multigrid.iteration import iterate
-
-    top = 0
-    if e.any() and m.any():
-        top = int(e[m != 0].max())
-        m = m * power(np.clip(e - top, -8, 0))
-    largest = max(float(m.max(initial=0.0)), -float(m.min(initial=0.0)))
-    if not largest:
-        return np.zeros_like(m), np.zeros_like(e)
-    x, _ = iterate(system, hierarchy, m / largest, min(max(accuracy, _PASS), _LEAST_PASS), None, watch)
-    x *= largest
-    return x, np.full_like(e, top)
-
-
-def decades_to_grade(system: NodalSystem) -> float:
-    """Decades a potential falls, as foreseen, from which levels are graded for it."""
-    return _FAR_IN_VOLUMES if system.dimensions > 2 else _FAR + _FIXED / system.size
 
 
 def factor_multigrid(system: NodalSystem, *, later: bool = False) -> MultigridFactor:
