@@ -14,20 +14,19 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.errors import AccuracyError
+from resgrid.nodal.factor import Factor, factor_anew
 from resgrid.nodal.narrow import NarrowFactors, factor_narrow, narrow_order
 from resgrid.nodal.refine import Numbers, refine
 from resgrid.nodal.scaled import Scaled, power
 from resgrid.nodal.superlu import SparseFactors
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.watch import Watch
-from resgrid.space import Cell
 
 if TYPE_CHECKING:
-    from resgrid.nodal.factor import Factor
     from resgrid.nodal.update.change import Change
 
 REFINED = 1e-28
@@ -38,27 +37,18 @@ EXACT_ROWS = 20_000
 
 
 @dataclass(frozen=True, eq=False)
-class DirectFactor:
+class DirectFactor(Factor):
     """A nodal system and its factors ``L D L^T``.
 
     Attributes
     ----------
-    system : NodalSystem
+    system, change
+        As of every `Factor`.
     factors : NarrowFactors or SparseFactors
-    change : Change or None
-        What updates have changed since the netlist was compiled.
     """
 
-    system: NodalSystem
     factors: NarrowFactors | SparseFactors
-    change: Change | None = None
     name = "direct"
-
-    def update(self, cells: ArrayLike, to: int = Cell.OBSTACLE) -> Factor:
-        """Factor the circuit again after free cells have become obstacles or goals (`update_factor`)."""
-        from resgrid.nodal.update.factors import update_factor
-
-        return update_factor(self, cells, to)
 
     def solve(
         self,
@@ -143,6 +133,9 @@ class DirectFactor:
         """Both substitutions, in scaled numbers, as accurate as the factors are."""
         del accuracy
         return self.factors.substitute(m, e if e.size else np.zeros(len(m), dtype=np.int64))
+
+    def _updated(self, system: NodalSystem, change: Change) -> Factor:
+        return factor_anew(factor_direct, system, change, "factors of the direct method are made again")
 
 
 def factor_direct(system: NodalSystem) -> DirectFactor:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,27 +16,31 @@ from resgrid.nodal.watch import Watch
 from resgrid.space import Cell
 
 if TYPE_CHECKING:
+    from resgrid.nodal.multigrid.hierarchy import Hierarchy
     from resgrid.nodal.update.change import Change
 
 
-class Factor(Protocol):
-    """A nodal system made ready for many right-hand sides."""
+@dataclass(frozen=True, eq=False)
+class Factor(ABC):
+    """A nodal system made ready for many right-hand sides.
+
+    Attributes
+    ----------
+    system : NodalSystem
+        The system.
+    change : Change or None
+        What updates have changed since the netlist was compiled; its ``reason`` says why not all could be kept.
+    """
+
+    system: NodalSystem
+    change: Change | None = field(default=None, kw_only=True)
 
     @property
-    def system(self) -> NodalSystem:
-        """The system."""
-        ...
-
-    @property
+    @abstractmethod
     def name(self) -> str:
         """The method."""
-        ...
 
-    @property
-    def change(self) -> Change | None:
-        """What updates have changed since the netlist was compiled; its ``reason`` says why not all could be kept."""
-        ...
-
+    @abstractmethod
     def solve(
         self,
         rhs: NDArray[np.float64],
@@ -47,13 +54,12 @@ class Factor(Protocol):
         An iteration begins with the ``guess``, and then also ends where it estimates the error of every voltage to be
         at most ``rtol`` of the largest one; the direct method needs no guess.
         """
-        ...
 
+    @abstractmethod
     def solve_nonnegative(
         self, rhs: NDArray[np.float64] | Scaled, *, watch: Watch | None = None
     ) -> tuple[Scaled, float]:
         """Solve for currents of one sign, entry by entry; returns voltages and their componentwise backward error."""
-        ...
 
     def update(self, cells: ArrayLike, to: int = Cell.OBSTACLE) -> Factor:
         """Factor the circuit again after free cells have become obstacles, or goals.
@@ -62,5 +68,43 @@ class Factor(Protocol):
         and keeps the coarse ones, where few cells change and the circuit stays in one piece; otherwise, and by the
         other methods, everything is made anew, and ``change.reason`` says why.  The new right-hand side is
         ``system.feed + system.injected`` of the new factor, whose netlist is still the one before.
+
+        Parameters
+        ----------
+        cells : array_like of int, shape (k, ndim)
+            Cell indices.
+        to : Cell
+            ``Cell.OBSTACLE`` or ``Cell.GOAL``.
+
+        Returns
+        -------
+        Factor
+            Of the same rows; its ``change`` says what was done.
+
+        Raises
+        ------
+        InputError
+            If a cell is not free, or the netlist does not come from a space with merged rails.
+        CircuitError
+            If nothing is driven any more.
         """
-        ...
+        from resgrid.nodal.update.change import change_cells
+
+        system, change = change_cells(self.system, self._board(), self.change, cells, to)
+        if system is self.system:
+            return replace(self, change=change)
+        return self._updated(system, change)
+
+    def _board(self) -> Hierarchy | None:
+        """Levels in which the surroundings of cells are looked up, if the first is a board."""
+        return None
+
+    @abstractmethod
+    def _updated(self, system: NodalSystem, change: Change) -> Factor:
+        """The factor of the system changed."""
+
+
+def factor_anew(make: Callable[[NodalSystem], Factor], system: NodalSystem, change: Change, reason: str) -> Factor:
+    """Make a factor of a system that an update has changed, for a reason, unless the change itself is one."""
+    factors = make(replace(system, derived=system.coupling, separated=None))
+    return replace(factors, change=replace(change, reason=change.reason or reason))

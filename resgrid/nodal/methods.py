@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 
@@ -83,12 +84,12 @@ def factor_system(
         if _is_long_corridor(system, method, accuracy):
             return _factor_whole(system, "direct", accuracy, system.dimensions, later)
         _require(_REDUCING * system.size, system, "elimination")
-        reduction = reduce_system(system)
+        reduction, anew = reduce_system(system), partial(factor_system, method=method)
         if reduction.core is None:
-            return ReducedFactor(reduction, None)
+            return ReducedFactor(system, reduction, None, anew)
         if reduction.count >= _FAIR_SHARE * system.size:
-            dimensions = system.dimensions
-            return ReducedFactor(reduction, _factor_whole(reduction.core, method, accuracy, dimensions, later))
+            inner = _factor_whole(reduction.core, method, accuracy, system.dimensions, later)
+            return ReducedFactor(system, reduction, inner, anew)
     return _factor_whole(system, method, accuracy, system.dimensions, later)
 
 

@@ -1,6 +1,7 @@
 """Elimination of nodes with at most two neighbours, against exact fractions and against factors of the whole."""
 
 from fractions import Fraction
+from functools import partial
 
 import numpy as np
 import pytest
@@ -31,8 +32,8 @@ def grounded(pairs: np.ndarray, conductance: np.ndarray) -> NodalSystem:
 
 def reduced(system: NodalSystem, method: str = "direct") -> ReducedFactor:
     """A factor behind a reduction, whether it pays or not."""
-    reduction = reduce_system(system)
-    return ReducedFactor(reduction, factor_system(reduction.core, method, reduce=False) if reduction.core else None)
+    reduction, make = reduce_system(system), partial(factor_system, method=method, reduce=False)
+    return ReducedFactor(system, reduction, make(reduction.core) if reduction.core else None, make)
 
 
 def exact(system: NodalSystem, rhs: np.ndarray) -> list[Fraction]:
@@ -203,9 +204,7 @@ def test_a_long_leaking_chain_between_two_meshes_is_cut_where_its_conductance_wo
     assert reduction.core is not None
     assert reduction.core.size < 12 * 7 * 2 + 30
     assert reduction.core.coupling.data.min() > 1e-70
-    found, error = ReducedFactor(reduction, factor_system(reduction.core, "direct", reduce=False)).solve_nonnegative(
-        system.rails.to_low
-    )
+    found, error = reduced(system).solve_nonnegative(system.rails.to_low)
     whole, _ = factor_system(system, "direct", reduce=False).solve_nonnegative(system.rails.to_low)
     assert whole.log.min() < -1000 * np.log(10)
     assert np.abs(found.log - whole.log).max() < 1e-12

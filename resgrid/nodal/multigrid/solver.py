@@ -5,24 +5,23 @@ The algorithm is told on one page in `resgrid.nodal.multigrid`.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError, InputError
+from resgrid.nodal.factor import Factor, factor_anew
 from resgrid.nodal.multigrid.approximation import approximate
 from resgrid.nodal.multigrid.grading import decades_in_slit, is_graded
 from resgrid.nodal.refine import Approximation, Refined, refine
 from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.watch import Watch
-from resgrid.space import Cell
 
 if TYPE_CHECKING:
-    from resgrid.nodal.factor import Factor
     from resgrid.nodal.multigrid.graded import Gradable
     from resgrid.nodal.multigrid.hierarchy import Hierarchy
     from resgrid.nodal.update.change import Change
@@ -33,23 +32,20 @@ REFINED = 1e-20
 
 
 @dataclass(frozen=True, eq=False)
-class MultigridFactor:
+class MultigridFactor(Factor):
     """A nodal system and the hierarchy that preconditions it.
 
     Attributes
     ----------
-    system : NodalSystem
+    system, change
+        As of every `Factor`.
     patched : Hierarchy or None
         Its levels, where an update has patched them.
-    change : Change or None
-        What updates have changed since the netlist was compiled.
     windows : tuple of Window
         The surroundings of what the last update has changed.
     """
 
-    system: NodalSystem
     patched: Hierarchy | None = None
-    change: Change | None = None
     windows: tuple[Window, ...] = ()
     name = "multigrid"
 
@@ -67,12 +63,6 @@ class MultigridFactor:
         from resgrid.nodal.multigrid.graded import gradable
 
         return gradable(self.system)
-
-    def update(self, cells: ArrayLike, to: int = Cell.OBSTACLE) -> Factor:
-        """Factor the circuit again after free cells have become obstacles or goals (`update_factor`)."""
-        from resgrid.nodal.update.factors import update_factor
-
-        return update_factor(self, cells, to)
 
     def solve(
         self,
@@ -186,6 +176,21 @@ class MultigridFactor:
         from resgrid.nodal.update.guess import improve_guess
 
         return improve_guess(self.system, self.change, self.windows, b, guess)
+
+    def _board(self) -> Hierarchy | None:
+        return self.hierarchy if self.hierarchy.grid else None
+
+    def _updated(self, system: NodalSystem, change: Change) -> Factor:
+        if self.hierarchy.grid is None:
+            return factor_anew(factor_multigrid, system, change, "the levels are graphs, which are made again")
+        if not change.reason:
+            from resgrid.nodal.update.levels import patch_levels
+
+            fresh = change.cells[0 if self.change is None else len(self.change.cells) :]
+            patched = patch_levels(self.hierarchy, system, change, fresh)
+            if patched is not None:
+                return replace(self, system=system, patched=patched[0], change=change, windows=patched[1])
+        return factor_anew(factor_multigrid, system, change, "the changed cells are all over the grid")
 
 
 def factor_multigrid(system: NodalSystem, *, later: bool = False) -> MultigridFactor:

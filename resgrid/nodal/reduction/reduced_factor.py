@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
-from resgrid.nodal.factor import Factor
+from resgrid.nodal.factor import Factor, factor_anew
 from resgrid.nodal.reduction.elimination import Reduction
 from resgrid.nodal.refine import entry_bound, scaled_currents
 from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.watch import Watch
-from resgrid.space import Cell
 
 if TYPE_CHECKING:
     from resgrid.nodal.update.change import Change
@@ -30,32 +30,23 @@ _MOST_PASSES = 4
 
 
 @dataclass(frozen=True, eq=False)
-class ReducedFactor:
+class ReducedFactor(Factor):
     """A reduced nodal system with a factor of its core.
 
     Attributes
     ----------
+    system, change
+        As of every `Factor`.
     reduction : Reduction
     inner : Factor or None
         Solves the core; None where nothing is left.
-    change : Change or None
-        What updates have changed since the netlist was compiled.
+    factor : callable
+        Makes a system ready that an update has changed.
     """
 
     reduction: Reduction
     inner: Factor | None
-    change: Change | None = None
-
-    def update(self, cells: ArrayLike, to: int = Cell.OBSTACLE) -> Factor:
-        """Factor the circuit again after free cells have become obstacles or goals (`update_factor`)."""
-        from resgrid.nodal.update.factors import update_factor
-
-        return update_factor(self, cells, to)
-
-    @property
-    def system(self) -> NodalSystem:
-        """The whole system."""
-        return self.reduction.system
+    factor: Callable[[NodalSystem], Factor]
 
     @property
     def name(self) -> str:
@@ -171,3 +162,6 @@ class ReducedFactor:
         if self.inner is None or not rhs.hi.any():
             return replace(rhs, noise=NOISE), 0.0
         return self.inner.solve_nonnegative(rhs, watch=watch)
+
+    def _updated(self, system: NodalSystem, change: Change) -> Factor:
+        return factor_anew(self.factor, system, change, "eliminated nodes are eliminated again")
