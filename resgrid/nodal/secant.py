@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
 from resgrid.netlist import Netlist
+from resgrid.nodal.linear import DIRECTION_RESIDUAL, solve_linear
 from resgrid.nodal.newton import differential_conductance, linear_netlist, newton, secant_conductance
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.saturation import refuse_saturated_cut
-from resgrid.nodal.solve import DIRECTION_RESIDUAL, solve
 from resgrid.nodal.system import assemble
 from resgrid.nodal.watch import Progress
 
@@ -62,7 +62,8 @@ def _settled(netlist: Netlist, *, accuracy: str, method: str, rtol: float, progr
     best: OperatingPoint | None = None
     least = np.inf
     for _ in range(_MOST_PASSES):
-        point = solve(linear_netlist(netlist, secant), accuracy=accuracy, method=method, rtol=rtol, progress=progress)
+        chords = linear_netlist(netlist, secant)
+        point = solve_linear(chords, accuracy=accuracy, method=method, rtol=rtol, progress=progress)
         drop = point.resistor_current[len(netlist.conductance) :] / secant
         better = secant_conductance(netlist, drop)
         change = float(np.abs(better / secant - 1).max())

@@ -1,31 +1,17 @@
-"""Solve a netlist: assemble, factor, substitute, read off, and refuse what is not as accurate as promised."""
+"""Solve a netlist, or factor it once for many right-hand sides."""
 
 from __future__ import annotations
 
-import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import replace
-
-import numpy as np
-
-from resgrid.errors import AccuracyError, InputError
+from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.nodal import readout
-from resgrid.nodal.entrywise import NodeValues, node_values
 from resgrid.nodal.factor import Factor
+from resgrid.nodal.linear import solve_linear
 from resgrid.nodal.methods import factor_system
 from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.nodal.plain import read_plain
-from resgrid.nodal.readout import Balance
-from resgrid.nodal.refine import is_answer
-from resgrid.nodal.system import NodalSystem, assemble
-from resgrid.nodal.watch import Progress, Watch
+from resgrid.nodal.system import assemble
+from resgrid.nodal.watch import Progress
 
 ACCURACIES = ("direction", "normwise")
-
-DIRECTION_RESIDUAL = 1e-6
-"""Largest KCL violation of a direction-safe field, relative to the current through the node."""
 
 
 def solve(
@@ -83,31 +69,7 @@ def solve(
         from resgrid.nodal.secant import solve_nonlinear
 
         return solve_nonlinear(netlist, accuracy=accuracy, method=method, rtol=rtol, progress=progress)
-    watch = Watch(progress)
-    seconds: dict[str, float] = {}
-    with _timed(seconds, "assemble"):
-        system = assemble(netlist)
-    with _timed(seconds, "factor"):
-        later = accuracy == "direction"
-        factors = factor_system(system, method, accuracy=accuracy, later=later) if system.size else None
-    name = factors.name if factors else "none"
-    if accuracy == "normwise":
-        with _timed(seconds, "substitute"):
-            x = factors.solve(system.drive, rtol=rtol, watch=watch) if factors else np.zeros(0)
-            del factors
-        with _timed(seconds, "read"):
-            point = read_plain(system, x, name, seconds)
-        return replace(point, iterations=watch.iterations, backward_error=watch.error)
-    with _timed(seconds, "substitute"):
-        values = node_values(system, factors, watch, threads)
-        del factors
-    with _timed(seconds, "read"):
-        point, sums = readout.read_off(system, values, name, seconds)
-    signed = point.log_drop is None and point.potential is None
-    bound = np.inf if signed else watch.bound + np.finfo(np.float64).eps
-    point = replace(point, iterations=watch.iterations, backward_error=watch.error, entry_error=bound)
-    _check_direction(system, values, point, sums)
-    return point
+    return solve_linear(netlist, accuracy=accuracy, method=method, rtol=rtol, threads=threads, progress=progress)
 
 
 def factor(netlist: Netlist, *, method: str = "auto") -> Factor:
@@ -146,32 +108,3 @@ def _check_options(accuracy: str, rtol: float, threads: int) -> None:
         raise InputError(f"rtol = {rtol} must lie between 0 and 1")
     if threads < 1:
         raise InputError(f"threads = {threads} must be at least 1")
-
-
-@contextmanager
-def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
-    start = time.perf_counter()
-    yield
-    seconds[stage] = time.perf_counter() - start
-
-
-def _check_direction(system: NodalSystem, values: NodeValues, point: OperatingPoint, sums: Balance) -> None:
-    """Refuse an answer that is not direction-safe."""
-    if not is_answer(point.backward_error, point.entry_error):
-        raise AccuracyError(
-            f"method {point.method!r} reached a componentwise backward error of {point.backward_error:.1e} only: the "
-            "potential falls, or the conductances differ, by more decades than it can hold; the answer is not returned",
-            point,
-        )
-    if point.kcl_residual <= DIRECTION_RESIDUAL:
-        return
-    residual = readout.relative_residual(system, sums)
-    wrong = np.flatnonzero(residual > DIRECTION_RESIDUAL)
-    wrong = wrong[~readout.flat(system, values, sums, wrong)]
-    if wrong.size:
-        worst = int(wrong[np.argmax(residual[wrong])])
-        raise AccuracyError(
-            f"the field is not direction-safe: at node {system.netlist.node_name(worst)} KCL is violated by "
-            f"{residual[worst]:.1e} of the current through it (at most {DIRECTION_RESIDUAL:g} is allowed)",
-            point,
-        )
