@@ -1,4 +1,4 @@
-"""Resistor networks as plain lists: an edge a line, a source a line, a ground a line."""
+"""Parts of a resistor network: edges, sources and grounds, a line each."""
 
 from __future__ import annotations
 
@@ -104,74 +104,6 @@ def _plain(word: str) -> str:
     """Whole numbers that are written as decimals, without their decimals."""
     match = _INTEGRAL.fullmatch(word)
     return match.group(1) if match is not None else word
-
-
-def read_network(
-    path: str | os.PathLike[str],
-    *,
-    measure: Measure | None = None,
-    sources: str | os.PathLike[str] | None = None,
-    grounds: str | os.PathLike[str] | None = None,
-    ground_measure: Measure = "resistance",
-    root: str | os.PathLike[str] | None = None,
-) -> Netlist:
-    """Read a resistor network from a list of edges, or from a Circuitscape configuration (``.ini``).
-
-    An edge is a line ``node node ohms`` (or siemens); a heading may say ``resistance`` or ``conductance``.
-
-    Parameters
-    ----------
-    path : path-like
-        The edges, or a configuration in advanced mode.
-    measure : {"resistance", "conductance"}, optional
-        What the number of an edge is; by default what a heading says, otherwise a resistance.
-    sources : path-like, optional
-        Lines ``node amperes``: currents fed into nodes.
-    grounds : path-like, optional
-        Lines ``node ohms`` (or siemens, by ``ground_measure``) to ground; 0 ohm holds the node at 0 V.
-    ground_measure : {"resistance", "conductance"}
-    root : path-like, optional
-        Folder below which the files that a configuration names must lie; by default its own.
-
-    Returns
-    -------
-    Netlist
-        Ground is the node ``ground``; other nodes keep their names.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read or a value is not admissible; the message names file and line.
-    """
-    if os.fspath(path).lower().endswith(".ini"):
-        from resgrid.spice.reader.circuitscape import read_circuitscape
-
-        if measure is not None or sources is not None or grounds is not None:
-            raise InputError(f"{os.fspath(path)} names its own sources, grounds and measure; leave those options out")
-        return read_circuitscape(path, root=root).netlist
-    table = read_table(path, 2, "edge")
-    chosen = _measure(table, measure)
-    network = NetworkParts.of_edges(table, chosen)
-    if sources is not None:
-        network.feed(read_table(sources, 1, "source"))
-    if grounds is not None:
-        network.ground(read_table(grounds, 1, "ground"), _known(ground_measure))
-    return network.netlist()
-
-
-def _measure(table: Table, measure: str | None) -> Measure:
-    stated = next((known for known in MEASURES if known == table.measure), None)
-    if measure is not None and stated is not None and measure != stated:
-        raise InputError(f"{table.source}: its heading says {stated}, but measure={measure!r} was asked for")
-    return _known(measure or stated or "resistance")
-
-
-def _known(measure: str) -> Measure:
-    if measure == "resistance":
-        return "resistance"
-    if measure == "conductance":
-        return "conductance"
-    raise InputError(f"measure = {measure!r} is unknown; it may be one of {', '.join(MEASURES)}")
 
 
 @dataclass(eq=False)
