@@ -30,7 +30,7 @@ class Places(NamedTuple):
     indptr, indices : ndarray of int32
         Neighbours of a graph's nodes, empty for a grid.
     offsets : ndarray of int64
-        From a cell to its neighbours, empty for a graph.
+        From a cell to its neighbours, those before it first; empty for a graph.
     """
 
     there: Flags
@@ -55,16 +55,17 @@ def _neighbour(places: Places, node: int, k: int) -> int:
 def _depths(places: Places, rounds: int) -> Indices:
     """Steps from the nearest node at the high rail, by sweeps up and down; the number of places where none comes.
 
-    Where nodes are numbered as the cells of a grid, one round does: a shortest way runs up or down the rows.
+    Where nodes are numbered as the cells of a grid, one round does: a shortest way runs up or down the rows.  Of a
+    cell's neighbours each sweep asks those that it has passed.
     """
-    n = len(places.there)
+    n, half = len(places.there), len(places.offsets) // 2
     steps = np.full(n, n, np.int32)
     for _ in range(rounds):
         moved = False
         for i in range(n):
             if places.there[i]:
                 least = 0 if places.high[i] else steps[i]
-                for k in range(_neighbours(places, i)):
+                for k in range(half if half > 0 else _neighbours(places, i)):
                     least = min(least, steps[_neighbour(places, i, k)] + 1)
                 moved |= least < steps[i]
                 steps[i] = least
@@ -72,8 +73,10 @@ def _depths(places: Places, rounds: int) -> Indices:
             break
         for i in range(n - 1, -1, -1):
             if places.there[i]:
-                for k in range(_neighbours(places, i)):
-                    steps[i] = min(steps[i], steps[_neighbour(places, i, k)] + 1)
+                least = steps[i]
+                for k in range(half, _neighbours(places, i)):
+                    least = min(least, steps[_neighbour(places, i, k)] + 1)
+                steps[i] = least
     return steps
 
 

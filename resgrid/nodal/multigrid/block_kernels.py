@@ -49,7 +49,7 @@ def block_of_places(
 
 
 @inner
-def _joins(g: float, weak: float, strongest: Singles, red: int, black: int) -> bool:
+def _joins(g: float, weak: float, strongest: Singles, red: int, black: int | np.uint64) -> bool:
     return weak == 0.0 or g >= weak * max(strongest[0, red], strongest[1, black])
 
 
@@ -62,15 +62,17 @@ def count_inside(
 
     Links do not count: those that close a ring of two cells join what a face joins already.
     """
+    red_block, black_block = block[0], block[1]
     for k in range(margin, faces.shape[1] - margin):
-        for colour in range(2):
-            members[block[colour, k]] += 1
+        at = np.uint64(k)
+        own, joined = np.uint64(red_block[at]), 0
+        members[own] += 1
+        members[np.uint64(black_block[at])] += 1
         for q in range(len(distance)):
-            g = faces[q, k]
-            if g > 0.0:
-                black = k + distance[q]
-                if block[0, k] == block[1, black] and _joins(g, weak, strongest, k, black):
-                    inner[block[0, k]] += 1
+            black = np.uint64(k + distance[q])
+            g, same = faces[np.uint64(q), at], own == np.uint64(black_block[black])
+            joined += same and g > 0.0 and _joins(g, weak, strongest, k, black)
+        inner[own] += joined
     members[0] = 0
 
 
@@ -149,20 +151,21 @@ def sum_blocks(
     ``inner`` of shape (ndim, 2 places) receives what lies inside aggregates along every axis.  Returns the number of
     new links, or -1 if a resistor joins two parts of one colour.
     """
-    count = 0
+    count, red_target, black_target = 0, target[0], target[1]
     for k in range(margin, faces.shape[1] - margin):
+        at = np.uint64(k)
         for colour in range(2):
-            if leak[colour, k] != 0.0:
-                coarse_leak[target[colour, k]] += leak[colour, k]
-        a = target[0, k]
+            if leak[colour, at] != 0.0:
+                coarse_leak[np.uint64(target[colour, at])] += leak[colour, at]
+        a = np.int64(red_target[at])
         for q in range(len(distance)):
-            g = faces[q, k]
+            g = faces[np.uint64(q), at]
             if g == 0.0:
                 continue
-            b = target[1, k + distance[q]]
+            b = np.int64(black_target[np.uint64(k + distance[q])])
             axis = q >> 1
             if a == b:
-                inner[axis, a] += g
+                inner[np.uint64(axis), np.uint64(a)] += g
                 continue
             red, black = min(a, b), max(a, b) - coarse_places
             if red >= coarse_places or black < 0:
@@ -173,7 +176,7 @@ def sum_blocks(
                 count += 1
                 continue
             # Where the red cell's block is black, the same face is the opposite one of the red block.
-            coarse[q if a < b else q ^ 1, red] += g
+            coarse[np.uint64(q if a < b else q ^ 1), np.uint64(red)] += g
     for k in range(len(links)):
         a, b = target[0, link_red[k]], target[1, link_black[k]]
         if a == b:
