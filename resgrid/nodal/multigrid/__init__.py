@@ -33,10 +33,10 @@
    double, every pass a solution to many digits of what is largest, until what all rows violate KCL by proves that no
    entry is off by more than 4e-9 of itself. The last rows, mostly in slits, are solved directly with what surrounds
    them (`pockets`): corrected, or, where no digit is right, found anew from what flows in, hundreds of decades at once.
-9. *Grading* (`graded`, `foresight`, `graded_solver`). Where a potential falls by many decades, coarse nodes move
-   their members in proportion to it, and all decades gain digits alike. What it will be is foreseen from coarse to
-   fine: a small level solved directly, its answer spread, and made better on every level by a multiplicative cycle, in
-   which all numbers stay positive and every decade counts alike. Where grading fails, plain levels have their turn.
+9. *Grading* (`grading`, `graded`, `foresight`, `graded_solver`). Where a potential falls by many decades, coarse nodes
+   move their members in proportion to it, and all decades gain digits alike. What it will be is foreseen from coarse
+   to fine: a small level solved directly, its answer spread, and made better on every level by a multiplicative cycle,
+   in which all numbers stay positive and every decade counts alike. Where grading fails, plain levels have their turn.
 
 References
 ----------
