@@ -148,5 +148,5 @@ def factor_direct(system: NodalSystem) -> DirectFactor:
     """
     narrow = narrow_order(system)
     if narrow is not None:
-        return DirectFactor(system, factor_narrow(system, narrow))
+        return DirectFactor(system, factor_narrow(narrow))
     return DirectFactor(system, SparseFactors.of(sparse.diags_array(system.degree) - system.coupling))

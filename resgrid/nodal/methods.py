@@ -170,15 +170,15 @@ def _direct_seconds(size: int, neighbours: float) -> float:
 def _narrow_seconds(system: NodalSystem, width: float) -> float:
     """Rough time of a direct solution along corridors of one width, measured on mazes."""
     if system.dimensions <= 2:
-        return (0.65e-6 + 0.015e-6 * width) * system.size
-    return (0.7e-6 + 0.03e-6 * width**2) * system.size
+        return (0.5e-6 + 0.008e-6 * width) * system.size
+    return (0.7e-6 + 0.009e-6 * width**2) * system.size
 
 
 def _panel_seconds(narrow: NarrowOrder) -> float:
     """Rough time of a direct solution in an order that has been found, measured on mazes and maps."""
-    size = len(narrow.order)
-    a_row = 0.5e-6 if size > EXACT_ROWS else 0.85e-6
-    return a_row * size + 7e-9 * narrow.entries + 0.1e-9 * narrow.products
+    size = len(narrow.halves.number)
+    a_row = 0.3e-6 if size > EXACT_ROWS else 0.65e-6
+    return a_row * size + 6e-9 * narrow.entries + 0.065e-9 * narrow.products
 
 
 def _multigrid_seconds(

@@ -2,6 +2,7 @@
 
 Where a circuit is a maze, rows in the order of their distance from one of them fill little: a row that is eliminated is
 joined to those across the corridor alone.  Fewer operations come of it than a general ordering takes to be found.
+Every other row is eliminated beforehand (`resgrid.nodal.halving`).
 """
 
 from __future__ import annotations
@@ -14,12 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
+from resgrid.nodal.halving import Halves, halve
+from resgrid.nodal.refine import Numbers
 from resgrid.nodal.system import NodalSystem, once
 
 if TYPE_CHECKING:
     from resgrid.nodal.panel_kernels import Panels
 
-_MOST_FILL, _MOST_FILL_OF_VOLUMES = 100, 350
+_MOST_FILL, _MOST_FILL_OF_VOLUMES = 150, 600
 """Entries a column above which a circuit is not narrow: other factors are sooner made, but of volumes much later."""
 
 _LEAST_SHARED = 4
@@ -34,16 +37,19 @@ _STRETCH = 2_000
 
 @dataclass(frozen=True, eq=False)
 class NarrowOrder:
-    """An order of the rows in which factors fill little.
+    """An order of half of the rows in which factors fill little.
 
     Attributes
     ----------
-    order, rank : ndarray of int32, shape (n,)
-        Row of every number, and number of every row.
+    halves : Halves
+        What is left where the other half is eliminated.
+    order, rank : ndarray of int32, shape (kept,)
+        Row kept of every number, and number of every row kept.
     panels : Panels
         Columns of the factor that are kept together, and their rows.
     """
 
+    halves: Halves
     order: NDArray[np.int32]
     rank: NDArray[np.int32]
     panels: Panels
@@ -83,7 +89,7 @@ class NarrowFactors:
     narrow : NarrowOrder
     values : ndarray of float64
         The entries of ``-L`` below the diagonal, panel by panel.
-    pivot : ndarray of float64, shape (n,)
+    pivot : ndarray of float64, shape (kept,)
         ``D``, in siemens.
     """
 
@@ -91,14 +97,15 @@ class NarrowFactors:
     values: NDArray[np.float64]
     pivot: NDArray[np.float64]
 
-    def substitute(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    def substitute(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
         """Both substitutions, in scaled numbers; ``m`` and ``e``, shape (n,), stay as they are."""
         from resgrid.nodal.panel_substitution import substitute_panels
 
-        order, rank = self.narrow.order, self.narrow.rank
-        m, e = m[order], e[order]
-        substitute_panels(self.narrow.panels, self.values, self.pivot, m, e, np.empty(self.narrow.longest))
-        return m[rank], e[rank]
+        halves, order, rank = self.narrow.halves, self.narrow.order, self.narrow.rank
+        kept, scale = halves.gather(m, e)
+        kept, scale = kept[order], scale[order]
+        substitute_panels(self.narrow.panels, self.values, self.pivot, kept, scale, np.empty(self.narrow.longest))
+        return halves.scatter((kept[rank], scale[rank]), m, e)
 
 
 @once
@@ -106,23 +113,24 @@ def narrow_order(system: NodalSystem) -> NarrowOrder | None:
     """Order the rows of a system by their distance from a rail; None where it is not narrow."""
     from resgrid.nodal import narrow_kernels as kernels
     from resgrid.nodal.multigrid.clusters import breadth_first
-    from resgrid.nodal.multigrid.ordering import inverse_of
     from resgrid.nodal.panel_kernels import Panels
 
-    graph, room = (system.coupling.indptr, system.coupling.indices), _room(system)
     tied = system.excess if system.rails is None else system.rails.to_low
-    order = np.ascontiguousarray(breadth_first(*graph, int(np.argmax(tied)))[::-1])
-    rank, parent = inverse_of(order), np.empty(system.size, dtype=np.int32)
+    outwards = breadth_first(system.coupling.indptr, system.coupling.indices, int(np.argmax(tied)))
+    halves = halve(system, np.ascontiguousarray(outwards[::-1]))
+    graph, size = (halves.coupling.indptr, halves.coupling.indices), len(halves.excess)
+    order = np.arange(size, dtype=np.int32)
+    rank, parent = order.copy(), np.empty(size, dtype=np.int32)
     kernels.grow_tree(*graph, order, rank, parent)
     kernels.branch_by_branch(parent, order, rank)
-    (first, start), rows = np.empty((2, system.size + 1), dtype=np.int32), np.empty(_rows(system), dtype=np.int32)
-    count = kernels.list_panels(*graph, order, rank, room, first, start, rows)
+    (first, start), rows = np.empty((2, size + 1), dtype=np.int32), np.empty(_rows(system), dtype=np.int32)
+    count = kernels.list_panels(*graph, order, rank, _room(system), first, start, rows)
     if count < 0:
         return None
     first, start = first[: count + 1].copy(), start[: count + 1].copy()
     offset = np.zeros(count + 1, dtype=np.int64)
     np.cumsum(np.diff(first).astype(np.int64) * np.diff(start), out=offset[1:])
-    return NarrowOrder(order, rank, Panels(first, start, rows[: start[-1]].copy(), offset))
+    return NarrowOrder(halves, order, rank, Panels(first, start, rows[: start[-1]].copy(), offset))
 
 
 def _room(system: NodalSystem) -> int:
@@ -141,12 +149,11 @@ def narrow_memory(system: NodalSystem, narrow: NarrowOrder) -> float:
     return 8.0 * narrow.entries + 8.0 * len(narrow.panels.rows) + 4.0 * _rows(system) + 180.0 * system.size
 
 
-def factor_narrow(system: NodalSystem, narrow: NarrowOrder) -> NarrowFactors:
+def factor_narrow(narrow: NarrowOrder) -> NarrowFactors:
     """Factor a system in such an order.
 
     Parameters
     ----------
-    system : NodalSystem
     narrow : NarrowOrder
 
     Returns
@@ -160,8 +167,9 @@ def factor_narrow(system: NodalSystem, narrow: NarrowOrder) -> NarrowFactors:
     """
     from resgrid.nodal.panel_kernels import Bench, Entries, Matrix, eliminate
 
-    n, count, coupling = system.size, len(narrow.widths), system.coupling
-    matrix = Matrix(coupling.indptr, coupling.indices, coupling.data, system.excess, narrow.order, narrow.rank)
+    halves, count = narrow.halves, len(narrow.widths)
+    n, coupling = len(halves.excess), halves.coupling
+    matrix = Matrix(coupling.indptr, coupling.indices, coupling.data, halves.excess, narrow.order, narrow.rank)
     entries = Entries(np.empty(narrow.entries), np.empty(n), np.empty(n))
     bench = Bench(
         panel_of=np.repeat(np.arange(count, dtype=np.int32), narrow.widths),
@@ -174,9 +182,11 @@ def factor_narrow(system: NodalSystem, narrow: NarrowOrder) -> NarrowFactors:
         weights=np.empty((int(narrow.widths.max()), 4)),
     )
     # In stretches, so that it can be interrupted.
-    for begin in range(0, count, _STRETCH):
-        if not eliminate(matrix, narrow.panels, entries, bench, begin, min(begin + _STRETCH, count)):
-            raise AccuracyError(
-                "a pivot left the range of doubles: the conductances span too many decades for a direct solution"
-            )
+    stretches = range(0, count, _STRETCH)
+    if not np.all(np.isfinite(halves.pivot)) or not all(
+        eliminate(matrix, narrow.panels, entries, bench, begin, min(begin + _STRETCH, count)) for begin in stretches
+    ):
+        raise AccuracyError(
+            "a pivot left the range of doubles: the conductances span too many decades for a direct solution"
+        )
     return NarrowFactors(narrow, entries.values, entries.pivot)
