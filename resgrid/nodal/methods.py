@@ -168,9 +168,9 @@ def _direct_seconds(size: int, neighbours: float) -> float:
 
 
 def _narrow_seconds(system: NodalSystem, width: float) -> float:
-    """Rough time of a direct solution along corridors of one width, measured on mazes."""
+    """Rough time of a direct solution along corridors of one width, measured on mazes and maps."""
     if system.dimensions <= 2:
-        return (0.5e-6 + 0.008e-6 * width) * system.size
+        return (0.5e-6 + 0.0007e-6 * width**2) * system.size
     return (0.7e-6 + 0.009e-6 * width**2) * system.size
 
 
