@@ -15,13 +15,16 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Indices = NDArray[np.int32]
 
+_MOST_NEIGHBOURS = 8
+"""Of a row that is eliminated: they are joined to each other."""
+
 
 @njit(cache=True, nogil=True)
 def number_kept(indptr: Indices, indices: Indices, order: Indices, number: Indices) -> int:
     """Number the rows that are kept as they come in an order; -1 for the others.  Returns how many are kept.
 
-    The order is breadth first, backwards.  Not kept are the rows an odd number of steps from the last one that have no
-    neighbour as far from it: of a grid's cells, all of one colour.
+    The order is breadth first, backwards.  Not kept are the rows an odd number of steps from the last one that have
+    few neighbours, and none as far from it: of a grid's cells, all of one colour.
     """
     n, count = len(order), 0
     depth = np.full(n, -1, np.int32)
@@ -33,7 +36,7 @@ def number_kept(indptr: Indices, indices: Indices, order: Indices, number: Indic
                 depth[indices[entry]] = depth[i] + 1
     for k in range(n):
         i = order[k]
-        alone = depth[i] % 2 == 1
+        alone = depth[i] % 2 == 1 and indptr[i + 1] - indptr[i] <= _MOST_NEIGHBOURS
         for entry in range(indptr[i], indptr[i + 1]):
             alone = alone and depth[indices[entry]] != depth[i]
         number[i] = -1 if alone else count

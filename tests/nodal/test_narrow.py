@@ -164,6 +164,22 @@ def test_a_corridor_fills_as_wide_as_it_is_and_a_tangle_is_not_narrow() -> None:
     assert isinstance(factor_direct(tangle).factors, SparseFactors)
 
 
+def test_a_hub_is_kept_when_every_other_row_is_eliminated() -> None:
+    """Its neighbours, were they joined to each other, would take 80 GB."""
+    leaves = np.arange(2, 100_002)
+    spokes, ring = np.stack([np.ones_like(leaves), leaves], axis=1), np.stack([leaves[:-1], leaves[1:]], axis=1)
+    pairs = np.concatenate([spokes, ring, [[0, 2]]])
+    netlist = Netlist(100_002, pairs, np.ones(len(pairs)), current_nodes=[[0, 50_000]], current_amps=[1.0])
+    system = assemble(netlist)
+    narrow = narrow_order(system)
+    assert narrow is not None
+    hub = int(system.unknown[1])
+    assert narrow.halves.number[hub] >= 0
+    x = factor_direct(system).solve(system.drive, rtol=1e-12)
+    residual = system.drive - (system.degree * x - system.coupling @ x)
+    assert np.all(np.abs(residual) <= 1e-12 * system.degree * np.abs(x).max())
+
+
 def test_potentials_below_the_range_of_doubles_need_no_refinement() -> None:
     system = assemble(compile_space(space_of(serpentine(21, 400, 1))))
     assert system.rails is not None
