@@ -7,13 +7,8 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from resgrid.nodal.kernels import _add_product, _canonical
-
-Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
-Indices = NDArray[np.int32]
+from resgrid.nodal.kernels import Floats, Indices, Integers, _add_product, _canonical
 
 _MOST_NEIGHBOURS = 8
 """Of a row that is eliminated: they are joined to each other."""

@@ -181,11 +181,11 @@ def factor_narrow(narrow: NarrowOrder) -> NarrowFactors:
         weight=np.empty(int(narrow.widths.max())),
         weights=np.empty((int(narrow.widths.max()), 4)),
     )
+    in_range = bool(np.all(np.isfinite(halves.pivot)))
     # In stretches, so that it can be interrupted.
-    stretches = range(0, count, _STRETCH)
-    if not np.all(np.isfinite(halves.pivot)) or not all(
-        eliminate(matrix, narrow.panels, entries, bench, begin, min(begin + _STRETCH, count)) for begin in stretches
-    ):
+    for begin in range(0, count, _STRETCH):
+        in_range = in_range and eliminate(matrix, narrow.panels, entries, bench, begin, min(begin + _STRETCH, count))
+    if not in_range:
         raise AccuracyError(
             "a pivot left the range of doubles: the conductances span too many decades for a direct solution"
         )

@@ -152,11 +152,14 @@ def test_it_makes_no_difference_where_elimination_pauses(monkeypatch: pytest.Mon
     assert np.array_equal(whole.pivot, parts.pivot)
 
 
-def test_a_corridor_fills_as_wide_as_it_is_and_a_tangle_is_not_narrow() -> None:
+def test_a_corridor_fills_as_wide_as_it_is_and_a_plane_or_a_tangle_is_not_narrow() -> None:
     corridor = assemble(compile_space(space_of(serpentine(9, 60, 3)), boundary="neumann"))
     narrow = narrow_order(corridor)
     assert narrow is not None
     assert narrow.entries < 8 * corridor.size
+    plane = np.zeros((600, 600), dtype=np.uint8)
+    plane[300, 300] = 2
+    assert narrow_order(assemble(compile_space(space_of(plane)))) is None
     ends = np.random.default_rng(5).integers(1, 2001, (4000, 2))
     pairs = np.concatenate([ends[ends[:, 0] != ends[:, 1]], [[0, 1]]])
     tangle = assemble(Netlist(2001, pairs, np.ones(len(pairs)), current_nodes=[[0, 2]], current_amps=[1.0]))

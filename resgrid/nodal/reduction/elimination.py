@@ -28,12 +28,10 @@ _LARGEST, _SMALLEST = 2.0**300, 2.0**-300
 
 @dataclass(frozen=True, eq=False)
 class Reduction:
-    """A nodal system and what is left of it.
+    """What is left of a nodal system.
 
     Attributes
     ----------
-    system : NodalSystem
-        The whole.
     core : NodalSystem or None
         The rows that are left, as a system without a layout; None where nothing is left.
     kept : ndarray of int64, shape (core rows,)
@@ -44,7 +42,6 @@ class Reduction:
         How many were.
     """
 
-    system: NodalSystem
     core: NodalSystem | None
     kept: NDArray[np.int64]
     record: Record
@@ -79,7 +76,7 @@ def reduce_system(system: NodalSystem) -> Reduction:
     """
     shrunk = eliminate_rows(system.coupling, system.excess)
     core = _core(system, shrunk) if len(shrunk.kept) else None
-    return Reduction(system, core, shrunk.kept, shrunk.record, len(shrunk.record.rows))
+    return Reduction(core, shrunk.kept, shrunk.record, len(shrunk.record.rows))
 
 
 def _core(system: NodalSystem, shrunk: Elimination) -> NodalSystem:
