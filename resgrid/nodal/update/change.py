@@ -351,12 +351,12 @@ def _driven_again(system: NodalSystem, rows: NDArray[np.int64]) -> tuple[NodalSy
     """Feed nothing into rows that no longer take part; a uniform drive goes into the others, raised by a factor."""
     if not system.injected.any():
         return system, 1.0
-    injected, gain = system.injected.copy(), 1.0
-    injected[rows] = 0.0
-    layout = system.netlist.layout
+    gain, layout = 1.0, system.netlist.layout
     if layout is not None and layout.drive == "uniform":
-        gain = np.count_nonzero(system.injected) / np.count_nonzero(injected)
-        injected *= gain
+        count = np.count_nonzero(system.injected)
+        gain = count / (count - np.count_nonzero(system.injected[rows]))
+    injected = gain * system.injected
+    injected[rows] = 0.0
     driven = replace(system, injected=injected)
     if "degree" in vars(system):
         vars(driven)["degree"] = system.degree

@@ -15,7 +15,7 @@ from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.update.change import Change
 from resgrid.nodal.update.window import Window
 
-_ACCURACY, _FOLLOWING = 1e-8, 1e-7
+_ACCURACY, _FOLLOWING = 1e-9, 1e-7
 """Of the voltages in a window, and of how they follow those outside."""
 
 _HARDLY = 0.1
@@ -89,7 +89,7 @@ def _rise(
     Where they rise by 1 V, those inside follow; the residual is made orthogonal to that rise, in which what the
     windows hold themselves has no part.
     """
-    ones = np.ones(len(x))
+    ones = np.broadcast_to(1.0, len(x))
     current, stiffness = fed - _sum_outside(system.excess * x, change, windows), max(tied, 0.0)
     for window in windows:
         follows = window.solve(window.drawn(ones), _FOLLOWING, ones[window.rows])

@@ -8,6 +8,7 @@ off a block is left to the other levels.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +28,8 @@ from resgrid.nodal.update.window import Box, Window, boxes_around, open_window, 
 
 _Places = tuple[NDArray[np.int64], NDArray[np.int64]]
 """Of red and of black cells."""
+
+_Level = TypeVar("_Level", Board, Boards)
 
 _BLOCK_RESISTANCE = 0.125
 """Resistance on the way through a block of four to a point in it, in units of the mean resistance around."""
@@ -71,7 +74,8 @@ def patch_levels(
     aggregate = grid.aggregate.copy()
     alone = grid.place[change.pinned] - len(aggregate)
     aggregate[alone[alone >= 0]] = 0
-    boards, stack, windows = _own_arrays(grid.boards), hierarchy.stack, []
+    boards = _own_arrays(grid.boards, "faces", "red_inverse", "black_inverse", "black_degree", "aggregate")
+    stack, windows = hierarchy.stack, []
     for box in boxes:
         window, levels, steps = open_window(system, node, true, hierarchy.unit, box, gone, depth)
         patch = _Patch(box, shape, levels, steps, boards)
@@ -93,17 +97,15 @@ def _within(box: tuple[slice, ...], cells: NDArray[np.int64], shape: tuple[int, 
     return np.asarray(index[np.all((index >= low) & (index < high), axis=1)] - low)
 
 
-def _own_arrays(boards: Boards) -> Boards:
-    names = ("faces", "red_inverse", "black_inverse", "black_degree", "aggregate")
-    return boards._replace(**{name: getattr(boards, name).copy() for name in names})
+def _own_arrays(level: _Level, *names: str) -> _Level:
+    """A level with copies of these arrays."""
+    return level._replace(**{name: getattr(level, name).copy() for name in names})
 
 
 def _patch_board(grid: GridLevels, system: NodalSystem, unit: float, change: Change) -> tuple[Board, Board, Board]:
     """The first level after the change, in all three precisions."""
-    names = ("faces", "links", "red_inverse", "black_inverse", "black_degree")
-    true, board = (
-        level._replace(**{name: getattr(level, name).copy() for name in names}) for level in (grid.true, grid.board)
-    )
+    true = _own_arrays(grid.true, "faces", "links", "red_inverse", "black_degree")
+    board = _own_arrays(grid.board, "faces", "links", "red_inverse", "black_inverse")
     pairs = grid.place[change.pairs].astype(np.int64)
     rows = np.setdiff1d(change.pairs, change.pinned)
     place = grid.place[rows].astype(np.int64)
