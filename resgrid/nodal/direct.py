@@ -50,37 +50,9 @@ class DirectFactor(Factor):
     factors: NarrowFactors | SparseFactors
     name = "direct"
 
-    def solve(
-        self,
-        rhs: NDArray[np.float64],
-        *,
-        rtol: float = 1e-10,
-        guess: NDArray[np.float64] | None = None,
-        watch: Watch | None = None,
+    def _solve(
+        self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
     ) -> NDArray[np.float64]:
-        """Solve to a normwise backward error.
-
-        Parameters
-        ----------
-        rhs : ndarray of float64, shape (n,)
-            Currents in amperes.
-        rtol : float
-            Bound on ``|b - A x| / (|A| |x| + |b|)``, in the maximum norm.
-        guess : ndarray of float64, shape (n,), optional
-            Not needed.
-        watch : Watch, optional
-            Told the backward error.
-
-        Returns
-        -------
-        ndarray of float64, shape (n,)
-            Voltages in volts.
-
-        Raises
-        ------
-        AccuracyError
-            If ``rtol`` cannot be reached; it carries the best answer.
-        """
         del guess
         system = self.system
         degree = system.degree
@@ -97,25 +69,7 @@ class DirectFactor(Factor):
             x = x + self._plain(residual)
         raise AccuracyError(f"the direct solver stopped at a backward error of {error:.1e}, above rtol = {rtol:.1e}", x)
 
-    def solve_nonnegative(
-        self, rhs: NDArray[np.float64] | Scaled, *, watch: Watch | None = None
-    ) -> tuple[Scaled, float]:
-        """Solve for a right-hand side without negative entries, entry by entry.
-
-        Parameters
-        ----------
-        rhs : ndarray of float64 or Scaled, shape (n,)
-            Currents in amperes, none negative; of scaled ones ``lo`` is not used.
-        watch : Watch, optional
-            Told the backward error, and a bound on the errors of entries.
-
-        Returns
-        -------
-        solution : Scaled, shape (n,)
-            Voltages in volts.
-        error : float
-            Its componentwise backward error.
-        """
+    def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
         exact = self.system.size <= EXACT_ROWS
         found = refine(self.system, rhs, self._substitute, REFINED, exact=exact)
         if watch is not None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.errors import InputError
 from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.watch import Watch
@@ -40,32 +41,105 @@ class Factor(ABC):
     def name(self) -> str:
         """The method."""
 
-    @abstractmethod
     def solve(
         self,
-        rhs: NDArray[np.float64],
+        rhs: ArrayLike,
         *,
         rtol: float = 1e-10,
-        guess: NDArray[np.float64] | None = None,
+        guess: ArrayLike | None = None,
         watch: Watch | None = None,
     ) -> NDArray[np.float64]:
-        """Solve to a normwise backward error ``rtol``: currents in amperes to voltages in volts, shape (n,).
+        """Solve to a normwise backward error.
 
-        An iteration begins with the ``guess``, and then also ends where it estimates the error of every voltage to be
-        at most ``rtol`` of the largest one; the direct method needs no guess.
+        Parameters
+        ----------
+        rhs : array_like of float, shape (n,)
+            Currents into the rows of the system, in amperes.
+        rtol : float
+            Bound on ``|b - A x| / (|A| |x| + |b|)``: in the maximum norm by the direct method and by elimination; by
+            multigrid in the Euclidean norm, with twice the largest diagonal entry for ``|A|``.
+        guess : array_like of float, shape (n,), optional
+            Where an iteration begins, in volts; it then also ends where it estimates the error of every voltage to be
+            at most ``rtol`` of the largest one.  The direct method needs none.
+        watch : Watch, optional
+            Told every step of an iteration, and the backward error.
+
+        Returns
+        -------
+        ndarray of float64, shape (n,)
+            Voltages of the rows, in volts.
+
+        Raises
+        ------
+        InputError
+            If there is not one finite number per row, or ``rtol`` is out of range.
+        AccuracyError
+            If ``rtol`` cannot be reached; it carries the best answer.
         """
+        check_rtol(rtol)
+        begin = None if guess is None else self._one_per_row("guess", guess)
+        return self._solve(self._one_per_row("rhs", rhs), rtol, begin, watch)
+
+    def solve_nonnegative(self, rhs: ArrayLike | Scaled, *, watch: Watch | None = None) -> tuple[Scaled, float]:
+        """Solve for a right-hand side without negative entries, entry by entry.
+
+        Parameters
+        ----------
+        rhs : array_like of float or Scaled, shape (n,)
+            Currents into the rows, in amperes, none negative; of scaled ones ``lo`` is not used.
+        watch : Watch, optional
+            Told every step of an iteration, the backward error, and a bound on the errors of entries.
+
+        Returns
+        -------
+        solution : Scaled, shape (n,)
+            Voltages in volts.
+        error : float
+            Its componentwise backward error.
+
+        Raises
+        ------
+        InputError
+            If there is not one finite number per row, or one is negative.
+        """
+        currents = self._one_per_row("rhs", rhs.hi if isinstance(rhs, Scaled) else rhs)
+        if currents.min(initial=0.0) < 0.0:
+            row = int(np.argmin(currents))
+            raise InputError(
+                f"rhs[{row}] is negative, and only currents of one sign are solved for entry by entry; solve for both "
+                "signs apart, or use Factor.solve"
+            )
+        return self._solve_nonnegative(rhs if isinstance(rhs, Scaled) else currents, watch)
 
     @abstractmethod
-    def solve_nonnegative(
-        self, rhs: NDArray[np.float64] | Scaled, *, watch: Watch | None = None
-    ) -> tuple[Scaled, float]:
-        """Solve for currents of one sign, entry by entry; returns voltages and their componentwise backward error."""
+    def _solve(
+        self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
+    ) -> NDArray[np.float64]:
+        """As `solve`, for contiguous arrays of the right shape."""
+
+    @abstractmethod
+    def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
+        """As `solve_nonnegative`, for contiguous arrays of the right shape."""
+
+    def _one_per_row(self, name: str, values: ArrayLike) -> NDArray[np.float64]:
+        try:
+            array = np.ascontiguousarray(values, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError(f"{name} must be numbers, one per row of the factor's system") from None
+        if array.shape != (self.system.size,):
+            raise InputError(
+                f"{name} has shape {array.shape}, but the system has {self.system.size} rows; give one number per row"
+            )
+        if not np.isfinite(array).all():
+            row = int(np.flatnonzero(~np.isfinite(array))[0])
+            raise InputError(f"{name}[{row}] is {array[row]}; it must be finite")
+        return array
 
     def update(self, cells: ArrayLike, to: int = Cell.OBSTACLE) -> Factor:
         """Factor the circuit again after free cells have become obstacles, or goals.
 
-        Rows keep their numbers; those of changed cells are pinned at their rail.  Multigrid patches its first level
-        and keeps the coarse ones, where few cells change and the circuit stays in one piece; otherwise, and by the
+        Rows keep their numbers; those of changed cells are pinned at their rail.  Multigrid patches its levels around
+        the cells and keeps the rest, where few cells change and the circuit stays in one piece; otherwise, and by the
         other methods, everything is made anew, and ``change.reason`` says why.  The new right-hand side is
         ``system.feed + system.injected`` of the new factor, whose netlist is still the one before.
 
@@ -108,3 +182,14 @@ def factor_anew(make: Callable[[NodalSystem], Factor], system: NodalSystem, chan
     """Make a factor of a system that an update has changed, for a reason, unless the change itself is one."""
     factors = make(replace(system, derived=system.coupling, separated=None))
     return replace(factors, change=replace(change, reason=change.reason or reason))
+
+
+def check_rtol(rtol: float) -> None:
+    """Refuse a backward error that is none.
+
+    Raises
+    ------
+    InputError
+    """
+    if not 0 < rtol < 1:
+        raise InputError(f"rtol = {rtol} must lie between 0 and 1")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.nodal.factor import Factor
+from resgrid.nodal.factor import Factor, check_rtol
 from resgrid.nodal.linear import solve_linear
 from resgrid.nodal.methods import factor_system
 from resgrid.nodal.operating_point import OperatingPoint
@@ -104,7 +104,6 @@ def factor(netlist: Netlist, *, method: str = "auto") -> Factor:
 def _check_options(accuracy: str, rtol: float, threads: int) -> None:
     if accuracy not in ACCURACIES:
         raise InputError(f"accuracy = {accuracy!r} is unknown; it may be one of {', '.join(ACCURACIES)}")
-    if not 0 < rtol < 1:
-        raise InputError(f"rtol = {rtol} must lie between 0 and 1")
+    check_rtol(rtol)
     if threads < 1:
         raise InputError(f"threads = {threads} must be at least 1")

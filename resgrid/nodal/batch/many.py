@@ -14,6 +14,7 @@ from resgrid.netlist import Netlist
 from resgrid.nodal.batch.boards import BoardBatch, board_batch
 from resgrid.nodal.batch.factored import FactoredBatch, factored_batch
 from resgrid.nodal.batch.pattern import pattern_of
+from resgrid.nodal.factor import check_rtol
 from resgrid.nodal.system import assemble
 
 CHUNK = 16
@@ -63,8 +64,7 @@ def solve_many(
         If a chip is too far from the nominal one.
     """
     wanted = _checked(netlist, conductances)
-    if not 0 < rtol < 1:
-        raise InputError(f"rtol = {rtol} must lie between 0 and 1")
+    check_rtol(rtol)
     batch = prepare_batch(netlist)
     if batch is None:
         return np.tile(assemble(netlist).known, (len(wanted), 1))

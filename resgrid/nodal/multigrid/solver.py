@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.errors import AccuracyError, InputError
+from resgrid.errors import AccuracyError
 from resgrid.nodal.factor import Factor, factor_anew
 from resgrid.nodal.multigrid.approximation import approximate
 from resgrid.nodal.multigrid.grading import decades_in_slit, is_graded
@@ -64,40 +64,14 @@ class MultigridFactor(Factor):
 
         return gradable(self.system)
 
-    def solve(
-        self,
-        rhs: NDArray[np.float64],
-        *,
-        rtol: float = 1e-10,
-        guess: NDArray[np.float64] | None = None,
-        watch: Watch | None = None,
+    def _solve(
+        self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
     ) -> NDArray[np.float64]:
-        """Solve to a normwise backward error; the residual norm is brought to ``rtol |b|`` where rounding allows.
+        """As every `Factor` does; the residual norm is brought to ``rtol |b|`` where rounding allows.
 
         From a guess on, the iteration also ends where it estimates the error of every voltage to be at most ``rtol``
         of the largest one: where all currents meet in a few cells, as at the goal of open obstacles, the residual
         norm asks for much more than that.
-
-        Parameters
-        ----------
-        rhs : ndarray of float64, shape (n,)
-            Currents in amperes.
-        rtol : float
-            Bound on ``|b - A x| / (|A| |x| + |b|)``.
-        guess : ndarray of float64, shape (n,), optional
-            Where to begin, in volts.
-        watch : Watch, optional
-            Told every step, and the backward error.
-
-        Returns
-        -------
-        ndarray of float64, shape (n,)
-            Voltages in volts.
-
-        Raises
-        ------
-        AccuracyError
-            If the iteration stagnates above the bound; it carries the best answer.
         """
         if guess is not None:
             guess = self._improved(rhs, guess)
@@ -117,25 +91,7 @@ class MultigridFactor(Factor):
             watch.done(error)
         return x
 
-    def solve_nonnegative(
-        self, rhs: NDArray[np.float64] | Scaled, *, watch: Watch | None = None
-    ) -> tuple[Scaled, float]:
-        """Solve for a right-hand side without negative entries, entry by entry.
-
-        Parameters
-        ----------
-        rhs : ndarray of float64 or Scaled, shape (n,)
-            Currents in amperes, none negative.
-        watch : Watch, optional
-            Told every step, the backward error, and a bound on the errors of entries.
-
-        Returns
-        -------
-        solution : Scaled, shape (n,)
-            Voltages in volts.
-        error : float
-            Its componentwise backward error.
-        """
+    def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
         graded = self._graded_approximation(rhs, watch)
         found = None if graded is None else self._refined(rhs, graded)
         if found is None or not found.converged:
@@ -168,9 +124,6 @@ class MultigridFactor(Factor):
 
     def _improved(self, b: NDArray[np.float64], guess: NDArray[np.float64]) -> NDArray[np.float64]:
         """The guess, made better where the last update has changed the circuit."""
-        if np.shape(guess) != np.shape(b):
-            raise InputError(f"the guess has shape {np.shape(guess)}, but the right-hand side {np.shape(b)}")
-        guess = np.asarray(guess, dtype=np.float64)
         if self.change is None or not self.windows:
             return guess
         from resgrid.nodal.update.guess import improve_guess

@@ -53,37 +53,9 @@ class ReducedFactor(Factor):
         """The method that solves the core; ``"elimination"`` where nothing is left."""
         return self.inner.name if self.inner is not None else ELIMINATION
 
-    def solve(
-        self,
-        rhs: NDArray[np.float64],
-        *,
-        rtol: float = 1e-10,
-        guess: NDArray[np.float64] | None = None,
-        watch: Watch | None = None,
+    def _solve(
+        self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
     ) -> NDArray[np.float64]:
-        """Solve to a normwise backward error of the whole system.
-
-        Parameters
-        ----------
-        rhs : ndarray of float64, shape (n,)
-            Currents in amperes.
-        rtol : float
-            Bound on ``|b - A x| / (|A| |x| + |b|)``, in the maximum norm.
-        guess : ndarray of float64, shape (n,), optional
-            Where the method that solves the core begins.
-        watch : Watch, optional
-            Told every step of that method, and the backward error.
-
-        Returns
-        -------
-        ndarray of float64, shape (n,)
-            Voltages in volts.
-
-        Raises
-        ------
-        AccuracyError
-            If ``rtol`` cannot be reached; it carries the best answer.
-        """
         degree, coupling = self.system.degree, self.system.coupling
         norm = 2.0 * float(degree.max(initial=0.0))
         size = float(np.abs(rhs).max(initial=0.0))
@@ -116,28 +88,13 @@ class ReducedFactor(Factor):
         kernels.backward(reduction.record, reduction.count, x)
         return x
 
-    def solve_nonnegative(
-        self, rhs: NDArray[np.float64] | Scaled, *, watch: Watch | None = None
-    ) -> tuple[Scaled, float]:
-        """Solve for a right-hand side without negative entries, entry by entry.
+    def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
+        """As every `Factor` does.
 
         Both substitutions add and multiply non-negative numbers only, in scaled double-double: where nothing is left
         of the core, every voltage is right to about ``n`` units of the thirtieth digit.  The core is solved for
-        conductances rounded to double precision, a relative change of 1e-16 in each.
-
-        Parameters
-        ----------
-        rhs : ndarray of float64 or Scaled, shape (n,)
-            Currents in amperes, none negative; of scaled ones ``lo`` is not used.
-        watch : Watch, optional
-            Told every step of the method that solves the core, the backward error, and a bound on errors of entries.
-
-        Returns
-        -------
-        solution : Scaled, shape (n,)
-            Voltages in volts.
-        error : float
-            Componentwise backward error: the larger one of the core and of the whole system.
+        conductances rounded to double precision, a relative change of 1e-16 in each.  The error is the larger one of
+        the core and of the whole system.
         """
         from resgrid.nodal.reduction import kernels
         from resgrid.nodal.refine_kernels import exact_residual
