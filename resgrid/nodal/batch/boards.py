@@ -17,6 +17,9 @@ _MOST_ITERATIONS = 200
 _DEPTH = 12
 """Steps of a burst at most."""
 
+_ROUNDING = 16 * 2.0**-52
+"""Share of ``|A| |x|`` up to which a residual may be what rounding leaves."""
+
 
 @dataclass(frozen=True, eq=False)
 class BoardBatch:
@@ -75,17 +78,18 @@ class BoardBatch:
                 grid.true, grid.board, grid.exact, grid.aggregate, grid.boards, inverse, grid.place, b / unit, degree,
                 rtol, _MOST_ITERATIONS, self.start, x, vectors, singles[:3], singles[3:],
             )  # fmt: skip
-            check_error(residual * unit, degree * unit, x, b, rtol)
+            check_residual(residual * unit, degree * unit, x, b, rtol)
         return solution
 
 
-def check_error(residual: float, degree: float, x: NDArray[np.float64], b: NDArray[np.float64], rtol: float) -> None:
-    """Refuse a solution whose normwise backward error exceeds a bound."""
-    error = residual / (2.0 * degree * float(np.linalg.norm(x)) + float(np.linalg.norm(b)) or 1.0)
-    if not error <= rtol:
+def check_residual(residual: float, degree: float, x: NDArray[np.float64], b: NDArray[np.float64], rtol: float) -> None:
+    """Refuse a solution whose residual is larger than a share of the right-hand side and than rounding makes it."""
+    size = float(np.linalg.norm(b))
+    if not residual <= max(rtol * size, _ROUNDING * degree * float(np.linalg.norm(x))):
         raise AccuracyError(
-            f"a chip stagnates at a backward error of {error:.1e}, above rtol = {rtol:.1e}: its conductances differ "
-            "too much from those of the netlist; solve such chips one by one",
+            f"a chip stagnates at a residual of {residual / (size or 1.0):.1e} of the currents that its sources drive "
+            f"in, above rtol = {rtol:.1e}: its conductances differ too much from those of the netlist; solve such "
+            "chips one by one",
             x,
         )
 

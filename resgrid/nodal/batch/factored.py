@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.nodal.batch.boards import check_error
+from resgrid.nodal.batch.boards import check_residual
 from resgrid.nodal.batch.pattern import Pattern
 
 _MOST_ITERATIONS = 200
@@ -73,7 +73,7 @@ def _iterate(
         norm = float(np.linalg.norm(r))
         goal = max(rtol * size, _ROUNDING * largest * float(np.linalg.norm(x)))
         if not (norm > goal and norm < 0.5 * last and left > 0):
-            check_error(norm, largest, x, b, rtol)
+            check_residual(norm, largest, x, b, rtol)
             return
         last = norm
         p, rz = np.zeros_like(r), np.inf

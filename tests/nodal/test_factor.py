@@ -1,0 +1,78 @@
+"""What a factor is given: one finite number per row, whatever solves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from spaces import serpentine, space_of
+
+import resgrid as rg
+from resgrid.nodal.factor import Factor
+from resgrid.nodal.reduction.reduced_factor import ReducedFactor
+from resgrid.nodal.scaled import Scaled
+
+
+def room(*shape: int) -> rg.Netlist:
+    cell = np.zeros(shape, dtype=np.uint8)
+    cell[0, 0], cell[-1, -1] = 2, 1
+    return rg.compile_space(space_of(cell))
+
+
+FACTORS = {
+    "direct": lambda: rg.factor(room(24, 30), method="direct"),
+    "direct, in space": lambda: rg.factor(room(12, 13, 14), method="direct"),
+    "multigrid": lambda: rg.factor(room(24, 30), method="multigrid"),
+    "elimination": lambda: rg.factor(rg.compile_space(space_of(serpentine(3, 30, 1)))),
+}
+
+
+@pytest.fixture(scope="module", params=FACTORS)
+def factors(request: pytest.FixtureRequest) -> Factor:
+    return FACTORS[request.param]()
+
+
+def test_elimination_is_among_them() -> None:
+    assert isinstance(FACTORS["elimination"](), ReducedFactor)
+
+
+@pytest.mark.parametrize("shape", [7, 10_000, "2d"])
+def test_right_hand_sides_and_guesses_of_a_wrong_shape_are_refused(factors: Factor, shape: int | str) -> None:
+    n = factors.system.size
+    wrong = np.ones((n, 1)) if shape == "2d" else np.ones(shape)
+    with pytest.raises(rg.InputError, match=rf"rhs has shape .*, but the system has {n} rows"):
+        factors.solve(wrong)
+    with pytest.raises(rg.InputError, match=rf"guess has shape .*, but the system has {n} rows"):
+        factors.solve(np.ones(n), guess=wrong)
+    with pytest.raises(rg.InputError, match=rf"rhs has shape .*, but the system has {n} rows"):
+        factors.solve_nonnegative(wrong)
+
+
+def test_what_is_no_current_is_refused(factors: Factor) -> None:
+    n = factors.system.size
+    with pytest.raises(rg.InputError, match="rhs must be numbers"):
+        factors.solve(["one"] * n)
+    for bad in (np.nan, np.inf):
+        rhs = np.ones(n)
+        rhs[3] = bad
+        with pytest.raises(rg.InputError, match=rf"rhs\[3\] is {bad}; it must be finite"):
+            factors.solve(rhs)
+        with pytest.raises(rg.InputError, match=r"guess\[3\]"):
+            factors.solve(np.ones(n), guess=rhs)
+    for rtol in (0.0, 1.0, -1e-8, np.nan):
+        with pytest.raises(rg.InputError, match="must lie between 0 and 1"):
+            factors.solve(np.ones(n), rtol=rtol)
+    negative = np.ones(n)
+    negative[5] = -1e-300
+    for rhs in (negative, Scaled.of(negative)):
+        with pytest.raises(rg.InputError, match=r"rhs\[5\] is negative"):
+            factors.solve_nonnegative(rhs)
+
+
+def test_any_array_of_numbers_will_do(factors: Factor) -> None:
+    n = factors.system.size
+    amps = np.arange(2.0 * n)[::2]
+    x = factors.solve(np.ascontiguousarray(amps))
+    for same in (amps, amps.tolist(), amps.astype(np.int64)):
+        np.testing.assert_array_equal(factors.solve(same), x)
+    entrywise, _ = factors.solve_nonnegative(amps)
+    np.testing.assert_allclose(entrywise.plain, x, rtol=1e-8, atol=1e-8 * x.max())
