@@ -4,8 +4,8 @@ Narrow circuits are factored along their corridors, in positive numbers alone (`
 SuperLU's: with diagonal pivots it gives ``A = L D L^T`` up to rounding.  Its own substitution underflows where a
 potential falls below 1e-308, and its pivots, formed by subtraction, cost up to eight digits on a large grid.  So both
 substitutions are done again in scaled numbers, and the answer is refined with residuals in which differences come
-first, until KCL holds to the rounding of the currents at every node, or in small circuits of the voltages
-(`resgrid.nodal.refine`).
+first, until the violations of KCL, summed, prove every entry right, or in small circuits until KCL holds to the
+rounding of the voltages (`resgrid.nodal.refine`).
 """
 
 from __future__ import annotations

@@ -36,8 +36,8 @@ def scale_drive(netlist: Netlist, point: OperatingPoint) -> Netlist:
         raise InputError("only a netlist compiled with drive = 'uniform' has a drive to scale")
     if netlist.nonlinear_nodes.size:
         raise InputError("the voltages of a circuit with nonlinear resistors do not scale with its drive")
-    if len(point.voltage) != netlist.node_count:
-        raise InputError("the operating point belongs to another netlist")
+    if not point.is_of(netlist):
+        raise InputError("the operating point belongs to another netlist; solve this one first")
     height = (point.voltage - layout.goal_voltage) * np.sign(layout.supply)
     factor = abs(layout.supply) / float(np.nanmax(height[layout.free_node]))
     return netlist.replace(current_amps=netlist.current_amps * factor)

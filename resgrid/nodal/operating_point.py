@@ -11,6 +11,12 @@ from numpy.typing import NDArray
 
 from resgrid.netlist import Netlist
 
+_DIRECT_CURRENT = (
+    "node_count", "resistor_nodes", "conductance", "source_nodes", "source_volts", "current_nodes", "current_amps",
+    "nonlinear_nodes", "nonlinear_current", "nonlinear_voltage",
+)  # fmt: skip
+"""Parts of a netlist that direct currents depend on."""
+
 
 @dataclass(frozen=True, eq=False)
 class Readings:
@@ -91,7 +97,8 @@ class OperatingPoint:
     undriven : ndarray of int64
         Nodes of parts that a single rail holds and no current drives: they are flat, at that rail's voltage.
     method : str
-        How it was solved: ``"direct"``, ``"multigrid"``, or ``"elimination"`` where elimination left nothing.
+        How it was solved: ``"direct"``, ``"multigrid"``, ``"elimination"`` where elimination left nothing, or
+        ``"none"`` where the rails hold every node; after ``"newton, "`` with nonlinear resistors.
     seconds : mapping of str to float
         Wall-clock time of each stage.
     iterations : int
@@ -137,6 +144,11 @@ class OperatingPoint:
         for amps in (self.nonlinear_amps, self.nonlinear_log_amps, self.nonlinear_direction):
             amps.flags.writeable = False
 
+    def is_of(self, netlist: Netlist) -> bool:
+        """Whether a netlist has the same resistors and sources, so that this is its operating point too."""
+        one, other = self.netlist, netlist
+        return one is other or all(np.array_equal(getattr(one, part), getattr(other, part)) for part in _DIRECT_CURRENT)
+
     @property
     def readings(self) -> Readings:
         """What the ammeters read."""
@@ -172,5 +184,9 @@ class OperatingPoint:
 
     @property
     def kcl_residual(self) -> float:
-        """Largest violation of Kirchhoff's current law at a node, relative to the current through that same node."""
+        """Largest violation of Kirchhoff's current law at a node, relative to the current through that same node.
+
+        Of a direction-safe point, nodes that no drive feeds and that carry less current than differences of their
+        voltages can tell are left out.
+        """
         return self.readings.kcl_residual

@@ -19,10 +19,14 @@ from resgrid.nodal.scaled import logarithm, power
 from resgrid.nodal.sources import source_currents
 from resgrid.nodal.system import NodalSystem
 
+DIRECTION_RESIDUAL = 1e-6
+"""Largest KCL violation of a direction-safe field, relative to the current through the node."""
+
 HARMLESS = 1e-7
 """Share of a node's through-current that may be dropped where float64 values of its ends are equal."""
 
 _FLAT = 1e-12
+"""Share of the currents that a node's value makes in its conductances, up to which differences tell nothing."""
 
 _NONE = -(2**62)
 _LEAST_EXPONENT = -2
@@ -57,7 +61,7 @@ def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
 
 def read_off(
     system: NodalSystem, values: NodeValues, method: str, seconds: Mapping[str, float]
-) -> tuple[OperatingPoint, Balance]:
+) -> tuple[OperatingPoint, NDArray[np.float64]]:
     """Read everything off the values of the nodes.
 
     Parameters
@@ -70,8 +74,9 @@ def read_off(
     Returns
     -------
     point : OperatingPoint
-    sums : Balance
-        By which the field may be judged.
+    residual : ndarray of float64, shape (nodes,)
+        Violation of KCL relative to the current through the node, by which the field may be judged; 0 where no drive
+        feeds the node and it carries less current than differences of values can tell.
     """
     netlist = system.netlist
     plain = _plain_where_possible(values, netlist)
@@ -81,7 +86,7 @@ def read_off(
     stored, sign = (log_drop, -1.0) if log_drop is not None else (potential, 1.0)
     if stored is not None:
         _drop_unresolved(netlist, amps, exponent, sums, plain, stored, float(np.sign(values.volts)) * sign)
-    residual = relative_residual(system, sums)
+    residual = _relative_residual(system, values, sums)
     scale = 1.0 if plain else power(sums.exponent)
     point = OperatingPoint(
         netlist=netlist,
@@ -101,23 +106,25 @@ def read_off(
         method=method,
         seconds=seconds,
     )
-    return point, sums
+    return point, residual
 
 
 def _log_current(amps: NDArray[np.float64], exponent: NDArray[np.int64]) -> NDArray[np.float64]:
     return logarithm(np.abs(amps), exponent)
 
 
-def relative_residual(system: NodalSystem, sums: Balance) -> NDArray[np.float64]:
+def _relative_residual(system: NodalSystem, values: NodeValues, sums: Balance) -> NDArray[np.float64]:
     """Violation of KCL at every node that is solved for and tied by no source, relative to its through-current."""
     own = (system.unknown >= 0) & (sums.through > 0)
     own[system.forest.order] = False
     residual = np.zeros(len(own))
     np.divide(np.abs(sums.net), sums.through, out=residual, where=own)
+    wrong = np.flatnonzero(residual > DIRECTION_RESIDUAL)
+    residual[wrong[_flat(system, values, sums, wrong)]] = 0.0
     return residual
 
 
-def flat(system: NodalSystem, values: NodeValues, sums: Balance, nodes: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _flat(system: NodalSystem, values: NodeValues, sums: Balance, nodes: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Which nodes no drive feeds and carry less current than differences of their values can tell."""
     row = system.unknown[nodes]
     value = values.value

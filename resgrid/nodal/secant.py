@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
 from resgrid.netlist import Netlist
-from resgrid.nodal.linear import DIRECTION_RESIDUAL, solve_linear
+from resgrid.nodal.linear import solve_linear
 from resgrid.nodal.newton import differential_conductance, linear_netlist, newton, secant_conductance
 from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.nodal.readout import DIRECTION_RESIDUAL
 from resgrid.nodal.saturation import refuse_saturated_cut
 from resgrid.nodal.system import assemble
 from resgrid.nodal.watch import Progress

@@ -30,9 +30,10 @@ def solve(
     netlist : Netlist
         Resistors and sources; capacitors are open.  With nonlinear resistors the voltages come from Newton's method.
     accuracy : {"direction", "normwise"}
-        ``"direction"``: at every driven node KCL holds to 1e-6 of the current through that same node, so that the way
-        down is right everywhere; where the circuit has two rails, or one and currents of one sign, every entry is
-        right to ``entry_error``, some 1e-8 of itself.
+        ``"direction"``: at every node that carries current KCL holds to 1e-6 of the current through that same node, so
+        that the way down is right everywhere; where the circuit has two rails, or one and currents of one sign, every
+        entry is right to ``entry_error``, some 1e-8 of itself.  Where parts carry no current, KCL proves less or
+        nothing of entries, and the componentwise backward error is at most 1e-12.
         ``"normwise"``: only the backward error is held below ``rtol``.
     method : {"auto", "direct", "multigrid"}
         How to solve; ``"auto"`` chooses by size and shape (`resgrid.nodal.methods.choose_method`); the operating point

@@ -54,8 +54,8 @@ def plot_circuit(netlist: Netlist, op: OperatingPoint | None = None, ax: Axes | 
     """
     if netlist.nonlinear_nodes.size:
         raise InputError("a circuit with nonlinear resistors is not drawn; use plot_potential and plot_currents")
-    if op is not None and op.netlist.node_count != netlist.node_count:
-        raise InputError("the operating point belongs to another netlist: solve this one")
+    if op is not None and not op.is_of(netlist):
+        raise InputError("the operating point belongs to another netlist; solve this one first")
     layout = netlist.layout
     if layout is None or len(layout.resistor_face) != len(netlist.resistor_nodes):
         return plot_graph(netlist, op, ax)

@@ -56,12 +56,8 @@ def expect(deck: FlatDeck, point: OperatingPoint) -> Expected:
     InputError
         If the operating point belongs to another netlist, or lacks a voltage that the deck needs.
     """
-    counts = (deck.netlist.node_count, len(deck.netlist.source_volts))
-    if (len(point.voltage), len(point.source_current)) != counts:
-        raise InputError(
-            f"the operating point has {len(point.voltage)} nodes and {len(point.source_current)} voltage sources, the "
-            f"netlist {counts[0]} and {counts[1]}: it belongs to another netlist"
-        )
+    if not point.is_of(deck.netlist):
+        raise InputError("the operating point belongs to another netlist; solve this one first")
     voltage = point.voltage[deck.nodes]
     if not np.isfinite(voltage).all():
         name = deck.node_names[int(np.flatnonzero(~np.isfinite(voltage))[0])]

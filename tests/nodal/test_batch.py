@@ -141,5 +141,5 @@ def test_chips_far_from_the_nominal_one_keep_the_residual_they_promise(boundary:
 def test_chips_too_far_from_the_nominal_one_are_refused(rtol: float) -> None:
     """Their backward error is small: open obstacles leave currents a millionth of what the matrix makes of voltages."""
     netlist = open_grid((40, 50), boundary="neumann")
-    with pytest.raises(rg.AccuracyError, match="stagnates at a residual.*solve such chips one by one"):
+    with pytest.raises(rg.AccuracyError, match=r"stagnates at a residual.*solve such chips one by one"):
         rg.solve_many(netlist, samples(netlist, 1, 3.0), rtol=rtol)

@@ -8,8 +8,9 @@ from scipy.sparse.csgraph import breadth_first_order
 from spaces import serpentine, space_of
 
 from resgrid.compiler import compile_space
-from resgrid.errors import AccuracyError
+from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import Netlist
+from resgrid.nodal.drive import scale_drive
 from resgrid.nodal.methods import factor_system
 from resgrid.nodal.solve import solve
 from resgrid.nodal.superlu import symmetric_factors
@@ -86,6 +87,33 @@ def test_a_goal_all_around_keeps_the_small_potential() -> None:
     # Currents still run from the obstacle outwards where phi is far below 1e-308.
     assert np.all(field.face_direction[1][2, 1:1400] == 1)
     assert field.face_log_current[1][2, 1399] < -1000
+
+
+@pytest.mark.parametrize("method", ["direct", "multigrid"])
+@pytest.mark.parametrize("width", [3, 6])
+def test_parts_that_carry_no_current_do_not_blur_the_kcl_residual(method: str, width: int) -> None:
+    """Behind a start drive all currents are noise, whatever they violate KCL by."""
+    space = space_of(serpentine(7, 60, width))
+    free = np.argwhere(space.cell == 0)
+    netlist = compile_space(space, boundary="neumann", drive="start", start=free[len(free) // 2].tolist())
+    point = solve(netlist, method=method)
+    assert point.method == method
+    assert point.kcl_residual <= 1e-6
+    assert point.backward_error <= 1e-12
+
+
+def test_an_operating_point_is_that_of_its_own_circuit() -> None:
+    def netlist(column: int) -> Netlist:
+        cell = np.zeros((10, 10), dtype=np.uint8)
+        cell[4, column] = 2
+        return compile_space(space_of(cell), boundary="neumann")
+
+    point, same, other = solve(netlist(2)), netlist(2), netlist(7)
+    assert point.is_of(same)
+    assert not point.is_of(other)
+    np.testing.assert_array_equal(scale_drive(same, point).current_amps, scale_drive(point.netlist, point).current_amps)
+    with pytest.raises(InputError, match="another netlist; solve this one first"):
+        scale_drive(other, point)
 
 
 def test_conductances_of_24_decades_in_one_circuit() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from circuits import dense_solution, ladder, random_grid
 from hypothesis import given, settings, strategies as st
-from spaces import space_of
+from spaces import serpentine, space_of
 
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError, ToolMissingError
@@ -110,6 +110,30 @@ def test_a_truncated_deck_fails_the_check(deck: Path, cut: int) -> None:
     agreement = check_deck(deck)
     assert not agreement.agrees
     assert "differ from the deck that resgrid wrote" in agreement.findings[0]
+
+
+def test_a_changed_resistor_is_found_beside_parts_that_carry_no_current() -> None:
+    space = space_of(serpentine(7, 40, 3))
+    free = np.argwhere(space.cell == 0)
+    netlist = compile_space(space, boundary="neumann", drive="start", start=free[len(free) // 2].tolist())
+    point = solve(netlist)
+    deck = flatten(netlist)
+    expected = expect(deck, point)
+    assert inspect_deck(deck.text.encode(), expected, 1e-6) == []
+    worst = int(np.argmax(np.abs(point.resistor_current)))
+    tripled = flatten(
+        netlist.replace(
+            conductance=np.where(np.arange(len(netlist.conductance)) == worst, 1 / 3, 1) * netlist.conductance
+        )
+    )
+    assert inspect_deck(tripled.text.encode(), expected, 1e-6)
+
+
+def test_an_operating_point_of_another_circuit_with_as_many_nodes_is_refused() -> None:
+    netlist = random_grid(3)
+    other = netlist.replace(conductance=2.0 * netlist.conductance)
+    with pytest.raises(InputError, match="another netlist; solve this one first"):
+        expect(flatten(other), solve(netlist))
 
 
 def test_every_changed_resistor_is_found_without_the_hash(original: Path) -> None:

@@ -48,9 +48,9 @@ class Pattern:
     system : NodalSystem
         Of the nominal conductances; rows and entries stay where they are.
     source : ndarray of int64, shape (entries,), or None
-        The resistor behind every entry of its `coupling`; None where resistors are in parallel, which
+        The resistor behind every entry of its `coupling`; None where resistors are in parallel, and ``entries`` tells.
     entries : Terms
-        tells.
+        Of the coupling's entries.
     excess, feed : Terms
         Of the system's parts of these names.
     node : ndarray of int64, shape (k,)

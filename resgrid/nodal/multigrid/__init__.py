@@ -29,10 +29,11 @@
    product that follows it are two waves, one close behind the other. The product takes conductances in single
    precision and makes up for their rounding on the diagonal (`boards.compensated`): rows sum to what leaks, so that
    smooth vectors, of which only differences count, are multiplied as well as others.
-8. *Refinement* (`resgrid.nodal.refine`) makes a normwise answer right entry by entry: residuals in scaled double-
-   double, every pass a solution to many digits of what is largest, until what all rows violate KCL by proves that no
-   entry is off by more than 4e-9 of itself. The last rows, mostly in slits, are solved directly with what surrounds
-   them (`pockets`): corrected, or, where no digit is right, found anew from what flows in, hundreds of decades at once.
+8. *Refinement* (`resgrid.nodal.refine`) makes a normwise answer right entry by entry: voltages in double-double, with
+   exponents where doubles run out, every pass a solution to many digits of what is largest, until what all rows
+   violate KCL by proves that no entry is off by more than 4e-9 of itself and the rounding of the sums. The last rows,
+   mostly in slits, are solved directly with what surrounds them (`pockets`): corrected, or, where no digit is right,
+   found anew from what flows in, hundreds of decades at once.
 9. *Grading* (`grading`, `graded`, `foresight`, `graded_solver`). Where a potential falls by many decades, coarse nodes
    move their members in proportion to it, and all decades gain digits alike. What it will be is foreseen from coarse
    to fine: a small level solved directly, its answer spread, and made better on every level by a multiplicative cycle,
