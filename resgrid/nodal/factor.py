@@ -140,7 +140,8 @@ class Factor(ABC):
 
         Rows keep their numbers; those of changed cells are pinned at their rail.  Multigrid patches its levels around
         the cells and keeps the rest, where few cells change and the circuit stays in one piece; otherwise, and by the
-        other methods, everything is made anew, and ``change.reason`` says why.  The new right-hand side is
+        other methods, everything is made anew, and ``change.reason`` says why.  Should patched levels come to
+        stagnate, the first solution that does makes them anew.  The new right-hand side is
         ``system.feed + system.injected`` of the new factor, whose netlist is still the one before.
 
         Parameters
@@ -180,7 +181,7 @@ class Factor(ABC):
 
 def factor_anew(make: Callable[[NodalSystem], Factor], system: NodalSystem, change: Change, reason: str) -> Factor:
     """Make a factor of a system that an update has changed, for a reason, unless the change itself is one."""
-    factors = make(replace(system, derived=system.coupling, separated=None))
+    factors = make(rebuilt(system))
     return replace(factors, change=replace(change, reason=change.reason or reason))
 
 
@@ -193,3 +194,8 @@ def check_rtol(rtol: float) -> None:
     """
     if not 0 < rtol < 1:
         raise InputError(f"rtol = {rtol} must lie between 0 and 1")
+
+
+def rebuilt(system: NodalSystem) -> NodalSystem:
+    """The same equations, their conductances in rows of their own and no longer those of the netlist."""
+    return replace(system, derived=system.coupling, separated=None)

@@ -71,8 +71,7 @@ def test_what_lies_outside_the_windows_follows(boundary: str) -> None:
     there = outside(after)
     assert np.abs(found - exact)[there].max() < 0.02 * np.abs(old - exact)[there].max()
     assert after.change is not None
-    pinned = after.change.pinned
-    np.testing.assert_allclose(found[pinned], exact[pinned], rtol=0, atol=1e-12)
+    assert not found[after.change.pinned].any()
 
 
 def test_the_drop_is_not_scaled_where_another_goal_holds_the_outside() -> None:

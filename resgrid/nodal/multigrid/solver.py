@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
-from resgrid.nodal.factor import Factor, factor_anew
+from resgrid.nodal.factor import Factor, factor_anew, rebuilt
 from resgrid.nodal.multigrid.approximation import approximate
 from resgrid.nodal.multigrid.grading import decades_in_slit, is_graded
 from resgrid.nodal.refine import Approximation, Refined, refine
@@ -73,14 +73,32 @@ class MultigridFactor(Factor):
         of the largest one: where all currents meet in a few cells, as at the goal of open obstacles, the residual
         norm asks for much more than that.
         """
-        if guess is not None:
-            guess = self._improved(rhs, guess)
+        if self.change is None or not len(self.change.pinned):
+            return self._iterated(rhs, rtol, guess, watch)
+        # Rows that an update has pinned are alone.  Behind stiff walls they would be all that norms tell of.
+        pinned, taking = self.change.pinned, rhs.copy()
+        taking[pinned] = 0.0
+        voltage = rhs[pinned] / self.system.degree[pinned]
+        try:
+            x = self._iterated(taking, rtol, None if guess is None else self._improved(taking, guess), watch)
+        except AccuracyError as error:
+            if isinstance(error.best, np.ndarray):
+                error.best[pinned] = voltage
+            raise
+        x[pinned] = voltage
+        return x
+
+    def _iterated(
+        self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
+    ) -> NDArray[np.float64]:
         from resgrid.nodal.multigrid.iteration import iterate
         from resgrid.nodal.multigrid.kernels import norm
 
         x, residual = iterate(self.system, self.hierarchy, rhs, rtol, guess, watch)
         largest = self.hierarchy.largest_degree(self.system)
         error = residual / (2.0 * largest * norm(x) + norm(rhs) or 1.0)
+        if not error <= rtol and self.patched is not None:
+            return self._made_anew._iterated(rhs, rtol, None, watch)
         if not error <= rtol:
             raise AccuracyError(
                 f"multigrid stagnates at a backward error of {error:.1e}, above rtol = {rtol:.1e}; "
@@ -90,6 +108,11 @@ class MultigridFactor(Factor):
         if watch is not None:
             watch.done(error)
         return x
+
+    @cached_property
+    def _made_anew(self) -> MultigridFactor:
+        """The same without patches, for where these no longer precondition."""
+        return MultigridFactor(rebuilt(self.system))
 
     def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
         graded = self._graded_approximation(rhs, watch)
@@ -123,12 +146,15 @@ class MultigridFactor(Factor):
         return graded
 
     def _improved(self, b: NDArray[np.float64], guess: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The guess, made better where the last update has changed the circuit."""
-        if self.change is None or not self.windows:
-            return guess
-        from resgrid.nodal.update.guess import improve_guess
+        """The guess, 0 in pinned rows, made better where the last update has changed the circuit."""
+        assert self.change is not None
+        if self.windows:
+            from resgrid.nodal.update.guess import improve_guess
 
-        return improve_guess(self.system, self.change, self.windows, b, guess)
+            return improve_guess(self.system, self.change, self.windows, b, guess)
+        better = guess.copy()
+        better[self.change.pinned] = 0.0
+        return better
 
     def _board(self) -> Hierarchy | None:
         return self.hierarchy if self.hierarchy.grid else None

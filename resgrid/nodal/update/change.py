@@ -164,15 +164,25 @@ def _fresh_cells(layout: Layout, before: Change, cells: ArrayLike, code: Cell) -
 
 
 def _rows_of(system: NodalSystem, layout: Layout, flat: NDArray[np.int64], code: Cell) -> NDArray[np.int64]:
-    """Rows of cells; -1 where nothing flows, so that an obstacle makes no difference."""
+    """Rows of cells; -1 where nothing flows and a change makes no difference."""
     node = layout.node.ravel()[flat]
     row = np.where(node >= 0, system.unknown[node], -1)
     if layout.start is not None and np.any(flat == np.ravel_multi_index(layout.start, layout.space.shape)):
         raise InputError(f"the cell {layout.start} is the driven start; compile the space with another start")
-    if code == Cell.GOAL and np.any(row < 0):
-        cell = tuple(int(i) for i in np.unravel_index(flat[int(np.argmin(row))], layout.space.shape))
+    resting = np.flatnonzero(row < 0)
+    changes = resting[_would_feed(system, layout, node[resting], code)] if resting.size else resting
+    if changes.size:
+        cell = tuple(int(i) for i in np.unravel_index(flat[changes[0]], layout.space.shape))
         raise InputError(f"the cell {cell} is in a part that carries no current yet; factor the changed space anew")
     return np.asarray(row, dtype=np.int64)
+
+
+def _would_feed(system: NodalSystem, layout: Layout, node: NDArray[np.int32], code: Cell) -> NDArray[np.bool_]:
+    """Which nodes of parts where nothing flows a new rail would feed: those that are not at its voltage."""
+    if code == Cell.OBSTACLE and layout.boundary == "neumann":
+        return np.zeros(len(node), dtype=np.bool_)
+    volts = layout.goal_voltage + (layout.supply if code == Cell.OBSTACLE else 0.0)
+    return np.asarray((node < 0) | (system.known[node] != volts))
 
 
 @dataclass(frozen=True, eq=False)

@@ -44,7 +44,7 @@ def improve_guess(
     change : Change
     windows : tuple of Window
     b : ndarray of float64, shape (n,)
-        Currents in amperes.
+        Currents in amperes; none into rows that no longer take part, which are left at 0.
     guess : ndarray of float64, shape (n,)
         Voltages in volts, such as those before the change.
 
@@ -53,17 +53,16 @@ def improve_guess(
     ndarray of float64, shape (n,)
     """
     x = np.multiply(guess, change.gain)
-    at_rail = b[change.pinned] / system.degree[change.pinned]
-    x[change.pinned] = at_rail
+    x[change.pinned] = 0.0
     tied, fed = (_sum_outside(values, change, windows) for values in (system.excess, b))
     hardly = tied <= _HARDLY * sum(window.conductance.sum() for window in windows)
     if hardly and (shift := _rise(system, change, windows, b, x, tied, fed)):
         x += shift
-        x[change.pinned] = at_rail
+        x[change.pinned] = 0.0
     inside = [window.solve(b[window.rows] + window.drawn(x), _ACCURACY, x[window.rows]) for window in windows]
     if not hardly and (rail := _holding_rail(system, tied, fed)) is not None:
         inside = _scale_drop(windows, x, inside, rail)
-        x[change.pinned] = at_rail
+        x[change.pinned] = 0.0
     for window, voltages in zip(windows, inside, strict=True):
         x[window.rows] = voltages
     return x

@@ -66,7 +66,6 @@ def patch_levels(
     node, count = layout.node[hierarchy.box], len(grid.boards.margin)
     shape = node.shape
     depth = window_depth(shape, count + 1)
-    gone = _within(hierarchy.box, change.cells, layout.node.shape)
     boxes = boxes_around(_within(hierarchy.box, cells, layout.node.shape), shape, depth)
     if not boxes:
         return None
@@ -77,7 +76,7 @@ def patch_levels(
     boards = _own_arrays(grid.boards, "faces", "red_inverse", "black_inverse", "black_degree", "aggregate")
     stack, windows = hierarchy.stack, []
     for box in boxes:
-        window, levels, steps = open_window(system, node, true, hierarchy.unit, box, gone, depth)
+        window, levels, steps = open_window(system, node, true, hierarchy.unit, box, change.pinned, depth)
         patch = _Patch(box, shape, levels, steps, boards)
         patch.leave(aggregate)
         for number in range(1, len(levels)):

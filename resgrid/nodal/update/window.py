@@ -149,7 +149,7 @@ def open_window(
     board: Board,
     unit: float,
     box: Box,
-    gone: NDArray[np.int64],
+    pinned: NDArray[np.int64],
     depth: int,
 ) -> tuple[Window | None, list[Level], list[Coarsened]]:
     """Cut a window out and coarsen it.
@@ -164,8 +164,8 @@ def open_window(
         The same, in double precision.
     unit : float
     box : Box
-    gone : ndarray of int64, shape (k, ndim)
-        Cells that no longer take part.
+    pinned : ndarray of int64, shape (k,)
+        Rows that no longer take part.
     depth : int
         How many times to coarsen, at most.
 
@@ -177,7 +177,7 @@ def open_window(
         As of `coarsen_boards`.
     """
     shape, lattice = node.shape, Lattice(box.shape)
-    rows, place = _rows(system, node, box, lattice, gone)
+    rows, place = _rows(system, node, box, lattice, pinned)
     faces, leak = np.zeros((len(board.faces), lattice.places)), np.zeros((2, lattice.places))
     inner, outer, conductance = _cut(board, shape, box, lattice, faces)
     leak.ravel()[place] = system.excess[rows] / unit
@@ -197,14 +197,12 @@ def open_window(
 
 
 def _rows(
-    system: NodalSystem, node: NDArray[np.int32], box: Box, lattice: Lattice, gone: NDArray[np.int64]
+    system: NodalSystem, node: NDArray[np.int32], box: Box, lattice: Lattice, pinned: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
     """Rows of the cells of a window, and their places in it."""
     here = node[tuple(slice(a, b) for a, b in zip(box.low.tolist(), box.high.tolist(), strict=True))]
     row = np.where(here >= 0, system.unknown[here], -1)
-    away = gone.T - box.low[:, None]
-    inside = np.all((away >= 0) & (away < np.array(box.shape)[:, None]), axis=0)
-    row[tuple(away[:, inside])] = -1
+    row[np.isin(row, pinned)] = -1
     rows, place = np.empty(row.size, dtype=np.int64), np.empty(row.size, dtype=np.int32)
     count = kernels.number_cells(row.ravel(), lattice.rows, lattice.margin, lattice.places, rows, place)
     return rows[:count], place[:count].copy()
