@@ -186,7 +186,6 @@ class OperatingPoint:
     def kcl_residual(self) -> float:
         """Largest violation of Kirchhoff's current law at a node, relative to the current through that same node.
 
-        Of a direction-safe point, nodes that no drive feeds and that carry less current than differences of their
-        voltages can tell are left out.
+        Of a direction-safe point, nodes that differ by less than their voltages can tell count as one.
         """
         return self.readings.kcl_residual

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.netlist import Netlist
+from resgrid.netlist import GROUND, Netlist
 from resgrid.nodal.entrywise import NodeValues
 from resgrid.nodal.operating_point import OperatingPoint, Readings
 from resgrid.nodal.scaled import logarithm, power
@@ -24,9 +24,6 @@ DIRECTION_RESIDUAL = 1e-6
 
 HARMLESS = 1e-7
 """Share of a node's through-current that may be dropped where float64 values of its ends are equal."""
-
-_FLAT = 1e-12
-"""Share of the currents that a node's value makes in its conductances, up to which differences tell nothing."""
 
 _NONE = -(2**62)
 _LEAST_EXPONENT = -2
@@ -75,8 +72,8 @@ def read_off(
     -------
     point : OperatingPoint
     residual : ndarray of float64, shape (nodes,)
-        Violation of KCL relative to the current through the node, by which the field may be judged; 0 where no drive
-        feeds the node and it carries less current than differences of values can tell.
+        Violation of KCL relative to the current through the node, by which the field may be judged; of the whole
+        plateau where differences of values cannot tell the node's own currents (`resgrid.nodal.plateaus`).
     """
     netlist = system.netlist
     plain = _plain_where_possible(values, netlist)
@@ -86,7 +83,7 @@ def read_off(
     stored, sign = (log_drop, -1.0) if log_drop is not None else (potential, 1.0)
     if stored is not None:
         _drop_unresolved(netlist, amps, exponent, sums, plain, stored, float(np.sign(values.volts)) * sign)
-    residual = _relative_residual(system, values, sums)
+    residual = _relative_residual(system, values, amps, exponent, sums)
     scale = 1.0 if plain else power(sums.exponent)
     point = OperatingPoint(
         netlist=netlist,
@@ -113,25 +110,26 @@ def _log_current(amps: NDArray[np.float64], exponent: NDArray[np.int64]) -> NDAr
     return logarithm(np.abs(amps), exponent)
 
 
-def _relative_residual(system: NodalSystem, values: NodeValues, sums: Balance) -> NDArray[np.float64]:
-    """Violation of KCL at every node that is solved for and tied by no source, relative to its through-current."""
+def _relative_residual(
+    system: NodalSystem, values: NodeValues, amps: NDArray[np.float64], exponent: NDArray[np.int64], sums: Balance
+) -> NDArray[np.float64]:
+    """Violation of KCL at every node that is solved for, relative to its through-current.
+
+    Where differences of values cannot tell the currents at a node, KCL is asked of the whole plateau, and so it is of
+    nodes that floating sources tie.
+    """
     own = (system.unknown >= 0) & (sums.through > 0)
     own[system.forest.order] = False
     residual = np.zeros(len(own))
     np.divide(np.abs(sums.net), sums.through, out=residual, where=own)
-    wrong = np.flatnonzero(residual > DIRECTION_RESIDUAL)
-    residual[wrong[_flat(system, values, sums, wrong)]] = 0.0
+    lifted = system.forest.order[system.forest.base != GROUND]
+    doubtful = np.concatenate([np.flatnonzero(residual > DIRECTION_RESIDUAL), lifted])
+    if doubtful.size:
+        from resgrid.nodal.plateaus import plateau_residual
+
+        injected = injected_currents(system.netlist)
+        residual[doubtful] = plateau_residual(system, values, amps, exponent, injected)[doubtful]
     return residual
-
-
-def _flat(system: NodalSystem, values: NodeValues, sums: Balance, nodes: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Which nodes no drive feeds and carry less current than differences of their values can tell."""
-    row = system.unknown[nodes]
-    value = values.value
-    log_value = logarithm(np.abs(value.hi[nodes]), value.exponent[nodes]) + np.log(abs(values.volts))
-    log_through = logarithm(sums.through[nodes], sums.exponent[nodes])
-    small = log_through <= np.log(_FLAT) + np.log(system.degree[row]) + log_value
-    return np.asarray((system.injected[row] == 0) & small)
 
 
 def _plain_where_possible(values: NodeValues, netlist: Netlist) -> bool:

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.nodal.scaled import BITS, Scaled, power
+from resgrid.nodal.scaled import BITS, NOISE, Scaled, power
 from resgrid.nodal.system import NodalSystem
 
 if TYPE_CHECKING:
@@ -47,6 +47,9 @@ _HOPELESS = 1e-3
 
 _PROVED = 1e-6
 """Bound on the errors of entries up to which an answer is one, whatever its backward error."""
+
+_DIFFERENCE = 4.0
+"""Errors that two values may be off by where hardly any current flows, in units of the floor: less is noise."""
 
 _FLAT = 1e-14
 """Share of currents in ``(b + |A| |x|)_i`` below which they may be what rounding leaves of none."""
@@ -174,7 +177,7 @@ class _Answer:
         if self._plain:
             e = np.zeros(len(hi), dtype=np.int64)
         canonical_pairs(hi, lo, e)
-        return Scaled(hi, lo, e)
+        return Scaled(hi, lo, e, max(NOISE, _DIFFERENCE * self._floor))
 
     @property
     def log_size(self) -> float:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from resgrid.nodal.update.change import Change
     from resgrid.nodal.update.window import Window
 
-REFINED = 1e-20
+REFINED = 1e-26
 """Componentwise backward error that is enough where no current flows."""
 
 
