@@ -6,17 +6,23 @@ above the low one is what is left of it, or a solution of its own where that wou
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.netlist import GROUND
 from resgrid.nodal.factor import Factor
-from resgrid.nodal.scaled import Scaled, power
+from resgrid.nodal.scaled import Scaled, logarithm, power
 from resgrid.nodal.side_by_side import side_by_side
 from resgrid.nodal.system import NodalSystem, Rails
 from resgrid.nodal.watch import Watch
+
+_CERTAIN = 1e-9
+"""Errors relative to the largest value that need no closer look."""
+
+_MOST_CORRECTIONS = 5
 
 _LEAST_REST = 1e-3
 """Smallest height above the low rail, as a share of both rails' distance, that is read off the drop."""
@@ -36,6 +42,9 @@ class NodeValues:
         Voltage of the low (or only) rail, and volts of a unit; negative where values grow as voltages fall.
     noise : float
         Relative difference of two values counted upwards below which it is noise; ``value.noise`` is that of drops.
+    doubt : float
+        By how much any value may be off at most, relative to the largest, where currents of both signs drive the
+        circuit; of all others nothing is said here.
     """
 
     value: Scaled
@@ -43,6 +52,7 @@ class NodeValues:
     zero: float
     volts: float
     noise: float
+    doubt: float = 0.0
 
     @property
     def height(self) -> NDArray[np.float64]:
@@ -76,7 +86,10 @@ def node_values(system: NodalSystem, factors: Factor | None, watch: Watch, threa
         return _above(system, rising, 1.0)
     if not np.any(drive > 0):
         return _above(system, falling, -1.0)
-    return _above(system, _minus(rising, falling), 1.0)
+    difference, doubt = _minus(rising, falling), 0.0
+    if factors is not None and watch.bound * _quotient([rising, falling], difference) > _CERTAIN:
+        difference, doubt = _refined(factors, difference)
+    return replace(_above(system, difference, 1.0), doubt=doubt)
 
 
 def _drop_and_height(rails: Rails, factors: Factor | None, watch: Watch, threads: int) -> tuple[Scaled, Scaled | None]:
@@ -115,6 +128,70 @@ def _minus(a: Scaled, b: Scaled) -> Scaled:
     correct(hi, lo, exponent, -b.hi, b.exponent)
     correct(hi, lo, exponent, -b.lo, b.exponent)
     return Scaled(hi, lo, exponent)
+
+
+def _refined(factors: Factor, x: Scaled) -> tuple[Scaled, float]:
+    """Make a difference of two solutions that nearly cancel better; returns what it may be off by at most.
+
+    Either one is right entry by entry, which says little of the difference.  But ``A^-1`` has no negative entry: the
+    error is at most ``A^-1 |r|``, with the residual ``r``, and what ``A^-1`` makes of both signs of it corrects it.
+    """
+    best, doubt = x, np.inf
+    for _ in range(_MOST_CORRECTIONS):
+        rise, fall = (factors.solve_nonnegative(part)[0] for part in _residual(factors.system, x))
+        found = 2.0 * _quotient([rise, fall], x)
+        if not found < doubt:
+            break
+        best, doubt = x, found
+        if doubt <= _CERTAIN:
+            break
+        x = _minus(_minus(x, fall), _negative(rise))
+    return best, float(doubt)
+
+
+def _residual(system: NodalSystem, x: Scaled) -> tuple[Scaled, Scaled]:
+    """The residual's positive part, and what is negative of it; both with what the drive's own rounding may hide."""
+    from resgrid.nodal.refine import scaled_currents
+    from resgrid.nodal.refine_kernels import correct, exact_residual
+
+    coupling, (amps, scale) = system.coupling, scaled_currents(system.drive)
+    r, e = np.empty(system.size), np.empty(system.size, dtype=np.int64)
+    exact_residual(
+        coupling.indptr, coupling.indices, coupling.data, system.excess, amps, scale, x.hi, x.lo, x.exponent, r, e
+    )
+    hidden, none = _drive_rounding(system), np.zeros_like(e)
+    parts = [Scaled(np.maximum(sign * r, 0.0), np.zeros_like(r), np.where(sign * r > 0.0, e, 0)) for sign in (1, -1)]
+    for part in parts:
+        correct(part.hi, part.lo, part.exponent, hidden, none)
+    return parts[0], parts[1]
+
+
+def _drive_rounding(system: NodalSystem) -> NDArray[np.float64]:
+    """By how much the current driven into every row may be rounded, in amperes.
+
+    Rails and floating sources drive sums of products; several current sources at a row are summed.
+    """
+    lift = float(np.abs(system.forest.height[system.forest.base != GROUND]).max(initial=0.0))
+    row, amps = system.unknown[system.netlist.current_nodes].ravel(), np.repeat(system.netlist.current_amps, 2)
+    row, amps = row[row >= 0], np.abs(amps[row >= 0])
+    several = np.bincount(row, minlength=system.size) > 1
+    summed = np.where(several, np.bincount(row, amps, system.size), 0.0)
+    return np.asarray(np.finfo(np.float64).eps * (lift * system.degree + np.abs(system.feed) + summed))
+
+
+def _negative(x: Scaled) -> Scaled:
+    return Scaled(-x.hi, -x.lo, x.exponent, x.noise)
+
+
+def _quotient(parts: list[Scaled], x: Scaled) -> float:
+    """The largest value of any part relative to that of ``x``; 0 where all parts vanish."""
+    largest, most = _largest_log(x), max(_largest_log(part) for part in parts)
+    with np.errstate(over="ignore"):
+        return 0.0 if most == -np.inf else float(np.exp(most - largest))
+
+
+def _largest_log(values: Scaled) -> float:
+    return float(logarithm(np.abs(values.hi), values.exponent).max(initial=-np.inf))
 
 
 def _between(system: NodalSystem, rails: Rails, drop: Scaled, height: Scaled | None) -> NodeValues:

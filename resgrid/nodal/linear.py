@@ -49,7 +49,7 @@ def solve_linear(
     signed = point.log_drop is None and point.potential is None
     bound = np.inf if signed else watch.bound + np.finfo(np.float64).eps
     point = replace(point, iterations=watch.iterations, backward_error=watch.error, entry_error=bound)
-    _check_direction(point, residual)
+    _check_direction(point, residual, values.doubt)
     return point
 
 
@@ -60,8 +60,15 @@ def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
     seconds[stage] = time.perf_counter() - start
 
 
-def _check_direction(point: OperatingPoint, residual: NDArray[np.float64]) -> None:
-    """Refuse an answer that is not direction-safe."""
+def _check_direction(point: OperatingPoint, residual: NDArray[np.float64], doubt: float) -> None:
+    """Refuse an answer that is not direction-safe, or whose voltages may be off by a share of the largest."""
+    if doubt > DIRECTION_RESIDUAL:
+        raise AccuracyError(
+            f"currents of both signs nearly cancel: voltages may be off by {doubt:.1e} of the largest (at most "
+            f"{DIRECTION_RESIDUAL:g} is allowed); check what ties the circuit to its rails, or use accuracy = "
+            "'normwise'",
+            point,
+        )
     if not is_answer(point.backward_error, point.entry_error):
         raise AccuracyError(
             f"method {point.method!r} reached a componentwise backward error of {point.backward_error:.1e} only: the "
