@@ -174,8 +174,8 @@ class Netlist:
     nonlinear_voltage: NDArray[np.float64] = field(default_factory=_no_values)
 
     def __post_init__(self) -> None:
-        if self.node_count > MOST_NODES:
-            raise InputError(f"{self.node_count:,} nodes: a netlist may have at most {MOST_NODES:,}")
+        if not isinstance(self.node_count, int | np.integer) or not 1 <= self.node_count <= MOST_NODES:
+            raise InputError(f"node_count = {self.node_count!r} must be a whole number from 1 to {MOST_NODES:,}")
         for nodes, *values in _KINDS.values():
             object.__setattr__(self, nodes, _numbers(nodes, getattr(self, nodes), self.node_count))
             for name in values:

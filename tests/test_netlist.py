@@ -99,7 +99,7 @@ def test_a_node_that_does_not_exist_is_refused_however_large(node: int) -> None:
 
 
 def test_more_nodes_than_32_bits_number_are_refused() -> None:
-    with pytest.raises(InputError, match=r"2,147,483,648 nodes: a netlist may have at most 2,147,483,647"):
+    with pytest.raises(InputError, match=r"node_count = 2147483648 must be a whole number from 1 to 2,147,483,647"):
         ladder().replace(node_count=2**31)
 
 

@@ -67,7 +67,11 @@ class DirectFactor(Factor):
                     watch.done(error)
                 return x
             x = x + self._plain(residual)
-        raise AccuracyError(f"the direct solver stopped at a backward error of {error:.1e}, above rtol = {rtol:.1e}", x)
+        raise AccuracyError(
+            f"the direct solver stopped at a backward error of {error:.1e}, above rtol = {rtol:.1e}; use "
+            "method = 'multigrid', or a larger rtol",
+            x,
+        )
 
     def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
         exact = self.system.size <= EXACT_ROWS

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from resgrid.netlist import GROUND
 from resgrid.nodal.factor import Factor
-from resgrid.nodal.scaled import Scaled, logarithm, power
+from resgrid.nodal.scaled import NOISE, Scaled, logarithm, power
 from resgrid.nodal.side_by_side import side_by_side
 from resgrid.nodal.system import NodalSystem, Rails
 from resgrid.nodal.watch import Watch
@@ -45,6 +45,8 @@ class NodeValues:
     doubt : float
         By how much any value may be off at most, relative to the largest, where currents of both signs drive the
         circuit; of all others nothing is said here.
+    grain : float
+        Difference of two values, in units, below which it is noise because they are differences themselves.
     """
 
     value: Scaled
@@ -53,6 +55,7 @@ class NodeValues:
     volts: float
     noise: float
     doubt: float = 0.0
+    grain: float = 0.0
 
     @property
     def height(self) -> NDArray[np.float64]:
@@ -86,10 +89,12 @@ def node_values(system: NodalSystem, factors: Factor | None, watch: Watch, threa
         return _above(system, rising, 1.0)
     if not np.any(drive > 0):
         return _above(system, falling, -1.0)
-    difference, doubt = _minus(rising, falling), 0.0
-    if factors is not None and watch.bound * _quotient([rising, falling], difference) > _CERTAIN:
+    difference, doubt, parts = _minus(rising, falling), 0.0, [rising, falling]
+    if factors is not None and watch.bound * _quotient(parts, difference) > _CERTAIN:
         difference, doubt = _refined(factors, difference)
-    return replace(_above(system, difference, 1.0), doubt=doubt)
+        parts = [difference]
+    grain = max(NOISE, doubt) * np.exp(max(map(_largest_log, parts)))
+    return replace(_above(system, difference, 1.0), doubt=doubt, grain=float(grain))
 
 
 def _drop_and_height(rails: Rails, factors: Factor | None, watch: Watch, threads: int) -> tuple[Scaled, Scaled | None]:

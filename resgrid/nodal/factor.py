@@ -123,9 +123,11 @@ class Factor(ABC):
 
     def _one_per_row(self, name: str, values: ArrayLike) -> NDArray[np.float64]:
         try:
-            array = np.ascontiguousarray(values, dtype=np.float64)
+            array = np.ascontiguousarray(values, dtype=None if np.iscomplexobj(values) else np.float64)
         except (TypeError, ValueError):
-            raise InputError(f"{name} must be numbers, one per row of the factor's system") from None
+            array = np.empty(0, dtype=np.complex128)
+        if array.dtype != np.float64:
+            raise InputError(f"{name} must be real numbers, one per row of the factor's system")
         if array.shape != (self.system.size,):
             raise InputError(
                 f"{name} has shape {array.shape}, but the system has {self.system.size} rows; give one number per row"

@@ -36,7 +36,11 @@ def solve_linear(
     name = factors.name if factors else "none"
     if accuracy == "normwise":
         with _timed(seconds, "substitute"):
-            x = factors.solve(system.drive, rtol=rtol, watch=watch) if factors else np.zeros(0)
+            try:
+                x = factors.solve(system.drive, rtol=rtol, watch=watch) if factors else np.zeros(0)
+            except AccuracyError as error:
+                best = np.asarray(error.best, dtype=np.float64)
+                raise AccuracyError(str(error), read_plain(system, best, name, seconds)) from None
             del factors
         with _timed(seconds, "read"):
             point = read_plain(system, x, name, seconds)

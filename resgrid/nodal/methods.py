@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import partial
 
 import numpy as np
@@ -20,7 +19,7 @@ from resgrid.nodal.reduction.elimination import may_reduce, reduce_system
 from resgrid.nodal.reduction.reduced_factor import ReducedFactor
 from resgrid.nodal.system import NodalSystem
 
-METHODS: dict[str, Callable[[NodalSystem], Factor]] = {"direct": factor_direct, "multigrid": factor_multigrid}
+METHODS = ("direct", "multigrid")
 
 _OPEN = 3.9
 """Neighbours a node above which factors fill like an open plane; like a volume above `fall.VOLUME`."""
@@ -82,15 +81,15 @@ def factor_system(
         raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
     if reduce and may_reduce(system):
         if _is_long_corridor(system, method, accuracy):
-            return _factor_whole(system, "direct", accuracy, system.dimensions, later)
+            return _factor_whole(system, "direct", accuracy, later)
         _require(_REDUCING * system.size, system, "elimination")
         reduction, anew = reduce_system(system), partial(factor_system, method=method)
         if reduction.core is None:
             return ReducedFactor(system, reduction, None, anew)
         if reduction.count >= _FAIR_SHARE * system.size:
-            inner = _factor_whole(reduction.core, method, accuracy, system.dimensions, later)
+            inner = _factor_whole(reduction.core, method, accuracy, later)
             return ReducedFactor(system, reduction, inner, anew)
-    return _factor_whole(system, method, accuracy, system.dimensions, later)
+    return _factor_whole(system, method, accuracy, later)
 
 
 def _is_long_corridor(system: NodalSystem, method: str, accuracy: str) -> bool:
@@ -100,10 +99,10 @@ def _is_long_corridor(system: NodalSystem, method: str, accuracy: str) -> bool:
     return method == "direct" or choose_method(system, accuracy) == "direct"
 
 
-def _factor_whole(system: NodalSystem, method: str, accuracy: str, dimensions: int, later: bool) -> Factor:
+def _factor_whole(system: NodalSystem, method: str, accuracy: str, later: bool) -> Factor:
     name = choose_method(system, accuracy) if method == "auto" else method
-    _require(estimate_memory(system, name, accuracy, dimensions), system, name)
-    return factor_multigrid(system, later=later) if name == "multigrid" else METHODS[name](system)
+    _require(estimate_memory(system, name, accuracy), system, name)
+    return factor_multigrid(system, later=later) if name == "multigrid" else factor_direct(system)
 
 
 def _require(needed: float, system: NodalSystem, name: str) -> None:
@@ -200,9 +199,7 @@ def _multigrid_seconds(
     return _OVERHEAD + a_row * system.size
 
 
-def estimate_memory(
-    system: NodalSystem, method: str = "direct", accuracy: str = "direction", dimensions: int | None = None
-) -> float:
+def estimate_memory(system: NodalSystem, method: str, accuracy: str = "direction") -> float:
     """Estimate the peak memory of a method above the netlist, in bytes.
 
     Entries of narrow circuits' factors are counted (`resgrid.nodal.narrow`).  Those of others grow about as
@@ -226,5 +223,5 @@ def estimate_memory(
         2: 2.6 * n * np.log2(n + 2),
         3: 10.0 * n ** (4 / 3),
         4: 4.5 * n ** (3 / 2),
-    }[system.dimensions if dimensions is None else dimensions]
+    }[system.dimensions]
     return float(50 * fill + 600 * n)

@@ -16,8 +16,8 @@ from resgrid.nodal.entrywise import NodeValues
 from resgrid.nodal.scaled import logarithm
 from resgrid.nodal.system import NodalSystem
 
-_TOLD = np.log(1e-12)
-"""Difference of two values, relative to the larger one, from which a current is known; its logarithm."""
+_TOLD, _GRAINS = np.log(1e-12), np.log(1e6)
+"""Difference of two values, relative to the larger one, and in grains, from which a current is known; logarithms."""
 
 
 def plateau_residual(
@@ -46,7 +46,7 @@ def plateau_residual(
         0 on plateaus that a rail holds or that carry no current.
     """
     ends, size = system.netlist.resistor_nodes, logarithm(np.abs(amps), exponent)
-    told = size > _TOLD + np.log(system.netlist.conductance) + _log_volts(values, ends)
+    told = size > np.log(system.netlist.conductance) + _least_log_volts(values, ends)
     plateau = _plateaus(system, ends[~told])
     one, other = plateau[ends[told]].T
     fed = np.flatnonzero(injected)
@@ -62,12 +62,16 @@ def plateau_residual(
     return np.asarray(residual[plateau])
 
 
-def _log_volts(values: NodeValues, ends: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Logarithm of what the difference of two nodes is judged by: the larger value, or the unit between two rails."""
+def _least_log_volts(values: NodeValues, ends: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Logarithm of the difference from which a current is known, in volts.
+
+    It is judged by the larger value of both ends, or by the unit between two rails.
+    """
     log = logarithm(np.abs(values.value.hi), values.value.exponent)
     a, b = ends.T
-    alike = values.down[a] == values.down[b]
-    return np.asarray(np.where(alike, np.maximum(log[a], log[b]), 0.0) + np.log(abs(values.volts)))
+    larger = np.where(values.down[a] == values.down[b], np.maximum(log[a], log[b]), 0.0)
+    grain = np.log(values.grain) if values.grain > 0.0 else -np.inf
+    return np.asarray(np.maximum(_TOLD + larger, _GRAINS + grain) + np.log(abs(values.volts)))
 
 
 def _plateaus(system: NodalSystem, alike: NDArray[np.int32]) -> NDArray[np.int32]:

@@ -44,7 +44,7 @@ def solve(
     threads : int
         How many right-hand sides may be solved at the same time.  A field whose ties to the high rail are weak takes
         two (the drop from that rail, and the height above the other), and so do current sources of both signs; the
-        digits are the same.
+        digits are the same.  Circuits with nonlinear resistors are solved on one.
     progress : callable, optional
         Called after every step of an iterative method with the steps so far, the residual relative to where the
         present pass began, and about how many seconds that pass still takes (None where nothing is gained).  With
@@ -89,7 +89,13 @@ def factor(netlist: Netlist, *, method: str = "auto") -> Factor:
     Raises
     ------
     InputError
-        If the netlist has nonlinear resistors, or no unknown voltage.
+        If the method is unknown, or the netlist has nonlinear resistors, or no unknown voltage.
+    CircuitError
+        If sources contradict each other, or nothing is driven.
+    AccuracyError
+        If a pivot vanishes in double precision.
+    BudgetError
+        If the factors would not fit in memory.
     """
     if netlist.nonlinear_nodes.size:
         raise InputError(

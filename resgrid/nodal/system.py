@@ -93,6 +93,8 @@ class NodalSystem:
         The `coupling` of a system that was derived from another one; None where the netlist's resistors make it.
     separated : ndarray of int64 or None, shape (p, 2)
         Pairs of rows whose resistors an update has taken out of either.
+    dimensions : int
+        Those that the graph fills: of its grid, also of what elimination leaves of one; 2 for other netlists.
     """
 
     netlist: Netlist
@@ -108,6 +110,7 @@ class NodalSystem:
     floating: NDArray[np.int64]
     derived: sparse.csr_array | None = None
     separated: NDArray[np.int64] | None = None
+    dimensions: int = 2
 
     @property
     def size(self) -> int:
@@ -169,12 +172,6 @@ class NodalSystem:
         rows = sparse.csr_array((data, indices, indptr), shape=(size, size))
         rows.has_sorted_indices = rows.has_canonical_format = ordered
         return rows
-
-    @property
-    def dimensions(self) -> int:
-        """Dimensions that the graph fills: those of its grid; 2 for other netlists."""
-        layout = self.netlist.layout
-        return sum(size > 2 for size in layout.space.shape) if layout is not None else 2
 
     @cached_property
     def degree(self) -> NDArray[np.float64]:
@@ -296,6 +293,7 @@ def assemble(netlist: Netlist) -> NodalSystem:
         undriven=undriven,
         undriven_volts=volts,
         floating=floating,
+        dimensions=2 if netlist.layout is None else sum(size > 2 for size in netlist.layout.space.shape),
     )
 
 

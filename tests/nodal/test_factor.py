@@ -7,6 +7,7 @@ import pytest
 from spaces import serpentine, space_of
 
 import resgrid as rg
+from resgrid.nodal import methods
 from resgrid.nodal.factor import Factor
 from resgrid.nodal.reduction.reduced_factor import ReducedFactor
 from resgrid.nodal.scaled import Scaled
@@ -49,8 +50,9 @@ def test_right_hand_sides_and_guesses_of_a_wrong_shape_are_refused(factors: Fact
 
 def test_what_is_no_current_is_refused(factors: Factor) -> None:
     n = factors.system.size
-    with pytest.raises(rg.InputError, match="rhs must be numbers"):
-        factors.solve(["one"] * n)
+    for wrong in (["one"] * n, np.ones(n) + 1j, None):
+        with pytest.raises(rg.InputError, match=r"rhs (must be real numbers|has shape)"):
+            factors.solve(wrong)
     for bad in (np.nan, np.inf):
         rhs = np.ones(n)
         rhs[3] = bad
@@ -76,3 +78,22 @@ def test_any_array_of_numbers_will_do(factors: Factor) -> None:
         np.testing.assert_array_equal(factors.solve(same), x)
     entrywise, _ = factors.solve_nonnegative(amps)
     np.testing.assert_allclose(entrywise.plain, x, rtol=1e-8, atol=1e-8 * x.max())
+
+
+def test_the_best_answer_has_all_rows_and_all_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where only a core is left to iterate on."""
+    monkeypatch.setattr(methods, "_FAIR_SHARE", 0.0)
+    maze = np.pad(np.zeros((20, 20), dtype=np.uint8), ((0, 0), (0, 60)), constant_values=1)
+    maze[10, 20:], maze[0, 0] = 0, 2
+    netlist = rg.compile_space(
+        space_of(maze, conductivity=10.0 ** np.random.default_rng(1).uniform(-9, 9, maze.shape)), boundary="neumann"
+    )
+    reduced = rg.factor(netlist, method="multigrid")
+    assert isinstance(reduced, ReducedFactor)
+    with pytest.raises(rg.AccuracyError) as failure:
+        reduced.solve(reduced.system.drive, rtol=1e-20)
+    assert np.shape(failure.value.best) == (reduced.system.size,)
+    with pytest.raises(rg.AccuracyError) as failure:
+        rg.solve(netlist, method="multigrid", accuracy="normwise", rtol=1e-20)
+    assert isinstance(failure.value.best, rg.OperatingPoint)
+    assert failure.value.best.voltage.shape == (netlist.node_count,)

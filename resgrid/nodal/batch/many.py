@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.budget import require_memory
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.batch.boards import BoardBatch, board_batch
@@ -62,8 +63,15 @@ def solve_many(
         If the nominal chip has no operating point.
     AccuracyError
         If a chip is too far from the nominal one.
+    BudgetError
+        If the voltages of all chips would not fit in memory.
     """
     wanted = _checked(netlist, conductances)
+    require_memory(
+        8.0 * len(wanted) * netlist.node_count,
+        f"the voltages of {len(wanted):,} chips of {netlist.node_count:,} nodes each",
+        "solve fewer chips at a time",
+    )
     check_rtol(rtol)
     batch = prepare_batch(netlist)
     if batch is None:

@@ -71,7 +71,9 @@ class ReducedFactor(Factor):
                     watch.done(error)
                 return x
         raise AccuracyError(
-            f"method {self.name!r} stopped at a backward error of {error:.1e}, above rtol = {rtol:.1e}", x
+            f"method {self.name!r} stopped at a backward error of {error:.1e}, above rtol = {rtol:.1e}; use another "
+            "method, or a larger rtol",
+            x,
         )
 
     def _once(
@@ -84,7 +86,11 @@ class ReducedFactor(Factor):
         kernels.forward(reduction.record, reduction.count, x)
         if self.inner is not None:
             begin = None if guess is None else guess[reduction.kept]
-            x[reduction.kept] = self.inner.solve(x[reduction.kept], rtol=rtol, guess=begin, watch=watch)
+            try:
+                x[reduction.kept] = self.inner.solve(x[reduction.kept], rtol=rtol, guess=begin, watch=watch)
+            except AccuracyError as error:
+                # The whole system is judged by itself, and told with all of its rows.
+                x[reduction.kept] = np.asarray(error.best, dtype=np.float64)
         kernels.backward(reduction.record, reduction.count, x)
         return x
 
