@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import sparse
 
 from resgrid.device import faces
 from resgrid.device.faults import without_stranded_currents
@@ -216,7 +215,7 @@ def _updated(
 ) -> Iterator[_Faulty]:
     """Voltages by updates of the solution, some elements at a time."""
     system = assemble(netlist)
-    factors = symmetric_factors(sparse.diags_array(system.degree) - system.coupling) if system.size else None
+    factors = symmetric_factors(system.matrix) if system.size else None
     for begin in range(0, len(order), _BLOCK):
         block = order[begin : begin + _BLOCK]
         spread = _responses(system, factors, netlist.resistor_nodes[block])

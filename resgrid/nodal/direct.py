@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from resgrid.errors import AccuracyError
 from resgrid.nodal.factor import Factor, factor_anew
@@ -107,4 +106,4 @@ def factor_direct(system: NodalSystem) -> DirectFactor:
     narrow = narrow_order(system)
     if narrow is not None:
         return DirectFactor(system, factor_narrow(narrow))
-    return DirectFactor(system, SparseFactors.of(sparse.diags_array(system.degree) - system.coupling))
+    return DirectFactor(system, SparseFactors.of(system.matrix))

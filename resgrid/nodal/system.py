@@ -173,6 +173,11 @@ class NodalSystem:
         rows.has_sorted_indices = rows.has_canonical_format = ordered
         return rows
 
+    @property
+    def matrix(self) -> sparse.csr_array:
+        """The nodal matrix, in siemens, shape (n, n): for factors, whose pivots are differences anyway."""
+        return sparse.csr_array(sparse.diags_array(self.degree) - self.coupling)
+
     @cached_property
     def degree(self) -> NDArray[np.float64]:
         """Diagonal of the matrix, in siemens, shape (n,): all conductances at a row, summed."""

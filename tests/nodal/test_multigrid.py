@@ -11,7 +11,6 @@ from resgrid.netlist import Netlist
 from resgrid.nodal import fall, methods
 from resgrid.nodal.multigrid import aggregation
 from resgrid.nodal.multigrid.grading import MOST_DECADES
-from resgrid.nodal.multigrid.hierarchy import build_hierarchy
 from resgrid.nodal.multigrid.solver import factor_multigrid
 from resgrid.nodal.narrow import narrow_order
 from resgrid.nodal.solve import factor, solve
@@ -124,14 +123,6 @@ def test_aggregates_never_join_across_a_wall() -> None:
         inner = coupling[members][:, members]
         reach = np.linalg.matrix_power((inner.toarray() > 0) + np.eye(len(members)), len(members))
         assert np.all(reach > 0)
-
-
-def test_coarse_levels_conserve_what_ties_them_to_the_rails_where_lengths_do_not_matter() -> None:
-    system = assemble(random_netlist(5000, 9))
-    stack = build_hierarchy(system).stack
-    sizes = np.diff(stack.first)
-    assert np.all(sizes[1:] < sizes[:-1])
-    assert sizes[-1] <= 250
 
 
 def test_auto_takes_multigrid_unless_a_system_is_small_or_rough() -> None:

@@ -102,7 +102,7 @@ def board_batch(pattern: Pattern) -> BoardBatch | None:
     hierarchy = build_hierarchy(system)
     if hierarchy.grid is None or not len(inverse_below(hierarchy.stack)):
         return None
-    start, _ = iterate(system, hierarchy, system.feed + system.injected, 1e-12)
+    start, _ = iterate(system, hierarchy, system.drive, 1e-12)
     return BoardBatch(pattern, hierarchy, hierarchy.grid, _faces(pattern, hierarchy.grid), start)
 
 

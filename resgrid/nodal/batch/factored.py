@@ -46,15 +46,13 @@ class FactoredBatch:
 
 def factored_batch(pattern: Pattern) -> FactoredBatch:
     """Factor the nominal circuit."""
-    system = pattern.system
-    return FactoredBatch(pattern, np.asarray(_factors(pattern).solve(system.feed + system.injected)))
+    return FactoredBatch(pattern, np.asarray(_factors(pattern).solve(pattern.system.drive)))
 
 
 def _factors(pattern: Pattern) -> Any:
     from resgrid.nodal.superlu import symmetric_factors
 
-    system = pattern.system
-    return symmetric_factors(sparse.diags_array(system.degree) - system.coupling)
+    return symmetric_factors(pattern.system.matrix)
 
 
 def _iterate(

@@ -79,9 +79,9 @@ def solve_board(
 ) -> float:  # fmt: skip
     """Solve from a start until the residual is ``rtol |b|`` or rounding forbids more; returns the norm of the residual.
 
-    As `resgrid.nodal.multigrid.board_iteration`, in one piece.  ``largest`` is the largest diagonal entry; ``vectors``
-    and ``singles`` are work space of three times two and of three rows of places, ``z`` of one more than steps are
-    kept.
+    As `resgrid.nodal.multigrid.board_iteration`, in one piece, and with all steps of a burst kept.  ``largest`` is the
+    largest diagonal entry; ``vectors`` and ``singles`` are work space of three times two and of three rows of places,
+    ``z`` of one more than steps are kept.
     """
     x, currents, residual, p = vectors[0], vectors[1], vectors[2, 0], vectors[2, 1]
     r, s, w = singles[0], singles[1], singles[2]

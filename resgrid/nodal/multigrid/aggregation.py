@@ -30,16 +30,6 @@ def coordinates(cell: Integers, shape: Integers) -> Indices:
 
 
 @njit(cache=True)
-def reach(indptr: Indices, indices: Indices) -> int:
-    """How many rows behind its own a row has neighbours."""
-    most = 0
-    for row in range(len(indptr) - 1):
-        if indptr[row + 1] > indptr[row]:
-            most = max(most, indices[indptr[row + 1] - 1] - row)
-    return most
-
-
-@njit(cache=True)
 def mean_along(indptr: Indices, indices: Indices, conductance: Floats, coordinate: Indices) -> Floats:
     """Mean conductance along every axis, of a sample; 0 where there is none."""
     total, entries = np.zeros(coordinate.shape[1]), np.zeros(coordinate.shape[1])

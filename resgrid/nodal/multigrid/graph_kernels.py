@@ -8,11 +8,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
+from resgrid.jit import FAST
 from resgrid.nodal.multigrid.kernels import Floats, Singles, Stack, Unsigned
 
 Indices = NDArray[np.int32]
-
-_FAST = {"contract", "reassoc", "nsz", "arcp"}
 
 
 @njit(cache=True, nogil=True)
@@ -23,7 +22,7 @@ def put_scaled(r: Floats, size: float, b: Singles) -> None:
         b[i] = np.float32(r[i] * scale)
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=FAST)
 def multiply(stack: Stack, leak: Floats, r: Floats, s: Floats, w: Floats) -> tuple[float, float, float]:
     """``w = A z`` over single conductances in double precision, differences first; ``z.r``, ``z.w`` and ``z.s``."""
     row, g, j, z = stack.indptr, stack.conductance, stack.indices, stack.x
@@ -40,7 +39,7 @@ def multiply(stack: Stack, leak: Floats, r: Floats, s: Floats, w: Floats) -> tup
     return zr, zw, zs
 
 
-@njit(cache=True, nogil=True, fastmath=_FAST)
+@njit(cache=True, nogil=True, fastmath=FAST)
 def advance(z: Singles, w: Floats, p: Floats, s: Floats, x: Floats, r: Floats, beta: float, alpha: float) -> float:
     """One step of flexible conjugate gradients: ``p = z + beta p``, ``x += alpha p``, ``r -= alpha A p``; ``|r|^2``."""
     total = 0.0

@@ -17,8 +17,9 @@ from numpy.typing import NDArray
 
 from resgrid.jit import inner
 from resgrid.nodal.kernels import _canonical, _sum, _two_product
+from resgrid.nodal.scaled import BITS
 
-_INVERSE = 2.0**-256
+_INVERSE = 2.0**-BITS
 _MOST_SEARCHED = 48
 _LEAST_RATIO = 2.0**-200
 
@@ -332,7 +333,7 @@ def _settle(hi: float, lo: float, e: int) -> tuple[float, float, int]:
     """A scaled double-double made canonical."""
     m, exponent = _canonical(hi, e)
     if exponent != e:
-        lo *= 2.0 ** (256.0 * (e - exponent))
+        lo *= 2.0 ** (float(BITS) * (e - exponent))
     return m, lo, exponent
 
 
