@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 
 from resgrid.netlist import Netlist
@@ -81,3 +83,17 @@ def dense_solution(netlist: Netlist) -> OperatingPoint:
         method="dense",
         seconds={},
     )
+
+
+def eliminated(a: list[list[Fraction]], b: list[Fraction]) -> list[Fraction]:
+    """Solve a linear system, in place, by elimination in exact arithmetic without a search for pivots."""
+    n = len(b)
+    for k in range(n):
+        for i in range(k + 1, n):
+            if share := a[i][k] / a[k][k]:
+                a[i] = [x - share * y for x, y in zip(a[i], a[k], strict=True)]
+                b[i] -= share * b[k]
+    x = [Fraction(0)] * n
+    for k in reversed(range(n)):
+        x[k] = (b[k] - sum((a[k][j] * x[j] for j in range(k + 1, n)), Fraction(0))) / a[k][k]
+    return x

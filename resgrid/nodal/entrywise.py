@@ -150,7 +150,7 @@ def _refined(factors: Factor, x: Scaled) -> tuple[Scaled, float]:
         best, doubt = x, found
         if doubt <= _CERTAIN:
             break
-        x = _minus(_minus(x, fall), _negative(rise))
+        x = _minus(x, _minus(fall, rise))
     return best, float(doubt)
 
 
@@ -182,10 +182,6 @@ def _drive_rounding(system: NodalSystem) -> NDArray[np.float64]:
     several = np.bincount(row, minlength=system.size) > 1
     summed = np.where(several, np.bincount(row, amps, system.size), 0.0)
     return np.asarray(np.finfo(np.float64).eps * (lift * system.degree + np.abs(system.feed) + summed))
-
-
-def _negative(x: Scaled) -> Scaled:
-    return Scaled(-x.hi, -x.lo, x.exponent, x.noise)
 
 
 def _quotient(parts: list[Scaled], x: Scaled) -> float:

@@ -122,12 +122,13 @@ class Factor(ABC):
         """As `solve_nonnegative`, for contiguous arrays of the right shape."""
 
     def _one_per_row(self, name: str, values: ArrayLike) -> NDArray[np.float64]:
+        no_numbers = f"{name} must be real numbers, one per row of the factor's system"
         try:
             array = np.ascontiguousarray(values, dtype=None if np.iscomplexobj(values) else np.float64)
         except (TypeError, ValueError):
-            array = np.empty(0, dtype=np.complex128)
-        if array.dtype != np.float64:
-            raise InputError(f"{name} must be real numbers, one per row of the factor's system")
+            raise InputError(no_numbers) from None
+        if array.dtype.kind == "c":
+            raise InputError(no_numbers)
         if array.shape != (self.system.size,):
             raise InputError(
                 f"{name} has shape {array.shape}, but the system has {self.system.size} rows; give one number per row"
@@ -144,7 +145,7 @@ class Factor(ABC):
         the cells and keeps the rest, where few cells change and the circuit stays in one piece; otherwise, and by the
         other methods, everything is made anew, and ``change.reason`` says why.  Should patched levels come to
         stagnate, the first solution that does makes them anew.  The new right-hand side is
-        ``system.feed + system.injected`` of the new factor, whose netlist is still the one before.
+        ``system.drive`` of the new factor, whose netlist is still the one before.
 
         Parameters
         ----------

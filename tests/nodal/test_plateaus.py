@@ -6,6 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from circuits import eliminated
 from hypothesis import given, settings, strategies as st
 
 from resgrid.errors import AccuracyError, CircuitError
@@ -73,15 +74,7 @@ def exact_voltages(netlist: Netlist) -> np.ndarray:
         for node, sign in ((i, -1), (j, 1)):
             if node:
                 b[node - 1] += sign * Fraction(amps)
-    for k in range(n):
-        for i in range(k + 1, n):
-            if share := a[i][k] / a[k][k]:
-                a[i] = [x - share * y for x, y in zip(a[i], a[k], strict=True)]
-                b[i] -= share * b[k]
-    x = [Fraction(0)] * n
-    for k in reversed(range(n)):
-        x[k] = (b[k] - sum((a[k][j] * x[j] for j in range(k + 1, n)), Fraction(0))) / a[k][k]
-    return np.array([0.0, *map(float, x)])
+    return np.array([0.0, *map(float, eliminated(a, b))])
 
 
 @settings(max_examples=150)

@@ -4,6 +4,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
+from circuits import eliminated
 from hypothesis import given, settings, strategies as st
 from spaces import serpentine, space_of, spaces
 
@@ -97,16 +98,7 @@ def rational_solution(system: NodalSystem, rhs: np.ndarray) -> list[Fraction]:
     a = [[-Fraction(float(g)) for g in row] for row in coupling]
     for i in range(n):
         a[i][i] = Fraction(float(system.excess[i])) - sum(a[i], Fraction(0))
-    b = [Fraction(float(current)) for current in rhs]
-    for k in range(n):
-        for i in range(k + 1, n):
-            if share := a[i][k] / a[k][k]:
-                a[i] = [x - share * y for x, y in zip(a[i], a[k], strict=True)]
-                b[i] -= share * b[k]
-    x = [Fraction(0)] * n
-    for k in reversed(range(n)):
-        x[k] = (b[k] - sum((a[k][j] * x[j] for j in range(k + 1, n)), Fraction(0))) / a[k][k]
-    return x
+    return eliminated(a, [Fraction(float(current)) for current in rhs])
 
 
 def test_a_start_behind_which_nothing_flows(monkeypatch: pytest.MonkeyPatch) -> None:

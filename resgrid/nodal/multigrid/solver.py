@@ -73,32 +73,16 @@ class MultigridFactor(Factor):
         of the largest one: where all currents meet in a few cells, as at the goal of open obstacles, the residual
         norm asks for much more than that.
         """
-        if self.change is None or not len(self.change.pinned):
-            return self._iterated(rhs, rtol, guess, watch)
-        # Rows that an update has pinned are alone.  Behind stiff walls they would be all that norms tell of.
-        pinned, taking = self.change.pinned, rhs.copy()
-        taking[pinned] = 0.0
-        voltage = rhs[pinned] / self.system.degree[pinned]
-        try:
-            x = self._iterated(taking, rtol, None if guess is None else self._improved(taking, guess), watch)
-        except AccuracyError as error:
-            if isinstance(error.best, np.ndarray):
-                error.best[pinned] = voltage
-            raise
-        x[pinned] = voltage
-        return x
-
-    def _iterated(
-        self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
-    ) -> NDArray[np.float64]:
-        from resgrid.nodal.multigrid.iteration import iterate
-        from resgrid.nodal.multigrid.kernels import norm
-
-        x, residual = iterate(self.system, self.hierarchy, rhs, rtol, guess, watch)
-        largest = self.hierarchy.largest_degree(self.system)
-        error = residual / (2.0 * largest * norm(x) + norm(rhs) or 1.0)
-        if not error <= rtol and self.patched is not None:
-            return self._made_anew._iterated(rhs, rtol, None, watch)
+        pinned = np.empty(0, dtype=np.int64) if self.change is None else self.change.pinned
+        right = rhs
+        if len(pinned):
+            # Rows that an update has pinned are alone.  Behind stiff walls they would be all that norms tell of.
+            right = rhs.copy()
+            right[pinned] = 0.0
+            guess = None if guess is None else self._improved(right, guess)
+        x, error = self._iterated(right, rtol, guess, watch)
+        if len(pinned):
+            x[pinned] = rhs[pinned] / self.system.degree[pinned]
         if not error <= rtol:
             raise AccuracyError(
                 f"multigrid stagnates at a backward error of {error:.1e}, above rtol = {rtol:.1e}; "
@@ -108,6 +92,22 @@ class MultigridFactor(Factor):
         if watch is not None:
             watch.done(error)
         return x
+
+    def _iterated(
+        self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
+    ) -> tuple[NDArray[np.float64], float]:
+        """Voltages and their backward error; from levels made anew, once patched ones have come to stagnate."""
+        from resgrid.nodal.multigrid.iteration import iterate
+        from resgrid.nodal.multigrid.kernels import norm
+
+        if "_made_anew" in vars(self):
+            return self._made_anew._iterated(rhs, rtol, None, watch)
+        x, residual = iterate(self.system, self.hierarchy, rhs, rtol, guess, watch)
+        largest = self.hierarchy.largest_degree(self.system)
+        error = residual / (2.0 * largest * norm(x) + norm(rhs) or 1.0)
+        if self.patched is not None and not error <= rtol:
+            return self._made_anew._iterated(rhs, rtol, None, watch)
+        return x, error
 
     @cached_property
     def _made_anew(self) -> MultigridFactor:
