@@ -1,9 +1,7 @@
-"""From a configuration space to a netlist: the only home of the boundary rules.
+"""From a configuration space to a netlist: which cells have nodes, what joins them, and what drives them.
 
-Face neighbours are joined by resistors.  Along axis ``a`` the conductance is ``(h_ref / h_a)**2 / R`` times the series
-combination ``2 c_i c_j / (c_i + c_j)`` of the cells' conductivities, ``h_ref`` being the smallest spacing.  Kirchhoff's
-current law at a node is then the finite-volume form of ``div(c grad phi) = 0`` (Tarassenko & Blake 1991; Connolly &
-Grupen 1992, section 2).
+Face neighbours are joined by resistors, by the rules of `resgrid.conductances`; voltage sources stand at obstacles and
+goals, or current sources at the nodes (Tarassenko & Blake 1991; Connolly & Grupen 1992, section 2).
 """
 
 from __future__ import annotations
@@ -15,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.conductances import behind_wall, in_series, of_face
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import GROUND, MOST_NODES, Layout, Netlist
 from resgrid.slabs import face_counts, faces_ahead, places_in_slab, slab
@@ -321,11 +320,11 @@ def _fill_piece(
     faces = faces_ahead(here.astype(part.face.dtype), space.shape, axis, group.faces[0] - group.lower[0])
     part.face[:] = faces + group.first_face
     part.upward[:] = there is not None or group.faces[0] > 0
-    part.conductance[:] = _unit_conductance(space, rules, axis)
+    part.conductance[:] = of_face(space.spacing, axis, rules.resistance)
     if there is None:
         if space.conductivity is not None:
             part.conductance[:] *= space.conductivity.reshape(-1)[here]
-        part.conductance[:] = _behind_wall(part.conductance, rules)
+        part.conductance[:] = behind_wall(part.conductance, rules.wall_resistance)
     elif space.conductivity is not None or rules.wall_resistance > 0:
         _combine(space, rules, here, there, part.conductance)
 
@@ -341,28 +340,10 @@ def _combine(
     codes = space.cell.reshape(-1)[here], space.cell.reshape(-1)[there]
     if space.conductivity is not None:
         c = space.conductivity.reshape(-1)
-        conductance *= _series(c[here], c[there], *(code == Cell.FREE for code in codes))
+        conductance *= in_series(c[here], c[there], *(code == Cell.FREE for code in codes))
     if rules.wall_resistance > 0:
         contact = (np.minimum(*codes) == Cell.FREE) & (np.maximum(*codes) == Cell.OBSTACLE)
-        conductance[contact] = _behind_wall(conductance[contact], rules)
-
-
-def _unit_conductance(space: ConfigurationSpace, rules: _Rules, axis: int) -> float:
-    spacing = space.spacing
-    return float((spacing.min() / spacing[axis]) ** 2 / rules.resistance)
-
-
-def _series(
-    lower: NDArray[np.float64], upper: NDArray[np.float64], lower_free: NDArray[np.bool_], upper_free: NDArray[np.bool_]
-) -> NDArray[np.float64]:
-    """Two half cells in series; against a rail the free cell's conductivity counts alone."""
-    lower = np.where(upper_free & ~lower_free, upper, lower)
-    upper = np.where(lower_free & ~upper_free, lower, upper)
-    return lower * (2.0 * upper / (lower + upper))
-
-
-def _behind_wall(conductance: NDArray[np.float64], rules: _Rules) -> NDArray[np.float64]:
-    return 1.0 / (1.0 / conductance + rules.wall_resistance) if rules.wall_resistance > 0 else conductance
+        conductance[contact] = behind_wall(conductance[contact], rules.wall_resistance)
 
 
 def _voltage_sources(

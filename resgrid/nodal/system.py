@@ -93,6 +93,8 @@ class NodalSystem:
         The `coupling` of a system that was derived from another one; None where the netlist's resistors make it.
     separated : ndarray of int64 or None, shape (p, 2)
         Pairs of rows whose resistors an update has taken out of either.
+    summed : ndarray of float64 or None, shape (n,)
+        The `degree` of a system that was derived from another one, where it is known.
     dimensions : int
         Those that the graph fills: of its grid, also of what elimination leaves of one; 2 for other netlists.
     """
@@ -110,6 +112,7 @@ class NodalSystem:
     floating: NDArray[np.int64]
     derived: sparse.csr_array | None = None
     separated: NDArray[np.int64] | None = None
+    summed: NDArray[np.float64] | None = None
     dimensions: int = 2
 
     @property
@@ -181,6 +184,8 @@ class NodalSystem:
     @cached_property
     def degree(self) -> NDArray[np.float64]:
         """Diagonal of the matrix, in siemens, shape (n,): all conductances at a row, summed."""
+        if self.summed is not None:
+            return self.summed
         if self.derived is not None or self.separated is not None:
             return np.asarray(self.coupling.sum(axis=1) + self.excess, dtype=np.float64)
         from resgrid.nodal.assembly import add_conductances

@@ -13,6 +13,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.conductances import in_series, of_obstacle
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Layout
 from resgrid.nodal.multigrid.hierarchy import Hierarchy
@@ -218,11 +219,11 @@ def _contacts(
     pairs, times = pairs[present], times[present]
     single = joined[present] / times
     if space.conductivity is not None:
-        # Two half cells in series become the free one's conductivity alone.
-        c_inner, c_outer = space.conductivity.ravel()[inner[present]], space.conductivity.ravel()[outer[present]]
-        single = single * (0.5 * (c_inner + c_outer) / c_inner)
+        c = space.conductivity.ravel()
+        ours, theirs = c[inner[present]], c[outer[present]]
+        single = single * (in_series(ours, theirs, False, True) / in_series(ours, theirs, True, True))
     if code == Cell.OBSTACLE:
-        single = 0.0 * single if layout.boundary == "neumann" else 1.0 / (1.0 / single + layout.wall_resistance)
+        single = of_obstacle(single, layout.boundary, layout.wall_resistance)
     return _Contacts(pairs[:, 0], pairs[:, 1], single * times)
 
 
@@ -260,15 +261,15 @@ def _cut_off(
     apart = np.stack([contacts.cut, contacts.neighbour], axis=1)
     separated = apart if system.separated is None else np.concatenate([system.separated, apart])
     fed = volts != 0.0 or bool(system.feed[rows].any())
-    changed = replace(
+    excess = tie.of(system.excess, 1.0)
+    return replace(
         system,
         separated=separated,
-        excess=tie.of(system.excess, 1.0),
+        summed=around.sums(excess, tie.to, apart),
+        excess=excess,
         feed=tie.of(system.feed, volts) if fed else system.feed,
         rails=rails and replace(rails, ties=partial(_tied, rails, tie, at_high)),
     )
-    around.sum_again(changed, tie.to, apart)
-    return changed
 
 
 @dataclass(frozen=True, eq=False)
@@ -342,19 +343,17 @@ def _cut_loose(system: NodalSystem, lost: NDArray[np.int64]) -> NodalSystem:
     coupling.eliminate_zeros()
     pin = np.where(system.degree > 0, system.degree, system.degree.max())[lost]
     tie = _Tie(lost[:0], pin[:0], lost, pin)
-    rails = system.rails
-    loose = replace(
+    degree, rails = system.degree.copy(), system.rails
+    degree[lost] = pin
+    return replace(
         system,
         derived=coupling,
         separated=None,
+        summed=degree,
         excess=tie.of(system.excess, 1.0),
         feed=tie.of(system.feed, 0.0),
         rails=rails and replace(rails, ties=partial(_tied, rails, tie, False)),
     )
-    degree = system.degree.copy()
-    degree[lost] = pin
-    vars(loose)["degree"] = degree
-    return loose
 
 
 def _driven_again(system: NodalSystem, rows: NDArray[np.int64]) -> tuple[NodalSystem, float]:
@@ -367,7 +366,4 @@ def _driven_again(system: NodalSystem, rows: NDArray[np.int64]) -> tuple[NodalSy
         gain = count / (count - np.count_nonzero(system.injected[rows]))
     injected = gain * system.injected
     injected[rows] = 0.0
-    driven = replace(system, injected=injected)
-    if "degree" in vars(system):
-        vars(driven)["degree"] = system.degree
-    return driven, gain
+    return replace(system, injected=injected), gain

@@ -54,16 +54,21 @@ class Neighbourhood:
             return int(np.diff(self.system.coupling.indptr)[rows].sum())
         return kernels.count_neighbours(self.board, self._places(rows))
 
-    def sum_again(self, changed: NodalSystem, rows: NDArray[np.int64], apart: NDArray[np.int64]) -> None:
-        """Spare the changed system the sums of rows that are still the same; pinned ones keep theirs."""
+    def sums(
+        self, excess: NDArray[np.float64], rows: NDArray[np.int64], apart: NDArray[np.int64]
+    ) -> NDArray[np.float64] | None:
+        """Return the degrees of all rows after a change, of which these have lost neighbours; None if not known.
+
+        Rows that are cut off, the first of every pair that is set apart, are pinned by as much as held them before.
+        """
         if self.board is None:
-            return
+            return None
         rows = np.unique(rows)
         cut = np.isin(apart[:, 1], rows)
         degree = self.system.degree.copy()
         total = kernels.sum_others(self.board, self._places(rows), self._places(apart[cut, 0]))
-        degree[rows] = self.unit * total + changed.excess[rows]
-        vars(changed)["degree"] = degree
+        degree[rows] = self.unit * total + excess[rows]
+        return degree
 
     def stay_together(
         self,

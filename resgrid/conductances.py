@@ -1,0 +1,47 @@
+"""What joins two cells, and a cell and a rail: the rules of the boundary, for the compiler and for later changes.
+
+Along axis ``a`` the conductance is ``(h_ref / h_a)**2 / R`` times the series combination ``2 c_i c_j / (c_i + c_j)`` of
+the cells' conductivities, ``h_ref`` being the smallest spacing.  Kirchhoff's current law at a node is then the
+finite-volume form of ``div(c grad phi) = 0`` (Tarassenko & Blake 1991; Connolly & Grupen 1992, section 2).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+def of_face(spacing: NDArray[np.float64], axis: int, resistance: float) -> float:
+    """Return the conductance across a face between cells of conductivity 1, in siemens.
+
+    Parameters
+    ----------
+    spacing : ndarray of float64, shape (ndim,)
+        Size of a cell along every axis.
+    axis : int
+    resistance : float
+        Across the faces of the finest axis, in ohms.
+    """
+    return float((spacing.min() / spacing[axis]) ** 2 / resistance)
+
+
+def in_series(
+    lower: NDArray[np.float64],
+    upper: NDArray[np.float64],
+    lower_free: NDArray[np.bool_] | bool,
+    upper_free: NDArray[np.bool_] | bool,
+) -> NDArray[np.float64]:
+    """Combine the conductivities of two half cells; against a rail the free cell's counts alone."""
+    lower = np.where(upper_free & ~np.asarray(lower_free), upper, lower)
+    upper = np.where(lower_free & ~np.asarray(upper_free), lower, upper)
+    return lower * (2.0 * upper / (lower + upper))
+
+
+def behind_wall(conductance: NDArray[np.float64], wall_resistance: float) -> NDArray[np.float64]:
+    """Return contacts with obstacles, in siemens, with the resistance of their wall in series; 0 ohms for none."""
+    return 1.0 / (1.0 / conductance + wall_resistance) if wall_resistance > 0 else conductance
+
+
+def of_obstacle(conductance: NDArray[np.float64], boundary: str, wall_resistance: float) -> NDArray[np.float64]:
+    """Return what becomes of conductances to an obstacle, in siemens: nothing of them if it is open."""
+    return np.zeros_like(conductance) if boundary == "neumann" else behind_wall(conductance, wall_resistance)
