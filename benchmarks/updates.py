@@ -12,7 +12,7 @@ from benchmarks.rows import Row, Scale
 from benchmarks.timing import alternating
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
-from resgrid.nodal.factor import Factor
+from resgrid.nodal.factors.factor import Factor
 from resgrid.nodal.solve import factor, solve
 from resgrid.nodal.watch import Watch
 from resgrid.space import Cell, ConfigurationSpace

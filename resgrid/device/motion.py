@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
 from resgrid.nodal.dynamics import Dynamics
-from resgrid.nodal.factor import Factor
+from resgrid.nodal.factors.factor import Factor
 
 _BLOCK = 8
 _MOST_VECTORS = 400

@@ -18,7 +18,7 @@ from resgrid.device.decisions import Steps, steps_of
 from resgrid.device.reading import Reading, json_form
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.nodal.factor import Factor
+from resgrid.nodal.factors.factor import Factor
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.secant import small_signal
 from resgrid.nodal.solve import factor

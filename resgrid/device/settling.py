@@ -16,7 +16,7 @@ from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.dynamics import Dynamics, charge_basis, dynamics_of, factor_resolvent
 from resgrid.nodal.energy import energy_meter
-from resgrid.nodal.factor import Factor
+from resgrid.nodal.factors.factor import Factor
 from resgrid.nodal.initial import initial_state
 from resgrid.nodal.operating_point import OperatingPoint
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.netlist import GROUND
-from resgrid.nodal.factor import Factor
+from resgrid.nodal.factors.factor import Factor
 from resgrid.nodal.scaled import NOISE, Scaled, logarithm
 from resgrid.nodal.system import NodalSystem
 

@@ -17,7 +17,7 @@ from scipy.sparse.csgraph import connected_components
 
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import GROUND, Netlist
-from resgrid.nodal.factor import Factor
+from resgrid.nodal.factors.factor import Factor
 from resgrid.nodal.methods import factor_system
 from resgrid.nodal.sources import SourceForest, tie_sources
 from resgrid.nodal.system import NodalSystem

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.nodal.cancellation import subtract
-from resgrid.nodal.factor import Factor
+from resgrid.nodal.factors.factor import Factor
 from resgrid.nodal.scaled import Scaled, power
 from resgrid.nodal.side_by_side import side_by_side
 from resgrid.nodal.system import NodalSystem, Rails

@@ -10,13 +10,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.errors import AccuracyError
+from resgrid.errors import AccuracyError, CircuitError
 from resgrid.netlist import Netlist
 from resgrid.nodal.entrywise import node_values
 from resgrid.nodal.methods import factor_system
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.plain import read_plain
-from resgrid.nodal.readout import DIRECTION_RESIDUAL, read_off
+from resgrid.nodal.readout import DIRECTION_RESIDUAL, OUT_OF_RANGE, read_off
 from resgrid.nodal.refine import is_answer
 from resgrid.nodal.system import assemble
 from resgrid.nodal.watch import Progress, Watch
@@ -40,6 +40,8 @@ def solve_linear(
                 x = factors.solve(system.drive, rtol=rtol, watch=watch) if factors else np.zeros(0)
             except AccuracyError as error:
                 best = np.asarray(error.best, dtype=np.float64)
+                if not np.isfinite(best).all():
+                    raise CircuitError(OUT_OF_RANGE) from None
                 raise AccuracyError(str(error), read_plain(system, best, name, seconds)) from None
             del factors
         with _timed(seconds, "read"):

@@ -9,14 +9,14 @@ import numpy as np
 from resgrid.budget import require_memory
 from resgrid.errors import InputError
 from resgrid.nodal.connections import count_connections
-from resgrid.nodal.direct import EXACT_ROWS, factor_direct
-from resgrid.nodal.factor import Factor
+from resgrid.nodal.factors.direct import EXACT_ROWS, factor_direct
+from resgrid.nodal.factors.factor import Factor
+from resgrid.nodal.factors.multigrid import factor_multigrid
+from resgrid.nodal.factors.reduced import ReducedFactor
 from resgrid.nodal.fall import VOLUME, foresee_decades
 from resgrid.nodal.multigrid.grading import is_graded, may_be_graded
-from resgrid.nodal.multigrid.solver import factor_multigrid
-from resgrid.nodal.narrow import NarrowOrder, narrow_memory, narrow_order
+from resgrid.nodal.narrow.panels import NarrowOrder, narrow_memory, narrow_order
 from resgrid.nodal.reduction.elimination import may_reduce, reduce_system
-from resgrid.nodal.reduction.reduced_factor import ReducedFactor
 from resgrid.nodal.system import NodalSystem
 
 METHODS = ("direct", "multigrid")

@@ -12,12 +12,18 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Netlist
 from resgrid.nodal.entrywise import NodeValues
 from resgrid.nodal.operating_point import OperatingPoint, Readings
 from resgrid.nodal.scaled import logarithm, power
 from resgrid.nodal.sources import source_currents
 from resgrid.nodal.system import NodalSystem
+
+OUT_OF_RANGE = (
+    "a voltage exceeds 1.8e308 V, the range of double precision: the currents fed in are too large for the "
+    "conductances that carry them; check their units"
+)
 
 DIRECTION_RESIDUAL = 1e-6
 """Largest KCL violation of a direction-safe field, relative to the current through the node."""
@@ -74,9 +80,15 @@ def read_off(
     residual : ndarray of float64, shape (nodes,)
         Violation of KCL relative to the current through the node, by which the field may be judged; of the whole
         plateau where differences of values cannot tell the node's own currents (`resgrid.nodal.plateaus`).
+
+    Raises
+    ------
+    CircuitError
+        If a voltage exceeds the range of float64.
     """
     netlist = system.netlist
     plain = _plain_where_possible(values, netlist)
+    voltage = _voltage(system, values)
     log_drop, potential = _stored(system, values)
     amps, exponent, power_sum = _currents(netlist, values, plain)
     sums = _balance(netlist, amps, exponent, plain)
@@ -87,7 +99,7 @@ def read_off(
     scale = 1.0 if plain else power(sums.exponent)
     point = OperatingPoint(
         netlist=netlist,
-        voltage=_voltage(system, values),
+        voltage=voltage,
         log_drop=log_drop,
         potential=potential,
         ammeters=Readings(
@@ -225,7 +237,10 @@ def _stored(system: NodalSystem, values: NodeValues) -> tuple[NDArray[np.float64
 
 def _voltage(system: NodalSystem, values: NodeValues) -> NDArray[np.float64]:
     plain = values.value.plain
-    volts = values.zero + values.volts * plain
+    with np.errstate(over="ignore"):
+        volts = values.zero + values.volts * plain
+    if not np.isfinite(volts[system.unknown >= 0]).all():
+        raise CircuitError(OUT_OF_RANGE)
     if system.rails is not None:
         volts = np.where(values.down, system.rails.high - values.volts * plain, volts)
     return np.where(system.unknown >= 0, volts, system.known)

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from numbers import Integral
+
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.nodal.factor import Factor, check_rtol
+from resgrid.nodal.factors.factor import Factor, check_rtol
 from resgrid.nodal.linear import solve_linear
 from resgrid.nodal.methods import factor_system
 from resgrid.nodal.operating_point import OperatingPoint
@@ -65,7 +67,7 @@ def solve(
     BudgetError
         If the factors would not fit in memory.
     """
-    _check_options(accuracy, rtol, threads)
+    _check_options(accuracy, rtol, threads, progress)
     if netlist.nonlinear_nodes.size:
         from resgrid.nodal.secant import solve_nonlinear
 
@@ -108,9 +110,11 @@ def factor(netlist: Netlist, *, method: str = "auto") -> Factor:
     return factor_system(system, method)
 
 
-def _check_options(accuracy: str, rtol: float, threads: int) -> None:
+def _check_options(accuracy: str, rtol: float, threads: int, progress: Progress | None) -> None:
     if accuracy not in ACCURACIES:
         raise InputError(f"accuracy = {accuracy!r} is unknown; it may be one of {', '.join(ACCURACIES)}")
     check_rtol(rtol)
-    if threads < 1:
-        raise InputError(f"threads = {threads} must be at least 1")
+    if not (isinstance(threads, Integral) and threads >= 1):
+        raise InputError(f"threads = {threads!r} must be a whole number, at least 1")
+    if not (progress is None or callable(progress)):
+        raise InputError(f"progress = {progress!r} must be callable, or None")

@@ -290,6 +290,8 @@ def assemble(netlist: Netlist) -> NodalSystem:
     lifted = _lifted(forest, unknown)
     if lifted:
         assembly.add_offsets(netlist.resistor_nodes, netlist.conductance, unknown, offset, feed)
+    if not size:
+        low, high, two = _joined(netlist, offset, parts)
     plain = two and low < high and not lifted and not injected.any()
     return NodalSystem(
         netlist=netlist,
@@ -352,6 +354,14 @@ def _check_driven(netlist: Netlist, volts: NDArray[np.float64], parts: _Parts) -
             "nothing is driven: no part of the circuit touches two rails or is fed a current, so that nothing flows; "
             "add a second rail (an obstacle, an edge that counts as one), open a way to the goal, or add a drive"
         )
+
+
+def _joined(netlist: Netlist, volts: NDArray[np.float64], parts: _Parts) -> tuple[float, float, bool]:
+    """The lowest and the highest known voltage that resistors join to others, and whether there are no more."""
+    ends = np.where(parts.of_node < 0, volts, np.nan)[netlist.resistor_nodes]
+    ends = ends[np.abs(ends[:, 0] - ends[:, 1]) > 0]
+    low, high = float(ends.min()), float(ends.max())
+    return low, high, bool(np.all((ends == low) | (ends == high)))
 
 
 def _rails(

@@ -15,7 +15,7 @@ from scipy import sparse
 
 from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import GROUND, Layout, Netlist
-from resgrid.nodal.factor import Factor
+from resgrid.nodal.factors.factor import Factor
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.refine import is_answer
 from resgrid.nodal.scaled import Scaled

@@ -8,8 +8,8 @@ from spaces import serpentine, space_of
 
 import resgrid as rg
 from resgrid.nodal import methods
-from resgrid.nodal.factor import Factor
-from resgrid.nodal.reduction.reduced_factor import ReducedFactor
+from resgrid.nodal.factors.factor import Factor
+from resgrid.nodal.factors.reduced import ReducedFactor
 from resgrid.nodal.scaled import Scaled
 
 

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.netlist import Netlist
+from resgrid.nodal import numbering_kernels as numbering
 from resgrid.nodal.multigrid import clusters, kernels, ordering, stack
 from resgrid.nodal.multigrid.graph_iteration import iterate_on_graph
 from resgrid.nodal.multigrid.hierarchy import build_hierarchy
@@ -88,9 +89,9 @@ def test_aggregates_are_connected_and_their_sums_conserve_conductance(
 @given(**GRAPHS)
 def test_breadth_first_renumbering_is_the_same_graph(nodes: int, per_node: float, seed: int) -> None:
     graph = random_graph(nodes, per_node, seed)
-    order = clusters.breadth_first(graph.indptr, graph.indices)
+    order = numbering.breadth_first(graph.indptr, graph.indices)
     assert np.array_equal(np.sort(order), np.arange(nodes))
-    moved = Graph(*clusters.renumber(*rows_of(graph), order), None)
+    moved = Graph(*numbering.renumber(*rows_of(graph), order), None)
     assert np.allclose(dense(moved), dense(graph)[np.ix_(order, order)], rtol=1e-14, atol=0)
 
 
@@ -102,10 +103,10 @@ def test_breadth_first_brings_neighbours_together() -> None:
     upper = sparse.coo_array((np.ones(ends.shape[1]), tuple(ends)), shape=(side * side,) * 2).tocsr()
     rows = (upper + upper.T).tocsr()
     indptr, indices = rows.indptr.astype(np.int32), rows.indices.astype(np.int32)
-    order = clusters.breadth_first(indptr, indices)
-    moved = clusters.renumber(indptr, indices, rows.data, np.zeros(side * side), order)
-    assert clusters.far_share(indptr, indices) > 0.7
-    assert clusters.far_share(moved[0], moved[1]) < 0.1
+    order = numbering.breadth_first(indptr, indices)
+    moved = numbering.renumber(indptr, indices, rows.data, np.zeros(side * side), order)
+    assert numbering.far_share(indptr, indices) > 0.7
+    assert numbering.far_share(moved[0], moved[1]) < 0.1
 
 
 @pytest.mark.parametrize("seed", range(3))

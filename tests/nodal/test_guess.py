@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from spaces import space_of
 
 from resgrid.compiler import compile_space
-from resgrid.nodal.multigrid.solver import MultigridFactor
+from resgrid.nodal.factors.multigrid import MultigridFactor
 from resgrid.nodal.solve import factor
 from resgrid.nodal.update import guess as guesses
 from resgrid.nodal.watch import Watch

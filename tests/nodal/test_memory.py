@@ -8,7 +8,7 @@ import pytest
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
 from resgrid.nodal.methods import estimate_memory
-from resgrid.nodal.narrow import narrow_order
+from resgrid.nodal.narrow.panels import narrow_order
 from resgrid.nodal.solve import solve
 from resgrid.nodal.system import assemble
 from resgrid.space import Axis, Cell, ConfigurationSpace

@@ -9,10 +9,10 @@ from resgrid.compiler import compile_space
 from resgrid.errors import AccuracyError, BudgetError, CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal import fall, methods
+from resgrid.nodal.factors.multigrid import factor_multigrid
 from resgrid.nodal.multigrid import aggregation
 from resgrid.nodal.multigrid.grading import MOST_DECADES
-from resgrid.nodal.multigrid.solver import factor_multigrid
-from resgrid.nodal.narrow import narrow_order
+from resgrid.nodal.narrow.panels import narrow_order
 from resgrid.nodal.solve import factor, solve
 from resgrid.nodal.system import assemble
 

@@ -11,9 +11,9 @@ from spaces import serpentine, space_of
 from resgrid.compiler import compile_space
 from resgrid.errors import AccuracyError
 from resgrid.netlist import Netlist
-from resgrid.nodal.direct import factor_direct
+from resgrid.nodal.factors.direct import factor_direct
 from resgrid.nodal.methods import factor_system
-from resgrid.nodal.narrow import NarrowFactors, factor_narrow, narrow_order
+from resgrid.nodal.narrow.panels import NarrowFactors, factor_narrow, narrow_order
 from resgrid.nodal.superlu import SparseFactors
 from resgrid.nodal.system import NodalSystem, assemble
 
@@ -146,7 +146,7 @@ def test_it_makes_no_difference_where_elimination_pauses(monkeypatch: pytest.Mon
     narrow = narrow_order(system)
     assert narrow is not None
     whole = factor_narrow(narrow)
-    monkeypatch.setattr("resgrid.nodal.narrow._STRETCH", 3)
+    monkeypatch.setattr("resgrid.nodal.narrow.panels._STRETCH", 3)
     parts = factor_narrow(narrow)
     assert np.array_equal(whole.values, parts.values)
     assert np.array_equal(whole.pivot, parts.pivot)

@@ -50,3 +50,36 @@ def test_currents_of_a_loop_of_sources_warn_at_once() -> None:
     with pytest.warns(UserWarning, match="form loops"):
         point = rg.solve(netlist.replace(resistor_nodes=[[2, 0]]), accuracy="normwise")
     assert np.all(np.isnan(point.source_current))
+
+
+@pytest.mark.parametrize(
+    ("cells", "start"), [([[0, 2]], (0, 0)), ([[0, 0, 2]], (0, 1)), ([[0, 2], [0, 1]], (0, 0)), ([[0, 2, 0]], (0, 0))]
+)
+def test_a_start_beside_the_goal_leaves_nothing_to_solve_and_still_has_a_field(
+    cells: list[list[int]], start: tuple[int, int]
+) -> None:
+    cell = np.array(cells, dtype=np.uint8)
+    axes = [rg.Axis(name, 0, size, size) for name, size in zip("yx", cell.shape, strict=True)]
+    space = rg.ConfigurationSpace(axes, cell)
+    for accuracy in ("direction", "normwise"):
+        point = rg.solve(
+            rg.compile_space(space, boundary="neumann", drive="start", start=start, edge="open"), accuracy=accuracy
+        )
+        assert point.method == "none" and point.potential is not None
+        node = point.netlist.layout.node
+        assert point.potential[node[start]] == 1.0 and np.all(point.potential[node[cell == 2]] == 0.0)
+        assert point.log_drop is None or point.log_drop[node[cell == 2]].max() == 0.0
+        assert rg.streamline(rg.field(point), (0.5, start[1] + 0.5)).outcome == "reached"
+
+
+@pytest.mark.parametrize("accuracy", ["direction", "normwise"])
+@pytest.mark.parametrize("method", ["direct", "multigrid"])
+@pytest.mark.parametrize(("conductance", "amps"), [(1e-3, 1e308), (1e-300, 1e10)])
+def test_voltages_beyond_the_range_of_doubles_are_refused(
+    accuracy: str, method: str, conductance: float, amps: float
+) -> None:
+    pairs = np.array([[0, 1], [1, 2], [2, 3], [3, 0], [1, 3]])
+    drive = np.array([[0, 1]]), np.array([amps])
+    netlist = Netlist(4, pairs, np.full(5, conductance), np.empty((0, 2), np.int32), np.empty(0), *drive)
+    with pytest.raises(rg.CircuitError, match=r"exceeds 1.8e308 V"):
+        rg.solve(netlist, accuracy=accuracy, method=method)

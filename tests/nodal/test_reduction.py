@@ -14,10 +14,10 @@ from resgrid.compiler import compile_space
 from resgrid.errors import BudgetError, CircuitError
 from resgrid.netlist import Netlist
 from resgrid.nodal import methods
-from resgrid.nodal.factor import Factor
+from resgrid.nodal.factors.factor import Factor
+from resgrid.nodal.factors.reduced import ReducedFactor
 from resgrid.nodal.methods import factor_system
 from resgrid.nodal.reduction.elimination import may_reduce, reduce_system
-from resgrid.nodal.reduction.reduced_factor import ReducedFactor
 from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.solve import solve
 from resgrid.nodal.system import NodalSystem, assemble

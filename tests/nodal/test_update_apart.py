@@ -10,7 +10,7 @@ from spaces import space_of
 
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
-from resgrid.nodal.multigrid.solver import MultigridFactor
+from resgrid.nodal.factors.multigrid import MultigridFactor
 from resgrid.nodal.solve import factor
 from resgrid.space import Cell
 

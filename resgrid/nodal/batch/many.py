@@ -15,7 +15,7 @@ from resgrid.netlist import Netlist
 from resgrid.nodal.batch.boards import BoardBatch, board_batch
 from resgrid.nodal.batch.factored import FactoredBatch, factored_batch
 from resgrid.nodal.batch.pattern import pattern_of
-from resgrid.nodal.factor import check_rtol
+from resgrid.nodal.factors.factor import check_rtol
 from resgrid.nodal.system import assemble
 
 CHUNK = 16

@@ -1,6 +1,6 @@
 """Conjugate gradients preconditioned by multigrid: the algorithm on one page.
 
-`solver.MultigridFactor` solves ``A x = b`` for the nodal matrix of a grid or a netlist, in this order:
+`MultigridFactor` solves ``A x = b`` for the nodal matrix of a grid or a netlist, in this order:
 1. *Before*: corridors, chains and trees have been eliminated (`resgrid.nodal.reduction`).
 2. *Boards* (`boards`, `lattice`, `board_setup`). A grid has two colours, and every resistor joins a red cell to a
    black one: conductances are kept face by face over the red cells, in flat arrays without indices, in double

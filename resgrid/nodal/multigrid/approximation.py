@@ -38,5 +38,6 @@ def approximate(
     if not largest:
         return np.zeros_like(m), np.zeros_like(e)
     x, _ = iterate(system, hierarchy, m / largest, min(max(accuracy, _PASS), _LEAST_PASS), None, watch)
-    x *= largest
+    with np.errstate(over="ignore"):
+        x *= largest
     return x, np.full_like(e, top)

@@ -9,7 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.nodal.multigrid import clusters, ordering
+from resgrid.nodal import numbering_kernels as numbering
+from resgrid.nodal.multigrid import ordering
 from resgrid.nodal.multigrid.kernels import Stack
 from resgrid.nodal.multigrid.levels import Graph, Step, coarsen_down
 
@@ -33,10 +34,10 @@ def stack_graph(graph: Graph) -> Stack:
         Whose ``order`` says where the graph's nodes stand.
     """
     rows = (graph.indptr, graph.indices, graph.conductance, graph.leak)
-    if graph.size < _LARGE or not clusters.far_share(*rows[:2]) > _FAR:
+    if graph.size < _LARGE or not numbering.far_share(*rows[:2]) > _FAR:
         return stack_levels(*coarsen_down(graph), free=True)
-    order = clusters.breadth_first(*rows[:2], 0)
-    stack = stack_levels(*coarsen_down(Graph(*clusters.renumber(*rows, order), None)), free=True)
+    order = numbering.breadth_first(*rows[:2], 0)
+    stack = stack_levels(*coarsen_down(Graph(*numbering.renumber(*rows, order), None)), free=True)
     return stack._replace(order=order[stack.order])
 
 

@@ -16,9 +16,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.errors import AccuracyError
-from resgrid.nodal.factor import Factor, factor_anew
-from resgrid.nodal.narrow import NarrowFactors, factor_narrow, narrow_order
+from resgrid.nodal.factors.factor import Factor, factor_anew, refine_normwise
+from resgrid.nodal.narrow.panels import NarrowFactors, factor_narrow, narrow_order
 from resgrid.nodal.refine import Numbers, refine
 from resgrid.nodal.scaled import Scaled, power
 from resgrid.nodal.superlu import SparseFactors
@@ -53,24 +52,8 @@ class DirectFactor(Factor):
         self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
     ) -> NDArray[np.float64]:
         del guess
-        system = self.system
-        degree = system.degree
-        x = self._plain(rhs)
-        error = np.inf
-        for _ in range(4):
-            residual = rhs - (degree * x - system.coupling @ x)
-            scale = 2 * degree.max(initial=0.0) * np.abs(x).max(initial=0.0) + np.abs(rhs).max(initial=0.0)
-            error = float(np.abs(residual).max(initial=0.0) / scale) if scale else 0.0
-            if error <= rtol:
-                if watch is not None:
-                    watch.done(error)
-                return x
-            x = x + self._plain(residual)
-        raise AccuracyError(
-            f"the direct solver stopped at a backward error of {error:.1e}, above rtol = {rtol:.1e}; use "
-            "method = 'multigrid', or a larger rtol",
-            x,
-        )
+        x, error = refine_normwise(self.system, rhs, self._plain, self._plain(rhs), rtol)
+        return self._judged(x, error, rtol, watch)
 
     def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
         exact = self.system.size <= EXACT_ROWS

@@ -42,7 +42,7 @@ class Halves:
 
     def gather(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
         """What is fed into the rows kept, of what is fed into all, in scaled numbers."""
-        from resgrid.nodal import halving_kernels as kernels
+        from resgrid.nodal.narrow import halving_kernels as kernels
 
         kept = np.empty(len(self.excess)), np.empty(len(self.excess), dtype=np.int64)
         kernels.gather(*self._rows, self.number, self.pivot, m, e, *kept)
@@ -50,7 +50,7 @@ class Halves:
 
     def scatter(self, kept: Numbers, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
         """All voltages, from those of the rows kept and from what is fed into all."""
-        from resgrid.nodal import halving_kernels as kernels
+        from resgrid.nodal.narrow import halving_kernels as kernels
 
         solution = m.copy(), e.copy()
         kernels.scatter(*self._rows, self.number, self.pivot, *kept, *solution)
@@ -74,7 +74,7 @@ def halve(system: NodalSystem, order: NDArray[np.int32]) -> Halves:
     -------
     Halves
     """
-    from resgrid.nodal import halving_kernels as kernels
+    from resgrid.nodal.narrow import halving_kernels as kernels
 
     rows = system.coupling.indptr, system.coupling.indices
     number = np.empty(system.size, dtype=np.int32)

@@ -2,7 +2,7 @@
 
 Where a circuit is a maze, rows in the order of their distance from one of them fill little: a row that is eliminated is
 joined to those across the corridor alone.  Fewer operations come of it than a general ordering takes to be found.
-Every other row is eliminated beforehand (`resgrid.nodal.halving`).
+Every other row is eliminated beforehand (`resgrid.nodal.narrow.halving`).
 """
 
 from __future__ import annotations
@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
-from resgrid.nodal.halving import Halves, halve
+from resgrid.nodal.narrow.halving import Halves, halve
 from resgrid.nodal.refine import Numbers
 from resgrid.nodal.system import NodalSystem, once
 
 if TYPE_CHECKING:
-    from resgrid.nodal.panel_kernels import Panels
+    from resgrid.nodal.narrow.panel_kernels import Panels
 
 _MOST_FILL, _MOST_FILL_OF_VOLUMES = 150, 600
 """Entries a column above which a circuit is not narrow: other factors are sooner made, but of volumes much later."""
@@ -99,7 +99,7 @@ class NarrowFactors:
 
     def substitute(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
         """Both substitutions, in scaled numbers; ``m`` and ``e``, shape (n,), stay as they are."""
-        from resgrid.nodal.panel_substitution import substitute_panels
+        from resgrid.nodal.narrow.substitution import substitute_panels
 
         halves, order, rank = self.narrow.halves, self.narrow.order, self.narrow.rank
         kept, scale = halves.gather(m, e)
@@ -111,9 +111,9 @@ class NarrowFactors:
 @once
 def narrow_order(system: NodalSystem) -> NarrowOrder | None:
     """Order the rows of a system by their distance from a rail; None where it is not narrow."""
-    from resgrid.nodal import narrow_kernels as kernels
-    from resgrid.nodal.multigrid.clusters import breadth_first
-    from resgrid.nodal.panel_kernels import Panels
+    from resgrid.nodal.narrow import order_kernels as kernels
+    from resgrid.nodal.narrow.panel_kernels import Panels
+    from resgrid.nodal.numbering_kernels import breadth_first
 
     tied = system.excess if system.rails is None else system.rails.to_low
     outwards = breadth_first(system.coupling.indptr, system.coupling.indices, int(np.argmax(tied)))
@@ -165,7 +165,7 @@ def factor_narrow(narrow: NarrowOrder) -> NarrowFactors:
     AccuracyError
         If a pivot leaves the range of doubles.
     """
-    from resgrid.nodal.panel_kernels import Bench, Entries, Matrix, eliminate
+    from resgrid.nodal.narrow.panel_kernels import Bench, Entries, Matrix, eliminate
 
     halves, count = narrow.halves, len(narrow.widths)
     n, coupling = len(halves.excess), halves.coupling

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.errors import AccuracyError
-from resgrid.nodal.factor import Factor, factor_anew, rebuilt
+from resgrid.nodal.factors.factor import Factor, factor_anew, rebuilt
 from resgrid.nodal.multigrid.approximation import approximate
 from resgrid.nodal.multigrid.grading import decades_in_slit, is_graded
 from resgrid.nodal.refine import Approximation, Refined, refine
@@ -83,15 +82,7 @@ class MultigridFactor(Factor):
         x, error = self._iterated(right, rtol, guess, watch)
         if len(pinned):
             x[pinned] = rhs[pinned] / self.system.degree[pinned]
-        if not error <= rtol:
-            raise AccuracyError(
-                f"multigrid stagnates at a backward error of {error:.1e}, above rtol = {rtol:.1e}; "
-                "use method = 'direct', or a larger rtol",
-                x,
-            )
-        if watch is not None:
-            watch.done(error)
-        return x
+        return self._judged(x, error, rtol, watch)
 
     def _iterated(
         self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None

@@ -68,7 +68,7 @@ def list_panels(
     indptr: Indices, indices: Indices, order: Indices, rank: Indices, most: int, first: Indices, start: Indices,
     rows: Indices,
 ) -> int:  # fmt: skip
-    """Gather columns of the factor into panels, and list their rows (`resgrid.nodal.panel_kernels.Panels`).
+    """Gather columns of the factor into panels, and list their rows (`resgrid.nodal.narrow.panel_kernels.Panels`).
 
     A column has entries in the rows that it is joined to, and in those of the panels whose first row behind their own
     it is (Liu 1990).  It goes with the panel before where that fills few rows of the others with zeros.

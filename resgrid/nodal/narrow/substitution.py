@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from resgrid.jit import ZERO, inlined, inner_fast
 from resgrid.nodal.kernels import _add_product, _canonical, _shift
-from resgrid.nodal.panel_kernels import Panels
+from resgrid.nodal.narrow.panel_kernels import Panels
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -32,7 +32,7 @@ def substitute_panels(panels: Panels, values: Floats, pivot: Floats, m: Floats, 
     ----------
     panels : Panels
     values, pivot : ndarray of float64
-        As of `resgrid.nodal.panel_kernels.Entries`.
+        As of `resgrid.nodal.narrow.panel_kernels.Entries`.
     m, e : ndarray, shape (n,)
         ``b`` in scaled numbers; ``x`` on return, to all digits where nothing in ``b`` is negative.
     column : ndarray of float64

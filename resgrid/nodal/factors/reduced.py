@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError
-from resgrid.nodal.factor import Factor, factor_anew
+from resgrid.nodal.factors.factor import Factor, factor_anew, refine_normwise
 from resgrid.nodal.reduction.elimination import Reduction
 from resgrid.nodal.refine import entry_bound, scaled_currents
 from resgrid.nodal.scaled import Scaled
@@ -25,8 +25,6 @@ ELIMINATION = "elimination"
 
 NOISE = 2.0**-96
 """Relative difference of two voltages found by elimination alone below which it is noise."""
-
-_MOST_PASSES = 4
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,25 +54,14 @@ class ReducedFactor(Factor):
     def _solve(
         self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
     ) -> NDArray[np.float64]:
-        degree, coupling = self.system.degree, self.system.coupling
-        norm = 2.0 * float(degree.max(initial=0.0))
-        size = float(np.abs(rhs).max(initial=0.0))
-        x, residual, error = np.zeros(len(rhs)), np.asarray(rhs, dtype=np.float64), np.inf
-        for _ in range(_MOST_PASSES):
-            x = x + self._once(residual, rtol, guess, watch)
-            guess = None
-            residual = rhs - (degree * x - coupling @ x)
-            scale = norm * float(np.abs(x).max(initial=0.0)) + size
-            error = float(np.abs(residual).max(initial=0.0)) / scale if scale else 0.0
-            if error <= rtol:
-                if watch is not None:
-                    watch.done(error)
-                return x
-        raise AccuracyError(
-            f"method {self.name!r} stopped at a backward error of {error:.1e}, above rtol = {rtol:.1e}; use another "
-            "method, or a larger rtol",
-            x,
+        x, error = refine_normwise(
+            self.system,
+            rhs,
+            lambda residual: self._once(residual, rtol, None, watch),
+            self._once(rhs, rtol, guess, watch),
+            rtol,
         )
+        return self._judged(x, error, rtol, watch)
 
     def _once(
         self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None

@@ -5,12 +5,13 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.errors import InputError
+from resgrid.errors import AccuracyError, InputError
 from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.watch import Watch
@@ -19,6 +20,10 @@ from resgrid.space import Cell
 if TYPE_CHECKING:
     from resgrid.nodal.multigrid.hierarchy import Hierarchy
     from resgrid.nodal.update.change import Change
+
+
+_MOST_PASSES = 4
+"""Solutions and corrections of a direct method: each gains most of the digits, or none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +100,7 @@ class Factor(ABC):
         solution : Scaled, shape (n,)
             Voltages in volts.
         error : float
-            Its componentwise backward error.
+            Its componentwise backward error: up to 1, and infinite, where entries are not right; nothing is raised.
 
         Raises
         ------
@@ -110,6 +115,18 @@ class Factor(ABC):
                 "signs apart, or use Factor.solve"
             )
         return self._solve_nonnegative(rhs if isinstance(rhs, Scaled) else currents, watch)
+
+    def _judged(self, x: NDArray[np.float64], error: float, rtol: float, watch: Watch | None) -> NDArray[np.float64]:
+        """The solution, if its backward error is small enough."""
+        if not error <= rtol:
+            raise AccuracyError(
+                f"method {self.name!r} stagnates at a backward error of {error:.1e}, above rtol = {rtol:.1e}; use "
+                "another method, or a larger rtol",
+                x,
+            )
+        if watch is not None:
+            watch.done(error)
+        return x
 
     @abstractmethod
     def _solve(
@@ -182,6 +199,46 @@ class Factor(ABC):
         """The factor of the system changed."""
 
 
+def refine_normwise(
+    system: NodalSystem,
+    rhs: NDArray[np.float64],
+    correction: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+    x: NDArray[np.float64],
+    rtol: float,
+) -> tuple[NDArray[np.float64], float]:
+    """Correct a solution until its backward error is small enough, or a few times (Higham 2002, section 12.1).
+
+    Parameters
+    ----------
+    system : NodalSystem
+    rhs : ndarray of float64, shape (n,)
+        Currents into its rows, in amperes.
+    correction : callable
+        Solves the system for a residual, more or less.
+    x : ndarray of float64, shape (n,)
+        A first solution, in volts.
+    rtol : float
+        Backward error that is wanted.
+
+    Returns
+    -------
+    x : ndarray of float64, shape (n,)
+    error : float
+        ``|b - A x| / (|A| |x| + |b|)`` in the maximum norm.
+    """
+    degree, coupling = system.degree, system.coupling
+    norm, drive = 2.0 * float(degree.max(initial=0.0)), float(np.abs(rhs).max(initial=0.0))
+    for left in reversed(range(_MOST_PASSES)):
+        with np.errstate(over="ignore", invalid="ignore"):
+            residual = rhs - (degree * x - coupling @ x)
+        scale = norm * float(np.abs(x).max(initial=0.0)) + drive
+        error = float(np.abs(residual).max(initial=0.0)) / scale if scale else 0.0
+        if error <= rtol or not left or not np.isfinite(error):
+            break
+        x = x + correction(residual)
+    return x, error
+
+
 def factor_anew(make: Callable[[NodalSystem], Factor], system: NodalSystem, change: Change, reason: str) -> Factor:
     """Make a factor of a system that an update has changed, for a reason, unless the change itself is one."""
     factors = make(rebuilt(system))
@@ -195,8 +252,8 @@ def check_rtol(rtol: float) -> None:
     ------
     InputError
     """
-    if not 0 < rtol < 1:
-        raise InputError(f"rtol = {rtol} must lie between 0 and 1")
+    if not (isinstance(rtol, Real) and 0 < rtol < 1):
+        raise InputError(f"rtol = {rtol!r} must be a number between 0 and 1")
 
 
 def rebuilt(system: NodalSystem) -> NodalSystem:

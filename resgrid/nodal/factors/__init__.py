@@ -1,0 +1,1 @@
+"""Factors: what every method makes of a nodal system, to solve it for many right-hand sides."""

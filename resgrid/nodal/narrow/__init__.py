@@ -1,0 +1,1 @@
+"""Factors of narrow circuits, made along their corridors in positive numbers alone."""
