@@ -83,3 +83,25 @@ def test_voltages_beyond_the_range_of_doubles_are_refused(
     netlist = Netlist(4, pairs, np.full(5, conductance), np.empty((0, 2), np.int32), np.empty(0), *drive)
     with pytest.raises(rg.CircuitError, match=r"exceeds 1.8e308 V"):
         rg.solve(netlist, accuracy=accuracy, method=method)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"accuracy": "exact"},
+        {"method": "lu"},
+        {"rtol": 0.0},
+        {"rtol": 1.0},
+        {"rtol": float("nan")},
+        {"rtol": "1e-8"},
+        {"rtol": None},
+        {"threads": 0},
+        {"threads": 1.5},
+        {"threads": float("nan")},
+        {"threads": None},
+        {"progress": "loud"},
+    ],
+)
+def test_wrong_options_are_named(wrong: dict[str, object]) -> None:
+    with pytest.raises(rg.InputError, match=next(iter(wrong)) + " = "):
+        rg.solve(ladder(3), **wrong)
