@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -33,7 +34,7 @@ class FactoredBatch:
 
     def solve(self, conductance: NDArray[np.float64], rtol: float) -> NDArray[np.float64]:
         """Voltages of the rows for every chip; as `resgrid.nodal.batch.boards.BoardBatch.solve`."""
-        factors = _factors(self.pattern)
+        factors = self._factors
         coupling = self.pattern.system.coupling
         solution = np.empty((len(conductance), self.pattern.system.size))
         for x, chip in zip(solution, conductance, strict=True):
@@ -42,6 +43,14 @@ class FactoredBatch:
             x[:] = self.start
             _iterate(other, other.sum(axis=1) + excess, b, factors, rtol, x)
         return solution
+
+    @cached_property
+    def _factors(self) -> Any:
+        return _factors(self.pattern)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Without factors, which no process can hand to another."""
+        return {"pattern": self.pattern, "start": self.start}
 
 
 def factored_batch(pattern: Pattern) -> FactoredBatch:
