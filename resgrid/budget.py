@@ -7,12 +7,14 @@ from pathlib import Path
 
 from resgrid.errors import BudgetError
 
+_GROUP = Path("/sys/fs/cgroup")
+"""Where Linux tells what a container may take and has taken (cgroup v2)."""
+
 
 def available_memory() -> int:
     """Memory that this process may still take, in bytes, from the kernel's own estimate and the container's limit."""
-    free = _meminfo_available()
-    limit = _container_limit()
-    return min(free, limit) if limit is not None else free
+    free, left = _meminfo_available(), _container_left()
+    return free if left is None else min(free, left)
 
 
 def require_memory(needed: float, job: str, remedy: str) -> None:
@@ -44,8 +46,11 @@ def _meminfo_available() -> int:
     return int(os.sysconf("SC_PAGE_SIZE")) * int(os.sysconf("SC_PHYS_PAGES"))
 
 
-def _container_limit() -> int | None:
+def _container_left() -> int | None:
+    """What a container's limit leaves; pages of files that nobody uses are given up first, and count as free."""
     try:
-        return int(Path("/sys/fs/cgroup/memory.max").read_text())
+        limit, taken = (int((_GROUP / name).read_text()) for name in ("memory.max", "memory.current"))
+        rows = dict(line.split() for line in (_GROUP / "memory.stat").read_text().splitlines())
     except (OSError, ValueError):  # no cgroup v2, or no limit ("max")
         return None
+    return max(limit - taken + int(rows.get("inactive_file", 0)), 0)

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.budget import require_memory
 from resgrid.conductances import behind_wall, in_series, of_face
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import GROUND, MOST_NODES, Layout, Netlist
@@ -24,6 +25,9 @@ DRIVES = ("uniform", "start")
 EDGES = ("obstacle", "open")
 RAILS = ("merged", "cells")
 _NO_NODE = -1
+_PEAK = 80
+"""Peak memory of compiling, in bytes per cell and axis, measured on open grids."""
+
 _PIECE = 2**16
 """Resistors filled in at a time: what they are made from stays in the cache."""
 
@@ -113,6 +117,8 @@ def compile_space(
         If an option is unknown, missing or does not fit the others, or there is no goal cell.
     CircuitError
         If nothing can be driven.
+    BudgetError
+        If the netlist would not fit in memory.
     """
     _check_values(resistance, supply, goal_voltage)
     rules = _Rules(
@@ -125,6 +131,11 @@ def compile_space(
         goal_voltage=float(goal_voltage),
         wall_resistance=_checked_wall(boundary, wall_resistance),
         start=_checked_start(space, start),
+    )
+    require_memory(
+        _PEAK * space.cell.size * space.ndim,
+        f"compiling {space.cell.size:,} cells",
+        "use a coarser grid, or a machine with more memory",
     )
     if not space.goal_count:
         raise InputError("the space has no goal cell: add a goal, or make it at least one cell large")

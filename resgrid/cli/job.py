@@ -10,7 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from resgrid.budget import require_memory
 from resgrid.cli.first_run import NOTICE, is_first_run
 from resgrid.cli.options import SceneChoice
 from resgrid.cli.report import Report
@@ -24,9 +23,6 @@ if TYPE_CHECKING:
     from resgrid.space import ConfigurationSpace
 
 DECK_SUFFIXES = (".cir", ".sp", ".spice", ".ckt", ".net", ".cdl")
-
-_COMPILE_BYTES = 80
-"""Peak memory of compiling, per cell and axis, measured on open grids."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,11 +174,6 @@ def compile_chip(job: Job, report: Report, boundary: str, start: int | None = No
     from resgrid.compiler import compile_space
 
     scene, space = job.scene, job.space
-    require_memory(
-        _COMPILE_BYTES * space.cell.size * space.ndim,
-        f"compiling {space.cell.size:,} cells",
-        "use a coarser grid, or a machine with more memory",
-    )
     drive = scene.drive if boundary == "neumann" else None
     with report.stage(f"compile the {boundary} chip", seconds=4e-8 * space.cell.size * space.ndim):
         return compile_space(
