@@ -140,8 +140,9 @@ def field_of(point: OperatingPoint) -> Field:
     layout = point.netlist.layout
     if layout is None:
         raise InputError("this netlist was not compiled from a space, so it has no field")
-    if point.potential is None:
+    if point.potential is None or point.method == "none":
         _check_driven(point, layout)
+    if point.potential is None:
         raise InputError("this circuit has more rails or drives than a field is defined for")
     direction, log_current = face_currents(
         layout,
