@@ -22,7 +22,7 @@ from benchmarks.rows import Row, Scale, Spread
 from resgrid.device.build import conductance_samples
 from resgrid.device.ideal import ideal_netlist
 from resgrid.netlist import Netlist
-from resgrid.nodal.batch.many import solve_many
+from resgrid.nodal.many import solve_many
 from resgrid.nodal.solve import solve
 from resgrid.nodal.system import assemble
 from resgrid.scene.chip import Chip

@@ -56,8 +56,8 @@ from .errors import (
     ToolMissingError as ToolMissingError,
 )
 from .netlist import Layout as Layout, Netlist as Netlist
-from .nodal.batch.many import solve_many as solve_many
 from .nodal.drive import scale_drive as scale_drive
+from .nodal.many import solve_many as solve_many
 from .nodal.operating_point import OperatingPoint as OperatingPoint
 from .nodal.secant import small_signal as small_signal
 from .nodal.solve import factor as factor, solve as solve

@@ -18,7 +18,7 @@ from resgrid.device.resistors import NOMINAL_CELSIUS
 from resgrid.device.walks import Eyes, Floor, eyes_of, floor_of, follow, walk
 from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
-from resgrid.nodal.batch.many import Batch, prepare_batch, solve_batch
+from resgrid.nodal.many import Batch, prepare_batch, solve_batch
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.secant import small_signal
 from resgrid.nodal.solve import solve

@@ -74,14 +74,15 @@ def refill(
 @njit(cache=True, nogil=True)
 def solve_board(
     true: Board, board: Board, exact: Board, aggregate: Indices, boards: Boards, coarsest: Singles, place: Indices,
-    b: Floats, largest: float, rtol: float, most: int, start: Floats, solution: Floats, vectors: Floats,
-    singles: Singles, z: Singles,
-) -> float:  # fmt: skip
-    """Solve from a start until the residual is ``rtol |b|`` or rounding forbids more; returns the norm of the residual.
+    b: Floats, largest: float, ordinary: float, rtol: float, most: int, start: Floats, solution: Floats,
+    vectors: Floats, singles: Singles, z: Singles,
+) -> tuple[float, float]:  # fmt: skip
+    """Solve from a start until the residual is ``rtol |b|`` or rounding forbids more; returns the norms of both.
 
     As `resgrid.nodal.multigrid.board_iteration`, in one piece, and with all steps of a burst kept.  ``largest`` is the
-    largest diagonal entry; ``vectors`` and ``singles`` are work space of three times two and of three rows of places,
-    ``z`` of one more than steps are kept.
+    largest diagonal entry; a row whose own exceeds an ``ordinary`` one counts for so much less in ``|b|``.  ``vectors``
+    and ``singles`` are work space of three times two and of three rows of places, ``z`` of one more than steps are
+    kept.
     """
     x, currents, residual, p = vectors[0], vectors[1], vectors[2, 0], vectors[2, 1]
     r, s, w = singles[0], singles[1], singles[2]
@@ -90,7 +91,10 @@ def solve_board(
     for i in range(len(place)):
         flat_x[place[i]] = start[i]
         flat_b[place[i]] = b[i]
-        squares += b[i] * b[i]
+        black = place[i] - len(true.black_degree)
+        degree = true.black_degree[black] if black >= 0 else 1.0 / true.red_inverse[place[i]]
+        share = b[i] * min(1.0, ordinary / degree)
+        squares += share * share
     depth, energy, last = len(z) - 1, 0.0, np.inf
     on_x, on_p = np.zeros(depth), np.zeros(depth)
     wanted, rounding = rtol * math.sqrt(squares), _ROUNDING * largest
@@ -125,4 +129,4 @@ def solve_board(
         last = size
     for i in range(len(place)):
         solution[i] = flat_x[place[i]]
-    return size
+    return size, wanted

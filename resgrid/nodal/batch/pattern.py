@@ -12,6 +12,9 @@ from resgrid.nodal.system import NodalSystem
 Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
 
+_FEW = 1000
+"""Resistors that tell in which unit a chip is solved."""
+
 
 @dataclass(frozen=True, eq=False)
 class Terms:
@@ -68,6 +71,13 @@ class Pattern:
         """Entries, excess and right-hand side for other conductances, shape (resistors,), in siemens and amperes."""
         entries = self.entries.of(conductance) if self.source is None else conductance[self.source]
         return entries, self.excess.of(conductance), self.feed.of(conductance) + self.system.injected
+
+    def ratio(self, conductance: Floats) -> tuple[float, float]:
+        """By how much other conductances exceed the nominal ones: mostly, as a power of two, and at least."""
+        with np.errstate(over="ignore"):
+            times = conductance / self.system.netlist.conductance
+        few = times[:: max(1, len(times) // _FEW)]
+        return float(2.0 ** np.round(np.log2(np.median(few)))), float(times.min())
 
     def voltages(self, solution: Floats) -> Floats:
         """Voltages of all nodes, shape (chips, nodes), from those of the rows, (chips, n); NaN where a node floats."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
@@ -14,8 +15,9 @@ from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.batch.boards import BoardBatch, board_batch
 from resgrid.nodal.batch.factored import FactoredBatch, factored_batch
-from resgrid.nodal.batch.pattern import pattern_of
+from resgrid.nodal.batch.pattern import Pattern, pattern_of
 from resgrid.nodal.factors.factor import check_rtol
+from resgrid.nodal.linear import solve_linear
 from resgrid.nodal.system import assemble
 
 CHUNK = 16
@@ -25,8 +27,31 @@ _SMALL = 1000
 """Rows up to which factors are quicker than multigrid."""
 
 _MOST_CONTRAST = 1e3
+"""Between the nominal chip's conductances, up to which its levels precondition others."""
 
-Batch = BoardBatch | FactoredBatch
+_MOST_FACTORED = 1e10
+"""Between its conductances, up to which its factors in double precision tell how far off others are."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeparateBatch:
+    """A circuit whose chips have too little in common: each is solved by itself.
+
+    Attributes
+    ----------
+    pattern : Pattern
+    """
+
+    pattern: Pattern
+    name = "one by one"
+
+    def solve(self, conductance: NDArray[np.float64], rtol: float) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """As the other batches: no chip is solved."""
+        del rtol
+        return np.zeros((len(conductance), self.pattern.system.size)), np.zeros(len(conductance), dtype=np.bool_)
+
+
+Batch = BoardBatch | FactoredBatch | SeparateBatch
 
 
 def solve_many(
@@ -36,7 +61,9 @@ def solve_many(
 
     The equations are laid out once.  Every chip is solved by conjugate gradients from the voltages of the nominal one,
     preconditioned by the nominal chip's coarse levels and its own finest one (grids), or by the nominal factors (other
-    circuits, small ones).  A chip's answer does not depend on which others are solved beside it.
+    circuits, small ones).  Chips that are too far from the nominal one for that, as with conductances many decades
+    larger than any of its own, are solved one by one (`resgrid.solve`).  A chip's answer does not depend on which
+    others are solved beside it.
 
     Parameters
     ----------
@@ -45,8 +72,10 @@ def solve_many(
     conductances : array_like of float, shape (chips, resistors)
         In siemens; positive and finite.
     rtol : float
-        Bound on the norm of the residual relative to that of the currents that the sources drive into the grid, or
-        what rounding allows.
+        Of grids by multigrid, a bound on the norm of the residual relative to that of the currents that the sources
+        drive in, nodes that are tied more stiffly than any of the nominal chip's counting as those; of other circuits,
+        on the error of voltages, as the residual and the nominal chip tell it, relative to the largest; or what
+        rounding allows.
     executor : concurrent.futures.Executor, optional
         Chips are solved in its threads (the loops release the lock) or processes, instead of one after the other.
 
@@ -62,7 +91,7 @@ def solve_many(
     CircuitError
         If the nominal chip has no operating point.
     AccuracyError
-        If a chip is too far from the nominal one.
+        If a chip that is solved by itself has no answer that is right.
     BudgetError
         If the voltages of all chips would not fit in memory.
     """
@@ -92,17 +121,28 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
     if not system.size:
         return None
     pattern = pattern_of(system)
-    data = system.coupling.data
-    if system.size > _SMALL and data.max(initial=0.0) <= _MOST_CONTRAST * data.min(initial=np.inf):
+    weakest = min(float(system.degree.min()), float(system.coupling.data.min(initial=np.inf)))
+    contrast = float(system.degree.max()) / weakest
+    if system.size > _SMALL and contrast <= _MOST_CONTRAST:
         batch = board_batch(pattern)
         if batch is not None:
             return batch
-    return factored_batch(pattern)
+    return factored_batch(pattern) if contrast <= _MOST_FACTORED else SeparateBatch(pattern)
 
 
 def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
     """Voltages of some chips, shape (chips, nodes)."""
-    return batch.pattern.voltages(batch.solve(conductance, rtol))
+    solution, reached = batch.solve(conductance, rtol)
+    voltage = batch.pattern.voltages(solution)
+    for chip in np.flatnonzero(~reached):
+        voltage[chip] = _alone(batch.pattern.system.netlist, conductance[chip])
+    return voltage
+
+
+def _alone(netlist: Netlist, conductance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The voltages of one chip that has little to do with the nominal one."""
+    chip = netlist.replace(conductance=conductance)
+    return solve_linear(chip, accuracy="direction", method="auto", rtol=1e-10).voltage
 
 
 def _checked(netlist: Netlist, conductances: ArrayLike) -> NDArray[np.float64]:
