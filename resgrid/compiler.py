@@ -151,14 +151,15 @@ def compile_space(
         goal_nodes=nodes.goals,
         **vars(rules),
     )
-    return Netlist(
-        nodes.count,
+    columns = (
         resistors.nodes,
         resistors.conductance,
         *_voltage_sources(space, rules, nodes),
         *_uniform_drive(rules, nodes),
-        layout=layout,
     )
+    for column in columns:
+        column.flags.writeable = False  # or the netlist would copy it
+    return Netlist(nodes.count, *columns, layout=layout)
 
 
 def _check_values(resistance: float, supply: float, goal_voltage: float) -> None:

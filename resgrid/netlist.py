@@ -334,11 +334,11 @@ def _column(name: str, value: ArrayLike, width: int, dtype: Any) -> NDArray[Any]
     shape_ok = array.ndim == 2 and array.shape[1] == 2 if width else array.ndim == 1
     if not shape_ok and array.size:
         raise InputError(f"{name} has shape {array.shape}, expected {'(n, 2)' if width else '(n,)'}")
-    array = np.ascontiguousarray(array.reshape((-1, 2) if width else -1), dtype=dtype)
-    if array.flags.writeable:
-        array = array.view()
-        array.flags.writeable = False
-    return array
+    own = np.ascontiguousarray(array.reshape((-1, 2) if width else -1), dtype=dtype)
+    if own.flags.writeable:
+        own = own.copy() if array is value and np.may_share_memory(own, array) else own.view()
+        own.flags.writeable = False
+    return own
 
 
 def _cell_of_node(layout: Layout, node_count: int) -> NDArray[np.int64]:

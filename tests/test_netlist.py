@@ -107,3 +107,13 @@ def test_nodes_of_any_width_are_kept_in_32_bits() -> None:
     netlist = ladder().replace(resistor_nodes=np.array([[1, 2], [2, 0]], dtype=np.uint8))
     assert netlist.resistor_nodes.dtype == netlist.source_nodes.dtype == np.int32
     assert netlist.resistor_nodes.tolist() == [[1, 2], [2, 0]]
+
+
+def test_a_netlist_is_not_changed_through_the_arrays_that_it_was_made_from() -> None:
+    pairs, conductance, volts = np.array([[1, 2], [2, 0]], dtype=np.int32), np.array([1.0, 2.0]), np.array([3.0])
+    netlist = Netlist(3, pairs, conductance, source_nodes=[[1, 0]], source_volts=volts)
+    pairs[:], conductance[:], volts[:] = 0, -1.0, np.nan
+    assert netlist.resistor_nodes.tolist() == [[1, 2], [2, 0]]
+    assert netlist.conductance.tolist() == [1.0, 2.0] and netlist.source_volts.tolist() == [3.0]
+    shared = netlist.replace(source_volts=[4.0])
+    assert np.shares_memory(shared.conductance, netlist.conductance)  # nobody can write there

@@ -13,6 +13,7 @@ from resgrid.device.reading import Reading, json_form
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Layout, Netlist
 from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.nodal.secant import nonlinear_drops
 from resgrid.space import Cell
 
 _WORST = 10
@@ -151,7 +152,7 @@ def analyse_power(point: OperatingPoint) -> Power:
     volts = np.nan_to_num(point.voltage)
     with np.errstate(under="ignore"):
         heat = point.resistor_current**2 / netlist.conductance
-        nonlinear = point.nonlinear_amps * np.subtract(*volts[netlist.nonlinear_nodes.T])
+        nonlinear = point.nonlinear_amps * nonlinear_drops(point)
     taken, fed = netlist.current_nodes.T
     count = netlist.node_count
     halves = np.zeros(count)

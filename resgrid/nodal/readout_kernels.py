@@ -140,12 +140,14 @@ def drop_unresolved(
 ) -> None:  # fmt: skip
     """Set currents to 0 along which ``sign * stored`` does not fall, and that are small at both ends, in place.
 
+    Where nothing is stored, as beyond both rails, nothing is said of currents.
+
     ``through`` is half the sum of magnitudes at a node, of which ``harmless`` is small.
     """
     for k in range(len(pairs)):
         a, b = pairs[k]
         falls = sign * (stored[a] - stored[b])
-        if amps[k] == 0.0 or (amps[k] > 0.0 and falls > 0.0) or (amps[k] < 0.0 and falls < 0.0):
+        if amps[k] == 0.0 or math.isnan(falls) or (amps[k] > 0.0 and falls > 0.0) or (amps[k] < 0.0 and falls < 0.0):
             continue
         out = amps[k] if plain else _shift(amps[k], exponent[k] - frame[a])
         into = amps[k] if plain else _shift(amps[k], exponent[k] - frame[b])

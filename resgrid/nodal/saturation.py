@@ -25,6 +25,7 @@ _SLACK = 1 + 2.0**-20
 """How much more is fed in than there is, so that of two equal cuts the one through resistors is found."""
 
 _MARGIN = 1e-12
+"""Share of what a cut carries, below which doubles do not tell what is left of it."""
 
 
 def refuse_saturated_cut(netlist: Netlist, system: NodalSystem) -> None:
@@ -62,8 +63,9 @@ def _message(
 ) -> str:
     nodes = np.flatnonzero((system.unknown >= 0) & inside[np.maximum(system.unknown, 0)])
     names = netlist.names_of(netlist.nonlinear_nodes[across[0]])
+    what = "is no operating point" if fed >= capacity else "may be no operating point, so close are the resistors to I0"
     return (
-        f"there is no operating point: the current sources drive {fed:.6g} A through the {len(across)} nonlinear "
+        f"there {what}: the current sources drive {fed:.6g} A through the {len(across)} nonlinear "
         f"resistors around {len(nodes)} nodes (such as {netlist.node_name(int(nodes[0]))}), but these (such as the one "
         f"between {names[0]} and {names[1]}) carry less than {capacity:.6g} A, the sum of their I0; "
         "feed less current, or raise I0"

@@ -19,6 +19,9 @@ from resgrid.nodal.saturation import refuse_saturated_cut
 from resgrid.nodal.system import assemble
 from resgrid.nodal.watch import Progress
 
+_SHARE_NOISE = 1e-13
+"""Relative error of nonlinear currents; near saturation it makes much of the drop uncertain."""
+
 _SETTLED = 1e-13
 _MOST_PASSES = 8
 
@@ -100,11 +103,27 @@ def small_signal(point: OperatingPoint) -> Netlist:
     netlist = point.netlist
     if not netlist.nonlinear_nodes.size:
         return netlist
-    share = np.abs(point.nonlinear_amps) / netlist.nonlinear_current
-    wide = share > 0.5
-    narrow_drop = netlist.nonlinear_voltage * np.arctanh(np.where(wide, 0.0, share))
-    drop = np.where(wide, _drops(netlist, point.voltage), narrow_drop)
-    return linear_netlist(netlist, differential_conductance(netlist, drop))
+    return linear_netlist(netlist, differential_conductance(netlist, nonlinear_drops(point)))
+
+
+def nonlinear_drops(point: OperatingPoint) -> NDArray[np.float64]:
+    """Voltages across the nonlinear resistors, as their currents tell them, or the node voltages where these tell more.
+
+    Parameters
+    ----------
+    point : OperatingPoint
+
+    Returns
+    -------
+    ndarray of float64, shape (nonlinear resistors,)
+        From the first node to the second, in volts.
+    """
+    netlist = point.netlist
+    scale, share = netlist.nonlinear_voltage, np.abs(point.nonlinear_amps) / netlist.nonlinear_current
+    largest = np.abs(np.nan_to_num(point.voltage)[netlist.nonlinear_nodes]).max(axis=1, initial=0.0)
+    saturated = (share > 0.5) & (_SHARE_NOISE * scale > np.finfo(np.float64).eps * largest * (1.0 - share))
+    told = np.sign(point.nonlinear_amps) * scale * np.arctanh(np.where(saturated, 0.0, share))
+    return np.where(saturated, _drops(netlist, point.voltage), told)
 
 
 def _drops(netlist: Netlist, voltage: NDArray[np.float64]) -> NDArray[np.float64]:

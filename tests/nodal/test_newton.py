@@ -231,3 +231,47 @@ def test_ngspice_finds_the_same_voltages(tmp_path: Path) -> None:
     told = {int(name[2:-1]): float(value) for name, value in found.items()}
     assert len(told) >= netlist.node_count - 1
     assert max(abs(value - point.voltage[node]) for node, value in told.items()) < 1e-6
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize("share", [1e-3, 0.9, 0.999])
+def test_slope_and_heat_are_those_of_the_drop_however_high_the_resistor_lies(scale: float, share: float) -> None:
+    """A share of ``I0`` flows through a resistor that hangs on 1 V: the drop is ``V0 atanh(share)``."""
+    netlist = rg.Netlist(
+        3,
+        [[1, 0]],
+        [1e-3],
+        source_nodes=[[1, 0]],
+        source_volts=[1.0],
+        current_nodes=[[0, 2]],
+        current_amps=[share * scale],
+        nonlinear_nodes=[[2, 1]],
+        nonlinear_current=[scale],
+        nonlinear_voltage=[scale],
+    )
+    point = rg.solve(netlist)
+    drop = scale * np.arctanh(share)
+    np.testing.assert_allclose(rg.analyse_power(point).nonlinear, [share * scale * drop], rtol=1e-9)
+    np.testing.assert_allclose(small_signal(point).conductance[-1], (1 - share) * (1 + share), rtol=1e-9)
+
+
+def test_a_resistor_nearly_saturated_may_have_no_operating_point() -> None:
+    with pytest.raises(rg.CircuitError, match="may be no operating point, so close"):
+        rg.solve(one_resistor(1.0 - 1e-13))
+    with pytest.raises(rg.CircuitError, match="there is no operating point"):
+        rg.solve(one_resistor(1.0))
+    assert rg.solve(one_resistor(1.0 - 1e-9)).voltage[1] == pytest.approx(0.1 * np.arctanh(1.0 - 1e-9), rel=1e-6)
+
+
+def one_resistor(amps: float) -> rg.Netlist:
+    """A source feeds a nonlinear resistor to ground, ``I0`` = 1 A and ``V0`` = 0.1 V."""
+    return rg.Netlist(
+        2,
+        [],
+        [],
+        current_nodes=[[0, 1]],
+        current_amps=[amps],
+        nonlinear_nodes=[[1, 0]],
+        nonlinear_current=[1.0],
+        nonlinear_voltage=[0.1],
+    )

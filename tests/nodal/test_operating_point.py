@@ -105,3 +105,11 @@ def test_voltages_beyond_the_range_of_doubles_are_refused(
 def test_wrong_options_are_named(wrong: dict[str, object]) -> None:
     with pytest.raises(rg.InputError, match=next(iter(wrong)) + " = "):
         rg.solve(ladder(3), **wrong)
+
+
+def test_small_currents_beside_large_ones_are_kept_beyond_the_rails() -> None:
+    """Ground is no rail of node 3, which lies between 1 V and 2 V; two loads lead there from 1 V."""
+    netlist = Netlist(4, [[2, 3], [3, 1], [1, 0], [1, 0]], [1e-4, 1e-4, 1e3, 1e-5], [[1, 0], [2, 0]], [1.0, 2.0])
+    point = rg.solve(netlist)
+    np.testing.assert_allclose(point.resistor_current, [5e-5, 5e-5, 1e3, 1e-5], rtol=1e-14)
+    assert point.resistor_direction.tolist() == [1, 1, 1, 1]

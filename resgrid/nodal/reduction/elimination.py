@@ -7,7 +7,9 @@ how the conductances differ: a chain of 1e12 S grounded through 1e-12 S keeps al
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 
 from resgrid.nodal.connections import count_connections
 from resgrid.nodal.reduction.rows import Elimination, eliminate_rows
-from resgrid.nodal.system import NodalSystem
+from resgrid.nodal.system import NodalSystem, Rails, Ties
 
 if TYPE_CHECKING:
     from resgrid.nodal.reduction.kernels import Record
@@ -81,15 +83,7 @@ def reduce_system(system: NodalSystem) -> Reduction:
 
 def _core(system: NodalSystem, shrunk: Elimination) -> NodalSystem:
     """What is left, in double precision, with the currents that the eliminated rows pass on."""
-    from resgrid.nodal.reduction import kernels
-
-    record, kept = shrunk.record, shrunk.kept
-
-    def passed_on(currents: NDArray[np.float64]) -> NDArray[np.float64]:
-        carried = currents.copy()
-        kernels.forward(record, len(record.rows), carried)
-        return carried[kept]
-
+    passed_on = partial(_passed_on, shrunk.record, shrunk.kept)
     rails = system.rails
     solved = system.unknown >= 0
     unknown = system.unknown.copy()
@@ -102,5 +96,17 @@ def _core(system: NodalSystem, shrunk: Elimination) -> NodalSystem:
         excess=shrunk.excess,
         feed=passed_on(system.feed),
         injected=passed_on(system.injected),
-        rails=rails and replace(rails, ties=lambda: (passed_on(rails.to_high), passed_on(rails.to_low))),
+        rails=rails and replace(rails, ties=partial(_ties_passed_on, rails, passed_on)),
     )
+
+
+def _passed_on(record: Record, kept: NDArray[np.int64], currents: NDArray[np.float64]) -> NDArray[np.float64]:
+    from resgrid.nodal.reduction import kernels
+
+    carried = currents.copy()
+    kernels.forward(record, len(record.rows), carried)
+    return carried[kept]
+
+
+def _ties_passed_on(rails: Rails, passed_on: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Ties:
+    return passed_on(rails.to_high), passed_on(rails.to_low)
