@@ -78,15 +78,21 @@ class Charges:
 
     @cached_property
     def _charged(self) -> Factor:
-        return self._factors(self.dynamics.capacitance.within(self.basis.charged))
+        none = np.full(self.dynamics.size, -1, dtype=np.int64)  # for no current source feeds charges
+        return self._factors(self.dynamics.capacitance.within(self.basis.charged), none)
 
     @cached_property
     def _loose(self) -> Factor:
-        return self._factors(self.dynamics.conductance.grouped(self.basis.spread))
+        groups = self.basis.spread
+        group = np.full(self.dynamics.size, -1, dtype=np.int64)
+        group[np.diff(groups.indptr) > 0] = groups.indices
+        return self._factors(self.dynamics.conductance.grouped(groups), group)
 
-    def _factors(self, matrix: Laplacian) -> Factor:
-        nowhere = np.full(self.dynamics.netlist.node_count, -1, dtype=np.int64)
-        system = nodal_system(self.dynamics, matrix, nowhere, np.zeros(len(matrix.excess)))
+    def _factors(self, matrix: Laplacian, number: NDArray[np.int64]) -> Factor:
+        """Factors of a matrix whose row ``number[i]`` stands for row ``i`` of the dynamics."""
+        row = self.dynamics.row
+        own = np.where(row >= 0, number[row], -1) if len(number) else row
+        system = nodal_system(self.dynamics, matrix, own, np.zeros(len(matrix.excess)))
         return factor_system(replace(system, netlist=system.netlist.replace(layout=None)), "auto")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -71,7 +72,8 @@ def real_numbers(values: ArrayLike, message: str) -> NDArray[np.float64]:
     """
     try:
         given: np.ndarray[Any, Any] = np.ma.asanyarray(values)
-        if given.dtype.kind not in "biufO" or np.ma.is_masked(given):
+        real = given.dtype.kind in "biuf" or all(isinstance(value, Real) for value in given.flat)
+        if not real or np.ma.is_masked(given):
             raise InputError(message)
         return np.array(given, dtype=np.float64)
     except (TypeError, ValueError) as error:

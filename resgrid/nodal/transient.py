@@ -33,7 +33,7 @@ class Transient:
     voltage : ndarray of float64, shape (t, nodes)
         Node voltages above ground, in volts; NaN where a node floats.
     energy : ndarray of float64, shape (t,)
-        Energy that all sources have delivered since 0+, in joules.
+        Energy that all sources have delivered since 0+, in joules; what floats counts nothing.
     stored : ndarray of float64, shape (t,)
         Energy in the capacitors, in joules.
     steps : int
@@ -126,10 +126,12 @@ def transient(
         Length of a step in seconds; every interval between times is divided evenly into steps no longer than this.
         None: chosen as the answer needs, in powers of two, by comparing each step with two halves.
     tolerance : float
-        Without ``step``: wanted accuracy of every voltage, relative to the largest voltage difference that occurs.
+        Without ``step``: wanted accuracy of every voltage, relative to the largest voltage difference that has occurred
+        until then, ground and rails included.  So no answer depends on how long the circuit is watched.
     method : {"tr-bdf2", "trapezoidal", "backward_euler"}
-        Method of integration.  The trapezoidal rule of fixed step begins with four backward Euler steps of half the
-        length (Rannacher 1984), which damp what it would let ring.
+        Method of integration.  To a tolerance ``e`` one decay takes about ``2 / e**(1/3)``, ``1 / e**(1/2)`` or
+        ``2 / e`` steps.  The trapezoidal rule of fixed step begins with four backward Euler steps of half the length
+        (Rannacher 1984), which damp what it would let ring.
     solver : {"auto", "direct", "multigrid"}
         Method for the linear systems, as in `resgrid.solve`.
 
@@ -142,7 +144,9 @@ def transient(
     InputError
         If an argument is not admissible or the netlist holds nonlinear elements.
     CircuitError
-        If the netlist contradicts itself.
+        If the netlist contradicts itself, or a current source feeds a part that nothing ties to ground.
+    AccuracyError
+        If double precision does not tell the state at 0+, or does not allow the tolerance.
     BudgetError
         If it would take more than ten million steps.
     """
