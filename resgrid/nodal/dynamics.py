@@ -49,16 +49,20 @@ class Laplacian:
         return sparse.csr_array(sparse.diags_array(self.diagonal, format="csr") - self.coupling)
 
     @cached_property
-    def _pairs(self) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
-        """Rows that are joined, every pair once, and by what."""
+    def _branches(self) -> tuple[sparse.csr_array, sparse.csr_array]:
+        """From rows to differences across what joins them, every pair once, and from those to what leaves every row."""
         upper = sparse.triu(self.coupling, 1).tocoo()
-        return upper.row.astype(np.intp), upper.col.astype(np.intp), upper.data
+        m, n = upper.nnz, len(self.excess)
+        ends = np.stack([upper.row, upper.col], axis=1).astype(np.int32).ravel()
+        starts = np.arange(0, 2 * m + 1, 2, dtype=np.int32)
+        across = sparse.csr_array((np.tile([1.0, -1.0], m), ends, starts), shape=(m, n))
+        weighted = sparse.csr_array((np.repeat(upper.data, 2) * across.data, ends, starts), shape=(m, n))
+        return across, sparse.csr_array(weighted.T)
 
     def between(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """What leaves every row for other rows, formed from differences: none of it is lost on the way."""
-        a, b, value = self._pairs
-        flow, n = value * (x[a] - x[b]), len(x)
-        return np.asarray(np.bincount(a, flow, n) - np.bincount(b, flow, n), dtype=np.float64)
+        across, leaving = self._branches
+        return np.asarray(leaving @ (across @ x))
 
     def times(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """The matrix times ``x``, shape (n,)."""
