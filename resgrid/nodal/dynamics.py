@@ -48,6 +48,47 @@ class Laplacian:
         """The whole matrix, shape (n, n)."""
         return sparse.csr_array(sparse.diags_array(self.diagonal, format="csr") - self.coupling)
 
+    @cached_property
+    def _branches(self) -> tuple[sparse.csr_array, sparse.csr_array]:
+        """From rows to differences across what joins them, every pair once, and from those to what leaves every row."""
+        upper = sparse.triu(self.coupling, 1).tocoo()
+        m, n = upper.nnz, len(self.excess)
+        ends = np.stack([upper.row, upper.col], axis=1).astype(np.int32).ravel()
+        starts = np.arange(0, 2 * m + 1, 2, dtype=np.int32)
+        across = sparse.csr_array((np.tile([1.0, -1.0], m), ends, starts), shape=(m, n))
+        weighted = sparse.csr_array((np.repeat(upper.data, 2) * across.data, ends, starts), shape=(m, n))
+        return across, sparse.csr_array(weighted.T)
+
+    def between(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What leaves every row for other rows, formed from differences: none of it is lost on the way."""
+        across, leaving = self._branches
+        return np.asarray(leaving @ (across @ x))
+
+    def times(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The matrix times ``x``, shape (n,)."""
+        return self.excess * x + self.between(x)
+
+    def within(self, rows: NDArray[np.bool_]) -> Laplacian:
+        """Only some of the rows; the others count as nodes of known voltage."""
+        kept = self.coupling[rows]
+        return Laplacian(sparse.csr_array(kept[:, rows]), self.excess[rows] + kept[:, ~rows].sum(axis=1))
+
+    def grouped(self, groups: sparse.csr_array) -> Laplacian:
+        """Groups of rows as one row each; rows of no group count as nodes of known voltage.
+
+        Parameters
+        ----------
+        groups : scipy.sparse.csr_array, shape (n, m)
+            1 where a row belongs to a group.
+        """
+        joined = sparse.coo_array(groups.T @ self.coupling @ groups)
+        apart = joined.row != joined.col
+        entries = (joined.data[apart], (joined.row[apart], joined.col[apart]))
+        outside = 1.0 - groups.sum(axis=1)
+        return Laplacian(
+            sparse.coo_array(entries, shape=joined.shape).tocsr(), groups.T @ (self.excess + self.coupling @ outside)
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Dynamics:
@@ -83,6 +124,10 @@ class Dynamics:
     def size(self) -> int:
         """Number of rows."""
         return len(self.drive)
+
+    def imbalance(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """``b - G x``: the current that charges every row, in amperes, shape (n,); formed from differences."""
+        return np.asarray((self.drive - self.conductance.excess * x) - self.conductance.between(x))
 
     def voltage(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Node voltages of a state, in volts; shape (nodes,)."""
@@ -133,8 +178,8 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
     require_linear(netlist)
     forest = tie_sources(netlist)
     held = forest.root == forest.root[GROUND]
-    part, floats = _floating(netlist, held)
-    _check_fed(netlist, part, floats)
+    floats = _floating(netlist, held)
+    _check_fed(netlist, floats)
     row = np.full(netlist.node_count, -1, dtype=np.int64)
     free = ~held & ~floats
     _, row[free] = np.unique(forest.root[free], return_inverse=True)
@@ -182,33 +227,54 @@ def factor_resolvent(dynamics: Dynamics, rate: float, method: str = "auto") -> F
     G, C = dynamics.conductance, dynamics.capacitance
     if rate == 0.0:
         require_grounded(dynamics)
-    n = dynamics.size
-    netlist = dynamics.netlist
-    none = np.zeros(n)
-    system = NodalSystem(
-        netlist=netlist,
+    coupling = sparse.csr_array(G.coupling + rate * C.coupling) if rate else G.coupling
+    matrix = Laplacian(coupling, G.excess + rate * C.excess)
+    return factor_system(nodal_system(dynamics, matrix, dynamics.row, dynamics.drive), method)
+
+
+def nodal_system(
+    dynamics: Dynamics, matrix: Laplacian, row: NDArray[np.int64], drive: NDArray[np.float64]
+) -> NodalSystem:
+    """Nodal equations of a circuit's rows, or of groups of them, for every method that solves operating points.
+
+    Parameters
+    ----------
+    dynamics : Dynamics
+    matrix : Laplacian, shape (m, m)
+    row : ndarray of int64, shape (nodes,)
+        Row of every node, -1 where it has none.
+    drive : ndarray of float64, shape (m,)
+        Right-hand side.
+
+    Returns
+    -------
+    NodalSystem
+    """
+    return NodalSystem(
+        netlist=dynamics.netlist,
         forest=dynamics.forest,
-        unknown=dynamics.row.astype(np.int32),
-        excess=G.excess + rate * C.excess,
-        feed=none,
-        injected=dynamics.drive,
+        unknown=row.astype(np.int32),
+        excess=matrix.excess,
+        feed=np.zeros(len(drive)),
+        injected=drive,
         reference=0.0,
         rails=None,
         undriven=np.empty(0, dtype=np.int64),
         undriven_volts=np.empty(0),
         floating=dynamics.floating,
-        derived=sparse.csr_array(G.coupling + rate * C.coupling) if rate else G.coupling,
+        derived=matrix.coupling,
     )
-    return factor_system(system, method)
 
 
 def require_linear(netlist: Netlist) -> None:
-    """Refuse a netlist with nonlinear elements.
+    """Refuse a netlist with nonlinear elements, and what is no netlist.
 
     Raises
     ------
     InputError
     """
+    if not isinstance(netlist, Netlist):
+        raise InputError(f"the netlist is {type(netlist).__name__}, not resgrid.Netlist")
     count = len(netlist.nonlinear_current)
     if count:
         raise InputError(
@@ -289,8 +355,8 @@ def _laplacian(ends: NDArray[np.int32], value: NDArray[np.float64], row: NDArray
     return Laplacian(sparse.coo_array(entries, shape=(size, size)).tocsr(), excess)
 
 
-def _floating(netlist: Netlist, held: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
-    """Parts joined by any passive element or voltage source, and the nodes of those without a rail."""
+def _floating(netlist: Netlist, held: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Nodes of the parts, joined by any passive element or voltage source, that have no rail."""
     ends = np.concatenate(
         [netlist.resistor_nodes, netlist.capacitor_nodes[netlist.capacitance > 0], netlist.source_nodes]
     )
@@ -298,15 +364,14 @@ def _floating(netlist: Netlist, held: NDArray[np.bool_]) -> tuple[NDArray[np.int
     graph = sparse.coo_array((np.ones(len(ends), dtype=np.int8), tuple(ends.T)), shape=(count, count))
     number, part = connected_components(graph, directed=False)
     has_rail = np.bincount(part, held, number) > 0
-    return part.astype(np.int64), ~has_rail[part]
+    return np.asarray(~has_rail[part])
 
 
-def _check_fed(netlist: Netlist, part: NDArray[np.int64], floats: NDArray[np.bool_]) -> None:
-    live = netlist.current_nodes[netlist.current_amps != 0]
-    stuck = live[floats[live].any(axis=1) & (part[live[:, 0]] != part[live[:, 1]])]
+def _check_fed(netlist: Netlist, floats: NDArray[np.bool_]) -> None:
+    fed = netlist.current_nodes[netlist.current_amps != 0].ravel()
+    stuck = fed[floats[fed]]
     if stuck.size:
-        node = int(stuck[0][floats[stuck[0]]][0])
         raise CircuitError(
-            f"a current source feeds node {netlist.node_name(node)}, which nothing ties to ground: its voltage has no "
-            "bound; add a resistor or capacitor to a rail, or remove the source"
+            f"a current source feeds node {netlist.node_name(int(stuck.min()))}, which nothing ties to ground: its "
+            "voltage has no bound, or none that is known; add a resistor or capacitor to a rail, or remove the source"
         )

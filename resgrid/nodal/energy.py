@@ -1,9 +1,11 @@
-"""Energy over time: what the sources deliver is linear in the state, so that no power needs to be integrated.
+"""Energy over time, from how far the state has moved and its integral: no power needs to be integrated.
 
-By Tellegen's theorem the sources deliver what resistors and capacitors take up.  With node voltages
-``V = w + P x`` (``w`` what sources fix, ``P`` from rows to nodes) and Kirchhoff's law at every row that is
-``w^T G_n V + w^T C_n V' + x^T P^T I``, ``G_n`` and ``C_n`` being the matrices of all nodes and ``I`` the currents fed
-in: its integral needs only the integral of ``x`` and how far ``x`` has moved.
+By Tellegen's theorem the sources deliver what resistors and capacitors take up, and so they do when the currents are
+weighted by any other voltages ``W`` that the same sources allow: with node voltages ``V = W + P y`` (``P`` from rows to
+nodes) the power is ``W^T G_n V + W^T C_n V' + y^T P^T I``, ``G_n`` and ``C_n`` being the matrices of all nodes and
+``I`` the currents fed in.  For ``W`` the mean voltages are taken, whose ``y`` has no integral.  What is left is the
+power that resistors turn into heat at the mean voltages, and the charge that every capacitor takes up, brought there
+against its mean voltage: differences across elements, none of which is counted from ground.
 """
 
 from __future__ import annotations
@@ -18,26 +20,17 @@ from resgrid.nodal.dynamics import Dynamics
 
 @dataclass(frozen=True, eq=False)
 class EnergyMeter:
-    """Coefficients of the energy delivered by all sources.
+    """What all sources deliver, and what the capacitors hold.
 
     Attributes
     ----------
     dynamics : Dynamics
-    power : float
-        Of the rails alone, in watts, if every other node stood at its fixed part.
-    per_integral : ndarray of float64, shape (n,)
-        Joules per volt second of every row.
-    per_change : ndarray of float64, shape (n,)
-        Joules per volt by which every row moves.
     """
 
     dynamics: Dynamics
-    power: float
-    per_integral: NDArray[np.float64]
-    per_change: NDArray[np.float64]
 
     def delivered(self, time: float, change: NDArray[np.float64], integral: NDArray[np.float64]) -> float:
-        """Energy that sources have delivered since 0+, in joules.
+        """Energy that sources have delivered since 0+, in joules; floating parts count nothing.
 
         Parameters
         ----------
@@ -48,13 +41,18 @@ class EnergyMeter:
         integral : ndarray of float64, shape (n,)
             Integral of the state, in volt seconds.
         """
-        return float(self.power * time + self.per_integral @ integral + self.per_change @ change)
+        if not time > 0.0:
+            return 0.0
+        netlist = self.dynamics.netlist
+        mean = self.dynamics.voltage(integral / time)
+        heat = netlist.conductance * _across(mean, netlist.resistor_nodes) ** 2
+        moved = netlist.capacitance * _across(self.dynamics.at_nodes(change), netlist.capacitor_nodes)
+        return float(time * heat.sum() + moved @ _across(mean, netlist.capacitor_nodes))
 
     def stored(self, voltage: NDArray[np.float64]) -> float:
         """Energy in the capacitors at node voltages, in joules."""
         netlist = self.dynamics.netlist
-        across = np.subtract(*voltage[netlist.capacitor_nodes.T])
-        return float(0.5 * np.sum(netlist.capacitance * np.nan_to_num(across) ** 2))
+        return float(0.5 * np.sum(netlist.capacitance * _across(voltage, netlist.capacitor_nodes) ** 2))
 
 
 def energy_meter(dynamics: Dynamics) -> EnergyMeter:
@@ -68,22 +66,10 @@ def energy_meter(dynamics: Dynamics) -> EnergyMeter:
     -------
     EnergyMeter
     """
-    netlist = dynamics.netlist
-    fixed = np.nan_to_num(dynamics.fixed)
-    a, b = netlist.resistor_nodes.T
-    through = netlist.conductance * (fixed[a] - fixed[b])
-    first, second = netlist.capacitor_nodes.T
-    charge = netlist.capacitance * (fixed[first] - fixed[second])
-    taken, fed = netlist.current_nodes.T
-    amps = netlist.current_amps
-    return EnergyMeter(
-        dynamics=dynamics,
-        power=float(np.sum(through * (fixed[a] - fixed[b]))),
-        per_integral=(
-            dynamics.injection(a, through)
-            - dynamics.injection(b, through)
-            + dynamics.injection(fed, amps)
-            - dynamics.injection(taken, amps)
-        ),
-        per_change=dynamics.injection(first, charge) - dynamics.injection(second, charge),
-    )
+    return EnergyMeter(dynamics)
+
+
+def _across(voltage: NDArray[np.float64], nodes: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Voltage across elements, 0 where it floats."""
+    first, second = voltage[nodes.T]
+    return np.asarray(np.nan_to_num(first - second))

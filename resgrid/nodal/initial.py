@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
+from numbers import Real
+from typing import Any
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy import sparse
 
 from resgrid.errors import InputError
 from resgrid.netlist import Layout, Netlist
-from resgrid.nodal.dynamics import Dynamics, charge_basis
+from resgrid.nodal.charges import Charges
+from resgrid.nodal.dynamics import Dynamics
 from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.nodal.superlu import symmetric_factors
 
 
-def initial_state(dynamics: Dynamics, initial: OperatingPoint | ArrayLike | None) -> NDArray[np.float64]:
+def initial_state(
+    dynamics: Dynamics, initial: OperatingPoint | ArrayLike | None, charges: Charges | None = None
+) -> NDArray[np.float64]:
     """State at time 0+, when the sources of the netlist act at once.
 
     Finite currents move no charge in no time: at every node (or nodes joined by voltage sources) the charge on the
@@ -25,6 +29,8 @@ def initial_state(dynamics: Dynamics, initial: OperatingPoint | ArrayLike | None
     dynamics : Dynamics
     initial : OperatingPoint or array_like of float, shape (nodes,), or None
         As in `resgrid.transient`.
+    charges : Charges, optional
+        Of the dynamics, if there are any yet.
 
     Returns
     -------
@@ -35,14 +41,43 @@ def initial_state(dynamics: Dynamics, initial: OperatingPoint | ArrayLike | None
     ------
     InputError
         If the voltages do not fit the netlist.
+    AccuracyError
+        If double precision does not tell the state.
     """
     netlist = dynamics.netlist
     before = np.zeros(netlist.node_count) if initial is None else _voltages(netlist, initial)
-    held = before[netlist.capacitor_nodes]
-    rails = dynamics.fixed[netlist.capacitor_nodes]
-    change = netlist.capacitance * np.nan_to_num((held[:, 0] - held[:, 1]) - (rails[:, 0] - rails[:, 1]))
+    charges = charges or Charges(dynamics)
+    x = _without_loose(charges, dynamics.state(before))
+    held, now = (volts[netlist.capacitor_nodes] for volts in (before, dynamics.voltage(x)))
+    missing = netlist.capacitance * np.nan_to_num((held[:, 0] - held[:, 1]) - (now[:, 0] - now[:, 1]))
     first, second = netlist.capacitor_nodes.T
-    return _consistent(dynamics, dynamics.injection(first, change) - dynamics.injection(second, change))
+    charge = dynamics.injection(first, missing) - dynamics.injection(second, missing)
+    return charges.followed(x + charges.voltages(charge))
+
+
+def _without_loose(charges: Charges, x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The state, every loose part shifted so that its first row is at 0 V."""
+    groups, charged = charges.basis.spread, charges.basis.charged
+    first = np.where(charged, 0.0, x)
+    return np.asarray(x - groups @ (groups.T @ first))
+
+
+def real_numbers(values: ArrayLike, message: str) -> NDArray[np.float64]:
+    """A new array of real numbers.
+
+    Raises
+    ------
+    InputError
+        With the message, if there is anything else: text, complex numbers, masked entries.
+    """
+    try:
+        given: np.ndarray[Any, Any] = np.ma.asanyarray(values)
+        real = given.dtype.kind in "biuf" or all(isinstance(value, Real) for value in given.flat)
+        if not real or np.ma.is_masked(given):
+            raise InputError(message)
+        return np.array(given, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(message) from error
 
 
 def _voltages(netlist: Netlist, initial: OperatingPoint | ArrayLike) -> NDArray[np.float64]:
@@ -51,10 +86,7 @@ def _voltages(netlist: Netlist, initial: OperatingPoint | ArrayLike) -> NDArray[
         if old is not None and new is not None:
             return np.nan_to_num(_carried_over(initial, old, netlist, new), nan=0.0)
         initial = np.nan_to_num(initial.voltage, nan=0.0)
-    try:
-        volts = np.asarray(initial, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError("initial must be an operating point or one number per node") from error
+    volts = real_numbers(initial, "initial must be an operating point or one number per node")
     if volts.shape != (netlist.node_count,):
         raise InputError(f"initial has shape {volts.shape}, but the netlist has {netlist.node_count} nodes")
     if not np.isfinite(volts).all():
@@ -80,26 +112,3 @@ def _carried_over(point: OperatingPoint, old: Layout, netlist: Netlist, new: Lay
         if here >= 0 and there >= 0:
             before[here] = point.voltage[there]
     return before
-
-
-def _consistent(dynamics: Dynamics, charge: NDArray[np.float64]) -> NDArray[np.float64]:
-    """State with the given charge in every row that has capacitance, and KCL in all others.
-
-    Capacitors that join rows to each other but to no rail leave one voltage open for every such part; Kirchhoff's law
-    for the part as a whole decides it.
-    """
-    basis = charge_basis(dynamics)
-    charged, spread = basis.charged, basis.spread
-    C, G = dynamics.capacitance, dynamics.conductance.matrix
-    x = np.zeros(dynamics.size)
-    if C.coupling.nnz == 0:
-        x[charged] = charge[charged] / C.diagonal[charged]
-    elif charged.any():
-        x[charged] = _solve(C.matrix[charged][:, charged], charge[charged])
-    if spread.shape[1]:
-        x += spread @ _solve(spread.T @ G @ spread, spread.T @ (dynamics.drive - G @ x))
-    return x
-
-
-def _solve(matrix: sparse.csr_array, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(symmetric_factors(matrix).solve(rhs), dtype=np.float64)

@@ -1,40 +1,23 @@
-"""How a netlist with capacitors moves in time: implicit steps, each one solution of a nodal system.
-
-The three methods are backward Euler, the trapezoidal rule (both as in Nagel 1975, chapter 4) and TR-BDF2 (Bank,
-Coughran, Fichtner, Grosse, Rose & Smith 1985), whose two stages share a matrix at ``gamma = 2 - sqrt(2)``.  All are
-A-stable, so that a step is limited by accuracy alone; backward Euler and TR-BDF2 also damp what is too fast for the
-step (L-stable).
-"""
+"""How a netlist with capacitors moves in time: what is asked for, and what comes back."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass, field
+from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.errors import BudgetError, CircuitError, InputError
+from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.nodal.dynamics import Dynamics, dynamics_of, factor_resolvent
+from resgrid.nodal import methods
+from resgrid.nodal.charges import Charges
+from resgrid.nodal.dynamics import Dynamics, dynamics_of
 from resgrid.nodal.energy import energy_meter
-from resgrid.nodal.factors.factor import Factor
-from resgrid.nodal.initial import initial_state
+from resgrid.nodal.initial import initial_state, real_numbers
 from resgrid.nodal.operating_point import OperatingPoint
-
-METHODS = ("backward_euler", "trapezoidal", "tr-bdf2")
-
-_ROOT2 = float(np.sqrt(2.0))
-_ORDER = {"backward_euler": 1, "trapezoidal": 2, "tr-bdf2": 2}
-_MOST_STEPS = 10_000_000
-_KEPT = 4
-_RTOL = 1e-11
-_SHARE = {"backward_euler": 0.02, "trapezoidal": 0.02, "tr-bdf2": 0.5}
-"""Share of the tolerance that one step may use up by its own estimate: errors of many steps add, but those of TR-BDF2
-are extrapolated away to leading order (which the trapezoidal rule, not being L-stable, would not survive)."""
-
-Solve = Callable[[float, NDArray[np.float64]], NDArray[np.float64]]
+from resgrid.nodal.step_control import controlled_steps
+from resgrid.nodal.stepping import METHODS, Resolvents, Solve, advance, advance_by_sums, fixed_steps
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +33,7 @@ class Transient:
     voltage : ndarray of float64, shape (t, nodes)
         Node voltages above ground, in volts; NaN where a node floats.
     energy : ndarray of float64, shape (t,)
-        Energy that all sources have delivered since 0+, in joules.
+        Energy that all sources have delivered since 0+, in joules; what floats counts nothing.
     stored : ndarray of float64, shape (t,)
         Energy in the capacitors, in joules.
     steps : int
@@ -98,10 +81,23 @@ class TransientStepper:
         """Node voltages at time 0+, shape (nodes,), in volts; ``initial`` as in `transient`."""
         return self.dynamics.voltage(initial_state(self.dynamics, initial))
 
-    def advance(self, voltage: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Node voltages one step after ``voltage``, which `start` or `advance` returned; shape (nodes,), in volts."""
-        x, _ = _advance(self.dynamics, self.method, self.dynamics.state(voltage), self.step, self._solve)
-        return self.dynamics.voltage(x)
+    def advance(self, voltage: ArrayLike) -> NDArray[np.float64]:
+        """Node voltages one step after ``voltage``, which `start` or `advance` returned; shape (nodes,), in volts.
+
+        Backward Euler subtracts nothing where every capacitor goes to a rail: voltages of one sign keep their relative
+        accuracy then, over any number of decades.
+
+        Raises
+        ------
+        InputError
+            If the voltage is not one finite number for every node that is solved for.
+        """
+        dynamics, x = self.dynamics, self.dynamics.state(_checked_voltage(self.dynamics, voltage))
+        if self.method == "backward_euler" and dynamics.capacitance.coupling.nnz == 0:
+            after = advance_by_sums(dynamics, x, self.step, self._solve)
+        else:
+            after, _ = advance(dynamics, self.method, x, self.step, self._solve)
+        return dynamics.voltage(after)
 
 
 def transient(
@@ -130,10 +126,12 @@ def transient(
         Length of a step in seconds; every interval between times is divided evenly into steps no longer than this.
         None: chosen as the answer needs, in powers of two, by comparing each step with two halves.
     tolerance : float
-        Without ``step``: wanted accuracy of every voltage, relative to the largest voltage difference that occurs.
+        Without ``step``: wanted accuracy of every voltage, relative to the largest voltage difference that has occurred
+        until then, ground and rails included.  So no answer depends on how long the circuit is watched.
     method : {"tr-bdf2", "trapezoidal", "backward_euler"}
-        Method of integration.  The trapezoidal rule of fixed step begins with four backward Euler steps of half the
-        length (Rannacher 1984), which damp what it would let ring.
+        Method of integration.  To a tolerance ``e`` one decay takes about ``2 / e**(1/3)``, ``1 / e**(1/2)`` or
+        ``2 / e`` steps.  The trapezoidal rule of fixed step begins with four backward Euler steps of half the length
+        (Rannacher 1984), which damp what it would let ring.
     solver : {"auto", "direct", "multigrid"}
         Method for the linear systems, as in `resgrid.solve`.
 
@@ -146,29 +144,36 @@ def transient(
     InputError
         If an argument is not admissible or the netlist holds nonlinear elements.
     CircuitError
-        If the netlist contradicts itself.
+        If the netlist contradicts itself, or a current source feeds a part that nothing ties to ground.
+    AccuracyError
+        If double precision does not tell the state at 0+, or does not allow the tolerance.
     BudgetError
         If it would take more than ten million steps.
     """
     when = _checked_times(times)
-    _check_options(step, tolerance, method)
+    if step is not None:
+        _check_step(step)
+    _check_options(method, solver)
+    if not (isinstance(tolerance, Real) and 1e-12 <= tolerance < 1):
+        raise InputError(f"tolerance = {tolerance!r} must be a number between 1e-12 and 1")
     dynamics = dynamics_of(netlist)
-    cache = _Resolvents(dynamics, solver)
-    x = initial_state(dynamics, initial)
+    resolvents = Resolvents(dynamics, solver)
+    charges = Charges(dynamics)
+    x = initial_state(dynamics, initial, charges)
     meter = energy_meter(dynamics)
     voltage = np.empty((len(when), netlist.node_count))
     energy, stored = np.empty(len(when)), np.empty(len(when))
     if step is not None:
-        states = _fixed(dynamics, method, x, when, step, cache)
+        states = fixed_steps(dynamics, method, x, when, step, resolvents)
     else:
-        states = _controlled(dynamics, method, x, when, tolerance, cache)
+        states = controlled_steps(charges, method, x, when, tolerance, resolvents)
     steps = 0
     for number, (state, integral, taken) in enumerate(states):
         voltage[number] = dynamics.voltage(state)
         energy[number] = meter.delivered(when[number], state - x, integral)
         stored[number] = meter.stored(voltage[number])
         steps = taken
-    return Transient(netlist, when, voltage, energy, stored, steps, cache.made, method)
+    return Transient(netlist, when, voltage, energy, stored, steps, resolvents.made, method)
 
 
 def transient_stepper(
@@ -194,149 +199,14 @@ def transient_stepper(
     InputError, CircuitError
         As `transient`.
     """
-    _check_options(step, 0.5, method)
+    _check_step(step)
+    _check_options(method, solver)
     dynamics = dynamics_of(netlist)
-    return TransientStepper(dynamics, step, method, _Resolvents(dynamics, solver))
-
-
-class _Resolvents:
-    """Solves ``(G + rate C) x = rhs``; the factors of the last few rates are kept."""
-
-    def __init__(self, dynamics: Dynamics, solver: str) -> None:
-        self._dynamics, self._solver = dynamics, solver
-        self._factors: dict[float, Factor] = {}
-        self.made = 0
-
-    def __call__(self, rate: float, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
-        if not len(rhs):
-            return rhs
-        factors = self._factors.pop(rate, None)
-        if factors is None:
-            factors = factor_resolvent(self._dynamics, rate, self._solver)
-            self.made += 1
-            while len(self._factors) >= _KEPT:
-                del self._factors[next(iter(self._factors))]
-        self._factors[rate] = factors
-        return factors.solve(rhs, rtol=_RTOL)
-
-
-def _advance(
-    dynamics: Dynamics, method: str, x: NDArray[np.float64], h: float, solve: Solve
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """State after a step, and the integral of the state over it (the method's own, so that charges balance)."""
-    C, b = dynamics.capacitance.matrix, dynamics.drive
-    if method == "backward_euler":
-        after = solve(1.0 / h, C @ x / h + b)
-        return after, h * after
-    if method == "trapezoidal":
-        middle = solve(2.0 / h, 2.0 / h * (C @ x) + b)
-        return 2.0 * middle - x, h * middle
-    rate = (2.0 + _ROOT2) / h
-    between = 2.0 * solve(rate, rate * (C @ x) + b) - x
-    past = 0.5 * (_ROOT2 + 1.0) * between - 0.5 * (_ROOT2 - 1.0) * x
-    after = solve(rate, rate * (C @ past) + b)
-    return after, h * (_ROOT2 / 4.0 * (x + between) + (1.0 - _ROOT2 / 2.0) * after)
-
-
-_State = tuple[NDArray[np.float64], NDArray[np.float64], int]
-"""State, its integral since 0+, and the number of steps taken."""
-
-
-def _fixed(
-    dynamics: Dynamics, method: str, x: NDArray[np.float64], times: NDArray[np.float64], step: float, solve: Solve
-) -> Iterator[_State]:
-    integral = np.zeros_like(x)
-    taken, now = 0, 0.0
-    for time in times.tolist():
-        _check_steps(taken + (time - now) / step)
-        count = int(np.ceil((time - now) / step * (1.0 - 1e-12)))
-        h = (time - now) / max(count, 1)
-        for _ in range(count):
-            damped = method == "trapezoidal" and taken < 2
-            for length in (h / 2, h / 2) if damped else (h,):
-                x, part = _advance(dynamics, "backward_euler" if damped else method, x, length, solve)
-                integral = integral + part
-            taken += 1
-        now = time
-        yield x, integral, taken
-
-
-def _controlled(
-    dynamics: Dynamics, method: str, x: NDArray[np.float64], times: NDArray[np.float64], tolerance: float, solve: Solve
-) -> Iterator[_State]:
-    """Steps of ``2**k`` seconds, each compared with two halves; the halves are kept."""
-    order = _ORDER[method]
-    target = _SHARE[method] * tolerance * _span(dynamics, x, solve)
-    exponent = _first_exponent(dynamics, times, tolerance)
-    integral = np.zeros_like(x)
-    now, taken = 0.0, 0
-    waiting = times.tolist()
-    while waiting:
-        while waiting and waiting[0] <= now:
-            yield x, integral, taken
-            waiting.pop(0)
-        if not waiting:
-            return
-        h = 2.0**exponent
-        whole, at_once = _advance(dynamics, method, x, h, solve)
-        half, first = _advance(dynamics, method, x, h / 2, solve)
-        after, second = _advance(dynamics, method, half, h / 2, solve)
-        increment = first + second
-        error = float(np.abs(whole - after).max(initial=0.0)) / (2**order - 1)
-        if error > target and now + h / 2 > now:
-            exponent -= 1
-            continue
-        if method == "tr-bdf2":
-            after = after + (after - whole) / (2**order - 1)
-            increment = increment + (increment - at_once) / (2**order - 1)
-        taken += 2
-        _check_steps(taken)
-        while waiting and waiting[0] < now + h:
-            part = (waiting.pop(0) - now) / h
-            yield *_between(x, half, after, integral, part, h), taken
-        x, integral, now = after, integral + increment, now + h
-        if error * 2.0 ** (order + 1) * 1.5 < target:
-            exponent += 1
-
-
-def _between(
-    x: NDArray[np.float64],
-    half: NDArray[np.float64],
-    after: NDArray[np.float64],
-    integral: NDArray[np.float64],
-    part: float,
-    h: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """State and integral within a step, on the parabola through its beginning, middle and end."""
-    slope, bend = 4.0 * half - 3.0 * x - after, 2.0 * (x - 2.0 * half + after)
-    state = x + part * (slope + part * bend)
-    return state, integral + h * part * (x + part * (slope / 2.0 + part * bend / 3.0))
-
-
-def _span(dynamics: Dynamics, x: NDArray[np.float64], solve: Solve) -> float:
-    """Largest voltage difference between rails, the state at 0+ and the operating point (if there is one)."""
-    states = [x]
-    with suppress(CircuitError):  # a part that only capacitors hold has no operating point
-        states.append(solve(0.0, dynamics.drive))
-    volts = np.concatenate([dynamics.voltage(state) for state in states])
-    span = float(np.nanmax(volts) - np.nanmin(volts))
-    return span if span > 0 else 1.0
-
-
-def _first_exponent(dynamics: Dynamics, times: NDArray[np.float64], tolerance: float) -> int:
-    """Power of two, in seconds, of a first step that resolves the fastest node."""
-    C, G = dynamics.capacitance.diagonal, dynamics.conductance.diagonal
-    live = (C > 0) & (G > 0)
-    fastest = float((C[live] / G[live]).min()) if live.any() else np.inf
-    longest = max(float(times[-1]), np.finfo(np.float64).tiny)
-    return int(np.floor(np.log2(min(fastest * tolerance ** (1 / 3), longest))))
+    return TransientStepper(dynamics, float(step), method, Resolvents(dynamics, solver))
 
 
 def _checked_times(times: ArrayLike) -> NDArray[np.float64]:
-    try:
-        when = np.array(times, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError("times must be numbers, in seconds") from error
+    when = real_numbers(times, "times must be real numbers, in seconds")
     if when.ndim != 1 or not len(when):
         raise InputError(f"times has shape {when.shape}; give at least one time, in a row")
     if not (np.isfinite(when).all() and (when >= 0).all() and (np.diff(when) >= 0).all()):
@@ -344,17 +214,22 @@ def _checked_times(times: ArrayLike) -> NDArray[np.float64]:
     return when
 
 
-def _check_options(step: float | None, tolerance: float, method: str) -> None:
-    if method not in METHODS:
-        raise InputError(f"method = {method!r} is unknown; it may be one of {', '.join(METHODS)}")
-    if step is not None and not (np.isfinite(step) and step > 0):
-        raise InputError(f"step = {step} must be positive and finite, in seconds")
-    if not 1e-12 <= tolerance < 1:
-        raise InputError(f"tolerance = {tolerance} must lie between 1e-12 and 1")
+def _checked_voltage(dynamics: Dynamics, voltage: ArrayLike) -> NDArray[np.float64]:
+    volts = real_numbers(voltage, "voltage must be one real number per node, in volts")
+    if volts.shape != dynamics.row.shape:
+        raise InputError(f"voltage has shape {volts.shape}, but the netlist has {len(dynamics.row)} nodes")
+    bad = ~np.isfinite(volts) & (dynamics.row >= 0)
+    if bad.any():
+        raise InputError(f"the voltage of node {dynamics.netlist.node_name(int(np.argmax(bad)))} is not finite")
+    return volts
 
 
-def _check_steps(count: float) -> None:
-    if count > _MOST_STEPS:
-        raise BudgetError(
-            f"this takes more than {_MOST_STEPS:,} steps; give a longer step, a shorter time or a larger tolerance"
-        )
+def _check_step(step: float) -> None:
+    if not (isinstance(step, Real) and np.isfinite(step) and step > 0):
+        raise InputError(f"step = {step!r} must be a positive and finite number, in seconds")
+
+
+def _check_options(method: str, solver: str) -> None:
+    for name, given, known in (("method", method, METHODS), ("solver", solver, ("auto", *methods.METHODS))):
+        if not (isinstance(given, str) and given in known):
+            raise InputError(f"{name} = {given!r} is unknown; it may be one of {', '.join(known)}")

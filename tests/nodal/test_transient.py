@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from spaces import space_of
 
 import resgrid as rg
-from resgrid.nodal.transient import METHODS
+from resgrid.nodal.stepping import METHODS
 
 
 def one_pole(**changes: object) -> rg.Netlist:
@@ -206,11 +206,87 @@ def test_multigrid_takes_the_same_steps() -> None:
         ([1e-6], {"initial": [0.0, 1.0]}, "3 nodes"),
         ([1e-6], {"initial": [0.0, np.inf, 0.0]}, "not finite"),
         ([1e-6], {"initial": "discharged"}, "operating point"),
+        ([1e-6], {"initial": [0.0, 1.0, 1.0 + 1.0j]}, "operating point"),
+        ([1e-6 + 0j], {}, "real"),
+        (["1e-6"], {}, "real"),
+        (np.ma.masked_array([1e-6, 2e-6], [False, True]), {}, "real"),
+        (None, {}, "times"),
+        ([1e-6], {"step": "short"}, "step"),
+        ([1e-6], {"step": 1e-6 + 0j}, "step"),
+        ([1e-6], {"step": np.array([1e-6, 1e-6])}, "step"),
+        ([1e-6], {"tolerance": "fine"}, "tolerance"),
+        ([1e-6], {"tolerance": None}, "tolerance"),
+        ([1e-6], {"tolerance": 1e-6 + 0j}, "tolerance"),
+        ([1e-6], {"tolerance": np.array([1e-6, 1e-6])}, "tolerance"),
+        ([1e-6], {"method": None}, "trapezoidal"),
+        ([1e-6], {"method": np.array(["tr-bdf2"] * 2)}, "trapezoidal"),
+        ([1e-6], {"solver": "foo"}, "multigrid"),
     ],
 )
 def test_bad_arguments_are_named(times: list[float], options: dict[str, object], word: str) -> None:
     with pytest.raises(rg.InputError, match=word):
         rg.transient(one_pole(), times, **options)
+
+
+@pytest.mark.parametrize(
+    ("step", "options", "word"),
+    [
+        (None, {}, "step"),
+        ("short", {}, "step"),
+        (np.inf, {}, "step"),
+        (1e-6, {"solver": "foo"}, "multigrid"),
+        (1e-6, {"method": "euler"}, "trapezoidal"),
+    ],
+)
+def test_bad_arguments_of_a_stepper_are_named(step: float, options: dict[str, object], word: str) -> None:
+    with pytest.raises(rg.InputError, match=word):
+        rg.transient_stepper(one_pole(), step, **options)
+
+
+@pytest.mark.parametrize(
+    ("voltage", "word"),
+    [
+        (None, "real number"),
+        ("high", "real number"),
+        ([0.0, 1.0, 1j], "real number"),
+        ([0.0, 1.0], "3 nodes"),
+        ([[0.0, 1.0, 0.5]], "3 nodes"),
+        ([0.0, 1.0, np.nan], "not finite"),
+    ],
+)
+def test_bad_voltages_of_a_stepper_are_named(voltage: object, word: str) -> None:
+    stepper = rg.transient_stepper(one_pole(), 1e-6)
+    with pytest.raises(rg.InputError, match=word):
+        stepper.advance(voltage)
+
+
+def test_a_stepper_takes_voltages_in_a_list() -> None:
+    stepper = rg.transient_stepper(one_pole(), 1e-6)
+    assert stepper.advance([0.0, 1.0, 0.5]) == pytest.approx(stepper.advance(np.array([0.0, 1.0, 0.5])))
+
+
+def test_what_is_no_netlist_is_named() -> None:
+    with pytest.raises(rg.InputError, match="Netlist"):
+        rg.transient("netlist", [1e-6])
+
+
+def test_backward_euler_steps_keep_voltages_of_all_sizes() -> None:
+    count = 20
+    nodes = np.arange(1, count + 2)
+    netlist = rg.Netlist(
+        count + 2,
+        np.stack([nodes[:-1], nodes[1:]], axis=1),
+        np.full(count, 1e-12),
+        source_nodes=[[1, 0]],
+        source_volts=[1.0],
+        capacitor_nodes=np.stack([nodes[1:], 0 * nodes[1:]], axis=1),
+        capacitance=np.full(count, 1e-9),
+    )
+    stepper = rg.transient_stepper(netlist, 1e-6, method="backward_euler")
+    voltage = stepper.advance(stepper.start())
+    # KCL at a node: (C / h + 2 G) V = G (V before + V behind), and what is behind is less by many decades.
+    share = 1e-12 * 1e-6 / 1e-9
+    assert voltage[2 : count + 1] == pytest.approx((share / (1 + 2 * share)) ** np.arange(1, count), rel=1e-12, abs=0)
 
 
 def test_absurd_step_counts_are_refused() -> None:

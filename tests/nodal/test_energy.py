@@ -1,0 +1,63 @@
+"""What sources deliver: exact laws, where small differences of large numbers would be wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+
+import resgrid as rg
+
+
+@pytest.mark.parametrize("weak", [1e-6, 1e-10, 1e-13, 1e-16])
+def test_what_a_weak_tie_takes_is_not_lost_beside_strong_ones(weak: float) -> None:
+    netlist = rg.Netlist(
+        4, [[1, 2], [2, 3], [3, 0]], [1.0, 1.0, weak], source_nodes=[[1, 0]], source_volts=[1.0],
+        capacitor_nodes=[[2, 0]], capacitance=[1e-12],
+    )  # fmt: skip
+    time = 1e-6 / weak
+    found = rg.transient(netlist, [0.0, time], initial=rg.solve(netlist))
+    assert found.energy[-1] == pytest.approx(time / (1 / weak + 2), rel=1e-9)
+
+
+@given(common=st.floats(-1e8, 1e8), volts=st.floats(0.5, 2.0))
+def test_energy_does_not_depend_on_what_voltages_are_counted_from(common: float, volts: float) -> None:
+    netlist = rg.Netlist(
+        4, [[1, 2], [2, 3]], [1e-3, 1e-3], source_nodes=[[1, 0], [3, 0]], source_volts=[common + volts, common],
+        capacitor_nodes=[[2, 3]], capacitance=[1e-9],
+    )  # fmt: skip
+    across = (common + volts) - common
+    # Half of the current charges the capacitor to half of the voltage with a time constant of C / 2 mS.
+    time = 1e-6
+    charge = 0.5e-9 * across * -np.expm1(-2.0 * time / 1e-6)
+    wanted = across * (0.5e-3 * across * time + 0.5 * charge)
+    found = rg.transient(netlist, [time], initial=[0.0, common, common, common], step=time / 200)
+    assert found.energy[-1] == pytest.approx(wanted, rel=1e-5 + 1e-13 * abs(common))
+
+
+def test_the_energy_of_a_settled_circuit_is_its_power_times_time() -> None:
+    netlist = rg.Netlist(
+        4, [[1, 2], [2, 0], [2, 3], [3, 0]], [1e-3, 2e-3, 5e-4, 1e-3], source_nodes=[[1, 0]], source_volts=[1.0],
+        current_nodes=[[0, 3]], current_amps=[1e-3], capacitor_nodes=[[2, 3], [3, 0]], capacitance=[1e-9, 2e-9],
+    )  # fmt: skip
+    op = rg.solve(netlist)
+    found = rg.transient(netlist, [0.0, 1e3], initial=op)
+    assert found.energy[-1] == pytest.approx(1e3 * op.power, rel=1e-12)
+    assert found.energy[0] == 0.0
+
+
+def floating_loop() -> rg.Netlist:
+    """1 V into an RC, and beside it 1 A through 1 ohm between two nodes that float."""
+    return rg.Netlist(
+        5, [[1, 2], [3, 4]], [1.0, 1.0], source_nodes=[[1, 0]], source_volts=[1.0],
+        current_nodes=[[3, 4]], current_amps=[1.0], capacitor_nodes=[[2, 0]], capacitance=[1.0],
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    "analyse", [rg.solve, lambda netlist: rg.transient(netlist, [1.0]), rg.analyse_settling, rg.analyse_noise]
+)
+def test_a_current_within_a_floating_part_is_refused_everywhere(analyse: object) -> None:
+    assert callable(analyse)
+    with pytest.raises(rg.CircuitError, match="nothing ties to ground"):
+        analyse(floating_loop())
