@@ -13,11 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.device.roots import laplacian_root
+from resgrid.device.roots import Solver, laplacian_root
 from resgrid.errors import AccuracyError
 from resgrid.nodal.dynamics import Dynamics, charge_basis
 
 Floats = NDArray[np.float64]
+
+_AGREED = 1e-8
+"""Relative difference of delays from which modes are refused."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,6 +77,26 @@ def all_modes(dynamics: Dynamics) -> Modes:
     shape = basis.spread @ (follow @ y)
     shape[charged] += y
     return Modes(tau, shape)
+
+
+def check_modes(dynamics: Dynamics, modes: Modes, solve: Solver) -> None:
+    """Refuse modes that do not add up to ``G^-1`` of some charges.
+
+    Rounding decides the slowest one where loops of very large conductances are tied very weakly.
+
+    Raises
+    ------
+    AccuracyError
+    """
+    F = laplacian_root(dynamics.capacitance)
+    charge = F.T @ np.linspace(1.0, 2.0, F.shape[0])
+    delay = solve(charge)
+    summed = modes.shape @ (modes.tau * (modes.shape.T @ charge))
+    if not np.abs(summed - delay).max() <= _AGREED * np.abs(delay).max():
+        raise AccuracyError(
+            "the conductances span too many decades to tell the slowest time constant; join the nodes that very large "
+            "ones connect, or leave very small ones out"
+        )
 
 
 def _eliminated(own: Floats, loose: Floats) -> tuple[Floats, Floats]:

@@ -66,7 +66,7 @@ def _last_between(
         begin, slack = abs(value), 0.125 * (b - a) * (b - a) * bend
         if max(begin, end) + slack <= band:
             b, end, h = a, begin, 2.0 * (b - a)
-        elif end <= band and begin - end > 8.0 * slack:
+        elif begin > band >= end and begin - end > 8.0 * slack:
             return _crossing(share, rate, a, begin, b, end, band)
         elif b - a <= _FINE * b:
             return b

@@ -18,6 +18,7 @@ from resgrid.errors import AccuracyError
 from resgrid.nodal.dynamics import Laplacian
 from resgrid.nodal.factors.factor import Factor
 from resgrid.nodal.scaled import BITS
+from resgrid.nodal.watch import Watch
 
 Floats = NDArray[np.float64]
 Solver = Callable[[Floats], Floats]
@@ -25,6 +26,9 @@ Solver = Callable[[Floats], Floats]
 _RTOL = 1e-11
 _SPOILT = 1e-9
 """Relative difference of two solutions from which rounding of the diagonal, or of pivots, is felt."""
+
+_PROVED = 1e-3
+"""Bound on the relative error of delays, a pessimistic one, above which they are refused."""
 
 _ENTRYWISE = 1e-10
 """Componentwise backward error above which a solution is refused."""
@@ -64,7 +68,7 @@ def accurate_solver(factors: Factor, capacitance: Laplacian) -> Solver:
     factors : Factor
         Of ``G + s C``.
     capacitance : Laplacian
-        ``C``.
+        ``C``; a row without capacitance is given the smallest of all here, so that the delays can be proved.
 
     Returns
     -------
@@ -74,21 +78,28 @@ def accurate_solver(factors: Factor, capacitance: Laplacian) -> Solver:
     Raises
     ------
     AccuracyError
-        If the delays cannot be found entry by entry.
+        If the delays cannot be proved right entry by entry.
     """
 
     def plain(b: Floats) -> Floats:
         return factors.solve(np.ravel(b), rtol=_RTOL)
 
-    delay = entrywise_solution(factors, capacitance.diagonal)
+    charge, watch = capacitance.diagonal, Watch()
+    charge = np.where(charge > 0.0, charge, charge[charge > 0.0].min(initial=np.inf))
+    delay = entrywise_solution(factors, charge, watch)
+    if not watch.bound <= _PROVED:
+        raise AccuracyError(
+            "the conductances span too many decades to tell how slowly weakly tied parts settle; join the nodes that "
+            "very large ones connect, or leave very small ones out"
+        )
     try:
-        spoilt = np.abs(plain(capacitance.diagonal) - delay).max(initial=0.0) > _SPOILT * delay.max(initial=0.0)
+        spoilt = np.abs(plain(charge) - delay).max(initial=0.0) > _SPOILT * delay.max(initial=0.0)
     except AccuracyError:
         spoilt = True
     return partial(entrywise_solution, factors) if spoilt else plain
 
 
-def entrywise_solution(factors: Factor, b: Floats) -> Floats:
+def entrywise_solution(factors: Factor, b: Floats, watch: Watch | None = None) -> Floats:
     """Solve for positive and for negative currents apart, each right entry by entry, and subtract.
 
     Parameters
@@ -96,6 +107,8 @@ def entrywise_solution(factors: Factor, b: Floats) -> Floats:
     factors : Factor
     b : ndarray of float64, shape (n,)
         Currents into rows, in amperes.
+    watch : Watch, optional
+        Told the errors.
 
     Returns
     -------
@@ -105,20 +118,23 @@ def entrywise_solution(factors: Factor, b: Floats) -> Floats:
     Raises
     ------
     AccuracyError
-        If a componentwise backward error exceeds 1e-10.
+        If a componentwise backward error exceeds 1e-10, or voltages are beyond what doubles hold.
     """
     x, low = np.zeros(len(b)), np.zeros(len(b))
     for sign in (1.0, -1.0):
         currents = np.maximum(sign * b, 0.0)
         if not currents.any():
             continue
-        part, error = factors.solve_nonnegative(currents)
+        part, error = factors.solve_nonnegative(currents, watch=watch)
         if not error <= _ENTRYWISE:
             raise AccuracyError(
                 f"voltages are right to a componentwise backward error of {error:.1e} only: the conductances span too "
-                "many decades; join the nodes that very large ones connect"
+                "many decades, or lie beyond what is reckoned with; join the nodes that very large ones connect"
             )
         power = BITS * part.exponent
         x += sign * np.ldexp(part.hi, power)
         low += sign * np.ldexp(part.lo, power)
-    return x + low
+    x += low
+    if not np.isfinite(x).all():
+        raise AccuracyError("voltages are beyond what doubles hold; give sources in smaller numbers")
+    return x

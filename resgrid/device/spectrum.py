@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.device.modal import Modes, all_modes
+from resgrid.device.modal import Modes, all_modes, check_modes
 from resgrid.device.roots import Solver, accurate_solver, laplacian_root
 from resgrid.errors import AccuracyError, InputError
-from resgrid.nodal.dynamics import Dynamics, charge_basis, factor_resolvent, require_grounded
+from resgrid.nodal.dynamics import Dynamics, charge_basis, factor_resolvent
 from resgrid.nodal.superlu import symmetric_factors
 
 Floats = NDArray[np.float64]
@@ -90,6 +90,7 @@ def find_spectrum(dynamics: Dynamics, count: int, solve: Solver) -> Spectrum:
     live = require_charge(dynamics)
     if dynamics.size <= max(DENSE, 2 * count):
         modes = all_modes(dynamics)
+        check_modes(dynamics, modes, solve)
         slow = modes.tau[:count]
         return Spectrum(slow, modes.shape[:, :count] * np.sqrt(slow), float(modes.tau[-1]), modes)
     tau, mode = _slowest(dynamics, count, live, solve)
@@ -126,12 +127,12 @@ def slowest_modes(dynamics: Dynamics, count: int, method: str = "auto") -> tuple
     if count < 1:
         raise InputError(f"{count} modes were asked for; at least 1 makes sense")
     live = require_charge(dynamics)
+    solve = accurate_solver(factor_resolvent(dynamics, 0.0, method), dynamics.capacitance)
     if dynamics.size <= max(DENSE, 2 * count):
-        require_grounded(dynamics)
         modes = all_modes(dynamics)
+        check_modes(dynamics, modes, solve)
         slow = modes.tau[:count]
         return slow, modes.shape[:, :count] * np.sqrt(slow)
-    solve = accurate_solver(factor_resolvent(dynamics, 0.0, method), dynamics.capacitance)
     return _slowest(dynamics, count, live, solve)
 
 
