@@ -84,7 +84,7 @@ def follow_approach(
     while rows.size or curve is None:
         first = last / SPAN if last > fastest else 0.0
         motion = window(first, last)
-        times = np.append(first, np.geomspace(first or last / SPAN, last, _STEPS)[first > 0.0 :])
+        times = _instants(first, last, _STEPS)
         last_outside(np.ascontiguousarray(motion.shape), motion.weight, motion.rate, times, band, rows, row_time)
         settled = float(row_time.max(initial=0.0))
         if settled > 0.0 and end is deviation:
@@ -102,9 +102,9 @@ def rows_to_follow(
 ) -> NDArray[np.int64]:
     """Rows that may be outside a band after time 0.
 
-    With capacitors to rails only, the charging currents ``i`` drive every row up by ``(G^-1 i+)`` in all,
-    and down by ``(G^-1 i-)``, neither faster than it must: no row is ever further from its end than the larger of the
-    two, and one that is driven one way only never leaves a band that it is in.
+    With capacitors to rails only, the charging currents ``i`` drive every row up by ``G^-1 i+`` in all and down by
+    ``G^-1 i-``, for ``exp(-t C^-1 G)`` has no negative entries: no row is ever further from its end than the larger of
+    the two, and one that is driven one way only never leaves a band that it is in.
 
     Parameters
     ----------
@@ -166,9 +166,14 @@ def settling_bound(dynamics: Dynamics, solve: Solver, deviation: Floats, tau: fl
     return 0.0 if largest <= band else tau * float(np.log(largest / band))
 
 
+def _instants(first: float, last: float, count: int) -> Floats:
+    """Times of a window by equal ratios; its beginning besides where that is 0."""
+    return np.geomspace(first, last, count) if first > 0.0 else np.append(0.0, np.geomspace(last / SPAN, last, count))
+
+
 def _curve(motion: Motion, deviation: Floats, first: float, last: float) -> tuple[Floats, Floats]:
     """Times of a window after 0, and the largest deviation at them."""
     count = int(np.clip(_MOST_VALUES / len(deviation), _FEWEST_POINTS, _POINTS))
-    times = np.geomspace(first or last / SPAN, last, count)
+    times = _instants(first or last / SPAN, last, count)
     parts = [np.abs(motion.at(part)).max(axis=1) for part in np.array_split(times, _FEWEST_POINTS)]
     return np.append(0.0, times), np.concatenate([np.abs(deviation).max(keepdims=True), *parts])
