@@ -29,7 +29,7 @@ DENSE = 200
 """Rows up to which all modes are found."""
 
 _RTOL = 1e-12
-_PROBE_RTOL = 1e-2
+_PROBE_RTOL = 1e-3
 _FASTEST_RTOL = 5e-3
 """Residuals at which the iterations stop: all but rounding for the slow ones, loose for one that only tells whether
 anything slower is left, and for the fastest, whose error is of the order of the square."""
