@@ -1,115 +1,146 @@
-"""The way to the operating point without time steps: Lanczos iteration started from the deviation itself.
+"""The way to the operating point without time steps: a sum of exponentials.
 
-The deviation ``y`` from the operating point obeys ``C y' = -G y``.  In the Krylov space of ``G^-1 C`` that starts from
-``y(0)``, orthonormal in the inner product of ``G``, the circuit becomes a few exponentials (moments about zero
-frequency; Odabasioglu, Celik & Pileggi 1998).  Each vector costs one solution with the same factor.  Slow modes,
-which decide when a circuit has settled, come first; modes that are too fast for the space have died out by then.
+The deviation ``y`` from the operating point obeys ``C y' = -G y``.  Of a small circuit all modes are known
+(`resgrid.device.modal`).  In a larger one a window of times is described at a time, by Lanczos iteration started from
+the deviation itself on ``(G + s C)^-1 C``, with ``1/s`` a hundredth of the window's end (shift and invert; van den
+Eshof & Hochbruck 2006): how many vectors that takes does not depend on how far apart the time constants are, for it
+comes down to a rational approximation of ``exp(-t x)`` for all positive ``x``.  Vectors are orthonormal in the inner
+product of ``C``, in which every deviation shrinks; they are kept as ``F v``, with ``C = F^T F``, which knows nothing of
+nodes without capacitance.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
+from resgrid.device.modal import Modes
+from resgrid.device.roots import Solver, accurate_solver, laplacian_root
 from resgrid.errors import AccuracyError
-from resgrid.nodal.dynamics import Dynamics
-from resgrid.nodal.factors.factor import Factor
+from resgrid.nodal.dynamics import Dynamics, factor_resolvent
+
+Floats = NDArray[np.float64]
+
+SPAN = 256.0
+"""End of a window over its beginning."""
+
+_SHIFT = 100.0
+"""Rate of the resolvent times a window's end."""
 
 _BLOCK = 8
 _MOST_VECTORS = 400
-_RTOL = 1e-11
-_COMPLETE = 1e-10
+_COMPLETE = 1e-13
 """What is left of a vector, relative to its length, when the space holds the whole motion."""
 
 _INSTANT = 1e-14
-"""Time constants, relative to the slowest one, that are nothing but rounding."""
+"""Ritz values, relative to the largest one, that are nothing but rounding."""
 
-_TIMES = np.array([1.0, 2.0, 4.0, 8.0, 16.0, 64.0])
+_PROBES = 9
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """A sum of exponentials: ``y(t) = shape @ (weight * exp(-t / tau))``.
+    """A sum of exponentials: ``y(t) = shape @ (weight * exp(-rate t))``.
 
     Attributes
     ----------
     shape : ndarray of float64, shape (n, m)
-    tau : ndarray of float64, shape (m,)
-        In seconds.
+    rate : ndarray of float64, shape (m,)
+        In 1/s.
     weight : ndarray of float64, shape (m,)
-        In volts.
+        ``shape`` times it is in volts.
     """
 
-    shape: NDArray[np.float64]
-    tau: NDArray[np.float64]
-    weight: NDArray[np.float64]
+    shape: Floats
+    rate: Floats
+    weight: Floats
 
-    def at(self, times: NDArray[np.float64]) -> NDArray[np.float64]:
+    def at(self, times: Floats) -> Floats:
         """Deviations at times in seconds, shape (t, n), in volts."""
-        return np.asarray((self.weight * np.exp(-np.divide.outer(times, self.tau))) @ self.shape.T)
+        return np.asarray((self.weight * np.exp(-np.multiply.outer(times, self.rate))) @ self.shape.T)
 
 
-def free_motion(
-    dynamics: Dynamics, factors: Factor, deviation: NDArray[np.float64], accuracy: float, earliest: float
-) -> Motion:
-    """Reduce the way to the operating point to a few exponentials.
+def motions(
+    dynamics: Dynamics, modes: Modes | None, deviation: Floats, accuracy: float, method: str = "auto"
+) -> Callable[[float, float], Motion]:
+    """Describe the way to the operating point, a window of times at a time.
 
     Parameters
     ----------
     dynamics : Dynamics
-    factors : Factor
-        Of ``G``.
+    modes : Modes or None
+        All of them, if known.
     deviation : ndarray of float64, shape (n,)
         ``y(0)``, in volts.
     accuracy : float
-        Wanted of every node, in volts; judged by what the last eight vectors changed.
-    earliest : float
-        From when on it is wanted, in seconds.
+        Wanted of every node, in volts, where not all modes are known; judged by what the last eight vectors changed.
+    method : {"auto", "direct", "multigrid"}
+        As in `resgrid.solve`.
 
     Returns
     -------
-    Motion
-
-    Raises
-    ------
-    AccuracyError
-        If 400 vectors are not enough.
+    callable
+        Takes the first and the last time of a window, in seconds, to a `Motion` that holds there.  It raises
+        AccuracyError if 400 vectors are not enough.
     """
-    G, C = dynamics.conductance.matrix, dynamics.capacitance.matrix
-    length = float(np.sqrt(deviation @ (G @ deviation)))
+    root = laplacian_root(dynamics.capacitance)
+    if modes is not None:
+        whole = Motion(modes.shape, 1.0 / modes.tau, (root @ modes.shape).T @ (root @ deviation))
+        return lambda *_: whole
+
+    def window(first: float, last: float) -> Motion:
+        rate = _SHIFT / last
+        solve = accurate_solver(factor_resolvent(dynamics, rate, method), dynamics.capacitance)
+        begin = first if first > 0.0 else last / SPAN
+        times = np.append(first, np.geomspace(begin, last, _PROBES))
+        return _iterated(root, lambda x: solve(root.T @ x), rate, deviation, accuracy, times)
+
+    return window
+
+
+def _iterated(
+    root: sparse.csr_array, solve: Solver, shift: float, deviation: Floats, accuracy: float, times: Floats
+) -> Motion:
+    """Reduce the motion at some times to a few exponentials; ``solve`` is ``(G + shift C)^-1 F^T``."""
+    u = root @ deviation
+    length = float(np.linalg.norm(u))
     if length == 0.0:
         return Motion(np.zeros((len(deviation), 1)), np.ones(1), np.zeros(1))
-    times = earliest * _TIMES
-    size = min(_MOST_VECTORS, len(deviation))
-    V, GV = np.empty((size, len(deviation))), np.empty((size, len(deviation)))
+    size = min(_MOST_VECTORS, len(u))
+    W, U = np.empty((size, len(deviation))), np.empty((size, len(u)))
     T = np.zeros((size, size))
-    V[0] = deviation / length
-    before: NDArray[np.float64] | None = None
+    U[0] = u / length
+    before: Floats | None = None
     for last in range(size):
-        GV[last] = G @ V[last]
-        w = factors.solve(C @ V[last], rtol=_RTOL)
-        scale = float(np.sqrt(w @ (G @ w)))
-        T[: last + 1, last] = T[last, : last + 1] = GV[: last + 1] @ w
+        W[last] = solve(U[last])
+        u = root @ W[last]
+        scale = float(np.linalg.norm(u))
+        T[: last + 1, last] = T[last, : last + 1] = U[: last + 1] @ u
         for _ in range(2):  # once more, for what rounding leaves of the first
-            w -= (GV[: last + 1] @ w) @ V[: last + 1]
-        left = float(np.sqrt(max(w @ (G @ w), 0.0)))
-        complete = left <= _COMPLETE * scale or last + 1 == len(deviation)
+            u -= (U[: last + 1] @ u) @ U[: last + 1]
+        left = float(np.linalg.norm(u))
+        complete = left <= _COMPLETE * scale or last + 1 == len(u)
         if complete or last % _BLOCK == _BLOCK - 1:
-            motion = _reduced(V[: last + 1], T[: last + 1, : last + 1], length)
+            motion = _reduced(W[: last + 1], T[: last + 1, : last + 1], length, shift)
             now = motion.at(times)
             if complete or (before is not None and np.abs(now - before).max() <= accuracy):
                 return motion
             before = now
         if last + 1 < size:
-            V[last + 1] = w / left
+            U[last + 1] = u / left
     raise AccuracyError(
-        f"{size} exponentials do not tell the motion from {earliest:.2g} s on; follow it by resgrid.transient"
+        f"{size} exponentials do not tell the motion from {times[0]:.2g} s to {times[-1]:.2g} s; follow it by "
+        "resgrid.transient"
     )
 
 
-def _reduced(V: NDArray[np.float64], T: NDArray[np.float64], length: float) -> Motion:
-    tau, S = np.linalg.eigh(T)
-    keep = tau > _INSTANT * tau[-1]
-    return Motion((S[:, keep].T @ V).T, tau[keep], length * S[0, keep])
+def _reduced(W: Floats, T: Floats, length: float, shift: float) -> Motion:
+    """Ritz vectors from the solutions ``W``, which fit nodes without capacitance (Nour-Omid et al. 1987)."""
+    value, S = np.linalg.eigh(T)
+    keep = value > _INSTANT * value[-1]
+    value, S = value[keep], S[:, keep]
+    return Motion(W.T @ (S / value), np.maximum(1.0 / value - shift, 0.0), length * S[0])

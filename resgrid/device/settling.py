@@ -4,27 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.device.motion import free_motion
+from resgrid.device.approach import FINENESS, follow_approach, rows_to_follow, settling_bound
+from resgrid.device.motion import motions
 from resgrid.device.reading import Reading, json_form
-from resgrid.device.spectrum import fastest_time_constant, slowest_modes
-from resgrid.errors import InputError
+from resgrid.device.roots import Solver, accurate_solver, entrywise_solution
+from resgrid.device.spectrum import find_spectrum, require_charge
+from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import Netlist
-from resgrid.nodal.dynamics import Dynamics, charge_basis, dynamics_of, factor_resolvent
+from resgrid.nodal.dynamics import Dynamics, dynamics_of, factor_resolvent
 from resgrid.nodal.energy import energy_meter
-from resgrid.nodal.factors.factor import Factor
 from resgrid.nodal.initial import initial_state
 from resgrid.nodal.operating_point import OperatingPoint
-
-_POINTS = 256
-_MOST_VALUES = 3e7
-_RTOL = 1e-12
-_FINENESS = 0.005
-"""Accuracy of voltages, relative to what counts as settled."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,16 +37,20 @@ class Settling:
     span : float
         Range of the converter, in volts.
     time_constants : ndarray of float64, shape (k,)
-        Slowest time constants of the circuit, slowest first, in seconds: eigenvalues of ``C v = tau G v``.
+        Slowest time constants of the circuit, slowest first, in seconds: eigenvalues of ``C v = tau G v``, each as
+        often as it occurs.  In circuits of more than 200 rows those below 1e-12 of the slowest are left out, since
+        rounding would decide them.
     mode : ndarray of float64, shape (nodes,)
         Shape of the slowest mode: voltages that fall everywhere as ``exp(-t / tau)``; largest magnitude 1; 0 on rails,
         NaN where a node floats.
     fastest : float
         Shortest time constant, in seconds.
     node_time : ndarray of float64, shape (nodes,)
-        When every node has settled, in seconds; 0 on rails, NaN where a node floats.
+        When every node has settled, in seconds; 0 on rails, NaN where a node floats.  It holds for a band that is
+        right to 0.5 %, or better where the circuit has no more than 200 rows.
     bound : float
-        Time by which the slowest time constant alone guarantees that all have settled, in seconds.
+        Time by which the slowest time constant alone guarantees that all have settled, in seconds
+        (`resgrid.device.approach.settling_bound`).
     energy : float
         Energy that all sources deliver until all nodes have settled, in joules.
     power : float
@@ -58,7 +58,7 @@ class Settling:
     final : ndarray of float64, shape (nodes,)
         Final voltages, in volts; NaN where a node floats.
     times : ndarray of float64, shape (t,)
-        In seconds, from 0 until past the time to settle.
+        In seconds: 0, then by equal ratios until the last node has settled, or later.
     distance : ndarray of float64, shape (t,)
         Largest distance of a node from its final voltage at those times, in volts.
     """
@@ -134,7 +134,7 @@ def analyse_settling(
     initial : OperatingPoint or array_like of float, shape (nodes,), optional
         Before the switch, as in `resgrid.transient`; None: all capacitors discharged.
     modes : int
-        How many slow time constants to find.
+        How many slow time constants to find, at least 1.
     span : float, optional
         Range of the converter, in volts; by default the largest difference of final voltages.
     method : {"auto", "direct", "multigrid"}
@@ -150,114 +150,111 @@ def analyse_settling(
         If an argument is not admissible or there is no capacitance.
     CircuitError
         If a part of the circuit never settles.
+    AccuracyError
+        If the conductances span so many decades that rounding decides the slowest time constant, if an iteration does
+        not converge, or if a figure is beyond what doubles hold.
     """
-    if not 1 <= bits <= 24:
-        raise InputError(f"bits = {bits}, but settling is judged at 1 to 24 bits")
-    if span is not None and not (np.isfinite(span) and span > 0):
-        raise InputError(f"span = {span} must be positive and finite, in volts")
+    _check(bits, modes, span)
     dynamics = dynamics_of(netlist)
-    tau, mode = slowest_modes(dynamics, modes, method)
+    require_charge(dynamics)
     factors = factor_resolvent(dynamics, 0.0, method)
-    final = factors.solve(dynamics.drive, rtol=_RTOL)
+    solve = accurate_solver(factors, dynamics.capacitance)
+    spectrum = find_spectrum(dynamics, modes, solve)
+    final = entrywise_solution(factors, dynamics.drive)
     settled = dynamics.voltage(final)
-    reach = float(np.nanmax(settled) - np.nanmin(settled)) if span is None else float(span)
-    if reach == 0.0:
-        raise InputError("every node ends at the same voltage: there is no span to settle within; give span in volts")
-    band = reach / 2.0 ** (bits + 1)
+    reach = _reach(settled) if span is None else float(span)
     start = initial_state(dynamics, initial)
-    bound = _bound(dynamics, start - final, float(tau[0]), band)
-    times, deviation = _approach(dynamics, factors, start - final, bound, _FINENESS * band)
-    row_time = _last_crossing(times, np.abs(deviation), band)
-    last = float(row_time.max(initial=0.0))
-    end = start - final if last == 0.0 else _at(times, deviation, last)
+    deviation = start - final
+    unit = _magnitude(deviation)
+    band = reach / 2.0 ** (bits + 1) / unit
+    if band == 0.0:
+        raise InputError(f"span = {reach} V is nothing beside voltages that move by {unit:.1e} V; give a larger one")
+    bound = settling_bound(dynamics, solve, deviation / unit, float(spectrum.tau[0]), band)
+    charging = (dynamics.drive - dynamics.conductance.matrix @ start) / unit
+    approach = follow_approach(
+        deviation / unit,
+        rows_to_follow(dynamics, solve, charging, deviation / unit, band),
+        motions(dynamics, spectrum.modes, deviation / unit, FINENESS * band, method),
+        bound,
+        spectrum.fastest,
+        band,
+    )
+    mode = spectrum.mode[:, 0]
     return Settling(
         netlist=netlist,
         bits=bits,
         span=reach,
-        time_constants=tau,
-        mode=dynamics.at_nodes(mode[:, 0] / mode[np.argmax(np.abs(mode[:, 0])), 0]),
-        fastest=fastest_time_constant(dynamics),
-        node_time=dynamics.at_nodes(row_time),
+        time_constants=spectrum.tau,
+        mode=dynamics.at_nodes(mode / mode[np.argmax(np.abs(mode))]),
+        fastest=spectrum.fastest,
+        node_time=dynamics.at_nodes(approach.row_time),
         bound=bound,
-        energy=_energy(dynamics, factors, final, start - final, end, last),
+        energy=_energy(dynamics, solve, final, deviation, unit * approach.end, approach.last),
         power=_power(netlist, settled),
         final=settled,
-        times=times,
-        distance=np.abs(deviation).max(axis=1),
+        times=approach.times,
+        distance=unit * approach.distance,
     )
 
 
-def _approach(
-    dynamics: Dynamics, factors: Factor, deviation: NDArray[np.float64], bound: float, accuracy: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Times up to the bound, and every row's distance from its end at them."""
-    if bound == 0.0:
-        return np.zeros(1), deviation[None]
-    times = np.linspace(0.0, bound, int(np.clip(_MOST_VALUES / dynamics.size, 32, _POINTS)))
-    motion = free_motion(dynamics, factors, deviation, accuracy, float(times[1]))
-    return times, np.concatenate([deviation[None], motion.at(times[1:])])
+def _check(bits: int, modes: int, span: float | None) -> None:
+    if not (_is_whole(bits) and 1 <= bits <= 24):
+        raise InputError(f"bits = {bits!r}, but settling is judged at a whole number of bits, 1 to 24")
+    if not (_is_whole(modes) and modes >= 1):
+        raise InputError(f"modes = {modes!r} must be a whole number, at least 1")
+    if span is not None and not (_is_number(span) and np.isfinite(span) and span > 0):
+        raise InputError(f"span = {span!r} must be a number, positive and finite, in volts")
 
 
-def _at(times: NDArray[np.float64], deviation: NDArray[np.float64], time: float) -> NDArray[np.float64]:
-    after = int(np.clip(np.searchsorted(times, time), 1, len(times) - 1))
-    part = (time - times[after - 1]) / (times[after] - times[after - 1])
-    return np.asarray((1.0 - part) * deviation[after - 1] + part * deviation[after])
+def _is_whole(value: object) -> bool:
+    return isinstance(value, Integral) and not isinstance(value, bool)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, Real) and not isinstance(value, bool)
+
+
+def _reach(settled: NDArray[np.float64]) -> float:
+    """Largest difference of final voltages."""
+    with np.errstate(over="ignore"):
+        reach = float(np.nanmax(settled) - np.nanmin(settled))
+    if not np.isfinite(reach):
+        raise AccuracyError("the span of the final voltages is beyond what doubles hold; give smaller voltages")
+    if reach == 0.0:
+        raise InputError("every node ends at the same voltage: there is no span to settle within; give span in volts")
+    return reach
+
+
+def _magnitude(deviation: NDArray[np.float64]) -> float:
+    """A power of two near the largest deviation: in these units no square runs out of range."""
+    return float(2.0 ** np.floor(np.log2(np.abs(deviation).max(initial=0.0) or 1.0)))
 
 
 def _energy(
     dynamics: Dynamics,
-    factors: Factor,
+    solve: Solver,
     final: NDArray[np.float64],
     start: NDArray[np.float64],
     end: NDArray[np.float64],
     time: float,
 ) -> float:
     """Energy that the sources deliver while the deviation goes from start to end: its integral is G^-1 C of the way."""
-    integral = final * time
-    if time > 0.0:
-        integral = integral + factors.solve(dynamics.capacitance.matrix @ (start - end), rtol=_RTOL)
-    return energy_meter(dynamics).delivered(time, end - start, integral)
-
-
-def _bound(dynamics: Dynamics, deviation: NDArray[np.float64], tau: float, band: float) -> float:
-    """Time after which ``exp(-t / tau)`` leaves no node outside the band.
-
-    In the norm ``sqrt(y^T C y)`` every deviation ``y`` falls at least as ``exp(-t / tau)``; a voltage is at most that
-    norm over the root of the smallest eigenvalue of C, which is at least the smallest capacitance to a rail; and the
-    voltages of nodes without capacitance lie between others.
-    """
-    C = dynamics.capacitance
-    charged = charge_basis(dynamics).charged
-    norm = float(np.sqrt(max(deviation @ (C.matrix @ deviation), 0.0)))
-    stiffness = C.excess[charged]
-    smallest = float(stiffness.min()) if (stiffness > 0).all() else _smallest_eigenvalue(C.matrix[charged][:, charged])
-    return tau * max(float(np.log(max(norm, 1e-300) / (np.sqrt(smallest) * band))), 0.0)
-
-
-def _smallest_eigenvalue(matrix: Any) -> float:
-    from scipy.sparse.linalg import eigsh
-
-    if matrix.shape[0] <= 200:
-        return float(np.linalg.eigvalsh(matrix.toarray())[0])
-    return float(eigsh(matrix.tocsc(), 1, sigma=0.0, return_eigenvectors=False)[0])
-
-
-def _last_crossing(times: NDArray[np.float64], distance: NDArray[np.float64], band: float) -> NDArray[np.float64]:
-    """When every column last falls below the band, between samples as an exponential."""
-    outside = distance > band
-    moved = outside.any(axis=0)
-    last = len(times) - 1 - np.argmax(outside[::-1], axis=0)
-    before = np.minimum(last, len(times) - 2) if len(times) > 1 else last
-    column = np.arange(distance.shape[1])
-    result = np.zeros(distance.shape[1])
-    if len(times) > 1:
-        high, low = (np.log(np.maximum(distance[row, column], 1e-300)) for row in (before, before + 1))
-        with np.errstate(invalid="ignore", divide="ignore"):
-            part = np.clip((high - np.log(band)) / (high - low), 0.0, 1.0)
-        result = np.where(moved, times[before] + part * (times[before + 1] - times[before]), 0.0)
-    return result
+    if time == 0.0:
+        return 0.0
+    integral = final * time + solve(dynamics.capacitance.matrix @ (start - end))
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _within_range("energy", energy_meter(dynamics).delivered(time, end - start, integral))
 
 
 def _power(netlist: Netlist, voltage: NDArray[np.float64]) -> float:
     across = np.subtract(*voltage[netlist.resistor_nodes.T])
-    return float(np.nansum(netlist.conductance * across * across))
+    with np.errstate(over="ignore"):
+        return _within_range("power", float(np.nansum(netlist.conductance * across * across)))
+
+
+def _within_range(name: str, value: float) -> float:
+    if not np.isfinite(value):
+        raise AccuracyError(
+            f"the {name} is beyond what doubles hold; give voltages and conductances in smaller numbers"
+        )
+    return value

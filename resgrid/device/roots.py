@@ -1,0 +1,140 @@
+"""Square roots of Laplacians, and solutions that weak ties do not spoil.
+
+A Laplacian is ``F^T F``, where ``F`` has a row for every element: the root of its conductance (or capacitance) times
+the difference of its two voltages.  Differences come first there, so that what ties a stiffly joined island to a rail
+is never rounded away in a summed diagonal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from resgrid.errors import AccuracyError
+from resgrid.nodal.dynamics import Laplacian
+from resgrid.nodal.factors.factor import Factor
+from resgrid.nodal.scaled import BITS
+from resgrid.nodal.watch import Watch
+
+Floats = NDArray[np.float64]
+Solver = Callable[[Floats], Floats]
+
+_RTOL = 1e-11
+_SPOILT = 1e-9
+"""Relative difference of two solutions from which rounding of the diagonal, or of pivots, is felt."""
+
+_PROVED = 1e-3
+"""Bound on the relative error of delays, a pessimistic one, above which they are refused."""
+
+_ENTRYWISE = 1e-10
+"""Componentwise backward error above which a solution is refused."""
+
+
+def laplacian_root(laplacian: Laplacian) -> sparse.csr_array:
+    """The root of a Laplacian, an element a row.
+
+    Parameters
+    ----------
+    laplacian : Laplacian
+
+    Returns
+    -------
+    scipy.sparse.csr_array, shape (m, n)
+        ``F`` with ``F.T @ F`` equal to the matrix: first the elements between two rows, then those to rails.
+    """
+    upper = sparse.triu(laplacian.coupling, format="coo")
+    tied = np.flatnonzero(laplacian.excess > 0)
+    a, b = upper.coords
+    between, row = np.sqrt(upper.data), np.arange(len(a))
+    entries = np.concatenate([between, -between, np.sqrt(laplacian.excess[tied])])
+    rows = np.concatenate([row, row, len(a) + np.arange(len(tied))])
+    shape = (len(a) + len(tied), len(laplacian.excess))
+    return sparse.coo_array((entries, (rows, np.concatenate([a, b, tied]))), shape=shape).tocsr()
+
+
+def accurate_solver(factors: Factor, capacitance: Laplacian) -> Solver:
+    """How to solve with a factor without loss.
+
+    Elmore delays, the solution for all capacitances, are dominated by the slowest parts, which are also what rounding
+    spoils first.  Where those of the plain solution differ from those found entry by entry, every solution is found
+    entry by entry.
+
+    Parameters
+    ----------
+    factors : Factor
+        Of ``G + s C``.
+    capacitance : Laplacian
+        ``C``; a row without capacitance is given the smallest of all here, so that the delays can be proved.
+
+    Returns
+    -------
+    callable
+        Takes currents into rows, in amperes, to voltages; it raises AccuracyError where they cannot be told.
+
+    Raises
+    ------
+    AccuracyError
+        If the delays cannot be proved right entry by entry.
+    """
+
+    def plain(b: Floats) -> Floats:
+        return factors.solve(np.ravel(b), rtol=_RTOL)
+
+    charge, watch = capacitance.diagonal, Watch()
+    charge = np.where(charge > 0.0, charge, charge[charge > 0.0].min(initial=np.inf))
+    delay = entrywise_solution(factors, charge, watch)
+    if not watch.bound <= _PROVED:
+        raise AccuracyError(
+            "the conductances span too many decades to tell how slowly weakly tied parts settle; join the nodes that "
+            "very large ones connect, or leave very small ones out"
+        )
+    try:
+        spoilt = np.abs(plain(charge) - delay).max(initial=0.0) > _SPOILT * delay.max(initial=0.0)
+    except AccuracyError:
+        spoilt = True
+    return partial(entrywise_solution, factors) if spoilt else plain
+
+
+def entrywise_solution(factors: Factor, b: Floats, watch: Watch | None = None) -> Floats:
+    """Solve for positive and for negative currents apart, each right entry by entry, and subtract.
+
+    Parameters
+    ----------
+    factors : Factor
+    b : ndarray of float64, shape (n,)
+        Currents into rows, in amperes.
+    watch : Watch, optional
+        Told the errors.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        In volts.
+
+    Raises
+    ------
+    AccuracyError
+        If a componentwise backward error exceeds 1e-10, or voltages are beyond what doubles hold.
+    """
+    x, low = np.zeros(len(b)), np.zeros(len(b))
+    for sign in (1.0, -1.0):
+        currents = np.maximum(sign * b, 0.0)
+        if not currents.any():
+            continue
+        part, error = factors.solve_nonnegative(currents, watch=watch)
+        if not error <= _ENTRYWISE:
+            raise AccuracyError(
+                f"voltages are right to a componentwise backward error of {error:.1e} only: the conductances span too "
+                "many decades, or lie beyond what is reckoned with; join the nodes that very large ones connect"
+            )
+        power = BITS * part.exponent
+        x += sign * np.ldexp(part.hi, power)
+        low += sign * np.ldexp(part.lo, power)
+    x += low
+    if not np.isfinite(x).all():
+        raise AccuracyError("voltages are beyond what doubles hold; give sources in smaller numbers")
+    return x
