@@ -320,3 +320,16 @@ def test_readings_have_units_and_definitions() -> None:
     assert np.all(low[inside] <= result.probability[inside] + 1e-12)
     assert np.all(high[inside] >= result.probability[inside] - 1e-12)
     assert np.isnan(low[~inside]).all()
+
+
+@pytest.mark.parametrize("bits", [1, 8, 32])
+@pytest.mark.parametrize("volts", [1.0, 1e10, 1e300, np.inf])
+def test_a_voltage_above_the_range_reads_full_scale_however_high(bits: int, volts: float) -> None:
+    netlist = rg.compile_space(
+        space_of(np.array([[2], [0]], dtype=np.uint8)), rails="cells", edge="open", boundary="neumann"
+    )
+    high = np.zeros(netlist.node_count)
+    high[netlist.layout.node[1, 0]] = volts
+    floor, eyes = floor_of(netlist.layout), eyes_of(rg.Readout(bits=bits), netlist.layout, None)
+    assert walk(high, floor, eyes).all()
+    assert not walk(-high, floor, eyes)[1]
