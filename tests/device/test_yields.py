@@ -273,6 +273,20 @@ def test_a_run_that_is_killed_and_started_again_ends_in_the_same_numbers(tmp_pat
     )
 
 
+def test_a_run_that_ended_within_a_batch_is_taken_up_at_its_end(tmp_path: Path) -> None:
+    netlist = rg.ideal_netlist(room(), CHIP)
+    checkpoint = tmp_path / "yield.npz"
+    rule = {"batch": 7, "half_width": 0.02}
+    once = rg.analyse_yield(netlist, CHIP, most=200, **rule)
+    assert 10 < once.trials < 200
+    for most in (3, 10):
+        assert rg.analyse_yield(netlist, CHIP, most=most, checkpoint=checkpoint, **rule).trials == most
+    resumed = rg.analyse_yield(netlist, CHIP, most=200, checkpoint=checkpoint, **rule)
+    assert numbers(resumed) == numbers(once)
+    with pytest.raises(rg.InputError, match=f"holds {once.trials} trials, more than most = 5"):
+        rg.analyse_yield(netlist, CHIP, most=5, checkpoint=checkpoint, **rule)
+
+
 def test_checkpoints_of_other_runs_and_damaged_ones_are_refused(tmp_path: Path) -> None:
     netlist = rg.ideal_netlist(room(), CHIP)
     file = tmp_path / "yield.npz"
@@ -297,8 +311,10 @@ def test_wrong_arguments_have_one_message_each() -> None:
     for options, message in (
         ({"half_width": 0.0}, "half_width"),
         ({"confidence": 1.0}, "confidence"),
-        ({"most": 0}, "most"),
-        ({"batch": 0}, "batch"),
+        *(({"most": value}, "most = ") for value in (0, np.nan, np.inf, 2.5, "x", None, True)),
+        *(({"batch": value}, "batch = ") for value in (0, np.inf, 2.5, "x", None)),
+        *(({"half_width": value}, "half_width = ") for value in (np.nan, "x", None, 0.5)),
+        *(({"confidence": value}, "confidence = ") for value in (np.nan, "x", None)),
         ({"seed": -1}, "seed"),
         ({"starts": [True]}, "starts must be"),
         ({"starts": np.zeros((12, 12), dtype=bool)}, "no start"),
