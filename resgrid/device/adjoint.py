@@ -14,6 +14,7 @@ signs of ``c`` are solved for apart, entry by entry.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import cast
 
 import numpy as np
@@ -125,14 +126,16 @@ class Adjoint:
             parts.append(x)
             residual += error * (factors.system.degree * x.plain + factors.system.coupling @ x.plain + part)
             bound = max(bound, watch.bound)
-        row = self._rows()
-        log_sum = np.logaddexp.reduce([np.append(x.log, -np.inf)[row[:, end]] for x in parts for end in (0, 1)])
+        log_sum = np.append(np.logaddexp.reduce([x.log for x in parts]), -np.inf)
+        log_sum = np.logaddexp(*log_sum[self._row.T])
         log_doubt = self._log_doubt(residual)
         if np.isfinite(bound):
             log_doubt = np.minimum(log_doubt, np.log(bound + _EPS) + log_sum)
         return *self._across(parts), log_doubt
 
-    def _rows(self) -> NDArray[np.int32]:
+    @cached_property
+    def _row(self) -> NDArray[np.int32]:
+        """Rows of the ends of every resistor, -1 where the voltage is known."""
         return cast(Factor, self.factors).system.unknown[self.ends]
 
     def _log_doubt(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -143,15 +146,32 @@ class Adjoint:
 
     def _across(self, parts: list[Scaled]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Sign and logarithm of the differences across resistors, of the first part less the second."""
-        row = self._rows()
+        if any(x.exponent.any() for x in parts):
+            return self._across_scaled(parts)
+        high, low = ([_between(getattr(x, name), self._row) for x in parts] for name in ("hi", "lo"))
+        difference = _less(high) + _less(low)
+        return np.sign(difference), logarithm(np.abs(difference), np.zeros(0, dtype=np.int64))
+
+    def _across_scaled(self, parts: list[Scaled]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         hi, lo, e = (
-            np.stack([np.append(getattr(x, name), 0)[row] for x in parts]) for name in ("hi", "lo", "exponent")
+            np.stack([np.append(getattr(x, name), 0)[self._row] for x in parts]) for name in ("hi", "lo", "exponent")
         )
         top = np.where(hi != 0.0, e, np.iinfo(np.int64).min).max(axis=(0, 2))
         shift = power(np.where(hi != 0.0, e, top[:, np.newaxis]) - top[:, np.newaxis])
-        high, low = (np.subtract(*np.moveaxis(value * shift, 2, 0)) for value in (hi, lo))
-        difference = high[0] + low[0] if len(parts) == 1 else (high[0] - high[1]) + (low[0] - low[1])
+        high, low = (list(np.subtract(*np.moveaxis(value * shift, 2, 0))) for value in (hi, lo))
+        difference = _less(high) + _less(low)
         return np.sign(difference), logarithm(np.abs(difference), np.where(difference != 0.0, top, 0))
+
+
+def _between(value: NDArray[np.float64], row: NDArray[np.int32]) -> NDArray[np.float64]:
+    """Differences of the values of rows across resistors; 0 V where voltages are known."""
+    padded = np.append(value, 0.0)
+    return np.asarray(padded[row[:, 0]] - padded[row[:, 1]])
+
+
+def _less(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """The first part less the second, if there is one."""
+    return parts[0] if len(parts) == 1 else parts[0] - parts[1]
 
 
 def adjoint_of(point: OperatingPoint, factors: Factor | None = None) -> Adjoint:

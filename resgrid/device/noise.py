@@ -38,6 +38,7 @@ ROOM = 300.15
 """27 degrees Celsius, in kelvin: the nominal temperature of SPICE."""
 
 METHODS = ("auto", "exact", "estimate")
+_HIGHEST = 1e300
 _EXACT_PLANE, _EXACT_VOLUME = 300_000, 15_000
 
 
@@ -324,8 +325,8 @@ def _checked_frequencies(frequencies: ArrayLike) -> NDArray[np.float64]:
         wanted = np.atleast_1d(np.asarray(frequencies))
     except ValueError:
         wanted = np.empty(0, dtype=np.bool_)
-    if wanted.dtype.kind not in "iuf" or wanted.ndim != 1 or not np.all(np.isfinite(wanted) & (wanted >= 0)):
-        raise InputError("frequencies must be finite and at least 0, in hertz")
+    if wanted.dtype.kind not in "iuf" or wanted.ndim != 1 or not np.all((wanted >= 0) & (wanted < _HIGHEST)):
+        raise InputError(f"frequencies must be finite (below {_HIGHEST:g}) and at least 0, in hertz")
     return wanted.astype(np.float64)
 
 

@@ -157,7 +157,7 @@ def test_nodes_are_checked(nodes: object) -> None:
         noise_covariance(small_scene(), nodes)
 
 
-@pytest.mark.parametrize("frequencies", [[-1.0], [[1.0]], [1j], "x", None, [np.inf], [1.0, [2.0]]], ids=str)
+@pytest.mark.parametrize("frequencies", [[-1.0], [[1.0]], [1j], "x", None, [np.inf], [1e308], [1.0, [2.0]]], ids=str)
 def test_frequencies_are_checked(frequencies: object) -> None:
     with pytest.raises(rg.InputError, match="frequencies"):
         noise_density(small_scene(), [5], frequencies)
