@@ -2,8 +2,10 @@
 
 A fault changes one conductance, and with it all voltages by a multiple of one vector (Sherman & Morrison 1950): with
 ``z = A^-1 w``, ``w`` being 1 and -1 at the ends of the element, across which ``d`` volts lie, a change ``delta`` of its
-conductance changes the voltages by ``-delta d z / (1 + delta w . z)``.  That is exact.  Where an open cuts the circuit
-in two the denominator vanishes, and the circuit is solved anew, as it is for nonlinear resistors.
+conductance changes the voltages by ``-delta d z / (1 + delta w . z)``.  That is right to rounding over the denominator:
+where that is small, because leaks alone join what the element did, the voltages are corrected once by what they leave
+of KCL.  Where an open cuts the circuit in two the denominator vanishes, and the circuit is solved anew, as it is for
+nonlinear resistors.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.device import faces
+from resgrid.device.arguments import check_number, check_whole, is_number
 from resgrid.device.faults import without_stranded_currents
 from resgrid.device.reading import Reading, json_form
 from resgrid.device.walks import Eyes, Floor, eyes_of, floor_of, walk
@@ -31,7 +34,9 @@ IDEAL_BITS = 40
 """Resolution of an ideal read-out here: a step of 1e-12 of the supply, which rounding does not reach."""
 
 _BLOCK = 128
-_BRIDGE = 1e-9
+_LEAKY, _BRIDGE = 1e-3, 1e-9
+"""Denominators below which voltages are corrected, and solved anew."""
+
 _WORST = 10
 
 
@@ -73,7 +78,16 @@ class Criticality:
         return int(np.isfinite(self.open).sum())
 
     def worst(self, fault: str = "open", count: int = _WORST) -> NDArray[np.int64]:
-        """Numbers of the elements whose fault costs most starts, worst first, and at least one."""
+        """Numbers of the elements whose ``fault``, "open" or "short", costs most starts, worst first; at least one.
+
+        Raises
+        ------
+        InputError
+            If it is another fault, or the count is no whole number.
+        """
+        if fault not in ("open", "short"):
+            raise InputError(f"fault = {fault!r} is unknown; it may be 'open' or 'short'")
+        check_whole("count", count, 0)
         lost = np.nan_to_num(self.open if fault == "open" else self.short)
         order = np.argsort(-lost, kind="stable")[:count]
         return order[lost[order] > 0]
@@ -158,8 +172,9 @@ def analyse_criticality(
         If the chip has no operating point.
     """
     layout = faces.tiled_layout(netlist, "faults that cost starts")
-    if not (np.isfinite(short_resistance) and short_resistance > 0):
-        raise InputError(f"short_resistance = {short_resistance} must be positive and finite, in ohms")
+    check_number("short_resistance", short_resistance, "positive and finite, in ohms", above=0.0)
+    if seconds is not None and not (is_number(seconds) or seconds == np.inf):
+        raise InputError(f"seconds = {seconds!r} must be a number, or None for as long as it takes")
     readout = readout or Readout()
     bits = IDEAL_BITS if readout.bits is None else readout.bits
     eyes = eyes_of(Readout(range=readout.range), layout, None)
@@ -220,15 +235,29 @@ def _updated(
         block = order[begin : begin + _BLOCK]
         spread = _responses(system, factors, netlist.resistor_nodes[block])
         for element, z in zip(block.tolist(), spread, strict=True):
-            a, b = netlist.resistor_nodes[element]
-            g = float(netlist.conductance[element])
-            across, own = float(volts[a] - volts[b]), float(z[a] - z[b])
-            if 1.0 - g * own > _BRIDGE:
-                opened = volts + g * across / (1.0 - g * own) * z
-            else:
+            opened = _changed(system, factors, volts, element, 0.0, z)
+            if opened is None:
                 opened = _solved(_without(netlist, element), len(volts))
-            delta = 1.0 / short_resistance - g
-            yield element, opened, volts - delta * across / (1.0 + delta * own) * z
+            shorted = _changed(system, factors, volts, element, 1.0 / short_resistance, z)
+            if shorted is None:
+                shorted = _solved(_shorted(netlist, element, short_resistance), len(volts))
+            yield element, opened, shorted
+
+
+def _changed(
+    system: NodalSystem, factors: Any, volts: NDArray[np.float64], element: int, siemens: float, z: NDArray[np.float64]
+) -> NDArray[np.float64] | None:
+    """Voltages when an element has another conductance; None where the others do not determine them."""
+    a, b = system.netlist.resistor_nodes[element]
+    delta = siemens - float(system.netlist.conductance[element])
+    rest = 1.0 + delta * float(z[a] - z[b])
+    if not rest > _BRIDGE:
+        return None
+    changed = volts - delta * float(volts[a] - volts[b]) / rest * z
+    if rest < _LEAKY:
+        y = _spread(system, factors.solve(_imbalance(system, changed, element, siemens)))
+        changed += y - delta * float(y[a] - y[b]) / rest * z
+    return np.asarray(changed)
 
 
 def _responses(system: NodalSystem, factors: Any, ends: NDArray[np.int32]) -> NDArray[np.float64]:
@@ -238,11 +267,30 @@ def _responses(system: NodalSystem, factors: Any, ends: NDArray[np.int32]) -> ND
         row = system.unknown[ends[:, column]]
         inside = np.flatnonzero(row >= 0)
         w[row[inside], inside] += sign
-    z = factors.solve(w) if factors is not None else w
-    result = np.zeros((len(ends), len(system.unknown)))
+    return _spread(system, factors.solve(w) if factors is not None else w)
+
+
+def _spread(system: NodalSystem, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values of rows, shape (n,) or (n, k), at nodes, shape (nodes,) or (k, nodes); 0 where voltages are known."""
+    result = np.zeros((*rows.shape[1:], len(system.unknown)))
     solved = np.flatnonzero(system.unknown >= 0)
-    result[:, solved] = z.T[:, system.unknown[solved]]
+    result[..., solved] = rows.T[..., system.unknown[solved]]
     return result
+
+
+def _imbalance(system: NodalSystem, volts: NDArray[np.float64], element: int, siemens: float) -> NDArray[np.float64]:
+    """Current that KCL lacks at every row when an element has another conductance, in amperes, shape (n,)."""
+    netlist = system.netlist
+    conductance = netlist.conductance.copy()
+    conductance[element] = siemens
+    across = volts[netlist.resistor_nodes[:, 0]] - volts[netlist.resistor_nodes[:, 1]]
+    flow = np.append(conductance * across, netlist.current_amps)
+    row = system.unknown[np.concatenate([netlist.resistor_nodes, netlist.current_nodes])]
+    imbalance = np.zeros(system.size)
+    for end, sign in ((0, -1.0), (1, 1.0)):
+        inside = row[:, end] >= 0
+        imbalance += sign * np.bincount(row[inside, end], flow[inside], system.size)
+    return imbalance
 
 
 def _anew(

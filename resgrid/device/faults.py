@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.device import faces
-from resgrid.device.randomness import DEFECTS, Seed, generator
+from resgrid.device.arguments import check_number
+from resgrid.device.randomness import DEFECTS, Seed, generator, seed_of
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Netlist
 
@@ -36,13 +37,15 @@ class Faults:
     seed: Seed = 0
 
     def __post_init__(self) -> None:
-        if min(self.open_density, self.short_density) < 0 or self.open_density + self.short_density > 1:
+        for name in ("open_density", "short_density"):
+            check_number(name, getattr(self, name), "a share of the resistors, at least 0", least=0.0)
+        if self.open_density + self.short_density > 1:
             raise InputError(
                 f"open_density = {self.open_density:g} and short_density = {self.short_density:g} must be shares of "
                 "the resistors, together at most 1"
             )
-        if not self.short_resistance > 0:
-            raise InputError(f"short_resistance = {self.short_resistance:g} must be greater than 0")
+        check_number("short_resistance", self.short_resistance, "positive and finite, in ohms", above=0.0)
+        seed_of(self.seed)
 
     def places(self, netlist: Netlist) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which places on the die are open, and which are shorted; each of shape (identities,)."""

@@ -21,7 +21,8 @@ def _reading(height: float, steps: float) -> float:
     """What a converter makes of a voltage, as a share of its range: whole steps, or the share itself (``steps`` 0)."""
     if steps == 0.0 or math.isnan(height):
         return height
-    return min(max(math.floor(height * steps), 0.0), steps - 1.0)
+    # Clipped first: the floor is an integer of 64 bits.
+    return float(math.floor(min(max(height * steps, 0.0), steps - 1.0)))
 
 
 @njit(cache=True, nogil=True)

@@ -16,13 +16,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
+from resgrid.device.arguments import check_number, check_whole, is_number
+from resgrid.device.impedance import impedance_of
+from resgrid.device.noise_integrals import estimate, find_exactly
 from resgrid.device.reading import Reading, json_form
-from resgrid.device.spectrum import slowest_modes
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.nodal.dynamics import Dynamics, charge_basis, dynamics_of, factor_resolvent, require_grounded
-from resgrid.nodal.selected.diagonal import estimate_diagonal, inverse_diagonal, random_signs
-from resgrid.nodal.superlu import symmetric_factors
+from resgrid.nodal.dynamics import (
+    Dynamics,
+    charge_basis,
+    dynamics_of,
+    require_grounded,
+)
+from resgrid.nodal.selected.diagonal import random_signs
+from resgrid.nodal.selected.positive import PositiveFactors, positive_factors
 
 BOLTZMANN = 1.380649e-23
 """In J/K, exact."""
@@ -31,10 +38,8 @@ ROOM = 300.15
 """27 degrees Celsius, in kelvin: the nominal temperature of SPICE."""
 
 METHODS = ("auto", "exact", "estimate")
+_HIGHEST = 1e300
 _EXACT_PLANE, _EXACT_VOLUME = 300_000, 15_000
-_POINTS_PER_DECADE = 5
-_FLAT = 1e-2
-"""Share of the lowest corner frequency below which the density is taken as constant."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +55,7 @@ class Noise:
     resistance : ndarray of float64, shape (nodes,)
         Effective resistance from every node to the rails at low frequency, in ohms.
     resistance_error : ndarray of float64, shape (nodes,)
-        Its standard error, in ohms; 0 where it is exact.
+        Its standard error, in ohms; 0 where nothing was estimated: every digit but the last few is then right.
     limit : ndarray of float64, shape (nodes,)
         Root mean square noise from 0 Hz to infinity, ``sqrt(k T (C^-1)_ii)``, in volts; infinite at a node that no
         capacitor ties to a rail.
@@ -59,7 +64,7 @@ class Noise:
     total : ndarray of float64, shape (nodes,), or None
         Root mean square noise within the band, in volts.
     total_error : ndarray of float64, shape (nodes,), or None
-        Its standard error, in volts; 0 where it is exact.
+        Its standard error, in volts; where nothing was estimated, what rounding may have done to it.
     exact : bool
         Whether nothing was estimated from samples.
     """
@@ -159,24 +164,28 @@ def analyse_noise(
         If an argument is not admissible.
     CircuitError
         If a node is tied to no rail by resistors.
+    AccuracyError
+        If conductances span so many decades that rounding may be more than 1e-3 of a density within the band, or a
+        tenth of what is estimated.
     """
-    _check(band, temperature, method, samples)
+    _check(band, temperature, method, samples, seed)
     dynamics = dynamics_of(netlist)
-    exact = method == "exact" or (method == "auto" and _is_small(dynamics))
-    signs = None if exact else random_signs(dynamics.size, samples, seed)
-    resistance, resistance_error = _resistance(dynamics, signs)
+    require_grounded(dynamics)
+    exact = method == "exact" or (method == "auto" and _is_small(dynamics)) or not dynamics.size
+    found = (
+        find_exactly(dynamics, band) if exact else estimate(dynamics, band, random_signs(dynamics.size, samples, seed))
+    )
     scale = BOLTZMANN * temperature
     total = total_error = None
     if band is not None:
-        area, area_error = _integrated(dynamics, band, signs, resistance)
-        total = np.sqrt(4.0 * scale * np.maximum(area, 0.0))
+        total = np.sqrt(4.0 * scale * np.maximum(found.area, 0.0))
         with np.errstate(divide="ignore", invalid="ignore"):
-            total_error = np.nan_to_num(2.0 * scale * area_error / total)
+            total_error = np.nan_to_num(2.0 * scale * found.area_error / total)
     return Noise(
         netlist=netlist,
         temperature=float(temperature),
-        resistance=dynamics.at_nodes(resistance),
-        resistance_error=dynamics.at_nodes(resistance_error),
+        resistance=dynamics.at_nodes(found.resistance),
+        resistance_error=dynamics.at_nodes(found.resistance_error),
         limit=dynamics.at_nodes(np.sqrt(scale * _elastance(dynamics))),
         band=None if band is None else (float(band[0]), float(band[1])),
         total=None if total is None else dynamics.at_nodes(total),
@@ -208,24 +217,25 @@ def noise_density(
     ------
     InputError
         If an argument is not admissible.
+    CircuitError
+        If a frequency is 0, and resistors tie some part to no rail.
+    AccuracyError
+        If a density may be off by more than 1e-6 of itself.
     """
-    wanted, when = np.atleast_1d(np.asarray(nodes)), np.atleast_1d(np.asarray(frequencies, dtype=np.float64))
-    if wanted.dtype.kind not in "iu" or wanted.ndim != 1 or np.any((wanted < 0) | (wanted >= netlist.node_count)):
-        raise InputError(f"nodes must be node numbers from 0 to {netlist.node_count - 1}")
-    if not (np.isfinite(when).all() and (when >= 0).all()):
-        raise InputError("frequencies must be finite and at least 0, in hertz")
-    _check(None, temperature, "auto", 2)
+    wanted = _checked_nodes(netlist, nodes)
+    when = _checked_frequencies(frequencies)
+    _check(None, temperature, "auto", 2, 0)
     dynamics = dynamics_of(netlist)
     rows = dynamics.row[wanted]
     density = np.zeros((len(when), len(wanted)))
     density[:, np.isnan(dynamics.fixed[wanted])] = np.nan
     inside = np.flatnonzero(rows >= 0)
-    unit = np.zeros((dynamics.size, len(inside)), dtype=np.complex128)
-    unit[rows[inside], np.arange(len(inside))] = 1.0
-    for number, frequency in enumerate(when.tolist()):
-        if len(inside):
-            impedance = symmetric_factors(_admittance(dynamics, frequency)).solve(unit)
-            density[number, inside] = impedance[rows[inside], np.arange(len(inside))].real
+    if len(inside) and len(when):
+        if not when.all():
+            require_grounded(dynamics)
+        impedance = impedance_of(dynamics)
+        for number, frequency in enumerate(when.tolist()):
+            density[number, inside] = impedance.resistive(rows[inside], frequency)
     return 4.0 * BOLTZMANN * temperature * density
 
 
@@ -243,93 +253,54 @@ def noise_covariance(netlist: Netlist, nodes: ArrayLike, *, temperature: float =
     Returns
     -------
     ndarray of float64, shape (k, k)
-        In V^2; 0 for rails.
+        In V^2; 0 for rails, NaN where a node floats.
 
     Raises
     ------
     InputError
-        If no capacitor ties a node to a rail: its noise is unbounded.
+        If an argument is not admissible, or no capacitor ties a node to a rail: its noise is unbounded.
     """
-    _check(None, temperature, "auto", 2)
+    _check(None, temperature, "auto", 2, 0)
+    wanted = _checked_nodes(netlist, nodes)
     dynamics = dynamics_of(netlist)
-    wanted = np.atleast_1d(np.asarray(nodes, dtype=np.int64))
-    basis = charge_basis(dynamics)
-    loose = np.diff(basis.spread.indptr) > 0
+    tied = _tied_by_capacitors(dynamics)
     rows = dynamics.row[wanted]
     inside = np.flatnonzero(rows >= 0)
-    if loose[rows[inside]].any():
-        node = netlist.node_name(int(wanted[inside[np.argmax(loose[rows[inside]])]]))
+    loose = inside[~tied[rows[inside]]]
+    if len(loose):
+        node = netlist.node_name(int(wanted[loose[0]]))
         raise InputError(f"no capacitor ties node {node} to a rail: its noise over all frequencies is unbounded")
     covariance = np.zeros((len(wanted), len(wanted)))
     if len(inside):
-        place = np.cumsum(basis.charged) - 1
-        columns = place[rows[inside]]
-        unit = np.zeros((int(basis.charged.sum()), len(inside)))
-        unit[columns, np.arange(len(inside))] = 1.0
-        C = dynamics.capacitance.matrix[basis.charged][:, basis.charged]
-        covariance[np.ix_(inside, inside)] = symmetric_factors(C).solve(unit)[columns]
+        place = (np.cumsum(tied) - 1)[rows[inside]]
+        factors = _elastance_factors(dynamics, tied)
+        for column, own in zip(inside.tolist(), place.tolist(), strict=True):
+            unit = np.zeros(int(tied.sum()))
+            unit[own] = 1.0
+            covariance[inside, column] = factors.solve_nonnegative(unit)[place]
+    floating = np.isnan(dynamics.fixed[wanted])
+    covariance[floating] = covariance[:, floating] = np.nan
     return BOLTZMANN * temperature * covariance
 
 
-def _resistance(
-    dynamics: Dynamics, signs: NDArray[np.float64] | None
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    if signs is None:
-        require_grounded(dynamics)
-        return inverse_diagonal(dynamics.conductance.matrix), np.zeros(dynamics.size)
-    factors = factor_resolvent(dynamics, 0.0)
-    return estimate_diagonal(signs, np.stack([factors.solve(column) for column in signs.T], axis=1))
+def _tied_by_capacitors(dynamics: Dynamics) -> NDArray[np.bool_]:
+    return np.asarray(np.diff(charge_basis(dynamics).spread.indptr) == 0)
 
 
-def _integrated(
-    dynamics: Dynamics, band: tuple[float, float], signs: NDArray[np.float64] | None, resistance: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Integral of ``Re Z`` over the band, in ohm hertz, and its standard error."""
-    flat, frequency, weight = _quadrature(dynamics, band)
-    if signs is None:
-        area = flat * resistance
-        for f, w in zip(frequency.tolist(), weight.tolist(), strict=True):
-            area = area + w * inverse_diagonal(_admittance(dynamics, f)).real
-        return area, np.zeros(dynamics.size)
-    products = flat * symmetric_factors(dynamics.conductance.matrix).solve(signs) if flat else np.zeros_like(signs)
-    for f, w in zip(frequency.tolist(), weight.tolist(), strict=True):
-        products += w * symmetric_factors(_admittance(dynamics, f)).solve(signs.astype(np.complex128)).real
-    return estimate_diagonal(signs, products)
-
-
-def _quadrature(
-    dynamics: Dynamics, band: tuple[float, float]
-) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
-    """Width of the flat part of the band, then frequencies and weights (Gauss-Legendre in the logarithm)."""
-    low, high = band
-    if not charge_basis(dynamics).charged.any():
-        return high - low, np.empty(0), np.empty(0)
-    tau, _ = slowest_modes(dynamics, 1)
-    corner = _FLAT / (2.0 * np.pi * float(tau[0]))
-    flat = max(min(high, corner) - low, 0.0)
-    first = max(low, corner)
-    if first >= high:
-        return flat, np.empty(0), np.empty(0)
-    length = float(np.log(high / first))
-    point, weight = np.polynomial.legendre.leggauss(6 + int(_POINTS_PER_DECADE * length / np.log(10.0)))
-    frequency = first * np.exp(0.5 * length * (point + 1.0))
-    return flat, frequency, 0.5 * length * weight * frequency
-
-
-def _admittance(dynamics: Dynamics, frequency: float) -> sparse.csr_array:
-    return sparse.csr_array(dynamics.conductance.matrix + 2j * np.pi * frequency * dynamics.capacitance.matrix)
+def _elastance_factors(dynamics: Dynamics, tied: NDArray[np.bool_]) -> PositiveFactors:
+    C = dynamics.capacitance
+    return positive_factors(sparse.csr_array(C.coupling[tied][:, tied]), C.excess[tied])
 
 
 def _elastance(dynamics: Dynamics) -> NDArray[np.float64]:
     """Diagonal of ``C^-1`` in 1/F, infinite in parts that no capacitor ties to a rail."""
-    basis = charge_basis(dynamics)
+    tied = _tied_by_capacitors(dynamics)
     elastance = np.full(dynamics.size, np.inf)
     C = dynamics.capacitance
     if C.coupling.nnz == 0:
-        elastance[basis.charged] = 1.0 / C.diagonal[basis.charged]
-    elif basis.charged.any():
-        elastance[basis.charged] = inverse_diagonal(C.matrix[basis.charged][:, basis.charged])
-    elastance[np.diff(basis.spread.indptr) > 0] = np.inf
+        elastance[tied] = 1.0 / C.excess[tied]
+    elif tied.any():
+        elastance[tied] = _elastance_factors(dynamics, tied).inverse_diagonal()
     return elastance
 
 
@@ -339,12 +310,37 @@ def _is_small(dynamics: Dynamics) -> bool:
     return dynamics.size <= (_EXACT_PLANE if plane else _EXACT_VOLUME)
 
 
-def _check(band: tuple[float, float] | None, temperature: float, method: str, samples: int) -> None:
+def _checked_nodes(netlist: Netlist, nodes: ArrayLike) -> NDArray[np.int64]:
+    try:
+        wanted = np.atleast_1d(np.asarray(nodes))
+    except ValueError:
+        wanted = np.empty(0)
+    if wanted.dtype.kind not in "iu" or wanted.ndim != 1 or np.any((wanted < 0) | (wanted >= netlist.node_count)):
+        raise InputError(f"nodes must be node numbers from 0 to {netlist.node_count - 1}")
+    return wanted.astype(np.int64)
+
+
+def _checked_frequencies(frequencies: ArrayLike) -> NDArray[np.float64]:
+    try:
+        wanted = np.atleast_1d(np.asarray(frequencies))
+    except ValueError:
+        wanted = np.empty(0, dtype=np.bool_)
+    if wanted.dtype.kind not in "iuf" or wanted.ndim != 1 or not np.all((wanted >= 0) & (wanted < _HIGHEST)):
+        raise InputError(f"frequencies must be finite (below {_HIGHEST:g}) and at least 0, in hertz")
+    return wanted.astype(np.float64)
+
+
+def _check(band: tuple[float, float] | None, temperature: float, method: str, samples: int, seed: int) -> None:
     if method not in METHODS:
         raise InputError(f"method = {method!r} is unknown; it may be one of {', '.join(METHODS)}")
-    if not (np.isfinite(temperature) and temperature > 0):
-        raise InputError(f"temperature = {temperature} must be positive and finite, in kelvin")
-    if samples < 2:
-        raise InputError(f"samples = {samples}, but an error bar needs at least 2")
-    if band is not None and not (len(band) == 2 and np.isfinite(band).all() and 0 <= band[0] < band[1]):
+    check_number("temperature", temperature, "positive and finite, in kelvin", above=0.0)
+    if samples == 1:
+        raise InputError("samples = 1, but an error bar needs at least 2")
+    check_whole("samples", samples, 2)
+    check_whole("seed", seed, 0)
+    if band is not None and not (_are_two(band) and 0 <= band[0] < band[1]):
         raise InputError(f"band = {band} must be two frequencies in hertz, the lower first (for all of them see limit)")
+
+
+def _are_two(band: Any) -> bool:
+    return isinstance(band, tuple | list | np.ndarray) and len(band) == 2 and all(is_number(limit) for limit in band)

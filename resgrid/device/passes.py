@@ -175,12 +175,14 @@ def passes_from_json(entries: Sequence[Mapping[str, Any]]) -> tuple[Pass, ...]:
     InputError
         If a pass or a value is unknown or does not fit; the message names the entry.
     """
+    if not isinstance(entries, list | tuple):
+        raise InputError(f"passes must be a list of tables, and this is {entries!r}")
     return tuple(_read(number, entry) for number, entry in enumerate(entries))
 
 
 def _read(number: int, entry: Mapping[str, Any]) -> Pass:
     name = entry.get("pass") if isinstance(entry, Mapping) else None
-    if name not in PASSES:
+    if not isinstance(name, str) or name not in PASSES:
         near = get_close_matches(str(name), PASSES, 1)
         hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(PASSES)}"
         raise InputError(f"pass {number}: {name!r} is unknown; {hint}")

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.device.arguments import check_optional
 from resgrid.device.decisions import steps_of
 from resgrid.device.reading import Reading, json_form
 from resgrid.errors import InputError
@@ -58,7 +59,7 @@ class Precision:
         return self.start_bits[self.space.goal_connected]
 
     def served(self, bits: float) -> float:
-        """Share of the starts that a read-out of so many bits serves, among those with a way to a goal."""
+        """Share of the starts that a read-out of so many bits serves, among those with a way to a goal; NaN of none."""
         return float(np.mean(self.starts <= bits)) if self.starts.size else float("nan")
 
     def bits_for(self, share: float) -> int | None:
@@ -73,6 +74,8 @@ class Precision:
 
     def sentence(self, bits: int = 10) -> str:
         """What a read-out of so many bits is worth, e.g. ``"a 10-bit read-out serves 63 % of the starts"``."""
+        if not self.starts.size:
+            return "no start has a way to a goal"
         article = "an" if str(bits).startswith("8") or bits in {11, 18} else "a"
         share = 100 * self.served(bits)
         # Rounded down, so that 100 % means all of them.
@@ -96,7 +99,9 @@ class Precision:
         }
         for bits in (8, 10, 12, 16):
             result[f"served_{bits}_bits"] = Reading(
-                self.served(bits), "", f"share of the starts with a path that a {bits}-bit read-out serves"
+                self.served(bits) if self.starts.size else None,
+                "",
+                f"share of the starts with a path that a {bits}-bit read-out serves",
             )
         return result
 
@@ -125,8 +130,7 @@ def analyse_precision(point: OperatingPoint, *, span: float | None = None) -> Pr
     InputError
         If the netlist has no layout, or the range is not positive.
     """
-    if span is not None and not (np.isfinite(span) and span > 0):
-        raise InputError(f"span = {span} must be positive and finite, in volts")
+    check_optional("span", span, "positive and finite, in volts", above=0.0)
     steps = steps_of(point)
     layout = steps.layout
     space = layout.space

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.errors import InputError
+from resgrid.device.arguments import check_number
 
 
 @dataclass(frozen=True)
@@ -106,6 +106,5 @@ def effective_trials(total: int, squares: int, trials: int, members: int) -> flo
 
 def quantile(confidence: float) -> float:
     """Standard deviations on either side of the mean that hold such a share of a normal distribution."""
-    if not 0 < confidence < 1:
-        raise InputError(f"confidence = {confidence} must lie between 0 and 1, such as 0.95")
+    check_number("confidence", confidence, "a number between 0 and 1, such as 0.95", above=0.0, below=1.0)
     return NormalDist().inv_cdf(0.5 + 0.5 * confidence)

@@ -13,9 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.device import faces
-from resgrid.device.randomness import MISMATCH, Seed, generator
+from resgrid.device.arguments import check_number, check_optional, is_number
+from resgrid.device.randomness import MISMATCH, Seed, generator, seed_of
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
+from resgrid.scene.chip import ABSOLUTE_ZERO
 
 NOMINAL_CELSIUS = 27.0
 """Temperature at which resistances are given: SPICE's ``TNOM``."""
@@ -62,6 +64,9 @@ class PreferredValues:
 
     series: str
 
+    def __post_init__(self) -> None:
+        preferred_values(self.series)
+
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with resistances of the series."""
         decade = np.append(preferred_values(self.series), 10.0)
@@ -91,6 +96,11 @@ class SheetResistors:
     sheet_resistance: float
     width: float
     drawing_grid: float = 5e-9
+
+    def __post_init__(self) -> None:
+        check_number("sheet_resistance", self.sheet_resistance, "positive and finite, in ohms per square", above=0.0)
+        check_number("width", self.width, "positive and finite, in metres", above=0.0)
+        check_number("drawing_grid", self.drawing_grid, "positive and finite, in metres", above=0.0)
 
     def length(self, resistance: NDArray[np.float64]) -> NDArray[np.float64]:
         """Drawn length of resistors, in metres.
@@ -147,14 +157,18 @@ class Gradient:
 
     shares: tuple[float, ...]
 
+    def __post_init__(self) -> None:
+        if not (isinstance(self.shares, tuple | list) and all(is_number(share) for share in self.shares)):
+            raise InputError(f"gradient = {self.shares!r} must be several finite numbers, one for each axis")
+        if sum(abs(share) for share in self.shares) >= 2:
+            raise InputError(f"gradient = {list(self.shares)} takes a resistance below 0 in a corner of the die")
+
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with graded resistances."""
         layout = faces.layout_of(netlist, "gradients")
         ndim = layout.space.ndim
         if len(self.shares) > ndim:
             raise InputError(f"gradient has {len(self.shares)} entries, but the space has {ndim} axes")
-        if sum(abs(share) for share in self.shares) >= 2:
-            raise InputError(f"gradient = {list(self.shares)} takes a resistance below 0 in a corner of the die")
         share = np.zeros(ndim)
         share[: len(self.shares)] = self.shares
         return faces.scaled(netlist, 1 + (faces.face_places(layout) - 0.5) @ share)
@@ -190,8 +204,13 @@ class Mismatch:
     def __post_init__(self) -> None:
         if (self.sigma is None) == (self.pelgrom is None):
             raise InputError("mismatch needs either sigma or pelgrom")
-        if self.sigma is not None and not 0 <= self.sigma < 1:
-            raise InputError(f"sigma = {self.sigma} must be at least 0 and below 1")
+        if self.sigma is not None:
+            check_number("sigma", self.sigma, "at least 0 and below 1", least=0.0, below=1.0)
+        check_optional("pelgrom", self.pelgrom, "finite and at least 0, in % µm", least=0.0)
+        for name in ("width", "length"):
+            check_optional(name, getattr(self, name), "positive and finite, in metres", above=0.0)
+        check_optional("sheet_resistance", self.sheet_resistance, "positive and finite, in ohms per square", above=0.0)
+        seed_of(self.seed)
         if self.pelgrom is not None and (
             self.width is None or (self.length is None) == (self.sheet_resistance is None)
         ):
@@ -245,6 +264,10 @@ class TemperatureCoefficients:
     tc1: float = 0.0
     tc2: float = 0.0
 
+    def __post_init__(self) -> None:
+        check_number("tc1", self.tc1, "finite, in 1/K")
+        check_number("tc2", self.tc2, "finite, in 1/K^2")
+
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with ``tc1`` and ``tc2``."""
         own = faces.on_grid(netlist)
@@ -262,6 +285,10 @@ class Temperature:
     """
 
     celsius: float
+
+    def __post_init__(self) -> None:
+        words = f"finite and above {ABSOLUTE_ZERO}, absolute zero in degrees Celsius"
+        check_number("celsius", self.celsius, words, above=ABSOLUTE_ZERO)
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with its resistances at this temperature, and no coefficients left."""
@@ -288,6 +315,9 @@ class Saturation:
     """
 
     volts: float
+
+    def __post_init__(self) -> None:
+        check_number("volts", self.volts, "positive and finite", above=0.0)
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with saturating resistors; their temperature coefficients are lost."""

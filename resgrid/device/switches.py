@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.device import faces
+from resgrid.device.arguments import check_number, check_optional
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Layout, Netlist
 from resgrid.space import Cell
@@ -51,6 +52,10 @@ class InternodalSwitches:
 
     on: float | None = None
     off: float | None = None
+
+    def __post_init__(self) -> None:
+        check_optional("on", self.on, "at least 0 and finite, in ohms", least=0.0)
+        check_optional("off", self.off, "positive and finite, in ohms", above=0.0)
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with these switches."""
@@ -124,6 +129,10 @@ class RailSwitches:
     goal_on: float | None = None
     goal_off: float | None = None
 
+    def __post_init__(self) -> None:
+        for name in ("obstacle_on", "obstacle_off", "goal_on", "goal_off"):
+            check_optional(name, getattr(self, name), "positive and finite, in ohms", above=0.0)
+
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with these switches."""
         layout = faces.tiled_layout(netlist, "switches to the rails")
@@ -171,6 +180,9 @@ class RailResistance:
     """
 
     ohms: float
+
+    def __post_init__(self) -> None:
+        check_number("ohms", self.ohms, "at least 0 and finite", least=0.0)
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with these rails."""
@@ -231,6 +243,9 @@ class Capacitance:
 
     farads: float
 
+    def __post_init__(self) -> None:
+        check_number("farads", self.farads, "at least 0 and finite", least=0.0)
+
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with these capacitors."""
         layout = faces.tiled_layout(netlist, "capacitors")
@@ -253,6 +268,9 @@ class ReadoutLoad:
     """
 
     ohms: float
+
+    def __post_init__(self) -> None:
+        check_number("ohms", self.ohms, "positive and finite", above=0.0)
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with these loads."""

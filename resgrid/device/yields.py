@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.device.arguments import check_number, check_whole
 from resgrid.device.checkpoints import fingerprint, load_tally, save_tally
 from resgrid.device.proportions import Proportion, effective_trials, proportion, quantile, wilson
 from resgrid.device.randomness import seed_of
@@ -162,7 +163,8 @@ def analyse_yield(
         Trials are shared among its processes (or threads); the numbers do not depend on it.
     checkpoint : path-like, optional
         File that holds the counts after every batch, written whole or not at all.  If it exists, the run is taken up
-        from there, and ends in the numbers of one that was never interrupted.
+        from there, and ends in the numbers of one that was never interrupted; counts of a run that asked for a
+        narrower interval are kept whole.
     progress : callable, optional
         Called after every batch with the trials done, those expected in all, and the overall yield so far.
 
@@ -173,7 +175,8 @@ def analyse_yield(
     Raises
     ------
     InputError
-        If an argument is not admissible, the netlist does not suit the chip, or the checkpoint is of another run.
+        If an argument is not admissible, the netlist does not suit the chip, or the checkpoint is of another run or
+        holds more trials than ``most``.
     CircuitError
         If the flawless chip has no operating point; a chip that a defect leaves without one serves no start.
     """
@@ -217,6 +220,11 @@ def _counted(
     tally = None if checkpoint is None else load_tally(checkpoint, mark)
     if tally is None:
         tally = run_trials(experiment, [])
+    if tally.trials > most:
+        raise InputError(
+            f"the checkpoint {str(checkpoint)!r} holds {tally.trials} trials, more than most = {most}; ask for no "
+            "fewer, or name another"
+        )
     while tally.trials < most:
         if tally.trials and tally.trials % batch == 0:
             share = overall_of(tally, experiment, confidence)
@@ -224,7 +232,8 @@ def _counted(
                 progress(tally.trials, _expected(tally.trials, share.half_width / half_width, batch, most), share)
             if share.half_width <= half_width:
                 break
-        numbers = range(tally.trials, min(tally.trials + batch, most))
+        # A run before may have ended within a batch.
+        numbers = range(tally.trials, min((tally.trials // batch + 1) * batch, most))
         tally = sum(count_trials(experiment, numbers, executor), start=tally)
         if checkpoint is not None:
             save_tally(checkpoint, tally, mark)
@@ -261,10 +270,9 @@ def count_trials(experiment: Experiment, numbers: range, executor: Executor | No
 
 
 def _check(half_width: float, confidence: float, most: int, batch: int) -> None:
-    if not 0 < half_width < 0.5:
-        raise InputError(f"half_width = {half_width} must lie between 0 and 0.5, such as 0.01")
-    if most < 1 or batch < 1:
-        raise InputError(f"most = {most} and batch = {batch} must be at least 1")
+    check_number("half_width", half_width, "a number between 0 and 0.5, such as 0.01", above=0.0, below=0.5)
+    check_whole("most", most, 1)
+    check_whole("batch", batch, 1)
     quantile(confidence)
 
 

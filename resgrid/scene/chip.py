@@ -183,12 +183,20 @@ def _raise(problems: Iterator[str]) -> None:
         raise InputError("; ".join(found))
 
 
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+
+
+def _are_numbers(values: object) -> bool:
+    return isinstance(values, tuple | list) and all(_is_number(value) for value in values)
+
+
 def _numbers(value: Any) -> Iterator[str]:
     for item in fields(value):
         number = getattr(value, item.name)
         if number is None or not item.type.startswith("float"):
             continue
-        if isinstance(number, bool) or not isinstance(number, int | float) or not isfinite(number):
+        if not _is_number(number):
             yield f"{item.name} = {number!r} must be a finite number"
         elif item.name in _POSITIVE and number <= 0:
             yield f"{item.name} = {number:g} must be greater than 0"
@@ -207,13 +215,15 @@ def _readout_problems(readout: Readout) -> Iterator[str]:
         yield from _whole("bits", readout.bits, 1, MOST_BITS)
     if readout.range is not None:
         limits = readout.range
-        if len(limits) != 2 or not all(isfinite(limit) for limit in limits) or not limits[0] < limits[1]:
-            yield f"range = {list(limits)} must be the lowest and the highest voltage of the converter, the lower first"
+        if not _are_numbers(limits) or len(limits) != 2 or not limits[0] < limits[1]:
+            shown = list(limits) if isinstance(limits, tuple) else limits
+            yield f"range = {shown!r} must be the lowest and the highest voltage of the converter, the lower first"
 
 
 def _defect_problems(defects: Defects) -> Iterator[str]:
-    yield from _numbers(defects)
-    if isfinite(both := defects.open_density + defects.short_density) and both > 1:
+    wrong = list(_numbers(defects))
+    yield from wrong
+    if not wrong and (both := defects.open_density + defects.short_density) > 1:
         yield f"open_density + short_density = {both:g}, but no more than all resistors (1 or 100 %) can be faulty"
 
 
@@ -256,9 +266,9 @@ def _spread_problems(chip: Chip) -> Iterator[str]:
             "pelgrom needs the area of a resistor: give width and length (or width and sheet_resistance, from which "
             "the length follows)"
         )
-    gradient = chip.gradient or ()
-    if not all(isfinite(share) for share in gradient):
-        yield f"gradient = {list(gradient)} must hold finite shares"
+    gradient = () if chip.gradient is None else chip.gradient
+    if not _are_numbers(gradient):
+        yield f"gradient = {gradient!r} must hold finite shares, one for each axis"
     elif sum(abs(share) for share in gradient) >= 2:
         yield (
             f"gradient = {list(gradient)} takes a resistance below 0 in a corner of the die; "

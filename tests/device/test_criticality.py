@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
 import numpy as np
 import pytest
 from spaces import space_of
 
 import resgrid as rg
 from resgrid.device import faces
+from resgrid.device.criticality import _updated
 from resgrid.device.walks import eyes_of, floor_of, walk
 
 FLAWS = rg.Chip(
@@ -102,3 +105,65 @@ def test_time_limits_and_starts() -> None:
             rg.analyse_criticality(netlist, **options)  # type: ignore[arg-type]
     with pytest.raises(rg.InputError, match="one node per cell"):
         rg.analyse_criticality(rg.compile_space(cells()))
+
+
+@pytest.mark.parametrize("leak", [1e7, 1.7e11, 1.7e12])
+@pytest.mark.parametrize("short", [1.0, 3e9])
+def test_beside_leaks_faults_are_told_to_the_step_of_an_ideal_readout(leak: float, short: float) -> None:
+    """A driven corridor cut off by any open: leaks alone then hold it."""
+    cell = np.array([[0, 0, 0, 0, 2]], dtype=np.uint8)
+    chip = rg.Chip(goal_switch_off=leak, mismatch=0.3)
+    netlist = rg.build_chip(rg.ideal_netlist(space_of(cell), chip, boundary="neumann", edge="open"), chip)
+    order = np.arange(len(netlist.conductance))
+    for element, *faulty in _updated(netlist, rg.solve(netlist).voltage, order, short):
+        for siemens, volts in zip((0.0, 1 / short), faulty, strict=True):
+            conductance = netlist.conductance.copy()
+            conductance[element] = siemens
+            wanted = exact_voltages(netlist, conductance)
+            assert volts == pytest.approx(wanted, abs=1e-12 * np.abs(wanted).max())
+
+
+def exact_voltages(netlist: rg.Netlist, conductance: np.ndarray) -> np.ndarray:
+    """Node voltages by elimination in fractions; every voltage source goes to ground."""
+    known = {0: Fraction(0)} | {
+        int(plus): Fraction(volts) for (plus, _), volts in zip(netlist.source_nodes, netlist.source_volts, strict=True)
+    }
+    free = [node for node in range(netlist.node_count) if node not in known]
+    rows = {node: {other: Fraction(0) for other in [*free, None]} for node in free}
+    for ends, siemens in zip(netlist.resistor_nodes.tolist(), conductance.tolist(), strict=True):
+        for here, there in (ends, ends[::-1]):
+            if here in known:
+                continue
+            rows[here][here] += Fraction(siemens)
+            if there in known:
+                rows[here][None] += Fraction(siemens) * known[there]
+            else:
+                rows[here][there] -= Fraction(siemens)
+    for (start, end), amps in zip(netlist.current_nodes.tolist(), netlist.current_amps.tolist(), strict=True):
+        for node, sign in ((start, -1), (end, 1)):
+            if node not in known:
+                rows[node][None] += sign * Fraction(amps)
+    for k in free:
+        rows[k] = {node: value / rows[k][k] for node, value in rows[k].items()}
+        for i in free:
+            if i != k:
+                rows[i] = {node: value - rows[i][k] * rows[k][node] for node, value in rows[i].items()}
+    return np.array([float(known[node] if node in known else rows[node][None]) for node in range(netlist.node_count)])
+
+
+def test_faults_are_named() -> None:
+    result = rg.analyse_criticality(rg.ideal_netlist(cells(), rg.Chip()))
+    with pytest.raises(rg.InputError, match="'bogus' is unknown"):
+        result.worst("bogus")
+    assert len(result.worst("short", 3)) <= 3
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"short_resistance": value} for value in (0.0, -1.0, np.nan, np.inf, "x", None, True)]
+    + [{"seconds": value} for value in ("x", np.nan)],
+    ids=str,
+)
+def test_bad_numbers_are_named(options: dict[str, object]) -> None:
+    with pytest.raises(rg.InputError, match=next(iter(options))):
+        rg.analyse_criticality(rg.ideal_netlist(cells(), rg.Chip()), **options)

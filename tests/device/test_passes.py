@@ -99,7 +99,7 @@ def test_a_list_of_passes_is_data() -> None:
         ({"pass": "temperature"}, "'celsius' is missing"),
         ({"pass": "gradient", "shares": [0.1, float("nan")]}, "must be a finite number"),
         ({"pass": "faults", "open_density": 0.7, "short_density": 0.7}, "together at most 1"),
-        ({"pass": "faults", "short_resistance": 0.0}, "must be greater than 0"),
+        ({"pass": "faults", "short_resistance": 0.0}, "must be positive and finite"),
     ],
 )
 def test_wrong_lists_are_refused(entry: object, message: str) -> None:
@@ -364,3 +364,58 @@ def test_mismatch_keeps_the_promises_on_any_space(space: rg.ConfigurationSpace, 
         path = rg.streamline(field, cell=cell)
         rg.certify(path, field)
         assert path.outcome == rg.streamline(ideal, cell=cell).outcome
+
+
+NO_NUMBERS = (float("nan"), float("inf"), "x", 1j, True)
+
+
+@pytest.mark.parametrize(
+    ("kind", "key", "values", "others"),
+    [
+        (SheetResistors, "sheet_resistance", (0.0, -1.0, None), {"width": 1e-6}),
+        (SheetResistors, "width", (0.0, -1.0, None), {"sheet_resistance": 250.0}),
+        (SheetResistors, "drawing_grid", (0.0, -1.0, None), {"sheet_resistance": 250.0, "width": 1e-6}),
+        (Mismatch, "sigma", (-0.1, 1.0), {}),
+        (Mismatch, "pelgrom", (-5.0,), {"width": 1e-6, "length": 1e-6}),
+        (Mismatch, "width", (0.0, -1e-6), {"pelgrom": 1.0, "length": 1e-6}),
+        (Mismatch, "length", (0.0, -1e-6), {"pelgrom": 1.0, "width": 1e-6}),
+        (Mismatch, "sheet_resistance", (0.0, -1.0), {"pelgrom": 1.0, "width": 1e-6}),
+        (Mismatch, "seed", (-1, 2.5, None), {"sigma": 0.1}),
+        (TemperatureCoefficients, "tc1", (None,), {}),
+        (TemperatureCoefficients, "tc2", (None,), {}),
+        (Temperature, "celsius", (-273.15, -500.0, None), {}),
+        (Saturation, "volts", (0.0, -1.0, None), {}),
+        (Faults, "open_density", (-0.1, None), {}),
+        (Faults, "short_density", (-0.1, None), {}),
+        (Faults, "short_resistance", (0.0, -1.0, None), {}),
+        (Faults, "seed", (-1, 2.5, None), {}),
+        (InternodalSwitches, "on", (-9e3,), {}),
+        (InternodalSwitches, "off", (0.0, -1.0), {}),
+        (RailSwitches, "obstacle_on", (0.0, -1.0), {}),
+        (RailSwitches, "goal_off", (0.0, -1.0), {}),
+        (RailResistance, "ohms", (-1.0, None), {}),
+        (Capacitance, "farads", (-1.0, None), {}),
+        (ReadoutLoad, "ohms", (0.0, -1.0, None), {}),
+        (PreferredValues, "series", ("E7", 5, ["E6"]), {}),
+        (Gradient, "shares", (0.1, None, ("x",), (True,), (1.0, -1.0)), {}),
+    ],
+)
+def test_impossible_passes_are_refused_when_they_are_made(
+    kind: type, key: str, values: tuple[object, ...], others: dict[str, object]
+) -> None:
+    called = {"series": "preferred", "shares": "gradient"}.get(key, key)
+    for value in (*values, *NO_NUMBERS):
+        with pytest.raises(rg.InputError, match=f"^{called} = ") as caught:
+            kind(**{key: value}, **others)
+        assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("entries", [5, None, {"pass": "mismatch"}, [{"pass": ["x"]}], [{"pass": None}]], ids=str)
+def test_what_is_no_list_of_passes_is_refused(entries: object) -> None:
+    with pytest.raises(rg.InputError, match="pass"):
+        rg.passes_from_json(entries)
+
+
+def test_absolute_zero_is_the_limit_in_json_too() -> None:
+    with pytest.raises(rg.InputError, match=r"pass 0 \(temperature\): celsius = -500"):
+        rg.passes_from_json([{"pass": "temperature", "celsius": -500}])

@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import json
+
 import mpmath
 import numpy as np
 import pytest
@@ -177,3 +179,17 @@ def test_rings_close(shape: tuple[int, ...]) -> None:
             for side in (-1, 1)
         ]
         assert volts[result.following.flat[here]] == pytest.approx(min(volts[a] for a in around), abs=1e-12)
+
+
+def test_without_any_start_nothing_is_not_a_number() -> None:
+    cell = np.array([[0, 1, 2]], dtype=np.uint8)
+    result = analyse_precision(rg.solve(rg.compile_space(space_of(cell), rails="cells")))
+    assert result.sentence() == "no start has a way to a goal"
+    assert result.to_json()["served_10_bits"]["value"] is None
+    assert "NaN" not in json.dumps(result.to_json())
+
+
+@pytest.mark.parametrize("span", ["x", 0.0, -1.0, np.nan, np.inf, True], ids=str)
+def test_bad_ranges_are_named(span: object) -> None:
+    with pytest.raises(rg.InputError, match="span = "):
+        analyse_precision(rg.solve(small_scene()), span=span)  # type: ignore[arg-type]

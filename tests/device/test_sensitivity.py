@@ -5,6 +5,7 @@ import pytest
 from circuits import dense_solution, random_grid
 from dynamics import small_scene
 from hypothesis import given, settings, strategies as st
+from scipy.linalg import solveh_banded
 from spaces import space_of, spaces
 
 import resgrid as rg
@@ -129,6 +130,65 @@ def test_deep_in_a_corridor_steps_are_still_decided() -> None:
     assert result.best[0] == np.ravel_multi_index((114, 1), cell.shape)
     assert 0 < result.margin[0] < 1e-30
     assert np.isfinite(result.flip_drift.min())
+
+
+def banded_corridor(netlist: rg.Netlist, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodal matrix of an open corridor in upper banded form, and the conductances to the goal; rows are its nodes.
+
+    Cholesky factors of such a matrix hold no sum of mixed signs in their substitution: far entries keep their digits.
+    """
+    node = netlist.layout.node
+    free = node[netlist.layout.space.cell == Cell.FREE]
+    row = np.full(netlist.node_count, -1)
+    row[free] = np.arange(len(free))
+    ends = row[netlist.resistor_nodes]
+    band, to_goal = np.zeros((width + 1, len(free))), np.zeros(len(free))
+    for side in (0, 1):
+        inside = ends[:, side] >= 0
+        np.add.at(band[width], ends[inside, side], netlist.conductance[inside])
+    a, b = np.sort(ends, axis=1).T
+    inner = a >= 0
+    band[width - (b - a)[inner], b[inner]] -= netlist.conductance[inner]
+    goal = np.isin(netlist.resistor_nodes, netlist.layout.goal_nodes).any(axis=1) & (b >= 0)
+    np.add.at(to_goal, b[goal], netlist.conductance[goal])
+    return band, to_goal
+
+
+def test_what_is_far_from_a_decision_flips_nothing_whatever_the_method() -> None:
+    """Along this corridor currents grow by 45 decades as the adjoint falls by as many."""
+    width = 30
+    cell = np.zeros((1000, width), dtype=np.uint8)
+    cell[0] = 2
+    netlist = rg.compile_space(space_of(cell))
+    op = rg.solve(netlist)
+    place, lower, aside = (netlist.layout.node[at] for at in ((980, 15), (979, 15), (980, 14)))
+    band, to_goal = banded_corridor(netlist, width)
+    row = np.full(netlist.node_count, -1)
+    row[netlist.layout.node[cell == 0]] = np.arange(len(to_goal))
+    rhs = np.zeros((len(to_goal), 2))
+    rhs[row[[lower, aside]], [0, 1]] = 1.0
+    drop, to_lower, to_aside = np.append(solveh_banded(band, np.column_stack([to_goal, rhs])), [[0.0] * 3], axis=0).T
+    first, second = row[netlist.resistor_nodes].T
+    # The goal lies a whole volt below the other rail.
+    low = np.isin(netlist.resistor_nodes, netlist.layout.goal_nodes)
+    volts = np.stack([np.where(low[:, end], 1.0, drop[at]) for end, at in enumerate((first, second))])
+    amps = netlist.conductance * (volts[1] - volts[0])
+    rising, falling = to_aside[first] - to_aside[second], to_lower[first] - to_lower[second]
+    for method in ("multigrid", "direct"):
+        weights = np.zeros(netlist.node_count)
+        weights[[aside, lower]] = 1.0, -1.0
+        found = voltage_sensitivity(op, weights, factors=rg.factor(netlist, method=method))
+        assert found == pytest.approx(amps * (rising - falling), abs=2e-5 * np.abs(amps * (rising - falling)).max())
+    result = analyse_sensitivity(op, (980, 15))
+    assert result.best[0] == np.ravel_multi_index((979, 15), cell.shape)
+    margin = abs(drop[row[lower]] - max(drop[row[place]], drop[row[aside]]))
+    assert result.margin[0] == pytest.approx(margin, rel=1e-6)
+    assert result.flip_drift.min() > 0.5
+
+
+def test_where_the_rails_hold_every_node_nothing_is_sensitive() -> None:
+    op = rg.solve(rg.Netlist(3, [[1, 0], [2, 1]], [1.0, 1.0], [[1, 0], [2, 0]], [1.0, 2.0]))
+    assert not voltage_sensitivity(op, [0.0, 1.0, 0.0]).any()
 
 
 @settings(max_examples=20)

@@ -273,6 +273,20 @@ def test_a_run_that_is_killed_and_started_again_ends_in_the_same_numbers(tmp_pat
     )
 
 
+def test_a_run_that_ended_within_a_batch_is_taken_up_at_its_end(tmp_path: Path) -> None:
+    netlist = rg.ideal_netlist(room(), CHIP)
+    checkpoint = tmp_path / "yield.npz"
+    rule = {"batch": 7, "half_width": 0.02}
+    once = rg.analyse_yield(netlist, CHIP, most=200, **rule)
+    assert 10 < once.trials < 200
+    for most in (3, 10):
+        assert rg.analyse_yield(netlist, CHIP, most=most, checkpoint=checkpoint, **rule).trials == most
+    resumed = rg.analyse_yield(netlist, CHIP, most=200, checkpoint=checkpoint, **rule)
+    assert numbers(resumed) == numbers(once)
+    with pytest.raises(rg.InputError, match=f"holds {once.trials} trials, more than most = 5"):
+        rg.analyse_yield(netlist, CHIP, most=5, checkpoint=checkpoint, **rule)
+
+
 def test_checkpoints_of_other_runs_and_damaged_ones_are_refused(tmp_path: Path) -> None:
     netlist = rg.ideal_netlist(room(), CHIP)
     file = tmp_path / "yield.npz"
@@ -297,8 +311,10 @@ def test_wrong_arguments_have_one_message_each() -> None:
     for options, message in (
         ({"half_width": 0.0}, "half_width"),
         ({"confidence": 1.0}, "confidence"),
-        ({"most": 0}, "most"),
-        ({"batch": 0}, "batch"),
+        *(({"most": value}, "most = ") for value in (0, np.nan, np.inf, 2.5, "x", None, True)),
+        *(({"batch": value}, "batch = ") for value in (0, np.inf, 2.5, "x", None)),
+        *(({"half_width": value}, "half_width = ") for value in (np.nan, "x", None, 0.5)),
+        *(({"confidence": value}, "confidence = ") for value in (np.nan, "x", None)),
         ({"seed": -1}, "seed"),
         ({"starts": [True]}, "starts must be"),
         ({"starts": np.zeros((12, 12), dtype=bool)}, "no start"),
@@ -320,3 +336,16 @@ def test_readings_have_units_and_definitions() -> None:
     assert np.all(low[inside] <= result.probability[inside] + 1e-12)
     assert np.all(high[inside] >= result.probability[inside] - 1e-12)
     assert np.isnan(low[~inside]).all()
+
+
+@pytest.mark.parametrize("bits", [1, 8, 32])
+@pytest.mark.parametrize("volts", [1.0, 1e10, 1e300, np.inf])
+def test_a_voltage_above_the_range_reads_full_scale_however_high(bits: int, volts: float) -> None:
+    netlist = rg.compile_space(
+        space_of(np.array([[2], [0]], dtype=np.uint8)), rails="cells", edge="open", boundary="neumann"
+    )
+    high = np.zeros(netlist.node_count)
+    high[netlist.layout.node[1, 0]] = volts
+    floor, eyes = floor_of(netlist.layout), eyes_of(rg.Readout(bits=bits), netlist.layout, None)
+    assert walk(high, floor, eyes).all()
+    assert not walk(-high, floor, eyes)[1]

@@ -141,3 +141,22 @@ def test_chips_made_in_python_are_checked_too(values: dict[str, object], message
 def test_a_converter_made_in_python_has_at_least_one_bit() -> None:
     with pytest.raises(rg.InputError, match="bits = 0 must be a whole number from 1 to 32"):
         Readout(bits=0)
+
+
+@pytest.mark.parametrize(
+    "gradient", [0.0, 0.1, float("nan"), "x", True, (None,), ("x",), (True,), (float("nan"),)], ids=str
+)
+def test_gradients_made_in_python_are_several_numbers(gradient: object) -> None:
+    with pytest.raises(rg.InputError, match="must hold finite shares"):
+        Chip(gradient=gradient)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("limits", [5.0, "ab", True, (None, 1.0), ("x", 1.0), (0.0, 1.0, 2.0), (1.0, 0.0)], ids=str)
+def test_ranges_made_in_python_are_two_numbers(limits: object) -> None:
+    with pytest.raises(rg.InputError, match="must be the lowest and the highest voltage"):
+        Readout(range=limits)  # type: ignore[arg-type]
+
+
+def test_densities_of_defects_are_numbers() -> None:
+    with pytest.raises(rg.InputError, match="open_density = 'x' must be a finite number"):
+        Defects(open_density="x")  # type: ignore[arg-type]
