@@ -9,12 +9,14 @@ from resgrid.compiler import compile_space
 from resgrid.errors import AccuracyError, BudgetError, CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal import fall, methods
+from resgrid.nodal.dynamics import dynamics_of, factor_resolvent
 from resgrid.nodal.factors.multigrid import factor_multigrid
 from resgrid.nodal.multigrid import aggregation
 from resgrid.nodal.multigrid.grading import MOST_DECADES
 from resgrid.nodal.narrow.panels import narrow_order
 from resgrid.nodal.solve import factor, solve
 from resgrid.nodal.system import assemble
+from resgrid.nodal.watch import Watch
 
 BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}]
 
@@ -223,3 +225,25 @@ def test_unknown_methods_and_jobs_beyond_memory_are_refused(monkeypatch: pytest.
     monkeypatch.setattr("resgrid.budget.available_memory", lambda: 1000)
     with pytest.raises(BudgetError, match="GiB"):
         solve(netlist)
+
+
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+@pytest.mark.parametrize("leak", [1e2, 1e3, 1e4, 1e5, 1e6])
+def test_leaks_that_outweigh_the_grid_are_no_harder(boundary: str, leak: float) -> None:
+    """Steps in time lead to such circuits; the first iteration gains more digits than single precision has."""
+    cell = np.zeros((64, 64), dtype=np.uint8)
+    cell[16:32, 21], cell[61, 2] = 1, 2
+    netlist = compile_space(space_of(cell), boundary=boundary)
+    nodes = netlist.layout.free_node
+    dynamics = dynamics_of(
+        netlist.replace(
+            capacitor_nodes=np.stack([nodes, np.zeros_like(nodes)], axis=1), capacitance=np.full(len(nodes), 1e-12)
+        )
+    )
+    rate = leak * netlist.conductance.max() / 1e-12
+    iterative, direct = (factor_resolvent(dynamics, rate, method) for method in ("multigrid", "direct"))
+    watch = Watch()
+    x = iterative.solve(dynamics.drive, rtol=1e-12, watch=watch)
+    assert watch.iterations <= 12
+    expected = direct.solve(dynamics.drive, rtol=1e-14)
+    np.testing.assert_allclose(x, expected, rtol=0, atol=1e-11 * np.abs(expected).max())

@@ -31,6 +31,7 @@ _ROUNDING = 2.0**-52
 _SAFETY = 0.8
 _BURST = 1e-6
 _ENOUGH = 0.07
+_TOLD = 5e-7
 
 
 @njit(cache=True, nogil=True)
@@ -127,6 +128,8 @@ def solve_board(
         gather_steps(z[:count], on_x, before_x, on_p, before_p, size, p, x[1])
         on_x[:] = 0.0
         last = size
+        if left < _TOLD:
+            energy = 0.0
     for i in range(len(place)):
         solution[i] = flat_x[place[i]]
     return size, wanted

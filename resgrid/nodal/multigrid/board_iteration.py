@@ -30,6 +30,9 @@ _ENOUGH = 0.07
 _BURST = 1e-5
 """Gain of a burst from its largest residual on: vectors in single precision allow no more."""
 
+_TOLD = 5e-7
+"""Gain below which the residual that recursion leaves is rounding of single precision."""
+
 _DEPTH = 3
 """Steps that are kept before they are gone."""
 
@@ -100,7 +103,7 @@ def _converge(
             return size
         if not math.isfinite(last):
             watch.begin(size * unit, goal * unit)
-        if size > DRIFT * burst.left * last:
+        if size > DRIFT * burst.left * last or burst.left < _TOLD:
             burst.forget()
         left -= burst.run(x, size, _SAFETY * goal / size, left)
         last = size
