@@ -23,7 +23,7 @@ def test_it_is_normal_to_the_streamline_and_gives_way_to_the_force(pair, c) -> N
     assert np.linalg.norm(phi) <= scale * (1 + 1e-12)
 
 
-@given(st.tuples(*[st.lists(number, min_size=3, max_size=3).map(np.array)] * 2), st.floats(0, 10))
+@given(st.tuples(*[st.lists(number, min_size=3, max_size=3).map(np.array)] * 2), st.floats(1e-3, 10) | st.just(0.0))
 def test_in_space_it_is_the_double_cross_product(pair, c) -> None:
     v, f = pair
     expected = c * np.cross(v, np.cross(f, v))

@@ -9,7 +9,7 @@ from scipy.sparse.linalg import splu
 from spaces import space_of
 
 from resgrid.compiler import compile_space
-from resgrid.errors import InputError
+from resgrid.errors import CircuitError, InputError
 from resgrid.nodal.factors.multigrid import MultigridFactor
 from resgrid.nodal.solve import factor
 from resgrid.space import Cell
@@ -79,3 +79,24 @@ def test_a_rail_beside_nodes_at_rest_is_refused_where_it_would_feed_them() -> No
         held.update([[20, 0]])
     beside = held.update([[20, 0]], to=Cell.GOAL)
     np.testing.assert_array_equal(beside.solve(beside.system.drive), held.solve(held.system.drive))
+
+
+def test_what_elimination_leaves_of_an_updated_circuit_has_sums_of_its_own() -> None:
+    """The update leaves a part that nothing holds, so that the circuit is factored anew."""
+    cell = np.array(
+        [
+            [[0, 1, 1], [1, 0, 0], [0, 0, 0], [1, 1, 1]],
+            [[1, 0, 2], [0, 0, 1], [0, 1, 1], [0, 1, 1]],
+            [[1, 0, 1], [1, 0, 0], [1, 0, 1], [1, 0, 0]],
+        ],
+        dtype=np.uint8,
+    )
+    space = space_of(cell, periodic=(True, False, False))
+    factors = factor(compile_space(space, boundary="neumann"), method="direct")
+    for place in np.argwhere(space.goal_connected):
+        try:
+            updated = factors.update([place], to=1)
+        except CircuitError:
+            continue  # nothing is driven any more
+        x = updated.solve(updated.system.drive, rtol=1e-12)
+        np.testing.assert_allclose(updated.system.matrix @ x, updated.system.drive, atol=1e-17)

@@ -93,6 +93,7 @@ def _core(system: NodalSystem, shrunk: Elimination) -> NodalSystem:
         netlist=system.netlist.replace(layout=None),
         unknown=unknown,
         derived=shrunk.coupling,
+        summed=None,
         excess=shrunk.excess,
         feed=passed_on(system.feed),
         injected=passed_on(system.injected),
