@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.arguments import check_number, check_whole, is_number
 from resgrid.device import faces
-from resgrid.device.arguments import check_number, check_whole, is_number
 from resgrid.device.faults import without_stranded_currents
 from resgrid.device.reading import Reading, json_form
 from resgrid.device.walks import Eyes, Floor, eyes_of, floor_of, walk

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.arguments import check_number
 from resgrid.device import faces
-from resgrid.device.arguments import check_number
 from resgrid.device.randomness import DEFECTS, Seed, generator, seed_of
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Netlist

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from resgrid.device.arguments import check_number, check_whole, is_number
+from resgrid.arguments import check_number, check_whole, is_number
 from resgrid.device.impedance import impedance_of
 from resgrid.device.noise_integrals import estimate, find_exactly
 from resgrid.device.reading import Reading, json_form

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.device.arguments import check_optional
+from resgrid.arguments import check_optional
 from resgrid.device.decisions import steps_of
 from resgrid.device.reading import Reading, json_form
 from resgrid.errors import InputError

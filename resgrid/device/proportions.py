@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.device.arguments import check_number
+from resgrid.arguments import check_number
 
 
 @dataclass(frozen=True)

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from numbers import Integral, Real
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.arguments import check_optional, check_whole, is_whole
 from resgrid.device.approach import FINENESS, follow_approach, rows_to_follow, settling_bound
 from resgrid.device.motion import motions
 from resgrid.device.reading import Reading, json_form
@@ -18,7 +18,7 @@ from resgrid.device.spectrum import find_spectrum, require_charge
 from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.dynamics import Dynamics, dynamics_of, factor_resolvent
-from resgrid.nodal.energy import energy_meter
+from resgrid.nodal.energy import EnergyMeter
 from resgrid.nodal.initial import initial_state
 from resgrid.nodal.operating_point import OperatingPoint
 
@@ -170,7 +170,7 @@ def analyse_settling(
     if band == 0.0:
         raise InputError(f"span = {reach} V is nothing beside voltages that move by {unit:.1e} V; give a larger one")
     bound = settling_bound(dynamics, solve, deviation / unit, float(spectrum.tau[0]), band)
-    charging = (dynamics.drive - dynamics.conductance.matrix @ start) / unit
+    charging = dynamics.imbalance(start) / unit
     approach = follow_approach(
         deviation / unit,
         rows_to_follow(dynamics, solve, charging, deviation / unit, band),
@@ -198,20 +198,10 @@ def analyse_settling(
 
 
 def _check(bits: int, modes: int, span: float | None) -> None:
-    if not (_is_whole(bits) and 1 <= bits <= 24):
+    if not (is_whole(bits) and 1 <= bits <= 24):
         raise InputError(f"bits = {bits!r}, but settling is judged at a whole number of bits, 1 to 24")
-    if not (_is_whole(modes) and modes >= 1):
-        raise InputError(f"modes = {modes!r} must be a whole number, at least 1")
-    if span is not None and not (_is_number(span) and np.isfinite(span) and span > 0):
-        raise InputError(f"span = {span!r} must be a number, positive and finite, in volts")
-
-
-def _is_whole(value: object) -> bool:
-    return isinstance(value, Integral) and not isinstance(value, bool)
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, Real) and not isinstance(value, bool)
+    check_whole("modes", modes, 1)
+    check_optional("span", span, "a number, positive and finite, in volts", above=0.0)
 
 
 def _reach(settled: NDArray[np.float64]) -> float:
@@ -243,7 +233,7 @@ def _energy(
         return 0.0
     integral = final * time + solve(dynamics.capacitance.matrix @ (start - end))
     with np.errstate(over="ignore", invalid="ignore"):
-        return _within_range("energy", energy_meter(dynamics).delivered(time, end - start, integral))
+        return _within_range("energy", EnergyMeter(dynamics).delivered(time, end - start, integral))
 
 
 def _power(netlist: Netlist, voltage: NDArray[np.float64]) -> float:

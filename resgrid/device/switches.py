@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.arguments import check_number, check_optional
 from resgrid.device import faces
-from resgrid.device.arguments import check_number, check_optional
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Layout, Netlist
 from resgrid.space import Cell

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.device.arguments import check_number, check_whole
+from resgrid.arguments import check_number, check_whole
 from resgrid.device.checkpoints import fingerprint, load_tally, save_tally
 from resgrid.device.proportions import Proportion, effective_trials, proportion, quantile, wilson
 from resgrid.device.randomness import seed_of

@@ -55,20 +55,6 @@ class EnergyMeter:
         return float(0.5 * np.sum(netlist.capacitance * _across(voltage, netlist.capacitor_nodes) ** 2))
 
 
-def energy_meter(dynamics: Dynamics) -> EnergyMeter:
-    """Prepare the bookkeeping of energy.
-
-    Parameters
-    ----------
-    dynamics : Dynamics
-
-    Returns
-    -------
-    EnergyMeter
-    """
-    return EnergyMeter(dynamics)
-
-
 def _across(voltage: NDArray[np.float64], nodes: NDArray[np.int32]) -> NDArray[np.float64]:
     """Voltage across elements, 0 where it floats."""
     first, second = voltage[nodes.T]

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from numbers import Integral
-
+from resgrid.arguments import check_whole
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.factors.factor import Factor, check_rtol
@@ -114,7 +113,6 @@ def _check_options(accuracy: str, rtol: float, threads: int, progress: Progress 
     if accuracy not in ACCURACIES:
         raise InputError(f"accuracy = {accuracy!r} is unknown; it may be one of {', '.join(ACCURACIES)}")
     check_rtol(rtol)
-    if not (isinstance(threads, Integral) and threads >= 1):
-        raise InputError(f"threads = {threads!r} must be a whole number, at least 1")
+    check_whole("threads", threads, 1)
     if not (progress is None or callable(progress)):
         raise InputError(f"progress = {progress!r} must be callable, or None")

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from numbers import Real
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.arguments import check_number
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal import methods
 from resgrid.nodal.charges import Charges
 from resgrid.nodal.dynamics import Dynamics, dynamics_of
-from resgrid.nodal.energy import energy_meter
+from resgrid.nodal.energy import EnergyMeter
 from resgrid.nodal.initial import initial_state, real_numbers
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.step_control import controlled_steps
@@ -154,13 +154,12 @@ def transient(
     if step is not None:
         _check_step(step)
     _check_options(method, solver)
-    if not (isinstance(tolerance, Real) and 1e-12 <= tolerance < 1):
-        raise InputError(f"tolerance = {tolerance!r} must be a number between 1e-12 and 1")
+    check_number("tolerance", tolerance, "a number between 1e-12 and 1", least=1e-12, below=1.0)
     dynamics = dynamics_of(netlist)
     resolvents = Resolvents(dynamics, solver)
     charges = Charges(dynamics)
     x = initial_state(dynamics, initial, charges)
-    meter = energy_meter(dynamics)
+    meter = EnergyMeter(dynamics)
     voltage = np.empty((len(when), netlist.node_count))
     energy, stored = np.empty(len(when)), np.empty(len(when))
     if step is not None:
@@ -225,8 +224,7 @@ def _checked_voltage(dynamics: Dynamics, voltage: ArrayLike) -> NDArray[np.float
 
 
 def _check_step(step: float) -> None:
-    if not (isinstance(step, Real) and np.isfinite(step) and step > 0):
-        raise InputError(f"step = {step!r} must be a positive and finite number, in seconds")
+    check_number("step", step, "a positive and finite number, in seconds", above=0.0)
 
 
 def _check_options(method: str, solver: str) -> None:

@@ -5,12 +5,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from numbers import Real
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.arguments import check_number
 from resgrid.errors import AccuracyError, InputError
 from resgrid.nodal.scaled import Scaled
 from resgrid.nodal.system import NodalSystem
@@ -252,8 +252,7 @@ def check_rtol(rtol: float) -> None:
     ------
     InputError
     """
-    if not (isinstance(rtol, Real) and 0 < rtol < 1):
-        raise InputError(f"rtol = {rtol!r} must be a number between 0 and 1")
+    check_number("rtol", rtol, "a number between 0 and 1", above=0.0, below=1.0)
 
 
 def rebuilt(system: NodalSystem) -> NodalSystem:

@@ -1,4 +1,4 @@
-"""What numbers an analysis or a pass takes: one check and one message each."""
+"""What numbers may be given: one check and one message each."""
 
 from __future__ import annotations
 
@@ -12,6 +12,11 @@ from resgrid.errors import InputError
 def is_number(value: Any) -> bool:
     """Whether a value is a finite real number (True and False are none)."""
     return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def is_whole(value: Any) -> bool:
+    """Whether a value is a whole number (True and False are none)."""
+    return isinstance(value, Integral) and not isinstance(value, bool)
 
 
 def check_number(
@@ -55,5 +60,5 @@ def check_whole(name: str, value: Any, least: int) -> None:
     ------
     InputError
     """
-    if isinstance(value, bool) or not isinstance(value, Integral) or int(value) < least:
+    if not (is_whole(value) and int(value) >= least):
         raise InputError(f"{name} = {value!r} must be a whole number, at least {least}")
