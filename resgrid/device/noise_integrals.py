@@ -109,11 +109,12 @@ def estimate(dynamics: Dynamics, band: tuple[float, float] | None, signs: NDArra
     currents = _largest_currents(dynamics, band or (0.0, 0.0))
     digits = _ITERATED if factors.name == "multigrid" else 2.0 * _EPS
     _require_digits(dynamics, digits * factors.solve_nonnegative(currents)[0].plain, _MOST_ESTIMATED)
-    resistance = estimate_diagonal(signs, np.stack([factors.solve(column) for column in signs.T], axis=1))
+    at_rest = np.stack([factors.solve(column) for column in signs.T], axis=1)
+    resistance = estimate_diagonal(signs, at_rest)
     if band is None:
         return Found(*resistance, *np.zeros((2, dynamics.size)))
     flat, frequency, weight = _quadrature(dynamics, band)
-    products = flat * symmetric_factors(dynamics.conductance.matrix).solve(signs) if flat else np.zeros_like(signs)
+    products = flat * at_rest
     for f, w in zip(frequency.tolist(), weight.tolist(), strict=True):
         products += w * symmetric_factors(_admittance(dynamics, f)).solve(signs.astype(np.complex128)).real
     return Found(*resistance, *estimate_diagonal(signs, products))

@@ -21,12 +21,16 @@ _CERTAIN = 1e-9
 _MOST_CORRECTIONS = 5
 
 
-def subtract(factors: Factor, rising: Scaled, falling: Scaled, bound: float) -> tuple[Scaled, float, float]:
-    """Subtract the solutions for the currents of either sign of a system's drive.
+def subtract(
+    factors: Factor, drive: NDArray[np.float64], rising: Scaled, falling: Scaled, bound: float
+) -> tuple[Scaled, float, float]:
+    """Subtract the solutions for the currents of either sign.
 
     Parameters
     ----------
     factors : Factor
+    drive : ndarray of float64, shape (n,)
+        Currents of both signs into the rows, in amperes.
     rising, falling : Scaled, shape (n,)
         Voltages in volts.
     bound : float
@@ -42,7 +46,7 @@ def subtract(factors: Factor, rising: Scaled, falling: Scaled, bound: float) -> 
     """
     difference, doubt, parts = _minus(rising, falling), 0.0, [rising, falling]
     if bound * _quotient(parts, difference) > _CERTAIN:
-        difference, doubt = _refined(factors, difference)
+        difference, doubt = _refined(factors, drive, difference)
         parts = [difference]
     grain = max(NOISE, doubt) * np.exp(max(map(_largest_log, parts)))
     return difference, doubt, float(grain)
@@ -57,11 +61,11 @@ def _minus(a: Scaled, b: Scaled) -> Scaled:
     return Scaled(hi, lo, exponent)
 
 
-def _refined(factors: Factor, x: Scaled) -> tuple[Scaled, float]:
+def _refined(factors: Factor, drive: NDArray[np.float64], x: Scaled) -> tuple[Scaled, float]:
     """Make a difference better; returns what it may be off by at most, relative to its largest entry."""
     best, doubt = x, np.inf
     for _ in range(_MOST_CORRECTIONS):
-        rise, fall = (factors.solve_nonnegative(part)[0] for part in _residual(factors.system, x))
+        rise, fall = (factors.solve_nonnegative(part)[0] for part in _residual(factors.system, drive, x))
         found = 2.0 * _quotient([rise, fall], x)
         if not found < doubt:
             break
@@ -72,12 +76,12 @@ def _refined(factors: Factor, x: Scaled) -> tuple[Scaled, float]:
     return best, float(doubt)
 
 
-def _residual(system: NodalSystem, x: Scaled) -> tuple[Scaled, Scaled]:
+def _residual(system: NodalSystem, drive: NDArray[np.float64], x: Scaled) -> tuple[Scaled, Scaled]:
     """The residual's positive part, and what is negative of it; both with what the drive's own rounding may hide."""
     from resgrid.nodal.refine import scaled_currents
     from resgrid.nodal.refine_kernels import correct, exact_residual
 
-    coupling, (amps, scale) = system.coupling, scaled_currents(system.drive)
+    coupling, (amps, scale) = system.coupling, scaled_currents(drive)
     r, e = np.empty(system.size), np.empty(system.size, dtype=np.int64)
     exact_residual(
         coupling.indptr, coupling.indices, coupling.data, system.excess, amps, scale, x.hi, x.lo, x.exponent, r, e

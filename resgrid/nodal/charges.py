@@ -104,8 +104,7 @@ def _entrywise(factors: Factor, drive: NDArray[np.float64]) -> NDArray[np.float6
     rising, falling = found
     doubt = 0.0
     if rising is not None and falling is not None:
-        driven = replace(factors, system=replace(factors.system, injected=drive))
-        rising, doubt, _ = subtract(driven, rising, falling, watch.bound)
+        rising, doubt, _ = subtract(factors, drive, rising, falling, watch.bound)
         falling = None
     if doubt > _DOUBT or not is_answer(watch.error, watch.bound):
         raise AccuracyError(

@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from resgrid.nodal.cancellation import subtract
 from resgrid.nodal.factors.factor import Factor
+from resgrid.nodal.rails import Rails
 from resgrid.nodal.scaled import Scaled, power
 from resgrid.nodal.side_by_side import side_by_side
-from resgrid.nodal.system import NodalSystem, Rails
+from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.watch import Watch
 
 _LEAST_REST = 1e-3
@@ -85,7 +86,7 @@ def node_values(system: NodalSystem, factors: Factor | None, watch: Watch, threa
     if not np.any(drive > 0):
         return _above(system, falling, -1.0)
     assert factors is not None
-    difference, doubt, grain = subtract(factors, rising, falling, watch.bound)
+    difference, doubt, grain = subtract(factors, drive, rising, falling, watch.bound)
     return replace(_above(system, difference, 1.0), doubt=doubt, grain=grain)
 
 

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.nodal.connections import count_connections
-from resgrid.nodal.system import NodalSystem, Rails, once
+from resgrid.nodal.rails import Rails
+from resgrid.nodal.system import NodalSystem, once
 
 if TYPE_CHECKING:
     from scipy import sparse

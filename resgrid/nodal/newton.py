@@ -294,10 +294,9 @@ class _Circuit:
         contact = (a >= 0) != (b >= 0)
         pairs = a[inner].astype(np.int32), b[inner].astype(np.int32)
         entries = np.append(g[inner], g[inner]), (np.append(*pairs), np.append(*pairs[::-1]))
-        return dataclasses.replace(
-            self.system,
-            derived=sparse.coo_array(entries, shape=(size, size)).tocsr(),
-            excess=np.asarray(np.bincount(np.maximum(a, b)[contact], g[contact], size), dtype=np.float64),
+        return self.system.derive(
+            sparse.coo_array(entries, shape=(size, size)).tocsr(),
+            np.asarray(np.bincount(np.maximum(a, b)[contact], g[contact], size), dtype=np.float64),
             rails=None,
         )
 

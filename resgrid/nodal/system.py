@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial, wraps
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,50 +13,10 @@ from scipy import sparse
 
 from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Netlist
+from resgrid.nodal.rails import Rails, Ties
 from resgrid.nodal.sources import SourceForest, tie_sources
 
 _Found = TypeVar("_Found")
-
-Ties = tuple[NDArray[np.float64], NDArray[np.float64]]
-
-
-@dataclass(frozen=True, eq=False)
-class Rails:
-    """The two voltages that a circuit with two rails hangs between.
-
-    Attributes
-    ----------
-    high, low : float
-        Voltages in volts; ``high`` is the obstacle rail (or the driven start) where there is a layout.
-    ties : callable
-        Returns `to_high` and `to_low`.
-    """
-
-    high: float
-    low: float
-    ties: Callable[[], Ties]
-
-    @cached_property
-    def _tied(self) -> Ties:
-        return self.ties()
-
-    @property
-    def to_high(self) -> NDArray[np.float64]:
-        """Conductance from every row to the high rail, in siemens, shape (n,); found when first asked for."""
-        return self._tied[0]
-
-    @property
-    def to_low(self) -> NDArray[np.float64]:
-        """The same for the low rail."""
-        return self._tied[1]
-
-    def tied(self, to_high: NDArray[np.float64], to_low: NDArray[np.float64]) -> Rails:
-        """Return the same rails, with other ties of the rows to them."""
-        return Rails(self.high, self.low, partial(_pair, to_high, to_low))
-
-
-def _pair(to_high: NDArray[np.float64], to_low: NDArray[np.float64]) -> Ties:
-    return to_high, to_low
 
 
 @dataclass(frozen=True, eq=False)
@@ -175,6 +135,24 @@ class NodalSystem:
         rows = sparse.csr_array((data, indices, indptr), shape=(size, size))
         rows.has_sorted_indices = rows.has_canonical_format = ordered
         return rows
+
+    def derive(
+        self,
+        coupling: sparse.csr_array,
+        excess: NDArray[np.float64],
+        degree: NDArray[np.float64] | None = None,
+        **changes: Any,
+    ) -> NodalSystem:
+        """Return a system with other conductances, which keeps nothing that was made of its own.
+
+        Parameters
+        ----------
+        coupling, excess, degree
+            As the attributes; ``degree`` where it is known.
+        **changes
+            Other attributes that change with them.
+        """
+        return replace(self, derived=coupling, separated=None, excess=excess, summed=degree, **changes)
 
     @property
     def matrix(self) -> sparse.csr_array:

@@ -16,8 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.nodal.connections import count_connections
+from resgrid.nodal.rails import Rails, Ties
 from resgrid.nodal.reduction.rows import Elimination, eliminate_rows
-from resgrid.nodal.system import NodalSystem, Rails, Ties
+from resgrid.nodal.system import NodalSystem
 
 if TYPE_CHECKING:
     from resgrid.nodal.reduction.kernels import Record
@@ -88,13 +89,11 @@ def _core(system: NodalSystem, shrunk: Elimination) -> NodalSystem:
     solved = system.unknown >= 0
     unknown = system.unknown.copy()
     unknown[solved] = shrunk.number[system.unknown[solved]]
-    return replace(
-        system,
+    return system.derive(
+        shrunk.coupling,
+        shrunk.excess,
         netlist=system.netlist.replace(layout=None),
         unknown=unknown,
-        derived=shrunk.coupling,
-        summed=None,
-        excess=shrunk.excess,
         feed=passed_on(system.feed),
         injected=passed_on(system.injected),
         rails=rails and replace(rails, ties=partial(_ties_passed_on, rails, passed_on)),

@@ -17,7 +17,8 @@ from resgrid.conductances import in_series, of_obstacle
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Layout
 from resgrid.nodal.multigrid.hierarchy import Hierarchy
-from resgrid.nodal.system import NodalSystem, Rails, Ties
+from resgrid.nodal.rails import Rails, Ties
+from resgrid.nodal.system import NodalSystem
 from resgrid.nodal.update.neighbourhood import Neighbourhood, neighbourhood
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -345,12 +346,10 @@ def _cut_loose(system: NodalSystem, lost: NDArray[np.int64]) -> NodalSystem:
     tie = _Tie(lost[:0], pin[:0], lost, pin)
     degree, rails = system.degree.copy(), system.rails
     degree[lost] = pin
-    return replace(
-        system,
-        derived=coupling,
-        separated=None,
-        summed=degree,
-        excess=tie.of(system.excess, 1.0),
+    return system.derive(
+        coupling,
+        tie.of(system.excess, 1.0),
+        degree,
         feed=tie.of(system.feed, 0.0),
         rails=rails and replace(rails, ties=partial(_tied, rails, tie, False)),
     )
