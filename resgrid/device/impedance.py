@@ -160,14 +160,7 @@ def _swinging(G: Laplacian) -> sparse.csr_array:
 
 
 def _elements(laplacian: Laplacian, basis: sparse.csr_array) -> _Elements:
-    pairs = sparse.triu(laplacian.coupling, 1).tocoo()
-    n, m = len(laplacian.excess), pairs.nnz
-    to_rail = np.flatnonzero(laplacian.excess)
-    number = np.arange(m)
-    entries = (
-        np.concatenate([np.ones(m), -np.ones(m), np.ones(len(to_rail))]),
-        (np.concatenate([number, number, m + np.arange(len(to_rail))]), np.concatenate([*pairs.coords, to_rail])),
-    )
-    incidence = sparse.csr_array(sparse.coo_array(entries, shape=(m + len(to_rail), n)) @ basis)
-    incidence.eliminate_zeros()
-    return _Elements(incidence, np.append(pairs.data, laplacian.excess[to_rail]))
+    incidence, value = laplacian.elements
+    across = sparse.csr_array(incidence @ basis)
+    across.eliminate_zeros()
+    return _Elements(across, value)

@@ -46,14 +46,8 @@ def laplacian_root(laplacian: Laplacian) -> sparse.csr_array:
     scipy.sparse.csr_array, shape (m, n)
         ``F`` with ``F.T @ F`` equal to the matrix: first the elements between two rows, then those to rails.
     """
-    upper = sparse.triu(laplacian.coupling, format="coo")
-    tied = np.flatnonzero(laplacian.excess > 0)
-    a, b = upper.coords
-    between, row = np.sqrt(upper.data), np.arange(len(a))
-    entries = np.concatenate([between, -between, np.sqrt(laplacian.excess[tied])])
-    rows = np.concatenate([row, row, len(a) + np.arange(len(tied))])
-    shape = (len(a) + len(tied), len(laplacian.excess))
-    return sparse.coo_array((entries, (rows, np.concatenate([a, b, tied]))), shape=shape).tocsr()
+    incidence, value = laplacian.elements
+    return sparse.csr_array(sparse.diags_array(np.sqrt(value)) @ incidence)
 
 
 def accurate_solver(factors: Factor, capacitance: Laplacian) -> Solver:

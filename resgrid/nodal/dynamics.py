@@ -49,15 +49,30 @@ class Laplacian:
         return sparse.csr_array(sparse.diags_array(self.diagonal, format="csr") - self.coupling)
 
     @cached_property
+    def elements(self) -> tuple[sparse.csr_array, NDArray[np.float64]]:
+        """What the matrix is made of: ``A^T diag(value) A``.
+
+        Returns
+        -------
+        incidence : scipy.sparse.csr_array, shape (m, n)
+            ``A``, which takes rows to differences: first between two rows, every pair once, then to known voltages.
+        value : ndarray of float64, shape (m,)
+        """
+        upper, tied = sparse.triu(self.coupling, 1).tocoo(), np.flatnonzero(self.excess)
+        m = upper.nnz
+        ends = np.append(np.stack([upper.row, upper.col], axis=1).ravel(), tied).astype(np.int32)
+        starts = np.append(np.arange(0, 2 * m + 1, 2), 2 * m + 1 + np.arange(len(tied))).astype(np.int32)
+        sign = np.append(np.tile([1.0, -1.0], m), np.ones(len(tied)))
+        incidence = sparse.csr_array((sign, ends, starts), shape=(m + len(tied), len(self.excess)))
+        return incidence, np.append(upper.data, self.excess[tied])
+
+    @cached_property
     def _branches(self) -> tuple[sparse.csr_array, sparse.csr_array]:
         """From rows to differences across what joins them, every pair once, and from those to what leaves every row."""
-        upper = sparse.triu(self.coupling, 1).tocoo()
-        m, n = upper.nnz, len(self.excess)
-        ends = np.stack([upper.row, upper.col], axis=1).astype(np.int32).ravel()
-        starts = np.arange(0, 2 * m + 1, 2, dtype=np.int32)
-        across = sparse.csr_array((np.tile([1.0, -1.0], m), ends, starts), shape=(m, n))
-        weighted = sparse.csr_array((np.repeat(upper.data, 2) * across.data, ends, starts), shape=(m, n))
-        return across, sparse.csr_array(weighted.T)
+        incidence, value = self.elements
+        inner = len(value) - int(np.count_nonzero(self.excess))
+        across = incidence[:inner]
+        return across, sparse.csr_array(across.T @ sparse.diags_array(value[:inner]))
 
     def between(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """What leaves every row for other rows, formed from differences: none of it is lost on the way."""
