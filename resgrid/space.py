@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
 from typing import Any
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
+from resgrid.frame import Frame
 
 MAX_DIMENSIONS = 4
 
@@ -93,11 +94,18 @@ class ConfigurationSpace:
     conductivity : array_like of float, optional
         A positive, finite number for every cell (a cost map: a costly cell conducts badly), same shape;
         relative to 1, the default.
+    frame : Frame, optional
+        Where the axes lie in the world; the world's own unless it is given.
+    goal_points : array_like of float, shape (number of goal cells, ndim), optional
+        For every goal cell, in C order, a configuration within it, in axis units, that solves the goal; NaN where
+        the cell as a whole is the goal.
 
     Attributes
     ----------
     cell : ndarray of uint8
     conductivity : ndarray of float64 or None
+    frame : Frame
+    goal_points : ndarray of float64 or None
 
     Raises
     ------
@@ -108,17 +116,56 @@ class ConfigurationSpace:
     axes: tuple[Axis, ...]
     cell: NDArray[np.uint8]
     conductivity: NDArray[np.float64] | None = None
+    frame: Frame = field(default_factory=Frame)
+    goal_points: NDArray[np.float64] | None = None
 
-    def __init__(self, axes: Sequence[Axis], cell: ArrayLike, conductivity: ArrayLike | None = None) -> None:
+    def __init__(
+        self,
+        axes: Sequence[Axis],
+        cell: ArrayLike,
+        conductivity: ArrayLike | None = None,
+        *,
+        frame: Frame | None = None,
+        goal_points: ArrayLike | None = None,
+    ) -> None:
         axes = tuple(axes)
         cells = _checked_cells(axes, np.asarray(cell))
         object.__setattr__(self, "axes", axes)
         object.__setattr__(self, "cell", cells)
+        object.__setattr__(self, "frame", Frame() if frame is None else frame)
         object.__setattr__(
             self,
             "conductivity",
             None if conductivity is None else _checked_conductivity(cells.shape, np.asarray(conductivity)),
         )
+        object.__setattr__(
+            self, "goal_points", None if goal_points is None else _checked_goal_points(axes, cells, goal_points)
+        )
+
+    def with_cells(self, cell: ArrayLike) -> ConfigurationSpace:
+        """The same space with other cells; goal cells that stay keep their points.
+
+        Parameters
+        ----------
+        cell : array_like of int, shape of `cell`
+            One of `Cell` for every cell.
+
+        Returns
+        -------
+        ConfigurationSpace
+
+        Raises
+        ------
+        InputError
+            If the shape does not match or a value is out of range.
+        """
+        changed = ConfigurationSpace(self.axes, cell, self.conductivity, frame=self.frame)
+        if self.goal_points is None:
+            return changed
+        points = np.full((*self.shape, self.ndim), np.nan)
+        points[self.cell == Cell.GOAL] = self.goal_points
+        kept = points[changed.cell == Cell.GOAL]
+        return ConfigurationSpace(self.axes, cell, self.conductivity, frame=self.frame, goal_points=kept)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -327,6 +374,24 @@ def _checked_conductivity(shape: tuple[int, ...], value: NDArray[np.generic]) ->
         where = tuple(int(i) for i in np.argwhere(~good)[0])
         raise InputError(f"conductivity must be positive and finite; cell {where} has {conductivity[where]}")
     return _read_only(conductivity)
+
+
+def _checked_goal_points(axes: tuple[Axis, ...], cell: NDArray[np.uint8], value: ArrayLike) -> NDArray[np.float64]:
+    points = np.array(value, dtype=np.float64, order="C")
+    cells = np.argwhere(cell == Cell.GOAL)
+    if points.shape != cells.shape:
+        raise InputError(f"goal_points have shape {points.shape}, but the goal cells need {cells.shape}")
+    lower, step = np.array([axis.lower for axis in axes]), np.array([axis.spacing for axis in axes])
+    local = (points - lower) / step - cells
+    # What coordinates far from 0 round to is no error.
+    slack = 1e-9 + 8 * np.spacing(np.abs(lower) + step * cell.shape) / step
+    outside = np.any(np.abs(local - 0.5) > 0.5 + slack, axis=1)
+    if outside.any() or np.isinf(points).any():
+        first = int(np.argmax(outside | np.isinf(points).any(axis=1)))
+        raise InputError(
+            f"the goal point {points[first].tolist()} does not lie in its cell {tuple(cells[first].tolist())}"
+        )
+    return _read_only(points)
 
 
 def _read_only(array: NDArray[Any]) -> NDArray[Any]:

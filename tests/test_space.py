@@ -4,6 +4,7 @@ from scipy import ndimage
 from spaces import space_of
 
 from resgrid.errors import InputError
+from resgrid.frame import Frame
 from resgrid.space import Axis, Cell, ConfigurationSpace, label_regions
 
 
@@ -80,3 +81,28 @@ def test_goal_regions_are_those_of_the_whole_grid_wherever_the_goals_lie() -> No
             axes = [Axis(name, 0, 1, size, periodic=p) for name, size, p in zip("xy", cell.shape, ring, strict=True)]
             space = ConfigurationSpace(axes, cell)
             assert np.array_equal(space.goal_region, label_regions(cell == Cell.GOAL, ring) - 1)
+
+
+def _two_goals(**options):
+    return ConfigurationSpace([Axis("x", 0, 4, 4), Axis("y", 0, 2, 2)], [[0, 0], [2, 0], [0, 2], [1, 0]], **options)
+
+
+def test_a_space_with_other_cells_keeps_its_place_and_the_points_of_goals_that_stay():
+    frame = Frame(3.0, 4.0, 0.5)
+    space = _two_goals(frame=frame, goal_points=[[1.25, 0.5], [2.5, 1.75]])
+    changed = space.with_cells([[0, 0], [1, 2], [0, 2], [1, 0]])
+    assert changed.frame == frame
+    assert np.array_equal(changed.goal_points, [[np.nan, np.nan], [2.5, 1.75]], equal_nan=True)
+    assert _two_goals().goal_points is None
+
+
+@pytest.mark.parametrize(
+    ("points", "message"),
+    [
+        ([[1.5, 0.5]], "goal_points have shape"),
+        ([[1.5, 0.5], [3.5, 1.5]], r"\[3.5, 1.5\] does not lie in its cell \(2, 1\)"),
+    ],
+)
+def test_goal_points_lie_in_their_cells(points, message):
+    with pytest.raises(InputError, match=message):
+        _two_goals(goal_points=points)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from resgrid.control.log import Run
     from resgrid.control.simulation import Simulation
-    from resgrid.scene import Frame
+    from resgrid.frame import Frame
 
 SUFFIXES = (".npz", ".csv")
 

@@ -14,8 +14,8 @@ from resgrid.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure  # noqa: TID251
 
+    from resgrid.frame import Frame
     from resgrid.planning.field import Field
-    from resgrid.scene import Frame
 
 PAGE_AXES = 3
 """Most axes of a space that is drawn."""

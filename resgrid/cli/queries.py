@@ -63,7 +63,7 @@ def answer_queries(job: Job, file: str, limit: int | None, output: str | None, r
 def _answer(job: Job, query: Query, file: str, quiet: Report) -> list[dict[str, Any]]:
     from resgrid.planning.certify import certify
     from resgrid.planning.trace import streamline
-    from resgrid.space import Cell, ConfigurationSpace
+    from resgrid.space import Cell
 
     if job.space.shape != (query.width, query.height):
         own = size_of(job.space.shape)
@@ -74,7 +74,7 @@ def _answer(job: Job, query: Query, file: str, quiet: Report) -> list[dict[str, 
     cell = job.space.cell.copy()
     cell[cell == Cell.GOAL] = Cell.FREE
     cell[query.goal] = Cell.GOAL
-    posed = Job(job.scene, ConfigurationSpace(job.space.axes, cell, job.space.conductivity))
+    posed = Job(job.scene, job.space.with_cells(cell))
     answers = []
     for field in blend_fields(posed, {}, quiet):
         path = streamline(field, cell=query.start)

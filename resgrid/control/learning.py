@@ -60,7 +60,7 @@ def learn(space: ConfigurationSpace, cells: NDArray[np.bool_]) -> ConfigurationS
     -------
     ConfigurationSpace
     """
-    return ConfigurationSpace(space.axes, np.where(cells, np.uint8(Cell.OBSTACLE), space.cell), space.conductivity)
+    return space.with_cells(np.where(cells, np.uint8(Cell.OBSTACLE), space.cell))
 
 
 def workspace_cells(points: ArrayLike, axes: Sequence[Axis]) -> CellSet:

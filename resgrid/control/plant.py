@@ -134,7 +134,7 @@ class Plant:
         """
         hidden = self.robot.occupancy(self.axes, self.obstacles[self.known :], "conservative")
         cell = np.where(hidden, np.uint8(Cell.OBSTACLE), space.cell)
-        return ConfigurationSpace(space.axes, cell, space.conductivity)
+        return space.with_cells(cell)
 
     @cached_property
     def itself(self) -> NDArray[np.bool_]:

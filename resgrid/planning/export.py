@@ -23,7 +23,7 @@ from resgrid.robots import Arm, PointRobot, PolygonRobot, Robot
 from resgrid.space import ConfigurationSpace
 
 if TYPE_CHECKING:
-    from resgrid.scene import Frame
+    from resgrid.frame import Frame
 
 SUFFIXES = (".csv", ".json", ".npz", ".yaml")
 

@@ -173,7 +173,7 @@ def plot_run_configurations(run: Run, scene: Scene, axes: Axes, *, way: bool = T
         raise InputError(f"the configuration space of this motion has {run.space.ndim} axes, and a picture has two")
     learnt = run.learnt
     plant = plant_of(scene)
-    known = ConfigurationSpace(run.space.axes, np.where(learnt, np.uint8(Cell.FREE), run.space.cell))
+    known = run.space.with_cells(np.where(learnt, np.uint8(Cell.FREE), run.space.cell))
     plot_space(known, axes)
     if isinstance(scene.robot, Arm):
         virtual = plant.itself & (known.cell == Cell.OBSTACLE) & ~_touched(scene, plant.obstacles[: plant.known])

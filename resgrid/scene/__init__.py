@@ -7,13 +7,12 @@ from resgrid.scene.quantities import parse_quantity
 from resgrid.scene.read import parse_scene, read_scene, scene_schema
 from resgrid.scene.ros import occupancy_grid
 from resgrid.scene.sampling import free_volume_lost, sample
-from resgrid.scene.scene import CostArea, Frame, GoalCell, GoalJoints, GoalPoint, MapCells, Scene
+from resgrid.scene.scene import CostArea, GoalCell, GoalJoints, GoalPoint, MapCells, Scene
 
 __all__ = [
     "Chip",
     "CostArea",
     "Defects",
-    "Frame",
     "GoalCell",
     "GoalJoints",
     "GoalPoint",

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.scene.scene import Frame
+from resgrid.frame import Frame
 from resgrid.space import Axis
 
 

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 
 from resgrid.errors import InputError
+from resgrid.frame import Frame
 from resgrid.scene.files import read_text, require_memory
 from resgrid.scene.map_data import MapData, cells_from_rows, placed_axes
-from resgrid.scene.scene import Frame
 from resgrid.space import Cell
 
 TERRAIN = ".G@OTSW"

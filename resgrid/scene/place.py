@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from resgrid.errors import InputError
+from resgrid.frame import Frame
 from resgrid.robots import Ball, Box, HalfSpace, Polygon, Shape
 from resgrid.robots.shapes import Point
-from resgrid.scene.scene import Frame
 from resgrid.space import Axis
 
 

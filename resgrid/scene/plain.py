@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
+from resgrid.frame import Frame
 from resgrid.scene.files import read_bytes, require_memory
 from resgrid.scene.images import read_raster
 from resgrid.scene.map_data import MapData, cells_from_rows, placed_axes
-from resgrid.scene.scene import Frame
 from resgrid.space import MAX_DIMENSIONS, Cell
 
 HEADER_READERS = {(1, 0): "read_array_header_1_0", (2, 0): "read_array_header_2_0"}

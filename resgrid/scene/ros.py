@@ -32,10 +32,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
+from resgrid.frame import Frame
 from resgrid.scene.files import read_text
 from resgrid.scene.images import Raster, read_raster
 from resgrid.scene.map_data import MapData
-from resgrid.scene.scene import Frame
 from resgrid.space import Axis, Cell
 
 OCCUPIED, FREE, UNKNOWN = 100, 0, -1

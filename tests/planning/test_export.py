@@ -12,10 +12,10 @@ import yaml
 from spaces import space_of
 
 from resgrid.errors import InputError
+from resgrid.frame import Frame
 from resgrid.planning.export import headings, path_columns, ros_plan, write_path
 from resgrid.planning.timing import time_path
 from resgrid.robots import Arm, PolygonRobot
-from resgrid.scene.scene import Frame
 from resgrid.space import Axis, ConfigurationSpace
 
 PLANE = space_of(np.zeros((10, 10)))

@@ -3,8 +3,9 @@
 import numpy as np
 from hypothesis import given, settings, strategies as st
 
+from resgrid.frame import Frame
 from resgrid.robots import Ball, Box, HalfSpace, PointRobot
-from resgrid.scene import Chip, CostArea, Frame, GoalCell, GoalPoint, Scene
+from resgrid.scene import Chip, CostArea, GoalCell, GoalPoint, Scene
 from resgrid.scene.build import build_scene, document_of
 from resgrid.space import Axis
 

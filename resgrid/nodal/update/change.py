@@ -54,7 +54,7 @@ class Change:
         """The space after all changes."""
         cell = before.cell.copy()
         cell.flat[self.cells] = self.codes
-        return ConfigurationSpace(before.axes, cell, before.conductivity)
+        return before.with_cells(cell)
 
     def with_cells(self, cells: NDArray[np.int64], code: Cell) -> Change:
         """The same, and some more cells."""

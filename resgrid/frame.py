@@ -1,0 +1,84 @@
+"""Where a space lies in the world."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, sin
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.errors import InputError
+
+
+@dataclass(frozen=True)
+class Frame:
+    """Where the coordinates of the space lie in the world.
+
+    A map with a turned origin has axes of its own, along its rows and columns; everything else shares the world's.
+
+    Parameters
+    ----------
+    x, y : float
+        World coordinates of the origin of the space.
+    yaw : float
+        Angle from the world's x axis to the space's, in radians, anticlockwise.
+    """
+
+    x: float = 0.0
+    y: float = 0.0
+    yaw: float = 0.0
+
+    @property
+    def is_world(self) -> bool:
+        """Whether space and world coordinates are the same."""
+        return self.x == 0 and self.y == 0 and self.yaw == 0
+
+    def to_world(self, points: ArrayLike) -> NDArray[np.float64]:
+        """World coordinates of points given in the space.
+
+        Parameters
+        ----------
+        points : array_like of float, shape (..., ndim)
+            In axis units.
+
+        Returns
+        -------
+        ndarray of float64, shape (..., ndim)
+
+        Raises
+        ------
+        InputError
+            If the frame is turned or moved and the points are not in the plane.
+        """
+        space = np.array(points, dtype=np.float64)
+        return space if self.is_world else self._planar(space) @ self._rotation.T + (self.x, self.y)
+
+    def from_world(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Space coordinates of points given in the world; the inverse of `to_world`.
+
+        Parameters
+        ----------
+        points : array_like of float, shape (..., ndim)
+            In axis units.
+
+        Returns
+        -------
+        ndarray of float64, shape (..., ndim)
+
+        Raises
+        ------
+        InputError
+            If the frame is turned or moved and the points are not in the plane.
+        """
+        world = np.array(points, dtype=np.float64)
+        return world if self.is_world else (self._planar(world) - (self.x, self.y)) @ self._rotation
+
+    @property
+    def _rotation(self) -> NDArray[np.float64]:
+        return np.array([[cos(self.yaw), -sin(self.yaw)], [sin(self.yaw), cos(self.yaw)]])
+
+    def _planar(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        if points.shape[-1:] != (2,):
+            raise InputError(f"this map lies in the plane: a point needs 2 coordinates, got shape {points.shape}")
+        return points
