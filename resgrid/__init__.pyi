@@ -55,6 +55,7 @@ from .errors import (
     ResgridError as ResgridError,
     ToolMissingError as ToolMissingError,
 )
+from .frame import Frame as Frame
 from .netlist import Layout as Layout, Netlist as Netlist
 from .nodal.drive import scale_drive as scale_drive
 from .nodal.many import solve_many as solve_many
