@@ -285,20 +285,45 @@ class ConfigurationSpace:
         InputError
             If a point is not finite or lies outside the grid.
         """
-        points = np.asarray(point, dtype=np.float64)
-        if points.shape[-1:] != (self.ndim,):
-            raise InputError(f"a point of this space has {self.ndim} coordinates, got {points.tolist()!r}")
-        scaled = (points - self.lower) / self.spacing
-        size = np.array(self.shape)
-        with np.errstate(invalid="ignore"):
-            scaled = np.where(self.periodic, np.mod(scaled, size), scaled)
-        inside = np.all((scaled >= 0) & (scaled <= size), axis=-1)
-        if not np.all(inside):
-            wrong = np.atleast_2d(points)[~np.atleast_1d(inside)][0]
-            ranges = ", ".join(f"{axis.name} in [{axis.lower:g}, {axis.upper:g}]" for axis in self.axes)
-            raise InputError(f"the point {tuple(wrong.tolist())} lies outside the grid ({ranges})")
-        cells = np.minimum(np.floor(scaled).astype(np.int64), size - 1)
-        return cells, np.clip(scaled - cells, 0.0, 1.0)
+        return split_points(self.axes, point)
+
+
+def split_points(axes: Sequence[Axis], point: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Cell and position within the cell of points on a grid; see `ConfigurationSpace.split`.
+
+    Parameters
+    ----------
+    axes : sequence of Axis
+        The grid.
+    point : array_like of float, shape (..., len(axes))
+        Coordinates in axis units.
+
+    Returns
+    -------
+    cells : ndarray of int64, shape (..., len(axes))
+    local : ndarray of float64, shape (..., len(axes))
+
+    Raises
+    ------
+    InputError
+        If a point is not finite or lies outside the grid, by more than rounding.
+    """
+    points = np.asarray(point, dtype=np.float64)
+    if points.shape[-1:] != (len(axes),):
+        raise InputError(f"a point of this space has {len(axes)} coordinates, got {points.tolist()!r}")
+    lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T
+    size = np.array([axis.cells for axis in axes])
+    scaled = (points - lower) / spacing
+    with np.errstate(invalid="ignore"):
+        scaled = np.where([axis.periodic for axis in axes], np.mod(scaled, size), scaled)
+    slack = [4 * np.spacing(max(abs(axis.lower), abs(axis.upper))) / axis.spacing for axis in axes]
+    inside = np.all((scaled >= np.negative(slack)) & (scaled <= size + slack), axis=-1)
+    if not np.all(inside):
+        wrong = np.atleast_2d(points)[~np.atleast_1d(inside)][0]
+        ranges = ", ".join(f"{axis.name} in [{axis.lower:g}, {axis.upper:g}]" for axis in axes)
+        raise InputError(f"the point {tuple(wrong.tolist())} lies outside the grid ({ranges})")
+    cells = np.clip(np.floor(scaled).astype(np.int64), 0, size - 1)
+    return cells, np.clip(scaled - cells, 0.0, 1.0)
 
 
 def _box_around(mask: NDArray[np.bool_]) -> tuple[slice, ...]:

@@ -4,7 +4,7 @@ from resgrid.robots.arm import Arm
 from resgrid.robots.disc import DiscRobot
 from resgrid.robots.point import PointRobot
 from resgrid.robots.polygon_robot import PolygonRobot
-from resgrid.robots.protocol import Progress, Robot, Sampling
+from resgrid.robots.protocol import GoalCells, Progress, Robot, Sampling
 from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Polygon, Shape
 from resgrid.robots.solids import to_shapely
 
@@ -14,6 +14,7 @@ __all__ = [
     "Box",
     "CellSet",
     "DiscRobot",
+    "GoalCells",
     "HalfSpace",
     "PointRobot",
     "Polygon",

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
-from resgrid.robots.protocol import Progress, Sampling
+from resgrid.robots.protocol import GoalCells, Progress, Sampling
 from resgrid.robots.shapes import Point, Shape
 from resgrid.space import MAX_DIMENSIONS, Axis
 
@@ -285,7 +285,7 @@ class Arm:
 
         return arm_occupancy(self, tuple(axes), obstacles, rule, progress)
 
-    def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> NDArray[np.bool_]:
+    def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
         """Cells that bring the tip into a region; see `resgrid.robots.arm_cells.arm_goal_cells`."""
         from resgrid.robots.arm_cells import arm_goal_cells
 

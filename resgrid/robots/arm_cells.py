@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.robots.protocol import Progress, Sampling
+from resgrid.robots.protocol import GoalCells, Progress, Sampling
 from resgrid.robots.shapes import Point, Shape
 from resgrid.robots.solids import require_plane, solids, to_shapely
-from resgrid.robots.window import index_on
-from resgrid.space import Axis
+from resgrid.space import Axis, split_points
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -131,7 +130,7 @@ def singular_cells(arm: Arm, axes: Sequence[Axis]) -> NDArray[np.bool_]:
     return singular
 
 
-def arm_goal_cells(arm: Arm, axes: tuple[Axis, ...], region: Shape | Point) -> NDArray[np.bool_]:
+def arm_goal_cells(arm: Arm, axes: tuple[Axis, ...], region: Shape | Point) -> GoalCells:
     """Cells that bring the tip of an arm into a region of the workspace: all inverse solutions.
 
     Parameters
@@ -163,10 +162,8 @@ def arm_goal_cells(arm: Arm, axes: tuple[Axis, ...], region: Shape | Point) -> N
     found = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
     if isinstance(region, tuple) and arm.ndim == 2:
         for solution in arm.inverse(region):
-            cell = [index_on(axis, angle) for axis, angle in zip(axes, solution, strict=True)]
-            if None not in cell:
-                found[tuple(cell)] = True
-        return found
+            found[tuple(split_points(axes, solution)[0])] = True
+        return GoalCells(found, np.full((int(found.sum()), arm.ndim), np.nan))
     shapely.prepare(place)
     if not isinstance(region, tuple):
         for rows, tips in _tips(arm, axes):
@@ -175,7 +172,7 @@ def arm_goal_cells(arm: Arm, axes: tuple[Axis, ...], region: Shape | Point) -> N
         travel = arm_travel(arm, axes)
         for rows, tips in _tips(arm, axes):
             found[rows] = shapely.dwithin(place, shapely.points(tips), travel)
-    return found
+    return GoalCells(found, np.full((int(found.sum()), arm.ndim), np.nan))
 
 
 def arm_travel(arm: Arm, axes: Sequence[Axis]) -> float:

@@ -10,8 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
+from resgrid.robots.goals import cells_of_place
 from resgrid.robots.point import PointRobot
-from resgrid.robots.protocol import Progress, Sampling
+from resgrid.robots.protocol import GoalCells, Progress, Sampling
 from resgrid.robots.shapes import LARGEST, Point, Shape
 from resgrid.space import Axis
 
@@ -48,9 +49,9 @@ class DiscRobot:
             raise InputError(f"a disc moves in the plane and needs 2 axes, got {len(axes)}; a point has any number")
         return PointRobot(self.radius).occupancy(axes, obstacles, rule, progress)
 
-    def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> NDArray[np.bool_]:
-        """Cells whose centre lies in a region, or which meet it; as `PointRobot.goal_cells`."""
-        return PointRobot().goal_cells(axes, region)
+    def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
+        """Cells that meet a region, or the one around a point; see `resgrid.robots.goals.cells_of_place`."""
+        return cells_of_place(axes, region)
 
     def shapes_at(self, configuration: ArrayLike) -> list[BaseGeometry]:
         """The disc around a point, as a polygon of 64 edges inside the circle."""

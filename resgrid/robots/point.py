@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
-from resgrid.robots.protocol import Progress, Sampling
+from resgrid.robots.goals import cells_of_place
+from resgrid.robots.protocol import GoalCells, Progress, Sampling
 from resgrid.robots.reach import mark
 from resgrid.robots.shapes import LARGEST, Point, Shape
-from resgrid.robots.window import index_on
 from resgrid.space import Axis
 
 if TYPE_CHECKING:
@@ -80,30 +80,9 @@ class PointRobot:
                 progress(number, len(obstacles))
         return blocked
 
-    def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> NDArray[np.bool_]:
-        """Cells whose centre lies in a region or, where there is none, which meet it; the cell around a point.
-
-        Parameters
-        ----------
-        axes : sequence of Axis
-            One to four axes.
-        region : Shape or tuple of float
-            In the coordinates of the axes, with as many coordinates.
-
-        Returns
-        -------
-        ndarray of bool
-
-        Raises
-        ------
-        InputError
-            If the region has another number of coordinates than the grid.
-        """
-        if isinstance(region, tuple):
-            return _cell_around(axes, region)
-        point = PointRobot()
-        inside = point.occupancy(axes, [region], "centre")
-        return inside if inside.any() else point.occupancy(axes, [region], "conservative")
+    def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
+        """Cells that meet a region, or the one around a point; see `resgrid.robots.goals.cells_of_place`."""
+        return cells_of_place(axes, region)
 
     def shapes_at(self, configuration: ArrayLike) -> list[BaseGeometry]:
         """The point, or the disc around it as a polygon of 64 edges inside the circle.
@@ -129,13 +108,3 @@ class PointRobot:
             raise InputError(f"geometry is known in the plane alone: give 2 coordinates, not shape {place.shape}")
         point = shapely.Point(place)
         return [point.buffer(self.radius) if self.radius else point]
-
-
-def _cell_around(axes: Sequence[Axis], point: Point) -> NDArray[np.bool_]:
-    if len(point) != len(axes):
-        raise InputError(f"a point with {len(point)} coordinates does not fit a grid with {len(axes)} axes")
-    found = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
-    index = [index_on(axis, value) for axis, value in zip(axes, point, strict=True)]
-    if None not in index:
-        found[tuple(index)] = True
-    return found

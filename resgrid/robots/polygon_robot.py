@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
-from resgrid.robots.protocol import Progress, Sampling
+from resgrid.robots.goals import cells_of_place
+from resgrid.robots.protocol import GoalCells, Progress, Sampling
 from resgrid.robots.shapes import Point, Polygon, Shape
 from resgrid.space import Axis
 
@@ -148,7 +149,7 @@ class PolygonRobot:
 
         return turning_occupancy(self, tuple(axes), obstacles, rule, progress)
 
-    def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> NDArray[np.bool_]:
+    def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
         """Cells that bring the reference point into a region of the plane, at any angle, or into one of (x, y, theta).
 
         Parameters
@@ -160,22 +161,22 @@ class PolygonRobot:
 
         Returns
         -------
-        ndarray of bool
-            The cells whose centre lies in the region or, where there is none, those that meet it.
+        GoalCells
+            The cells that meet the region; a place in the plane is reached at the angle of the cell's centre.
 
         Raises
         ------
         InputError
-            If the region has neither two nor three coordinates.
+            If the region has neither two nor three coordinates, or a point lies outside the grid.
         """
-        from resgrid.robots.point import PointRobot
-
         self.check_axes(axes)
         count = len(region) if isinstance(region, tuple) else region.ndim
         if count == 3:
-            return PointRobot().goal_cells(axes, region)
-        flat = PointRobot().goal_cells(axes[:2], region)
-        return np.array(np.broadcast_to(flat[:, :, None], tuple(axis.cells for axis in axes)))
+            return cells_of_place(axes, region)
+        cells, places = cells_of_place(axes[:2], region)
+        turns = axes[2].centres
+        points = np.column_stack([np.repeat(places, len(turns), axis=0), np.tile(turns, len(places))])
+        return GoalCells(np.repeat(cells[:, :, None], len(turns), axis=2), points)
 
     def travel(self, axis: Axis, parts: int = 1) -> float:
         """How far a point of the polygon can move while it turns from the middle of a cell to its border.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Literal, Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +19,21 @@ Sampling = Literal["conservative", "centre"]
 
 Progress = Callable[[int, int], object]
 """Told now and then how much work is done, and how much there is in all."""
+
+
+class GoalCells(NamedTuple):
+    """The cells of a goal, and where in each of them it is.
+
+    Attributes
+    ----------
+    cells : ndarray of bool
+        One entry per cell, True where the closed cell holds a configuration that solves the goal.
+    points : ndarray of float64, shape (number of such cells, ndim)
+        Such a configuration for each of them, in C order, in axis units.
+    """
+
+    cells: NDArray[np.bool_]
+    points: NDArray[np.float64]
 
 
 @runtime_checkable
@@ -57,7 +72,7 @@ class Robot(Protocol):
         """
         ...
 
-    def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> NDArray[np.bool_]:
+    def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
         """Cells in which the robot has its reference point (an arm: its tip) in a region of the workspace.
 
         Parameters
@@ -69,9 +84,8 @@ class Robot(Protocol):
 
         Returns
         -------
-        ndarray of bool
-            The cells at whose centre the point lies in the region or, where there is none, those it may reach it
-            from.
+        GoalCells
+            The cells that hold a configuration which brings it there, and such a configuration for each.
 
         Raises
         ------

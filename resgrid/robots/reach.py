@@ -13,7 +13,7 @@ from resgrid.errors import InputError
 from resgrid.robots.polygons import mark_polygon
 from resgrid.robots.protocol import Sampling
 from resgrid.robots.shapes import Ball, Bounds, Box, CellSet, HalfSpace, Polygon, Shape
-from resgrid.robots.window import Window
+from resgrid.robots.window import Window, rims
 from resgrid.space import Axis
 
 MAX_COPIES = 1000
@@ -46,17 +46,40 @@ def mark(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Shape, reach: fl
     if isinstance(shape, CellSet):
         out |= _near_cells(shape, axes, reach, rule)
         return
-    for copy in _copies(shape, axes, reach):
-        window = Window.around(axes, copy.bounds, reach, rule)
-        if window is None:
-            continue
-        part = out[window.slices]
-        if isinstance(copy, Polygon):
-            mark_polygon(part, window, copy, reach)
-        elif isinstance(copy, HalfSpace):
-            part |= _near_half_space(window, copy, reach)
-        else:
-            part |= _near_round(window, copy, reach)
+    for copy in copies(shape, axes, reach):
+        mark_copy(out, axes, copy, reach, rule)
+
+
+def mark_copy(
+    out: NDArray[np.bool_],
+    axes: tuple[Axis, ...],
+    shape: Box | Ball | Polygon | HalfSpace,
+    reach: float,
+    rule: Sampling,
+) -> None:
+    """The same for one copy of a shape, which is cut off where it sticks out of the grid.
+
+    Parameters
+    ----------
+    out : ndarray of bool
+        One entry per cell; cells found are set to True, others are left alone.
+    axes : tuple of Axis
+        The grid.
+    shape : Shape
+        A closed set with as many coordinates as there are axes.
+    reach : float
+        At least 0, in axis units.
+    rule : {"conservative", "centre"}
+        Whether the cell's interior is meant, or its centre.
+    """
+    window = Window.around(axes, shape.bounds, reach, rule)
+    if window is None:
+        return
+    if isinstance(shape, Polygon):
+        mark_polygon(out, axes, window.half, shape, reach)
+        return
+    near = _near_half_space if isinstance(shape, HalfSpace) else _near_round
+    out[window.slices] |= near(window, shape, reach)
 
 
 def _near_round(window: Window, shape: Box | Ball, reach: float) -> NDArray[np.bool_]:
@@ -85,8 +108,8 @@ def _near_cells(shape: CellSet, axes: tuple[Axis, ...], reach: float, rule: Samp
     pad = [(min(ceil(reach / axis.spacing) + 1, axis.cells) if axis.periodic else 0,) * 2 for axis in axes]
     spacing = np.array([axis.spacing for axis in axes])
     mask = np.pad(shape.mask, pad, mode="wrap")
-    rim = Window.rim(axes) if rule == "conservative" else 0.0
-    near = _distance_from_boxes(mask, spacing, rule) <= reach - rim
+    rim = min(rims(axes)) if rule == "conservative" else 0.0
+    near = mask | (_distance_from_boxes(mask, spacing, rule) <= reach - rim)
     return near[tuple(slice(before, size - after) for (before, after), size in zip(pad, mask.shape, strict=True))]
 
 
@@ -109,9 +132,29 @@ def _distance_from_boxes(mask: NDArray[np.bool_], spacing: NDArray[np.float64], 
     return np.asarray(distance[(slice(1, None, 2),) * mask.ndim])
 
 
-def _copies(
+def copies(
     shape: Box | Ball | Polygon | HalfSpace, axes: tuple[Axis, ...], reach: float
 ) -> Iterator[Box | Ball | Polygon | HalfSpace]:
+    """A shape wherever it comes near a grid, by whole turns around its periodic axes.
+
+    Parameters
+    ----------
+    shape : Shape
+        Not made of cells.
+    axes : tuple of Axis
+        The grid.
+    reach : float
+        How near, in axis units.
+
+    Yields
+    ------
+    Shape
+
+    Raises
+    ------
+    InputError
+        If a half-plane leans along a periodic axis, or a shape winds around one more than a thousand times.
+    """
     if isinstance(shape, HalfSpace):
         for axis, component in zip(axes, shape.normal, strict=True):
             if axis.periodic and component != 0:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, floor, isinf
 
@@ -27,7 +28,7 @@ class Window:
     start, stop : tuple of int
         First and past-the-last cell per axis.
     half : tuple of float
-        Half the width of what stands for a cell: its interior, or nothing but its centre.
+        Half the width of what stands for a cell, as `halves` says.
     """
 
     axes: tuple[Axis, ...]
@@ -64,16 +65,7 @@ class Window:
         )
         if any(first >= last for first, last in zip(start, stop, strict=True)):
             return None
-        rim = cls.rim(axes)
-        half = tuple(max(axis.spacing / 2 - rim, 0.0) if rule == "conservative" else 0.0 for axis in axes)
-        return cls(axes, start, stop, half)
-
-    @staticmethod
-    def rim(axes: tuple[Axis, ...]) -> float:
-        """Width of the rim that a cell's interior leaves out, in axis units: 1e-9 cells, or some rounding errors."""
-        return max(
-            max(RIM * axis.spacing, 8 * float(np.spacing(max(abs(axis.lower), abs(axis.upper))))) for axis in axes
-        )
+        return cls(axes, start, stop, halves(axes, bounds, reach, rule))
 
     @property
     def ndim(self) -> int:
@@ -98,25 +90,50 @@ class Window:
         ]
 
 
-def index_on(axis: Axis, value: float) -> int | None:
-    """Number of the cell of an axis that a coordinate lies in; the upper of two on their border.
+def rims(axes: Sequence[Axis]) -> list[float]:
+    """Width of the rim that a cell's interior leaves out, per axis: 1e-9 cells, or some rounding errors.
 
     Parameters
     ----------
-    axis : Axis
-    value : float
-        In axis units; wrapped where the axis is periodic.
+    axes : sequence of Axis
+        The grid.
 
     Returns
     -------
-    int or None
-        None outside the axis, by more than rounding.
+    list of float
+        In axis units.
     """
-    scaled = (value - axis.lower) / axis.spacing
-    scaled = scaled % axis.cells if axis.periodic else scaled
-    if not -RIM <= scaled <= axis.cells + RIM:
-        return None
-    return min(max(int(scaled), 0), axis.cells - 1)
+    return [max(RIM * axis.spacing, 8 * float(np.spacing(max(abs(axis.lower), abs(axis.upper))))) for axis in axes]
+
+
+def halves(axes: Sequence[Axis], bounds: Bounds, reach: float, rule: Sampling) -> tuple[float, ...]:
+    """Half the width, per axis, of what stands for a cell beside a shape that grows by a distance.
+
+    Parameters
+    ----------
+    axes : sequence of Axis
+        The grid.
+    bounds : pair of tuple of float
+        Lower and upper corner of the shape.
+    reach : float
+        The distance.
+    rule : {"conservative", "centre"}
+        What stands for a cell.
+
+    Returns
+    -------
+    tuple of float
+        The centre has no width.  The interior leaves out the rim, so that a solid may end on a border.  A shape
+        thinner than two rims has no inside that could tell one side of a border from the other: beside it the rim
+        counts as well, the neighbour's too.
+    """
+    if rule == "centre":
+        return (0.0,) * len(axes)
+    thin = [high - low + 2 * reach <= 2 * rim for low, high, rim in zip(*bounds, rims(axes), strict=True)]
+    return tuple(
+        axis.spacing / 2 + rim if flat else max(axis.spacing / 2 - rim, 0.0)
+        for axis, rim, flat in zip(axes, rims(axes), thin, strict=True)
+    )
 
 
 def _clip(index: float, cells: int) -> int:

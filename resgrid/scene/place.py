@@ -8,11 +8,11 @@ from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.robots import Ball, Box, HalfSpace, Polygon, Shape
 from resgrid.robots.shapes import Point
-from resgrid.space import Axis
+from resgrid.space import Axis, split_points
 
 
-def located(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -> tuple[int, ...]:
-    """Cell that a point of the world lies in.
+def located(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -> tuple[tuple[int, ...], Point]:
+    """Cell that a point of the world lies in, and the point in the coordinates of the space.
 
     Parameters
     ----------
@@ -27,24 +27,27 @@ def located(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -> tup
 
     Returns
     -------
-    tuple of int
+    cell : tuple of int
+    point : tuple of float
+        In axis units; within the cell, wrapped where an axis is periodic.
 
     Raises
     ------
     InputError
         If the point lies outside the grid.
     """
-    index = []
-    inside = np.asarray(frame.from_world(point)).tolist()
-    for axis, value in zip(axes, inside, strict=True):
-        scaled = (value - axis.lower) / axis.spacing
-        scaled = scaled % axis.cells if axis.periodic else scaled
-        if not 0 <= scaled <= axis.cells:
-            turned = "" if frame.is_world else f", which is {[round(v, 6) for v in inside]} in the map's frame,"
-            extent = ", ".join(f"{each.name} in [{each.lower:g}, {each.upper:g}]" for each in axes)
-            raise InputError(f"{key}: the point {list(point)}{turned} lies outside the grid ({extent}); move it inside")
-        index.append(min(int(scaled), axis.cells - 1))
-    return tuple(index)
+    inside = frame.from_world(point)
+    try:
+        cell, local = split_points(axes, inside)
+    except InputError:
+        turned = "" if frame.is_world else f", which is {inside.round(6).tolist()} in the map's frame,"
+        extent = ", ".join(f"{each.name} in [{each.lower:g}, {each.upper:g}]" for each in axes)
+        raise InputError(
+            f"{key}: the point {list(point)}{turned} lies outside the grid ({extent}); move it inside"
+        ) from None
+    steps = zip(axes, cell.tolist(), local.tolist(), strict=True)
+    within = tuple(axis.lower + (number + share) * axis.spacing for axis, number, share in steps)
+    return tuple(cell.tolist()), within
 
 
 def to_space(shape: Shape, frame: Frame) -> Shape:

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.robots import Arm, Box, CellSet, DiscRobot, PointRobot, Progress, Shape
+from resgrid.robots import Arm, Box, CellSet, DiscRobot, GoalCells, PointRobot, Progress, Shape
+from resgrid.robots.shapes import Point
 from resgrid.scene.files import require_memory
 from resgrid.scene.place import located, to_space
 from resgrid.scene.scene import Goal, GoalCell, GoalJoints, GoalPoint, Scene
@@ -17,9 +18,9 @@ def sample(scene: Scene, *, require_goal: bool = True, progress: Progress | None
     """Cut a scene into cells.
 
     A cell is an obstacle as the scene's ``sampling`` and its robot say (see `PointRobot.occupancy`, and the same of
-    the other robots); the border of the grid is none.  A goal region holds the free cells at whose centre the robot's
-    reference point (an arm's tip) lies in it, or, where there is none, the free cells that may bring it there: all
-    inverse solutions of a place in the workspace are goals.  A start in an obstacle is no error here: its path will
+    the other robots); the border of the grid is none.  A free cell is a goal if it holds a configuration that brings
+    the robot's reference point (an arm's tip) into a goal of the scene: all inverse solutions of a place in the
+    workspace are goals, and the space says one of each cell.  A start in an obstacle is no error here: its path will
     say so.
 
     Parameters
@@ -47,14 +48,17 @@ def sample(scene: Scene, *, require_goal: bool = True, progress: Progress | None
     require_memory(tuple(axis.cells for axis in scene.axes), f"{where}: grid")
     blocked = scene.robot.occupancy(scene.axes, _obstacles(scene), scene.sampling, progress)
     cell = np.where(blocked, Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
-    for number, goal in enumerate(scene.goals):
-        cell[_goal_cells(scene, goal, blocked, f"{where}: goal[{number}]")] = Cell.GOAL
-    _place_map_goals(scene, cell, blocked, where)
+    goals = [_map_goals(scene, blocked, where)]
+    goals += [_goal_cells(scene, goal, blocked, f"{where}: goal[{number}]") for number, goal in enumerate(scene.goals)]
+    for goal in goals:
+        cell[goal.cells] = Cell.GOAL
     if require_goal and not (cell == Cell.GOAL).any():
         raise InputError(f"{where}: there is no goal; add a [[goal]] to the scene, or say --goal X,Y")
     for number, start in enumerate(scene.starts):
         located(scene.axes, scene.frame, start, f"{where}: starts[{number}]")
-    return ConfigurationSpace(scene.axes, cell, _conductivity(scene), frame=scene.frame)
+    _, first = np.unique(np.concatenate([np.flatnonzero(goal.cells) for goal in goals]), return_index=True)
+    points = np.concatenate([goal.points for goal in goals])[first]
+    return ConfigurationSpace(scene.axes, cell, _conductivity(scene), frame=scene.frame, goal_points=points)
 
 
 def free_volume_lost(scene: Scene) -> float:
@@ -91,29 +95,30 @@ def _obstacles(scene: Scene) -> list[Shape]:
     return shapes
 
 
-def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) -> NDArray[np.bool_]:
+def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) -> GoalCells:
     place = _configuration(scene, goal)
     if place is not None:
-        cell = _one_cell(scene, place, key)
+        cell, point = _one_cell(scene, place, key)
         if blocked[cell]:
             raise InputError(f"{key}: {_place(goal)} lies in an obstacle (cell {cell}); move it to a free place")
         single = np.zeros_like(blocked)
         single[cell] = True
-        return single
+        return GoalCells(single, np.array([point]))
     try:
         region = _region(scene, goal)
     except InputError as error:
         raise InputError(f"{key}: {error}") from None
-    if not region.any() and isinstance(scene.robot, Arm):
+    met = region.cells
+    if not met.any() and isinstance(scene.robot, Arm):
         raise InputError(f"{key}: the joint limits keep the arm's tip out of this goal; widen them, or move the goal")
-    if not region.any():
+    if not met.any():
         raise InputError(f"{key}: this goal lies outside the grid ({_extent(scene.axes)}); move it inside")
-    if blocked[region].all():
+    if blocked[met].all():
         raise InputError(
-            f"{key}: this goal lies inside an obstacle (all {int(region.sum())} cells of it); "
+            f"{key}: this goal lies inside an obstacle (all {int(met.sum())} cells of it); "
             f"move or enlarge it, or {_SLIMMER.get(type(scene.robot), 'make the robot smaller')}"
         )
-    return region & ~blocked
+    return GoalCells(met & ~blocked, region.points[~blocked[met]])
 
 
 _SLIMMER = {
@@ -135,7 +140,7 @@ def _configuration(scene: Scene, goal: Goal) -> GoalPoint | GoalCell | None:
     return None
 
 
-def _region(scene: Scene, goal: Goal) -> NDArray[np.bool_]:
+def _region(scene: Scene, goal: Goal) -> GoalCells:
     match goal:
         case GoalJoints(lower, upper):
             return PointRobot().goal_cells(scene.axes, Box(lower, upper))
@@ -146,24 +151,26 @@ def _region(scene: Scene, goal: Goal) -> NDArray[np.bool_]:
     return scene.robot.goal_cells(scene.axes, to_space(goal, scene.frame))
 
 
-def _one_cell(scene: Scene, goal: GoalPoint | GoalCell, key: str) -> tuple[int, ...]:
+def _one_cell(scene: Scene, goal: GoalPoint | GoalCell, key: str) -> tuple[tuple[int, ...], Point]:
+    """The cell, and the point in it that is meant: none (NaN) where the whole cell is."""
     if isinstance(goal, GoalPoint):
         return located(scene.axes, scene.frame, goal.point, key)
     if not all(0 <= index < axis.cells for index, axis in zip(goal.cell, scene.axes, strict=True)):
         size = " x ".join(str(axis.cells) for axis in scene.axes)
         raise InputError(f"{key}: cell {list(goal.cell)} is not in the grid of {size} cells (counted from 0)")
-    return goal.cell
+    return goal.cell, (np.nan,) * scene.ndim
 
 
-def _place_map_goals(scene: Scene, cell: NDArray[np.uint8], blocked: NDArray[np.bool_], where: str) -> None:
+def _map_goals(scene: Scene, blocked: NDArray[np.bool_], where: str) -> GoalCells:
     if scene.map is None:
-        return
+        return GoalCells(np.zeros_like(blocked), np.empty((0, scene.ndim)))
     goals = scene.map.cell == Cell.GOAL
     if goals.any() and blocked[goals].all():
         raise InputError(
             f"{where}: all goal cells of the map lie within the robot's radius of obstacles; make it smaller"
         )
-    cell[goals & ~blocked] = Cell.GOAL
+    free = goals & ~blocked
+    return GoalCells(free, np.full((int(free.sum()), scene.ndim), np.nan))
 
 
 def _conductivity(scene: Scene) -> NDArray[np.float64] | None:

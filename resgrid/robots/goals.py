@@ -1,0 +1,145 @@
+"""Goal cells, and in each of them a configuration that solves the goal."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.robots.polygons import outline
+from resgrid.robots.protocol import GoalCells
+from resgrid.robots.reach import copies, mark_copy
+from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Point, Polygon, Shape
+from resgrid.robots.window import rims
+from resgrid.space import Axis, split_points
+
+HALVINGS = 60
+"""So often is the way to a region halved to find where it begins: to the last bit."""
+
+PAIRS = 1 << 20
+"""Pairs of a cell and an edge that are looked at in one go."""
+
+
+def cells_of_place(axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
+    """The cells of a grid that meet a region of it, with the nearest point of the region to each cell's centre.
+
+    Parameters
+    ----------
+    axes : sequence of Axis
+        The grid.
+    region : Shape or tuple of float
+        In its coordinates; a region that merely ends on a border of cells meets those on its own side alone.
+
+    Returns
+    -------
+    GoalCells
+        A point has one cell: the upper one of two on their border.
+
+    Raises
+    ------
+    InputError
+        If the region has another number of coordinates, or a point lies outside the grid.
+    """
+    axes = tuple(axes)
+    cells = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
+    if (len(region) if isinstance(region, tuple) else region.ndim) != len(axes):
+        raise InputError(f"a goal does not fit a grid with {len(axes)} axes: {region}")
+    lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T
+    if isinstance(region, tuple):
+        cell, local = split_points(axes, region)
+        cells[tuple(cell)] = True
+        return GoalCells(cells, (lower + (cell + local) * spacing)[None])
+    if isinstance(region, CellSet):
+        return GoalCells(region.mask, lower + (np.argwhere(region.mask) + 0.5) * spacing)
+    found = [_met_by_copy(axes, copy) for copy in copies(region, axes, 0.0)]
+    flat, points = (
+        (np.concatenate(each) for each in zip(*found, strict=True))
+        if found
+        else (np.empty(0, int), np.empty((0, len(axes))))
+    )
+    met, first = np.unique(flat, return_index=True)
+    cells.reshape(-1)[met] = True
+    return GoalCells(cells, points[first])
+
+
+def _met_by_copy(
+    axes: tuple[Axis, ...], shape: Box | Ball | Polygon | HalfSpace
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Cells, counted in C order, that a shape meets where it stands, and the point of it nearest to each centre."""
+    centred = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
+    mark_copy(centred, axes, shape, 0.0, "centre")
+    met = centred.copy()
+    mark_copy(met, axes, shape, 0.0, "conservative")
+    lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T
+    points = lower + (np.argwhere(met) + 0.5) * spacing
+    beside = ~centred[met]
+    points[beside] = _nearest(shape, points[beside], spacing / 2, np.array(rims(axes)))
+    return np.flatnonzero(met), points
+
+
+def _nearest(
+    shape: Box | Ball | Polygon | HalfSpace,
+    middle: NDArray[np.float64],
+    half: NDArray[np.float64],
+    rim: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Nearest points of a shape to the centres, shape (m, ndim), of cells that it meets, each within its cell."""
+    match shape:
+        case Box(lower, upper):
+            return np.clip(np.clip(middle, lower, upper), middle - half, middle + half)
+        case Ball(centre, radius):
+            return _first_within(
+                middle, half, np.array(centre) - middle, lambda at: np.linalg.norm(at - centre, axis=1) <= radius
+            )
+        case HalfSpace(normal, offset):
+            leans = np.abs(normal) > 1e-12 * np.abs(normal).max()
+            farthest = float((half[leans] / np.abs(normal)[leans]).max())
+            step = np.where(leans, normal, 0.0) * -farthest
+            return _first_within(middle, half, step, lambda at: at @ np.array(normal) <= offset)
+        case Polygon():
+            return _nearest_on_outline(outline(shape), middle, half, rim)
+
+
+def _first_within(
+    middle: NDArray[np.float64],
+    half: NDArray[np.float64],
+    step: NDArray[np.float64],
+    inside: Callable[[NDArray[np.float64]], NDArray[np.bool_]],
+) -> NDArray[np.float64]:
+    """Where a convex region begins on the way that starts at the centre, aims at the region and keeps to the cell.
+
+    The point of a box nearest to its centre, among those of a ball or half-space, minimises a quadratic whose
+    gradient leads along ``step``, and is so some ``clip(middle + s step)``.
+    """
+    out, into = np.zeros((len(middle), 1)), np.ones((len(middle), 1))
+    for _ in range(HALVINGS):
+        between = (out + into) / 2
+        found = inside(np.clip(middle + between * step, middle - half, middle + half))[:, None]
+        out, into = np.where(found, out, between), np.where(found, between, into)
+    return np.clip(middle + into * step, middle - half, middle + half)
+
+
+def _nearest_on_outline(
+    edges: NDArray[np.float64], middle: NDArray[np.float64], half: NDArray[np.float64], rim: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Nearest points of edges, shape (e, 4), each cut to the cell (Liang and Barsky, 1984)."""
+    start, step = edges[:, :2], edges[:, 2:] - edges[:, :2]
+    size = (step**2).sum(axis=1)
+    nearest = np.empty_like(middle)
+    for first in range(0, len(middle), max(1, PAIRS // len(start))):
+        rows = slice(first, first + max(1, PAIRS // len(start)))
+        away = middle[rows, None] - start
+        with np.errstate(divide="ignore", invalid="ignore"):
+            ends = np.stack([(away - half - rim) / step, (away + half + rim) / step])
+        beside = np.where(np.abs(away) <= half + rim, -np.inf, np.inf)
+        enter = np.where(step == 0, beside, ends.min(axis=0)).max(axis=2).clip(min=0.0)
+        leave = np.where(step == 0, -beside, ends.max(axis=0)).min(axis=2).clip(max=1.0)
+        share = np.clip((away * step).sum(axis=2) / size, enter, np.maximum(enter, leave))
+        share = np.where(enter <= leave, share, 0.0)
+        gap = np.where(enter <= leave, ((away - share[:, :, None] * step) ** 2).sum(axis=2), np.inf)
+        edge = gap.argmin(axis=1)
+        at = start[edge] + share[np.arange(len(edge)), edge][:, None] * step[edge]
+        nearest[rows] = np.clip(at, middle[rows] - half, middle[rows] + half)
+    return nearest
