@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.robots.shapes import Polygon
+from resgrid.robots.shapes import Box, Point, Polygon
 from resgrid.space import Axis
 
 
@@ -41,17 +41,36 @@ def mark_polygon(
     mark_parallelograms(out, sides, reach, plane)
 
 
-def outline(polygon: Polygon) -> NDArray[np.float64]:
-    """Edges of a polygon, ring by ring.
+def outline(shape: Box | Polygon) -> NDArray[np.float64]:
+    """Edges of a polygon or rectangle, ring by ring.
 
     Parameters
     ----------
-    polygon : Polygon
+    shape : Box or Polygon
+        Of the plane.
 
     Returns
     -------
     ndarray of float64, shape (e, 4)
         ``x0, y0, x1, y1``.
     """
-    rings = [np.asarray(ring, dtype=np.float64) for ring in polygon.rings]
+    rings = [np.asarray(ring, dtype=np.float64) for ring in rings_of(shape)]
     return np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in rings])
+
+
+def rings_of(shape: Box | Polygon) -> tuple[tuple[Point, ...], ...]:
+    """Corners of a polygon or rectangle, ring by ring.
+
+    Parameters
+    ----------
+    shape : Box or Polygon
+        Of the plane.
+
+    Returns
+    -------
+    tuple of rings
+    """
+    if isinstance(shape, Polygon):
+        return shape.rings
+    (x0, y0), (x1, y1) = shape.lower, shape.upper
+    return (((x0, y0), (x1, y0), (x1, y1), (x0, y1)),)

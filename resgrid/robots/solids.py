@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
+from resgrid.robots.polygons import outline
 from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Polygon, Shape
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def solids(shapes: Sequence[Shape], whose: str) -> Solids:
     for shape in shapes:
         match require_plane(shape, whose):
             case Box() | Polygon() as solid:
-                polygons.append(_edges(as_polygon(solid)))
+                polygons.append(outline(solid))
             case Ball(centre, radius):
                 discs.append((*centre, radius))
             case HalfSpace(normal, offset):
@@ -167,8 +168,3 @@ def to_shapely(shape: Shape) -> BaseGeometry:
             corners = [foot - FAR * along, foot + FAR * along, foot + FAR * (along - out), foot - FAR * (along + out)]
             return shapely.Polygon(corners)
     raise AssertionError(f"a {type(shape).__name__} is no shape of the plane")
-
-
-def _edges(polygon: Polygon) -> NDArray[np.float64]:
-    rings = [np.asarray(ring, dtype=np.float64) for ring in polygon.rings]
-    return np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in rings])

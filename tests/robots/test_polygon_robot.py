@@ -7,8 +7,11 @@ from hypothesis import given, settings, strategies as st
 
 from resgrid.errors import InputError
 from resgrid.robots import Ball, Box, DiscRobot, HalfSpace, PointRobot, Polygon, PolygonRobot, Robot, to_shapely
-from resgrid.robots.turning import minkowski_sum
-from resgrid.space import Axis
+from resgrid.robots.polygon_kernels import Plane
+from resgrid.robots.polygons import outline
+from resgrid.robots.turning import mark_sum
+from resgrid.scene import apply_overrides, read_scene, sample
+from resgrid.space import Axis, Cell
 
 OBSTACLES = [
     Box((0.5, 0.2), (0.7, 1.1)),
@@ -71,6 +74,59 @@ def test_thin_turns_lose_little_more_than_the_cells_the_obstacle_touches():
     assert (~hit).sum() / (~blocked).sum() < 0.03
 
 
+WALLS = [
+    Box((0.9, 0.5), (1.0, 1.2)),  # as long as the bar
+    Box((1.0, 0.5), (1.7, 0.62)),  # as long and as thick, and beside the other
+    Polygon(((2.0, 1.0), (2.35, 1.0), (2.7, 1.0), (2.7, 1.7), (2.35, 1.7), (2.0, 1.7)),
+            (((2.12, 1.12), (2.12, 1.58), (2.35, 1.58), (2.58, 1.58), (2.58, 1.12)),)),
+    Polygon(((0.3, 1.5), (1.0, 1.5), (1.0, 1.62), (0.42, 1.62), (0.42, 1.82), (0.3, 1.82))),  # the robot itself
+    Box((1.5, 0.2), (2.2, 0.2)),  # a line
+]  # fmt: skip
+BAR = PolygonRobot(((-0.35, -0.06), (0.0, -0.06), (0.35, -0.06), (0.35, 0.06), (-0.35, 0.06)))
+CORNER = PolygonRobot(((-0.35, -0.06), (0.35, -0.06), (0.35, 0.06), (-0.23, 0.06), (-0.23, 0.26), (-0.35, 0.26)))
+
+
+def overlaps(robot, configurations, obstacles):
+    """For sure, and perhaps: an overlap that has an area, and a distance that rounding could make."""
+    shapes = shapely.polygons(robot.corners(configurations))
+    geometries = [to_shapely(shape) for shape in obstacles]
+    sure = np.zeros(shapes.shape, dtype=bool)
+    perhaps = np.zeros(shapes.shape, dtype=bool)
+    for geometry in geometries:
+        near = shapely.distance(shapes, geometry) <= 1e-9
+        perhaps |= near
+        shared = shapely.intersection(shapes[near], geometry)
+        sure[near] |= (shapely.area(shared) > 1e-9) | (~shapely.is_empty(shared) & (geometry.area == 0))
+    return sure, perhaps
+
+
+@pytest.mark.parametrize("robot", [BAR, CORNER, PolygonRobot(BAR.vertices[::-1])])
+@pytest.mark.parametrize("turns", [4, 12, 36])
+def test_edges_that_coincide_hide_no_collision(robot, turns):
+    axes = axes_of(robot, (30, 20, turns))
+    grid = np.stack(np.meshgrid(*(axis.centres for axis in axes), indexing="ij"), axis=-1)
+    sure, perhaps = overlaps(robot, grid, WALLS)
+    centre = robot.occupancy(axes, WALLS, "centre")
+    assert not (sure & ~centre).any()
+    assert not (centre & ~perhaps).any()
+    free = ~robot.occupancy(axes, WALLS, "conservative")
+    assert free.any()
+    corners = np.stack(np.meshgrid(*[(-0.5, 0.0, 0.5)] * 3, indexing="ij"), axis=-1).reshape(-1, 3)
+    chosen = np.random.default_rng(0).choice(np.argwhere(free), 300)
+    inside = ((chosen + 0.5)[:, None] + corners) * [axis.spacing for axis in axes]
+    assert not overlaps(robot, inside, WALLS)[1].any()
+
+
+@pytest.mark.parametrize("turns", [5, 24, 36, 64, 72])
+def test_the_shipped_scene_can_be_turned_by_any_number_of_cells(scenes, turns):
+    scene = apply_overrides(read_scene(scenes / "turning.toml"), {"grid.axes.2.cells": str(turns)})
+    space = sample(scene)
+    free = np.argwhere(space.cell != Cell.OBSTACLE)
+    chosen = np.random.default_rng(turns).choice(free, 500)
+    share = np.random.default_rng(0).choice([0.0, 0.5, 1.0], (500, 3))
+    assert not overlaps(scene.robot, space.lower + (chosen + share) * space.spacing, scene.obstacles)[1].any()
+
+
 simple = st.sampled_from(
     [ELL.vertices, KITE.vertices, ((0, 0), (1, 0.2), (0.3, 0.9)), ((0, 0), (1, 0), (1, 1), (0, 1))]
 )
@@ -81,13 +137,15 @@ simple = st.sampled_from(
 def test_minkowski_sums(vertices, turn, which, seed):
     polygon = Polygon(((0.5, 0.2), (0.7, 0.2), (0.7, 1.1), (0.5, 1.1))) if which == 0 else OBSTACLES[which]
     other = PolygonRobot(tuple((float(x), float(y)) for x, y in vertices)).corners((0, 0, turn))
-    union = shapely.union_all([to_shapely(piece) for piece in minkowski_sum(polygon, other)])
-    points = np.random.default_rng(seed).uniform(-1, 5, (300, 2))
+    low = np.random.default_rng(seed).uniform(-1, 0, 2)
+    layer, plane = np.zeros((24, 24), dtype=bool), Plane(*low.tolist(), 0.25, 0.25, 0.0, 0.0)
+    mark_sum(layer, plane, outline(polygon), other, 0.0)
+    points = low + (np.argwhere(np.ones_like(layer)) + 0.5) * 0.25
     shifted = shapely.polygons(points[:, None] - other)
     meets = shapely.intersects(shifted, to_shapely(polygon))
     sure = np.abs(shapely.distance(shifted, to_shapely(polygon).boundary)) > 1e-9
     sure |= ~meets
-    assert (shapely.intersects_xy(union, points) == meets)[sure].all()
+    assert (layer.ravel() == meets)[sure].all()
 
 
 def test_a_turn_is_weighed_as_an_arc():
@@ -100,11 +158,15 @@ def test_a_turn_is_weighed_as_an_arc():
 
 def test_goals_are_places_at_any_angle_or_configurations():
     axes = axes_of(ELL, (6, 4, 8))
-    place = ELL.goal_cells(axes, Box((0.4, 0.9), (1.1, 1.6)))
-    assert np.argwhere(place[:, :, 0]).tolist() == [[1, 2]]
-    assert place[1, 2].all()
-    assert np.argwhere(ELL.goal_cells(axes, (0.6, 1.2, 0.1))).tolist() == [[1, 2, 0]]
-    assert ELL.goal_cells(axes, (0.6, 1.2)).sum() == 8
+    place, points = ELL.goal_cells(axes, Box((0.6, 1.0), (1.1, 1.4)))
+    assert np.argwhere(place[:, :, 0]).tolist() == [[1, 2], [2, 2]]
+    assert place[1:3, 2].all()
+    turns = axes[2].centres
+    assert np.allclose(points, [*((0.75, 1.25, turn) for turn in turns), *((1.1, 1.25, turn) for turn in turns)])
+    cells, points = ELL.goal_cells(axes, (0.6, 1.2, 0.1))
+    assert np.argwhere(cells).tolist() == [[1, 2, 0]]
+    assert np.allclose(points, [(0.6, 1.2, 0.1)])
+    assert ELL.goal_cells(axes, (0.6, 1.2)).cells.sum() == 8
 
 
 def test_a_disc_is_a_point_with_a_radius():
@@ -115,7 +177,7 @@ def test_a_disc_is_a_point_with_a_radius():
         ).all()
     (shape,) = DiscRobot(0.2).shapes_at((1, 1))
     assert np.isclose(shape.area, 0.04 * np.pi, rtol=1e-2)
-    assert DiscRobot(0.2).goal_cells(axes, (1.05, 1.05)).sum() == 1
+    assert DiscRobot(0.2).goal_cells(axes, (1.05, 1.05)).cells.sum() == 1
 
 
 @pytest.mark.parametrize(
