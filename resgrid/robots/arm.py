@@ -233,14 +233,16 @@ class Arm:
         Returns
         -------
         ndarray of float64, shape (s, 2)
-            All configurations that bring it there within the limits: none, one (stretched or folded) or two, the
-            elbow turning left (from the first link to the second) first.  Where every direction would do (equal
-            links folded back onto the base) the one along ``base_angle`` stands for all.
+            All configurations that bring it there within the limits: with none, or less than a turn of them, no
+            configuration, one (stretched or folded) or two, the elbow turning left (from the first link to the
+            second) first; where limits are wider than a turn each comes once for every turn that fits.  A joint
+            without limits is told from -pi to pi.  Where every direction would do (equal links folded back onto the
+            base) the one along ``base_angle`` stands for all.
 
         Raises
         ------
         InputError
-            If the arm has not two links, or the point is not finite.
+            If the arm has not two links, the point is not finite, or the limits leave more than a million solutions.
         """
         from resgrid.robots.arm_inverse import inverse_of_two_links
 
@@ -286,7 +288,7 @@ class Arm:
         return arm_occupancy(self, tuple(axes), obstacles, rule, progress)
 
     def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
-        """Cells that bring the tip into a region; see `resgrid.robots.arm_cells.arm_goal_cells`."""
+        """Cells that hold a configuration with the tip in a region; see `resgrid.robots.arm_cells.arm_goal_cells`."""
         from resgrid.robots.arm_cells import arm_goal_cells
 
         return arm_goal_cells(self, tuple(axes), region)

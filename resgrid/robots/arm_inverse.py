@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from math import acos, atan2, cos, hypot, sin, tau
+from itertools import product
+from math import acos, atan2, ceil, cos, floor, hypot, pi, sin, tau
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,9 @@ if TYPE_CHECKING:
     from resgrid.robots.arm import Arm
 
 TOLERANCE = 1e-12
+
+MOST = 1_000_000
+"""More solutions are not listed."""
 
 
 def inverse_of_two_links(arm: Arm, point: ArrayLike) -> NDArray[np.float64]:
@@ -37,7 +41,7 @@ def inverse_of_two_links(arm: Arm, point: ArrayLike) -> NDArray[np.float64]:
     Raises
     ------
     InputError
-        If the arm has not two links, or the point is not finite.
+        If the arm has not two links, the point is not finite, or the limits leave more than a million solutions.
     """
     if arm.ndim != 2:
         raise InputError(f"only an arm of two links has a closed inverse; this one has {arm.ndim}")
@@ -56,13 +60,16 @@ def inverse_of_two_links(arm: Arm, point: ArrayLike) -> NDArray[np.float64]:
         shoulder = towards - atan2(second * sin(elbow), first + second * cos(elbow)) - arm.base_angle
         angles = (shoulder, elbow if arm.angles == "relative" else shoulder + elbow)
         turned = [_within(angle, limits) for angle, limits in zip(angles, arm.limits, strict=True)]
-        if None not in turned:
-            solutions.append(turned)
+        if len(turned[0]) * len(turned[1]) > MOST:
+            raise InputError(f"the limits hold more than {MOST:,} solutions, so many turns are they wide; narrow them")
+        solutions += product(*turned)
     return np.array(solutions, dtype=np.float64).reshape(-1, 2)
 
 
-def _within(angle: float, limits: tuple[float, float] | None) -> float | None:
-    """The angle, turned into its range; None if it does not fit."""
-    lower = -tau / 2 if limits is None else limits[0] - TOLERANCE
-    turned = lower + (angle - lower) % tau
-    return turned if limits is None or turned <= limits[1] + TOLERANCE else None
+def _within(angle: float, limits: tuple[float, float] | None) -> list[float]:
+    """The angle, by whole turns wherever it fits into the limits."""
+    if limits is None:
+        return [(angle + pi) % tau - pi]
+    lower, upper = limits
+    turns = range(ceil((lower - TOLERANCE - angle) / tau), floor((upper + TOLERANCE - angle) / tau) + 1)
+    return [min(max(angle + turn * tau, lower), upper) for turn in turns]

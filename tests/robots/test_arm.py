@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings, strategies as st
+from scipy.optimize import least_squares
 
 from resgrid.errors import InputError
 from resgrid.robots import Arm, Ball, Box, HalfSpace, Polygon, Robot, to_shapely
@@ -147,37 +148,152 @@ def test_inverse_by_hand():
     assert np.allclose(arm.tip(arm.inverse((0.0, 0.0))), 0)
 
 
-@pytest.mark.parametrize("arm", ARMS[:4])
-def test_goal_cells_are_those_whose_centre_brings_the_tip_there(arm):
-    axes = arm.axes(CELLS[arm.ndim])
-    region = Box((0.6, -0.5), (0.9, -0.2))
+def test_inverse_counts_every_turn_that_the_limits_leave():
+    wide = (-2 * np.pi, 2 * np.pi)
+    once = Arm((1.0, 0.8)).inverse((0.7, -0.9))
+    found = Arm((1.0, 0.8), limits=(wide, (-5.0, 2.0))).inverse((0.7, -0.9))
+    turns = 2 * np.pi * np.array(list(itertools.product(range(-2, 3), repeat=2)))
+    every = (once[:, None] + turns).reshape(-1, 2)
+    expected = every[(np.abs(every[:, 0]) <= wide[1]) & (every[:, 1] >= -5.0) & (every[:, 1] <= 2.0)]
+    assert len(expected) >= 4
+    assert np.allclose(found[np.lexsort(found.T)], expected[np.lexsort(expected.T)])
+    with pytest.raises(InputError, match="narrow them"):
+        Arm((1.0, 1.0), limits=((-1e6, 1e6), (-1e6, 1e6))).inverse((1.0, 1.0))
+
+
+GOAL_ARMS = [
+    Arm((0.9,), base=(0.3, -0.2), limits=((-7.0, 9.0),)),
+    *ARMS[:3],
+    Arm((1.0, 1.0), limits=((-2 * np.pi, 2 * np.pi), (-7.0, 0.5))),
+    Arm((0.8, 0.7, 0.5), angles="absolute", limits=(None, (-1.0, 8.0), None)),
+    Arm((0.5, 0.5, 0.5, 0.5), base_angle=1.0),
+]
+GOAL_GRIDS = {1: (23,), 2: (17, 20), 3: (9, 8, 7), 4: (5, 4, 5, 4)}
+
+
+def own_tip(arm, configurations):
+    """Forward kinematics, one link after the other."""
+    place, turned = np.array(arm.base), arm.base_angle
+    for joint, length in enumerate(arm.lengths):
+        turned = configurations[..., joint] + (turned if arm.angles == "relative" else arm.base_angle)
+        place = place + length * np.stack([np.cos(turned), np.sin(turned)], axis=-1)
+    return place
+
+
+def from_region(region, points):
+    """Exact distance of points from a region."""
+    match region:
+        case HalfSpace(normal, offset):
+            return np.maximum((points @ np.array(normal) - offset) / np.hypot(*normal), 0.0)
+        case Ball(centre, radius):
+            return np.maximum(np.linalg.norm(points - np.array(centre), axis=-1) - radius, 0.0)
+        case Box() | Polygon():
+            return shapely.distance(to_shapely(region), shapely.points(points))
+    return np.linalg.norm(points - np.array(region), axis=-1)
+
+
+def check_goal(arm, axes, region):
+    """Every goal cell says a solution within it; the mask is given back."""
+    cells, points = arm.goal_cells(axes, region)
+    lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T
+    assert (np.abs((points - lower) / spacing - np.argwhere(cells) - 0.5) <= 0.5 + 1e-9).all()
+    assert (from_region(region, own_tip(arm, points)) <= 2e-9 * arm.reach).all()
+    return cells
+
+
+def goals_at(place, size):
+    """Goals of all kinds that hold a place."""
+    x, y = place
+    ring = np.array([(0, 0), (2, -1), (1.2, 0.3), (1.5, 1.4), (-0.4, 1.1)]) * size + place
+    yield x, y
+    yield Ball((x, y), 0.0)
+    yield Ball((x - 0.6 * size, y + 0.8 * size), size * (1 + 1e-12))
+    yield Box((x, y - size), (x + 0.4 * size, y + size))
+    yield Box((x - size, y), (x + size, y))
+    yield Polygon(tuple(map(tuple, ring.tolist())))
+    yield HalfSpace((1.5, -2.0), 1.5 * x - 2.0 * y)
+
+
+@pytest.mark.parametrize("which", range(len(GOAL_ARMS)))
+@pytest.mark.parametrize("share", ["inside", "centre", "corner"])
+def test_every_solution_has_its_cell_and_every_goal_cell_a_solution(which, share):
+    arm, rng = GOAL_ARMS[which], np.random.default_rng(which)
+    axes = arm.axes(GOAL_GRIDS[arm.ndim])
+    lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T
+    size = np.array([axis.cells for axis in axes])
+    cell = rng.integers(size)
+    within = {"inside": rng.random(arm.ndim), "centre": 0.5, "corner": rng.integers(2, size=arm.ndim)}[share]
+    anywhere = lower + rng.random((4000, arm.ndim)) * size * spacing
+    their_cells = tuple(((anywhere - lower) / spacing).astype(int).T)
+    for region in goals_at(own_tip(arm, lower + (cell + within) * spacing).tolist(), 0.2):
+        cells = check_goal(arm, axes, region)
+        assert cells[tuple(cell)], region
+        assert cells[tuple(each[from_region(region, own_tip(arm, anywhere)) == 0] for each in their_cells)].all()
+
+
+@pytest.mark.parametrize("arm", GOAL_ARMS[3:6])
+def test_cells_that_are_no_goal_hold_no_solution_by_least_squares(arm):
+    point, rng = (0.6, 0.7), np.random.default_rng(5)
+    axes = arm.axes((8,) * arm.ndim)
+    lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T
+    cells = check_goal(arm, axes, point)
     grid = np.stack(np.meshgrid(*(axis.centres for axis in axes), indexing="ij"), axis=-1)
-    tip = arm.tip(grid)
-    expected = ((tip >= region.lower) & (tip <= region.upper)).all(axis=-1)
-    assert expected.any()
-    assert (arm.goal_cells(axes, region) == expected).all()
-    small = Ball((0.7, -0.4), 1e-4)
-    found = arm.goal_cells(axes, small)
-    assert found.any()
-    assert np.linalg.norm(tip[found] - small.centre, axis=-1).max() <= arm_travel(arm, axes) + 1e-3
+    near = np.linalg.norm(own_tip(arm, grid) - point, axis=-1) < arm_travel(arm, axes)
+    assert near[cells].all()
+    for cell in rng.permutation(np.argwhere(near & ~cells))[:25]:
+        ends = lower + cell * spacing, lower + (cell + 1) * spacing
+        starts = rng.uniform(*ends, (4, arm.ndim))
+        rest = [least_squares(lambda q: own_tip(arm, q) - point, start, bounds=ends).cost for start in starts]
+        assert min(rest) > 1e-12
 
 
-def test_a_point_has_all_inverse_solutions_as_goals():
-    arm = Arm((1.0, 1.0), angles="absolute")
-    axes = arm.axes(120)
-    cells = np.argwhere(arm.goal_cells(axes, (1.13, -0.9)))
-    assert len(cells) == 2
-    for solution, cell in zip(arm.inverse((1.13, -0.9))[np.argsort(arm.inverse((1.13, -0.9))[:, 0])], cells,
-                              strict=True):  # fmt: skip
-        centre = [axis.centres[i] for axis, i in zip(axes, cell, strict=True)]
-        assert np.abs(solution - centre).max() <= axes[0].spacing / 2 + 1e-12
-    three = ARMS[2]
-    hit = three.goal_cells(three.axes(20), (0.5, 0.5))
+@pytest.mark.parametrize("arm", [GOAL_ARMS[1], GOAL_ARMS[3], GOAL_ARMS[4], GOAL_ARMS[6]])
+def test_a_smaller_goal_has_no_other_cells(arm):
+    axes = arm.axes(GOAL_GRIDS[arm.ndim])
+    regions = [Ball((0.9, 0.5), radius) for radius in (0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.0)]
+    masks = [check_goal(arm, axes, region) for region in (*regions, (0.9, 0.5))]
+    for larger, smaller in itertools.pairwise(masks):
+        assert smaller.any()
+        assert not (smaller & ~larger).any()
+
+
+def test_both_elbows_have_a_cell_though_the_centre_of_one_alone_lies_in_the_goal():
+    arm = Arm((1.0, 1.0))
+    axes = arm.axes(40)
     rng = np.random.default_rng(0)
-    q = rng.uniform(-np.pi, np.pi, (400_000, 3))
-    q = q[np.linalg.norm(three.tip(q) - (0.5, 0.5), axis=1) < 1e-2]
-    inside = tuple(((q + np.pi) / (2 * np.pi) * 20).astype(int).T)
-    assert hit[inside].mean() > 0.99  # those beside it are within 1 cm, not at the point
+    for reach, turn, radius in rng.uniform((0.4, 0.0, 0.03), (1.9, 6.3, 0.2), (50, 3)):
+        goal = Ball((reach * np.cos(turn), reach * np.sin(turn)), radius)
+        elbows = np.sin(axes[1].centres[np.argwhere(arm.goal_cells(axes, goal).cells)[:, 1]])
+        assert (elbows > 0).any()
+        assert (elbows < 0).any()
+
+
+def test_every_inverse_solution_has_its_cell_on_any_axes():
+    wide = Arm((1.0, 1.0), limits=((-2 * np.pi, 2 * np.pi),) * 2)
+    cells = check_goal(wide, wide.axes(120), (1.2, -1.0))
+    solutions = wide.inverse((1.2, -1.0))
+    assert len(solutions) == cells.sum() == 8
+    assert cells[tuple(((solutions + 2 * np.pi) / (np.pi / 30)).astype(int).T)].all()
+    axes = (Axis("a", 0.0, 6.28, 64), Axis("b", 0.0, 6.28, 64))
+    cells = check_goal(Arm((1.0, 1.0)), axes, (0.5, -1.2))
+    expected = Arm((1.0, 1.0)).inverse((0.5, -1.2)) % (2 * np.pi)
+    assert cells[tuple((expected / (6.28 / 64)).astype(int).T)].all()
+    assert cells.sum() == 2
+
+
+def test_half_planes_have_no_end():
+    far, near = (Arm((4000.0, 3000.0), base=(x, 0.0)) for x in (9e6, 0.0))
+    goal = HalfSpace((0.0, 1.0), -500.0)
+    assert (check_goal(far, far.axes(40), goal) == check_goal(near, near.axes(40), goal)).all()
+
+
+def test_equal_links_that_fold_onto_the_base_solve_it_in_every_direction():
+    arm = Arm((1.0, 1.0))
+    cells = check_goal(arm, arm.axes(24), (0.0, 0.0))
+    assert cells.sum() == 48
+    assert cells[:, [0, -1]].all()
+    straight = check_goal(arm, arm.axes(25), (2.0, 0.0))
+    assert np.argwhere(straight).tolist() == [[12, 12]]
 
 
 @pytest.mark.parametrize(
@@ -187,7 +303,7 @@ def test_a_point_has_all_inverse_solutions_as_goals():
 def test_goals_without_area_are_found_too(region):
     arm = Arm((1.0, 1.0))
     axes = arm.axes(40)
-    found = arm.goal_cells(axes, region)
+    found = check_goal(arm, axes, region)
     for solution in arm.inverse((1.0, 1.0)):
         assert found[tuple(((solution + np.pi) / axes[0].spacing).astype(int))]
     assert found.sum() < 40
