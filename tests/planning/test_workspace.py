@@ -135,7 +135,7 @@ def test_an_arm_plans_and_drives_without_a_collision() -> None:
     obstacles = [Box((1.0, 1.0), (1.3, 1.2)), Ball((-1.3, 0.9), 0.2)]
     axes = ARM.axes(60)
     cell = ARM.occupancy(axes, obstacles, "conservative").astype(np.uint8)
-    cell[ARM.goal_cells(axes, Box((-0.3, 1.5), (0.1, 1.9))) & (cell == 0)] = Cell.GOAL
+    cell[ARM.goal_cells(axes, Box((-0.3, 1.5), (0.1, 1.9))).cells & (cell == 0)] = Cell.GOAL
     space = ConfigurationSpace(axes, cell)
     field = field_of(solve(compile_space(space)))
     path = streamline(field, start=(-0.5, 0.3))

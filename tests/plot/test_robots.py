@@ -39,7 +39,7 @@ OBSTACLE, TARGET = Box((-1.2, 0.4), (-0.9, 0.9)), Ball((0.0, 1.2), 0.15)
 def torus() -> ConfigurationSpace:
     axes = ARM.axes(40)
     cell = ARM.occupancy(axes, [OBSTACLE], "conservative").astype(np.uint8)
-    cell[ARM.goal_cells(axes, TARGET) & (cell == 0)] = Cell.GOAL
+    cell[ARM.goal_cells(axes, TARGET).cells & (cell == 0)] = Cell.GOAL
     return ConfigurationSpace(axes, cell)
 
 
