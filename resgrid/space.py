@@ -301,6 +301,21 @@ class ConfigurationSpace:
         return cells, np.clip(scaled - cells, 0.0, 1.0)
 
 
+def rounding(axes: Sequence[Axis]) -> NDArray[np.float64]:
+    """Share of a cell's width by which a coordinate may be off: 1e-9, or what it rounds to where it is far from 0.
+
+    Parameters
+    ----------
+    axes : sequence of Axis
+
+    Returns
+    -------
+    ndarray of float64, shape (ndim,)
+    """
+    largest = np.array([max(abs(axis.lower), abs(axis.upper)) for axis in axes])
+    return np.asarray(np.maximum(1e-9, 8 * np.spacing(largest) / [axis.spacing for axis in axes]))
+
+
 def _box_around(mask: NDArray[np.bool_]) -> tuple[slice, ...]:
     """The smallest box that holds all of a mask."""
     axes = range(mask.ndim)
@@ -383,9 +398,7 @@ def _checked_goal_points(axes: tuple[Axis, ...], cell: NDArray[np.uint8], value:
         raise InputError(f"goal_points have shape {points.shape}, but the goal cells need {cells.shape}")
     lower, step = np.array([axis.lower for axis in axes]), np.array([axis.spacing for axis in axes])
     local = (points - lower) / step - cells
-    # What coordinates far from 0 round to is no error.
-    slack = 1e-9 + 8 * np.spacing(np.abs(lower) + step * cell.shape) / step
-    outside = np.any(np.abs(local - 0.5) > 0.5 + slack, axis=1)
+    outside = np.any(np.abs(local - 0.5) > 0.5 + rounding(axes), axis=1)
     if outside.any() or np.isinf(points).any():
         first = int(np.argmax(outside | np.isinf(points).any(axis=1)))
         raise InputError(

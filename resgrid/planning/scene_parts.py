@@ -70,8 +70,8 @@ def blocking(
     """Say which obstacles of a scene keep a start from every goal.
 
     `resgrid.separation` does so for groups of cells of the configuration space, where the images of several obstacles,
-    and virtual ones, often melt into one; this asks the same of the obstacles themselves, by trying sets of them.  What is
-    taken away gives back the part of the goals' regions that it covered.
+    and virtual ones, often melt into one; this asks the same of the obstacles themselves, by trying sets of them.  What
+    is taken away gives back the part of the goals' regions that it covered.
 
     Parameters
     ----------
