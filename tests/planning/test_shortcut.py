@@ -126,7 +126,7 @@ def test_a_corner_is_not_cut_even_by_a_touch() -> None:
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(2, 4))
-@settings(max_examples=60)
+@settings(max_examples=40)
 def test_a_free_way_never_joins_what_faces_do_not(seed: int, ndim: int) -> None:
     """Walks over centres, faces, edges and corners of cells, each step within one closed free cell."""
     rng = np.random.default_rng(seed)
@@ -160,7 +160,7 @@ def test_nothing_slips_through_an_edge_where_two_blocks_meet(knot: tuple[float, 
     cell = np.zeros((4, 4, 4), dtype=np.uint8)
     cell[:2, 2:], cell[2:, :2] = Cell.OBSTACLE, Cell.OBSTACLE
     space = space_of(cell)
-    along = np.array(knot) + (0, 0, 0.5)
+    along = (2.0, 2.0, knot[2] + 0.5)
     certify_free([(1.5, 1.5, 1.5), knot, along, (1.5, 1.5, 1.5)], space)
     with pytest.raises(CertificateError, match="corner or edge"):
         certify_free([(1.5, 1.5, 1.5), knot, (2.5, 2.5, 1.5)], space)
