@@ -234,7 +234,7 @@ def test_blends_that_do_not_go_together_are_refused() -> None:
     costly = ConfigurationSpace(space.axes, space.cell, np.where(space.cell == 1, 1.0, 2.0))
     with pytest.raises(InputError, match="different spaces"):
         blend(dirichlet, field(costly, boundary="neumann"), 0.5)
-    with pytest.raises(InputError, match="edge of the grid"):
+    with pytest.raises(InputError, match="have edges"):
         blend(dirichlet, field(space, boundary="neumann", edge="open"), 0.5)
 
 
