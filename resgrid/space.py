@@ -217,6 +217,33 @@ class ConfigurationSpace:
         """Number of goal regions."""
         return int(self.goal_region.max(initial=-1)) + 1
 
+    def goal_point(self, cell: ArrayLike) -> NDArray[np.float64]:
+        """Configuration within a goal cell that solves the goal, or within many.
+
+        Parameters
+        ----------
+        cell : array_like of int, shape (..., ndim)
+            Cell indices.
+
+        Returns
+        -------
+        ndarray of float64, shape (..., ndim)
+            In axis units; NaN where the cell as a whole is the goal, or is none.
+        """
+        index = np.asarray(cell, dtype=np.int64)
+        found = np.full(index.shape, np.nan)
+        if self.goal_points is not None and len(self.goal_points):
+            number = np.ravel_multi_index(tuple(np.moveaxis(index, -1, 0)), self.shape)
+            row = np.minimum(np.searchsorted(self._goal_numbers, number), len(self._goal_numbers) - 1)
+            goal = self._goal_numbers[row] == number
+            found[goal] = self.goal_points[row[goal]]
+        return found
+
+    @cached_property
+    def _goal_numbers(self) -> NDArray[np.int64]:
+        """Goal cells, numbered in C order."""
+        return np.flatnonzero(self.cell == Cell.GOAL)
+
     @cached_property
     def goal_connected(self) -> NDArray[np.bool_]:
         """Free cells from which a chain of face neighbours leads to a goal through free cells alone."""
@@ -326,6 +353,21 @@ def split_points(axes: Sequence[Axis], point: ArrayLike) -> tuple[NDArray[np.int
     return cells, np.clip(scaled - cells, 0.0, 1.0)
 
 
+def rounding(axes: Sequence[Axis]) -> NDArray[np.float64]:
+    """Share of a cell's width by which a coordinate may be off: 1e-9, or what it rounds to where it is far from 0.
+
+    Parameters
+    ----------
+    axes : sequence of Axis
+
+    Returns
+    -------
+    ndarray of float64, shape (ndim,)
+    """
+    largest = np.array([max(abs(axis.lower), abs(axis.upper)) for axis in axes])
+    return np.asarray(np.maximum(1e-9, 8 * np.spacing(largest) / [axis.spacing for axis in axes]))
+
+
 def _box_around(mask: NDArray[np.bool_]) -> tuple[slice, ...]:
     """The smallest box that holds all of a mask."""
     axes = range(mask.ndim)
@@ -408,11 +450,10 @@ def _checked_goal_points(axes: tuple[Axis, ...], cell: NDArray[np.uint8], value:
         raise InputError(f"goal_points have shape {points.shape}, but the goal cells need {cells.shape}")
     lower, step = np.array([axis.lower for axis in axes]), np.array([axis.spacing for axis in axes])
     local = (points - lower) / step - cells
-    # What coordinates far from 0 round to is no error.
-    slack = 1e-9 + 8 * np.spacing(np.abs(lower) + step * cell.shape) / step
-    outside = np.any(np.abs(local - 0.5) > 0.5 + slack, axis=1)
-    if outside.any() or np.isinf(points).any():
-        first = int(np.argmax(outside | np.isinf(points).any(axis=1)))
+    outside = np.any(np.abs(local - 0.5) > 0.5 + rounding(axes), axis=1)
+    outside |= np.isinf(points).any(axis=1) | (np.isnan(points).any(axis=1) != np.isnan(points).all(axis=1))
+    if outside.any():
+        first = int(np.argmax(outside))
         raise InputError(
             f"the goal point {points[first].tolist()} does not lie in its cell {tuple(cells[first].tolist())}"
         )

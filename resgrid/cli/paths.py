@@ -124,6 +124,7 @@ def _check_start_drive(scene: Scene) -> None:
 def _start_driven(job: Job, report: Report, chips: dict[str, Chip]) -> Plan:
     """Each start is tied to the supply in turn, by a chip of its own."""
     from resgrid.planning.field import field_of
+    from resgrid.planning.trace import undriven
     from resgrid.space import Cell
 
     fields: list[Field] = []
@@ -131,30 +132,14 @@ def _start_driven(job: Job, report: Report, chips: dict[str, Chip]) -> Plan:
     for number in range(len(job.scene.starts)):
         cell = start_cell(job, number)
         if job.space.cell[cell] != Cell.FREE or not job.space.goal_connected[cell]:
-            routes.append(_placed(job, number, _undriven(job.space, cell), None, 0.0))
+            point = job.scene.frame.from_world(job.scene.starts[number])
+            routes.append(_placed(job, number, undriven(job.space, point, job.scene.edge), None, 0.0))
             continue
         chip = solve_chip(job, report, "neumann", number)
         chips[chip.name] = chip
         fields.append(field_of(chip.point))
         routes.append(_route(job, fields, -1, number))
     return Plan(chips, fields, routes)
-
-
-def _undriven(space: ConfigurationSpace, cell: tuple[int, ...]) -> Streamline:
-    """What a start that nothing can be driven from has for a streamline."""
-    import numpy as np
-
-    from resgrid.planning.streamline import Outcome, Streamline
-    from resgrid.space import Cell
-
-    goal = int(space.goal_region[cell])
-    outcome = Outcome.NO_PATH if space.goal_connected.any() else Outcome.GOAL_BLOCKED
-    if space.cell[cell] == Cell.OBSTACLE:
-        outcome = Outcome.START_BLOCKED
-    elif goal >= 0:
-        outcome = Outcome.REACHED
-    index = np.array([cell])
-    return Streamline(space.centre(index), index, outcome, goal if goal >= 0 else None, 0.0, np.nan, np.nan)
 
 
 def _route(job: Job, fields: list[Field], index: int, number: int) -> Route:

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 from resgrid.planning.field import Field
-from resgrid.space import Cell
+from resgrid.space import Cell, ConfigurationSpace
 
 _CANCELLED = 1e-12
 
@@ -42,7 +42,7 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
     """
     if not 0.0 <= k <= 1.0:
         raise InputError(f"k = {k}, but a blend needs 0 <= k <= 1 (1 is Dirichlet, 0 is Neumann)")
-    _check_pair(dirichlet, neumann)
+    check_pair(dirichlet, neumann)
     if k in (0.0, 1.0):
         return dirichlet if k == 1.0 else neumann
     if neumann.drive == "start" and not allow_start_drive:
@@ -63,15 +63,22 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
     )
 
 
-def _check_pair(dirichlet: Field, neumann: Field) -> None:
+def check_pair(dirichlet: Field, neumann: Field) -> None:
+    """Refuse two fields that cannot be blended: of the wrong kinds, or of different spaces."""
     if dirichlet.boundary not in {"dirichlet", "wall"} or neumann.boundary != "neumann":
         raise InputError(
             f"a blend takes a Dirichlet and a Neumann field, in this order; got {dirichlet.boundary!r} and "
             f"{neumann.boundary!r}"
         )
-    first, second = dirichlet.space, neumann.space
-    if first is not second and not (first.axes == second.axes and np.array_equal(first.cell, second.cell)):
+    if dirichlet.space is not neumann.space and not _same_cells(dirichlet.space, neumann.space):
         raise InputError("the two fields belong to different spaces; compile both from one space")
+    if dirichlet.edge != neumann.edge:
+        raise InputError(f"the two fields have edges {dirichlet.edge} and {neumann.edge}; compile both with one")
+
+
+def _same_cells(first: ConfigurationSpace, second: ConfigurationSpace) -> bool:
+    one, other = (np.float64(1.0) if space.conductivity is None else space.conductivity for space in (first, second))
+    return first.axes == second.axes and np.array_equal(first.cell, second.cell) and bool(np.all(one == other))
 
 
 def _add_currents(

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 from typing import Any
 
 import numpy as np
@@ -16,8 +15,9 @@ from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 from resgrid.robots import Arm, DiscRobot, PointRobot, PolygonRobot, Robot
+from resgrid.robots.reach import require_upright, turns
 from resgrid.robots.shapes import Ball, CellSet, HalfSpace, Shape
-from resgrid.space import ConfigurationSpace
+from resgrid.space import Axis, ConfigurationSpace
 
 TOUCH = 1e-9
 """Depth to which an entered round body or half-plane counts as touched, for each metre (and one more) of radius."""
@@ -142,31 +142,34 @@ def bodies_of(obstacles: Sequence[Shape], robot: Robot, space: ConfigurationSpac
     -------
     list of Body
     """
-    shifts = [(0.0, 0.0)]
-    if space is not None and space.ndim == 2 and isinstance(robot, PointRobot | DiscRobot):
-        around = [
-            (-extent, 0.0, extent) if ring else (0.0,)
-            for ring, extent in zip(space.periodic, (space.upper - space.lower).tolist(), strict=True)
-        ]
-        shifts = list(product(*around))
-    return [_body(number, shape, by) for number, shape in enumerate(obstacles) for by in shifts]
+    across = isinstance(robot, PointRobot | DiscRobot) and space is not None and space.ndim == 2
+    axes = space.axes if across and space is not None else ()
+    return [body for number, shape in enumerate(obstacles) for body in _copies(number, shape, axes)]
 
 
-def _body(number: int, shape: Shape, by: tuple[float, ...]) -> Body:
+def _copies(number: int, shape: Shape, axes: tuple[Axis, ...]) -> list[Body]:
+    """An obstacle, and its copies that some point of the axes may be nearest to."""
     import shapely
 
     from resgrid.robots.solids import to_shapely
 
     if isinstance(shape, HalfSpace):
-        return Body(number, None, 0.0, shape)
+        if axes:
+            require_upright(shape, axes)
+        return [Body(number, None, 0.0, shape)]
     radius = shape.radius if isinstance(shape, Ball) else 0.0
     if isinstance(shape, Ball):
         core: Any = shapely.Point(shape.centre)
     else:
         core = _union_of_cells(shape) if isinstance(shape, CellSet) else to_shapely(shape)
-    core = shapely.transform(core, lambda points: points + by) if any(by) else core
-    shapely.prepare(core)
-    return Body(number, core, radius)
+    if core.is_empty:
+        return []
+    low_x, low_y, high_x, high_y = core.bounds
+    half_way = [(axis.upper - axis.lower) / 2 for axis in axes]
+    shifts = turns(((low_x, low_y), (high_x, high_y)), axes, half_way) if axes else [(0.0, 0.0)]
+    cores = [shapely.transform(core, lambda points, by=by: points + by) if any(by) else core for by in shifts]
+    shapely.prepare(cores)
+    return [Body(number, copy, radius) for copy in cores]
 
 
 def _union_of_cells(cells: CellSet) -> Any:

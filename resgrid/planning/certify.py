@@ -2,26 +2,31 @@
 
 from __future__ import annotations
 
-from itertools import pairwise
+from numbers import Integral, Real
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import CertificateError
+from resgrid.planning.certify_motion import check_motion
+from resgrid.planning.clearance import clearance_of
 from resgrid.planning.field import Field
+from resgrid.planning.seams import length_of, unwrap
 from resgrid.planning.streamline import Outcome, Streamline
-from resgrid.space import Cell
-
-_TOLERANCE = 1e-9
+from resgrid.space import Cell, rounding
 
 
 def certify(path: Streamline, field: Field) -> None:
-    """Check every promise of a streamline.
+    """Check every promise of a streamline, and every number it holds.
 
     For a start that reached a goal: the cells visited are free, all different and face neighbours; every crossing runs
     with the current and lowers the potential (blends: the blended current decides); every point lies on the face
-    crossed, so that each segment stays in its convex cell and no corner is cut; the last cell is a goal of the number
-    given; the length is that of the polyline.  For the other outcomes: that they are true.
+    crossed, so that each segment stays in its convex cell and no corner is cut, and where the current carries it; the
+    last cell is a goal of the number given, and the last point solves that goal where the space names such a point;
+    length, clearance and duration are those of the polyline.  For the other outcomes: that they are true, and that
+    nothing more is claimed.
+
+    Positions may be off by 1e-9 of a cell, or by what coordinates far from 0 round to.
 
     Parameters
     ----------
@@ -34,22 +39,60 @@ def certify(path: Streamline, field: Field) -> None:
     CertificateError
         On the first broken promise; the message names the step.
     """
-    cells = np.asarray(path.cells)
-    if cells.ndim != 2 or cells.shape[1] != field.space.ndim or not len(cells):
-        raise CertificateError(f"cells have shape {cells.shape}, but the space has {field.space.ndim} axes")
-    if np.any(cells < 0) or np.any(cells >= field.space.shape):
-        raise CertificateError("the streamline leaves the grid")
-    if path.outcome is not Outcome.REACHED:
-        _check_failure(path, field, cells)
+    _check_kinds(path, field)
     if path.outcome in {Outcome.REACHED, Outcome.NO_CURRENT}:
-        _check_cells(path, field, cells)
-        axis, side = _check_crossings(path, field, cells)
-        _check_fall(field, cells)
-        _check_points(path, field, cells, axis, side)
+        _check_cells(path, field)
+        axis, side = _check_crossings(path, field)
+        _check_fall(path, field)
+        check_motion(path, field, _local(path, field), axis, side)
+        _check_extent(path, field)
+    else:
+        _check_still(path)
+    if path.outcome is not Outcome.REACHED:
+        _check_failure(path, field)
 
 
-def _check_failure(path: Streamline, field: Field, cells: NDArray[np.int64]) -> None:
-    start = tuple(cells[0])
+def _check_kinds(path: Streamline, field: Field) -> None:
+    """Before anything is compared: types, shapes, finite points within their cells."""
+    space = field.space
+    if not isinstance(path, Streamline) or not isinstance(path.outcome, Outcome):
+        raise CertificateError(f"this is no streamline with an outcome, but {type(path).__name__}")
+    cells, points = path.cells, path.points
+    if cells.dtype.kind not in "iu" or cells.ndim != 2 or cells.shape[1] != space.ndim or not len(cells):
+        raise CertificateError(
+            f"cells are {cells.dtype} of shape {cells.shape}, but the space has {space.ndim} axes and whole indices"
+        )
+    if np.any(cells < 0) or np.any(cells >= space.shape):
+        raise CertificateError("the streamline leaves the grid")
+    last = space.goal_point(cells[-1:])
+    leg = 1 if path.outcome is Outcome.REACHED and not np.isnan(last).any() else 0
+    if points.dtype.kind != "f" or points.shape != (len(cells) + leg, space.ndim):
+        goal = " and its goal point" if leg else ""
+        raise CertificateError(f"points are {points.dtype} of shape {points.shape} for {len(cells)} cells{goal}")
+    if not np.isfinite(points).all():
+        raise CertificateError(f"point {int(np.argmin(np.isfinite(points).all(axis=1)))} is not finite")
+    for name in ("length", "clearance", "log_duration"):
+        if not isinstance(getattr(path, name), Real):
+            raise CertificateError(f"{name} is no number: {getattr(path, name)!r}")
+    if path.goal is not None and (isinstance(path.goal, bool) or not isinstance(path.goal, Integral)):
+        raise CertificateError(f"goal is no number of a region: {path.goal!r}")
+    outside = np.any(np.abs(_local(path, field) - 0.5) > 0.5 + rounding(space.axes), axis=1)
+    if outside.any():
+        step = int(np.argmax(outside))
+        raise CertificateError(f"point {step} lies outside its cell {_plain(path.point_cells[step])}")
+    if leg and np.any(np.abs(points[-1:] - last) > rounding(space.axes) * space.spacing):
+        raise CertificateError(f"the path ends at {points[-1].tolist()}, not at the goal point {last[0].tolist()}")
+
+
+def _check_still(path: Streamline) -> None:
+    """A start that nothing was traced from has a place, and no more."""
+    silent = path.goal is None and path.length == 0 and np.isnan(path.clearance) and np.isnan(path.log_duration)
+    if len(path.cells) != 1 or not silent:
+        raise CertificateError(f"a path that is {path.outcome.value} has one cell, length 0 and claims nothing else")
+
+
+def _check_failure(path: Streamline, field: Field) -> None:
+    start = tuple(path.cells[0])
     code = field.space.cell[start]
     connected = bool(field.space.goal_connected[start])
     blocked = not field.space.goal_connected.any()
@@ -57,100 +100,92 @@ def _check_failure(path: Streamline, field: Field, cells: NDArray[np.int64]) -> 
         Outcome.START_BLOCKED: code == Cell.OBSTACLE,
         Outcome.NO_PATH: code == Cell.FREE and not connected and not blocked,
         Outcome.GOAL_BLOCKED: code == Cell.FREE and blocked,
-        Outcome.NO_CURRENT: connected and not _outward(field, cells[-1]),
+        Outcome.NO_CURRENT: connected and path.goal is None and not _flows_out(field, path.cells[-1:]),
     }
     if not true[path.outcome]:
-        raise CertificateError(f"the outcome {path.outcome} of the start cell {start} is not true")
+        raise CertificateError(
+            f"the outcome {path.outcome.value} of the start cell {_plain(path.cells[0])} is not true"
+        )
 
 
-def _outward(field: Field, cell: NDArray[np.int64]) -> bool:
-    return any(
-        side * field.face_direction[axis][_face(cell, axis, side)] > 0
-        for axis in range(field.space.ndim)
-        for side in (-1, 1)
-    )
+def _flows_out(field: Field, cell: NDArray[np.int64]) -> bool:
+    lower, upper = field.faces_of(cell)[0]
+    return bool(np.any(lower < 0) or np.any(upper > 0))
 
 
-def _face(cell: NDArray[np.int64], axis: int, side: int) -> tuple[int, ...]:
-    face = cell.copy()
-    face[axis] += side > 0
-    return tuple(face.tolist())
-
-
-def _check_cells(path: Streamline, field: Field, cells: NDArray[np.int64]) -> None:
+def _check_cells(path: Streamline, field: Field) -> None:
+    cells = path.cells
     codes = field.space.cell[tuple(cells.T)]
     reached = path.outcome is Outcome.REACHED
     inner = codes[:-1] if reached else codes
     if np.any(inner != Cell.FREE):
         step = int(np.argmax(inner != Cell.FREE))
-        raise CertificateError(f"step {step} is in cell {tuple(cells[step])}, which is not free")
+        raise CertificateError(f"step {step} is in cell {_plain(cells[step])}, which is not free")
     if reached and codes[-1] != Cell.GOAL:
-        raise CertificateError(f"the last cell {tuple(cells[-1])} is not a goal cell")
+        raise CertificateError(f"the last cell {_plain(cells[-1])} is not a goal cell")
     if reached and path.goal != field.space.goal_region[tuple(cells[-1])]:
         raise CertificateError(f"the last cell belongs to goal {field.space.goal_region[tuple(cells[-1])]}")
     if len(np.unique(cells, axis=0)) < len(cells):
         raise CertificateError("a cell is visited twice")
 
 
-def _check_crossings(
-    path: Streamline, field: Field, cells: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Axis and side of every crossing, each between face neighbours and along the current."""
-    local = _local(path, field, cells)
-    ways = []
-    for number, (here, there) in enumerate(pairwise(cells)):
-        changed = np.flatnonzero(here != there)
-        axis = int(changed[0]) if len(changed) else 0
-        # In a ring of two cells both faces join them: the point says which one was crossed.
-        side = 1 if local[number + 1, axis] < 0.5 else -1
-        target = here.copy()
-        target[axis] += side
-        if field.space.axes[axis].periodic:
-            target[axis] %= field.space.shape[axis]
-        if len(changed) != 1 or not np.array_equal(target, there):
-            raise CertificateError(
-                f"step {number}: the face crossed from cell {tuple(here)} does not lead to cell {tuple(there)}"
-            )
-        if not side * field.face_direction[axis][_face(here, axis, side)] > 0:
-            raise CertificateError(f"step {number}: no current runs from cell {tuple(here)} to {tuple(there)}")
-        ways.append((axis, side))
-    axes, sides = np.array(ways, dtype=np.int64).reshape(-1, 2).T
-    return axes, sides
+def _check_crossings(path: Streamline, field: Field) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Axis and side (-1 or 1) of every crossing, each on the face between neighbours and along the current."""
+    space = field.space
+    here, there = path.cells[:-1].astype(np.int64), path.cells[1:].astype(np.int64)
+    number = np.arange(len(here))
+    changed = here != there
+    axis = np.argmax(changed, axis=1)
+    # In a ring of two cells both faces join them: the point says which one was crossed.
+    entered = _local(path, field)[1 : len(path.cells)][number, axis]
+    side = np.where(entered < 0.5, 1, -1)
+    beyond, size = here[number, axis] + side, np.array(space.shape)[axis]
+    beyond = np.where(space.periodic[axis], np.mod(beyond, size), beyond)
+    wrong = (changed.sum(axis=1) != 1) | (beyond != there[number, axis])
+    if wrong.any():
+        step = int(np.argmax(wrong))
+        raise CertificateError(
+            f"step {step}: the face crossed from cell {_plain(here[step])} does not lead to cell {_plain(there[step])}"
+        )
+    off = np.abs(entered - (side < 0)) > rounding(space.axes)[axis]
+    if off.any():
+        raise CertificateError(f"step {int(np.argmax(off))}: the crossing does not lie on the face between its cells")
+    against = ~(side * field.faces_of(here)[0][(side > 0).astype(np.int64), number, axis] > 0)
+    if against.any():
+        step = int(np.argmax(against))
+        raise CertificateError(f"step {step}: no current runs from cell {_plain(here[step])} to {_plain(there[step])}")
+    return axis, side
 
 
-def _local(path: Streamline, field: Field, cells: NDArray[np.int64]) -> NDArray[np.float64]:
+def _local(path: Streamline, field: Field) -> NDArray[np.float64]:
     """Position of every point within its cell, in [0, 1]."""
-    if path.points.shape != cells.shape:
-        raise CertificateError(f"points of shape {path.points.shape} for cells of shape {cells.shape}")
-    return np.asarray((path.points - field.space.lower) / field.space.spacing - cells)
+    return np.asarray((path.points - field.space.lower) / field.space.spacing - path.point_cells)
 
 
-def _check_fall(field: Field, cells: NDArray[np.int64]) -> None:
+def _check_fall(path: Streamline, field: Field) -> None:
     if field.boundary == "blend":
         return
-    at = tuple(cells.T)
+    at = tuple(path.cells.T)
     height = -field.log_drop[at] if field.log_drop is not None else field.potential[at]
-    rises = np.diff(height)
+    rises = ~(np.diff(height) <= 0)
     # Where the two nodes are equal in float64 the current, known to more digits, has already decided.
-    if np.any(rises > 0) or np.any(np.isnan(rises)):
-        step = int(np.argmax(~(rises <= 0)))
-        raise CertificateError(f"step {step}: the potential rises from cell {tuple(cells[step])} to the next")
+    if rises.any():
+        step = int(np.argmax(rises))
+        raise CertificateError(f"step {step}: the potential rises from cell {_plain(path.cells[step])} to the next")
 
 
-def _check_points(
-    path: Streamline, field: Field, cells: NDArray[np.int64], axis: NDArray[np.int64], side: NDArray[np.int64]
-) -> None:
+def _check_extent(path: Streamline, field: Field) -> None:
+    """Length and clearance, from the points in coordinates without a seam."""
     space = field.space
-    local = _local(path, field, cells)
-    if np.any(local < -_TOLERANCE) or np.any(local > 1 + _TOLERANCE):
-        step = int(np.argmax(np.any((local < -_TOLERANCE) | (local > 1 + _TOLERANCE), axis=1)))
-        raise CertificateError(f"point {step} lies outside its cell {tuple(cells[step])}")
-    number = np.arange(1, len(cells))
-    entered = np.where(side > 0, 0.0, 1.0)
-    if len(axis) and np.any(np.abs(local[number, axis] - entered) > _TOLERANCE):
-        raise CertificateError("a crossing does not lie on the face between its two cells")
-    left = local[1:].copy()
-    left[np.arange(len(axis)), axis] = np.where(side > 0, 1.0, 0.0)
-    length = float(np.linalg.norm((left - local[:-1]) * space.spacing, axis=1).sum())
-    if abs(length - path.length) > _TOLERANCE * (1.0 + length):
+    way = unwrap(path, space)
+    slack = 2.0 * float(np.linalg.norm(rounding(space.axes) * space.spacing))
+    length = length_of(way)
+    if not abs(length - path.length) <= slack * len(way):
         raise CertificateError(f"the length is {length}, not {path.length}")
+    clearance = clearance_of(way, space, field.edge, field.obstacle_reach)
+    if clearance != path.clearance and not abs(clearance - path.clearance) <= slack:
+        raise CertificateError(f"the clearance is {clearance}, not {path.clearance}")
+
+
+def _plain(cell: NDArray[np.int64]) -> tuple[int, ...]:
+    return tuple(cell.tolist())

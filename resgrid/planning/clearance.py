@@ -11,7 +11,10 @@ from resgrid.space import Cell, ConfigurationSpace
 
 
 def clearance_of(
-    points: NDArray[np.float64], space: ConfigurationSpace, edge: tuple[str, ...], within: float | None = None
+    points: NDArray[np.float64],
+    space: ConfigurationSpace,
+    edge: tuple[str, ...],
+    within: float | NDArray[np.float64] | None = None,
 ) -> float:
     """Smallest distance from a polyline to an obstacle cell's box, or to an edge that counts as an obstacle.
 
@@ -22,8 +25,9 @@ def clearance_of(
     space : ConfigurationSpace
     edge : tuple of {"periodic", "obstacle", "open"}
         Per axis.
-    within : float, optional
-        Look no farther than this; larger distances may come out as any number that is not smaller.
+    within : float or ndarray of float64, shape of the space, optional
+        Look no farther than this, from each cell; larger distances may come out as any number that is not smaller.  By
+        default as far as needed (`obstacle_reach`).
 
     Returns
     -------
@@ -73,7 +77,9 @@ def face_shares(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray
     return inner[(inner > 0) & (inner < 1)]
 
 
-def _to_obstacles(points: NDArray[np.float64], space: ConfigurationSpace, within: float | None) -> float:
+def _to_obstacles(
+    points: NDArray[np.float64], space: ConfigurationSpace, within: float | NDArray[np.float64] | None
+) -> float:
     from resgrid.planning import kernels
     from resgrid.planning.field import obstacle_reach
 
@@ -83,12 +89,9 @@ def _to_obstacles(points: NDArray[np.float64], space: ConfigurationSpace, within
     home = np.floor((starts + ends) / 2)
     home = np.where(space.periodic, home, np.clip(home, 0, size - 1))
     cells = np.mod(home, size).astype(np.int64)
-    if within is None:
-        reach = obstacle_reach(space)
-        assert reach is not None
-        bound = reach[tuple(cells.T)]
-    else:
-        bound = np.full(len(cells), within)
+    reach = obstacle_reach(space) if within is None else np.broadcast_to(within, space.shape)
+    assert reach is not None
+    bound = reach[tuple(cells.T)]
     order = np.argsort(bound, kind="stable")
     starts, ends = (starts - home) * space.spacing, (ends - home) * space.spacing
     return float(

@@ -102,6 +102,29 @@ class Field:
         """
         return np.asarray(self.face_direction[axis] * np.exp(self.face_log_current[axis]), dtype=np.float64)
 
+    def faces_of(self, cells: NDArray[np.int64]) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
+        """Currents through the faces of cells.
+
+        Parameters
+        ----------
+        cells : ndarray of int64, shape (n, ndim)
+
+        Returns
+        -------
+        direction : ndarray of int8, shape (2, n, ndim)
+            Of every axis' lower and upper face, as in `face_direction`.
+        log_current : ndarray of float64, shape (2, n, ndim)
+        """
+        direction = np.empty((2, *cells.shape), dtype=np.int8)
+        log_current = np.empty((2, *cells.shape))
+        for axis in range(self.space.ndim):
+            for side in (0, 1):
+                face = cells.copy()
+                face[:, axis] += side
+                direction[side, :, axis] = self.face_direction[axis][tuple(face.T)]
+                log_current[side, :, axis] = self.face_log_current[axis][tuple(face.T)]
+        return direction, log_current
+
     @cached_property
     def obstacle_reach(self) -> NDArray[np.float64] | None:
         """Upper bound of the distance from any point of a cell to the nearest obstacle cell, in axis units.

@@ -7,7 +7,6 @@ then points along the outward normal of the nearby surface, and it is smooth whe
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -195,28 +194,15 @@ def _directions(field: Field, cells: NDArray[np.int64], local: NDArray[np.float6
     The current through a face of axis ``a`` is ``(h_ref / h_a)**2`` times the difference of the potential, in units
     of supply / R, so that the gradient is the current times ``h_a``, up to a common factor; it runs downwards.
     """
-    faces = [_faces_of(field, axis, cells) for axis in range(field.space.ndim)]
-    log_size = np.stack([log for _, log in faces])
-    largest = log_size.max(axis=(0, 1))
+    direction, log_current = field.faces_of(cells)
+    largest = log_current.max(axis=(0, 2))
     base = np.where(np.isfinite(largest), largest, 0.0)
-    gradient = np.empty(cells.shape)
-    for axis, (direction, log_current) in enumerate(faces):
-        lower, upper = direction * np.exp(log_current - base)
-        share = local[:, axis]
-        gradient[:, axis] = -((1.0 - share) * lower + share * upper) * field.space.spacing[axis]
+    lower, upper = direction * np.exp(log_current - base[:, np.newaxis])
+    gradient = -((1.0 - local) * lower + local * upper) * field.space.spacing
     gradient[field.space.cell[tuple(cells.T)] != Cell.FREE] = 0.0
     length = np.linalg.norm(gradient, axis=1, keepdims=True)
     defined = length > _FLAT * field.space.spacing.min()
     return np.where(defined, gradient / np.where(defined, length, 1.0), np.nan)
-
-
-def _faces_of(field: Field, axis: int, cells: NDArray[np.int64]) -> tuple[NDArray[Any], NDArray[np.float64]]:
-    """Direction and log current of the lower and the upper face of cells, each of shape (2, n)."""
-    beyond = cells.copy()
-    beyond[:, axis] += 1
-    lower, upper = tuple(cells.T), tuple(beyond.T)
-    direction, log_current = field.face_direction[axis], field.face_log_current[axis]
-    return np.stack([direction[lower], direction[upper]]), np.stack([log_current[lower], log_current[upper]])
 
 
 def _check_defined(space: ConfigurationSpace, cells: NDArray[np.int64], normals: NDArray[np.float64]) -> None:

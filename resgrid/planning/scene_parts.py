@@ -17,9 +17,9 @@ from resgrid.planning.trace import one_start, start_cells
 from resgrid.robots.arm import Arm
 from resgrid.robots.protocol import Robot
 from resgrid.robots.shapes import CellSet
-from resgrid.scene import Scene, sample
+from resgrid.scene import MapCells, Scene, sample
 from resgrid.scene.place import to_space
-from resgrid.space import Cell, ConfigurationSpace, label_regions
+from resgrid.space import Cell, ConfigurationSpace
 
 _MOST_PARTS = 63
 
@@ -70,12 +70,13 @@ def blocking(
     """Say which obstacles of a scene keep a start from every goal.
 
     `resgrid.separation` does so for groups of cells of the configuration space, where the images of several obstacles,
-    and virtual ones, often melt into one; this asks the same of the obstacles themselves, by trying sets of them.
+    and virtual ones, often melt into one; this asks the same of the obstacles themselves, by trying sets of them.  What
+    is taken away gives back the part of the goals' regions that it covered.
 
     Parameters
     ----------
     scene : Scene
-        Sampled once for each obstacle.
+        Sampled as a whole, and once for each obstacle.
     start : array_like of float, shape (ndim,)
         In axis units.
     cell : sequence of int, optional
@@ -95,16 +96,22 @@ def blocking(
     if most < 1:
         raise InputError(f"most = {most}, but at least one obstacle must be taken away to open a way")
     space = sample(scene)
-    cells, _ = start_cells(space, one_start(space, start, cell)[np.newaxis])
-    at = tuple(cells[0].tolist())
+    point = one_start(space, start, cell)
+    at = _cell_of(space, point)
     outcome = verdict_of(space, at)
     if outcome is Outcome.REACHED:
         return Blocking(space, at, outcome, {}, (), ())
     parts = blocking_parts(scene, space)
     names, bits = tuple(parts), _blockers(space, list(parts.values()))
-    alone = tuple(name for number, name in enumerate(names) if _opens(space, at, bits, (number,)))
+    goal = _whole_goal(scene)
+
+    def opens(*removed: int) -> bool:
+        left = _without(space, goal, bits, removed)
+        return verdict_of(left, _cell_of(left, point)) is Outcome.REACHED
+
+    alone = tuple(name for number, name in enumerate(names) if opens(number))
     larger = () if alone else (n for size in range(2, most + 1) for n in combinations(range(len(names)), size))
-    chosen = next((numbers for numbers in larger if _opens(space, at, bits, numbers)), ())
+    chosen = next((numbers for numbers in larger if opens(*numbers)), ())
     least = alone[:1] or tuple(names[number] for number in chosen)
     return Blocking(space, at, outcome, parts, alone, least)
 
@@ -158,10 +165,26 @@ def _blockers(space: ConfigurationSpace, masks: list[NDArray[np.bool_]]) -> NDAr
     return bits
 
 
-def _opens(
-    space: ConfigurationSpace, start: tuple[int, ...], bits: NDArray[np.uint64], removed: tuple[int, ...]
-) -> bool:
-    """Whether a way to some goal is open once some parts have been taken away."""
+def _whole_goal(scene: Scene) -> NDArray[np.bool_]:
+    """Goal cells as they are where nothing blocks any, shape of the space."""
+    robot = _without_strips(scene.robot)
+    if isinstance(robot, Arm):
+        robot = dataclasses.replace(robot, self_collision=False)
+    cells = scene.map
+    if cells is not None:
+        cells = MapCells(np.where(cells.cell == Cell.OBSTACLE, np.uint8(Cell.FREE), cells.cell), cells.table)
+    return np.asarray(sample(dataclasses.replace(scene, robot=robot, obstacles=(), map=cells)).cell == Cell.GOAL)
+
+
+def _without(
+    space: ConfigurationSpace, goal: NDArray[np.bool_], bits: NDArray[np.uint64], removed: tuple[int, ...]
+) -> ConfigurationSpace:
+    """The space without some parts: what they alone blocked is free, or goal."""
     kept = np.uint64(2**64 - 1 - sum(1 << number for number in removed))
-    region = label_regions((bits & kept) == 0, space.periodic)
-    return bool(region[start] > 0 and np.any(region[space.cell == Cell.GOAL] == region[start]))
+    open_cell = np.where(goal, np.uint8(Cell.GOAL), np.uint8(Cell.FREE))
+    return space.with_cells(np.where((bits & kept) == 0, open_cell, np.uint8(Cell.OBSTACLE)))
+
+
+def _cell_of(space: ConfigurationSpace, point: NDArray[np.float64]) -> tuple[int, ...]:
+    cells, _ = start_cells(space, point[np.newaxis])
+    return tuple(cells[0].tolist())

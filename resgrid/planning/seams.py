@@ -65,9 +65,11 @@ def length_of(points: NDArray[np.float64]) -> float:
 
 def _turns(path: Streamline, space: ConfigurationSpace) -> NDArray[np.int64]:
     """Whole turns of every point around every axis since the start, shape (n, ndim)."""
-    cells = path.cells
-    if cells.shape != path.points.shape:
-        raise InputError(f"the path has {len(path.points)} points and {len(cells)} cells; it is no streamline of ours")
+    cells = path.point_cells
+    if cells.shape != path.points.shape or len(path.points) < len(path.cells):
+        raise InputError(
+            f"the path has {len(path.points)} points and {len(path.cells)} cells; it is no streamline of ours"
+        )
     local = (path.points - space.lower) / space.spacing - cells
     step = np.where(np.diff(cells, axis=0) != 0, np.where(local[1:] < 0.5, 1, -1), 0)
     continuous = np.concatenate([cells[:1], cells[:1] + np.cumsum(step, axis=0)])

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
+from resgrid.planning.blend import check_pair
 from resgrid.planning.field import Field
 
 
@@ -18,37 +19,39 @@ def dirichlet_share(dirichlet: Field, neumann: Field, k: float) -> NDArray[np.fl
     Parameters
     ----------
     dirichlet, neumann : Field
-        Of one space.
+        Of one space, as `blend` takes them.
     k : float
         In [0, 1].
 
     Returns
     -------
     ndarray of float64, shape of the space
-        ``|k g_D| / (|k g_D| + |(1 - k) g_N|)`` at the centre of every cell from the currents through its faces, in
-        logarithms; NaN where neither flows.
+        ``|k g_D| / (|k g_D| + |(1 - k) g_N|)`` at the centre of every cell from the currents through its faces and
+        the cell's widths, in logarithms; NaN where neither flows.
 
     Raises
     ------
     InputError
-        If k is out of range, or the fields belong to different grids.
+        If k is out of range, or the two fields do not go together, as in `blend`.
     """
     if not 0.0 <= k <= 1.0:
         raise InputError(f"k = {k}, but a blend needs 0 <= k <= 1 (1 is Dirichlet, 0 is Neumann)")
-    if dirichlet.space.axes != neumann.space.axes:
-        raise InputError("the two fields belong to different grids; compile both from one space")
+    check_pair(dirichlet, neumann)
     with np.errstate(divide="ignore", invalid="ignore"):
         log_d, log_n = _log_gradient(dirichlet) + np.log(k), _log_gradient(neumann) + np.log1p(-k)
         return np.asarray(np.exp(log_d - np.logaddexp(log_d, log_n)))
 
 
 def _log_gradient(field: Field) -> NDArray[np.float64]:
-    """Natural logarithm of the current at the centre of every cell; -inf where none flows."""
+    """Natural logarithm of the gradient at the centre of every cell, up to a common factor; -inf where none is.
+
+    A current is ``(h_ref / h_a)**2`` times the difference of the potential: the gradient is the current times ``h_a``.
+    """
     logs, signs = [], []
     for axis, (direction, log_current) in enumerate(zip(field.face_direction, field.face_log_current, strict=True)):
-        size = field.space.shape[axis]
+        size, log_width = field.space.shape[axis], np.log(field.space.spacing[axis])
         for part in (range(size), range(1, size + 1)):
-            logs.append(np.take(log_current, part, axis))
+            logs.append(np.take(log_current, part, axis) + log_width)
             signs.append(np.take(direction, part, axis))
     scale = np.max(logs, axis=0)
     base = np.where(np.isfinite(scale), scale, 0.0)

@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from resgrid.errors import InputError
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.field import Field
-from resgrid.planning.free_way import RIM, certify_free
+from resgrid.planning.free_way import certify_free
 from resgrid.planning.seams import length_of, unwrap
 from resgrid.planning.short_path import ShortPath
 from resgrid.planning.streamline import Outcome, Streamline
-from resgrid.space import Cell, ConfigurationSpace
+from resgrid.space import Cell, ConfigurationSpace, rounding
 
 Sight = Callable[[NDArray[np.float64], NDArray[np.float64]], bool]
 
@@ -90,10 +90,10 @@ def _line_of_sight(space: ConfigurationSpace, edge: tuple[str, ...], clearance: 
 
     free = (space.cell != Cell.OBSTACLE).ravel()
     shape, periodic = np.array(space.shape, dtype=np.int64), space.periodic
-    lower, spacing = space.lower, space.spacing
+    lower, spacing, rim = space.lower, space.spacing, float(rounding(space.axes).max())
 
     def clear(start: NDArray[np.float64], end: NDArray[np.float64]) -> bool:
-        if not kernels.segment_is_free((start - lower) / spacing, (end - lower) / spacing, free, shape, periodic, RIM):
+        if not kernels.segment_is_free((start - lower) / spacing, (end - lower) / spacing, free, shape, periodic, rim):
             return False
         line = np.stack([start, end])
         return not clearance or clearance_of(line, space, edge, within=clearance) >= clearance

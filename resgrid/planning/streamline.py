@@ -26,21 +26,25 @@ class Streamline:
     Attributes
     ----------
     points : ndarray of float64, shape (n, ndim)
-        The start, every crossing of a cell face, the last one on the goal cell's face; in axis units.
-        Periodic coordinates are wrapped into the axis.
+        The start; every crossing of a cell face, the last one on the goal cell's; and the configuration within the
+        goal cell that solves the goal, where the space names one (``ConfigurationSpace.goal_points``).  In axis units,
+        each within its cell.
     cells : ndarray of int64, shape (m, ndim)
-        The cells visited, from the start's to the goal cell entered.
+        The cells visited, from the start's to the goal cell entered.  Point ``i`` is where cell ``i`` is entered; with
+        a last leg, straight from there to the goal, there is one point more than cells, in the last cell too.
     outcome : Outcome
         How it ended.
     goal : int or None
         Number of the goal region reached.
     length : float
-        Length of the polyline, in axis units (steps across a periodic seam count their true, short length).
+        Length of the polyline, last leg included, in axis units (steps across a periodic seam count their true, short
+        length).
     clearance : float
         Smallest distance from the polyline to an obstacle cell's box, or to an edge of the grid that counts as an
         obstacle; infinite where there is neither.
     log_duration : float
-        Natural logarithm of the time that the velocity ``-conductivity * grad(phi)`` needs; NaN where nothing moved.
+        Natural logarithm of the time that the velocity ``-conductivity * grad(phi)`` needs to the goal cell's face,
+        where the current ends; NaN where nothing moved.
     """
 
     points: NDArray[np.float64]
@@ -54,3 +58,8 @@ class Streamline:
     def __post_init__(self) -> None:
         self.points.flags.writeable = False
         self.cells.flags.writeable = False
+
+    @property
+    def point_cells(self) -> NDArray[np.int64]:
+        """The cell of every point, shape (n, ndim); segment ``i`` runs in the cell of point ``i``."""
+        return np.concatenate([self.cells, self.cells[-1:]])[: len(self.points)]

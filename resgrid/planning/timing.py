@@ -53,7 +53,9 @@ def time_path(
     tolerance : float, optional
         Greatest distance, in axis units, from the path: half of it to straighten the path's small bends, half to round
         the corners that are left.  By default half the path's clearance, at most a quarter of the narrowest cell; of an
-        array, 0: rest at every corner.  Only with accelerations.
+        array, 0: rest at every corner.  A path that touches an obstacle, as those of open ones do, has no clearance
+        either, and rests at every bend: `shorten` it with a clearance first, or say how far it may swerve.  Only with
+        accelerations.
 
     Returns
     -------

@@ -3,7 +3,8 @@
 Pollock's semi-analytical method (D. W. Pollock, Ground Water 26(6), 1988): inside a cell every velocity component is
 linear between the two faces it crosses, so that exit face and time have a closed form.  No interpolated voltage is ever
 used: a wall face carries no, or inward, current, and each crossing strictly lowers the node potential.  A streamline
-therefore cannot enter an obstacle, cut a corner, loop, or stop short of a goal.
+therefore cannot enter an obstacle, cut a corner, loop, or stop short of a goal.  Where the current ends, on the face of
+a goal cell, a straight leg within that convex cell leads on to the configuration that solves the goal.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import AccuracyError, InputError
+from resgrid.planning.clearance import clearance_of
 from resgrid.planning.field import Field, goal_blocked
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.space import Cell, ConfigurationSpace
@@ -32,7 +34,7 @@ class Traces:
     goal : ndarray of int64, shape (n,)
         Goal region reached, -1 for none.
     length : ndarray of float64, shape (n,)
-        In axis units; NaN where the streamline does not reach a goal.
+        In axis units, last leg included; NaN where the streamline does not reach a goal.
     log_duration : ndarray of float64, shape (n,)
         As in `Streamline`.
     steps : ndarray of int64, shape (n,)
@@ -74,11 +76,39 @@ def streamline(field: Field, start: ArrayLike | None = None, *, cell: Sequence[i
     """
     point = one_start(field.space, start, cell)
     cells, local = start_cells(field.space, point[np.newaxis])
-    blocked = _static_outcomes(field, cells)[0]
+    blocked = _static_outcomes(field.space, cells)[0]
     if blocked:
-        here = field.space.centre(cells[0]) + (local[0] - 0.5) * field.space.spacing
-        return Streamline(here[np.newaxis], cells, Outcome(blocked), None, 0.0, np.nan, np.nan)
+        return _unmoved(field.space, cells, local, Outcome(blocked))
     return _traced(field, cells[0], local[0])
+
+
+def undriven(space: ConfigurationSpace, start: ArrayLike, edge: tuple[str, ...]) -> Streamline:
+    """What a start has for a streamline if no current leaves it: it is blocked, cut off, or in a goal already.
+
+    Parameters
+    ----------
+    space : ConfigurationSpace
+    start : array_like of float, shape (ndim,)
+        In axis units.
+    edge : tuple of {"periodic", "obstacle", "open"}
+        Per axis.
+
+    Returns
+    -------
+    Streamline
+        Its outcome is ``NO_CURRENT`` where the start is none of these.
+
+    Raises
+    ------
+    InputError
+        If the start lies outside the grid.
+    """
+    cells, local = start_cells(space, one_start(space, start, None)[np.newaxis])
+    goal = int(space.goal_region[tuple(cells[0])])
+    if goal < 0:
+        return _unmoved(space, cells, local, Outcome(_static_outcomes(space, cells)[0] or Outcome.NO_CURRENT))
+    points, length = _points(space, cells, local), float(_last_leg(space, cells, local)[1][0])
+    return Streamline(points, cells, Outcome.REACHED, goal, length, clearance_of(points, space, edge), np.nan)
 
 
 def streamlines(field: Field, starts: ArrayLike) -> Traces:
@@ -105,7 +135,7 @@ def streamlines(field: Field, starts: ArrayLike) -> Traces:
 
     points = np.asarray(starts, dtype=np.float64).reshape(-1, field.space.ndim)
     cells, local = start_cells(field.space, points)
-    outcome = _static_outcomes(field, cells).astype("U16")
+    outcome = _static_outcomes(field.space, cells).astype("U16")
     free = np.flatnonzero(outcome == "")
     last, position = cells[free], local[free]
     code, steps = np.empty(len(free), dtype=np.int64), np.empty(len(free), dtype=np.int64)
@@ -116,6 +146,7 @@ def streamlines(field: Field, starts: ArrayLike) -> Traces:
     outcome[free] = np.where(reached, Outcome.REACHED.value, Outcome.NO_CURRENT.value)
     goal = np.full(len(points), -1, dtype=np.int64)
     goal[free[reached]] = field.space.goal_region[tuple(last[reached].T)]
+    length[reached] += _last_leg(field.space, last[reached], position[reached])[1]
     return Traces(
         outcome=outcome,
         goal=goal,
@@ -169,9 +200,8 @@ def one_start(space: ConfigurationSpace, start: ArrayLike | None, cell: Sequence
     return space.centre(index)
 
 
-def _static_outcomes(field: Field, cells: NDArray[np.int64]) -> NDArray[np.str_]:
+def _static_outcomes(space: ConfigurationSpace, cells: NDArray[np.int64]) -> NDArray[np.str_]:
     """Outcomes that the cells decide before anything flows; empty where there is something to trace."""
-    space = field.space
     at = tuple(cells.T)
     code = space.cell[at]
     outcome = np.full(len(cells), "", dtype="U16")
@@ -179,6 +209,12 @@ def _static_outcomes(field: Field, cells: NDArray[np.int64]) -> NDArray[np.str_]
     outcome[cut_off] = (Outcome.GOAL_BLOCKED if goal_blocked(space) else Outcome.NO_PATH).value
     outcome[code == Cell.OBSTACLE] = Outcome.START_BLOCKED.value
     return outcome
+
+
+def _unmoved(
+    space: ConfigurationSpace, cells: NDArray[np.int64], local: NDArray[np.float64], outcome: Outcome
+) -> Streamline:
+    return Streamline(_points(space, cells, local), cells, outcome, None, 0.0, np.nan, np.nan)
 
 
 def _traced(field: Field, cell: NDArray[np.int64], local: NDArray[np.float64]) -> Streamline:
@@ -191,15 +227,32 @@ def _traced(field: Field, cell: NDArray[np.int64], local: NDArray[np.float64]) -
     cells, locals_ = np.empty((steps + 1, space.ndim), dtype=np.int64), np.empty((steps + 1, space.ndim))
     kernels.trace(field.flow, cell.copy(), local.copy(), cells, locals_)
     reached = code == kernels.REACHED
+    end, leg = _last_leg(space, cells[-1:], locals_[-1:])
     return Streamline(
-        points=space.lower + (cells + locals_) * space.spacing,
+        points=_points(space, cells, locals_),
         cells=cells,
         outcome=Outcome.REACHED if reached else Outcome.NO_CURRENT,
         goal=int(space.goal_region[tuple(cells[-1])]) if reached else None,
-        length=float(length),
-        clearance=_clearance(field, cells, locals_),
+        length=float(length + leg[0]),
+        clearance=_clearance(field, cells, locals_, end[0]),
         log_duration=float(_log_duration(field, np.array([log_time]))[0]),
     )
+
+
+def _points(space: ConfigurationSpace, cells: NDArray[np.int64], locals_: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Points of a streamline in axis units, the last cell's goal point behind them."""
+    points = space.lower + (cells + locals_) * space.spacing
+    goal = space.goal_point(cells[-1:])
+    return points if np.isnan(goal).any() else np.concatenate([points, goal])
+
+
+def _last_leg(
+    space: ConfigurationSpace, cells: NDArray[np.int64], local: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Positions within their cells at which last legs end, shape (n, ndim), and their lengths, (n,); 0 for none."""
+    goal = (space.goal_point(cells) - space.lower) / space.spacing - cells
+    end = np.where(np.isnan(goal), local, np.clip(goal, 0.0, 1.0))
+    return end, np.linalg.norm((end - local) * space.spacing, axis=1)
 
 
 def _check_ended(code: NDArray[np.int64]) -> None:
@@ -218,7 +271,7 @@ def _log_duration(field: Field, log_time: NDArray[np.float64]) -> NDArray[np.flo
     return np.where(np.isneginf(log_time), np.nan, scaled)
 
 
-def _clearance(field: Field, cells: NDArray[np.int64], locals_: NDArray[np.float64]) -> float:
+def _clearance(field: Field, cells: NDArray[np.int64], locals_: NDArray[np.float64], end: NDArray[np.float64]) -> float:
     """Distance from the polyline to the nearest obstacle cell, or to an edge that counts as an obstacle."""
     from resgrid.planning import kernels
 
@@ -229,14 +282,14 @@ def _clearance(field: Field, cells: NDArray[np.int64], locals_: NDArray[np.float
         ends = np.empty_like(starts)
         # A segment ends where the next one starts, seen from its own cell.
         ends[:-1] = starts[1:] + _steps(cells, locals_) * space.spacing
-        ends[-1] = starts[-1]
+        ends[-1] = end * space.spacing
         bound = reach[tuple(cells.T)]
         order = np.argsort(bound, kind="stable")
         nearest = kernels.clearance(
             cells[order], starts[order], ends[order], bound[order], (space.cell == Cell.OBSTACLE).ravel(),
             np.array(space.shape, dtype=np.int64), space.spacing, space.periodic,
         )  # fmt: skip
-    position = (cells + locals_) * space.spacing
+    position = np.concatenate([cells + locals_, cells[-1:] + end]) * space.spacing
     for axis, rule in enumerate(field.edge):
         if rule == "obstacle":
             extent = space.shape[axis] * space.spacing[axis]

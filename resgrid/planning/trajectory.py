@@ -14,7 +14,7 @@ _MOST_SAMPLES = 10_000_000
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """A motion: between two knots the acceleration is constant.
+    """A motion: between two knots the acceleration is constant, unless it was resampled.
 
     Attributes
     ----------
@@ -25,13 +25,16 @@ class Trajectory:
     velocities : ndarray of float64, shape (n, ndim)
         In axis units a second, just after each knot; 0 at the last.
     accelerations : ndarray of float64, shape (n - 1, ndim)
-        In axis units a second squared, between the knots.
+        In axis units a second squared, between the knots; of a resampled motion, their means.
+    motion : Trajectory or None
+        Of a resampled motion, the one it was taken from, which it follows between its knots too.
     """
 
     times: NDArray[np.float64]
     positions: NDArray[np.float64]
     velocities: NDArray[np.float64]
     accelerations: NDArray[np.float64]
+    motion: Trajectory | None = None
 
     def __post_init__(self) -> None:
         for array in (self.times, self.positions, self.velocities, self.accelerations):
@@ -58,11 +61,16 @@ class Trajectory:
         Raises
         ------
         InputError
-            If a time is not a number.
+            If the times are not numbers in a row.
         """
-        when = np.atleast_1d(np.asarray(times, dtype=np.float64))
-        if np.isnan(when).any():
-            raise InputError("a time is not a number")
+        try:
+            when = np.atleast_1d(np.asarray(times, dtype=np.float64))
+        except (TypeError, ValueError):
+            when = np.full(1, np.nan)
+        if when.ndim != 1 or np.isnan(when).any():
+            raise InputError("a time is not a number, or the times are no row")
+        if self.motion is not None:
+            return self.motion.at(when)
         if len(self.times) < 2:
             still = np.repeat(self.positions, len(when), axis=0)
             return still, np.zeros_like(still)
@@ -116,8 +124,8 @@ class Trajectory:
         Returns
         -------
         Trajectory
-            Positions and velocities are exact at the knots; accelerations are mean ones.
+            Positions and velocities are exact at the knots, and `at` any time; accelerations are mean ones.
         """
         times, positions, velocities = self.sample(rate)
         step = np.diff(times)[:, np.newaxis]
-        return Trajectory(times, positions, velocities, np.diff(velocities, axis=0) / step)
+        return Trajectory(times, positions, velocities, np.diff(velocities, axis=0) / step, self.motion or self)

@@ -132,7 +132,7 @@ def pieces(path: Streamline, space: ConfigurationSpace) -> list[NDArray[np.float
     starts, ends = points[:-1], points[1:].copy()
     extent = np.where(space.periodic, space.upper - space.lower, np.inf)
     # A segment lies in the cell of its first point: of the copies of its end, take the one in that cell.
-    ends -= np.where(space.periodic, extent, 0.0) * np.round((ends - space.centre(path.cells[:-1])) / extent)
+    ends -= np.where(space.periodic, extent, 0.0) * np.round((ends - space.centre(path.point_cells[:-1])) / extent)
     torn = np.flatnonzero(np.any(np.abs(ends[:-1] - starts[1:]) > 0.5 * extent, axis=1)) + 1
     bounds = [0, *torn.tolist(), len(starts)]
     return [np.concatenate([starts[first:last], ends[last - 1 : last]]) for first, last in pairwise(bounds)]

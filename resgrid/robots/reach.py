@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from itertools import product
 from math import ceil, floor, isinf
 
@@ -156,21 +156,51 @@ def copies(
         If a half-plane leans along a periodic axis, or a shape winds around one more than a thousand times.
     """
     if isinstance(shape, HalfSpace):
-        for axis, component in zip(axes, shape.normal, strict=True):
-            if axis.periodic and component != 0:
-                raise InputError(f"a half-plane cannot lean along the periodic axis {axis.name!r}")
+        require_upright(shape, axes)
         yield shape
         return
-    for by in product(*(_shifts(axis, k, shape.bounds, reach) for k, axis in enumerate(axes))):
+    for by in turns(shape.bounds, axes, (reach,) * len(axes)):
         yield shape.shifted(by) if any(by) else shape
 
 
-def _shifts(axis: Axis, k: int, bounds: Bounds, reach: float) -> list[float]:
+def require_upright(shape: HalfSpace, axes: Sequence[Axis]) -> None:
+    """Refuse a half-plane whose border would not meet itself across a seam."""
+    for axis, component in zip(axes, shape.normal, strict=True):
+        if axis.periodic and component != 0:
+            raise InputError(f"a half-plane cannot lean along the periodic axis {axis.name!r}")
+
+
+def turns(bounds: Bounds, axes: Sequence[Axis], reach: Sequence[float]) -> Iterator[tuple[float, ...]]:
+    """Whole turns that bring a shape within some distance of the grid, however many away it is described.
+
+    Parameters
+    ----------
+    bounds : pair of tuple of float
+        Lower and upper corner of the box around the shape.
+    axes : sequence of Axis
+    reach : sequence of float
+        At least 0, one for each axis, in its units.
+
+    Yields
+    ------
+    tuple of float
+        What to add to the shape's coordinates; 0 along axes that are not periodic.
+
+    Raises
+    ------
+    InputError
+        If the shape winds around an axis more than a thousand times.
+    """
+    lower, upper = bounds
+    yield from product(*map(_shifts, axes, lower, upper, reach))
+
+
+def _shifts(axis: Axis, lower: float, upper: float, reach: float) -> list[float]:
     if not axis.periodic:
         return [0.0]
     period = axis.upper - axis.lower
-    first = (axis.lower - bounds[1][k] - reach) / period
-    last = (axis.upper - bounds[0][k] + reach) / period
+    first = (axis.lower - upper - reach) / period
+    last = (axis.upper - lower + reach) / period
     if isinf(first) or isinf(last) or last - first > MAX_COPIES:
         raise InputError(f"a shape winds around the periodic axis {axis.name!r} more than {MAX_COPIES} times")
     return [turn * period for turn in range(ceil(first), floor(last) + 1)]

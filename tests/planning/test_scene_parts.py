@@ -8,6 +8,7 @@ from resgrid.errors import InputError
 from resgrid.planning.completeness import separation
 from resgrid.planning.scene_parts import blocking
 from resgrid.planning.streamline import Outcome
+from resgrid.robots import Box, PointRobot
 from resgrid.scene import Scene, parse_scene, read_scene, sample
 
 ROOMS = """
@@ -36,9 +37,9 @@ def scene_with(*walls: tuple[float, float, float, float]) -> Scene:
     return parse_scene(ROOMS.format(walls="\n".join(tables)), "rooms")
 
 
-def connected_without(scene: Scene, removed: tuple[int, ...]) -> bool:
+def connected_without(scene: Scene, removed: tuple[int, ...], start: tuple[float, float] = (1.0, 1.0)) -> bool:
     kept = tuple(shape for number, shape in enumerate(scene.obstacles) if number not in removed)
-    return separation(sample(scene.replace(obstacles=kept)), (1.0, 1.0)).outcome is Outcome.REACHED
+    return separation(sample(scene.replace(obstacles=kept)), start).outcome is Outcome.REACHED
 
 
 @pytest.mark.parametrize(
@@ -62,6 +63,36 @@ def test_the_smallest_set_is_what_sampling_without_it_opens(walls: list[tuple[fl
     assert found.least == tuple(f"obstacle[{number}]" for number in opening[0])
     assert np.array_equal(found.mask, np.any([found.parts[name] for name in found.least], axis=0))
     assert np.array_equal(np.any(list(found.parts.values()), axis=0), found.space.cell == 1)
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_obstacles_upon_the_goal_and_upon_borders_are_judged_as_sampling_without_them_does(seed: int) -> None:
+    """Walls on quarters of cells cover parts of the goal's region, and the start may lie between two of them."""
+    rng = np.random.default_rng(seed)
+    lower = rng.integers(0, 24, (5, 2)) / 4
+    size = np.where(rng.random((5, 1)) < 0.5, [0.5, 4.0], [6.0, 0.5]) + rng.integers(0, 4, (5, 2)) / 4
+    scene = scene_with(*np.hstack([lower, np.minimum(lower + size, (8, 6))]).tolist())
+    scene = scene.replace(robot=PointRobot(), goals=(Box((5.0, 3.0), (7.5, 5.5)),))
+    start = tuple((rng.integers(0, 24, 2) / 4).tolist())
+    try:
+        found = blocking(scene, start)
+    except InputError:
+        return  # every cell of the goal is covered
+    if found.outcome is Outcome.REACHED:
+        return
+    sets = [s for n in range(1, 4) for s in combinations(range(5), n) if connected_without(scene, s, start)]
+    assert found.alone == tuple(f"obstacle[{s[0]}]" for s in sets if len(s) == 1)
+    assert len(found.least) == (len(sets[0]) if sets else 0)
+    if sets:
+        assert tuple(int(name[9:-1]) for name in found.least) in sets
+
+
+def test_a_crate_upon_half_the_goal_stands_in_the_way_alone() -> None:
+    """The goal goes on beneath the crate; behind it a wall parts off what is left of the goal."""
+    scene = scene_with((3, 0, 5, 6), (5, 0, 6, 6)).replace(goals=(Box((4.0, 2.0), (7.0, 4.0)),))
+    found = blocking(scene, (1.0, 1.0))
+    assert connected_without(scene, (0,)) and not connected_without(scene, (1,))
+    assert found.alone == found.least == ("obstacle[0]",)
 
 
 def test_a_path_needs_nobody_to_go() -> None:

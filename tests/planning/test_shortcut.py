@@ -21,7 +21,7 @@ from resgrid.planning.free_way import certify_free
 from resgrid.planning.seams import length_of, unwrap
 from resgrid.planning.shortcut import shorten
 from resgrid.planning.trace import streamline
-from resgrid.space import Cell, ConfigurationSpace
+from resgrid.space import Cell, ConfigurationSpace, label_regions
 
 
 def touched_exactly(start: list[float], end: list[float], shape: tuple[int, ...]) -> set[tuple[int, ...]]:
@@ -123,6 +123,68 @@ def test_a_corner_is_not_cut_even_by_a_touch() -> None:
         certify_free([(0.5, 0.5), (-0.5, 3.5)], space)
     certify_free([(1.0, 0.2), (1.0, 1.0)], space_of(np.zeros((4, 4), dtype=np.uint8)))
     certify_free([(0.2, 1.0), (1.0, 1.8)], space)  # within one closed cell, though it ends on the obstacle's side
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 4))
+@settings(max_examples=40)
+def test_a_free_way_never_joins_what_faces_do_not(seed: int, ndim: int) -> None:
+    """Walks over centres, faces, edges and corners of cells, each step within one closed free cell."""
+    rng = np.random.default_rng(seed)
+    shape = (4,) * ndim if ndim < 4 else (3,) * 4
+    space = space_of(rng.random(shape) < 0.5, periodic=tuple(rng.random(ndim) < 0.3))
+    region = label_regions(space.cell != Cell.OBSTACLE, space.periodic)
+    free = np.argwhere(region > 0)
+    if not len(free):
+        return
+    cell = free[rng.integers(len(free))]
+    way, passed = [cell + 0.5], 0
+    for _ in range(12):
+        way.append(cell + rng.choice([0.0, 0.5, 1.0], ndim, p=[0.4, 0.2, 0.4]))
+        beside = np.array([c for c in np.ndindex(*shape) if region[c] and np.all(np.abs(way[-1] - c - 0.5) <= 0.5)])
+        cell = beside[rng.integers(len(beside))] if len(beside) else cell
+        way.append(cell + 0.5)
+        try:
+            certify_free(way, space)
+        except CertificateError:
+            break
+        passed += 1
+        assert region[tuple(np.floor(way[0]).astype(int))] == region[tuple(cell)]
+    cells = [np.floor(point).astype(int) for point in way[::2]]
+    if passed < 12 and all(np.abs(a - b).sum() <= 1 for a, b in pairwise(cells)):
+        raise AssertionError("a way through faces was refused")
+
+
+@pytest.mark.parametrize("knot", [(2.0, 2.0, 1.5), (2.0, 2.0, 1.0)], ids=["edge", "corner"])
+def test_nothing_slips_through_an_edge_where_two_blocks_meet(knot: tuple[float, float, float]) -> None:
+    """Two blocks that share an edge only: the free quarters beside it are two regions, and no knot on it joins them."""
+    cell = np.zeros((4, 4, 4), dtype=np.uint8)
+    cell[:2, 2:], cell[2:, :2] = Cell.OBSTACLE, Cell.OBSTACLE
+    space = space_of(cell)
+    along = (2.0, 2.0, knot[2] + 0.5)
+    certify_free([(1.5, 1.5, 1.5), knot, along, (1.5, 1.5, 1.5)], space)
+    with pytest.raises(CertificateError, match="corner or edge"):
+        certify_free([(1.5, 1.5, 1.5), knot, (2.5, 2.5, 1.5)], space)
+    with pytest.raises(CertificateError, match="corner or edge"):
+        certify_free([(1.5, 1.5, 1.5), knot, along, (2.5, 2.5, 1.5)], space)
+
+
+def test_a_corner_of_three_free_cells_may_be_passed() -> None:
+    """Around the inner corner of an L the way leads through the faces of its third cell."""
+    certify_free([(0.5, 0.5), (1.0, 1.0), (1.5, 1.5)], space_of([[0, 0], [1, 0]]))
+    with pytest.raises(CertificateError, match="corner or edge"):
+        certify_free([(0.5, 0.5), (1.0, 1.0), (1.5, 1.5)], space_of([[0, 1], [1, 0]]))
+    ring = space_of([[0, 1], [1, 0]], periodic=(True, True))
+    with pytest.raises(CertificateError, match="corner or edge"):
+        certify_free([(0.5, 0.5), (0.0, 0.0), (-0.5, -0.5)], ring)
+
+
+def test_ways_that_leave_the_grid_or_never_end_are_refused_at_once() -> None:
+    space = space_of(np.zeros((3, 3)), periodic=(True, False))
+    certify_free([(-40.0, 1.0), (80.0, 2.0)], space)
+    with pytest.raises(CertificateError, match="point 1 lies outside"):
+        certify_free([(0.0, 1.0), (0.0, 1e12)], space)
+    with pytest.raises(InputError, match="longer than"):
+        certify_free([(0.0, 1.0), (1e12, 1.0)], space)
 
 
 def replace_cell(space: ConfigurationSpace, cell: tuple[int, int]) -> ConfigurationSpace:

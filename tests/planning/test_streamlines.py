@@ -9,6 +9,7 @@ from resgrid.nodal.solve import solve
 from resgrid.planning.blend import blend
 from resgrid.planning.certify import certify
 from resgrid.planning.field import Field, field_of
+from resgrid.planning.shares import dirichlet_share
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.planning.trace import streamline, streamlines
 from resgrid.space import Cell, ConfigurationSpace
@@ -230,6 +231,11 @@ def test_blends_that_do_not_go_together_are_refused() -> None:
     assert blend(dirichlet, started, 0.5, allow_start_drive=True).drive == "start"
     with pytest.raises(InputError, match="different spaces"):
         blend(dirichlet, field(space_of(np.where(space.cell == 1, 0, space.cell)), boundary="neumann"), 0.5)
+    costly = ConfigurationSpace(space.axes, space.cell, np.where(space.cell == 1, 1.0, 2.0))
+    with pytest.raises(InputError, match="different spaces"):
+        blend(dirichlet, field(costly, boundary="neumann"), 0.5)
+    with pytest.raises(InputError, match="have edges"):
+        blend(dirichlet, field(space, boundary="neumann", edge="open"), 0.5)
 
 
 def test_blended_currents_are_the_sum_on_the_grid() -> None:
@@ -246,6 +252,25 @@ def test_blended_currents_are_the_sum_on_the_grid() -> None:
     drop = (neumann.potential[:-1] - neumann.potential[1:])[inner]
     scale = (space.spacing.min() / space.spacing[0]) ** 2
     assert np.allclose(neumann.face_current(0)[1:-1][inner], drop * scale, rtol=1e-9, atol=1e-14)
+
+
+@pytest.mark.parametrize("spacing", [(1.0, 1.0), (1.0, 3.0), (4.0, 1.0), (0.5, 0.5)])
+def test_shares_of_a_blend_are_those_of_the_potentials_differences(spacing: tuple[float, float]) -> None:
+    """Central differences of the two potentials, where all four neighbours have one."""
+    cell = np.zeros((24, 20))
+    cell[8:12, 4:14] = 1
+    cell[20, 16] = 2
+    space = space_of(cell, spacing=spacing, conductivity=np.full((24, 20), 3.0))
+    dirichlet, neumann = field(space), field(space, boundary="neumann")
+    share = dirichlet_share(dirichlet, neumann, 0.9)
+    inner = np.zeros(cell.shape, dtype=bool)
+    inner[1:-1, 1:-1] = (cell[1:-1, 1:-1] == 0) & (cell[:-2, 1:-1] != 1) & (cell[2:, 1:-1] != 1)
+    inner[1:-1, 1:-1] &= (cell[1:-1, :-2] != 1) & (cell[1:-1, 2:] != 1)
+    size = [np.hypot(*np.gradient(f.potential, *spacing)) for f in (dirichlet, neumann)]
+    expected = 0.9 * size[0] / (0.9 * size[0] + 0.1 * size[1])
+    np.testing.assert_allclose(share[inner], expected[inner], rtol=1e-7, atol=1e-9)
+    with pytest.raises(InputError, match="in this order"):
+        dirichlet_share(neumann, dirichlet, 0.9)
 
 
 @pytest.mark.parametrize("rails", ["merged", "cells"])

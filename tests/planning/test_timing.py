@@ -121,6 +121,21 @@ def test_bad_limits_are_named(options: dict, message: str) -> None:
         time_path([(0, 0), (1, 1)], PLANE, **options)
 
 
+@pytest.mark.parametrize("acceleration", [None, 0.5], ids=["velocities", "accelerations"])
+@pytest.mark.parametrize("rate", [0.5, 2.0, 10.0])
+def test_a_resampled_motion_is_the_same_motion(acceleration: float | None, rate: float) -> None:
+    """At the knots, which files hold, and at every time between: positions never jump."""
+    options = {} if acceleration is None else {"acceleration_limits": acceleration, "tolerance": 0.1}
+    motion = time_path([(1, 1), (9, 1), (9, 9)], PLANE, velocity_limits=1.0, **options)
+    again = motion.resampled(rate)
+    times = np.linspace(0, motion.duration, 777)
+    for found in (again, again.resampled(3 * rate).resampled(rate)):
+        np.testing.assert_array_equal(found.positions, motion.at(found.times)[0])
+        np.testing.assert_array_equal(found.at(times)[0], motion.at(times)[0])
+        np.testing.assert_array_equal(found.at(times)[1], motion.at(times)[1])
+    assert np.diff(again.times)[:-1] == pytest.approx(1 / rate)
+
+
 def test_absurd_rates_are_refused() -> None:
     motion = time_path([(0, 0), (1, 1)], PLANE, velocity_limits=1)
     for rate in (0, -1, float("nan"), float("inf"), 1e30):
@@ -128,4 +143,7 @@ def test_absurd_rates_are_refused() -> None:
             motion.sample(rate)
     with pytest.raises(InputError, match="not a number"):
         motion.at([np.nan])
+    for bad in ("noon", [[0.0, 1.0]]):
+        with pytest.raises(InputError, match="not a number"):
+            motion.at(bad)
     assert isinstance(PLANE, ConfigurationSpace)

@@ -116,6 +116,39 @@ def test_exact_distances_agree_with_shapelys_polygons(seed: int) -> None:
         assert workspace_clearance([pose], robot, obstacles, space) == pytest.approx(near, abs=2e-3)
 
 
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=25)
+def test_obstacles_described_turns_away_are_where_sampling_puts_them(seed: int) -> None:
+    """Distances to every image within nine turns, by shapely; sampling and replay agree on what is entered."""
+    rng = np.random.default_rng(seed)
+    axes = [Axis("x", -1.0, 5.0, 12, True), Axis("y", 2.0, 6.0, 8, bool(rng.integers(2)))]
+    period = np.array([axis.upper - axis.lower if axis.periodic else 0.0 for axis in axes])
+    size, at = rng.uniform(0.05, [8.0, 1.0]), rng.uniform([-1.0, 2.0], [5.0, 6.0])
+    turned = at + rng.integers(-4, 5, 2) * period
+    shape = Box(tuple(turned), tuple(turned + size)) if rng.random() < 0.6 else Ball(tuple(turned), float(size[1]))
+    robot = DiscRobot(0.1)
+    space = ConfigurationSpace(axes, robot.occupancy(axes, [shape], "conservative"))
+    way = rng.uniform([-1.0, 2.0], [5.0, 6.0], (4, 2))
+    shifts = (np.indices((19, 19)).reshape(2, -1).T - 9) * period
+    core = shapely.Point(turned) if isinstance(shape, Ball) else to_shapely(shape)
+    images = shapely.union_all([shapely.transform(core, lambda points, by=by: points + by) for by in shifts])
+    points = shapely.points(dense(way, robot, space, 0.1)[0])
+    radius = shape.radius if isinstance(shape, Ball) else 0.0
+    nearest = max(float(shapely.distance(points, images).min()) - radius - 0.1, 0.0)
+    assert workspace_clearance(way, robot, [shape], space, step=0.1) == pytest.approx(nearest, abs=1e-12)
+    hit = replay(way, robot, [shape], space, step=0.1)
+    assert (hit is None) == (nearest > 0)
+    if hit is not None:
+        assert space.cell[tuple(space.locate(hit.configuration))] == Cell.OBSTACLE
+
+
+def test_a_half_plane_that_leans_along_a_ring_is_refused_as_in_sampling() -> None:
+    ring = space_of(np.zeros((4, 4)), periodic=(True, False))
+    assert workspace_clearance([(1.0, 3.0)], PointRobot(), [HalfSpace((0.0, 1.0), 1.0)], ring) == pytest.approx(2.0)
+    with pytest.raises(InputError, match="cannot lean along"):
+        replay([(1.0, 3.0)], PointRobot(), [HalfSpace((1.0, 1.0), 1.0)], ring)
+
+
 def test_cells_of_a_map_are_obstacles_too_across_seams() -> None:
     cell = np.zeros((10, 6), dtype=np.uint8)
     cell[9, 2:4], cell[4, 3] = Cell.OBSTACLE, Cell.GOAL
