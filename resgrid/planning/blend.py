@@ -70,7 +70,8 @@ def _check_pair(dirichlet: Field, neumann: Field) -> None:
             f"{neumann.boundary!r}"
         )
     first, second = dirichlet.space, neumann.space
-    if first is not second and not (first.axes == second.axes and np.array_equal(first.cell, second.cell)):
+    same = first.axes == second.axes and first.frame == second.frame and np.array_equal(first.cell, second.cell)
+    if first is not second and not same:
         raise InputError("the two fields belong to different spaces; compile both from one space")
 
 

@@ -37,6 +37,8 @@ def certify(path: Streamline, field: Field) -> None:
     cells = np.asarray(path.cells)
     if cells.ndim != 2 or cells.shape[1] != field.space.ndim or not len(cells):
         raise CertificateError(f"cells have shape {cells.shape}, but the space has {field.space.ndim} axes")
+    if path.frame != field.space.frame:
+        raise CertificateError("the streamline lies elsewhere in the world than the field")
     if np.any(cells < 0) or np.any(cells >= field.space.shape):
         raise CertificateError("the streamline leaves the grid")
     if path.outcome is not Outcome.REACHED:
@@ -120,9 +122,9 @@ def _check_crossings(
 
 def _local(path: Streamline, field: Field, cells: NDArray[np.int64]) -> NDArray[np.float64]:
     """Position of every point within its cell, in [0, 1]."""
-    if path.points.shape != cells.shape:
-        raise CertificateError(f"points of shape {path.points.shape} for cells of shape {cells.shape}")
-    return np.asarray((path.points - field.space.lower) / field.space.spacing - cells)
+    if path.axis_points.shape != cells.shape:
+        raise CertificateError(f"points of shape {path.axis_points.shape} for cells of shape {cells.shape}")
+    return np.asarray((path.axis_points - field.space.lower) / field.space.spacing - cells)
 
 
 def _check_fall(field: Field, cells: NDArray[np.int64]) -> None:

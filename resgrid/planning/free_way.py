@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import CertificateError
 from resgrid.planning.clearance import face_shares
-from resgrid.planning.seams import unwrap
+from resgrid.planning.seams import axis_path
 from resgrid.planning.short_path import ShortPath
 from resgrid.planning.streamline import Streamline
 from resgrid.space import Cell, ConfigurationSpace
@@ -28,7 +28,7 @@ def certify_free(points: Streamline | ShortPath | ArrayLike, space: Configuratio
     Parameters
     ----------
     points : Streamline, ShortPath or array_like of float, shape (n, ndim)
-        In axis units, continuous across periodic seams.
+        An array holds points of the world, continuous across periodic seams.
     space : ConfigurationSpace
 
     Raises
@@ -38,7 +38,7 @@ def certify_free(points: Streamline | ShortPath | ArrayLike, space: Configuratio
     InputError
         If the points do not fit the space.
     """
-    way = unwrap(points, space)
+    way = axis_path(points, space)
     scaled = (way - space.lower) / space.spacing
     ends = scaled[1:] if len(scaled) > 1 else scaled
     for number, (start, end) in enumerate(zip(scaled, ends, strict=False)):

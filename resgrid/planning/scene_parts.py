@@ -14,12 +14,13 @@ from resgrid.errors import InputError
 from resgrid.planning.completeness import verdict_of
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import one_start, start_cells
+from resgrid.regions import label_regions
 from resgrid.robots.arm import Arm
 from resgrid.robots.protocol import Robot
 from resgrid.robots.shapes import CellSet
 from resgrid.scene import Scene, sample
 from resgrid.scene.place import to_space
-from resgrid.space import Cell, ConfigurationSpace, label_regions
+from resgrid.space import Cell, ConfigurationSpace
 
 _MOST_PARTS = 63
 
@@ -77,7 +78,7 @@ def blocking(
     scene : Scene
         Sampled once for each obstacle.
     start : array_like of float, shape (ndim,)
-        In axis units.
+        World coordinates.
     cell : sequence of int, optional
         Instead of `start`: a cell.
     most : int

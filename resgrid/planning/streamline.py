@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+
+from resgrid.frame import Frame
 
 
 class Outcome(StrEnum):
@@ -25,9 +28,9 @@ class Streamline:
 
     Attributes
     ----------
-    points : ndarray of float64, shape (n, ndim)
-        The start, every crossing of a cell face, the last one on the goal cell's face; in axis units.
-        Periodic coordinates are wrapped into the axis.
+    axis_points : ndarray of float64, shape (n, ndim)
+        The start, every crossing of a cell face, the last one on the goal cell's face; in axis units, as they were
+        computed.  Periodic coordinates are wrapped into the axis.
     cells : ndarray of int64, shape (m, ndim)
         The cells visited, from the start's to the goal cell entered.
     outcome : Outcome
@@ -41,16 +44,31 @@ class Streamline:
         obstacle; infinite where there is neither.
     log_duration : float
         Natural logarithm of the time that the velocity ``-conductivity * grad(phi)`` needs; NaN where nothing moved.
+    frame : Frame
+        Where the axes lie in the world.
     """
 
-    points: NDArray[np.float64]
+    axis_points: NDArray[np.float64]
     cells: NDArray[np.int64]
     outcome: Outcome
     goal: int | None
     length: float
     clearance: float
     log_duration: float
+    frame: Frame
 
     def __post_init__(self) -> None:
-        self.points.flags.writeable = False
+        self.axis_points.flags.writeable = False
         self.cells.flags.writeable = False
+
+    @cached_property
+    def points(self) -> NDArray[np.float64]:
+        """The same points in the world, shape (n, ndim)."""
+        return in_world(self.axis_points, self.frame)
+
+
+def in_world(axis_points: NDArray[np.float64], frame: Frame) -> NDArray[np.float64]:
+    """Points in axis units as read-only points of the world, shape (n, ndim)."""
+    points = frame.to_world(axis_points)
+    points.flags.writeable = False
+    return points

@@ -56,7 +56,7 @@ def streamline(field: Field, start: ArrayLike | None = None, *, cell: Sequence[i
     ----------
     field : Field
     start : array_like of float, shape (ndim,)
-        In axis units; any point of the grid.
+        World coordinates; any point of the grid.
     cell : sequence of int, optional
         Instead of `start`: a cell, whose centre is the start.
 
@@ -72,12 +72,17 @@ def streamline(field: Field, start: ArrayLike | None = None, *, cell: Sequence[i
     AccuracyError
         If the streamline does not end, which a direction-safe field rules out.
     """
-    point = one_start(field.space, start, cell)
-    cells, local = start_cells(field.space, point[np.newaxis])
+    return follow(field, one_start(field.space, start, cell))
+
+
+def follow(field: Field, point: NDArray[np.float64]) -> Streamline:
+    """The streamline from a point in axis units, shape (ndim,); see `streamline`."""
+    space = field.space
+    cells, local = start_cells(space, point[np.newaxis])
     blocked = _static_outcomes(field, cells)[0]
     if blocked:
-        here = field.space.centre(cells[0]) + (local[0] - 0.5) * field.space.spacing
-        return Streamline(here[np.newaxis], cells, Outcome(blocked), None, 0.0, np.nan, np.nan)
+        here = space.axis_centre(cells[0]) + (local[0] - 0.5) * space.spacing
+        return Streamline(here[np.newaxis], cells, Outcome(blocked), None, 0.0, np.nan, np.nan, space.frame)
     return _traced(field, cells[0], local[0])
 
 
@@ -87,8 +92,8 @@ def streamlines(field: Field, starts: ArrayLike) -> Traces:
     Parameters
     ----------
     field : Field
-    starts : array_like of float, shape (n, ndim)
-        In axis units.
+    starts : array_like of float, shape (n, ndim) or (ndim,)
+        World coordinates; one start is a row of its own.
 
     Returns
     -------
@@ -97,13 +102,17 @@ def streamlines(field: Field, starts: ArrayLike) -> Traces:
     Raises
     ------
     InputError
-        If a start lies outside the grid.
+        If the starts have another shape, or one lies outside the grid.
     AccuracyError
         If a streamline does not end.
     """
+    return follow_many(field, start_points(field.space, starts))
+
+
+def follow_many(field: Field, points: NDArray[np.float64]) -> Traces:
+    """The ends of streamlines from points in axis units, shape (n, ndim); see `streamlines`."""
     from resgrid.planning import kernels
 
-    points = np.asarray(starts, dtype=np.float64).reshape(-1, field.space.ndim)
     cells, local = start_cells(field.space, points)
     outcome = _static_outcomes(field, cells).astype("U16")
     free = np.flatnonzero(outcome == "")
@@ -134,6 +143,7 @@ def start_cells(
     ----------
     space : ConfigurationSpace
     points : ndarray of float64, shape (n, ndim)
+        In axis units.
 
     Returns
     -------
@@ -156,17 +166,41 @@ def start_cells(
 
 
 def one_start(space: ConfigurationSpace, start: ArrayLike | None, cell: Sequence[int] | None) -> NDArray[np.float64]:
-    """Point of a start that is given as a point or as a cell."""
+    """A start that is given as a point of the world or as a cell, in axis units, shape (ndim,)."""
     if (start is None) == (cell is None):
         raise InputError("give either a start point or a start cell")
-    if cell is None:
-        return np.asarray(start, dtype=np.float64)
+    if start is not None:
+        points = start_points(space, start)
+        if len(points) != 1:
+            raise InputError(f"one start is wanted, a point with {space.ndim} coordinates; got {len(points)}")
+        return points[0]
     index = np.asarray(cell)
     if index.shape != (space.ndim,) or index.dtype.kind not in "iu":
         raise InputError(f"a cell of this space has {space.ndim} whole indices, got {cell!r}")
     if np.any(index < 0) or np.any(index >= space.shape):
         raise InputError(f"the start cell {tuple(index.tolist())} is not in the grid of {space.shape} cells")
-    return space.centre(index)
+    return space.axis_centre(index)
+
+
+def start_points(space: ConfigurationSpace, starts: ArrayLike) -> NDArray[np.float64]:
+    """Starts given in the world, shape (n, ndim) or (ndim,), in axis units: an array of shape (n, ndim)."""
+    try:
+        points = np.asarray(starts, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"starts must be numbers, {space.ndim} for each start") from error
+    if points.shape == (space.ndim,):
+        points = points[np.newaxis]
+    if points.shape == (0,):
+        points = points.reshape(0, space.ndim)
+    if points.ndim != 2 or points.shape[1] != space.ndim:
+        raise InputError(f"starts have shape {points.shape}, but a start of this space has {space.ndim} coordinates")
+    inside = space.from_world(points)
+    try:
+        space.split(inside)
+    except InputError as error:
+        turned = "" if space.frame.is_world else f"starts {points.tolist()}, along the map's own axes: "
+        raise InputError(f"{turned}{error}") from None
+    return inside
 
 
 def _static_outcomes(field: Field, cells: NDArray[np.int64]) -> NDArray[np.str_]:
@@ -192,13 +226,14 @@ def _traced(field: Field, cell: NDArray[np.int64], local: NDArray[np.float64]) -
     kernels.trace(field.flow, cell.copy(), local.copy(), cells, locals_)
     reached = code == kernels.REACHED
     return Streamline(
-        points=space.lower + (cells + locals_) * space.spacing,
+        axis_points=space.lower + (cells + locals_) * space.spacing,
         cells=cells,
         outcome=Outcome.REACHED if reached else Outcome.NO_CURRENT,
         goal=int(space.goal_region[tuple(cells[-1])]) if reached else None,
         length=float(length),
         clearance=_clearance(field, cells, locals_),
         log_duration=float(_log_duration(field, np.array([log_time]))[0]),
+        frame=space.frame,
     )
 
 

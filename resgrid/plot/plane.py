@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.errors import InputError
 from resgrid.plot.blocks import block_colours, block_means, block_size
 from resgrid.plot.style import GOAL, OBSTACLE, UNREACHABLE, add_swatch, axis_label, dress
-from resgrid.space import Axis, Cell, ConfigurationSpace, label_regions
+from resgrid.regions import label_regions
+from resgrid.space import Axis, Cell, ConfigurationSpace
 
 MOST_CELLS = 1024
 """Cells along an axis above which pictures show means over blocks."""

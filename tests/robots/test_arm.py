@@ -8,9 +8,10 @@ import shapely
 from hypothesis import given, settings, strategies as st
 
 from resgrid.errors import InputError
+from resgrid.regions import label_regions
 from resgrid.robots import Arm, Ball, Box, HalfSpace, Polygon, Robot, to_shapely
 from resgrid.robots.arm_cells import arm_travel, singular_cells
-from resgrid.space import Axis, label_regions
+from resgrid.space import Axis
 
 OBSTACLES = [
     Box((0.8, -1.2), (1.4, -1.0)),
