@@ -173,7 +173,7 @@ def one_start(space: ConfigurationSpace, start: ArrayLike | None, cell: Sequence
         points = start_points(space, start)
         if len(points) != 1:
             raise InputError(f"one start is wanted, a point with {space.ndim} coordinates; got {len(points)}")
-        return points[0]
+        return np.asarray(points[0])
     index = np.asarray(cell)
     if index.shape != (space.ndim,) or index.dtype.kind not in "iu":
         raise InputError(f"a cell of this space has {space.ndim} whole indices, got {cell!r}")

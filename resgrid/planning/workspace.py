@@ -13,8 +13,8 @@ from resgrid.planning.bodies import bodies_of, parts_of
 from resgrid.planning.seams import axis_path, unwrap, wrap
 from resgrid.planning.short_path import ShortPath
 from resgrid.planning.streamline import Streamline
-from resgrid.robots import Arm, CellSet, DiscRobot, PointRobot, PolygonRobot, Robot, Shape
-from resgrid.scene.place import to_space
+from resgrid.robots import Arm, DiscRobot, PointRobot, PolygonRobot, Robot, Shape
+from resgrid.scene.place import along_axes
 from resgrid.space import ConfigurationSpace
 
 Way = Streamline | ShortPath | ArrayLike
@@ -100,7 +100,7 @@ def workspace_clearance(
         If the path does not fit, the robot's geometry is not known, or the step is not positive or far too small.
     """
     configurations, _ = dense(path, robot, space, step)
-    bodies = bodies_of(_along_axes(obstacles, space), robot, space)
+    bodies = bodies_of(along_axes(obstacles, space.frame), robot, space)
     nearest = np.inf
     for batch in _batches(configurations, robot, space):
         parts = parts_of(robot, batch)
@@ -135,7 +135,7 @@ def replay(
         As `workspace_clearance`.
     """
     configurations, segment = dense(path, robot, space, step)
-    bodies = bodies_of(_along_axes(obstacles, space), robot, space)
+    bodies = bodies_of(along_axes(obstacles, space.frame), robot, space)
     seen = 0
     for batch in _batches(configurations, robot, space):
         hits = [
@@ -150,10 +150,6 @@ def replay(
             return Collision(int(segment[at]), space.to_world(configurations[at]), part_number, obstacle)
         seen += len(batch)
     return None
-
-
-def _along_axes(obstacles: Sequence[Shape], space: ConfigurationSpace) -> list[Shape]:
-    return [shape if isinstance(shape, CellSet) else to_space(shape, space.frame) for shape in obstacles]
 
 
 def dense(
