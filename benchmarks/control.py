@@ -23,9 +23,10 @@ from resgrid.control.simulation import Simulation, simulation
 from resgrid.nodal.solve import solve
 from resgrid.planning.field import field_of
 from resgrid.planning.trace import streamline
+from resgrid.regions import label_regions
 from resgrid.robots import Arm, Ball, Box, DiscRobot, PointRobot, Polygon, PolygonRobot, Robot, Shape, to_shapely
 from resgrid.scene import read_scene
-from resgrid.space import Axis, Cell, ConfigurationSpace, label_regions
+from resgrid.space import Axis, Cell, ConfigurationSpace
 
 SCENES = Path(__file__).parents[1] / "examples" / "scenes"
 

@@ -20,8 +20,8 @@ import resgrid as rg
 from resgrid.plot import new_figure
 from resgrid.plot.paint import paint_cells
 from resgrid.plot.style import refresh_legend
+from resgrid.regions import label_regions
 from resgrid.robots.arm_cells import singular_cells
-from resgrid.space import label_regions
 
 SCENES = Path(__file__).resolve().parent / "scenes"
 

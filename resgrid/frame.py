@@ -60,11 +60,12 @@ class Frame:
         Parameters
         ----------
         points : array_like of float, shape (..., ndim)
-            In axis units.
+            In world coordinates.
 
         Returns
         -------
         ndarray of float64, shape (..., ndim)
+            In axis units.
 
         Raises
         ------
@@ -73,6 +74,16 @@ class Frame:
         """
         world = np.array(points, dtype=np.float64)
         return world if self.is_world else (self._planar(world) - (self.x, self.y)) @ self._rotation
+
+    def turned_to_world(self, vectors: ArrayLike) -> NDArray[np.float64]:
+        """World components of vectors (velocities, forces, differences) given along the axes, shape (..., ndim)."""
+        along = np.array(vectors, dtype=np.float64)
+        return along if self.yaw == 0 else self._planar(along) @ self._rotation.T
+
+    def turned_from_world(self, vectors: ArrayLike) -> NDArray[np.float64]:
+        """Components along the axes of vectors given in the world, shape (..., ndim)."""
+        world = np.array(vectors, dtype=np.float64)
+        return world if self.yaw == 0 else self._planar(world) @ self._rotation
 
     @property
     def _rotation(self) -> NDArray[np.float64]:

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
 from resgrid.frame import Frame
+from resgrid.regions import box_around, label_regions
 
 MAX_DIMENSIONS = 4
 
@@ -95,7 +96,7 @@ class ConfigurationSpace:
         A positive, finite number for every cell (a cost map: a costly cell conducts badly), same shape;
         relative to 1, the default.
     frame : Frame, optional
-        Where the axes lie in the world; the world's own unless it is given.
+        Where the axes lie in the world; the world's own unless it is given.  Only a plane may be moved or turned.
     goal_points : array_like of float, shape (number of goal cells, ndim), optional
         For every goal cell, in C order, a configuration within it, in axis units, that solves the goal; NaN where
         the cell as a whole is the goal.
@@ -132,7 +133,7 @@ class ConfigurationSpace:
         cells = _checked_cells(axes, np.asarray(cell))
         object.__setattr__(self, "axes", axes)
         object.__setattr__(self, "cell", cells)
-        object.__setattr__(self, "frame", Frame() if frame is None else frame)
+        object.__setattr__(self, "frame", _checked_frame(axes, Frame() if frame is None else frame))
         object.__setattr__(
             self,
             "conductivity",
@@ -205,7 +206,7 @@ class ConfigurationSpace:
         C order of their first cell.
         """
         goal = self.cell == Cell.GOAL
-        around = _box_around(goal)
+        around = box_around(goal)
         whole = [ends.stop - ends.start == size for ends, size in zip(around, self.shape, strict=True)]
         region = np.full(self.shape, -1, dtype=np.int32)
         region[around] = label_regions(goal[around], self.periodic & whole) - 1
@@ -256,8 +257,31 @@ class ConfigurationSpace:
         connected.flags.writeable = False
         return connected
 
+    def to_world(self, points: ArrayLike) -> NDArray[np.float64]:
+        """World coordinates of points given in axis units, shape (..., ndim); the same unless a map is turned.
+
+        Raises
+        ------
+        InputError
+            If a point has not one number for every axis.
+        """
+        return self.frame.to_world(self._checked_points(points))
+
+    def from_world(self, points: ArrayLike) -> NDArray[np.float64]:
+        """Points of the world in axis units, shape (..., ndim); the inverse of `to_world`, with the same errors."""
+        return self.frame.from_world(self._checked_points(points))
+
+    def _checked_points(self, points: ArrayLike) -> NDArray[np.float64]:
+        try:
+            checked = np.asarray(points, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError(f"a point of this space is {self.ndim} numbers, got {points!r}") from None
+        if checked.shape[-1:] != (self.ndim,):
+            raise InputError(f"a point of this space has {self.ndim} coordinates, got {checked.tolist()!r}")
+        return checked
+
     def centre(self, cell: ArrayLike) -> NDArray[np.float64]:
-        """Centre of a cell, or of many.
+        """Centre of a cell, or of many, in the world.
 
         Parameters
         ----------
@@ -267,12 +291,16 @@ class ConfigurationSpace:
         Returns
         -------
         ndarray of float64, shape (..., ndim)
-            Coordinates in axis units.
+            World coordinates.
         """
+        return self.to_world(self.axis_centre(cell))
+
+    def axis_centre(self, cell: ArrayLike) -> NDArray[np.float64]:
+        """Centre of a cell, or of many, in axis units, shape (..., ndim)."""
         return self.lower + (np.asarray(cell, dtype=np.float64) + 0.5) * self.spacing
 
     def locate(self, point: ArrayLike) -> NDArray[np.int64]:
-        """Cell that a point lies in, or many.
+        """Cell that a point of the world lies in, or many.
 
         A point on a border between cells belongs to the upper cell, except on the upper end of the axis; a periodic
         coordinate is wrapped first.
@@ -280,7 +308,7 @@ class ConfigurationSpace:
         Parameters
         ----------
         point : array_like of float, shape (..., ndim)
-            Coordinates in axis units.
+            World coordinates.
 
         Returns
         -------
@@ -291,16 +319,18 @@ class ConfigurationSpace:
         InputError
             If a point is not finite or lies outside the grid.
         """
-        cells, _ = self.split(point)
+        cells, _ = self.split(self.from_world(point))
         return cells
 
     def split(self, point: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-        """Cell and position within the cell, in [0, 1], of a point or of many; as `locate` otherwise.
+        """Cell and position within the cell, in [0, 1], of a point or of many in axis units; as `locate` otherwise.
+
+        This is the grid's own arithmetic: what comes from a person goes through `from_world` first.
 
         Parameters
         ----------
         point : array_like of float, shape (..., ndim)
-            Coordinates in axis units.
+            In axis units.
 
         Returns
         -------
@@ -368,53 +398,10 @@ def rounding(axes: Sequence[Axis]) -> NDArray[np.float64]:
     return np.asarray(np.maximum(1e-9, 8 * np.spacing(largest) / [axis.spacing for axis in axes]))
 
 
-def _box_around(mask: NDArray[np.bool_]) -> tuple[slice, ...]:
-    """The smallest box that holds all of a mask."""
-    axes = range(mask.ndim)
-    lines = [np.flatnonzero(mask.any(axis=tuple(other for other in axes if other != axis))) for axis in axes]
-    return tuple(slice(int(line[0]), int(line[-1]) + 1) if len(line) else slice(0, 0) for line in lines)
-
-
-def label_regions(mask: NDArray[np.bool_], periodic: ArrayLike) -> NDArray[np.int32]:
-    """Face-connected components of a mask, numbered from 1 in C order of their first cell; 0 outside.
-
-    Parameters
-    ----------
-    mask : ndarray of bool
-        The cells that belong to some region.
-    periodic : array_like of bool, shape (mask.ndim,)
-        Which axes are periodic.
-
-    Returns
-    -------
-    ndarray of int32, shape of mask
-    """
-    from scipy import ndimage
-
-    labels = np.empty(mask.shape, dtype=np.int32)
-    count = ndimage.label(mask, output=labels)
-    wrapped = [axis for axis, ring in enumerate(np.asarray(periodic)) if ring]
-    if not wrapped or count < 2:
-        return labels
-    return _join_across_seams(labels, count, wrapped)
-
-
-def _join_across_seams(labels: NDArray[np.int32], count: int, wrapped: list[int]) -> NDArray[np.int32]:
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    pairs = [np.stack([labels.take(0, axis).ravel(), labels.take(-1, axis).ravel()]) for axis in wrapped]
-    first, last = np.concatenate(pairs, axis=1)
-    both = (first > 0) & (last > 0)
-    graph = coo_array((np.ones(both.sum()), (first[both], last[both])), shape=(count + 1, count + 1))
-    _, group = connected_components(graph, directed=False)
-    # Old labels come in C order of first cells, so a group's smallest label orders the groups.
-    _, order = np.unique(group[1:], return_index=True)
-    rank = np.zeros(group.max() + 1, dtype=np.int32)
-    rank[group[1:][np.sort(order)]] = np.arange(1, len(order) + 1, dtype=np.int32)
-    new_label = rank[group]
-    new_label[0] = 0
-    return np.asarray(new_label[labels])
+def _checked_frame(axes: tuple[Axis, ...], frame: Frame) -> Frame:
+    if not frame.is_world and len(axes) != 2:
+        raise InputError(f"only a plane may be moved or turned in the world, and this space has {len(axes)} axes")
+    return frame
 
 
 def _checked_cells(axes: tuple[Axis, ...], cell: NDArray[np.generic]) -> NDArray[np.uint8]:

@@ -5,7 +5,8 @@ from spaces import space_of
 
 from resgrid.errors import InputError
 from resgrid.frame import Frame
-from resgrid.space import Axis, Cell, ConfigurationSpace, label_regions
+from resgrid.regions import label_regions
+from resgrid.space import Axis, Cell, ConfigurationSpace
 
 
 def test_a_point_is_located_and_split() -> None:

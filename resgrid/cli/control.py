@@ -67,6 +67,8 @@ def command(
     if announce and words["settle"] is None:
         words["settle"] = "chip"
     job = open_job(choice, report)
+    if output is not None:
+        check_log(output, job.space.axes)
     require_starts(job)
     shares = job.scene.k if "k" in choice.changes else job.scene.k[:1]
     for option, file in films.items():
@@ -81,7 +83,7 @@ def command(
     if wavefront is not None:
         _draw_wavefront(wavefront, motions[0], job, report)
     if output != "-":
-        data = {"scene": job.scene.title, "runs": [run_data(motion, job) for motion in motions]}
+        data = {"scene": job.scene.title, "runs": [run_data(motion) for motion in motions]}
         report.finish(data, [run_line(motion) for motion in motions])
     return 0 if all(str(motion.run.ending) == "arrived" for motion in motions) else NEGATIVE
 
@@ -112,8 +114,7 @@ def _moved(
     motions = []
     with report.stage("move the robot", steps=len(scene.starts)) as progress:
         for start in scene.starts:
-            at = scene.frame.from_world(start)
-            run = sim.run(at, pushes=pushes, seed=seed, max_steps=steps, **wrong)
+            run = sim.run(start, pushes=pushes, seed=seed, max_steps=steps, **wrong)
             motions.append(Motion(start, sim.controller.field.k, run, sim))
             progress.advance()
     return motions

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from resgrid.control.log import Run
     from resgrid.control.simulation import Simulation
-    from resgrid.frame import Frame
+    from resgrid.space import Axis
 
 SUFFIXES = (".npz", ".csv")
 
@@ -33,14 +33,19 @@ class Motion:
     simulation: Simulation
 
 
-def check_log(target: str) -> None:
-    """Refuse a log that no format is known for, before anything is computed.
+def check_log(target: str, axes: Sequence[Axis] = ()) -> None:
+    """Refuse a log that cannot be written, before anything is computed.
 
     Raises
     ------
     InputError
-        If the suffix is unknown.
+        If the suffix is unknown, or an axis has the name of another column of a table.
     """
+    from resgrid.planning.export import require_names
+
+    if not target.lower().endswith(".npz"):
+        names = [axis.name for axis in axes]
+        require_names(axes, csv_names(names)[:4] + csv_names(names)[4 + len(names) :])
     if target != "-" and Path(target).suffix.lower() not in SUFFIXES:
         raise InputError(f"-o {target}: a log is written as .npz or .csv, and this name ends in neither")
 
@@ -48,39 +53,39 @@ def check_log(target: str) -> None:
 def write_log(target: str, motions: Sequence[Motion], job: Job) -> None:
     """Write every step of every run as the target's suffix says: ``.npz``, or ``.csv`` (also ``-``)."""
     if target != "-" and Path(target).suffix.lower() == ".npz":
-        emit_file(target, ".npz", lambda path: _write_npz(path, motions, job))
+        emit_file(target, ".npz", lambda path: _write_npz(path, motions))
     else:
         emit_text(target, csv_text(motions, job))
 
 
-def columns_of(run: Run, frame: Frame) -> dict[str, NDArray[np.generic]]:
-    """Every column of a run, places and vectors in world coordinates; those of contacts begin with ``contact_``."""
-
-    def place(points: NDArray[np.float64]) -> NDArray[np.float64]:
-        return points if frame.is_world else frame.to_world(points)
-
-    def vector(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-        return vectors if frame.is_world else frame.to_world(vectors) - frame.to_world((0.0, 0.0))
-
+def columns_of(run: Run) -> dict[str, NDArray[np.generic]]:
+    """Every column of a run, in world coordinates; those of contacts begin with ``contact_``."""
     felt = run.contacts
     return {
         "time": run.time,
         "mode": run.mode,
-        "configuration": place(run.configuration),
-        "believed": place(run.believed),
-        "velocity": vector(run.velocity),
-        "torque": vector(run.torque),
-        "push": vector(run.push),
+        "configuration": run.configuration,
+        "believed": run.believed,
+        "velocity": run.velocity,
+        "torque": run.torque,
+        "push": run.push,
         "learnt": run.learnt,
         "contact_step": felt.step,
-        "contact_point": place(felt.point),
-        "contact_normal": vector(felt.normal),
-        "contact_force": vector(felt.force),
+        "contact_point": felt.point,
+        "contact_normal": felt.normal,
+        "contact_force": felt.force,
         "contact_gap": felt.gap,
         "contact_part": felt.part,
         "contact_body": felt.body,
         "contact_sticking": felt.sticking,
     }
+
+
+def csv_names(axes: Sequence[str]) -> list[str]:
+    """Names of the columns of a table of runs, for axes of some names."""
+    kinds = ("", "_believed", "_rate", "_torque", "_push")
+    contact = ("contact_x", "contact_y", "force_x", "force_y", "part", "body", "sticking")
+    return ["run", "k", "t", "mode", *(name + kind for kind in kinds for name in axes), "contacts", *contact]
 
 
 def csv_text(motions: Sequence[Motion], job: Job) -> str:
@@ -89,12 +94,9 @@ def csv_text(motions: Sequence[Motion], job: Job) -> str:
 
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
-    names = [axis.name for axis in job.space.axes]
-    kinds = ("", "_believed", "_rate", "_torque", "_push")
-    contact = ("contact_x", "contact_y", "force_x", "force_y", "part", "body", "sticking")
-    table.writerow(["run", "k", "t", "mode", *(n + kind for kind in kinds for n in names), "contacts", *contact])
+    table.writerow(csv_names([axis.name for axis in job.space.axes]))
     for number, motion in enumerate(motions):
-        table.writerows([number, repr(motion.k), *row] for row in _rows(columns_of(motion.run, job.scene.frame)))
+        table.writerows([number, repr(motion.k), *row] for row in _rows(columns_of(motion.run)))
     return text.getvalue()
 
 
@@ -118,7 +120,7 @@ def _rows(columns: dict[str, NDArray[Any]]) -> list[list[str]]:
     return rows
 
 
-def _write_npz(path: Path, motions: Sequence[Motion], job: Job) -> None:
+def _write_npz(path: Path, motions: Sequence[Motion]) -> None:
     import numpy as np
 
     from resgrid.control.log import Mode
@@ -130,13 +132,13 @@ def _write_npz(path: Path, motions: Sequence[Motion], job: Job) -> None:
         "mode_names": np.array([mode.name.lower() for mode in Mode]),
     }
     for number, motion in enumerate(motions):
-        for name, column in columns_of(motion.run, job.scene.frame).items():
+        for name, column in columns_of(motion.run).items():
             arrays[f"{name}_{number}"] = column
     with path.open("wb") as file:
         np.savez(file, **arrays)  # type: ignore[arg-type]
 
 
-def run_data(motion: Motion, job: Job) -> dict[str, Any]:
+def run_data(motion: Motion) -> dict[str, Any]:
     """A run as ``--json`` gives it."""
     import numpy as np
 
@@ -149,7 +151,7 @@ def run_data(motion: Motion, job: Job) -> dict[str, Any]:
         "message": run.message,
         "goal": run.goal,
         "start": list(motion.start),
-        "end": job.scene.frame.to_world(run.configuration[-1]),
+        "end": run.configuration[-1],
         "k": motion.k,
         "time": run.time[-1],
         "steps": len(run.time) - 1,

@@ -277,10 +277,9 @@ def start_cell(job: Job, number: int) -> tuple[int, ...]:
     -------
     tuple of int
     """
-    from resgrid.planning.trace import start_cells
+    from resgrid.planning.trace import start_cells, start_points
 
-    point = job.scene.frame.from_world(job.scene.starts[number])
-    cells, _ = start_cells(job.space, point.reshape(1, -1))
+    cells, _ = start_cells(job.space, start_points(job.space, job.scene.starts[number]))
     return tuple(int(index) for index in cells[0])
 
 

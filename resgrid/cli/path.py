@@ -9,7 +9,7 @@ from resgrid.cli.job import open_job
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.paths import plan_routes, require_starts, route_data, route_line, unit_of
 from resgrid.cli.report import Report
-from resgrid.cli.route_files import Motion, check_target, refine, write_routes
+from resgrid.cli.route_files import Motion, check_motion, check_target, refine, write_routes
 from resgrid.errors import InputError
 
 
@@ -20,8 +20,11 @@ from resgrid.errors import InputError
 @click.option("--limit", metavar="N", type=click.IntRange(min=1), help="Only the first N queries.")
 @click.option("--shorten", is_flag=True, help="Straighten paths by lines that meet free cells only.")
 @click.option("--keep-clearance", metavar="C", type=float, default=0.0, help="Distance that these lines keep.")
-@click.option("--speed", metavar="V,...", help="Time the paths: fastest speed of all axes, or of each, per second.")
-@click.option("--acceleration", metavar="A,...", help="Largest acceleration of all axes, or of each.")
+@click.option(
+    "--speed", metavar="V,...",
+    help="Time the paths: greatest speed (of an arm, of every joint), or one number for each coordinate.",
+)  # fmt: skip
+@click.option("--acceleration", metavar="A,...", help="Greatest acceleration, likewise.")
 @click.option("--rate", metavar="HZ", type=float, help="Write a timed path so often a second.")
 @with_report
 def command(
@@ -54,6 +57,7 @@ def command(
 
         return answer_queries(job, queries, limit, output, report)
     require_starts(job)
+    check_motion(motion, job, output)
     plan = refine(job, plan_routes(job, report), motion)
     if output is not None:
         write_routes(output, plan.routes, job)

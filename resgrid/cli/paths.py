@@ -10,9 +10,6 @@ from resgrid.cli.report import Report
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
     from resgrid.planning.field import Field
     from resgrid.planning.short_path import ShortPath
     from resgrid.planning.streamline import Streamline
@@ -36,10 +33,7 @@ class Route:
     Attributes
     ----------
     streamline : Streamline
-        In the coordinates of the space.
     start : tuple of float
-        World coordinates.
-    points : ndarray of float64, shape (n, ndim)
         World coordinates.
     field : int or None
         Number of the field it was traced in, and certified against; None where there is none to trace.
@@ -53,7 +47,6 @@ class Route:
 
     streamline: Streamline
     start: tuple[float, ...]
-    points: NDArray[np.float64]
     field: int | None
     k: float
     short: ShortPath | None = None
@@ -147,13 +140,13 @@ def _route(job: Job, fields: list[Field], index: int, number: int) -> Route:
     from resgrid.planning.trace import streamline
 
     field = fields[index]
-    path = streamline(field, job.scene.frame.from_world(job.scene.starts[number]))
+    path = streamline(field, job.scene.starts[number])
     certify(path, field)
     return _placed(job, number, path, index % len(fields), field.k)
 
 
 def _placed(job: Job, number: int, path: Streamline, field: int | None, k: float) -> Route:
-    return Route(path, job.scene.starts[number], job.scene.frame.to_world(path.points), field, k)
+    return Route(path, job.scene.starts[number], field, k)
 
 
 def require_starts(job: Job) -> None:
@@ -170,7 +163,7 @@ def require_starts(job: Job) -> None:
 
 
 def route_data(route: Route, *, points: bool = True) -> dict[str, Any]:
-    """A route as ``--json`` gives it; lengths and points in axis units, points in world coordinates."""
+    """A route as ``--json`` gives it; points in world coordinates."""
     path = route.streamline
     data: dict[str, Any] = {
         "outcome": str(path.outcome),
@@ -185,7 +178,7 @@ def route_data(route: Route, *, points: bool = True) -> dict[str, Any]:
     if not route.reached:
         data["message"] = ADVICE[str(path.outcome)]
     if points:
-        data |= {"points": route.points, "cells": path.cells}
+        data |= {"points": path.points, "cells": path.cells}
     if route.short is not None:
         data["short"] = {"length": route.short.length, "clearance": route.short.clearance}
     if route.motion is not None:

@@ -14,7 +14,6 @@ from resgrid.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure  # noqa: TID251
 
-    from resgrid.frame import Frame
     from resgrid.planning.field import Field
 
 PAGE_AXES = 3
@@ -96,9 +95,7 @@ def _page(job: Job, plan: Plan, field: Field | None) -> Figure:
 
     assert field is not None
     own = [route for route in plan.routes if route.field is None or plan.fields[route.field] is field]
-    return plot_scene_page(
-        field, [route.streamline for route in own], title=_title(job, plan, field), frame=_frame(job)
-    )
+    return plot_scene_page(field, [route.streamline for route in own], title=_title(job, plan, field))
 
 
 def _title(job: Job, plan: Plan, field: Field) -> str:
@@ -106,36 +103,32 @@ def _title(job: Job, plan: Plan, field: Field) -> str:
     return ", ".join(part for part in (job.scene.title, mark) if part)
 
 
-def _frame(job: Job) -> Frame | None:
-    return None if job.scene.frame.is_world else job.scene.frame
-
-
 def _space(job: Job, _plan: Plan, _field: Field | None = None) -> Figure:
     from resgrid.plot import plot_space
 
-    return _figure(plot_space(job.space, frame=_frame(job)))
+    return _figure(plot_space(job.space))
 
 
-def _potential(job: Job, _plan: Plan, field: Field | None) -> Figure:
+def _potential(_job: Job, _plan: Plan, field: Field | None) -> Figure:
     from resgrid.plot import plot_potential
 
     assert field is not None
-    return _figure(plot_potential(field, frame=_frame(job)))
+    return _figure(plot_potential(field))
 
 
-def _currents(job: Job, _plan: Plan, field: Field | None) -> Figure:
+def _currents(_job: Job, _plan: Plan, field: Field | None) -> Figure:
     from resgrid.plot import plot_currents
 
     assert field is not None
-    return _figure(plot_currents(field, frame=_frame(job)))
+    return _figure(plot_currents(field))
 
 
 def _paths(job: Job, plan: Plan, _field: Field | None = None) -> Figure:
     from resgrid.plot import plot_space, plot_streamlines
 
-    axes = plot_space(job.space, frame=_frame(job))
+    axes = plot_space(job.space)
     lines, shares = [route.streamline for route in plan.routes], [route.k for route in plan.routes]
-    return _figure(plot_streamlines(lines, job.space, axes, k=shares, frame=_frame(job)))
+    return _figure(plot_streamlines(lines, job.space, axes, k=shares))
 
 
 def _has_body(job: Job) -> bool:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import io
 from collections.abc import Sequence
+from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,10 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".csv", ".json", ".npz", ".yaml")
 
+_HEAD = ("path", "k", "outcome")
+_TAKEN = {".csv": set(_HEAD), ".npz": {"points", "cells"}}
+"""Names that a format keeps for itself."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Motion:
@@ -31,7 +36,7 @@ class Motion:
     clearance : float
         That shortcuts keep.
     speed, acceleration : tuple of float
-        Limits, one for all axes or one each; empty for none.
+        Limits, one for the robot or one for each coordinate; empty for none.
     rate : float or None
         Samples a second.
     """
@@ -47,6 +52,10 @@ class Motion:
             raise InputError("--acceleration times a path only together with --speed")
         if self.rate is not None and not self.speed:
             raise InputError("--rate samples a timed path: give --speed too")
+        if self.rate is not None and not 0 < self.rate < inf:
+            raise InputError(f"--rate {self.rate:g}: a number of samples a second is positive and finite")
+        if not 0 <= self.clearance < inf:
+            raise InputError(f"--keep-clearance {self.clearance:g}: a distance is at least 0 and finite")
         if self.clearance and not self.shorten:
             raise InputError("--keep-clearance is for shortcuts: give --shorten too")
 
@@ -88,6 +97,7 @@ def _refined(job: Job, plan: Plan, route: Route, motion: Motion) -> Route:
             job.space,
             velocity_limits=_each(motion.speed),
             acceleration_limits=_each(motion.acceleration) if motion.acceleration else None,
+            robot=job.scene.robot,
         )
         if motion.rate is not None:
             timed = timed.resampled(motion.rate)
@@ -97,6 +107,37 @@ def _refined(job: Job, plan: Plan, route: Route, motion: Motion) -> Route:
 
 def _each(limits: tuple[float, ...]) -> float | tuple[float, ...]:
     return limits[0] if len(limits) == 1 else limits
+
+
+def check_motion(motion: Motion, job: Job, target: str | None) -> None:
+    """Refuse limits and columns that do not fit the axes, before anything is computed.
+
+    Parameters
+    ----------
+    motion : Motion
+    job : Job
+    target : str or None
+        File, or ``-`` for standard output.
+
+    Raises
+    ------
+    InputError
+        If a limit is not positive, there are too many, or an axis has the name of another column of the file.
+    """
+    from resgrid.planning.export import other_columns, require_names
+
+    for option, limits in (("--speed", motion.speed), ("--acceleration", motion.acceleration)):
+        if len(limits) not in (0, 1, job.space.ndim):
+            names = ", ".join(axis.name for axis in job.space.axes)
+            raise InputError(f"{option}: {len(limits)} numbers for {names}; give one, or one for each with commas")
+        if not all(0 < limit < inf for limit in limits):
+            raise InputError(f"{option} {','.join(f'{limit:g}' for limit in limits)}: a limit is positive and finite")
+    if target is None:
+        return
+    suffix = ".csv" if target == "-" else Path(target).suffix.lower()
+    if suffix != ".yaml":
+        others = other_columns(job.space.axes, job.scene.robot, timed=bool(motion.speed))
+        require_names(job.space.axes, others | _TAKEN.get(suffix, set()))
 
 
 def check_target(target: str) -> None:
@@ -153,7 +194,7 @@ def csv_text(routes: Sequence[Route], job: Job) -> str:
     tables = [_columns(route, job) for route in routes]
     text = io.StringIO()
     table = csv.writer(text, lineterminator="\n")
-    table.writerow(["path", "k", "outcome", *(tables[0] if tables else ())])
+    table.writerow([*_HEAD, *(tables[0] if tables else ())])
     for number, (route, columns) in enumerate(zip(routes, tables, strict=True)):
         head = (number, repr(route.k), str(route.streamline.outcome))
         rows = zip(*(column.tolist() for column in columns.values()), strict=True)
@@ -170,7 +211,7 @@ def plans_text(routes: Sequence[Route], job: Job) -> str:
     for route in routes:
         if route.reached:
             way = route.motion or route.short or route.streamline
-            documents.append(ros_plan(way, job.space, robot=job.scene.robot, frame=job.scene.frame))
+            documents.append(ros_plan(way, job.space, robot=job.scene.robot))
         else:
             documents.append('header:\n  stamp: {sec: 0, nanosec: 0}\n  frame_id: "map"\nposes: []\n')
     return "---\n".join(documents)
@@ -181,9 +222,9 @@ def _columns(route: Route, job: Job) -> dict[str, NDArray[np.float64]]:
     from resgrid.planning.export import path_columns
 
     way = route.motion or route.short or route.streamline
-    columns = path_columns(way, job.space, robot=job.scene.robot, frame=job.scene.frame)
+    columns = path_columns(way, job.space, robot=job.scene.robot)
     if way is route.streamline:
-        columns |= {axis.name: route.points[:, number] for number, axis in enumerate(job.space.axes)}
+        columns |= {axis.name: way.points[:, number] for number, axis in enumerate(job.space.axes)}
     return columns
 
 
@@ -207,7 +248,7 @@ def _write_npz(path: Path, routes: Sequence[Route], job: Job) -> None:
         "start": np.array([route.start for route in routes]),
     }
     for number, route in enumerate(routes):
-        arrays[f"points_{number}"] = route.points
+        arrays[f"points_{number}"] = route.streamline.points
         arrays[f"cells_{number}"] = route.streamline.cells
         for name, column in _columns(route, job).items():
             arrays[f"{name}_{number}"] = column

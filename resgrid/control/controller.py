@@ -18,6 +18,8 @@ from resgrid.space import Cell
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from resgrid.frame import Frame
+
 RESPONSES = ("admittance", "equipotential")
 
 RECOVERY = 2.0
@@ -32,7 +34,7 @@ class Nominal(NamedTuple):
     place : {"free", "goal", "off"}
         In a free cell with a path, in a goal cell, or in neither.
     velocity : ndarray of float64, shape (n,)
-        ``V0``, in axis units per second.
+        ``V0``, in the world, per second.
     longest : float
         In seconds: until just across the next cell face that current leaves by, and at most half the time to where a
         component vanishes.  Steps no longer than this enter no cell that the current does not enter.
@@ -55,12 +57,12 @@ class Controller:
     field : Field
         What to follow.
     admittance : ndarray of float64, shape (n, n)
-        ``A``, symmetric positive definite: axis units per second for a unit of generalised force.
+        ``A``, symmetric positive definite: units of the world's coordinates per second for a unit of generalised force.
     speed : float
-        Length of ``V0``, in axis units per second.
+        Length of ``V0``, per second.
     speed_limits : ndarray of float64, shape (n,)
-        Largest speed of each joint, in axis units per second; a faster command is slowed down as a whole, so that its
-        direction stays.
+        Largest speed of each joint or coordinate of the world, per second; a faster command is slowed down as a whole,
+        so that its direction stays.
     response : {"admittance", "equipotential"}
         What a force does: ``V0 + A F``; or, while it lasts, motion along the equipotential (equation 1).
     threshold : float
@@ -90,14 +92,15 @@ class Controller:
         Parameters
         ----------
         configuration : array_like of float, shape (n,)
-            Where the robot believes it is, in axis units.
+            Where the robot believes it is, in world coordinates.
         force : array_like of float, shape (n,), optional
-            Generalised force on it (joint torques), without those of its own weight; none by default.
+            Generalised force on it (joint torques; of a point or a disc the force in the world), without those of its
+            own weight; none by default.
 
         Returns
         -------
         ndarray of float64, shape (n,)
-            In axis units per second.  In a goal cell the nominal part is 0.
+            In the world, per second.  In a goal cell the nominal part is 0.
 
         Raises
         ------
@@ -105,16 +108,18 @@ class Controller:
             If a value is not finite or of the wrong shape, the configuration lies outside the grid, or it lies more
             than `RECOVERY` cells from every cell with a path.
         """
-        nominal = self.nominal(configuration).velocity
-        if force is None:
-            return self.limited(nominal)
-        return self.limited(self.answer(nominal, self._checked_force(force)))
+        velocity = self.axis_nominal(self._along_axes(configuration)).velocity
+        if force is not None:
+            tau = self._checked_force(force)
+            velocity = self.answer(velocity, self._frame.turned_from_world(tau) if self._is_turned else tau)
+        velocity = self.limited(velocity)
+        return self._frame.turned_to_world(velocity) if self._is_turned else velocity
 
     def answer(self, nominal: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What becomes of the nominal velocity under a generalised force, before speed limits; shape (n,)."""
+        """What becomes of the nominal velocity under a force, both along the axes, before speed limits; shape (n,)."""
         if self.response == "equipotential" and math.sqrt(force @ force) > self.threshold:
             return following_velocity(nominal, force)
-        return np.asarray(nominal + self.admittance @ force)
+        return np.asarray(nominal + self.axis_admittance @ force)
 
     def nominal(self, configuration: ArrayLike) -> Nominal:
         """Nominal velocity ``V0``, and how long a straight step with it may last.
@@ -124,7 +129,7 @@ class Controller:
         Parameters
         ----------
         configuration : array_like of float, shape (n,)
-            In axis units.
+            World coordinates.
 
         Returns
         -------
@@ -135,11 +140,16 @@ class Controller:
         InputError
             As `command`.
         """
+        own = self.axis_nominal(self._along_axes(configuration))
+        return own._replace(velocity=self._frame.turned_to_world(own.velocity))
+
+    def axis_nominal(self, configuration: ArrayLike) -> Nominal:
+        """The same of a configuration in axis units, and along the axes."""
         seen = self.seen(configuration)
         return Nominal("off", self._recover(np.asarray(configuration)), np.inf) if seen.place == "off" else seen
 
     def seen(self, configuration: ArrayLike) -> Nominal:
-        """The same without leading anybody back: the velocity is 0 in a cell without a path."""
+        """As `axis_nominal`, without leading anybody back: the velocity is 0 in a cell without a path."""
         point = np.ascontiguousarray(configuration, dtype=np.float64)
         velocity = np.empty(self.field.space.ndim)
         if point.shape != velocity.shape:
@@ -152,13 +162,33 @@ class Controller:
         return Nominal(_PLACES[status], velocity, np.inf)
 
     def limited(self, velocity: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The velocity slowed down as a whole, so that no joint is faster than its limit."""
-        excess = float(np.max(np.abs(velocity) / self.speed_limits))
+        """A velocity along the axes slowed down as a whole, so that no joint or coordinate is faster than its limit."""
+        seen = self._frame.turned_to_world(velocity) if self._is_turned else velocity
+        excess = float(np.max(np.abs(seen) / self.speed_limits))
         return velocity / excess if excess > 1.0 else velocity
 
     def with_field(self, field: Field) -> Controller:
         """The same controller on another field of the same axes."""
         return replace(self, field=field)
+
+    @cached_property
+    def axis_admittance(self) -> NDArray[np.float64]:
+        """The admittance along the axes, shape (n, n)."""
+        if not self._is_turned:
+            return self.admittance
+        # Rows and columns are vectors: both are turned.
+        return self._frame.turned_from_world(self._frame.turned_from_world(self.admittance).T).T
+
+    @cached_property
+    def _is_turned(self) -> bool:
+        return not self._frame.is_world
+
+    @property
+    def _frame(self) -> Frame:
+        return self.field.space.frame
+
+    def _along_axes(self, configuration: ArrayLike) -> ArrayLike:
+        return self.field.space.from_world(configuration) if self._is_turned else configuration
 
     @cached_property
     def _tables(self) -> tuple[Any, ...]:
@@ -206,8 +236,8 @@ class Controller:
         if not away[at] <= RECOVERY:
             what = "an obstacle cell" if space.cell[tuple(cell)] == Cell.OBSTACLE else "a cell without a path to a goal"
             raise InputError(
-                f"the configuration {point.tolist()} lies in {what}, {tuple(cell.tolist())}, and no cell with a path "
-                f"is within {RECOVERY:g} cells: stop the robot, and bring it back the way it came"
+                f"the configuration {space.to_world(point).tolist()} lies in {what}, {tuple(cell.tolist())}, and no "
+                f"cell with a path is within {RECOVERY:g} cells: stop the robot, and bring it back the way it came"
             )
         way = (index[(slice(None), *at)] - shift + 0.5 - cell - local) * space.spacing
         return np.asarray(way * (self.speed / np.linalg.norm(way)))
@@ -215,7 +245,7 @@ class Controller:
     def _refuse(self, point: NDArray[np.float64]) -> None:
         if not np.isfinite(point).all():
             raise InputError(f"the configuration {point.tolist()} is not finite: stop the robot, check its encoders")
-        self.field.space.locate(point)
+        self.field.space.split(point)
 
     def _checked_force(self, force: ArrayLike) -> NDArray[np.float64]:
         tau = np.asarray(force, dtype=np.float64)
@@ -244,11 +274,11 @@ def make_controller(
     ----------
     field : Field
     speed : float, optional
-        In axis units per second; by default a twentieth of the longest axis each second.
+        Per second; by default a twentieth of the longest axis each second.
     admittance : array_like of float, shape (n, n), (n,) or (), optional
         A matrix, its diagonal, or one number for all axes; by default a unit force changes the velocity by the speed.
     speed_limits : array_like of float, shape (n,) or (), optional
-        In axis units per second; by default five times the speed.
+        Of each coordinate of the world, per second; by default five times the speed.
     response : {"admittance", "equipotential"}
         As in `Controller`.
 

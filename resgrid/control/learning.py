@@ -34,7 +34,7 @@ def proven_cells(
     robot : Robot
     axes : sequence of Axis
     point : array_like of float, shape (2,)
-        A point of the obstacle.
+        A point of the obstacle, in the coordinates of the axes.
     itself : ndarray of bool, optional
         Cells that the robot blocks without any obstacle, if they are known.
 
@@ -78,7 +78,7 @@ def workspace_cells(points: ArrayLike, axes: Sequence[Axis]) -> CellSet:
     CellSet
     """
     grid = ConfigurationSpace(axes, np.zeros(tuple(axis.cells for axis in axes), np.uint8))
-    places = np.asarray(points, dtype=np.float64).reshape(-1, grid.ndim)
+    places = grid.from_world(points)
     inside = np.all(((places >= grid.lower) & (places <= grid.upper)) | grid.periodic, axis=1)
     mask = np.zeros(grid.shape, dtype=np.bool_)
     if inside.any():

@@ -62,7 +62,7 @@ class ContactLog:
     step : ndarray of int64, shape (m,)
         Row of the log.
     point, normal, force : ndarray of float64, shape (m, 2)
-        On the obstacle, in metres; out of it; on the robot.
+        On the obstacle, in metres; out of it; on the robot: all in the world.
     gap : ndarray of float64, shape (m,)
         In metres.
     part, body : ndarray of int64, shape (m,)
@@ -95,7 +95,7 @@ class Lesson:
     cells : ndarray of int64, shape (c, ndim)
         The new obstacle cells, at least one.
     points : ndarray of float64, shape (p, 2)
-        Where the obstacle was touched, as far as the robot knows.
+        Where the obstacle was touched in the world, as far as the robot knows.
     """
 
     step: int
@@ -117,13 +117,13 @@ class Run:
     time : ndarray of float64, shape (n,)
         At which each row holds, in seconds.
     configuration, believed : ndarray of float64, shape (n, ndim)
-        Where the robot truly was, continuous across periodic seams, and where it believed to be; in axis units.
+        Where the robot truly was, continuous across periodic seams, and where it believed to be; in world coordinates.
     velocity : ndarray of float64, shape (n, ndim)
-        With which it left, in axis units per second; 0 in the last row.
+        With which it left, in the world, per second; 0 in the last row.
     mode : ndarray of uint8, shape (n,)
         Values of `Mode`.
     torque, push : ndarray of float64, shape (n, ndim)
-        Generalised forces of contacts, and from outside.
+        Generalised forces of contacts, and from outside; of a point or a disc forces in the world.
     contacts : ContactLog
     lessons : tuple of Lesson
     space, field : ConfigurationSpace, Field

@@ -17,6 +17,7 @@ from resgrid.control.pushes import Force, Push, force_of
 from resgrid.control.recorder import Recorder
 from resgrid.control.simulation import believed_offsets
 from resgrid.errors import InputError
+from resgrid.planning.trace import one_start
 from resgrid.space import Cell
 
 if TYPE_CHECKING:
@@ -40,7 +41,7 @@ class Loop:
     ) -> None:  # fmt: skip
         space = simulation.space
         self.simulation, self.plant, self.controller = simulation, simulation.plant, simulation.controller
-        self.bias = believed_offsets(bias, space.ndim, "bias")
+        self.bias = space.frame.turned_from_world(believed_offsets(bias, space.ndim, "bias"))
         self.noise = believed_offsets(noise, space.ndim, "noise")
         self.push_at, self.max_steps = force_of(pushes, space.ndim), max_steps
         self.rng = np.random.default_rng(seed)
@@ -74,7 +75,8 @@ class Loop:
     def _sense(self) -> Vector:
         believed = self.configuration + self.bias
         if self.noise.any():
-            believed = believed + self.noise * self.rng.uniform(-1.0, 1.0, len(self.noise))
+            error = self.noise * self.rng.uniform(-1.0, 1.0, len(self.noise))
+            believed = believed + self.space.frame.turned_from_world(error)
         return self.plant.within_stops(believed)
 
     def _settle(self) -> None:
@@ -93,13 +95,14 @@ class Loop:
         if seen.place == "goal":
             self.ending = (Ending.ARRIVED, "the robot is in a goal")
             return
-        push = np.asarray(self.push_at(self.time, self.configuration))
+        force = self.push_at(self.time, self.space.to_world(self.configuration))
+        push = self.space.frame.turned_from_world(force)
         chosen = self._choose(believed, seen)
         if chosen is None:
             return
         mode, velocity, longest = chosen
         if push.any():
-            velocity = velocity + self.controller.admittance @ push
+            velocity = velocity + self.controller.axis_admittance @ push
             mode, longest = Mode.PUSHED if mode is Mode.STREAMLINE else mode, self.longest
         velocity = self._stopped(self.controller.limited(velocity))
         around = self._look()
@@ -114,7 +117,7 @@ class Loop:
     def _choose(self, believed: Vector, seen: Nominal) -> tuple[Mode, Vector, float] | None:
         """Mode, velocity without forces, and the longest time step for it."""
         if seen.place == "off":
-            if self.grid is not None and self.space.goal_connected[tuple(self.space.locate(believed))]:
+            if self.grid is not None and self.space.goal_connected[tuple(self.space.split(believed)[0])]:
                 return Mode.WAITING, np.zeros_like(believed), self.longest
             unsure = self.noise.any() or (self.bias.any() and not self.trail)
             return self._recover(believed) if unsure else self._retreat()
@@ -126,7 +129,7 @@ class Loop:
     def _recover(self, believed: Vector) -> tuple[Mode, Vector, float] | None:
         """Wrong belief may put the robot into a cell without a path, and no way back leads out of a mistake."""
         try:
-            return Mode.RECOVERING, self.controller.nominal(believed).velocity, self.longest
+            return Mode.RECOVERING, self.controller.axis_nominal(believed).velocity, self.longest
         except InputError as error:
             self.ending = (Ending.STALLED, str(error))
             return None
@@ -165,7 +168,7 @@ class Loop:
         if not touching.any():
             return None
         opening = np.where(around.gap < 0.5 * margin, (margin - around.gap) / (5.0 * self.longest), 0.0)
-        return touch(around, touching, velocity, self.controller.admittance, self.simulation.friction, opening)
+        return touch(around, touching, velocity, self.controller.axis_admittance, self.simulation.friction, opening)
 
     def _move(
         self, believed: Vector, mode: Mode, velocity: Vector, longest: float, around: Surroundings | None,
@@ -243,7 +246,7 @@ class Loop:
         shaken = self.configuration + self.rng.uniform(-0.1, 0.1, self.space.ndim) * self.space.spacing
         shaken = self.plant.within_stops(shaken)
         self.clear = 0.0
-        if self.plant.penetration(shaken)[0] == 0 and self._is_clear(shaken):
+        if self.plant.axis_penetration(shaken)[0] == 0 and self._is_clear(shaken):
             self._record(self._sense(), np.zeros(self.space.ndim), Mode.DITHERING, None, np.zeros(self.space.ndim))
             self.trail.append(self.configuration)
             self.configuration = shaken
@@ -265,7 +268,7 @@ class Loop:
         if not new.any():
             self.barren = points
             return False
-        self.lessons.append(Lesson(len(self.recorder), np.argwhere(new), points))
+        self.lessons.append(Lesson(len(self.recorder), np.argwhere(new), self.space.frame.to_world(points)))
         self._record(believed, np.zeros(self.space.ndim), Mode.LEARNING, felt, push)
         self.space = learn(self.space, new)
         self.time += self.longest
@@ -279,7 +282,7 @@ class Loop:
         if not self.space.goal_count:
             self.ending = (Ending.GOAL_BLOCKED, "every goal cell was learnt to be obstacle")
             return
-        been = self.space.locate(self.plant.within_stops(np.array([*self.trail, self.configuration]) + self.bias))
+        been, _ = self.space.split(self.plant.within_stops(np.array([*self.trail, self.configuration]) + self.bias))
         connected = self.space.goal_connected | (self.space.cell == Cell.GOAL)
         if not connected[tuple(been.T)].any():
             self.ending = (
@@ -293,7 +296,7 @@ class Loop:
         self.controller = self.controller.with_field(self.grid.field)
 
     def _code(self, believed: Vector) -> int:
-        return int(self.space.cell[tuple(self.space.locate(believed))])
+        return int(self.space.cell[tuple(self.space.split(believed)[0])])
 
     def _record(self, believed: Vector, velocity: Vector, mode: Mode, felt: Touch | None, push: Vector) -> None:
         self.recorder.add(self.time, self.configuration, believed, velocity, mode, felt, push)
@@ -304,7 +307,7 @@ class Loop:
         arrived = self.ending[0] is Ending.ARRIVED
         none = np.zeros(self.space.ndim)
         self._record(believed, none, Mode.ARRIVED if arrived else self.recorder.last_mode, None, none)
-        goal = int(self.space.goal_region[tuple(self.space.locate(believed))]) if arrived else None
+        goal = int(self.space.goal_region[tuple(self.space.split(believed)[0])]) if arrived else None
         return self.recorder.run(self.ending, goal, tuple(self.lessons), self.space, self.controller.field, self.plant)
 
 
@@ -329,19 +332,16 @@ def _contact_mode(mode: Mode, felt: Touch) -> Mode:
 
 
 def _checked_start(simulation: Simulation, start: ArrayLike) -> Vector:
-    try:
-        point = np.array(start, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError(f"a start needs {simulation.space.ndim} numbers, got {start!r}") from None
-    simulation.space.locate(point)
-    if simulation.plant.penetration(point[np.newaxis])[0] > 0:
+    point = one_start(simulation.space, start, None)
+    if simulation.plant.axis_penetration(point[np.newaxis])[0] > 0:
         inside = next(
             number
             for number in range(len(simulation.plant.obstacles))
-            if simulation.plant.only(number).penetration(point[np.newaxis])[0] > 0
+            if simulation.plant.only(number).axis_penetration(point[np.newaxis])[0] > 0
         )
         raise InputError(
-            f"the start {point.tolist()} puts the robot inside {simulation.plant.name_of(inside)}: move the start"
+            f"the start {simulation.space.to_world(point).tolist()} puts the robot inside "
+            f"{simulation.plant.name_of(inside)}: move the start"
         )
     return point
 
@@ -352,7 +352,7 @@ def _static_ending(loop: Loop) -> tuple[Ending, str] | None:
         return None
     believed = loop.plant.within_stops(loop.configuration + loop.bias)
     code = loop._code(believed)
-    cell = tuple(loop.space.locate(believed).tolist())
+    cell = tuple(loop.space.split(believed)[0].tolist())
     if code == Cell.OBSTACLE:
         return Ending.START_BLOCKED, f"the start's cell {cell} is an obstacle in the map"
     if code == Cell.FREE and not loop.space.goal_connected[cell]:

@@ -14,10 +14,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.control.kinematics import Pose, pose_of
 from resgrid.errors import InputError
+from resgrid.frame import Frame
 from resgrid.planning.workspace import travel_bound
 from resgrid.robots import Arm, Ball, Box, CellSet, DiscRobot, HalfSpace, PointRobot, Polygon, Robot, Shape
 from resgrid.robots.solids import as_polygon
-from resgrid.scene.place import to_space
+from resgrid.scene.place import along_axes
 from resgrid.scene.scene import Scene
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
@@ -62,9 +63,13 @@ class Plant:
     axes : tuple of Axis
         Of its configuration space; the ends of an axis that is not periodic are mechanical stops.
     obstacles : tuple of Shape
-        All obstacles, those of the map first, in the coordinates of the space.
+        All obstacles, those of the map first, along the axes.
     known : int
         How many of them the map shows.
+    bodies : Bodies
+        The same in flat arrays.
+    frame : Frame
+        Where the axes lie in the world.
     """
 
     robot: Robot
@@ -72,9 +77,10 @@ class Plant:
     obstacles: tuple[Shape, ...]
     known: int
     bodies: Bodies
+    frame: Frame
 
     def pose(self, configuration: NDArray[np.float64]) -> Pose:
-        """Pose of the robot; a point is brought back into periodic axes."""
+        """Pose of the robot in a configuration in axis units; a point is brought back into periodic axes."""
         return pose_of(self.robot, self._own(configuration))
 
     def _own(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -117,7 +123,7 @@ class Plant:
             room *= 4
 
     def within_stops(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Configurations, shape (..., ndim), held between the mechanical stops."""
+        """Configurations in axis units, shape (..., ndim), held between the mechanical stops."""
         return np.minimum(np.maximum(configurations, self._stops[0]), self._stops[1])
 
     def true_space(self, space: ConfigurationSpace) -> ConfigurationSpace:
@@ -143,7 +149,7 @@ class Plant:
 
     def only(self, number: int) -> Plant:
         """The same robot with one of the obstacles."""
-        return make_plant(self.robot, self.axes, [self.obstacles[number]])
+        return _plant(self.robot, self.axes, (self.obstacles[number],), 1, self.frame)
 
     def name_of(self, number: int) -> str:
         """What a scene's file calls an obstacle."""
@@ -162,7 +168,8 @@ class Plant:
 
         Parameters
         ----------
-        configurations : array_like of float, shape (n, ndim)
+        configurations : array_like of float, shape (n, ndim) or (ndim,)
+            World coordinates.
 
         Returns
         -------
@@ -170,9 +177,13 @@ class Plant:
             In metres: what the parts' and discs' radii overlap; 0 where nothing is entered; infinite where a core (a
             link's axis, a polygon, a point) is inside an obstacle.
         """
+        return self.axis_penetration(np.atleast_2d(self.frame.from_world(configurations)))
+
+    def axis_penetration(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The same of configurations in axis units, shape (n, ndim)."""
         from resgrid.planning.bodies import bodies_of, parts_of
 
-        points = self._own(np.atleast_2d(np.asarray(configurations, dtype=np.float64)))
+        points = self._own(configurations)
         space = ConfigurationSpace(self.axes, np.zeros(tuple(axis.cells for axis in self.axes), np.uint8))
         depth = np.zeros(len(points))
         for body in bodies_of(self.obstacles, self.robot, space):
@@ -209,14 +220,20 @@ def plant_of(scene: Scene) -> Plant:
     for number, shape in enumerate(scene.hidden):
         if _flat(shape):
             raise InputError(f"hidden[{number}]: an obstacle to be touched needs an area; make it thicker")
-    known = [to_space(shape, scene.frame) for shape in scene.obstacles]
+    known: list[Shape] = list(scene.obstacles)
     if scene.map is not None:
         known.append(CellSet(scene.axes, scene.map.cell == Cell.OBSTACLE))
-    hidden = [to_space(shape, scene.frame) for shape in scene.hidden]
-    return make_plant(scene.robot, scene.axes, known, hidden)
+    return make_plant(scene.robot, scene.axes, known, scene.hidden, frame=scene.frame)
 
 
-def make_plant(robot: Robot, axes: Sequence[Axis], known: Sequence[Shape], hidden: Sequence[Shape] = ()) -> Plant:
+def make_plant(
+    robot: Robot,
+    axes: Sequence[Axis],
+    known: Sequence[Shape],
+    hidden: Sequence[Shape] = (),
+    *,
+    frame: Frame | None = None,
+) -> Plant:
     """A plant from its parts.
 
     Parameters
@@ -224,14 +241,20 @@ def make_plant(robot: Robot, axes: Sequence[Axis], known: Sequence[Shape], hidde
     robot : Robot
     axes : sequence of Axis
     known, hidden : sequence of Shape
-        Obstacles in the coordinates of the space: those of the map, and those it does not show.
+        Obstacles in the world (the cells of a map along the axes): those of the map, and those it does not show.
+    frame : Frame, optional
+        Where the axes lie in the world.
 
     Returns
     -------
     Plant
     """
-    shapes = (*known, *hidden)
-    return Plant(robot, tuple(axes), shapes, len(known), _bodies(robot, tuple(axes), shapes))
+    place = Frame() if frame is None else frame
+    return _plant(robot, tuple(axes), along_axes((*known, *hidden), place), len(known), place)
+
+
+def _plant(robot: Robot, axes: tuple[Axis, ...], shapes: tuple[Shape, ...], known: int, frame: Frame) -> Plant:
+    return Plant(robot, axes, shapes, known, _bodies(robot, axes, shapes), frame)
 
 
 def _flat(shape: Shape) -> bool:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.errors import InputError
 
 Force = Callable[[float, NDArray[np.float64]], ArrayLike]
-"""Generalised force at a time, in seconds, and a configuration."""
+"""Generalised force at a time, in seconds, and a configuration; of a point or a disc both in the world."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from resgrid.control.contact import Touch
 from resgrid.control.log import ContactLog, Ending, Lesson, Mode, Run
 from resgrid.control.plant import Plant
+from resgrid.frame import Frame
 from resgrid.planning.field import Field
 from resgrid.space import ConfigurationSpace
 
@@ -45,7 +46,8 @@ class Recorder:
         self, ending: tuple[Ending, str], goal: int | None, lessons: tuple[Lesson, ...], space: ConfigurationSpace,
         field: Field, plant: Plant,
     ) -> Run:  # fmt: skip
-        """The log of all rows."""
+        """The log of all rows, in the world."""
+        frame = space.frame
         time, configuration, believed, velocity, mode, torque, push = zip(*self._rows, strict=True)
         places = np.array(configuration)
         return Run(
@@ -53,20 +55,20 @@ class Recorder:
             message=ending[1],
             goal=goal,
             time=np.array(time),
-            configuration=places,
-            believed=np.array(believed),
-            velocity=np.array(velocity),
+            configuration=space.to_world(places),
+            believed=space.to_world(believed),
+            velocity=frame.turned_to_world(velocity),
             mode=np.array(mode, dtype=np.uint8),
-            torque=np.array(torque),
-            push=np.array(push, dtype=np.float64),
-            contacts=self._contacts(),
+            torque=frame.turned_to_world(torque),
+            push=frame.turned_to_world(push),
+            contacts=self._contacts(frame),
             lessons=lessons,
             space=space,
             field=field,
-            penetration=float(plant.penetration(places).max()),
+            penetration=float(plant.axis_penetration(places).max()),
         )
 
-    def _contacts(self) -> ContactLog:
+    def _contacts(self, frame: Frame) -> ContactLog:
         def column(name: str, empty: NDArray[np.generic]) -> NDArray[np.generic]:
             return np.concatenate([empty, *(getattr(felt, name)[felt.pressing] for _, felt in self._touches)])
 
@@ -74,9 +76,9 @@ class Recorder:
         pairs, numbers = np.empty((0, 2)), np.empty(0, dtype=np.int64)
         return ContactLog(
             step=np.concatenate([numbers, *steps]),
-            point=column("point", pairs),  # type: ignore[arg-type]
-            normal=column("normal", pairs),  # type: ignore[arg-type]
-            force=column("force", pairs),  # type: ignore[arg-type]
+            point=frame.to_world(column("point", pairs)),
+            normal=frame.turned_to_world(column("normal", pairs)),
+            force=frame.turned_to_world(column("force", pairs)),
             gap=column("gap", np.empty(0)),  # type: ignore[arg-type]
             part=column("part", numbers),  # type: ignore[arg-type]
             body=column("body", numbers),  # type: ignore[arg-type]

@@ -332,5 +332,5 @@ def field_now(netlist: Netlist, voltage: Vector) -> Field:
 
 def check_same_grid(before: ConfigurationSpace, after: ConfigurationSpace) -> None:
     """Refuse two maps that are not of one grid."""
-    if before.axes != after.axes:
+    if before.axes != after.axes or before.frame != after.frame:
         raise InputError(f"the map had {before.shape} cells and now has {after.shape}: one grid settles, give one grid")

@@ -100,11 +100,11 @@ class Simulation:
         Parameters
         ----------
         start : array_like of float, shape (n,)
-            In axis units.
+            World coordinates.
         pushes : sequence of Push or callable, optional
             External generalised forces, scheduled or a function of time and configuration.
         bias : array_like of float, shape () or (n,)
-            What the believed configuration is off by, always; in axis units.
+            What the believed configuration is off by, always, in world coordinates.
         noise : array_like of float, shape () or (n,)
             And at most by how much more, anew in every step.
         seed : int

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
 from resgrid.planning.field import Field
-from resgrid.planning.planner import Planner, plan, start_points
+from resgrid.planning.planner import Planner, plan
 from resgrid.planning.streamline import Outcome
-from resgrid.planning.trace import start_cells, streamline
+from resgrid.planning.trace import follow, start_cells, start_points
 from resgrid.space import ConfigurationSpace
 
 
@@ -29,7 +29,7 @@ class ClearanceCurve:
     value : ndarray of float64, shape (n,)
         Its settings.
     starts : ndarray of float64, shape (m, ndim)
-        Start points, in axis units.
+        Start points, in world coordinates.
     clearance : ndarray of float64, shape (n, m)
         Clearance of every path, in axis units; NaN where it does not reach a goal.
     length : ndarray of float64, shape (n, m)
@@ -72,7 +72,7 @@ def clearance_curve(
     ks : array_like of float, shape (n,)
         In [0, 1].
     starts : array_like of float, shape (m, ndim), optional
-        In axis units.  By default the centres of some 200 cells with a path, evenly spaced among all of them.
+        In world coordinates.  By default the centres of some 200 cells with a path, evenly spaced among all of them.
 
     Returns
     -------
@@ -85,7 +85,9 @@ def clearance_curve(
     """
     values = _settings("k", ks)
     points = _starts_with_paths(planner.space, starts)
-    return _curve("k", values, points, [_measure(planner.at(k).field, points) for k in values.tolist()])
+    return _curve(
+        "k", values, planner.space.to_world(points), [_measure(planner.at(k).field, points) for k in values.tolist()]
+    )
 
 
 def wall_clearance_curve(
@@ -126,7 +128,7 @@ def wall_clearance_curve(
         rule, wall = ("neumann", None) if np.isinf(ohms) else ("wall", ohms)
         planner = plan(space, boundary=rule, wall_resistance=wall, edge=edge, resistance=resistance)
         measured.append(_measure(planner.field, points))
-    return _curve("wall_resistance", values, points, measured)
+    return _curve("wall_resistance", values, space.to_world(points), measured)
 
 
 def _settings(knob: str, values: ArrayLike) -> NDArray[np.float64]:
@@ -149,15 +151,15 @@ def _starts_with_paths(space: ConfigurationSpace, starts: ArrayLike | None) -> N
         if not len(cells):
             raise InputError("no free cell has a path to a goal, so that there is no clearance to measure")
         chosen = np.unique(np.linspace(0, len(cells) - 1, 200).round().astype(np.int64))
-        return space.centre(cells[chosen])
-    points = start_points(space, starts).copy()
+        return space.axis_centre(cells[chosen])
+    points = start_points(space, starts)
     start_cells(space, points)
     return points
 
 
 def _measure(field: Field, points: NDArray[np.float64]) -> NDArray[np.float64]:
     """Clearance and length of every path, shape (2, m); NaN where none reaches a goal."""
-    paths = [streamline(field, point) for point in points]
+    paths = [follow(field, point) for point in points]
     pairs = [(p.clearance, p.length) if p.outcome is Outcome.REACHED else (np.nan, np.nan) for p in paths]
     return np.array(pairs, dtype=np.float64).reshape(-1, 2).T
 

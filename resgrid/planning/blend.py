@@ -78,7 +78,8 @@ def check_pair(dirichlet: Field, neumann: Field) -> None:
 
 def _same_cells(first: ConfigurationSpace, second: ConfigurationSpace) -> bool:
     one, other = (np.float64(1.0) if space.conductivity is None else space.conductivity for space in (first, second))
-    return first.axes == second.axes and np.array_equal(first.cell, second.cell) and bool(np.all(one == other))
+    placed = first.axes == second.axes and first.frame == second.frame
+    return placed and np.array_equal(first.cell, second.cell) and bool(np.all(one == other))
 
 
 def _add_currents(

@@ -11,7 +11,7 @@ from resgrid.errors import CertificateError
 from resgrid.planning.certify_motion import check_motion
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.field import Field
-from resgrid.planning.seams import length_of, unwrap
+from resgrid.planning.seams import axis_path, length_of
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.space import Cell, rounding
 
@@ -57,7 +57,9 @@ def _check_kinds(path: Streamline, field: Field) -> None:
     space = field.space
     if not isinstance(path, Streamline) or not isinstance(path.outcome, Outcome):
         raise CertificateError(f"this is no streamline with an outcome, but {type(path).__name__}")
-    cells, points = path.cells, path.points
+    cells, points = path.cells, path.axis_points
+    if path.frame != space.frame:
+        raise CertificateError("the streamline lies elsewhere in the world than the field")
     if cells.dtype.kind not in "iu" or cells.ndim != 2 or cells.shape[1] != space.ndim or not len(cells):
         raise CertificateError(
             f"cells are {cells.dtype} of shape {cells.shape}, but the space has {space.ndim} axes and whole indices"
@@ -159,7 +161,7 @@ def _check_crossings(path: Streamline, field: Field) -> tuple[NDArray[np.int64],
 
 def _local(path: Streamline, field: Field) -> NDArray[np.float64]:
     """Position of every point within its cell, in [0, 1]."""
-    return np.asarray((path.points - field.space.lower) / field.space.spacing - path.point_cells)
+    return np.asarray((path.axis_points - field.space.lower) / field.space.spacing - path.point_cells)
 
 
 def _check_fall(path: Streamline, field: Field) -> None:
@@ -177,7 +179,7 @@ def _check_fall(path: Streamline, field: Field) -> None:
 def _check_extent(path: Streamline, field: Field) -> None:
     """Length and clearance, from the points in coordinates without a seam."""
     space = field.space
-    way = unwrap(path, space)
+    way = axis_path(path, space)
     slack = 2.0 * float(np.linalg.norm(rounding(space.axes) * space.spacing))
     length = length_of(way)
     if not abs(length - path.length) <= slack * len(way):

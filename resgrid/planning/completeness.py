@@ -103,7 +103,7 @@ def separation(
     ----------
     space : ConfigurationSpace
     start : array_like of float, shape (ndim,)
-        In axis units; a point on a border belongs to a free cell if it touches one.
+        World coordinates; a point on a border belongs to a free cell if it touches one.
     cell : sequence of int, optional
         Instead of `start`: a cell.
     virtual : array_like of bool, shape of the space, optional

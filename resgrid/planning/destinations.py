@@ -11,7 +11,7 @@ from resgrid.budget import require_memory
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.planning.field import Field
-from resgrid.planning.trace import streamlines
+from resgrid.planning.trace import follow_many
 from resgrid.planning.walk import Walk, random_walk
 from resgrid.space import Cell
 
@@ -74,7 +74,7 @@ def basins(field: Field) -> NDArray[np.int32]:
     cells = np.argwhere(goal == MIXED)
     for first in range(0, len(cells), _BATCH):
         some = cells[first : first + _BATCH]
-        goal[tuple(some.T)] = streamlines(field, space.centre(some)).goal
+        goal[tuple(some.T)] = follow_many(field, space.axis_centre(some)).goal
     return goal
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from math import cos, isfinite, sin
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,12 +20,12 @@ from resgrid.planning.streamline import Streamline
 from resgrid.planning.trajectory import Trajectory
 from resgrid.planning.workspace import workspace_path
 from resgrid.robots import Arm, PointRobot, PolygonRobot, Robot
-from resgrid.space import ConfigurationSpace
-
-if TYPE_CHECKING:
-    from resgrid.frame import Frame
+from resgrid.space import Axis, ConfigurationSpace
 
 SUFFIXES = (".csv", ".json", ".npz", ".yaml")
+
+_TAKEN = {".json": ("schema",), ".npz": ("file", "allow_pickle")}
+"""Names that a format keeps for itself."""
 
 
 def path_columns(
@@ -33,7 +33,6 @@ def path_columns(
     space: ConfigurationSpace,
     *,
     robot: Robot | None = None,
-    frame: Frame | None = None,
 ) -> dict[str, NDArray[np.float64]]:
     """A path as named columns, one entry a point.
 
@@ -44,30 +43,26 @@ def path_columns(
     space : ConfigurationSpace
     robot : Robot, optional
         An arm's columns say where its tip is.
-    frame : Frame, optional
-        From the space to the world; velocities are turned with it.
 
     Returns
     -------
     dict of str to ndarray of float64, shape (n,)
-        ``t`` (s), the names of the axes (axis units, continuous across periodic seams), ``tip_x`` and ``tip_y``
-        (workspace units), and each axis' name with ``_rate`` (axis units a second).
+        ``t`` (s), the names of the axes (world coordinates, continuous across periodic seams), ``tip_x`` and ``tip_y``
+        (workspace units), and each axis' name with ``_rate`` (a second).
 
     Raises
     ------
     InputError
-        If the path does not fit the space.
+        If the path does not fit the space, or an axis has the name of another column.
     """
-    timed = path if isinstance(path, Trajectory) else None
-    points = unwrap(timed.positions if timed else path, space)  # type: ignore[arg-type]
-    columns = {} if timed is None else {"t": np.array(timed.times)}
-    columns |= _named(space, points if frame is None else frame.to_world(points))
+    points = _points(path, space)
+    require_names(space.axes, other_columns(space.axes, robot, timed=isinstance(path, Trajectory)))
+    columns = _named(space, points)
     if isinstance(robot, Arm):
         tip = workspace_path(points, robot, space)
         columns |= {"tip_x": tip[:, 0], "tip_y": tip[:, 1]}
-    if timed is not None:
-        speed = timed.velocities if frame is None else frame.to_world(timed.velocities) - frame.to_world(0 * points)
-        columns |= _named(space, speed, "_rate")
+    if isinstance(path, Trajectory):
+        columns = {"t": np.array(path.times)} | columns | _named(space, path.velocities, "_rate")
     return columns
 
 
@@ -77,7 +72,6 @@ def write_path(
     space: ConfigurationSpace,
     *,
     robot: Robot | None = None,
-    frame: Frame | None = None,
 ) -> Path:
     """Write a path, whole or not at all, as the suffix says.
 
@@ -89,8 +83,7 @@ def write_path(
     path : Streamline, ShortPath, Trajectory or array_like of float, shape (n, ndim)
     space : ConfigurationSpace
     robot : Robot, optional
-    frame : Frame, optional
-        As in `path_columns`.
+        An arm's files say where its tip is.
 
     Returns
     -------
@@ -100,20 +93,55 @@ def write_path(
     Raises
     ------
     InputError
-        If the suffix is none of these, the path does not fit, or the file cannot be written.
+        If the suffix is none of these, the path does not fit, an axis has the name of another column, or the file
+        cannot be written.
     """
     file = Path(target)
     suffix = file.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"cannot write a path as {str(target)!r}: its suffix must be one of {', '.join(SUFFIXES)}")
     if suffix == ".yaml":
-        return write_text(file, ros_plan(path, space, robot=robot, frame=frame))
-    columns = path_columns(path, space, robot=robot, frame=frame)
+        return write_text(file, ros_plan(path, space, robot=robot))
+    columns = path_columns(path, space, robot=robot)
+    require_names(space.axes, _TAKEN.get(suffix, ()))
     if suffix == ".npz":
         with atomic_path(file) as temporary, temporary.open("wb") as stream:
             np.savez(stream, **columns)  # type: ignore[arg-type]
         return file
     return write_text(file, csv_table(columns) if suffix == ".csv" else _json(columns))
+
+
+def other_columns(axes: Sequence[Axis], robot: Robot | None, *, timed: bool) -> set[str]:
+    """Names of the columns that a path has beside those of its axes."""
+    tip = {"tip_x", "tip_y"} if isinstance(robot, Arm) else set()
+    return tip | ({"t", *(f"{axis.name}_rate" for axis in axes)} if timed else set())
+
+
+def require_names(axes: Sequence[Axis], others: Collection[str]) -> None:
+    """Refuse a file in which the column of an axis would have the name of another one.
+
+    Parameters
+    ----------
+    axes : sequence of Axis
+    others : collection of str
+        Names of the columns that are no axes.
+
+    Raises
+    ------
+    InputError
+        Naming the axis.
+    """
+    for axis in axes:
+        if axis.name in others:
+            raise InputError(
+                f"axis {axis.name!r} has a name that this file needs for something else; rename the axis, or write "
+                "another format"
+            )
+
+
+def _points(path: Streamline | ShortPath | Trajectory | ArrayLike, space: ConfigurationSpace) -> NDArray[np.float64]:
+    """Points of the world, continuous across periodic seams."""
+    return unwrap(path.positions if isinstance(path, Trajectory) else path, space)
 
 
 def csv_table(columns: Mapping[str, ArrayLike]) -> str:
@@ -127,7 +155,6 @@ def ros_plan(
     space: ConfigurationSpace,
     *,
     robot: Robot | None = None,
-    frame: Frame | None = None,
     frame_id: str = "map",
 ) -> str:
     """A path as the text of a ``nav_msgs/Path`` message, which ``ros2 topic pub`` takes.
@@ -142,8 +169,6 @@ def ros_plan(
         Of two axes with one unit, or of a turning polygon.
     robot : Robot, optional
         A point by default.
-    frame : Frame, optional
-        From the space to the world.
     frame_id : str
         The frame that the poses are given in.
 
@@ -156,14 +181,11 @@ def ros_plan(
     InputError
         If the robot does not move in the plane.
     """
-    timed = path if isinstance(path, Trajectory) else None
-    points = unwrap(timed.positions if timed else path, space)  # type: ignore[arg-type]
+    points = _points(path, space)
     require_plan(space, robot)
-    place = points[:, :2] if frame is None else frame.to_world(points[:, :2])
-    yaw = headings(place)
-    if isinstance(robot, PolygonRobot):
-        yaw = points[:, 2] / robot.turning_length + (0.0 if frame is None else frame.yaw)
-    times = np.zeros(len(points)) if timed is None else timed.times
+    place = points[:, :2]
+    yaw = points[:, 2] / robot.turning_length if isinstance(robot, PolygonRobot) else headings(place)
+    times = path.times if isinstance(path, Trajectory) else np.zeros(len(points))
     head = f"header:\n{_stamp(0.0, frame_id, '  ')}poses:"
     return "\n".join([head, *map(_pose, times, place, yaw, [frame_id] * len(place))]) + "\n"
 

@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import CertificateError, InputError
 from resgrid.planning.clearance import face_shares
-from resgrid.planning.seams import unwrap
+from resgrid.planning.seams import axis_path
 from resgrid.planning.short_path import ShortPath
 from resgrid.planning.streamline import Streamline
 from resgrid.space import Cell, ConfigurationSpace, rounding
@@ -31,7 +31,7 @@ def certify_free(points: Streamline | ShortPath | ArrayLike, space: Configuratio
     Parameters
     ----------
     points : Streamline, ShortPath or array_like of float, shape (n, ndim)
-        In axis units, continuous across periodic seams.
+        An array holds points of the world, continuous across periodic seams.
     space : ConfigurationSpace
 
     Raises
@@ -41,7 +41,7 @@ def certify_free(points: Streamline | ShortPath | ArrayLike, space: Configuratio
     InputError
         If the points do not fit the space.
     """
-    scaled = (unwrap(points, space) - space.lower) / space.spacing
+    scaled = (axis_path(points, space) - space.lower) / space.spacing
     _check_extent(scaled, space)
     here = _free(_touched(scaled[0], scaled[0], space), space)
     segments = pairwise(scaled) if len(scaled) > 1 else [(scaled[0], scaled[0])]

@@ -10,7 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from resgrid.errors import InputError
-from resgrid.space import Cell, ConfigurationSpace, label_regions
+from resgrid.regions import label_regions
+from resgrid.space import Cell, ConfigurationSpace
 
 
 @dataclass(frozen=True, eq=False)

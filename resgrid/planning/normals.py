@@ -43,7 +43,7 @@ def surface_normals(
         A bitmap (two axes) or voxels (three), True inside the model; or a space whose obstacle cells are the model
         (one to four axes, periodic ones included).
     points : array_like of float, shape (..., ndim), optional
-        Where to take normals, in axis units; cell ``i`` of an array covers ``[i, i + 1] * spacing``.
+        Where to take normals, in world coordinates; cell ``i`` of an array covers ``[i, i + 1] * spacing``.
     cells : array_like of int, shape (..., ndim), optional
         Instead: cells whose centres are meant.  With neither, every cell.
     spacing : float or sequence of float
@@ -55,8 +55,8 @@ def surface_normals(
     Returns
     -------
     ndarray of float64
-        Unit vectors, shape of `points` or `cells`; or ``(*model.shape, ndim)`` for every cell, NaN inside the model
-        and where nothing flows (cavities that the model encloses, symmetric gaps).
+        Unit vectors in the world, shape of `points` or `cells`; or ``(*model.shape, ndim)`` for every cell, NaN inside
+        the model and where nothing flows (cavities that the model encloses, symmetric gaps).
 
     Raises
     ------
@@ -70,11 +70,12 @@ def surface_normals(
     field, margin = _field_around(space, _checked_padding(space, padding))
     if inner is None:
         every = np.indices(space.shape).reshape(space.ndim, -1).T
-        return _directions(field, every + margin, np.full(every.shape, 0.5)).reshape(*space.shape, space.ndim)
+        normals = _directions(field, every + margin, np.full(every.shape, 0.5)).reshape(*space.shape, space.ndim)
+        return space.frame.turned_to_world(normals)
     at, local = inner
     normals = _directions(field, at.reshape(-1, space.ndim) + margin, local.reshape(-1, space.ndim))
     _check_defined(space, at.reshape(-1, space.ndim), normals)
-    return normals.reshape(at.shape)
+    return space.frame.turned_to_world(normals.reshape(at.shape))
 
 
 def octree_voxels(leaves: ArrayLike, shape: Sequence[int]) -> NDArray[np.bool_]:
@@ -114,7 +115,7 @@ def octree_voxels(leaves: ArrayLike, shape: Sequence[int]) -> NDArray[np.bool_]:
 def _model_space(model: ConfigurationSpace | ArrayLike, spacing: float | Sequence[float]) -> ConfigurationSpace:
     """The model as goal cells, everything else free: goals are the low rail, so the field rises away from it."""
     if isinstance(model, ConfigurationSpace):
-        axes, inside = model.axes, model.cell == Cell.OBSTACLE
+        axes, inside, frame = model.axes, model.cell == Cell.OBSTACLE, model.frame
     else:
         inside = np.asarray(model)
         if inside.dtype.kind != "b" or not 1 <= inside.ndim <= 4 or not inside.size:
@@ -122,10 +123,10 @@ def _model_space(model: ConfigurationSpace | ArrayLike, spacing: float | Sequenc
                 f"a model is a boolean array of one to four axes, True inside; got {inside.dtype} of shape "
                 f"{inside.shape} (compare an image with its threshold first)"
             )
-        axes = _array_axes(inside.shape, spacing)
+        axes, frame = _array_axes(inside.shape, spacing), None
     if not inside.any():
         raise InputError("the model is empty: no cell of it is solid")
-    return ConfigurationSpace(axes, np.where(inside, Cell.GOAL, Cell.FREE))
+    return ConfigurationSpace(axes, np.where(inside, Cell.GOAL, Cell.FREE), frame=frame)
 
 
 def _array_axes(shape: tuple[int, ...], spacing: float | Sequence[float]) -> tuple[Axis, ...]:
@@ -155,7 +156,7 @@ def _checked_queries(
     if points is not None and cells is not None:
         raise InputError("give points or cells, not both")
     if points is not None:
-        return space.split(_numbers(points))
+        return space.split(space.from_world(points))
     if cells is None:
         return None
     index = np.asarray(cells)
@@ -164,13 +165,6 @@ def _checked_queries(
     if np.any(index < 0) or np.any(index >= space.shape):
         raise InputError(f"a cell lies outside the model's {' x '.join(map(str, space.shape))} cells")
     return index.astype(np.int64), np.full(index.shape, 0.5)
-
-
-def _numbers(points: ArrayLike) -> NDArray[np.float64]:
-    try:
-        return np.asarray(points, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError("points must be numbers, as many in each point as the model has axes") from error
 
 
 def _field_around(space: ConfigurationSpace, padding: int) -> tuple[Field, NDArray[np.int64]]:

@@ -17,7 +17,7 @@ from resgrid.planning.completeness import Separation, separation
 from resgrid.planning.destinations import basins
 from resgrid.planning.field import Field, field_of
 from resgrid.planning.streamline import Streamline
-from resgrid.planning.trace import Traces, streamline, streamlines
+from resgrid.planning.trace import Traces, follow, start_points, streamline, streamlines
 from resgrid.space import ConfigurationSpace
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ class Planner:
     obstacle_field, open_field : Field or None
         For blends: k = 1, obstacles on the rail (or behind walls), and k = 0, open obstacles.
     scene_starts : ndarray of float64, shape (n, ndim)
-        Starts that the scene lists, in axis units.
+        Starts that the scene lists, in world coordinates.
     """
 
     field: Field
@@ -75,16 +75,16 @@ class Planner:
         return replace(self, field=blend(self.obstacle_field, self.open_field, k))
 
     def path(self, start: ArrayLike | None = None, *, cell: Sequence[int] | None = None) -> Streamline:
-        """Streamline from a point, or from a cell's centre; see `resgrid.streamline`."""
+        """Streamline from a point of the world, or from a cell's centre; see `resgrid.streamline`."""
         return streamline(self.field, start, cell=cell)
 
     def paths(self, starts: ArrayLike | None = None) -> list[Streamline]:
-        """Streamlines from many points, shape (n, ndim); by default from the scene's starts."""
-        return [streamline(self.field, start) for start in self._points(starts)]
+        """Streamlines from many points of the world, shape (n, ndim); by default from the scene's starts."""
+        return [follow(self.field, point) for point in start_points(self.space, self._starts(starts))]
 
     def ends(self, starts: ArrayLike | None = None) -> Traces:
         """Ends of streamlines from many points, much faster than `paths`; see `resgrid.streamlines`."""
-        return streamlines(self.field, self._points(starts))
+        return streamlines(self.field, self._starts(starts))
 
     def basins(self) -> NDArray[np.int32]:
         """Goal region that the streamline of every cell reaches; see `resgrid.basins`."""
@@ -96,8 +96,8 @@ class Planner:
         """Which obstacles separate a start from the goals; see `resgrid.separation`."""
         return separation(self.space, start, cell=cell, virtual=virtual)
 
-    def _points(self, starts: ArrayLike | None) -> NDArray[np.float64]:
-        return self.scene_starts if starts is None else start_points(self.space, starts)
+    def _starts(self, starts: ArrayLike | None) -> ArrayLike:
+        return self.scene_starts if starts is None else starts
 
 
 def plan(
@@ -182,10 +182,9 @@ def _setting(where: ConfigurationSpace | Scene) -> _Setting:
         raise InputError(f"plan() takes a configuration space or a scene, got {type(where).__name__}")
     if where.boundary == "neumann" and where.drive == "start":
         raise InputError("a scene with drive = 'start' serves one start at a time; plan() needs drive = 'uniform'")
-    starts = [np.asarray(where.frame.from_world(start)).ravel() for start in where.starts]
     return _Setting(
         space=sample(where),
-        starts=np.array(starts, dtype=np.float64).reshape(-1, where.ndim),
+        starts=np.array(where.starts, dtype=np.float64).reshape(-1, where.ndim),
         boundary=where.boundary,
         k=where.k[0] if where.k else None,
         edge=where.edge,
@@ -199,16 +198,3 @@ def _field(
 ) -> Field:
     netlist = compile_space(space, boundary=boundary, edge=edge, resistance=resistance, wall_resistance=wall)
     return field_of(solve(netlist))
-
-
-def start_points(space: ConfigurationSpace, starts: ArrayLike) -> NDArray[np.float64]:
-    """Start points as an array of shape (n, ndim); one point is a row of its own."""
-    try:
-        points = np.asarray(starts, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError(f"starts must be numbers, {space.ndim} for each start") from error
-    if points.ndim == 1 and points.shape == (space.ndim,):
-        points = points[np.newaxis]
-    if points.size and (points.ndim != 2 or points.shape[1] != space.ndim):
-        raise InputError(f"starts have shape {points.shape}, but a start of this space has {space.ndim} coordinates")
-    return points.reshape(-1, space.ndim)

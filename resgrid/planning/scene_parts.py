@@ -78,7 +78,7 @@ def blocking(
     scene : Scene
         Sampled as a whole, and once for each obstacle.
     start : array_like of float, shape (ndim,)
-        In axis units.
+        World coordinates.
     cell : sequence of int, optional
         Instead of `start`: a cell.
     most : int

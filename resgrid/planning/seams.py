@@ -12,7 +12,7 @@ from resgrid.space import ConfigurationSpace
 
 
 def unwrap(path: Streamline | ShortPath | ArrayLike, space: ConfigurationSpace) -> NDArray[np.float64]:
-    """Points of a path in continuous coordinates, which may leave the range of a periodic axis.
+    """Points of a path in the world, in continuous coordinates, which may leave the range of a periodic axis.
 
     Nothing is guessed from distances: a streamline's point that enters a cell on its lower face came upwards, one on
     its upper face downwards, so every step across a seam is known, in a ring of two cells too.  A point differs from
@@ -21,23 +21,48 @@ def unwrap(path: Streamline | ShortPath | ArrayLike, space: ConfigurationSpace) 
     Parameters
     ----------
     path : Streamline, ShortPath or array_like of float, shape (n, ndim)
-        What is no streamline is continuous already, and is checked and copied.
+        An array holds points of the world.  What is no streamline is continuous already, and is checked and copied.
     space : ConfigurationSpace
 
     Returns
     -------
     ndarray of float64, shape (n, ndim)
-        In axis units.
+        World coordinates.
 
     Raises
     ------
     InputError
         If the points do not fit the space or are not finite.
     """
-    if isinstance(path, Streamline):
-        points = _fitting(path.points, space)
-        return points + _turns(path, space) * (space.upper - space.lower)
-    return _fitting(path.points if isinstance(path, ShortPath) else path, space)
+    return space.to_world(axis_path(path, space))
+
+
+def axis_path(path: Streamline | ShortPath | ArrayLike, space: ConfigurationSpace) -> NDArray[np.float64]:
+    """Points of a path in axis units and continuous: the door of all that takes paths; as `unwrap` otherwise.
+
+    Parameters
+    ----------
+    path : Streamline, ShortPath or array_like of float, shape (n, ndim)
+        An array holds points of the world.
+    space : ConfigurationSpace
+
+    Returns
+    -------
+    ndarray of float64, shape (n, ndim)
+
+    Raises
+    ------
+    InputError
+        As `unwrap`, or if the path lies elsewhere in the world than the space.
+    """
+    if not isinstance(path, Streamline | ShortPath):
+        return space.from_world(_fitting(path, space))
+    if path.frame != space.frame:
+        raise InputError("the path lies elsewhere in the world than this space, so that it does not belong to it")
+    points = _fitting(path.axis_points, space)
+    if isinstance(path, ShortPath):
+        return points
+    return points + _turns(path, space) * (space.upper - space.lower)
 
 
 def wrap(points: ArrayLike, space: ConfigurationSpace) -> NDArray[np.float64]:
@@ -66,11 +91,11 @@ def length_of(points: NDArray[np.float64]) -> float:
 def _turns(path: Streamline, space: ConfigurationSpace) -> NDArray[np.int64]:
     """Whole turns of every point around every axis since the start, shape (n, ndim)."""
     cells = path.point_cells
-    if cells.shape != path.points.shape or len(path.points) < len(path.cells):
+    if cells.shape != path.axis_points.shape or len(path.axis_points) < len(path.cells):
         raise InputError(
-            f"the path has {len(path.points)} points and {len(path.cells)} cells; it is no streamline of ours"
+            f"the path has {len(path.axis_points)} points and {len(path.cells)} cells; it is no streamline of ours"
         )
-    local = (path.points - space.lower) / space.spacing - cells
+    local = (path.axis_points - space.lower) / space.spacing - cells
     step = np.where(np.diff(cells, axis=0) != 0, np.where(local[1:] < 0.5, 1, -1), 0)
     continuous = np.concatenate([cells[:1], cells[:1] + np.cumsum(step, axis=0)])
     turns, left = np.divmod(continuous - cells, np.array(space.shape))

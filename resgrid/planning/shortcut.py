@@ -11,7 +11,7 @@ from resgrid.errors import InputError
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.field import Field
 from resgrid.planning.free_way import certify_free
-from resgrid.planning.seams import length_of, unwrap
+from resgrid.planning.seams import axis_path, length_of
 from resgrid.planning.short_path import ShortPath
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.space import Cell, ConfigurationSpace, rounding
@@ -66,17 +66,19 @@ def shorten(
     space = where.space if isinstance(where, Field) else where
     edge = where.edge if isinstance(where, Field) else closed_edges(space)
     clear = _line_of_sight(space, edge, clearance)
-    original = unwrap(path, space)
+    original = axis_path(path, space)
     points = _greedy(_random_chords(_greedy(original, clear), clear, rounds, seed), clear)
-    certify_free(points, space)
     before = length_of(original)
-    return ShortPath(
-        points=points,
+    short = ShortPath(
+        axis_points=points,
         goal=path.goal,
         length=min(length_of(points), before),
         original_length=before,
         clearance=clearance_of(points, space, edge),
+        frame=space.frame,
     )
+    certify_free(short, space)
+    return short
 
 
 def closed_edges(space: ConfigurationSpace) -> tuple[str, ...]:

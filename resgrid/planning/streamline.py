@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+
+from resgrid.frame import Frame
 
 
 class Outcome(StrEnum):
@@ -25,10 +28,10 @@ class Streamline:
 
     Attributes
     ----------
-    points : ndarray of float64, shape (n, ndim)
+    axis_points : ndarray of float64, shape (n, ndim)
         The start; every crossing of a cell face, the last one on the goal cell's; and the configuration within the
         goal cell that solves the goal, where the space names one (``ConfigurationSpace.goal_points``).  In axis units,
-        each within its cell.
+        as they were computed, each within its cell.
     cells : ndarray of int64, shape (m, ndim)
         The cells visited, from the start's to the goal cell entered.  Point ``i`` is where cell ``i`` is entered; with
         a last leg, straight from there to the goal, there is one point more than cells, in the last cell too.
@@ -45,21 +48,36 @@ class Streamline:
     log_duration : float
         Natural logarithm of the time that the velocity ``-conductivity * grad(phi)`` needs to the goal cell's face,
         where the current ends; NaN where nothing moved.
+    frame : Frame
+        Where the axes lie in the world.
     """
 
-    points: NDArray[np.float64]
+    axis_points: NDArray[np.float64]
     cells: NDArray[np.int64]
     outcome: Outcome
     goal: int | None
     length: float
     clearance: float
     log_duration: float
+    frame: Frame
 
     def __post_init__(self) -> None:
-        self.points.flags.writeable = False
+        self.axis_points.flags.writeable = False
         self.cells.flags.writeable = False
+
+    @cached_property
+    def points(self) -> NDArray[np.float64]:
+        """The same points in the world, shape (n, ndim)."""
+        return in_world(self.axis_points, self.frame)
 
     @property
     def point_cells(self) -> NDArray[np.int64]:
         """The cell of every point, shape (n, ndim); segment ``i`` runs in the cell of point ``i``."""
-        return np.concatenate([self.cells, self.cells[-1:]])[: len(self.points)]
+        return np.concatenate([self.cells, self.cells[-1:]])[: len(self.axis_points)]
+
+
+def in_world(axis_points: NDArray[np.float64], frame: Frame) -> NDArray[np.float64]:
+    """Points in axis units as read-only points of the world, shape (n, ndim)."""
+    points = frame.to_world(axis_points)
+    points.flags.writeable = False
+    return points

@@ -8,7 +8,7 @@ passes it at ``d |u2 - u1| / 4``, for directions ``u1`` and ``u2``, which bounds
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -18,9 +18,13 @@ from resgrid.planning.seams import unwrap
 from resgrid.planning.short_path import ShortPath
 from resgrid.planning.streamline import Streamline
 from resgrid.planning.trajectory import Trajectory
+from resgrid.robots import DiscRobot, PointRobot, Robot
 from resgrid.space import ConfigurationSpace
 
 Limits = float | Sequence[float] | NDArray[np.float64]
+
+Load = Callable[[NDArray[np.float64]], NDArray[np.float64]]
+"""How many times its limits each of some vectors, shape (n, ndim), is: shape (n,)."""
 
 _STRAIGHT = 1e-12
 _MOMENT = 1e-13
@@ -33,8 +37,9 @@ def time_path(
     velocity_limits: Limits,
     acceleration_limits: Limits | None = None,
     tolerance: float | None = None,
+    robot: Robot | None = None,
 ) -> Trajectory:
-    """Time a path as fast as limits on every axis allow.
+    """Time a path as fast as limits allow.
 
     With velocities alone every segment is passed at the greatest constant velocity, which jumps at corners.  With
     accelerations the robot starts and ends at rest, corners are rounded at constant speed, and on the straight parts it
@@ -44,35 +49,40 @@ def time_path(
     Parameters
     ----------
     path : Streamline, ShortPath or array_like of float, shape (n, ndim)
-        Arrays are continuous across periodic seams.
+        An array holds points of the world, continuous across periodic seams.
     space : ConfigurationSpace
     velocity_limits : float or sequence of float
-        One for all axes or one each, in axis units a second, positive.
+        In units of the world's coordinates a second, positive.  A number for each of them limits each by itself.  One
+        number limits how fast the robot itself is: of a point or a disc its speed in whatever direction; of other
+        robots every axis by itself.
     acceleration_limits : float or sequence of float, optional
-        In axis units a second squared.
+        Likewise, a second squared.
     tolerance : float, optional
         Greatest distance, in axis units, from the path: half of it to straighten the path's small bends, half to round
         the corners that are left.  By default half the path's clearance, at most a quarter of the narrowest cell; of an
         array, 0: rest at every corner.  A path that touches an obstacle, as those of open ones do, has no clearance
         either, and rests at every bend: `shorten` it with a clearance first, or say how far it may swerve.  Only with
         accelerations.
+    robot : Robot, optional
+        A point by default.
 
     Returns
     -------
     Trajectory
+        In the world.
 
     Raises
     ------
     InputError
         If a limit is not positive, or the path does not fit the space.
     """
-    velocity = _checked_limits("velocity_limits", velocity_limits, space)
+    velocity = _load("velocity_limits", velocity_limits, space, robot)
     points = _distinct(unwrap(path, space))
     if acceleration_limits is None:
         if tolerance is not None:
             raise InputError("tolerance rounds corners for the sake of accelerations: give acceleration_limits too")
         return _at_constant_velocities(points, velocity)
-    acceleration = _checked_limits("acceleration_limits", acceleration_limits, space)
+    acceleration = _load("acceleration_limits", acceleration_limits, space, robot)
     within = _default_tolerance(path, space) if tolerance is None else tolerance
     if not 0.0 <= within < np.inf:
         raise InputError(f"tolerance = {tolerance}, but a distance is at least 0 and finite")
@@ -86,6 +96,14 @@ def _default_tolerance(path: Streamline | ShortPath | ArrayLike, space: Configur
         return 0.0
     clearance = np.inf if np.isnan(path.clearance) else path.clearance
     return float(min(clearance / 2, space.spacing.min() / 4))
+
+
+def _load(name: str, limits: Limits, space: ConfigurationSpace, robot: Robot | None) -> Load:
+    """How limits weigh vectors of the world."""
+    each = _checked_limits(name, limits, space)
+    if np.ndim(limits) == 0 and isinstance(robot, PointRobot | DiscRobot | None):
+        return lambda vectors: np.asarray(np.linalg.norm(vectors, axis=1) / each[0])
+    return lambda vectors: np.asarray((np.abs(vectors) / each).max(axis=1))
 
 
 def _checked_limits(name: str, limits: Limits, space: ConfigurationSpace) -> NDArray[np.float64]:
@@ -136,23 +154,19 @@ def _distance_from_line(
     return np.asarray(np.linalg.norm(points - start - share[:, np.newaxis] * along, axis=1))
 
 
-def _at_constant_velocities(points: NDArray[np.float64], limit: NDArray[np.float64]) -> Trajectory:
+def _at_constant_velocities(points: NDArray[np.float64], velocity: Load) -> Trajectory:
     step = np.diff(points, axis=0)
-    seconds = (np.abs(step) / limit).max(axis=1) if len(step) else np.empty(0)
+    seconds = velocity(step)
     velocities = np.concatenate([step / seconds[:, np.newaxis], np.zeros((1, points.shape[1]))])
     times = np.concatenate([[0.0], np.cumsum(seconds)])
     return Trajectory(times, points, velocities, np.zeros_like(step))
 
 
-def _blended(
-    points: NDArray[np.float64], velocity: NDArray[np.float64], acceleration: NDArray[np.float64], within: float
-) -> Trajectory:
+def _blended(points: NDArray[np.float64], velocity: Load, acceleration: Load, within: float) -> Trajectory:
     step = np.diff(points, axis=0)
     length = np.linalg.norm(step, axis=1)
     way = step / length[:, np.newaxis]
-    with np.errstate(divide="ignore"):
-        top_speed = (velocity / np.abs(way)).min(axis=1)
-        push = (acceleration / np.abs(way)).min(axis=1)
+    top_speed, push = 1.0 / velocity(way), 1.0 / acceleration(way)
     reach, corner_speed = _corners(way, length, top_speed, acceleration, within)
     straight = np.maximum(length - reach[:-1] - reach[1:], 0.0)
     speed = _passes(corner_speed, straight, push)
@@ -194,7 +208,7 @@ def _corners(
     way: NDArray[np.float64],
     length: NDArray[np.float64],
     top_speed: NDArray[np.float64],
-    acceleration: NDArray[np.float64],
+    acceleration: Load,
     within: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """How far each blend reaches on both sides, and the greatest speed in it; both 0 at start and end."""
@@ -205,7 +219,7 @@ def _corners(
     half = np.minimum(length[:-1], length[1:]) / 2
     with np.errstate(divide="ignore"):
         reach[1:-1] = np.where(bent, np.minimum(4 * within / np.maximum(sharpness, _STRAIGHT), half), 0.0)
-        push = (acceleration / np.abs(turn)).min(axis=1)
+        push = 1.0 / acceleration(turn)
     limit = np.minimum(top_speed[:-1], top_speed[1:])
     # Over 2 d at speed v the velocity changes by v (u2 - u1), hence the acceleration is v^2 (u2 - u1) / (2 d).
     with np.errstate(invalid="ignore"):

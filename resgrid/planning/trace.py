@@ -58,7 +58,7 @@ def streamline(field: Field, start: ArrayLike | None = None, *, cell: Sequence[i
     ----------
     field : Field
     start : array_like of float, shape (ndim,)
-        In axis units; any point of the grid.
+        World coordinates; any point of the grid.
     cell : sequence of int, optional
         Instead of `start`: a cell, whose centre is the start.
 
@@ -74,7 +74,11 @@ def streamline(field: Field, start: ArrayLike | None = None, *, cell: Sequence[i
     AccuracyError
         If the streamline does not end, which a direction-safe field rules out.
     """
-    point = one_start(field.space, start, cell)
+    return follow(field, one_start(field.space, start, cell))
+
+
+def follow(field: Field, point: NDArray[np.float64]) -> Streamline:
+    """The streamline from a point in axis units, shape (ndim,); see `streamline`."""
     cells, local = start_cells(field.space, point[np.newaxis])
     blocked = _static_outcomes(field.space, cells)[0]
     if blocked:
@@ -108,7 +112,8 @@ def undriven(space: ConfigurationSpace, start: ArrayLike, edge: tuple[str, ...])
     if goal < 0:
         return _unmoved(space, cells, local, Outcome(_static_outcomes(space, cells)[0] or Outcome.NO_CURRENT))
     points, length = _points(space, cells, local), float(_last_leg(space, cells, local)[1][0])
-    return Streamline(points, cells, Outcome.REACHED, goal, length, clearance_of(points, space, edge), np.nan)
+    clearance = clearance_of(points, space, edge)
+    return Streamline(points, cells, Outcome.REACHED, goal, length, clearance, np.nan, space.frame)
 
 
 def streamlines(field: Field, starts: ArrayLike) -> Traces:
@@ -117,8 +122,8 @@ def streamlines(field: Field, starts: ArrayLike) -> Traces:
     Parameters
     ----------
     field : Field
-    starts : array_like of float, shape (n, ndim)
-        In axis units.
+    starts : array_like of float, shape (n, ndim) or (ndim,)
+        World coordinates; one start is a row of its own.
 
     Returns
     -------
@@ -127,13 +132,17 @@ def streamlines(field: Field, starts: ArrayLike) -> Traces:
     Raises
     ------
     InputError
-        If a start lies outside the grid.
+        If the starts have another shape, or one lies outside the grid.
     AccuracyError
         If a streamline does not end.
     """
+    return follow_many(field, start_points(field.space, starts))
+
+
+def follow_many(field: Field, points: NDArray[np.float64]) -> Traces:
+    """The ends of streamlines from points in axis units, shape (n, ndim); see `streamlines`."""
     from resgrid.planning import kernels
 
-    points = np.asarray(starts, dtype=np.float64).reshape(-1, field.space.ndim)
     cells, local = start_cells(field.space, points)
     outcome = _static_outcomes(field.space, cells).astype("U16")
     free = np.flatnonzero(outcome == "")
@@ -165,6 +174,7 @@ def start_cells(
     ----------
     space : ConfigurationSpace
     points : ndarray of float64, shape (n, ndim)
+        In axis units.
 
     Returns
     -------
@@ -187,17 +197,41 @@ def start_cells(
 
 
 def one_start(space: ConfigurationSpace, start: ArrayLike | None, cell: Sequence[int] | None) -> NDArray[np.float64]:
-    """Point of a start that is given as a point or as a cell."""
+    """A start that is given as a point of the world or as a cell, in axis units, shape (ndim,)."""
     if (start is None) == (cell is None):
         raise InputError("give either a start point or a start cell")
-    if cell is None:
-        return np.asarray(start, dtype=np.float64)
+    if start is not None:
+        points = start_points(space, start)
+        if len(points) != 1:
+            raise InputError(f"one start is wanted, a point with {space.ndim} coordinates; got {len(points)}")
+        return np.asarray(points[0])
     index = np.asarray(cell)
     if index.shape != (space.ndim,) or index.dtype.kind not in "iu":
         raise InputError(f"a cell of this space has {space.ndim} whole indices, got {cell!r}")
     if np.any(index < 0) or np.any(index >= space.shape):
         raise InputError(f"the start cell {tuple(index.tolist())} is not in the grid of {space.shape} cells")
-    return space.centre(index)
+    return space.axis_centre(index)
+
+
+def start_points(space: ConfigurationSpace, starts: ArrayLike) -> NDArray[np.float64]:
+    """Starts given in the world, shape (n, ndim) or (ndim,), in axis units: an array of shape (n, ndim)."""
+    try:
+        points = np.asarray(starts, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError(f"starts must be numbers, {space.ndim} for each start") from error
+    if points.shape == (space.ndim,):
+        points = points[np.newaxis]
+    if points.shape == (0,):
+        points = points.reshape(0, space.ndim)
+    if points.ndim != 2 or points.shape[1] != space.ndim:
+        raise InputError(f"starts have shape {points.shape}, but a start of this space has {space.ndim} coordinates")
+    inside = space.from_world(points)
+    try:
+        space.split(inside)
+    except InputError as error:
+        turned = "" if space.frame.is_world else f"starts {points.tolist()}, along the map's own axes: "
+        raise InputError(f"{turned}{error}") from None
+    return inside
 
 
 def _static_outcomes(space: ConfigurationSpace, cells: NDArray[np.int64]) -> NDArray[np.str_]:
@@ -214,7 +248,7 @@ def _static_outcomes(space: ConfigurationSpace, cells: NDArray[np.int64]) -> NDA
 def _unmoved(
     space: ConfigurationSpace, cells: NDArray[np.int64], local: NDArray[np.float64], outcome: Outcome
 ) -> Streamline:
-    return Streamline(_points(space, cells, local), cells, outcome, None, 0.0, np.nan, np.nan)
+    return Streamline(_points(space, cells, local), cells, outcome, None, 0.0, np.nan, np.nan, space.frame)
 
 
 def _traced(field: Field, cell: NDArray[np.int64], local: NDArray[np.float64]) -> Streamline:
@@ -229,13 +263,14 @@ def _traced(field: Field, cell: NDArray[np.int64], local: NDArray[np.float64]) -
     reached = code == kernels.REACHED
     end, leg = _last_leg(space, cells[-1:], locals_[-1:])
     return Streamline(
-        points=_points(space, cells, locals_),
+        axis_points=_points(space, cells, locals_),
         cells=cells,
         outcome=Outcome.REACHED if reached else Outcome.NO_CURRENT,
         goal=int(space.goal_region[tuple(cells[-1])]) if reached else None,
         length=float(length + leg[0]),
         clearance=_clearance(field, cells, locals_, end[0]),
         log_duration=float(_log_duration(field, np.array([log_time]))[0]),
+        frame=space.frame,
     )
 
 

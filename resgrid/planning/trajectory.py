@@ -21,11 +21,11 @@ class Trajectory:
     times : ndarray of float64, shape (n,)
         Ascending from 0, in seconds.
     positions : ndarray of float64, shape (n, ndim)
-        In axis units, continuous across periodic seams.
+        World coordinates, continuous across periodic seams.
     velocities : ndarray of float64, shape (n, ndim)
-        In axis units a second, just after each knot; 0 at the last.
+        In the world, a second, just after each knot; 0 at the last.
     accelerations : ndarray of float64, shape (n - 1, ndim)
-        In axis units a second squared, between the knots; of a resampled motion, their means.
+        In the world, a second squared, between the knots; of a resampled motion, their means.
     motion : Trajectory or None
         Of a resampled motion, the one it was taken from, which it follows between its knots too.
     """

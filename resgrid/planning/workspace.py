@@ -10,10 +10,11 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
 from resgrid.planning.bodies import bodies_of, parts_of
-from resgrid.planning.seams import unwrap, wrap
+from resgrid.planning.seams import axis_path, unwrap, wrap
 from resgrid.planning.short_path import ShortPath
 from resgrid.planning.streamline import Streamline
 from resgrid.robots import Arm, DiscRobot, PointRobot, PolygonRobot, Robot, Shape
+from resgrid.scene.place import along_axes
 from resgrid.space import ConfigurationSpace
 
 Way = Streamline | ShortPath | ArrayLike
@@ -31,7 +32,7 @@ class Collision:
     segment : int
         Number of the path's segment, from 0.
     configuration : ndarray of float64, shape (ndim,)
-        In axis units.
+        In world coordinates.
     part : int
         Which rigid part of the robot: of an arm, the link, from 0.
     obstacle : int
@@ -50,13 +51,15 @@ def workspace_path(path: Way, robot: Robot, space: ConfigurationSpace) -> NDArra
     Parameters
     ----------
     path : Streamline, ShortPath or array_like of float, shape (n, ndim)
+        An array holds points of the world.
     robot : Robot
     space : ConfigurationSpace
 
     Returns
     -------
     ndarray of float64, shape (n, d)
-        One place per point of the path; d is 2 for arms and turning polygons, ndim for points, whose path this is.
+        In the world: one place per point of the path; d is 2 for arms and turning polygons, ndim for points, whose
+        path this is.
 
     Raises
     ------
@@ -77,9 +80,10 @@ def workspace_clearance(
     Parameters
     ----------
     path : Streamline, ShortPath or array_like of float, shape (n, ndim)
+        An array holds points of the world.
     robot : Robot
     obstacles : sequence of Shape
-        In workspace coordinates.
+        In world coordinates; a `CellSet` lies along the axes of the space.
     space : ConfigurationSpace
     step : float
         No point of the robot moves farther than this between two configurations looked at, in workspace units; so
@@ -96,7 +100,7 @@ def workspace_clearance(
         If the path does not fit, the robot's geometry is not known, or the step is not positive or far too small.
     """
     configurations, _ = dense(path, robot, space, step)
-    bodies = bodies_of(obstacles, robot, space)
+    bodies = bodies_of(along_axes(obstacles, space.frame), robot, space)
     nearest = np.inf
     for batch in _batches(configurations, robot, space):
         parts = parts_of(robot, batch)
@@ -112,9 +116,10 @@ def replay(
     Parameters
     ----------
     path : Streamline, ShortPath or array_like of float, shape (n, ndim)
+        An array holds points of the world.
     robot : Robot
     obstacles : sequence of Shape
-        In workspace coordinates.
+        In world coordinates; a `CellSet` lies along the axes of the space.
     space : ConfigurationSpace
     step : float
         As in `workspace_clearance`.
@@ -130,7 +135,7 @@ def replay(
         As `workspace_clearance`.
     """
     configurations, segment = dense(path, robot, space, step)
-    bodies = bodies_of(obstacles, robot, space)
+    bodies = bodies_of(along_axes(obstacles, space.frame), robot, space)
     seen = 0
     for batch in _batches(configurations, robot, space):
         hits = [
@@ -142,7 +147,7 @@ def replay(
         if hits:
             first, part_number, obstacle = min(hits)
             at = seen + first
-            return Collision(int(segment[at]), configurations[at], part_number, obstacle)
+            return Collision(int(segment[at]), space.to_world(configurations[at]), part_number, obstacle)
         seen += len(batch)
     return None
 
@@ -155,6 +160,7 @@ def dense(
     Parameters
     ----------
     path : Streamline, ShortPath or array_like of float, shape (n, ndim)
+        An array holds points of the world.
     robot : Robot
     space : ConfigurationSpace
     step : float
@@ -163,7 +169,7 @@ def dense(
     Returns
     -------
     configurations : ndarray of float64, shape (m, ndim)
-        Continuous across periodic seams.
+        In axis units, continuous across periodic seams.
     segment : ndarray of int64, shape (m,)
         Number of the segment each lies in.
 
@@ -172,7 +178,7 @@ def dense(
     InputError
         If the step is not positive, or asks for more than five million configurations.
     """
-    points = unwrap(path, space)
+    points = axis_path(path, space)
     if not 0 < step < np.inf:
         raise InputError(f"step = {step}, but a step is a positive length")
     pieces = np.maximum(np.ceil(travel_bound(robot, points[:-1], points[1:]) / step), 1.0)

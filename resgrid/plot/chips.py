@@ -190,7 +190,7 @@ def plot_sensitivity(result: Sensitivity, ax: Axes | None = None, *, drift: floa
     flips = result.flips(drift)
     marked = draw_resistors(netlist, flips[flips < len(netlist.conductance)], axes)
     marked.set(color=FAILURE, linewidth=2.4, label=f"{len(flips)} resistors: {100 * drift:g} % suffices")
-    centres = plane.place(space.centre(result.cells))
+    centres = plane.place(space.axis_centre(result.cells))
     axes.scatter(
         centres[:, 0], centres[:, 1], s=9, color="white", edgecolor="black", linewidth=0.7, zorder=5, label="decisions"
     )
@@ -319,7 +319,7 @@ def draw_resistors(
                 index = np.array(np.unravel_index(face - first, grid), dtype=np.float64)
                 middle = lower + (index + np.where(np.arange(space.ndim) == axis, 0.0, 0.5)) * space.spacing
                 half = np.where(np.arange(space.ndim) == axis, 0.5 * space.spacing, 0.0)
-                segments.append((number, np.clip([middle - half, middle + half], lower, upper)))
+                segments.append((number, space.to_world(np.clip([middle - half, middle + half], lower, upper))))
         first += count
     place = dict(segments)
     ordered = [place.get(number, np.full((2, 2), np.nan)) for number in which.tolist()]

@@ -18,10 +18,10 @@ from resgrid.errors import InputError
 from resgrid.plot.fields import plot_space
 from resgrid.plot.figures import new_figure
 from resgrid.plot.paint import VIRTUAL, paint_cells
+from resgrid.plot.plane import plane_of
 from resgrid.plot.robots import mark_shapes, plot_robot_path
 from resgrid.plot.style import FAILURE, GOAL, PATHS, TEXT, refresh_legend
 from resgrid.robots import Arm, CellSet, HalfSpace, Shape
-from resgrid.scene.place import to_space
 from resgrid.scene.scene import Scene
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -109,24 +109,22 @@ def zoom(run: Run, scene: Scene, axes: Axes) -> None:
     poses = run.configuration[np.linspace(0, len(run.configuration) - 1, 24).astype(np.int64)]
     boxes += [np.array(shape.bounds).reshape(2, 2) for pose in poses for shape in scene.robot.shapes_at(pose)]
     if scene.map is not None:
-        boxes.append(np.stack([run.space.lower, run.space.upper]))
+        boxes.append(plane_of(run.space).corners)
     low, high = np.concatenate(boxes).min(axis=0), np.concatenate(boxes).max(axis=0)
     middle, half = (low + high) / 2, 0.56 * float((high - low).max())
     axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
 
 
 def bodies_of(scene: Scene) -> tuple[list[Shape], list[Shape], list[Shape]]:
-    """Obstacles on the map, hidden ones, and goals that are shapes, all in the coordinates of the space."""
-    known, hidden = ([to_space(shape, scene.frame) for shape in shapes] for shapes in (scene.obstacles, scene.hidden))
-    goals = [to_space(goal, scene.frame) for goal in scene.goals if isinstance(goal, Shape)]
-    return known, hidden, goals
+    """Obstacles on the map, hidden ones, and goals that are shapes."""
+    return list(scene.obstacles), list(scene.hidden), [goal for goal in scene.goals if isinstance(goal, Shape)]
 
 
 def dress_workspace(scene: Scene, hidden: Sequence[Shape], axes: Axes) -> None:
     """Mark what the map does not show, and what came from a map file."""
     if scene.map is not None:
-        blocked = CellSet(scene.axes, scene.map.cell == Cell.OBSTACLE)
-        paint_cells(ConfigurationSpace(scene.axes, scene.map.cell), blocked.mask, "#3d3d3d", "obstacle", axes)
+        space = ConfigurationSpace(scene.axes, scene.map.cell, frame=scene.frame)
+        paint_cells(space, space.cell == Cell.OBSTACLE, "#3d3d3d", "obstacle", axes)
     if hidden:
         mark_shapes(hidden, axes, HIDDEN, "hidden obstacle", 2.4)
 
@@ -228,19 +226,20 @@ def draw_way(run: Run, axes: Axes) -> None:
 
 
 def seam_shifts(space: ConfigurationSpace) -> list[NDArray[np.float64]]:
-    """Shifts by which what crosses seams is drawn again."""
+    """Shifts in the world by which what crosses seams is drawn again."""
     turns = [range(-2, 3) if ring else range(1) for ring in space.periodic]
-    return [np.array(by) * (space.upper - space.lower) for by in product(*turns)]
+    return list(space.frame.turned_to_world(np.array(list(product(*turns))) * (space.upper - space.lower)))
 
 
 def _is_inside(points: NDArray[np.float64], space: ConfigurationSpace) -> bool:
-    return bool(np.any(np.all((points >= space.lower) & (points <= space.upper), axis=-1)))
+    own = space.from_world(points)
+    return bool(np.any(np.all((own >= space.lower) & (own <= space.upper), axis=-1)))
 
 
 def wrapped(points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:
-    """Points brought back into the grid across periodic seams."""
-    extent = space.upper - space.lower
-    return np.where(space.periodic, space.lower + np.mod(points - space.lower, extent), points)
+    """Points of the world brought back into the grid across periodic seams."""
+    own, extent = space.from_world(points), space.upper - space.lower
+    return space.to_world(np.where(space.periodic, space.lower + np.mod(own - space.lower, extent), own))
 
 
 def draw_lessons(run: Run, learnt: NDArray[np.bool_], axes: Axes) -> None:

@@ -42,7 +42,7 @@ def plot_velocities(
     field : Field
         Of two axes.
     point, force : array_like of float, shape (2,)
-        A configuration, and the generalised force of a contact there.
+        A configuration in the world, and the generalised force of a contact there.
     admittance : array_like of float, shape (2, 2)
     ax : matplotlib.axes.Axes, optional
         Made when None.
@@ -67,10 +67,9 @@ def plot_velocities(
     shading = shading_of(field)
     draw_shading(plane, shading, shading.values, axes).set_alpha(0.35)
     draw_cells(plane, axes)
-    x, y = (axis.centres for axis in field.space.axes)
     height = np.ma.masked_invalid(shading.values)
     level = shading.values[tuple(field.space.locate(at))]
-    axes.contour(x, y, height.T, levels=[level], colors="black", linewidths=1.6, zorder=3)
+    axes.contour(*plane.centres, height, levels=[level], colors="black", linewidths=1.6, zorder=3)
     axes.plot([], [], color="black", linewidth=1.6, label="the robot's equipotential")
     path = streamline(field, at)
     axes.plot(*path.points.T, color="black", linewidth=1.2, linestyle=(0, (4, 2)), zorder=4, label="streamline")
@@ -118,10 +117,9 @@ def plot_dirichlet_share(dirichlet: Field, neumann: Field, k: float, ax: Axes | 
     axes = axes_or_new(ax, plane.aspect)
     share = np.where(dirichlet.space.goal_connected, dirichlet_share(dirichlet, neumann, k), np.nan)
     image = draw_image(plane, share, axes, cmap="PuOr_r", vmin=0.0, vmax=1.0, zorder=0.5)
-    x, y = (axis.centres for axis in dirichlet.space.axes)
-    inside = np.ma.masked_invalid(share.T)
+    inside = np.ma.masked_invalid(share)
     if inside.count() and inside.min() < 0.5 < inside.max():
-        axes.contour(x, y, inside, levels=[0.5], colors="black", linewidths=0.8, zorder=1.5)
+        axes.contour(*plane.centres, inside, levels=[0.5], colors="black", linewidths=0.8, zorder=1.5)
         axes.plot([], [], color="black", linewidth=0.8, label="both equal")
     draw_cells(plane, axes)
     finish(plane, axes)

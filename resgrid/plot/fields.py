@@ -18,7 +18,7 @@ from resgrid.plot.arrows import current_arrows
 from resgrid.plot.blocks import block_means, block_size
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.ghosts import add_border, fill_open_walls
-from resgrid.plot.plane import MOST_CELLS, Placement, Plane, draw_cells, draw_image, finish, plane_of
+from resgrid.plot.plane import MOST_CELLS, Plane, draw_cells, draw_image, finish, plane_of
 from resgrid.plot.shading import Shading, no_drop, shading_of, span
 from resgrid.plot.style import NO_DROP, SMALL, add_swatch, height_map, refresh_legend, strength_map
 from resgrid.space import ConfigurationSpace
@@ -26,7 +26,7 @@ from resgrid.space import ConfigurationSpace
 _ARROWS = 26
 
 
-def plot_space(space: ConfigurationSpace, ax: Axes | None = None, *, frame: Placement | None = None) -> Axes:
+def plot_space(space: ConfigurationSpace, ax: Axes | None = None) -> Axes:
     """Draw obstacles, goals, and the conductivity if there is one.
 
     Parameters
@@ -35,8 +35,6 @@ def plot_space(space: ConfigurationSpace, ax: Axes | None = None, *, frame: Plac
         Of two axes.
     ax : matplotlib.axes.Axes, optional
         Made when None.
-    frame : Placement, optional
-        Draw in world coordinates.
 
     Returns
     -------
@@ -47,7 +45,7 @@ def plot_space(space: ConfigurationSpace, ax: Axes | None = None, *, frame: Plac
     InputError
         If the space does not have two axes.
     """
-    plane = plane_of(space, frame)
+    plane = plane_of(space)
     axes = axes_or_new(ax, plane.aspect)
     if space.conductivity is not None:
         _draw_conductivity(plane, space.conductivity, axes)
@@ -63,7 +61,6 @@ def plot_potential(
     *,
     scale: str = "auto",
     contours: bool = True,
-    frame: Placement | None = None,
 ) -> Axes:
     """Draw the potential as an image with equipotential lines.
 
@@ -78,8 +75,6 @@ def plot_potential(
         rounds to 1; ``"auto"`` takes decades where the drop spans more than two.
     contours : bool
         Whether to draw equipotentials.
-    frame : Placement, optional
-        Draw in world coordinates.
 
     Returns
     -------
@@ -90,7 +85,7 @@ def plot_potential(
     InputError
         If the space does not have two axes, or the scale does not fit the field.
     """
-    plane = plane_of(field.space, frame)
+    plane = plane_of(field.space)
     shading = shading_of(field, scale)
     axes = axes_or_new(ax, plane.aspect)
     image = draw_shading(plane, shading, shading.values, axes, contours=contours)
@@ -102,7 +97,7 @@ def plot_potential(
     return axes
 
 
-def plot_currents(field: Field, ax: Axes | None = None, *, frame: Placement | None = None) -> Axes:
+def plot_currents(field: Field, ax: Axes | None = None) -> Axes:
     """Draw the direction of the current by arrows of one length, and its magnitude by their colour.
 
     Parameters
@@ -111,8 +106,6 @@ def plot_currents(field: Field, ax: Axes | None = None, *, frame: Placement | No
         Of two axes.
     ax : matplotlib.axes.Axes, optional
         Made when None.
-    frame : Placement, optional
-        Draw in world coordinates.
 
     Returns
     -------
@@ -123,12 +116,12 @@ def plot_currents(field: Field, ax: Axes | None = None, *, frame: Placement | No
     InputError
         If the space does not have two axes.
     """
-    plane = plane_of(field.space, frame)
+    plane = plane_of(field.space)
     axes = axes_or_new(ax, plane.aspect)
     draw_cells(plane, axes)
     arrows = current_arrows(field, -(-plane.cells_shown // _ARROWS))
     if len(arrows.tail):
-        position = plane.place(field.space.centre(arrows.tail))
+        position = plane.place(field.space.axis_centre(arrows.tail))
         vector = plane.turn(arrows.vector)
         quiver = axes.quiver(
             *position.T,
@@ -204,9 +197,7 @@ def _draw_contours(plane: Plane, shading: Shading, values: NDArray[np.float64], 
         where[..., 0], where[..., 1], np.ma.masked_invalid(coarse), levels=levels, colors="black", alpha=0.55,
         linewidths=0.5, linestyles="solid", zorder=1.5,
     )  # fmt: skip
-    left, right, bottom, top = plane.extent
-    corners = plane.place([(left, bottom), (right, bottom), (right, top), (left, top)])
-    lines.set_clip_path(Polygon(corners, transform=axes.transData))
+    lines.set_clip_path(Polygon(plane.corners, transform=axes.transData))
     axes.add_line(Line2D([], [], color="black", alpha=0.55, linewidth=0.5, label=shading.lines))
 
 

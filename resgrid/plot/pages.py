@@ -12,7 +12,7 @@ from resgrid.planning.streamline import Streamline
 from resgrid.plot.fields import plot_currents, plot_potential
 from resgrid.plot.figures import new_figure, panel_height
 from resgrid.plot.paths import plot_streamlines
-from resgrid.plot.plane import PICTURES, Placement, plane_of
+from resgrid.plot.plane import PICTURES, plane_of
 from resgrid.plot.profiles import plot_profile
 from resgrid.plot.slices import plot_slices
 from resgrid.plot.style import TEXT
@@ -28,7 +28,6 @@ def plot_scene_page(
     k: Sequence[float] | None = None,
     title: str = "",
     scale: str = "auto",
-    frame: Placement | None = None,
 ) -> Figure:
     """Draw the overview of a scene, whatever its dimension.
 
@@ -47,8 +46,6 @@ def plot_scene_page(
         Above the figure.
     scale : {"auto", "linear", "log"}
         As in `plot_potential`.
-    frame : Placement, optional
-        Draw in world coordinates.
 
     Returns
     -------
@@ -70,25 +67,23 @@ def plot_scene_page(
     elif field.space.ndim == 3:
         figure = plot_slices(field, paths=paths, scale=scale)
     else:
-        figure = _plane_page(field, paths, k, scale, frame)
+        figure = _plane_page(field, paths, k, scale)
     if title:
         figure.suptitle(title, fontsize=TEXT + 2)
     return figure
 
 
-def _plane_page(
-    field: Field, paths: Sequence[Streamline], k: Sequence[float] | None, scale: str, frame: Placement | None
-) -> Figure:
-    aspect = plane_of(field.space, frame).aspect
+def _plane_page(field: Field, paths: Sequence[Streamline], k: Sequence[float] | None, scale: str) -> Figure:
+    aspect = plane_of(field.space).aspect
     stacked = aspect < _WIDE
     width = _PAGE if stacked else _PAGE / 2
     height = panel_height(width - 1.1, aspect) + 0.25
     figure = new_figure(_PAGE, 2 * height if stacked else height)
     left, right = figure.subplots(2, 1) if stacked else figure.subplots(1, 2)
-    plot_potential(field, left, scale=scale, frame=frame)
+    plot_potential(field, left, scale=scale)
     if paths:
-        plot_streamlines(paths, field.space, left, k=k, frame=frame)
+        plot_streamlines(paths, field.space, left, k=k)
     left.set_title("Potential and paths" if paths else "Potential", fontsize=TEXT)
-    plot_currents(field, right, frame=frame)
+    plot_currents(field, right)
     right.set_title("Current", fontsize=TEXT)
     return figure

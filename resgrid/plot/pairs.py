@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from resgrid.planning.completeness import Separation
-from resgrid.planning.seams import unwrap
+from resgrid.planning.seams import axis_path
 from resgrid.planning.streamline import Streamline
 from resgrid.planning.workspace import Way
 from resgrid.plot.fields import plot_space
@@ -46,7 +46,7 @@ def plot_pair(
     Parameters
     ----------
     path : Streamline, ShortPath or array_like of float, shape (n, ndim)
-        The robot is drawn along it; at its start alone where it goes nowhere.
+        An array holds points of the world.  The robot is drawn along it; at its start alone where it goes nowhere.
     robot : Robot
     space : ConfigurationSpace
         Of two axes.
@@ -83,7 +83,7 @@ def plot_pair(
         lines = [path, *others] if isinstance(path, Streamline) else list(others)
         plot_configurations(lines, space, right, virtual=virtual)
         if not isinstance(path, Streamline):
-            _draw_line(unwrap(path, space), space, right)
+            _draw_line(axis_path(path, space), space, right)
     else:
         plot_separation(verdict, right, virtual=virtual)
     if title:
@@ -94,15 +94,14 @@ def plot_pair(
 
 
 def _draw_line(points: NDArray[np.float64], space: ConfigurationSpace, axes: Axes) -> None:
-    """A polyline, with copies where it crosses seams, and its first point."""
+    """A polyline in axis units, with copies where it crosses seams, and its first point."""
     extent = space.upper - space.lower
     turns = [range(-2, 3) if ring else range(1) for ring in space.periodic]
     if len(points) > 1:
         for by in product(*turns):
-            axes.plot(*(points + by * extent).T, color=PATHS[0], linewidth=1.5, zorder=4, label="path")
-    axes.scatter(
-        points[:1, 0], points[:1, 1], s=22, facecolor="white", edgecolor="black", linewidth=0.9, zorder=5, label="start"
-    )
+            axes.plot(*space.to_world(points + by * extent).T, color=PATHS[0], linewidth=1.5, zorder=4, label="path")
+    x, y = space.to_world(points[0])
+    axes.scatter(x, y, s=22, facecolor="white", edgecolor="black", linewidth=0.9, zorder=5, label="start")
     refresh_legend(axes)
 
 

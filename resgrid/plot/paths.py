@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from resgrid.errors import InputError
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.plot.figures import axes_or_new
-from resgrid.plot.plane import Placement, Plane, finish, plane_of
+from resgrid.plot.plane import Plane, finish, plane_of
 from resgrid.plot.style import FAILURE, GOAL, LINE_STYLES, PATHS, refresh_legend
 from resgrid.space import ConfigurationSpace
 
@@ -29,7 +29,6 @@ def plot_streamlines(
     ax: Axes | None = None,
     *,
     k: Sequence[float] | None = None,
-    frame: Placement | None = None,
 ) -> Axes:
     """Draw streamlines, their starts and their ends; a cross marks a start that leads nowhere.
 
@@ -42,8 +41,6 @@ def plot_streamlines(
         Made when None.
     k : sequence of float, optional
         Blend of each path; paths of one blend share a colour and a line style, and the legend names it.
-    frame : Placement, optional
-        Draw in world coordinates.
 
     Returns
     -------
@@ -54,20 +51,18 @@ def plot_streamlines(
     InputError
         If the space does not have two axes, or ``k`` or the paths do not match.
     """
-    plane = plane_of(space, frame)
+    plane = plane_of(space)
     if k is not None and len(k) != len(paths):
         raise InputError(f"{len(k)} values of k for {len(paths)} paths; give one for each")
     require_paths(paths, space)
     axes = axes_or_new(ax, plane.aspect)
     draw_streamlines(paths, space, plane, axes, k)
-    finish(plane, axes, [path.points for path in paths])
+    finish(plane, axes, [path.axis_points for path in paths])
     refresh_legend(axes)
     return axes
 
 
-def plot_path(
-    path: Streamline, space: ConfigurationSpace, ax: Axes | None = None, *, frame: Placement | None = None
-) -> Axes:
+def plot_path(path: Streamline, space: ConfigurationSpace, ax: Axes | None = None) -> Axes:
     """Draw one streamline; as `plot_streamlines` otherwise.
 
     Parameters
@@ -77,21 +72,19 @@ def plot_path(
         Of two axes.
     ax : matplotlib.axes.Axes, optional
         Made when None.
-    frame : Placement, optional
-        Draw in world coordinates.
 
     Returns
     -------
     matplotlib.axes.Axes
     """
-    return plot_streamlines([path], space, ax, frame=frame)
+    return plot_streamlines([path], space, ax)
 
 
 def require_paths(paths: Sequence[Streamline], space: ConfigurationSpace) -> None:
     """Refuse streamlines of a space with another number of axes."""
     for number, path in enumerate(paths):
-        if path.points.shape[1:] != (space.ndim,):
-            raise InputError(f"path {number} has {path.points.shape[-1]} coordinates, the space {space.ndim} axes")
+        if path.axis_points.shape[1:] != (space.ndim,):
+            raise InputError(f"path {number} has {path.axis_points.shape[-1]} coordinates, the space {space.ndim} axes")
 
 
 def draw_streamlines(
@@ -124,15 +117,15 @@ def pieces(path: Streamline, space: ConfigurationSpace) -> list[NDArray[np.float
     Returns
     -------
     list of ndarray of float64, shape (n, ndim)
-        Polylines that stay within the axes.
+        Polylines that stay within the axes, in axis units.
     """
-    points = path.points
+    points = path.axis_points
     if len(points) < 2:
         return []
     starts, ends = points[:-1], points[1:].copy()
     extent = np.where(space.periodic, space.upper - space.lower, np.inf)
     # A segment lies in the cell of its first point: of the copies of its end, take the one in that cell.
-    ends -= np.where(space.periodic, extent, 0.0) * np.round((ends - space.centre(path.point_cells[:-1])) / extent)
+    ends -= np.where(space.periodic, extent, 0.0) * np.round((ends - space.axis_centre(path.point_cells[:-1])) / extent)
     torn = np.flatnonzero(np.any(np.abs(ends[:-1] - starts[1:]) > 0.5 * extent, axis=1)) + 1
     bounds = [0, *torn.tolist(), len(starts)]
     return [np.concatenate([starts[first:last], ends[last - 1 : last]]) for first, last in pairwise(bounds)]
@@ -166,8 +159,8 @@ def _draw_lines(lines: list[NDArray[np.float64]], axes: Axes, rank: int, label: 
 
 def _draw_ends(paths: list[Streamline], plane: Plane, axes: Axes) -> None:
     few = len(paths) <= _FEW
-    starts = plane.place(np.unique([path.points[0] for path in paths], axis=0))
-    ends = plane.place(np.unique([path.points[-1] for path in paths], axis=0))
+    starts = plane.place(np.unique([path.axis_points[0] for path in paths], axis=0))
+    ends = plane.place(np.unique([path.axis_points[-1] for path in paths], axis=0))
     axes.scatter(
         starts[:, 0], starts[:, 1], s=22 if few else 1.5, marker="o", facecolor="white" if few else "black",
         edgecolor="black", linewidth=0.9 if few else 0.0, label="start", zorder=5,
@@ -180,7 +173,7 @@ def _draw_ends(paths: list[Streamline], plane: Plane, axes: Axes) -> None:
 
 def _draw_failures(paths: list[Streamline], plane: Plane, axes: Axes) -> None:
     for outcome, count in sorted(Counter(path.outcome for path in paths).items()):
-        starts = plane.place(np.array([path.points[0] for path in paths if path.outcome == outcome]))
+        starts = plane.place(np.array([path.axis_points[0] for path in paths if path.outcome == outcome]))
         axes.scatter(
             starts[:, 0], starts[:, 1], s=34 if count <= _FEW else 4, marker="x", color=FAILURE, linewidth=1.6,
             label=f"{outcome.value.replace('_', ' ')} ({count} start{'s' if count > 1 else ''})", zorder=6,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,7 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.errors import InputError
 from resgrid.plot.blocks import block_colours, block_means, block_size
 from resgrid.plot.style import GOAL, OBSTACLE, UNREACHABLE, add_swatch, axis_label, dress
-from resgrid.space import Axis, Cell, ConfigurationSpace, label_regions
+from resgrid.regions import label_regions
+from resgrid.space import Axis, Cell, ConfigurationSpace
 
 MOST_CELLS = 1024
 """Cells along an axis above which pictures show means over blocks."""
@@ -30,14 +31,6 @@ PICTURES = (
     "one axis: plot_profile; two axes: plot_space, plot_potential, plot_currents, plot_streamlines, plot_circuit; "
     "three axes: plot_slices"
 )
-
-
-class Placement(Protocol):
-    """Where the coordinates of a space lie in the world, e.g. `resgrid.scene.Frame`."""
-
-    def to_world(self, points: ArrayLike) -> NDArray[np.float64]:
-        """World coordinates of points given in the space, shape ``(..., 2)``; affine."""
-        ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +56,7 @@ class Plane:
     matrix: NDArray[np.float64]
 
     @property
-    def is_world(self) -> bool:
+    def is_turned(self) -> bool:
         """Whether the picture's coordinates are not the axes' own."""
         return not np.array_equal(self.matrix, np.eye(3))
 
@@ -100,6 +93,18 @@ class Plane:
         return self.place([(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])])
 
     @property
+    def corners(self) -> NDArray[np.float64]:
+        """Corners of the whole grid in the picture, shape (4, 2)."""
+        left, right, bottom, top = self.extent
+        return self.place([(left, bottom), (right, bottom), (right, top), (left, top)])
+
+    @property
+    def centres(self) -> NDArray[np.float64]:
+        """Both coordinates of the cells' centres in the picture, shape (2, x.cells, y.cells)."""
+        own = np.stack(np.meshgrid(self.x.centres, self.y.centres, indexing="ij"), axis=-1)
+        return np.moveaxis(self.place(own), -1, 0)
+
+    @property
     def cells_shown(self) -> int:
         """Cells along the longer side of the window."""
         return max(int(part.stop - part.start) for part in self.window)
@@ -117,14 +122,12 @@ class Plane:
         return np.asarray((self.cell == Cell.FREE) & ~self.connected)
 
 
-def plane_of(space: ConfigurationSpace, frame: Placement | None = None) -> Plane:
-    """Plane of a space with two axes.
+def plane_of(space: ConfigurationSpace) -> Plane:
+    """Plane of a space with two axes, in the world.
 
     Parameters
     ----------
     space : ConfigurationSpace
-    frame : Placement, optional
-        Draw in world coordinates; otherwise in the space's own.
 
     Returns
     -------
@@ -138,7 +141,7 @@ def plane_of(space: ConfigurationSpace, frame: Placement | None = None) -> Plane
     if space.ndim != 2:
         raise InputError(f"this picture needs a space of two axes, this one has {space.ndim} ({PICTURES})")
     x, y = space.axes
-    return Plane(x, y, space.cell, space.goal_connected, _matrix(frame))
+    return Plane(x, y, space.cell, space.goal_connected, _matrix(space))
 
 
 def plane_slice(space: ConfigurationSpace, axis: int, index: int) -> Plane:
@@ -174,7 +177,7 @@ def draw_image(plane: Plane, values: NDArray[Any], axes: Axes, **style: Any) -> 
     image = axes.imshow(
         pixels.swapaxes(0, 1), origin="lower", extent=(left, right, bottom, top), aspect="auto", **style
     )
-    if plane.is_world:
+    if plane.is_turned:
         image.set_transform(Affine2D(plane.matrix) + axes.transData)
     return image
 
@@ -217,15 +220,15 @@ def finish(plane: Plane, axes: Axes, points: Sequence[NDArray[np.float64]] = ())
     shown = np.concatenate([plane.view, *(plane.place(part) for part in points)])
     (left, bottom), (right, top) = shown.min(axis=0), shown.max(axis=0)
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal" if plane.x.unit == plane.y.unit else "auto")
-    axes.set_xlabel(axis_label(plane.x, world=plane.is_world))
-    axes.set_ylabel(axis_label(plane.y, world=plane.is_world))
+    axes.set_xlabel(axis_label(plane.x, world=plane.is_turned))
+    axes.set_ylabel(axis_label(plane.y, world=plane.is_turned))
     dress(axes)
     return axes
 
 
-def _matrix(frame: Placement | None) -> NDArray[np.float64]:
+def _matrix(space: ConfigurationSpace) -> NDArray[np.float64]:
     matrix = np.eye(3)
-    if frame is not None:
-        origin, right, up = np.asarray(frame.to_world(np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)])))
-        matrix[:2] = np.stack([right - origin, up - origin, origin], axis=1)
+    if not space.frame.is_world:
+        matrix[:2, :2] = space.frame.turned_to_world(np.eye(2)).T
+        matrix[:2, 2] = space.to_world((0.0, 0.0))
     return matrix

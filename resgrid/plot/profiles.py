@@ -63,7 +63,7 @@ def plot_profile(
     for path in paths:
         reached = path.outcome == Outcome.REACHED
         axes.plot(
-            path.points[0, 0], shown[int(path.cells[0, 0])], linestyle="", marker="o" if reached else "x",
+            path.axis_points[0, 0], shown[int(path.cells[0, 0])], linestyle="", marker="o" if reached else "x",
             color="white" if reached else FAILURE, markeredgecolor="black" if reached else FAILURE, zorder=4,
             label="start" if reached else path.outcome.value.replace("_", " "),
         )  # fmt: skip

@@ -15,7 +15,7 @@ from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.planning.seams import unwrap
+from resgrid.planning.seams import axis_path
 from resgrid.planning.streamline import Streamline
 from resgrid.planning.workspace import Way, dense, travel_bound, workspace_path
 from resgrid.plot.figures import axes_or_new
@@ -43,6 +43,7 @@ def plot_robot_path(
     Parameters
     ----------
     path : Streamline, ShortPath or array_like of float, shape (n, ndim)
+        An array holds points of the world.
     robot : Robot
         That moves in the plane.
     space : ConfigurationSpace
@@ -200,10 +201,10 @@ def mark_shapes(shapes: Sequence[Shape], axes: Axes, colour: str, label: str, or
 
 
 def _dense(path: Way, robot: Robot, space: ConfigurationSpace) -> NDArray[np.float64]:
-    """Configurations close enough for smooth lines, whatever the scale of the workspace."""
-    corners = unwrap(path, space)
+    """Configurations in the world close enough for smooth lines, whatever the scale of the workspace."""
+    corners = axis_path(path, space)
     travel = float(travel_bound(robot, corners[:-1], corners[1:]).sum())
-    return dense(corners, robot, space, travel / 400)[0] if travel else corners
+    return space.to_world(dense(path, robot, space, travel / 400)[0] if travel else corners)
 
 
 def _evenly(poses: NDArray[np.float64], robot: Robot, count: int) -> NDArray[np.int64]:

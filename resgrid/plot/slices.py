@@ -135,7 +135,7 @@ def _draw_path(path: Streamline, space: ConfigurationSpace, normal: int, index: 
     across, up = (number for number in range(3) if number != normal)
     if path.outcome != Outcome.REACHED:
         axes.plot(
-            path.points[0, across], path.points[0, up], linestyle="", marker="x", color=FAILURE, zorder=6,
+            path.axis_points[0, across], path.axis_points[0, up], linestyle="", marker="x", color=FAILURE, zorder=6,
             label=path.outcome.value.replace("_", " "),
         )  # fmt: skip
         return
@@ -149,7 +149,7 @@ def _draw_path(path: Streamline, space: ConfigurationSpace, normal: int, index: 
             bold = np.where(inside[:, None], line, np.nan)
             axes.plot(bold[:, across], bold[:, up], color=PATHS[0], linewidth=2.2, zorder=5, label="path in the slice")
     axes.plot(
-        path.points[0, across], path.points[0, up], linestyle="", marker="o", markersize=4, color="white",
+        path.axis_points[0, across], path.axis_points[0, up], linestyle="", marker="o", markersize=4, color="white",
         markeredgecolor="black", zorder=6, label="start",
     )  # fmt: skip
 

@@ -180,7 +180,7 @@ def plot_criticality(result: Criticality, ax: Axes | None = None, *, fault: str 
     lines.set(array=value[order], cmap=strength_map(), norm=norm, linewidth=2.0)
     cell, worst = _switches(result, lost)
     if cell.size:
-        centre = plane.place(space.centre(np.stack(np.unravel_index(cell, space.shape), axis=1)))
+        centre = plane.place(space.axis_centre(np.stack(np.unravel_index(cell, space.shape), axis=1)))
         axes.scatter(
             centre[:, 0], centre[:, 1], c=worst, cmap=strength_map(), norm=norm, s=16, marker="s", edgecolor="white",
             linewidth=0.4, zorder=5, label="a switch or load of the cell",

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from resgrid.errors import InputError
 from resgrid.frame import Frame
-from resgrid.robots import Ball, Box, HalfSpace, Polygon, Shape
+from resgrid.robots import Ball, Box, CellSet, HalfSpace, Polygon, Shape
 from resgrid.robots.shapes import Point
 from resgrid.space import Axis, split_points
 
@@ -84,6 +86,11 @@ def to_space(shape: Shape, frame: Frame) -> Shape:
             turned = np.asarray(Frame(yaw=frame.yaw).from_world(normal)).tolist() if frame.yaw else list(normal)
             return HalfSpace(tuple(turned), offset - normal[0] * frame.x - normal[1] * frame.y)
     raise InputError("the cells of a map cannot be moved to another frame")
+
+
+def along_axes(obstacles: Sequence[Shape], frame: Frame) -> tuple[Shape, ...]:
+    """Obstacles of the world in the coordinates of the space, where the cells of a map lie already; see `to_space`."""
+    return tuple(shape if isinstance(shape, CellSet) else to_space(shape, frame) for shape in obstacles)
 
 
 def _ring(points: tuple[Point, ...], frame: Frame) -> tuple[Point, ...]:

@@ -143,7 +143,7 @@ def _configuration(scene: Scene, goal: Goal) -> GoalPoint | GoalCell | None:
 def _region(scene: Scene, goal: Goal) -> GoalCells:
     match goal:
         case GoalJoints(lower, upper):
-            return PointRobot().goal_cells(scene.axes, Box(lower, upper))
+            return PointRobot().goal_cells(scene.axes, to_space(Box(lower, upper), scene.frame))
         case GoalPoint(point):
             return scene.robot.goal_cells(scene.axes, point)
         case GoalCell():

@@ -40,7 +40,7 @@ class GoalJoints:
     Attributes
     ----------
     lower, upper : tuple of float
-        Corners, in axis units; equal for a single configuration.
+        Corners, in world coordinates (of an arm its angles); equal for a single configuration.
     """
 
     lower: Point
@@ -99,7 +99,7 @@ class Scene:
     goals : tuple of Shape, GoalPoint, GoalCell or GoalJoints
         Places for the robot's reference point (an arm's tip) in world coordinates; cells; or configurations.
     starts : tuple of tuple of float
-        Start points, in world coordinates; for arms and turning polygons configurations, in axis units.
+        Start configurations, in world coordinates: for an arm its angles.
     areas : tuple of CostArea
         Regions of configuration space with another conductivity (for points and discs that is the world); later ones
         cover earlier ones.

@@ -10,8 +10,9 @@ import shapely
 from hidden import hiding
 
 from resgrid.control.log import Ending
+from resgrid.regions import label_regions
 from resgrid.robots import Ball, Box, DiscRobot, PointRobot, Shape, to_shapely
-from resgrid.space import Cell, label_regions
+from resgrid.space import Cell
 
 
 def with_path(blocked: np.ndarray, cell: np.ndarray) -> np.ndarray:

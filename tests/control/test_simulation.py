@@ -12,9 +12,10 @@ from resgrid.control.pushes import Push, random_pushes
 from resgrid.control.simulation import Simulation, simulation
 from resgrid.errors import InputError
 from resgrid.planning.trace import streamline
+from resgrid.regions import label_regions
 from resgrid.robots import Ball, Box, PointRobot, Polygon
 from resgrid.scene import read_scene
-from resgrid.space import Cell, ConfigurationSpace, label_regions
+from resgrid.space import Cell, ConfigurationSpace
 
 BOX = Box((2.5, 3.0), (6.2, 4.0))
 U = [Box((2.0, 2.5), (6.0, 3.0)), Box((2.0, 2.5), (2.5, 5.5)), Box((5.5, 2.5), (6.0, 5.5))]

@@ -45,9 +45,9 @@ def test_a_timed_path_of_an_arm_is_read_back_as_it_was(tmp_path, suffix) -> None
 
 
 def test_a_plan_for_ros_has_poses_in_the_world_that_look_ahead() -> None:
-    frame = Frame(x=10.0, y=-2.0, yaw=pi / 2)
-    motion = time_path(WAY, PLANE, velocity_limits=1.0)
-    plan = yaml.safe_load(ros_plan(motion, PLANE, frame=frame))
+    space = ConfigurationSpace(PLANE.axes, PLANE.cell, frame=Frame(x=10.0, y=-2.0, yaw=pi / 2))
+    motion = time_path(space.to_world(WAY), space, velocity_limits=(1.0, 1.0))
+    plan = yaml.safe_load(ros_plan(motion, space))
     assert plan["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "map"}
     places = [(p["pose"]["position"]["x"], p["pose"]["position"]["y"]) for p in plan["poses"]]
     np.testing.assert_allclose(places, [(10 - y, -2 + x) for x, y in WAY])
@@ -76,9 +76,8 @@ def test_headings_outlast_repeated_points() -> None:
 
 
 def test_velocities_turn_with_the_frame() -> None:
-    columns = path_columns(
-        time_path([(0, 0), (2, 0)], PLANE, velocity_limits=1.0), PLANE, frame=Frame(5.0, 5.0, pi / 2)
-    )
+    space = ConfigurationSpace(PLANE.axes, PLANE.cell, frame=Frame(5.0, 5.0, pi / 2))
+    columns = path_columns(time_path(space.to_world([(0, 0), (2, 0)]), space, velocity_limits=1.0), space)
     np.testing.assert_allclose((columns["x_rate"], columns["y_rate"]), [(0, 0), (1, 0)], atol=1e-12)
     np.testing.assert_allclose((columns["x"], columns["y"]), [(5, 5), (5, 7)], atol=1e-12)
 

@@ -5,6 +5,7 @@ from spaces import space_of, spaces
 
 from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError, CircuitError, InputError
+from resgrid.frame import Frame
 from resgrid.nodal.solve import solve
 from resgrid.planning.blend import blend
 from resgrid.planning.certify import certify
@@ -201,15 +202,16 @@ def test_a_forged_path_is_refused() -> None:
 
     cells = path.cells.copy()
     cells[2] = cells[1] + [1, 1]
-    points = path.points.copy()
+    points = path.axis_points.copy()
     points[3] += 1e-3
     for broken in (
         {"cells": cells},
-        {"points": points},
+        {"axis_points": points},
         {"length": path.length * 1.001},
         {"goal": 1 - path.goal},
-        {"cells": path.cells[:-1].copy(), "points": path.points[:-1].copy()},
-        {"cells": path.cells[::-1].copy(), "points": path.points[::-1].copy()},
+        {"cells": path.cells[:-1].copy(), "axis_points": path.axis_points[:-1].copy()},
+        {"cells": path.cells[::-1].copy(), "axis_points": path.axis_points[::-1].copy()},
+        {"frame": Frame(0.0, 0.0, 1e-3)},
         {"outcome": Outcome.NO_PATH},
         {"outcome": Outcome.NO_CURRENT},
         {"outcome": Outcome.START_BLOCKED},

@@ -17,6 +17,7 @@ from resgrid.planning.free_way import certify_free
 from resgrid.planning.shortcut import shorten
 from resgrid.planning.timing import time_path
 from resgrid.planning.trace import streamline
+from resgrid.robots import Arm, DiscRobot, PointRobot
 from resgrid.space import ConfigurationSpace
 
 PLANE = space_of(np.zeros((20, 20)))
@@ -45,18 +46,34 @@ def test_corners_without_tolerance_are_taken_at_rest() -> None:
     np.testing.assert_allclose(motion.at(2.0), [[(1, 0)], [(0, 0)]], atol=1e-9)
 
 
-def test_a_right_angle_is_rounded_within_half_the_tolerance() -> None:
+@pytest.mark.parametrize(("limit", "turn"), [((1.0, 1.0), 1.0), (1.0, np.sqrt(2))])  # of each axis, of the robot
+def test_a_right_angle_is_rounded_within_half_the_tolerance(limit: object, turn: float) -> None:
     corner = [(0.0, 0.0), (5.0, 0.0), (5.0, 5.0)]
-    motion = time_path(corner, PLANE, velocity_limits=9.0, acceleration_limits=1.0, tolerance=0.2)
+    motion = time_path(corner, PLANE, velocity_limits=9.0, acceleration_limits=limit, tolerance=0.2)
     points = motion.sample(500)[1]
     away = np.minimum(np.abs(points[:, 1]), np.abs(points[:, 0] - 5)).max()
     gap = np.linalg.norm(points - (5, 0), axis=1).min()
     assert gap == pytest.approx(0.1, rel=1e-3)
     assert away < gap
-    # d = 4 * 0.1 / sqrt(2), v = sqrt(2 d a): speeds up over 5 - d, from rest to v, on both sides.
+    # d = 4 * 0.1 / sqrt(2), v = sqrt(2 d a / turn): speeds up over 5 - d, from rest to a peak, and slows down to v.
     d = 0.4 / np.sqrt(2)
-    v, peak = np.sqrt(2 * d), np.sqrt(5 - d + d)
+    v = np.sqrt(2 * d / turn)
+    peak = np.sqrt(5 - d + v**2 / 2)
     assert motion.duration == pytest.approx(2 * (peak + (peak - v)) + 2 * d / v)
+
+
+@pytest.mark.parametrize("robot", [None, PointRobot(), DiscRobot(0.1)])
+def test_one_number_limits_the_speed_of_a_robot_that_is_a_place(robot: object) -> None:
+    way = [(0, 0), (3, 4), (3, 9)]
+    assert time_path(way, PLANE, velocity_limits=1.0, robot=robot).duration == pytest.approx(5 + 5)
+    motion = time_path(way, PLANE, velocity_limits=0.5, acceleration_limits=0.3, tolerance=0.2, robot=robot)
+    assert np.linalg.norm(motion.velocities, axis=1).max() == pytest.approx(0.5)
+    assert np.linalg.norm(motion.accelerations, axis=1).max() == pytest.approx(0.3)
+
+
+def test_one_number_limits_every_joint_of_an_arm() -> None:
+    arm = Arm((1.0, 1.0))
+    assert time_path([(0, 0), (3, 4)], PLANE, velocity_limits=1.0, robot=arm).duration == pytest.approx(4.0)
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(1, 3), st.sampled_from([0.0, 0.01, 0.5]))
@@ -91,7 +108,7 @@ def test_the_default_tolerance_stays_clear_of_obstacles() -> None:
     for way in (path, shorten(path, field, clearance=0.25)):
         motion = time_path(way, space, velocity_limits=1.0, acceleration_limits=1.0)
         certify_free(motion.sample(50)[1], space)
-        assert motion.duration >= (way.length / np.sqrt(2)) * (1 - 0.1)
+        assert motion.duration >= way.length * (1 - 0.1)
     slow = time_path(path, space, velocity_limits=1.0, acceleration_limits=1.0, tolerance=0.0)
     assert slow.duration > time_path(path, space, velocity_limits=1.0, acceleration_limits=1.0).duration
 

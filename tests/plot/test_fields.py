@@ -8,6 +8,7 @@ from matplotlib.quiver import Quiver
 
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
+from resgrid.frame import Frame
 from resgrid.nodal.solve import solve
 from resgrid.planning.field import Field, field_of
 from resgrid.planning.trace import streamline
@@ -17,15 +18,6 @@ from resgrid.plot.blocks import block_colours, block_means
 from resgrid.plot.ghosts import add_border, fill_open_walls
 from resgrid.plot.shading import nice_step, shading_of, span
 from resgrid.space import Axis, Cell, ConfigurationSpace
-
-
-class Turned:
-    """A frame turned by 30 degrees and moved."""
-
-    rotation = np.array([[np.cos(np.pi / 6), -np.sin(np.pi / 6)], [np.sin(np.pi / 6), np.cos(np.pi / 6)]])
-
-    def to_world(self, points):
-        return np.asarray(points) @ self.rotation.T + (10.0, -5.0)
 
 
 def images(axes) -> list[AxesImage]:
@@ -66,10 +58,10 @@ def test_dots_on_paper_lie_where_the_cells_are(space: ConfigurationSpace) -> Non
 
 
 def test_a_frame_turns_the_picture(space: ConfigurationSpace) -> None:
-    frame = Turned()
-    axes = plot_space(space, frame=frame)
+    turned = ConfigurationSpace(space.axes, space.cell, frame=Frame(10.0, -5.0, np.pi / 6))
+    axes = plot_space(turned)
     for index, colour in {(2, 1): 0x3D, (6, 0): 0xE6, (0, 4): 255}.items():
-        assert coloured(axes, tuple(frame.to_world(space.centre(index))))[0] == colour
+        assert coloured(axes, tuple(turned.centre(index)))[0] == colour
     assert axes.get_xlabel() == "x, world (m)"
 
 
