@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from itertools import product
 from math import ceil, floor, isinf
 
@@ -46,7 +46,7 @@ def mark(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Shape, reach: fl
     if isinstance(shape, CellSet):
         out |= _near_cells(shape, axes, reach, rule)
         return
-    for copy in _copies(shape, axes, reach):
+    for copy in copies(shape, axes, reach):
         window = Window.around(axes, copy.bounds, reach, rule)
         if window is None:
             continue
@@ -109,55 +109,67 @@ def _distance_from_boxes(mask: NDArray[np.bool_], spacing: NDArray[np.float64], 
     return np.asarray(distance[(slice(1, None, 2),) * mask.ndim])
 
 
-def _copies(
+def copies(
     shape: Box | Ball | Polygon | HalfSpace, axes: tuple[Axis, ...], reach: float
 ) -> Iterator[Box | Ball | Polygon | HalfSpace]:
-    if isinstance(shape, HalfSpace):
-        require_upright(shape, axes)
-        yield shape
-        return
-    for by in turns(shape.bounds, axes, (reach,) * len(axes)):
-        yield shape.shifted(by) if any(by) else shape
-
-
-def require_upright(shape: HalfSpace, axes: Sequence[Axis]) -> None:
-    """Refuse a half-plane whose border would not meet itself across a seam."""
-    for axis, component in zip(axes, shape.normal, strict=True):
-        if axis.periodic and component != 0:
-            raise InputError(f"a half-plane cannot lean along the periodic axis {axis.name!r}")
-
-
-def turns(bounds: Bounds, axes: Sequence[Axis], reach: Sequence[float]) -> Iterator[tuple[float, ...]]:
-    """Whole turns that bring a shape within some distance of the grid, however many away it is described.
+    """A shape wherever it comes near a grid, by whole turns around its periodic axes.
 
     Parameters
     ----------
-    bounds : pair of tuple of float
-        Lower and upper corner of the box around the shape.
-    axes : sequence of Axis
-    reach : sequence of float
-        At least 0, one for each axis, in its units.
+    shape : Shape
+        Not made of cells.
+    axes : tuple of Axis
+        The grid.
+    reach : float
+        How near, in axis units.
 
     Yields
     ------
-    tuple of float
-        What to add to the shape's coordinates; 0 along axes that are not periodic.
+    Shape
 
     Raises
     ------
     InputError
-        If the shape winds around an axis more than a thousand times.
+        If a half-plane leans along a periodic axis, or a shape winds around one more than a thousand times.
     """
-    lower, upper = bounds
-    yield from product(*map(_shifts, axes, lower, upper, reach))
+    if isinstance(shape, HalfSpace):
+        for axis, component in zip(axes, shape.normal, strict=True):
+            if axis.periodic and component != 0:
+                raise InputError(f"a half-plane cannot lean along the periodic axis {axis.name!r}")
+        yield shape
+        return
+    for by in product(*(shifts(axis, k, shape.bounds, reach) for k, axis in enumerate(axes))):
+        yield shape.shifted(by) if any(by) else shape
 
 
-def _shifts(axis: Axis, lower: float, upper: float, reach: float) -> list[float]:
+def shifts(axis: Axis, k: int, bounds: Bounds, reach: float) -> list[float]:
+    """By how much a shape is to be moved along an axis to come near the grid, however many turns away it is described.
+
+    Parameters
+    ----------
+    axis : Axis
+        Number ``k`` of the grid.
+    k : int
+    bounds : pair of tuple of float
+        Lower and upper corner of the box around the shape.
+    reach : float
+        How near, in axis units.
+
+    Returns
+    -------
+    list of float
+        Whole turns; 0 alone along an axis that is not periodic.
+
+    Raises
+    ------
+    InputError
+        If the shape winds around the axis more than a thousand times.
+    """
     if not axis.periodic:
         return [0.0]
     period = axis.upper - axis.lower
-    first = (axis.lower - upper - reach) / period
-    last = (axis.upper - lower + reach) / period
+    first = (axis.lower - bounds[1][k] - reach) / period
+    last = (axis.upper - bounds[0][k] + reach) / period
     if isinf(first) or isinf(last) or last - first > MAX_COPIES:
         raise InputError(f"a shape winds around the periodic axis {axis.name!r} more than {MAX_COPIES} times")
     return [turn * period for turn in range(ceil(first), floor(last) + 1)]

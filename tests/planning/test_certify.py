@@ -14,6 +14,8 @@ from resgrid.errors import CertificateError
 from resgrid.nodal.solve import solve
 from resgrid.planning.certify import certify
 from resgrid.planning.field import Field, field_of
+from resgrid.planning.free_way import certify_free
+from resgrid.planning.shortcut import shorten
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.planning.trace import streamline
 from resgrid.space import Axis, Cell, ConfigurationSpace
@@ -54,6 +56,8 @@ def test_genuine_paths_pass_and_forged_ones_do_not_wherever_the_grid_lies(place:
     for start in np.argwhere(space.goal_connected)[::23]:
         path = streamline(field, cell=start.tolist())
         certify(path, field)
+        certify_free(path, space)
+        assert shorten(path, field, rounds=3).length <= path.length
         points, number = path.points.copy(), int(rng.integers(len(path.points)))
         points[number] += rng.choice([-1, 1], 2) * 1e-3 * space.spacing
         refused(replace(path, points=points), field)
