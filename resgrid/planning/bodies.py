@@ -175,9 +175,15 @@ def _bodies(number: int, shape: Shape, axes: tuple[Axis, ...]) -> list[Body]:
         return []
     bounds = core.bounds[:2], core.bounds[2:]
     turns = product(*(shifts(axis, k, bounds, (axis.upper - axis.lower) / 2) for k, axis in enumerate(axes)))
-    cores = [shapely.transform(core, lambda points, by=by: points + by) if any(by) else core for by in turns]
+    cores = [_moved(core, by) for by in turns]
     shapely.prepare(cores)
     return [Body(number, copy, radius) for copy in cores]
+
+
+def _moved(core: Any, by: tuple[float, ...]) -> Any:
+    import shapely
+
+    return shapely.transform(core, lambda points: points + by) if any(by) else core
 
 
 def _union_of_cells(cells: CellSet) -> Any:
