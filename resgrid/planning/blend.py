@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.arguments import is_number
 from resgrid.errors import InputError
 from resgrid.planning.field import Field
 from resgrid.space import Cell, ConfigurationSpace
@@ -40,8 +41,7 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
     InputError
         If k is out of range, or the two fields do not go together.
     """
-    if not 0.0 <= k <= 1.0:
-        raise InputError(f"k = {k}, but a blend needs 0 <= k <= 1 (1 is Dirichlet, 0 is Neumann)")
+    check_share(k)
     check_pair(dirichlet, neumann)
     if k in (0.0, 1.0):
         return dirichlet if k == 1.0 else neumann
@@ -61,6 +61,12 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
         edge=dirichlet.edge,
         k=float(k),
     )
+
+
+def check_share(k: float) -> None:
+    """Refuse a k that is no share of the Dirichlet field."""
+    if not (is_number(k) and 0.0 <= k <= 1.0):
+        raise InputError(f"k = {k!r}, but a blend needs 0 <= k <= 1 (1 is Dirichlet, 0 is Neumann)")
 
 
 def check_pair(dirichlet: Field, neumann: Field) -> None:

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 from resgrid.robots import Arm, DiscRobot, PointRobot, PolygonRobot, Robot
-from resgrid.robots.reach import require_upright, turns
+from resgrid.robots.reach import copies, turns
 from resgrid.robots.shapes import Ball, CellSet, HalfSpace, Shape
 from resgrid.space import Axis, ConfigurationSpace
 
@@ -141,22 +141,30 @@ def bodies_of(obstacles: Sequence[Shape], robot: Robot, space: ConfigurationSpac
     Returns
     -------
     list of Body
+
+    Raises
+    ------
+    InputError
+        If a shape is not one of the plane, or does not fit the periodic axes.
     """
-    across = isinstance(robot, PointRobot | DiscRobot) and space is not None and space.ndim == 2
-    axes = space.axes if across and space is not None else ()
-    return [body for number, shape in enumerate(obstacles) for body in _copies(number, shape, axes)]
+    axes: tuple[Axis, ...] = ()
+    if space is not None and space.ndim == 2 and isinstance(robot, PointRobot | DiscRobot):
+        axes = space.axes
+    return [body for number, shape in enumerate(obstacles) for body in _bodies(number, shape, axes)]
 
 
-def _copies(number: int, shape: Shape, axes: tuple[Axis, ...]) -> list[Body]:
-    """An obstacle, and its copies that some point of the axes may be nearest to."""
+def _bodies(number: int, shape: Shape, axes: tuple[Axis, ...]) -> list[Body]:
+    """An obstacle, as often as some point of the axes may be nearest to it across a seam."""
     import shapely
 
     from resgrid.robots.solids import to_shapely
 
+    if not isinstance(shape, Shape) or shape.ndim != 2:
+        raise InputError(
+            f"obstacle {number}: geometry is known of shapes of the plane alone, not of a {type(shape).__name__}"
+        )
     if isinstance(shape, HalfSpace):
-        if axes:
-            require_upright(shape, axes)
-        return [Body(number, None, 0.0, shape)]
+        return [Body(number, None, 0.0, shape) for _ in (copies(shape, axes, 0.0) if axes else [shape])]
     radius = shape.radius if isinstance(shape, Ball) else 0.0
     if isinstance(shape, Ball):
         core: Any = shapely.Point(shape.centre)
@@ -164,20 +172,23 @@ def _copies(number: int, shape: Shape, axes: tuple[Axis, ...]) -> list[Body]:
         core = _union_of_cells(shape) if isinstance(shape, CellSet) else to_shapely(shape)
     if core.is_empty:
         return []
-    low_x, low_y, high_x, high_y = core.bounds
-    half_way = [(axis.upper - axis.lower) / 2 for axis in axes]
-    shifts = turns(((low_x, low_y), (high_x, high_y)), axes, half_way) if axes else [(0.0, 0.0)]
-    cores = [shapely.transform(core, lambda points, by=by: points + by) if any(by) else core for by in shifts]
+    bounds = core.bounds[:2], core.bounds[2:]
+    half = [(axis.upper - axis.lower) / 2 for axis in axes]
+    cores = [_moved(core, by) for by in turns(bounds, axes, half)]
     shapely.prepare(cores)
     return [Body(number, copy, radius) for copy in cores]
+
+
+def _moved(core: Any, by: tuple[float, ...]) -> Any:
+    import shapely
+
+    return shapely.transform(core, lambda points: points + by) if any(by) else core
 
 
 def _union_of_cells(cells: CellSet) -> Any:
     """Marked cells as one geometry, joined run by run first."""
     import shapely
 
-    if cells.ndim != 2:
-        raise InputError(f"geometry is known in the plane alone, not with {cells.ndim} axes")
     x, y = cells.axes
     flips = np.diff(cells.mask.astype(np.int8), axis=1, prepend=0, append=0)
     column, first = np.nonzero(flips > 0)

@@ -7,7 +7,7 @@ from numbers import Integral, Real
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.errors import CertificateError
+from resgrid.errors import CertificateError, InputError
 from resgrid.planning.certify_motion import check_motion
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.field import Field
@@ -38,6 +38,8 @@ def certify(path: Streamline, field: Field) -> None:
     ------
     CertificateError
         On the first broken promise; the message names the step.
+    InputError
+        If `field` is none.
     """
     _check_kinds(path, field)
     if path.outcome in {Outcome.REACHED, Outcome.NO_CURRENT}:
@@ -54,6 +56,10 @@ def certify(path: Streamline, field: Field) -> None:
 
 def _check_kinds(path: Streamline, field: Field) -> None:
     """Before anything is compared: types, shapes, finite points within their cells."""
+    if not isinstance(field, Field):
+        raise InputError(
+            f"a path is certified against the field it was traced in, not against a {type(field).__name__}"
+        )
     space = field.space
     if not isinstance(path, Streamline) or not isinstance(path.outcome, Outcome):
         raise CertificateError(f"this is no streamline with an outcome, but {type(path).__name__}")

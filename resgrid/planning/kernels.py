@@ -77,6 +77,8 @@ def _exit_time(x: float, lower: float, upper: float) -> tuple[float, int]:
 def _moved(x: float, lower: float, upper: float, time: float) -> float:
     """Where a point at ``x`` is after a time, within its cell."""
     v = lower * (1.0 - x) + upper * x
+    if v == 0.0:
+        return x  # however long: the growth may overflow
     rate = upper - lower
     growth = rate * time
     step = v * time * (1.0 + 0.5 * growth) if abs(growth) < 1e-8 else v * math.expm1(growth) / rate

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
-from resgrid.planning.blend import blend
+from resgrid.planning.blend import blend, check_share
 from resgrid.planning.completeness import Separation, separation
 from resgrid.planning.destinations import basins
 from resgrid.planning.field import Field, field_of
@@ -140,8 +140,8 @@ def plan(
         If nothing can be driven.
     """
     setting = _setting(where)
-    if k is not None and not 0.0 <= k <= 1.0:
-        raise InputError(f"k = {k}, but a blend needs 0 <= k <= 1 (1 is Dirichlet, 0 is Neumann)")
+    if k is not None:
+        check_share(k)
     if k is not None and boundary == "neumann":
         raise InputError("a blend has its obstacles on the rail at k = 1: choose boundary = 'dirichlet' or 'wall'")
     if boundary is None:

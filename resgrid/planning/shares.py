@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.errors import InputError
-from resgrid.planning.blend import check_pair
+from resgrid.planning.blend import check_pair, check_share
 from resgrid.planning.field import Field
 
 
@@ -34,8 +33,7 @@ def dirichlet_share(dirichlet: Field, neumann: Field, k: float) -> NDArray[np.fl
     InputError
         If k is out of range, or the two fields do not go together, as in `blend`.
     """
-    if not 0.0 <= k <= 1.0:
-        raise InputError(f"k = {k}, but a blend needs 0 <= k <= 1 (1 is Dirichlet, 0 is Neumann)")
+    check_share(k)
     check_pair(dirichlet, neumann)
     with np.errstate(divide="ignore", invalid="ignore"):
         log_d, log_n = _log_gradient(dirichlet) + np.log(k), _log_gradient(neumann) + np.log1p(-k)

@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.arguments import check_number, check_whole
 from resgrid.errors import InputError
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.field import Field
@@ -19,6 +20,7 @@ from resgrid.space import Cell, ConfigurationSpace, rounding
 Sight = Callable[[NDArray[np.float64], NDArray[np.float64]], bool]
 
 _GAIN = 1e-12
+_MOST_ROUNDS = 1_000_000
 
 
 def shorten(
@@ -57,16 +59,21 @@ def shorten(
     CertificateError
         If the result touches an obstacle, which would be a fault of this function or a path of another space.
     """
+    if not isinstance(path, Streamline):
+        raise InputError(f"shortcuts are those of a streamline, not of a {type(path).__name__}")
     if path.outcome is not Outcome.REACHED:
         raise InputError(f"this path ended with '{path.outcome}': only one that reached a goal can be shortened")
-    if not 0.0 <= clearance < np.inf:
-        raise InputError(f"clearance = {clearance}, but a distance is at least 0 and finite")
-    if not 0 <= rounds <= 1_000_000:
-        raise InputError(f"rounds = {rounds}, but 0 to 1,000,000 are possible")
+    check_number("clearance", clearance, "a distance: at least 0 and finite", least=0.0)
+    check_whole("rounds", rounds, 0)
+    check_whole("seed", seed, 0)
+    if rounds > _MOST_ROUNDS:
+        raise InputError(f"rounds = {rounds}, but 0 to {_MOST_ROUNDS:,} are possible")
     space = where.space if isinstance(where, Field) else where
     edge = where.edge if isinstance(where, Field) else closed_edges(space)
     clear = _line_of_sight(space, edge, clearance)
     original = axis_path(path, space)
+    if space.goal_region[tuple(path.cells[-1])] != path.goal:
+        raise InputError(f"this path ends at goal {path.goal}, which is not there in this space; it belongs to another")
     points = _greedy(_random_chords(_greedy(original, clear), clear, rounds, seed), clear)
     before = length_of(original)
     short = ShortPath(

@@ -13,6 +13,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.arguments import check_number
 from resgrid.errors import InputError
 from resgrid.planning.seams import unwrap
 from resgrid.planning.short_path import ShortPath
@@ -84,8 +85,7 @@ def time_path(
         return _at_constant_velocities(points, velocity)
     acceleration = _load("acceleration_limits", acceleration_limits, space, robot)
     within = _default_tolerance(path, space) if tolerance is None else tolerance
-    if not 0.0 <= within < np.inf:
-        raise InputError(f"tolerance = {tolerance}, but a distance is at least 0 and finite")
+    check_number("tolerance", within, "a distance: at least 0 and finite", least=0.0)
     if len(points) < 2:
         return _at_constant_velocities(points, velocity)
     return _blended(_straightened(points, within / 2), velocity, acceleration, within / 2)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.arguments import check_number
 from resgrid.errors import InputError
 
 _MOST_SAMPLES = 10_000_000
@@ -103,8 +104,7 @@ class Trajectory:
         InputError
             If the rate is not positive, or asks for more than ten million samples.
         """
-        if not 0 < rate < np.inf:
-            raise InputError(f"rate = {rate}, but a rate is a positive number of samples a second")
+        check_number("rate", rate, "a positive number of samples a second", above=0.0)
         if rate * self.duration > _MOST_SAMPLES:
             raise InputError(
                 f"{rate:g} samples a second for {self.duration:g} s are more than {_MOST_SAMPLES:,}; lower the rate"

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.arguments import check_number
 from resgrid.errors import InputError
 from resgrid.planning.bodies import bodies_of, parts_of
 from resgrid.planning.seams import axis_path, unwrap, wrap
@@ -179,8 +180,9 @@ def dense(
         If the step is not positive, or asks for more than five million configurations.
     """
     points = axis_path(path, space)
-    if not 0 < step < np.inf:
-        raise InputError(f"step = {step}, but a step is a positive length")
+    check_number("step", step, "a positive length", above=0.0)
+    if isinstance(robot, Arm | PolygonRobot):
+        robot.check_axes(space.axes)
     pieces = np.maximum(np.ceil(travel_bound(robot, points[:-1], points[1:]) / step), 1.0)
     if pieces.sum() > _MOST:
         raise InputError(f"a step of {step:g} makes {pieces.sum():,.0f} configurations; choose a longer one")

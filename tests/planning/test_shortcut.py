@@ -235,8 +235,13 @@ def test_only_what_reached_a_goal_is_shortened() -> None:
     path = streamline(field, cell=(2, 0))
     with pytest.raises(InputError, match="clearance = nan"):
         shorten(path, field, clearance=float("nan"))
-    with pytest.raises(InputError, match="rounds = -1"):
-        shorten(path, field, rounds=-1)
+    for wrong in ({"rounds": -1}, {"rounds": 2_000_000}, {"rounds": 1.5}, {"seed": -1}, {"clearance": "wide"}):
+        with pytest.raises(InputError, match=next(iter(wrong))):
+            shorten(path, field, **wrong)
+    with pytest.raises(InputError, match="belongs to another"):
+        shorten(path, replace_cell(field.space, (2, 2)))
+    with pytest.raises(InputError, match="those of a streamline"):
+        shorten(path.points, field)
     with pytest.raises(InputError, match="leaps"):
         shorten(replace(path, cells=path.cells[::-1].copy() * 2 % 3), field)
     goal = shorten(streamline(field, cell=(2, 2)), field)

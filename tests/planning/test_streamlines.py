@@ -283,3 +283,12 @@ def test_free_cells_that_are_not_between_rails_have_no_field(cell: list[object],
     """Goals beside obstacles are rails cell by cell: currents flow between their sources, but through no free cell."""
     with pytest.raises(CircuitError, match="nothing is driven"):
         field_of(solve(compile_space(space_of(cell), edge="open", rails=rails)))
+
+
+def test_a_start_on_a_wall_may_creep_for_ages() -> None:
+    """Beside the wall the flow along it is 1e4 times slower than that away from it, which never begins."""
+    space = space_of([[0, 0], [2, 2]], spacing=(1.0, 100.0), conductivity=[[1.0, 2.0], [1.0, 1.0]])
+    flow = field(space, boundary="neumann")
+    path = streamline(flow, (0.0, 50.0))
+    np.testing.assert_allclose(path.points, [(0, 50), (0, 100), (1, 100)])
+    certify(path, flow)

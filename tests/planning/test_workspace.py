@@ -142,6 +142,16 @@ def test_obstacles_described_turns_away_are_where_sampling_puts_them(seed: int) 
         assert space.cell[tuple(space.locate(hit.configuration))] == Cell.OBSTACLE
 
 
+def test_shapes_and_robots_of_other_dimensions_are_refused() -> None:
+    """A ball in space has a disc's centre as its first two coordinates, which it is not."""
+    for shape in (Ball((0.0, 0.0, 0.0), 1.0), Box((0, 0, 0), (1, 1, 1)), HalfSpace((0.0, 0.0, 1.0), 1.0), "wall"):
+        with pytest.raises(InputError, match="obstacle 0: geometry"):
+            replay([(1.0, 1.0), (2.0, 2.0)], PointRobot(), [shape], PLANE)
+    for robot in (BAR, Arm((1.0, 1.0, 1.0))):
+        with pytest.raises(InputError):
+            replay([(1.0, 1.0), (2.0, 2.0)], robot, [], PLANE)
+
+
 def test_a_half_plane_that_leans_along_a_ring_is_refused_as_in_sampling() -> None:
     ring = space_of(np.zeros((4, 4)), periodic=(True, False))
     assert workspace_clearance([(1.0, 3.0)], PointRobot(), [HalfSpace((0.0, 1.0), 1.0)], ring) == pytest.approx(2.0)

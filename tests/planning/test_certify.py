@@ -1,0 +1,139 @@
+"""Certificates: genuine streamlines pass wherever the grid lies, and no single number of theirs can be altered."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from spaces import spaces
+
+from resgrid.compiler import compile_space
+from resgrid.errors import CertificateError
+from resgrid.nodal.solve import solve
+from resgrid.planning.certify import certify
+from resgrid.planning.field import Field, field_of
+from resgrid.planning.free_way import certify_free
+from resgrid.planning.shortcut import shorten
+from resgrid.planning.streamline import Outcome, Streamline
+from resgrid.planning.trace import streamline
+from resgrid.space import Axis, Cell, ConfigurationSpace
+
+PLACES = {
+    "at home": ((0.0, 0.0), 0.5),
+    "UTM, 5 cm": ((500000.0, 5400000.0), 0.05),
+    "UTM, 1 cm": ((500000.0, 5400000.0), 0.01),
+    "far away": ((1e9, 1e9), 1.0),
+    "nanometres": ((0.0, 0.0), 1e-9),
+}
+
+
+def room(origin: tuple[float, float] = (0.0, 0.0), width: float = 0.5, *, goal: bool = True) -> Field:
+    """A room of 24 by 20 cells with pillars, a wall that cuts off a chamber, and a goal of two cells."""
+    cell = (np.random.default_rng(3).random((24, 20)) < 0.15).astype(np.uint8)
+    cell[17:, 6], cell[17, :7] = 1, 1
+    cell[18:22, 2:5], cell[:2, :2] = 0, 0
+    cell[10:12, 10] = 2
+    axes = [Axis(n, o, o + k * width, k) for n, o, k in zip("xy", origin, (24, 20), strict=True)]
+    points = np.array([(o + (i + 0.3) * width, p + 10.6 * width) for o, p in [origin] for i in (10, 11)])
+    space = ConfigurationSpace(axes, cell, goal_points=points if goal else None)
+    return field_of(solve(compile_space(space)))
+
+
+def refused(path: Streamline, field: Field) -> str:
+    with pytest.raises(CertificateError) as error:
+        certify(path, field)
+    assert "np." not in str(error.value)
+    return str(error.value)
+
+
+@pytest.mark.parametrize("goal", [True, False], ids=["goal points", "whole cells"])
+@pytest.mark.parametrize("place", PLACES)
+def test_genuine_paths_pass_and_forged_ones_do_not_wherever_the_grid_lies(place: str, goal: bool) -> None:
+    field = room(*PLACES[place], goal=goal)
+    space, rng = field.space, np.random.default_rng(0)
+    for start in np.argwhere(space.goal_connected)[::23]:
+        path = streamline(field, cell=start.tolist())
+        certify(path, field)
+        certify_free(path, space)
+        assert shorten(path, field, rounds=3).length <= path.length
+        points, number = path.points.copy(), int(rng.integers(len(path.points)))
+        points[number] += rng.choice([-1, 1], 2) * 1e-3 * space.spacing
+        refused(replace(path, points=points), field)
+        for name in ("length", "clearance"):
+            refused(replace(path, **{name: getattr(path, name) + 1e-3 * space.spacing[0]}), field)
+        if len(path.cells) > 1:
+            refused(replace(path, log_duration=path.log_duration + 1e-3), field)
+
+
+@settings(max_examples=40)
+@given(spaces(max_cells=7), st.integers(0, 2**32 - 1))
+def test_no_single_number_can_be_altered(space: ConfigurationSpace, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    goals = np.argwhere(space.cell == Cell.GOAL)
+    points = space.lower + (goals + rng.random(goals.shape)) * space.spacing
+    points[rng.random(len(goals)) < 0.3] = np.nan
+    space = ConfigurationSpace(space.axes, space.cell, space.conductivity, goal_points=points)
+    starts = np.argwhere(space.goal_connected)
+    if not len(starts):
+        return
+    field = field_of(solve(compile_space(space, boundary="neumann")))
+    inside = rng.uniform(0.1, 0.9, space.ndim)
+    path = streamline(field, space.lower + (starts[rng.integers(len(starts))] + inside) * space.spacing)
+    certify(path, field)
+    row, axis = int(rng.integers(len(path.points))), int(rng.integers(space.ndim))
+    for off in (np.nan, np.inf, 10.0 ** rng.uniform(-5, 1), -(10.0 ** rng.uniform(-5, 1))):
+        altered = path.points.copy()
+        altered[row, axis] += off * space.spacing[axis]
+        refused(replace(path, points=altered), field)
+        for name in ("length", "clearance"):
+            if getattr(path, name) + off != getattr(path, name):
+                refused(replace(path, **{name: getattr(path, name) + off}), field)
+    cells = path.cells.copy()
+    cells[int(rng.integers(len(cells))), axis] += rng.choice([-1, 1])
+    refused(replace(path, cells=cells), field)
+    for changes in (
+        {"goal": None}, {"goal": -1}, {"goal": True}, {"goal": "0"}, {"length": np.nan}, {"clearance": np.nan},
+        {"log_duration": np.inf}, {"log_duration": -np.inf}, {"length": "1"}, {"length": None},
+        {"cells": path.cells.astype(float)}, {"points": path.points[:-1].copy()}, {"cells": path.cells[:0]},
+        {"points": np.concatenate([path.points, path.points[-1:]])}, {"points": path.points.astype(str)},
+        *({"outcome": outcome} for outcome in (*Outcome, "reached", "fine", None) if outcome is not path.outcome),
+    ):  # fmt: skip
+        refused(replace(path, **changes), field)
+
+
+def test_failed_streamlines_claim_nothing_but_their_start() -> None:
+    field = room()
+    wall, chamber = streamline(field, cell=(20, 6)), streamline(field, cell=(20, 3))
+    assert (wall.outcome, chamber.outcome) == (Outcome.START_BLOCKED, Outcome.NO_PATH)
+    for path in (wall, chamber):
+        certify(path, field)
+        for changes in (
+            {"points": path.points + 100}, {"points": path.points * np.nan}, {"length": -3.0}, {"goal": 0},
+            {"cells": np.repeat(path.cells, 3, axis=0), "points": np.repeat(path.points, 3, axis=0)},
+            {"clearance": 0.0}, {"log_duration": 0.0}, {"outcome": Outcome.GOAL_BLOCKED},
+            {"cells": np.array([[0, 0]]), "points": np.array([[0.25, 0.25]])},
+        ):  # fmt: skip
+            refused(replace(path, **changes), field)
+
+
+def test_the_path_of_another_field_is_refused() -> None:
+    """The same cells under other currents, other obstacles and other goal points."""
+    field = room()
+    space = field.space
+    path = streamline(field, cell=(0, 0))
+    certify(path, field)
+    assert "no current" in refused(path, replace(field, face_direction=tuple(-d for d in field.face_direction)))
+    costly = ConfigurationSpace(space.axes, space.cell, np.linspace(1, 9, 480).reshape(24, 20))
+    refused(path, field_of(solve(compile_space(costly))))
+    refused(path, room(goal=False))
+    certify(path, replace(field))
+
+
+def test_what_is_no_streamline_is_refused() -> None:
+    field = room()
+    assert "no streamline" in refused(np.zeros((3, 2)), field)  # type: ignore[arg-type]
+    cube = ConfigurationSpace([Axis(name, 0, 1, 2) for name in "xyz"], np.array([[[0, 2], [0, 0]]] * 2))
+    path = streamline(field_of(solve(compile_space(cube))), cell=(0, 0, 0))
+    assert "2 axes" in refused(path, field)

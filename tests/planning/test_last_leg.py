@@ -1,0 +1,154 @@
+"""The leg from the face of a goal cell to the configuration within it that solves the goal."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+from hypothesis import given, settings, strategies as st
+from spaces import space_of, spaces
+
+from resgrid.compiler import compile_space
+from resgrid.errors import CertificateError, InputError
+from resgrid.nodal.solve import solve
+from resgrid.planning.certify import certify
+from resgrid.planning.export import path_columns, write_path
+from resgrid.planning.field import Field, field_of
+from resgrid.planning.free_way import certify_free
+from resgrid.planning.seams import length_of, unwrap
+from resgrid.planning.shortcut import shorten
+from resgrid.planning.streamline import Outcome
+from resgrid.planning.timing import time_path
+from resgrid.planning.trace import streamline, streamlines, undriven
+from resgrid.planning.workspace import replay, workspace_path
+from resgrid.plot.paths import pieces
+from resgrid.robots import CellSet, PointRobot
+from resgrid.space import Cell, ConfigurationSpace
+
+
+def aimed(space: ConfigurationSpace, rng: np.random.Generator, whole: float = 0.3) -> ConfigurationSpace:
+    """The same space with goal points, corners and faces among them; some cells are goals as a whole."""
+    goals = np.argwhere(space.cell == Cell.GOAL)
+    inside = np.where(rng.random(goals.shape) < 0.3, rng.integers(0, 2, goals.shape), rng.random(goals.shape))
+    points = space.lower + (goals + inside) * space.spacing
+    points[rng.random(len(goals)) < whole] = np.nan
+    return ConfigurationSpace(space.axes, space.cell, space.conductivity, goal_points=points)
+
+
+def open_field(space: ConfigurationSpace) -> Field:
+    return field_of(solve(compile_space(space, boundary="neumann")))
+
+
+def bare(space: ConfigurationSpace) -> ConfigurationSpace:
+    return ConfigurationSpace(space.axes, space.cell, space.conductivity)
+
+
+@settings(max_examples=40)
+@given(spaces(max_cells=7), st.integers(0, 2**32 - 1))
+def test_a_path_goes_on_from_the_face_straight_to_the_goal_point(space: ConfigurationSpace, seed: int) -> None:
+    """All before the face is as without goal points; rings of one and two cells are among the spaces."""
+    rng = np.random.default_rng(seed)
+    space = aimed(space, rng)
+    starts = np.argwhere(space.cell == Cell.GOAL)[:2].tolist() + np.argwhere(space.goal_connected)[::9].tolist()
+    if not space.goal_connected.any():
+        return
+    field, plain = open_field(space), open_field(bare(space))
+    places = space.lower + (np.array(starts) + rng.random((len(starts), space.ndim))) * space.spacing
+    many = streamlines(field, places)
+    for number, place in enumerate(places):
+        path, before = streamline(field, place), streamline(plain, place)
+        certify(path, field)
+        assert path.outcome is before.outcome
+        np.testing.assert_array_equal(path.cells, before.cells)
+        goal = space.goal_point(path.cells[-1])
+        if path.outcome is not Outcome.REACHED or np.isnan(goal).any():
+            np.testing.assert_array_equal(path.points, before.points)
+            continue
+        np.testing.assert_array_equal(path.points, np.concatenate([before.points, goal[np.newaxis]]))
+        leg = np.linalg.norm(goal - before.points[-1])
+        assert path.length == pytest.approx(before.length + leg)
+        assert many.length[number] == pytest.approx(path.length)
+        assert path.clearance <= before.clearance * (1 + 1e-9)
+        np.testing.assert_array_equal(path.log_duration, before.log_duration)
+        way = unwrap(path, space)
+        assert np.all(np.abs(np.diff(way, axis=0)) <= space.spacing * (1 + 1e-9))
+        assert length_of(way) == pytest.approx(path.length)
+        turns = (way[-1] - goal) / (space.upper - space.lower)
+        np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
+        certify_free(path, space)
+        short = shorten(path, field, rounds=5)
+        np.testing.assert_array_equal(short.points[-1], way[-1])
+        motion = time_path(path, space, velocity_limits=1.0, acceleration_limits=1.0)
+        np.testing.assert_array_equal(motion.positions[-1], way[-1])
+
+
+def corner_room() -> ConfigurationSpace:
+    """The goal point lies in the corner of its cell, nearer to the pillar than anything before it."""
+    cell = np.zeros((12, 9))
+    cell[9, 6] = 1
+    cell[8, 5] = 2
+    return ConfigurationSpace(space_of(cell).axes, cell, goal_points=[(8.9, 5.9)])
+
+
+def test_the_clearance_counts_the_leg() -> None:
+    space = corner_room()
+    field = field_of(solve(compile_space(space, edge="open")))
+    path = streamline(field, (2.0, 2.0))
+    exact = shapely.distance(shapely.LineString(path.points), shapely.box(9, 6, 10, 7))
+    assert path.clearance == pytest.approx(exact) == pytest.approx(np.hypot(0.1, 0.1))
+    assert streamline(field_of(solve(compile_space(bare(space), edge="open"))), (2.0, 2.0)).clearance > 0.2
+
+
+def test_a_certificate_asks_for_the_leg() -> None:
+    space = corner_room()
+    field = open_field(space)
+    path = streamline(field, (2.0, 2.0))
+    assert len(path.points) == len(path.cells) + 1
+    beside = path.points.copy()
+    beside[-1] -= 1e-6
+    face = path.points[:-1].copy()
+    for changes in ({"points": beside}, {"points": face}, {"points": face, "length": length_of(face)}):
+        with pytest.raises(CertificateError):
+            certify(replace(path, **changes), field)
+    with pytest.raises(CertificateError):
+        certify(path, open_field(bare(space)))
+    with pytest.raises(InputError, match="no streamline of ours"):
+        unwrap(replace(path, points=np.concatenate([path.points, path.points])), space)
+
+
+def test_a_start_in_the_goal_cell_has_but_the_leg_to_go() -> None:
+    space = corner_room()
+    for path in (
+        streamline(open_field(space), (8.2, 5.5)), undriven(space, (8.2, 5.5), ("obstacle", "obstacle")),
+    ):  # fmt: skip
+        assert (path.outcome, path.goal, len(path.cells)) == (Outcome.REACHED, 0, 1)
+        np.testing.assert_array_equal(path.points, [(8.2, 5.5), (8.9, 5.9)])
+        assert path.length == pytest.approx(np.hypot(0.7, 0.4))
+        assert path.clearance == pytest.approx(np.hypot(0.1, 0.1))
+        assert np.isnan(path.log_duration)
+        certify(path, open_field(space))
+    assert undriven(space, (9.5, 6.5), ("obstacle",) * 2).outcome is Outcome.START_BLOCKED
+    assert undriven(space, (1.0, 1.0), ("obstacle",) * 2).outcome is Outcome.NO_CURRENT
+
+
+def test_what_uses_paths_goes_all_the_way(tmp_path: Path) -> None:
+    """Files, tables, pictures and the robot itself, across a seam."""
+    cell = np.zeros((10, 6))
+    cell[5, :], cell[9, 2] = 1, 2
+    axes = space_of(cell, periodic=(True, False)).axes
+    space = ConfigurationSpace(axes, cell, goal_points=[(9.25, 2.75)])
+    path = streamline(open_field(space), (1.5, 3.0))
+    goal = (-0.75, 2.75)
+    np.testing.assert_allclose(unwrap(path, space)[-1], goal)
+    np.testing.assert_allclose(workspace_path(path, PointRobot(), space)[-1], goal)
+    assert path_columns(path, space)["x"][-1] == pytest.approx(goal[0])
+    columns = json.loads(write_path(tmp_path / "path.json", path, space).read_text())
+    assert (columns["x"][-1], columns["y"][-1]) == pytest.approx(goal)
+    assert replay(path, PointRobot(), [CellSet(space.axes, cell == 1)], space) is None
+    lines = pieces(path, space)
+    np.testing.assert_allclose(lines[-1][-1], (9.25, 2.75))
+    assert sum(map(length_of, lines)) == pytest.approx(path.length)
