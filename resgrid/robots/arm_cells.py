@@ -125,8 +125,11 @@ def singular_cells(arm: Arm, axes: Sequence[Axis]) -> NDArray[np.bool_]:
         step = max(axis.spacing for axis in turning)
         extent = sum(axis.spacing for axis in turning) / 2
         width = arm.singularity_width if arm.singularity_cells is None else (arm.singularity_cells - 1) * step
-        # Cells that the strip's interior meets; and, where its middle runs along a border, the cells on both sides.
-        within = max(step / 2 + 1e-9 * step, (width or 0.0) / 2 + extent - 1e-9 * step)
+        # Cells that the strip's interior meets; where its middle runs along a border, the cells on both sides; where
+        # rows of cells are counted that cannot lie evenly about it, one more.
+        counted = arm.singularity_cells is not None and arm.angles == "relative"
+        reach = (width or 0.0) / 2 + extent + (1e-9 if counted else -1e-9) * step
+        within = max(step / 2 + 1e-9 * step, reach)
         singular = singular & (away <= within)
     return singular
 
