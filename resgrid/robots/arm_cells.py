@@ -159,15 +159,17 @@ def arm_goal_cells(arm: Arm, axes: tuple[Axis, ...], region: Shape | Point) -> G
     InputError
         If the axes are not the arm's, the region is not one of the plane, or it lies out of reach.
     """
-    from resgrid.robots.tip_kernels import find_tips
+    from resgrid.robots.tip_kernels import Links, find_tips
 
     arm.check_axes(axes)
     if isinstance(region, tuple) and len(region) != 2:
         raise InputError(f"an arm moves in the plane: a point needs 2 coordinates, got {len(region)}")
-    place = Box(region, region) if isinstance(region, tuple) else require_plane(region, "an arm")
+    place = require_plane(Box(region, region) if isinstance(region, tuple) else region, "an arm")
     goal = solids([place], "an arm")
     _require_reach(arm, place)
     cells = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
+    base = np.array([*arm.base, arm.base_angle], dtype=np.float64)
+    links = Links(np.array(arm.lengths, dtype=np.float64), base, arm.angles == "relative")
     flat, points = cells.reshape(-1), [np.empty((0, arm.ndim))]
     around = (1 + TOLERANCE) * arm_travel(arm, axes) + TOLERANCE * arm.reach
     bounds = np.concatenate([np.subtract(place.bounds[0], around), np.add(place.bounds[1], around)])
@@ -176,9 +178,7 @@ def arm_goal_cells(arm: Arm, axes: tuple[Axis, ...], region: Shape | Point) -> G
         solutions = np.empty((out.size, arm.ndim))
         find_tips(
             out, solutions, first, np.array(cells.shape), np.array([axis.lower for axis in axes]),
-            np.array([axis.spacing for axis in axes]), np.array(arm.lengths, dtype=np.float64),
-            np.array([*arm.base, arm.base_angle], dtype=np.float64), arm.angles == "relative",
-            goal, bounds, TOLERANCE * arm.reach,
+            np.array([axis.spacing for axis in axes]), links, goal, bounds, TOLERANCE * arm.reach,
         )  # fmt: skip
         points.append(solutions[out])
     return GoalCells(cells, np.concatenate(points))

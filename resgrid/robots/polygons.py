@@ -85,14 +85,15 @@ def edges_of(rings: Sequence[Sequence[Point]]) -> NDArray[np.float64]:
     return np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in corners])
 
 
-def _cut(ring: Sequence[Point], lower: Point, upper: Point, far: float) -> Sequence[Point]:
+def _cut(ring: tuple[Point, ...], lower: Point, upper: Point, far: float) -> Sequence[Point]:
     """The part of a ring in a box, if it has corners far outside (Sutherland and Hodgman, 1974)."""
     beyond = max(max(low - c, c - high) for point in ring for c, low, high in zip(point, lower, upper, strict=True))
     if beyond <= far:
         return ring
-    corners = [tuple(map(Fraction, point)) for point in ring]
+    corners: list[tuple[Fraction, ...]] = [tuple(map(Fraction, point)) for point in ring]
     for k, end, sign in ((0, lower, -1), (0, upper, 1), (1, lower, -1), (1, upper, 1)):
-        bound, kept = Fraction(end[k]), []
+        bound = Fraction(end[k])
+        kept: list[tuple[Fraction, ...]] = []
         for a, b in zip(corners, [*corners[1:], *corners[:1]], strict=True):
             inside = sign * a[k] <= sign * bound
             if inside:
@@ -101,4 +102,4 @@ def _cut(ring: Sequence[Point], lower: Point, upper: Point, far: float) -> Seque
                 share = (bound - a[k]) / (b[k] - a[k])
                 kept.append(tuple(p + share * (q - p) for p, q in zip(a, b, strict=True)))
         corners = kept
-    return [tuple(map(float, point)) for point in corners or [lower]]
+    return [tuple(map(float, point)) for point in corners] or [lower]

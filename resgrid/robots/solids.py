@@ -85,7 +85,7 @@ def solids(shapes: Sequence[Shape], whose: str) -> Solids:
     )
 
 
-def require_plane(shape: Shape, whose: str) -> Shape:
+def require_plane(shape: Shape, whose: str) -> Box | Ball | Polygon | HalfSpace:
     """The shape, if it is one of the plane.
 
     Parameters
