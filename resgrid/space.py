@@ -319,8 +319,7 @@ class ConfigurationSpace:
         InputError
             If a point is not finite or lies outside the grid.
         """
-        cells, _ = self.split(self.from_world(point))
-        return cells
+        return self.split(self.from_world(point))[0]
 
     def split(self, point: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Cell and position within the cell, in [0, 1], of a point or of many in axis units; as `locate` otherwise.
@@ -346,30 +345,11 @@ class ConfigurationSpace:
 
 
 def split_points(axes: Sequence[Axis], point: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Cell and position within the cell of points on a grid; see `ConfigurationSpace.split`.
-
-    Parameters
-    ----------
-    axes : sequence of Axis
-        The grid.
-    point : array_like of float, shape (..., len(axes))
-        Coordinates in axis units.
-
-    Returns
-    -------
-    cells : ndarray of int64, shape (..., len(axes))
-    local : ndarray of float64, shape (..., len(axes))
-
-    Raises
-    ------
-    InputError
-        If a point is not finite or lies outside the grid, by more than rounding.
-    """
+    """The same for the axes of a grid alone, whatever their cells hold; see `ConfigurationSpace.split`."""
     points = np.asarray(point, dtype=np.float64)
     if points.shape[-1:] != (len(axes),):
         raise InputError(f"a point of this space has {len(axes)} coordinates, got {points.tolist()!r}")
-    lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T
-    size = np.array([axis.cells for axis in axes])
+    lower, spacing, size = np.array([(axis.lower, axis.spacing, axis.cells) for axis in axes]).T
     scaled = (points - lower) / spacing
     with np.errstate(invalid="ignore"):
         scaled = np.where([axis.periodic for axis in axes], np.mod(scaled, size), scaled)
@@ -379,7 +359,7 @@ def split_points(axes: Sequence[Axis], point: ArrayLike) -> tuple[NDArray[np.int
         wrong = np.atleast_2d(points)[~np.atleast_1d(inside)][0]
         ranges = ", ".join(f"{axis.name} in [{axis.lower:g}, {axis.upper:g}]" for axis in axes)
         raise InputError(f"the point {tuple(wrong.tolist())} lies outside the grid ({ranges})")
-    cells = np.clip(np.floor(scaled).astype(np.int64), 0, size - 1)
+    cells = np.clip(np.floor(scaled), 0, size - 1).astype(np.int64)
     return cells, np.clip(scaled - cells, 0.0, 1.0)
 
 
@@ -435,7 +415,7 @@ def _checked_goal_points(axes: tuple[Axis, ...], cell: NDArray[np.uint8], value:
     cells = np.argwhere(cell == Cell.GOAL)
     if points.shape != cells.shape:
         raise InputError(f"goal_points have shape {points.shape}, but the goal cells need {cells.shape}")
-    lower, step = np.array([axis.lower for axis in axes]), np.array([axis.spacing for axis in axes])
+    lower, step = np.array([(axis.lower, axis.spacing) for axis in axes]).T
     local = (points - lower) / step - cells
     outside = np.any(np.abs(local - 0.5) > 0.5 + rounding(axes), axis=1)
     outside |= np.isinf(points).any(axis=1) | (np.isnan(points).any(axis=1) != np.isnan(points).all(axis=1))

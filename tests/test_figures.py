@@ -47,7 +47,7 @@ def test_control_does_as_the_paper_says(made) -> None:
     assert numbers["container_wrong"] == numbers["chair_wrong"] == 0
     assert {numbers[f"{name}_by_k_{figure}"] for name, figure in (("container", 15), ("chair", 17))} == {4}
     assert numbers["container_mostly_neumann"] > 0.5  # of the cells, though k = 0.98
-    assert numbers["chair_mostly_neumann"] > 0.5
+    assert numbers["chair_mostly_neumann"] > 0.4
 
 
 def test_the_ratio_at_which_arrival_fails_is_found(tmp_path: Path) -> None:

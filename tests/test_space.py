@@ -107,3 +107,16 @@ def test_a_space_with_other_cells_keeps_its_place_and_the_points_of_goals_that_s
 def test_goal_points_lie_in_their_cells(points, message):
     with pytest.raises(InputError, match=message):
         _two_goals(goal_points=points)
+
+
+@pytest.mark.parametrize(("lower", "upper"), [(0.0, 1.0), (0.0, 10.0), (-0.7, 0.1), (1e6, 1e6 + 0.3)])
+def test_both_ends_of_an_axis_lie_on_it_whatever_the_number_of_cells(lower, upper):
+    for cells in range(1, 400):
+        space = ConfigurationSpace((Axis("x", lower, upper, cells),), np.zeros(cells, dtype=np.uint8))
+        numbers, local = space.split([[lower], [upper]])
+        assert numbers.tolist() == [[0], [cells - 1]]
+        assert np.allclose(local, [[0.0], [1.0]])
+    beside = (upper - lower) * 1e-6
+    for point in (lower - beside, upper + beside, np.nan, np.inf):
+        with pytest.raises(InputError, match="outside the grid"):
+            space.locate([point])

@@ -330,8 +330,8 @@ def _check_driven(netlist: Netlist, volts: NDArray[np.float64], parts: _Parts) -
     if not np.any(np.abs(ends[:, 0] - ends[:, 1]) > 0):
         raise CircuitError(
             "nothing is driven: no part of the circuit touches two rails or is fed a current, so that nothing flows; "
-            "add a second rail (an obstacle, an edge that counts as one), open a way to the goal, or let the same current "
-            "feed every free cell (--boundary neumann)"
+            "add a second rail (an obstacle, an edge that counts as one), open a way to the goal, or feed every free "
+            "cell the same current (--boundary neumann)"
         )
 
 

@@ -125,8 +125,11 @@ def singular_cells(arm: Arm, axes: Sequence[Axis]) -> NDArray[np.bool_]:
         step = max(axis.spacing for axis in turning)
         extent = sum(axis.spacing for axis in turning) / 2
         width = arm.singularity_width if arm.singularity_cells is None else (arm.singularity_cells - 1) * step
-        # Cells that the strip's interior meets; and, where its middle runs along a border, the cells on both sides.
-        within = max(step / 2 + 1e-9 * step, (width or 0.0) / 2 + extent - 1e-9 * step)
+        # Cells that the strip's interior meets; where its middle runs along a border, the cells on both sides; where
+        # rows of cells are counted that cannot lie evenly about it, one more.
+        counted = arm.singularity_cells is not None and arm.angles == "relative"
+        reach = (width or 0.0) / 2 + extent + (1e-9 if counted else -1e-9) * step
+        within = max(step / 2 + 1e-9 * step, reach)
         singular = singular & (away <= within)
     return singular
 
@@ -156,15 +159,17 @@ def arm_goal_cells(arm: Arm, axes: tuple[Axis, ...], region: Shape | Point) -> G
     InputError
         If the axes are not the arm's, the region is not one of the plane, or it lies out of reach.
     """
-    from resgrid.robots.tip_kernels import find_tips
+    from resgrid.robots.tip_kernels import Links, find_tips
 
     arm.check_axes(axes)
     if isinstance(region, tuple) and len(region) != 2:
         raise InputError(f"an arm moves in the plane: a point needs 2 coordinates, got {len(region)}")
-    place = Box(region, region) if isinstance(region, tuple) else require_plane(region, "an arm")
+    place = require_plane(Box(region, region) if isinstance(region, tuple) else region, "an arm")
     goal = solids([place], "an arm")
     _require_reach(arm, place)
     cells = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
+    base = np.array([*arm.base, arm.base_angle], dtype=np.float64)
+    links = Links(np.array(arm.lengths, dtype=np.float64), base, arm.angles == "relative")
     flat, points = cells.reshape(-1), [np.empty((0, arm.ndim))]
     around = (1 + TOLERANCE) * arm_travel(arm, axes) + TOLERANCE * arm.reach
     bounds = np.concatenate([np.subtract(place.bounds[0], around), np.add(place.bounds[1], around)])
@@ -173,9 +178,7 @@ def arm_goal_cells(arm: Arm, axes: tuple[Axis, ...], region: Shape | Point) -> G
         solutions = np.empty((out.size, arm.ndim))
         find_tips(
             out, solutions, first, np.array(cells.shape), np.array([axis.lower for axis in axes]),
-            np.array([axis.spacing for axis in axes]), np.array(arm.lengths, dtype=np.float64),
-            np.array([*arm.base, arm.base_angle], dtype=np.float64), arm.angles == "relative",
-            goal, bounds, TOLERANCE * arm.reach,
+            np.array([axis.spacing for axis in axes]), links, goal, bounds, TOLERANCE * arm.reach,
         )  # fmt: skip
         points.append(solutions[out])
     return GoalCells(cells, np.concatenate(points))

@@ -54,7 +54,7 @@ def inverse_of_two_links(arm: Arm, point: ArrayLike) -> NDArray[np.float64]:
     if abs(cosine) > 1 + TOLERANCE:
         return np.empty((0, 2))
     bend = acos(max(-1.0, min(1.0, cosine)))
-    solutions = []
+    solutions: list[tuple[float, ...]] = []
     for elbow in (bend, -bend) if sin(bend) > TOLERANCE else (bend,):
         towards = atan2(y, x) if hypot(x, y) > TOLERANCE * arm.reach else arm.base_angle
         shoulder = towards - atan2(second * sin(elbow), first + second * cos(elbow)) - arm.base_angle

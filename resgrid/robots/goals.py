@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.robots.polygons import outline
+from resgrid.robots.polygons import edges_of
 from resgrid.robots.protocol import GoalCells
 from resgrid.robots.reach import copies, mark_copy
 from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Point, Polygon, Shape
@@ -43,31 +43,45 @@ def cells_of_place(axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
         If the region has another number of coordinates, or a point lies outside the grid.
     """
     axes = tuple(axes)
-    cells = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
+    shape = tuple(axis.cells for axis in axes)
     if (len(region) if isinstance(region, tuple) else region.ndim) != len(axes):
         raise InputError(f"a goal does not fit a grid with {len(axes)} axes: {region}")
     lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T
     if isinstance(region, tuple):
         cell, local = split_points(axes, region)
+        cells = np.zeros(shape, dtype=bool)
         cells[tuple(cell)] = True
         return GoalCells(cells, (lower + (cell + local) * spacing)[None])
     if isinstance(region, CellSet):
         return GoalCells(region.mask, lower + (np.argwhere(region.mask) + 0.5) * spacing)
-    found = [_met_by_copy(axes, copy) for copy in copies(region, axes, 0.0)]
-    flat, points = (
-        (np.concatenate(each) for each in zip(*found, strict=True))
-        if found
-        else (np.empty(0, int), np.empty((0, len(axes))))
-    )
-    met, first = np.unique(flat, return_index=True)
-    cells.reshape(-1)[met] = True
-    return GoalCells(cells, points[first])
+    return joined(shape, [_met_by_copy(axes, copy) for copy in copies(region, axes, 0.0)])
 
 
-def _met_by_copy(
-    axes: tuple[Axis, ...], shape: Box | Ball | Polygon | HalfSpace
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Cells, counted in C order, that a shape meets where it stands, and the point of it nearest to each centre."""
+def joined(shape: tuple[int, ...], goals: Sequence[GoalCells]) -> GoalCells:
+    """Several goals as one; where they share a cell, with the point of the first.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Of the grid.
+    goals : sequence of GoalCells
+
+    Returns
+    -------
+    GoalCells
+    """
+    met, points = [np.empty(0, dtype=np.int64)], [np.empty((0, len(shape)))]
+    for goal in goals:
+        met.append(np.flatnonzero(goal.cells))
+        points.append(goal.points)
+    every, first = np.unique(np.concatenate(met), return_index=True)
+    cells = np.zeros(shape, dtype=bool)
+    cells.reshape(-1)[every] = True
+    return GoalCells(cells, np.concatenate(points)[first])
+
+
+def _met_by_copy(axes: tuple[Axis, ...], shape: Box | Ball | Polygon | HalfSpace) -> GoalCells:
+    """Cells that a shape meets where it stands, and the point of it nearest to each centre."""
     centred = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
     mark_copy(centred, axes, shape, 0.0, "centre")
     met = centred.copy()
@@ -76,7 +90,7 @@ def _met_by_copy(
     points = lower + (np.argwhere(met) + 0.5) * spacing
     beside = ~centred[met]
     points[beside] = _nearest(shape, points[beside], spacing / 2, np.array(rims(axes)))
-    return np.flatnonzero(met), points
+    return GoalCells(met, points)
 
 
 def _nearest(
@@ -99,7 +113,7 @@ def _nearest(
             step = np.where(leans, normal, 0.0) * -farthest
             return _first_within(middle, half, step, lambda at: at @ np.array(normal) <= offset)
         case Polygon():
-            return _nearest_on_outline(outline(shape), middle, half, rim)
+            return _nearest_on_outline(edges_of(shape.rings), middle, half, rim)
 
 
 def _first_within(

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from fractions import Fraction
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.robots.shapes import Box, Point, Polygon
+from resgrid.robots.shapes import Box, Point, Polygon, as_polygon
 from resgrid.space import Axis
+
+FAR = 1e3
+"""So many times the size of the grid a ring may stick out before it is cut off."""
 
 
 def mark_polygon(
@@ -35,42 +39,67 @@ def mark_polygon(
 
     x, y = axes
     plane = Plane(x.lower, y.lower, x.spacing, y.spacing, half[0], half[1])
-    edges = outline(polygon)
+    edges = outline(polygon, axes, reach)
     mark_enclosed(out, edges, plane)
     sides = np.hstack([edges[:, :2], edges[:, 2:] - edges[:, :2], np.zeros((len(edges), 2))])
     mark_parallelograms(out, sides, reach, plane)
 
 
-def outline(shape: Box | Polygon) -> NDArray[np.float64]:
+def outline(shape: Box | Polygon, axes: Sequence[Axis], reach: float) -> NDArray[np.float64]:
     """Edges of a polygon or rectangle, ring by ring.
 
     Parameters
     ----------
     shape : Box or Polygon
         Of the plane.
+    axes : sequence of two Axis
+        The grid that it is looked at from: rings with corners a thousand times as far are cut off far outside of it,
+        by exact arithmetic, since rounding of such coordinates would move their edges.
+    reach : float
+        How far from the grid the edges matter.
 
     Returns
     -------
     ndarray of float64, shape (e, 4)
         ``x0, y0, x1, y1``.
     """
-    rings = [np.asarray(ring, dtype=np.float64) for ring in rings_of(shape)]
-    return np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in rings])
+    margin = reach + max(axis.upper - axis.lower for axis in axes)
+    lower, upper = (axes[0].lower - margin, axes[1].lower - margin), (axes[0].upper + margin, axes[1].upper + margin)
+    return edges_of([_cut(ring, lower, upper, FAR * margin) for ring in as_polygon(shape).rings])
 
 
-def rings_of(shape: Box | Polygon) -> tuple[tuple[Point, ...], ...]:
-    """Corners of a polygon or rectangle, ring by ring.
+def edges_of(rings: Sequence[Sequence[Point]]) -> NDArray[np.float64]:
+    """Edges of rings.
 
     Parameters
     ----------
-    shape : Box or Polygon
-        Of the plane.
+    rings : sequence of rings
+        Corners ``(x, y)``; the last joins the first.
 
     Returns
     -------
-    tuple of rings
+    ndarray of float64, shape (e, 4)
+        ``x0, y0, x1, y1``, ring by ring.
     """
-    if isinstance(shape, Polygon):
-        return shape.rings
-    (x0, y0), (x1, y1) = shape.lower, shape.upper
-    return (((x0, y0), (x1, y0), (x1, y1), (x0, y1)),)
+    corners = [np.asarray(ring, dtype=np.float64) for ring in rings]
+    return np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in corners])
+
+
+def _cut(ring: tuple[Point, ...], lower: Point, upper: Point, far: float) -> Sequence[Point]:
+    """The part of a ring in a box, if it has corners far outside (Sutherland and Hodgman, 1974)."""
+    beyond = max(max(low - c, c - high) for point in ring for c, low, high in zip(point, lower, upper, strict=True))
+    if beyond <= far:
+        return ring
+    corners: list[tuple[Fraction, ...]] = [tuple(map(Fraction, point)) for point in ring]
+    for k, end, sign in ((0, lower, -1), (0, upper, 1), (1, lower, -1), (1, upper, 1)):
+        bound = Fraction(end[k])
+        kept: list[tuple[Fraction, ...]] = []
+        for a, b in zip(corners, [*corners[1:], *corners[:1]], strict=True):
+            inside = sign * a[k] <= sign * bound
+            if inside:
+                kept.append(a)
+            if inside != (sign * b[k] <= sign * bound):
+                share = (bound - a[k]) / (b[k] - a[k])
+                kept.append(tuple(p + share * (q - p) for p, q in zip(a, b, strict=True)))
+        corners = kept
+    return [tuple(map(float, point)) for point in corners] or [lower]

@@ -77,9 +77,10 @@ def mark_copy(
         return
     if isinstance(shape, Polygon):
         mark_polygon(out, axes, window.half, shape, reach)
-        return
-    near = _near_half_space if isinstance(shape, HalfSpace) else _near_round
-    out[window.slices] |= near(window, shape, reach)
+    elif isinstance(shape, HalfSpace):
+        out[window.slices] |= _near_half_space(window, shape, reach)
+    else:
+        out[window.slices] |= _near_round(window, shape, reach)
 
 
 def _near_round(window: Window, shape: Box | Ball, reach: float) -> NDArray[np.bool_]:

@@ -196,6 +196,26 @@ class CellSet:
 Shape = Box | Ball | Polygon | HalfSpace | CellSet
 
 
+def as_polygon(shape: Box | Polygon) -> Polygon:
+    """A box of the plane as a polygon; a polygon as it is.
+
+    Parameters
+    ----------
+    shape : Box or Polygon
+
+    Returns
+    -------
+    Polygon
+        A box without area gets the least that floating point can tell.
+    """
+    if isinstance(shape, Polygon):
+        return shape
+    (x0, y0), (x1, y1) = shape.lower, shape.upper
+    x1 = max(x1, x0 + 4 * float(np.spacing(max(abs(x0), abs(x1), 1e-9))))
+    y1 = max(y1, y0 + 4 * float(np.spacing(max(abs(y0), abs(y1), 1e-9))))
+    return Polygon(((x0, y0), (x1, y0), (x1, y1), (x0, y1)))
+
+
 def _add(point: Point, by: Point) -> Point:
     return tuple(a + b for a, b in zip(point, by, strict=True))
 

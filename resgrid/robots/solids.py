@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.robots.polygons import outline
-from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Polygon, Shape
+from resgrid.robots.polygons import edges_of
+from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Polygon, Shape, as_polygon
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
@@ -67,7 +67,7 @@ def solids(shapes: Sequence[Shape], whose: str) -> Solids:
     for shape in shapes:
         match require_plane(shape, whose):
             case Box() | Polygon() as solid:
-                polygons.append(outline(solid))
+                polygons.append(edges_of(as_polygon(solid).rings))
             case Ball(centre, radius):
                 discs.append((*centre, radius))
             case HalfSpace(normal, offset):
@@ -85,7 +85,7 @@ def solids(shapes: Sequence[Shape], whose: str) -> Solids:
     )
 
 
-def require_plane(shape: Shape, whose: str) -> Shape:
+def require_plane(shape: Shape, whose: str) -> Box | Ball | Polygon | HalfSpace:
     """The shape, if it is one of the plane.
 
     Parameters
@@ -108,26 +108,6 @@ def require_plane(shape: Shape, whose: str) -> Shape:
     if shape.ndim != 2:
         raise InputError(f"{whose} moves in the plane: a shape needs 2 coordinates, got {shape.ndim}")
     return shape
-
-
-def as_polygon(shape: Box | Polygon) -> Polygon:
-    """A box of the plane as a polygon; a polygon as it is.
-
-    Parameters
-    ----------
-    shape : Box or Polygon
-
-    Returns
-    -------
-    Polygon
-        A box without area gets the least that floating point can tell.
-    """
-    if isinstance(shape, Polygon):
-        return shape
-    (x0, y0), (x1, y1) = shape.lower, shape.upper
-    x1 = max(x1, x0 + 4 * float(np.spacing(max(abs(x0), abs(x1), 1e-9))))
-    y1 = max(y1, y0 + 4 * float(np.spacing(max(abs(y0), abs(y1), 1e-9))))
-    return Polygon(((x0, y0), (x1, y0), (x1, y1), (x0, y1)))
 
 
 def to_shapely(shape: Shape) -> BaseGeometry:

@@ -6,6 +6,7 @@ Numba takes seconds to import: only functions that are about to sample import th
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -29,6 +30,39 @@ DEPTH = 256
 """Halvings of a cell that end in a part too small to matter: some fifty along each of four joints."""
 
 
+class Links(NamedTuple):
+    """An arm, as `find_tips` needs it.
+
+    Attributes
+    ----------
+    lengths : ndarray of float64, shape (n,)
+        Of the links.
+    base : ndarray of float64, shape (3,)
+        Position and angle.
+    relative : bool
+        As in `resgrid.robots.arm.Arm`.
+    """
+
+    lengths: Floats
+    base: Floats
+    relative: bool
+
+
+class _Work(NamedTuple):
+    """One cell: where its joints end, a configuration, and what Newton's steps and the halvings need."""
+
+    low: Floats
+    high: Floats
+    at: Floats
+    best: Floats
+    step: Floats
+    held: Flags
+    rows: Floats
+    joints: Floats
+    middles: Floats
+    halves: Floats
+
+
 @inner
 def _towards(x: float, y: float, piece: int, goal: Solids) -> tuple[float, float, float, bool]:
     """Distance from a piece of a region's border, the unit vector away from it, and whether it is a corner's.
@@ -37,8 +71,8 @@ def _towards(x: float, y: float, piece: int, goal: Solids) -> tuple[float, float
     """
     edges, discs = len(goal.edges), len(goal.discs)
     if piece < edges:
-        ax, ay, bx, by = goal.edges[piece]
-        dx, dy = bx - ax, by - ay
+        ax, ay = goal.edges[piece, 0], goal.edges[piece, 1]
+        dx, dy = goal.edges[piece, 2] - ax, goal.edges[piece, 3] - ay
         squared = dx * dx + dy * dy
         share = 0.0 if squared == 0.0 else min(1.0, max(0.0, ((x - ax) * dx + (y - ay) * dy) / squared))
         ux, uy = x - ax - share * dx, y - ay - share * dy
@@ -47,150 +81,154 @@ def _towards(x: float, y: float, piece: int, goal: Solids) -> tuple[float, float
             return 0.0, 1.0, 0.0, True
         return away, ux / away, uy / away, not 0.0 < share < 1.0
     if piece < edges + discs:
-        cx, cy, radius = goal.discs[piece - edges]
+        disc = piece - edges
+        cx, cy, radius = goal.discs[disc, 0], goal.discs[disc, 1], goal.discs[disc, 2]
         away = math.hypot(x - cx, y - cy)
         if away == 0.0:
             return -radius, 1.0, 0.0, True
         return away - radius, (x - cx) / away, (y - cy) / away, radius <= 1e-3 * away
-    nx, ny, offset = goal.half_planes[piece - edges - discs]
-    return nx * x + ny * y - offset, nx, ny, False
+    plane = piece - edges - discs
+    nx, ny = goal.half_planes[plane, 0], goal.half_planes[plane, 1]
+    return nx * x + ny * y - goal.half_planes[plane, 2], nx, ny, False
 
 
 @inner
-def _jacobian(out: Floats, joints: Floats, relative: bool) -> None:
-    """Velocity of the tip for unit velocities of the joints, shape (n, 2)."""
-    n = len(joints) - 1
+def _place_tip(work: _Work, links: Links) -> None:
+    """Joint positions of the configuration, and velocity of the tip for unit velocities of the joints, shape (n, 2)."""
+    n, joints = len(work.at), work.joints
+    _place(joints, n - 1, work.at, links.lengths, links.base, links.relative)
     for j in range(n):
-        far = n if relative else j + 1
-        out[j, 0] = joints[j, 1] - joints[far, 1]
-        out[j, 1] = joints[far, 0] - joints[j, 0]
+        far = n if links.relative else j + 1
+        work.rows[j, 0] = joints[j, 1] - joints[far, 1]
+        work.rows[j, 1] = joints[far, 0] - joints[j, 0]
 
 
 @inner
-def _step(out: Floats, rows: Floats, at: Floats, low: Floats, high: Floats, rx: float, ry: float, flat: bool) -> None:
-    """Least turn of the joints that would move the tip by ``r``, or for a flat piece by as much along it as may be.
+def _turn(work: _Work, rx: float, ry: float, flat: bool) -> None:
+    """Turn the joints by the least that would move the tip by ``r``, or by as much along ``r`` and somehow across it.
 
-    A joint at the end of its cell that would have to turn further is held, and the others turn for it.
+    A joint at the end of its cell that would have to turn further is held, and the others turn for it; what still
+    leaves the cell is cut off.
     """
-    n = len(at)
-    held = np.zeros(n, dtype=np.bool_)
+    n, rows, step, at = len(work.at), work.rows, work.step, work.at
+    for j in range(n):
+        work.held[j] = False
     for _ in range(n + 1):
         xx = xy = yy = 0.0
         for j in range(n):
-            if not held[j]:
+            if not work.held[j]:
                 xx += rows[j, 0] * rows[j, 0]
                 xy += rows[j, 0] * rows[j, 1]
                 yy += rows[j, 1] * rows[j, 1]
+        px = py = 0.0
         if flat:
             squared = rx * rx * xx + 2.0 * rx * ry * xy + ry * ry * yy
-            scale = 0.0 if squared == 0.0 else (rx * rx + ry * ry) / squared
-            px, py = scale * rx, scale * ry
+            if squared > 0.0:
+                scale = (rx * rx + ry * ry) / squared
+                px, py = scale * rx, scale * ry
         else:
             more = 1e-14 * (xx + yy)
-            xx += more
-            yy += more
-            det = xx * yy - xy * xy
-            px, py = (0.0, 0.0) if det <= 0.0 else ((yy * rx - xy * ry) / det, (xx * ry - xy * rx) / det)
+            det = (xx + more) * (yy + more) - xy * xy
+            if det > 0.0:
+                px, py = ((yy + more) * rx - xy * ry) / det, ((xx + more) * ry - xy * rx) / det
         again = False
         for j in range(n):
-            out[j] = 0.0 if held[j] else rows[j, 0] * px + rows[j, 1] * py
-            if (out[j] > 0.0 and at[j] >= high[j]) or (out[j] < 0.0 and at[j] <= low[j]):
-                held[j] = True
+            step[j] = 0.0 if work.held[j] else rows[j, 0] * px + rows[j, 1] * py
+            if (step[j] > 0.0 and at[j] >= work.high[j]) or (step[j] < 0.0 and at[j] <= work.low[j]):
+                work.held[j] = True
                 again = True
         if not again:
-            return
+            break
+    for j in range(n):
+        at[j] = min(work.high[j], max(work.low[j], at[j] + step[j]))
 
 
 @inner
-def _solve(
-    at: Floats, low: Floats, high: Floats, piece: int, work: Floats, joints: Floats,
-    lengths: Floats, base: Floats, relative: bool, goal: Solids, least: float,
-) -> float:  # fmt: skip
+def _solve(work: _Work, piece: int, links: Links, goal: Solids, least: float) -> float:
     """Turn the joints within a cell until the tip touches a piece; distance of the nearest place found, which is left.
 
     Newton's steps, cut off at the borders of the cell.
     """
-    n = len(at)
-    rows, step, best = work[:, :2], work[:, 2], work[:, 3]
+    n = len(work.at)
     nearest, stuck = math.inf, 0
     for _ in range(STEPS):
-        _place(joints, n - 1, at, lengths, base, relative)
-        away, ux, uy, corner = _towards(joints[n, 0], joints[n, 1], piece, goal)
+        _place_tip(work, links)
+        away, ux, uy, corner = _towards(work.joints[n, 0], work.joints[n, 1], piece, goal)
         stuck = 0 if away < 0.7 * nearest else stuck + 1
         if away < nearest:
             nearest = away
-            best[:] = at
+            for j in range(n):
+                work.best[j] = work.at[j]
         if nearest <= least or stuck > 3:
             break
-        _jacobian(rows, joints, relative)
-        _step(step, rows, at, low, high, -away * ux, -away * uy, not corner)
-        for j in range(n):
-            at[j] = min(high[j], max(low[j], at[j] + step[j]))
-    at[:] = best
+        _turn(work, -away * ux, -away * uy, not corner)
+    for j in range(n):
+        work.at[j] = work.best[j]
     return nearest
 
 
 @inner
-def _find(
-    found: Floats, middle: Floats, half: Floats, stack: Floats, work: Floats, joints: Floats,
-    lengths: Floats, base: Floats, relative: bool, goal: Solids, tolerance: float,
-) -> bool:  # fmt: skip
-    """Whether a cell holds a configuration with the tip in a region, and one of them.
+def _aim(work: _Work, part: int, links: Links, goal: Solids, tolerance: float) -> tuple[int, int]:
+    """The nearest piece of the region's border that the tip may reach from the middle of a part, -1 if there is none.
 
-    Branch and bound: a part of the cell is left out if the tip cannot come from where it is at its middle to any piece
-    of the region's border; it moves by at most ``chord times lever``, summed over the joints, and away from a convex
+    Within the part the tip moves by at most ``chord times lever``, summed over the joints; and away from a convex
     piece by at most ``|u . J| half`` and, for what the Jacobian leaves out, half of ``length times turn**2``, summed
-    over the links.  Elsewhere Newton's steps look for a configuration; where they fail the part is cut in two.
+    over the links.  The joint whose turning matters most comes second.
     """
-    n = len(middle)
-    low, high, at, rows = work[:, 4], work[:, 5], work[:, 6], work[:, :2]
-    low[:] = middle - half
-    high[:] = middle + half
-    stack[0, 0], stack[0, 1] = middle, half
+    n, rows, halves = len(work.at), work.rows, work.halves
+    travel = curved = turn = most = 0.0
+    widest = 0
+    for j in range(n):
+        width = halves[part, j]
+        turn = turn + width if links.relative else width
+        curved += 0.5 * links.lengths[j] * turn * turn
+        lever = math.hypot(rows[j, 0], rows[j, 1])
+        travel += 2.0 * math.sin(min(width, math.pi) / 2) * lever
+        if width * (links.lengths[j] + lever) > most:
+            most, widest = width * (links.lengths[j] + lever), j
+    aim, closest = -1, math.inf
+    for piece in range(len(goal.edges) + len(goal.discs) + len(goal.half_planes)):
+        away, ux, uy, _ = _towards(work.joints[n, 0], work.joints[n, 1], piece, goal)
+        if away <= travel + tolerance and away < closest:
+            straight = curved
+            for j in range(n):
+                straight += abs(ux * rows[j, 0] + uy * rows[j, 1]) * halves[part, j]
+            if away <= straight + tolerance:
+                aim, closest = piece, away
+    return aim, widest
+
+
+@inner
+def _find(work: _Work, links: Links, goal: Solids, tolerance: float) -> bool:
+    """Whether a cell holds a configuration with the tip in a region, which is left.
+
+    Branch and bound: parts of the cell from which the tip cannot come to the region are left out; elsewhere Newton's
+    steps look for a configuration, and where they fail the part is cut in two.
+    """
+    n, middles, halves = len(work.at), work.middles, work.halves
     size, looked = 1, 0
-    pieces = len(goal.edges) + len(goal.discs) + len(goal.half_planes)
     while size > 0 and looked < BOXES:
         size -= 1
         looked += 1
-        at[:] = stack[size, 0]
-        _place(joints, n - 1, at, lengths, base, relative)
-        x, y = joints[n, 0], joints[n, 1]
-        if _near_solids(x, y, x, y, 0.0, goal):
-            found[:] = at
-            return True
-        _jacobian(rows, joints, relative)
-        travel = curved = turn = most = 0.0
-        widest = 0
         for j in range(n):
-            width = stack[size, 1, j]
-            turn = turn + width if relative else width
-            curved += 0.5 * lengths[j] * turn * turn
-            moved = 2.0 * math.sin(min(width, math.pi) / 2) * math.hypot(rows[j, 0], rows[j, 1])
-            travel += moved
-            if width * lengths[j] + moved > most:
-                most, widest = width * lengths[j] + moved, j
-        aim, closest = -1, math.inf
-        for piece in range(pieces):
-            away, ux, uy, _ = _towards(x, y, piece, goal)
-            if away > travel + tolerance or away >= closest:
-                continue
-            straight = curved
-            for j in range(n):
-                straight += abs(ux * rows[j, 0] + uy * rows[j, 1]) * stack[size, 1, j]
-            if away <= straight + tolerance:
-                aim, closest = piece, away
+            work.at[j] = middles[size, j]
+        _place_tip(work, links)
+        x, y = work.joints[n, 0], work.joints[n, 1]
+        if _near_solids(x, y, x, y, 0.0, goal):
+            return True
+        aim, widest = _aim(work, size, links, goal, tolerance)
         if aim < 0:
             continue
-        if _solve(at, low, high, aim, work, joints, lengths, base, relative, goal, 1e-6 * tolerance) <= tolerance:
-            found[:] = at
+        if _solve(work, aim, links, goal, 1e-6 * tolerance) <= tolerance:
             return True
         if size + 2 > DEPTH:
             return False
-        stack[size + 1] = stack[size]
-        stack[size, 1, widest] /= 2
-        stack[size + 1, 1, widest] /= 2
-        stack[size, 0, widest] -= stack[size, 1, widest]
-        stack[size + 1, 0, widest] += stack[size + 1, 1, widest]
+        halves[size, widest] /= 2
+        for j in range(n):
+            halves[size + 1, j] = halves[size, j]
+            middles[size + 1, j] = middles[size, j]
+        middles[size, widest] -= halves[size, widest]
+        middles[size + 1, widest] += halves[size, widest]
         size += 2
     return False
 
@@ -198,7 +236,7 @@ def _find(
 @njit(cache=True)
 def find_tips(
     out: Flags, points: Floats, first: int, counts: Integers, lower: Floats, widths: Floats,
-    lengths: Floats, base: Floats, relative: bool, goal: Solids, bounds: Floats, tolerance: float,
+    links: Links, goal: Solids, bounds: Floats, tolerance: float,
 ) -> None:  # fmt: skip
     """Find the cells that hold a configuration with the tip in a region, and one for each.
 
@@ -214,12 +252,8 @@ def find_tips(
         Cells along each joint.
     lower, widths : ndarray of float64, shape (n,)
         Where the axes begin, and the width of a cell, in radians.
-    lengths : ndarray of float64, shape (n,)
-        Of the links.
-    base : ndarray of float64, shape (3,)
-        Position and angle.
-    relative : bool
-        As in `resgrid.robots.arm.Arm`.
+    links : Links
+        The arm.
     goal : Solids
         The region.
     bounds : ndarray of float64, shape (4,)
@@ -228,16 +262,23 @@ def find_tips(
         How near the region the tip counts as in it.
     """
     n = len(counts)
-    middle, half, found = np.empty(n), widths / 2, np.empty(n)
-    stack, work, joints = np.empty((DEPTH, 2, n)), np.empty((n, 7)), np.empty((n + 1, 2))
+    work = _Work(
+        np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n), np.empty(n, dtype=np.bool_),
+        np.empty((n, 2)), np.empty((n + 1, 2)), np.empty((DEPTH, n)), np.empty((DEPTH, n)),
+    )  # fmt: skip
     for row in range(len(out)):
         rest = first + row
         for j in range(n - 1, -1, -1):
-            middle[j] = lower[j] + (rest % counts[j] + 0.5) * widths[j]
+            work.at[j] = lower[j] + (rest % counts[j] + 0.5) * widths[j]
             rest //= counts[j]
-        _place(joints, n - 1, middle, lengths, base, relative)
-        if not (bounds[0] <= joints[n, 0] <= bounds[2] and bounds[1] <= joints[n, 1] <= bounds[3]):
+        _place(work.joints, n - 1, work.at, links.lengths, links.base, links.relative)
+        x, y = work.joints[n, 0], work.joints[n, 1]
+        if not (bounds[0] <= x <= bounds[2] and bounds[1] <= y <= bounds[3]):
             continue
-        if _find(found, middle, half, stack, work, joints, lengths, base, relative, goal, tolerance):
+        for j in range(n):
+            work.middles[0, j], work.halves[0, j] = work.at[j], widths[j] / 2
+            work.low[j], work.high[j] = work.at[j] - widths[j] / 2, work.at[j] + widths[j] / 2
+        if _find(work, links, goal, tolerance):
             out[row] = True
-            points[row] = found
+            for j in range(n):
+                points[row, j] = work.at[j]

@@ -67,8 +67,8 @@ def turning_occupancy(
     from resgrid.robots.polygon_kernels import Plane
 
     robot.check_axes(axes)
-    solids = [_outlined(require_plane(shape, "a turning polygon")) for shape in obstacles]
     x, y, turning = axes
+    solids = [_outlined(require_plane(shape, "a turning polygon"), (x, y), robot.farthest) for shape in obstacles]
     conservative = rule == "conservative"
     half = (x.spacing / 2, y.spacing / 2) if conservative else (0.0, 0.0)
     plane = Plane(x.lower, y.lower, x.spacing, y.spacing, *half)
@@ -87,11 +87,11 @@ def turning_occupancy(
     return blocked
 
 
-def _outlined(shape: Shape) -> tuple[Shape, NDArray[np.float64]]:
+def _outlined(shape: Shape, axes: tuple[Axis, ...], farthest: float) -> tuple[Shape, NDArray[np.float64]]:
     """A shape and its edges, shape (e, 4); a disc has its centre for an edge, a half-plane none."""
     match shape:
         case Box() | Polygon():
-            return shape, outline(shape)
+            return shape, outline(shape, axes, 4 * farthest)
         case Ball(centre):
             return shape, np.array([[*centre, *centre]])
     return shape, np.empty((0, 4))

@@ -65,7 +65,7 @@ def to_space(shape: Shape, frame: Frame) -> Shape:
     Returns
     -------
     Shape
-        The same point set; a rectangle becomes a polygon where the frame is turned.
+        The same point set; a rectangle becomes a polygon where the frame is turned, a line one of hardly any width.
 
     Raises
     ------
@@ -76,6 +76,9 @@ def to_space(shape: Shape, frame: Frame) -> Shape:
         return shape
     match shape:
         case Box(lower, upper):
+            # A line turned by rounding has corners that coincide, or edges that cross.
+            least = 64 * float(np.spacing(max(map(abs, (*lower, *upper, frame.x, frame.y)))))
+            upper = tuple(max(low + least, high) for low, high in zip(lower, upper, strict=True))
             corners = (lower, (upper[0], lower[1]), upper, (lower[0], upper[1]))
             return Polygon(_ring(corners, frame))
         case Ball(centre, radius):

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 from resgrid.robots import Arm, Box, CellSet, DiscRobot, GoalCells, PointRobot, Progress, Shape
+from resgrid.robots.goals import joined
 from resgrid.robots.shapes import Point
 from resgrid.scene.files import require_memory
 from resgrid.scene.place import located, to_space
@@ -50,15 +51,13 @@ def sample(scene: Scene, *, require_goal: bool = True, progress: Progress | None
     cell = np.where(blocked, Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
     goals = [_map_goals(scene, blocked, where)]
     goals += [_goal_cells(scene, goal, blocked, f"{where}: goal[{number}]") for number, goal in enumerate(scene.goals)]
-    for goal in goals:
-        cell[goal.cells] = Cell.GOAL
+    every = joined(blocked.shape, goals)
+    cell[every.cells] = Cell.GOAL
     if require_goal and not (cell == Cell.GOAL).any():
         raise InputError(f"{where}: there is no goal; add a [[goal]] to the scene, or say --goal X,Y")
     for number, start in enumerate(scene.starts):
         located(scene.axes, scene.frame, start, f"{where}: starts[{number}]")
-    _, first = np.unique(np.concatenate([np.flatnonzero(goal.cells) for goal in goals]), return_index=True)
-    points = np.concatenate([goal.points for goal in goals])[first]
-    return ConfigurationSpace(scene.axes, cell, _conductivity(scene), frame=scene.frame, goal_points=points)
+    return ConfigurationSpace(scene.axes, cell, _conductivity(scene), frame=scene.frame, goal_points=every.points)
 
 
 def free_volume_lost(scene: Scene) -> float:

@@ -342,6 +342,21 @@ def test_the_virtual_obstacle_has_the_width_asked_for():
     assert np.broadcast_to(three, (9, 9, 9)).sum() == 9 * 3 * 3  # theta_2 and theta_3 both 0 or a half turn
 
 
+@pytest.mark.parametrize("angles", ["relative", "absolute"])
+@pytest.mark.parametrize("cells", [40, 41])
+def test_the_virtual_obstacle_has_at_least_so_many_cells_evenly_about_the_singularity(angles, cells):
+    for width in range(1, 8):
+        arm = Arm((1.0, 1.0), angles=angles, singularity_cells=width)
+        blocked = np.broadcast_to(singular_cells(arm, arm.axes(cells)), (cells, cells))
+        if angles == "absolute":  # theta_2 - theta_1, as the other count it
+            blocked = np.array([np.roll(row, cells // 2 - number) for number, row in enumerate(blocked)])
+            about = blocked[:, np.arange(cells // 2 - 10, cells // 2 + 11)]
+        else:
+            about = blocked[:, 10:30] if cells == 40 else blocked[:, 10:31]
+        assert (about == about[:, ::-1]).all()
+        assert (np.isin(about.sum(axis=1), (width, width + 1))).all()
+
+
 def test_progress_is_told_up_to_the_end():
     told = []
     ARMS[2].occupancy(ARMS[2].axes(56), OBSTACLES, "centre", lambda done, total: told.append((done, total)))

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 
 from resgrid.errors import InputError
 from resgrid.robots import Ball, Box, CellSet, HalfSpace, PointRobot, Polygon, Robot
-from resgrid.space import Axis
+from resgrid.space import Axis, label_regions
 
 AXES = (Axis("x", -1.0, 2.0, 12), Axis("y", 0.0, 2.0, 5))
 coordinate = st.floats(-2, 3, allow_nan=False).map(lambda value: round(value, 3))
@@ -130,6 +130,60 @@ def test_an_edge_on_a_border_does_not_block_the_neighbour():
     assert (PointRobot(0.1).occupancy(axes, [Box((0.3, 0.3), (0.6, 0.6))], "centre").sum()) == 25
 
 
+@pytest.mark.parametrize("at", [5.0, 5.1, 3.0000000000000004, 0.0, 10.0])
+@pytest.mark.parametrize("width", [0.0, 1e-13, 1e-10])
+@pytest.mark.parametrize("along", [0, 1])
+def test_a_wall_without_thickness_parts_the_grid_even_on_a_border_of_cells(at, width, along):
+    axes = (Axis("x", 0, 10, 20), Axis("y", 0, 10, 20))
+    lower, upper = [(at, 0.0), (at + width, 10.0)] if along else [(0.0, at), (10.0, at + width)]
+    ring = (lower, (upper[0], lower[1]), upper, (lower[0], upper[1]))
+    shapes = [Box(lower, upper), Polygon(ring)] if width > 1e-12 else [Box(lower, upper)]
+    for shape in shapes:
+        blocked = PointRobot().occupancy(axes, [shape], "conservative")
+        assert label_regions(~blocked, [False, False]).max() == (2 if 0 < at < 10 else 1)
+        for cell, low, high in boxes(axes):
+            if not blocked[cell]:
+                assert shapely.distance(shapely.box(*low, *high), shapely.LineString([lower, upper])) > 0
+        assert blocked.any(axis=along).sum() <= 2
+
+
+def test_a_point_on_a_corner_blocks_the_cells_that_meet_there():
+    axes = (Axis("x", 0, 10, 20), Axis("y", 0, 10, 20))
+    for shape in (Ball((5.0, 5.0), 0.0), Ball((5.0, 5.0), 1e-12), Box((5.0, 5.0), (5.0, 5.0))):
+        blocked = PointRobot().occupancy(axes, [shape], "conservative")
+        assert np.argwhere(blocked).tolist() == [[9, 9], [9, 10], [10, 9], [10, 10]]
+
+
+@pytest.mark.parametrize("wide", [1e4, 1e10, 1e-6])
+def test_the_rim_of_a_cell_follows_its_own_width(wide):
+    axes = (Axis("x", 0, wide, 10), Axis("y", 0, 1e-5, 10))
+    for shape in (Box((0, 2.1e-6), (wide, 2.4e-6)), Polygon(((0, 2.1e-6), (wide, 2.1e-6), (wide, 2.4e-6)))):
+        blocked = PointRobot().occupancy(axes, [shape], "conservative")
+        assert np.argwhere(blocked).tolist() == [[column, 2] for column in range(10)]
+
+
+@pytest.mark.parametrize("size", [1e-300, 1e-12, 1e-10, 5e-10])
+def test_a_tiny_radius_takes_no_obstacle_away(size):
+    axes = (Axis("x", 0, 10, 10), Axis("y", 0, 10, 10))
+    mask = np.zeros((10, 10), dtype=bool)
+    mask[5, 2:8] = True
+    for shape in (CellSet(axes, mask), Box((5, 2), (6, 8))):
+        assert (PointRobot(size).occupancy(axes, [shape], "conservative") == mask).all()
+
+
+@pytest.mark.parametrize("size", [1e16, 1e30, 1e59])
+def test_edges_that_end_far_away_are_exact(size):
+    axes = (Axis("x", 0, 10, 20), Axis("y", 0, 10, 20))
+    diagonal = Polygon(((-size, -size), (size, size), (size, -size)))
+    x, y = np.indices((20, 20))
+    assert (PointRobot().occupancy(axes, [diagonal], "conservative") == (y <= x)).all()
+    assert (PointRobot(0.6).occupancy(axes, [diagonal], "conservative") == (y <= x + 2)).all()
+    flat = Polygon(((-size, 4.0), (size, 4.0), (size, 6.0), (-size, 6.0)), (((1.0, 4.5), (9.0, 4.5), (9.0, 5.5)),))
+    near = Polygon(((-20.0, 4.0), (20.0, 4.0), (20.0, 6.0), (-20.0, 6.0)), flat.holes)
+    for rule in ("conservative", "centre"):
+        assert (PointRobot().occupancy(axes, [flat], rule) == PointRobot().occupancy(axes, [near], rule)).all()
+
+
 def test_a_polygon_with_a_hole_leaves_the_hole_free():
     axes = (Axis("x", 0, 9, 9), Axis("y", 0, 9, 9))
     ring = Polygon(((1, 1), (8, 1), (8, 8), (1, 8)), (((3, 3), (6, 3), (6, 6), (3, 6)),))
@@ -199,3 +253,47 @@ def test_impossible_shapes_are_refused():
 
 def test_the_protocol_fits():
     assert isinstance(PointRobot(), Robot)
+
+
+@settings(max_examples=120)
+@given(shape=shapes())
+def test_a_goal_has_the_cells_it_meets_and_its_point_nearest_to_each_centre(shape):
+    cells, points = PointRobot().goal_cells(AXES, shape)
+    here = dict(zip(map(tuple, np.argwhere(cells).tolist()), points, strict=True))
+    for cell, lower, upper in boxes(AXES):
+        dense = lower + np.array(list(itertools.product(np.linspace(0, 1, 21), repeat=2))) * (upper - lower)
+        hit = dense[inside(shape, dense, 0.0)]
+        if cell not in here:
+            assert not inside(shape, dense[np.all((dense > lower + 1e-7) & (dense < upper - 1e-7), axis=1)], 0).any()
+            continue
+        point = here[cell]
+        assert (point >= lower - 1e-12).all()
+        assert (point <= upper + 1e-12).all()
+        assert inside(shape, point[None], 1e-9).all()
+        if len(hit):
+            middle = (lower + upper) / 2
+            assert np.linalg.norm(point - middle) <= np.linalg.norm(hit - middle, axis=1).min() + 1e-9
+
+
+@settings(max_examples=60)
+@given(shape=shapes(ndim=3))
+def test_goals_in_space_say_a_point_of_theirs_in_every_cell(shape):
+    axes = (Axis("x", -1, 2, 4), Axis("y", -1, 2, 5), Axis("z", 0, 1, 3))
+    cells, points = PointRobot().goal_cells(axes, shape)
+    lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T
+    assert (np.abs((points - lower) / spacing - np.argwhere(cells) - 0.5) <= 0.5 + 1e-9).all()
+    assert inside(shape, points, 1e-9).all()
+
+
+def test_goals_wrap_around_periodic_axes_and_shrink_without_gaining_cells():
+    axes = (Axis("x", 0, 8, 8, periodic=True), Axis("y", 0, 2, 2))
+    cells, points = PointRobot().goal_cells(axes, Box((7.5, 0), (8.2, 1)))
+    assert np.argwhere(cells).tolist() == [[0, 0], [7, 0]]
+    assert np.allclose(points, [(0.2, 0.5), (7.5, 0.5)])
+    cells, points = PointRobot().goal_cells(axes, (-0.5, 2.0))
+    assert np.argwhere(cells).tolist() == [[7, 1]]
+    assert np.allclose(points, [(7.5, 2.0)])
+    masks = [PointRobot().goal_cells(axes, Ball((3.4, 0.8), size)).cells for size in (1.5, 0.5, 0.4, 0.39, 0.1, 0.0)]
+    for larger, smaller in itertools.pairwise(masks):
+        assert smaller.any()
+        assert not (smaller & ~larger).any()

@@ -168,8 +168,8 @@ def _written(path, data):
     return path
 
 
-def test_goals_take_the_cells_whose_centre_they_hold_or_those_they_overlap():
-    big = sample(parse_scene(GRID + '[[goal]]\nshape="rectangle"\nlower=[0.4, 0.4]\nupper=[2.6, 1.2]'))
+def test_goals_take_the_cells_they_overlap():
+    big = sample(parse_scene(GRID + '[[goal]]\nshape="rectangle"\nlower=[0.4, 0.4]\nupper=[2.6, 1.0]'))
     assert np.argwhere(big.cell == 2).tolist() == [[0, 0], [1, 0], [2, 0]]
     small = sample(parse_scene(GRID + '[[goal]]\nshape="circle"\ncentre=[1.9, 1.9]\nradius=0.2'))
     assert np.argwhere(small.cell == 2).tolist() == [[1, 1], [1, 2], [2, 1], [2, 2]]
