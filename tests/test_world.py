@@ -1,4 +1,4 @@
-"""Coordinates that a person gives or gets are the world's: a map that is turned gives the same motion, turned with it."""
+"""What a person gives or gets lies in the world: a map that is turned gives the same motion, turned with it."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class World:
 
     def place(self, points: ArrayLike) -> NDArray[np.float64]:
         """World coordinates of points along the map's axes, shape (..., 2)."""
-        return self.turn(points) + (self.x, self.y)
+        return np.asarray(self.turn(points) + np.array([self.x, self.y]))
 
     def turn(self, vectors: ArrayLike) -> NDArray[np.float64]:
         """World components of vectors along the map's axes."""
