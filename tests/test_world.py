@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 import resgrid as rg
 from resgrid.cli import main
 from resgrid.robots import Ball
-from resgrid.scene import GoalPoint
+from resgrid.scene import GoalJoints, GoalPoint
 
 ROOM = """
 ..............
@@ -280,6 +280,16 @@ def test_the_command_line_agrees_with_python(worlds: tuple[World, World], tmp_pa
         same(turned, worlds[1].place(plain), 1e-6)
 
 
+def test_a_goal_given_by_its_bounds_lies_in_the_world(worlds: tuple[World, World]) -> None:
+    for world in worlds:
+        lower = np.array(world.at((6.0, 3.5))) - 0.6
+        upper = lower + 1.2
+        space = rg.sample(world.scene(goals=(GoalJoints(tuple(lower.tolist()), tuple(upper.tolist())),)))
+        goals = space.centre(np.argwhere(space.cell == rg.Cell.GOAL))
+        assert len(goals) >= 2
+        assert np.all((goals >= lower) & (goals <= upper))
+
+
 def test_pictures_are_drawn_in_the_world(worlds: tuple[World, World]) -> None:
     for world in worlds:
         planner = rg.plan(world.scene())
@@ -303,8 +313,8 @@ def test_a_path_of_another_frame_is_refused(worlds: tuple[World, World]) -> None
 
 
 def test_a_start_outside_a_turned_map_is_named_as_it_was_given(worlds: tuple[World, World]) -> None:
-    with pytest.raises(rg.InputError, match=r"\[\[1.0, 1.0\]\], along the map's own axes"):
-        rg.plan(worlds[1].scene()).path((1.0, 1.0))
+    with pytest.raises(rg.InputError, match=r"start \(1.0, 1.0\) in the world: along the map's own"):
+        rg.plan(worlds[1].scene()).paths([worlds[1].at(START), (1.0, 1.0)])
 
 
 def test_only_a_plane_is_turned() -> None:

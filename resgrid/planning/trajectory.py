@@ -23,9 +23,9 @@ class Trajectory:
     positions : ndarray of float64, shape (n, ndim)
         World coordinates, continuous across periodic seams.
     velocities : ndarray of float64, shape (n, ndim)
-        In the world, a second, just after each knot; 0 at the last.
+        In the world, per second, just after each knot; 0 at the last.
     accelerations : ndarray of float64, shape (n - 1, ndim)
-        In the world, a second squared, between the knots.
+        In the world, per second squared, between the knots.
     """
 
     times: NDArray[np.float64]
