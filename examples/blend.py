@@ -19,7 +19,7 @@ def main(folder: Path = Path("out/blend")) -> dict[float, tuple[float, float]]:
     neumann = rg.field(rg.solve(rg.compile_space(space, boundary="neumann")))
 
     # k mixes them (Connolly & Grupen 1992).  A sum of harmonic functions is harmonic: every blend keeps the promises.
-    start = scene.starts[0]
+    start = scene.starts[0]  # in the world, as are all points that resgrid takes and gives
     paths = {}
     for k in (0.0, 0.5, 1.0):
         field = rg.blend(dirichlet, neumann, k)

@@ -37,7 +37,8 @@ def main(folder: Path = Path("out/control")) -> dict[str, float]:
     field = rg.plan(scene, k=0.9).field
     controller = rg.make_controller(field, speed=0.4, admittance=0.5, speed_limits=1.0)
 
-    # The loop.  V = V0 + A F: pushed off its streamline the robot gives way, and then simply follows the next one.
+    # The loop, all of it in world coordinates, however the map is turned.  V = V0 + A F: pushed off its streamline the
+    # robot gives way, and then simply follows the next one.
     robot = ToyRobot(scene.starts[0])
     way, asked = [robot.q.copy()], 0
     while field.space.cell[tuple(field.space.locate(robot.q))] != rg.Cell.GOAL:

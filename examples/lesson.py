@@ -51,8 +51,8 @@ def main(folder: Path = Path("out/lesson")) -> dict[str, float]:
     print(f"current into the goal: {into_goal * 1e6:.2f} uA")
     assert abs(into_goal - by_hand) < 1e-15
 
-    # 8. The path.  Start where the robot stands and follow the current.  It never stops before the goal, and it cannot
-    #    enter an obstacle, since current leaves obstacles and never enters them.
+    # 8. The path.  Start where the robot stands, in the coordinates of the world, and follow the current.  It never
+    #    stops before the goal, and it cannot enter an obstacle, since current leaves obstacles and never enters them.
     field = rg.field(point)
     path = rg.streamline(field, start=scene.starts[0])
     rg.certify(path, field)

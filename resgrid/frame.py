@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import cos, sin
 
 import numpy as np
@@ -85,7 +86,7 @@ class Frame:
         world = np.array(vectors, dtype=np.float64)
         return world if self.yaw == 0 else self._planar(world) @ self._rotation
 
-    @property
+    @cached_property
     def _rotation(self) -> NDArray[np.float64]:
         return np.array([[cos(self.yaw), -sin(self.yaw)], [sin(self.yaw), cos(self.yaw)]])
 

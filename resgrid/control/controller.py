@@ -34,7 +34,7 @@ class Nominal(NamedTuple):
     place : {"free", "goal", "off"}
         In a free cell with a path, in a goal cell, or in neither.
     velocity : ndarray of float64, shape (n,)
-        ``V0``, in the world, per second.
+        ``V0``, per second; in the world, or along the axes, as the configuration was given.
     longest : float
         In seconds: until just across the next cell face that current leaves by, and at most half the time to where a
         component vanishes.  Steps no longer than this enter no cell that the current does not enter.

@@ -16,6 +16,8 @@ from resgrid.planning.streamline import in_world
 class ShortPath:
     """A streamline with straight lines in place of its bends; made by `shorten`, checked by `certify_free`.
 
+    Its `points` lie in the world.
+
     Attributes
     ----------
     axis_points : ndarray of float64, shape (n, ndim)

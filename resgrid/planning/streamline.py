@@ -24,7 +24,7 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class Streamline:
-    """The way of a robot that follows the current from a start to a goal.
+    """The way of a robot that follows the current from a start to a goal; its `points` lie in the world.
 
     Attributes
     ----------

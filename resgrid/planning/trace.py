@@ -229,8 +229,11 @@ def start_points(space: ConfigurationSpace, starts: ArrayLike) -> NDArray[np.flo
     try:
         space.split(inside)
     except InputError as error:
-        turned = "" if space.frame.is_world else f"starts {points.tolist()}, along the map's own axes: "
-        raise InputError(f"{turned}{error}") from None
+        if space.frame.is_world:
+            raise
+        within = np.all((inside >= space.lower) & (inside <= space.upper) | space.periodic, axis=1)
+        given = tuple(points[int(np.argmin(within))].tolist())
+        raise InputError(f"the start {given} in the world: along the map's own axes {error}") from None
     return inside
 
 

@@ -24,9 +24,9 @@ class Trajectory:
     positions : ndarray of float64, shape (n, ndim)
         World coordinates, continuous across periodic seams.
     velocities : ndarray of float64, shape (n, ndim)
-        In the world, a second, just after each knot; 0 at the last.
+        In the world, per second, just after each knot; 0 at the last.
     accelerations : ndarray of float64, shape (n - 1, ndim)
-        In the world, a second squared, between the knots; of a resampled motion, their means.
+        In the world, per second squared, between the knots; of a resampled motion, their means.
     motion : Trajectory or None
         Of a resampled motion, the one it was taken from, which it follows between its knots too.
     """

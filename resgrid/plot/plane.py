@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.image import AxesImage
+from matplotlib.patches import Polygon
 from matplotlib.transforms import Affine2D
 from numpy.typing import ArrayLike, NDArray
 
@@ -220,6 +221,8 @@ def finish(plane: Plane, axes: Axes, points: Sequence[NDArray[np.float64]] = ())
     shown = np.concatenate([plane.view, *(plane.place(part) for part in points)])
     (left, bottom), (right, top) = shown.min(axis=0), shown.max(axis=0)
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal" if plane.x.unit == plane.y.unit else "auto")
+    if plane.is_turned:
+        axes.add_patch(Polygon(plane.corners, fill=False, edgecolor=OBSTACLE, linewidth=0.6, zorder=2.5))
     axes.set_xlabel(axis_label(plane.x, world=plane.is_turned))
     axes.set_ylabel(axis_label(plane.y, world=plane.is_turned))
     dress(axes)

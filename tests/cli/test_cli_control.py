@@ -48,6 +48,15 @@ def test_it_says_what_each_run_came_to(answer, call, hidden) -> None:
     assert [(run["k"], run["start"][0]) for run in both] == [(0.5, 4.2), (0.5, 1), (1, 4.2), (1, 1)]
 
 
+@pytest.mark.parametrize("name", ["t", "mode", "contact_x", "y_rate"])
+def test_an_axis_named_as_another_column_is_refused(call, hidden, tmp_path, name) -> None:
+    hidden.write_text(ROOM.replace('name = "x"', f'name = "{name}"'))
+    result = call("control", hidden, "-o", tmp_path / "log.csv")
+    assert result.exit_code == 2
+    assert f"axis '{name}' has a name that this file needs" in result.stderr
+    assert not (tmp_path / "log.csv").exists()
+
+
 def test_what_does_not_arrive_exits_with_1(answer, call, hidden) -> None:
     (run,) = answer("control", hidden, "--steps", 5, code=1)["runs"]
     assert run["outcome"] == "out_of_steps"

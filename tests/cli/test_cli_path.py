@@ -33,10 +33,25 @@ def test_timed_paths_have_times_and_rates(call, answer, room):
     first = [row for row in rows if row["path"] == "0"]
     times = np.array([float(row["t"]) for row in first])
     np.testing.assert_allclose(np.diff(times)[:-1], 0.05)
-    assert max(abs(float(row["x_rate"])) for row in first) <= 0.5 + 1e-12
+    fastest = max(np.hypot(float(row["x_rate"]), float(row["y_rate"])) for row in first)
+    assert fastest == pytest.approx(0.5)
     assert [row["t"] for row in rows if row["path"] == "1"] == ["0.0"]
     data = answer("path", room, "--speed", "0.5,0.25", code=1)
     assert data["paths"][0]["duration"] > data["paths"][0]["length"] / np.hypot(0.5, 0.25)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("outcome", ("-o", "-")), ("points", ("-o", "paths.npz")), ("t", ("-o", "paths.json", "--speed", "1"))],
+)
+def test_an_axis_named_as_another_column_is_refused(call, room, tmp_path, monkeypatch, name, words):
+    monkeypatch.chdir(tmp_path)
+    room.write_text(room.read_text().replace('name = "x"', f'name = "{name}"'))
+    result = call("path", room, *words)
+    assert result.exit_code == 2
+    assert f"axis '{name}' has a name that this file needs" in result.stderr
+    assert not list(tmp_path.glob("paths.*"))
+    assert call("path", room).exit_code == 1  # the second start has no path
 
 
 def test_a_plan_for_ros_has_one_document_a_path(call, answer, room, tmp_path):

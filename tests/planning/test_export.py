@@ -82,6 +82,26 @@ def test_velocities_turn_with_the_frame() -> None:
     np.testing.assert_allclose((columns["x"], columns["y"]), [(5, 5), (5, 7)], atol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("names", "suffix", "robot", "timed"),
+    [
+        (("t", "x"), ".csv", None, True),
+        (("x", "x_rate"), ".npz", None, True),
+        (("schema", "x"), ".json", None, False),
+        (("file", "x"), ".npz", None, False),
+        (("tip_x", "x"), ".csv", ARM, False),
+    ],
+)
+def test_no_column_is_lost_to_an_axis_of_its_name(tmp_path, names, suffix, robot, timed) -> None:
+    space = ConfigurationSpace([Axis(name, 0.0, 4.0, 4) for name in names], np.zeros((4, 4)))
+    way = time_path([(1, 1), (2, 2)], space, velocity_limits=1.0) if timed else [(1, 1), (2, 2)]
+    named = next(name for name in names if name != "x")
+    with pytest.raises(InputError, match=f"axis '{named}' has a name"):
+        write_path(tmp_path / f"path{suffix}", way, space, robot=robot)
+    assert not list(tmp_path.iterdir())
+    assert write_path(tmp_path / "path.csv", [(1, 1), (2, 2)], space).read_text().splitlines()[0] == ",".join(names)
+
+
 def test_what_cannot_be_written_is_refused(tmp_path) -> None:
     with pytest.raises(InputError, match="suffix must be one of"):
         write_path(tmp_path / "path.txt", WAY, PLANE)
