@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from resgrid.cli.decks import is_deck, open_deck, read_as_option, refuse_scene_options, root_option, solve_deck
-from resgrid.cli.failures import NEGATIVE
+from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
 from resgrid.cli.job import Chip, compile_chip, only_boundary, open_job, solve_chip
 from resgrid.cli.options import SceneChoice, with_report, with_scene
 from resgrid.cli.report import Report
@@ -56,7 +56,9 @@ def command(
     A DECK is compared with its sidecar DECK.json: first its hash, then the voltages; without one it is read and
     solved, and the simulator is held against that. A SCENE is solved, and compared with the simulator's answer to its
     own deck, or to the one given by --deck. Before the simulator starts, its time and memory are foretold, and it is
-    not started where it would not end in time (exit code 4). Exits with 1 where they disagree.
+    not started where it would not end in time (exit code 4). Exits with 1 where they disagree, and with 5 where the
+    simulator could not be given the deck itself: of another dialect, with a control block, with files from elsewhere.
+    Then what was read is simulated, and that is no agreement.
 
     --rules checks the electrical rules instead, and says for each simulator whether it would get the answer right.
     """
@@ -82,7 +84,12 @@ def command(
         _foretell(chip.netlist, run, report)
         agreement = _simulated(chip, deck, run, report)
     report.finish(agreement_data(agreement), agreement_lines(agreement))
-    return 0 if agreement.agrees else NEGATIVE
+    return code_of(agreement)
+
+
+def code_of(agreement: Agreement) -> int:
+    """The exit code of an agreement."""
+    return NOT_VERIFIED if agreement.agrees is None else 0 if agreement.agrees else NEGATIVE
 
 
 def _check_rules(
@@ -128,7 +135,7 @@ def _check_deck(choice: SceneChoice, read_as: str, root: str | None, run: Run, r
     solved = solve_deck(deck, report)
     _foretell(deck, run, report)
     with report.stage("simulate"):
-        return check_read_deck(deck, solved.point, data, run)
+        return check_read_deck(deck, solved.point, data, run, root)
 
 
 def _readable(choice: SceneChoice, read_as: str, root: str | None, report: Report) -> ParsedDeck | None:
@@ -167,19 +174,27 @@ def agreement_data(agreement: Agreement) -> dict[str, Any]:
     """An agreement as ``--json`` gives it."""
     data = dataclasses.asdict(agreement)
     data["worst"] = [{"node": node, "expected": expected, "got": got} for node, expected, got in agreement.worst]
+    data["as_read"] = None if agreement.as_read is None else agreement_data(agreement.as_read)
     return data
 
 
 def agreement_lines(agreement: Agreement) -> Iterable[str]:
     """An agreement for people: the verdict, then what was found and where."""
+    read = agreement.as_read or agreement
+    verdict = _comparison(read, _WORDS[agreement.reference])
+    if agreement.verified:
+        yield verdict
+    else:
+        yield f"not verified: {agreement.simulator} did not run the deck itself, for {agreement.remark}"
+        yield f"  of what was read of it: {verdict}" + ("; a wrong reading would not show" if read.agrees else "")
+    yield from (f"  {finding}" for finding in agreement.findings)
+    yield from (f"  {remark}" for remark in (read.remark,) if remark)
+
+
+def _comparison(agreement: Agreement, words: str) -> str:
     simulator = f"{agreement.simulator} {agreement.version}"
     error = agreement.max_relative_error
     largest = "" if error is None else f"; the largest error is {error:.1e} of the supply"
     if agreement.agrees:
-        yield f"{simulator} agrees with {_WORDS[agreement.reference]} on all {agreement.nodes:,} nodes{largest}"
-        yield from (f"  {remark}" for remark in (agreement.remark,) if remark)
-        return
-    yield f"{simulator} DISAGREES with {_WORDS[agreement.reference]} ({agreement.nodes:,} nodes compared{largest})"
-    for finding in agreement.findings:
-        yield f"  {finding}"
-    yield from (f"  {remark}" for remark in (agreement.remark,) if remark)
+        return f"{simulator} agrees with {words} on all {agreement.nodes:,} nodes{largest}"
+    return f"{simulator} DISAGREES with {words} ({agreement.nodes:,} nodes compared{largest})"

@@ -17,7 +17,7 @@ from resgrid.spice.dialects import dialect_named
 from resgrid.spice.engines import engine_named
 from resgrid.spice.expected import Expected, expect
 from resgrid.spice.locate import inspect_deck
-from resgrid.spice.ngspice import Simulation, read_deck
+from resgrid.spice.ngspice import VERSIONS, Simulation, read_deck, simulate
 from resgrid.spice.parts import with_parts
 from resgrid.spice.sidecar import Sidecar, altered_lines, read_sidecar, sidecar_path
 
@@ -38,8 +38,10 @@ class Agreement:
     ----------
     reference : {"sidecar", "scene", "solve"}
         Where the expected voltages come from.
-    agrees : bool
-        Whether nothing at all was found.
+    agrees : bool or None
+        Whether nothing at all was found; None where nothing was, but the simulator did not run the deck itself.
+    verified : bool
+        Whether the simulator was given the deck itself, byte for byte but for its analyses.
     max_abs_error : float or None
         Largest difference of a node's voltage, in volts; None if nothing could be compared.
     max_relative_error : float or None
@@ -55,11 +57,14 @@ class Agreement:
     worst : tuple of (str, float, float)
         Node, expected and simulated voltage, the largest differences first.
     remark : str
-        What else is to be known of the comparison, empty if nothing.
+        What else is to be known of the comparison, empty if nothing; where it is not verified, why.
+    as_read : Agreement or None
+        Where the deck itself was not run: the comparison with what was read of it, written anew.  It tests the solution
+        and not the reading; the deck's own figures are None, and its number of nodes 0.
     """
 
     reference: Reference
-    agrees: bool
+    agrees: bool | None
     max_abs_error: float | None
     max_relative_error: float | None
     nodes: int
@@ -69,6 +74,8 @@ class Agreement:
     findings: tuple[str, ...]
     worst: tuple[tuple[str, float, float], ...]
     remark: str = ""
+    verified: bool = True
+    as_read: Agreement | None = None
 
 
 def compare(
@@ -121,6 +128,29 @@ def compare(
         tolerance=tolerance,
         findings=tuple(found),
         worst=tuple((name, expected.voltage[name], simulation.voltage[name]) for name in worst if error[name] > 0),
+        remark=_remark(simulation),
+    )
+
+
+def _remark(simulation: Simulation) -> str:
+    if simulation.simulator != _SIMULATED or simulation.version in (*VERSIONS, "not run"):
+        return ""
+    known = " and ".join(VERSIONS)
+    return f"resgrid is tried with {_SIMULATED} {known}, not with {simulation.version}"
+
+
+def _unverified(found: Agreement, why: str) -> Agreement:
+    """What a comparison with a rewriting says of the deck: nothing good."""
+    return replace(
+        found,
+        agrees=None if found.agrees else False,
+        max_abs_error=None,
+        max_relative_error=None,
+        nodes=0,
+        worst=(),
+        remark=why,
+        verified=False,
+        as_read=found,
     )
 
 
@@ -188,8 +218,9 @@ def check_deck(
 ) -> Agreement:
     """Check a deck: its bytes against its sidecar's hash, its elements and the simulator against the expected voltages.
 
-    A deck without a sidecar is read and solved, and the simulator is held against that.  It is simulated as it stands
-    where that is safe, otherwise (includes, control blocks, another dialect) as it was read.
+    A deck without a sidecar is read and solved, and the simulator is held against that.  The simulator is given the
+    deck itself, with the files that it includes, where that is safe.  Otherwise (control blocks, another dialect, files
+    from elsewhere) it is given what was read, and the deck is not verified: ``agrees`` is not True.
 
     Parameters
     ----------
@@ -239,25 +270,27 @@ def check_deck(
         expected = expect(flatten(reference.netlist, dialect=name), reference)
     elif sidecar is not None:
         expected = sidecar.expected
-    parts = {} if sidecar is None else sidecar.parts
+    parts, why = {} if sidecar is None else sidecar.parts, ""
     if name == _SIMULATED and parts:
         data, changed = with_parts(deck, data, parts, dialect_named(name))
         findings += changed
     elif name == _SIMULATED:
         findings += inspect_deck(data, expected, tolerance)
     else:
-        data = _translated(deck, data, name)
+        job = _translated(deck, name)
+        data, why = job.data, job.why
     simulation = _simulate_or_refuse(data, engine, str(deck), timeout, direct=name != _SIMULATED)
     if parts:  # the inner nodes of tiles are nobody's business
         known = {node: volts for node, volts in simulation.voltage.items() if node in expected.voltage}
         simulation = replace(simulation, voltage=known)
-    return compare(
+    found = compare(
         expected,
         simulation,
         tolerance=tolerance,
         reference="scene" if reference is not None else "sidecar",
         findings=findings,
     )
+    return _unverified(found, why) if why else found
 
 
 @dataclass(frozen=True)
@@ -269,7 +302,9 @@ class Run:
     timeout: float
 
 
-def check_read_deck(deck: ParsedDeck, point: OperatingPoint, data: bytes, run: Run) -> Agreement:
+def check_read_deck(
+    deck: ParsedDeck, point: OperatingPoint, data: bytes, run: Run, root: str | os.PathLike[str] | None = None
+) -> Agreement:
     """Hold a simulator against our solution of somebody's deck; the places of the worst nodes are told.
 
     Parameters
@@ -280,6 +315,8 @@ def check_read_deck(deck: ParsedDeck, point: OperatingPoint, data: bytes, run: R
     data : bytes
         The content of the deck's file.
     run : Run
+    root : path-like, optional
+        The folder that its includes were not allowed to leave.
 
     Returns
     -------
@@ -287,21 +324,27 @@ def check_read_deck(deck: ParsedDeck, point: OperatingPoint, data: bytes, run: R
     """
     from resgrid.spice.foreign import expected_of, places_of, runnable
 
-    job = runnable(deck, data)
+    job = runnable(deck, data, root=None if root is None else Path(root), engine=run.engine)
     expected = expected_of(deck, point, as_written=job.as_written)
-    simulation = engine_named(run.engine)(job.data, source=deck.path, timeout=run.timeout, direct=True)
+    simulation = _simulated(job, deck.path, run)
     found = compare(expected, simulation, tolerance=run.tolerance, reference="solve")
-    places = places_of(deck, (name for name, *_ in found.worst)) if job.as_written and not found.agrees else {}
+    if not job.as_written:
+        return _unverified(found, job.why)
+    if found.agrees:
+        return found
+    places = places_of(deck, (name for name, *_ in found.worst))
     located = tuple(_with_place(finding, places) for finding in found.findings)
-    if not job.as_written:
-        found = replace(found, remark=f"what was simulated is the deck as it was read, for {job.why}")
-    return found if found.agrees else replace(found, findings=(*located, *_explanations(deck, job)))
+    return replace(found, findings=(*located, *_explanations(deck)))
 
 
-def _explanations(deck: ParsedDeck, job: Runnable) -> list[str]:
+def _simulated(job: Runnable, source: str, run: Run) -> Simulation:
+    if job.files:
+        return simulate(job.data, source=source, timeout=run.timeout, direct=True, files=job.files, place=job.place)
+    return engine_named(run.engine)(job.data, source=source, timeout=run.timeout, direct=True)
+
+
+def _explanations(deck: ParsedDeck) -> list[str]:
     """Why a simulator may disagree: what it is known to make of such a deck."""
-    if not job.as_written:
-        return []
     from resgrid.spice.verdicts import predict_simulators
 
     verdict = next(verdict for verdict in predict_simulators(deck) if verdict.simulator == _SIMULATED)
@@ -318,15 +361,16 @@ def _check_foreign(path: Path, data: bytes, dialect: str, root: str | os.PathLik
     from resgrid.spice.reader import read_spice
 
     deck = read_spice(path, dialect=dialect, root=root)
-    return check_read_deck(deck, solve(deck.netlist()), data, run)
+    return check_read_deck(deck, solve(deck.netlist()), data, run, root)
 
 
-def _translated(path: Path, data: bytes, dialect: str) -> bytes:
+def _translated(path: Path, dialect: str) -> Runnable:
     """A deck of another simulator's dialect, read and written anew for the one that is run."""
-    from resgrid.spice.foreign import runnable
+    from resgrid.spice.foreign import rewritten
     from resgrid.spice.reader import read_spice
 
-    return runnable(read_spice(path, dialect=dialect), data).data
+    why = f"it is written for {dialect}, and only {_SIMULATED} is run here"
+    return rewritten(read_spice(path, dialect=dialect), why)
 
 
 def _check_tolerance(tolerance: float) -> None:

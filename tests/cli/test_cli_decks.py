@@ -140,12 +140,63 @@ def test_check_holds_ngspice_against_our_solution(answer, call, deck, island, tm
     data = answer("check", island, code=1)
     text = "\n".join(data["findings"])
     assert "island.sp:3: node b" in text and "this was to be expected" in text
-    (tmp_path / "part.inc").write_text("rp in 0 1k\n")
-    deck.write_text(DECK.replace(".tran", ".include part.inc\n.tran"))
+
+
+def test_included_files_are_run_as_they_are(answer, deck, tmp_path):
+    (tmp_path / "models").mkdir()
+    (tmp_path / "models" / "part.inc").write_text("rp in p 1k\n.tran 1 2\n.include more.inc\n")
+    (tmp_path / "models" / "more.inc").write_text("rq p 0 1k\r\n")
+    deck.write_text(DECK.replace(".tran", ".include 'models/part.inc'\n.tran"))
     data = answer("check", deck)
-    assert data["agrees"] and "includes other files" in data["remark"]
-    deck.write_text(DECK.replace(".tran", ".control\nshell touch pwned\n.endc\n.tran"))
-    assert ".control" in answer("check", deck)["remark"] and not Path("pwned").exists()
+    assert data["agrees"] and data["verified"] and data["nodes"] == 6 and data["as_read"] is None
+    below = tmp_path / "decks" / "deep"
+    below.mkdir(parents=True)
+    (below / "d.sp").write_text(deck.read_text().replace("models/", "../../models/"))
+    assert answer("check", below / "d.sp", "--root", tmp_path)["agrees"]
+
+
+def test_an_include_that_the_simulator_reads_otherwise_is_no_agreement(answer, call, tmp_path):
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "part.inc").write_text("r2 b 0 1k\n.include two.inc\n")
+    (tmp_path / "sub" / "two.inc").write_text("r3 b 0 1k\n")
+    (tmp_path / "two.inc").write_text("r3 b 0 1\n")
+    deck = tmp_path / "d.sp"
+    deck.write_text("t\nv1 a 0 10\nr1 a b 1k\n.include sub/part.inc\n.end\n")
+    data = answer("check", deck, code=1)
+    assert data["verified"] and not data["agrees"] and data["max_abs_error"] > 1
+    assert "DISAGREES" in call("check", deck).stdout
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ((".tran", ".control\nshell touch pwned\n.endc\n.tran"), "'.control' is not simulated"),
+        (("Designer's", "*ng_script"), "'*ng_script' is not simulated"),
+        ((".tran", ".include bad.inc\n.tran"), "'.control' is not simulated"),
+        ((".tran", ".include linked.inc\n.tran"), "reached by a link"),
+        ((".tran", '.include "FOLDER/good.inc"\n.tran'), "is no plain name"),
+        (("\n.end\n", "\n.include good.inc\n.end\n.incl /etc/passwd"), "is no plain name"),
+        (("\n.end\n", "\n.include good.inc\n.end\n.incl ../outside.inc"), "lies outside"),
+        (("\n.end\n", "\n.include good.inc\n.end\n.include\n+ /etc/passwd"), "is no plain name"),
+        (
+            ("\n.end\n", '\n.end\na1 [out] [x] m\n.model m d_process (process_file="touch")'),
+            "'a1' is not simulated",
+        ),
+    ],
+)
+def test_what_the_simulator_did_not_run_itself_is_not_verified(answer, call, deck, tmp_path, change, why):
+    (tmp_path / "good.inc").write_text("rp in 0 1k\n")
+    (tmp_path / "bad.inc").write_text("rp in 0 1k\n.control\nshell touch pwned\n.endc\n")
+    (tmp_path / "linked.inc").symlink_to(tmp_path / "good.inc")
+    old, new = change
+    (tmp_path.parent / "outside.inc").write_text("rp in 0 1\n")
+    deck.write_text(DECK.replace(old, new.replace("FOLDER", str(tmp_path))))
+    data = answer("check", deck, code=5)
+    assert (data["agrees"], data["verified"], data["max_abs_error"], data["nodes"]) == (None, False, None, 0)
+    assert why in data["remark"] and data["as_read"]["agrees"] and data["as_read"]["nodes"] == 5
+    printed = call("check", deck)
+    assert printed.exit_code == 5 and printed.stdout.startswith("not verified: ngspice did not run")
+    assert not Path("pwned").exists() and not list(tmp_path.rglob("pwned"))
 
 
 def test_a_device_taken_for_the_title_is_missed(answer, tmp_path):
@@ -178,7 +229,9 @@ def test_converted_decks_hold_the_same_circuit(answer, call, deck, tmp_path, dia
     assert data["dialect"] == dialect and data["resistors"] == 3 and Path(data["sidecar"]).exists()
     again = answer("solve", out)
     assert again["worst_drops"][0]["drop"] == pytest.approx(2 - OUT, rel=1e-12)
-    assert answer("check", out)["agrees"]
+    checked = answer("check", out, code=0 if dialect == "ngspice" else 5)
+    assert (checked["agrees"], checked["verified"]) == ((True, True) if dialect == "ngspice" else (None, False))
+    assert dialect == "ngspice" or (dialect in checked["remark"] and checked["as_read"]["agrees"])
     call("convert", deck, "-o", tmp_path / "bare.cir", "--dialect", dialect, "--bare")
     assert (tmp_path / "bare.cir").read_bytes() == out.read_bytes()
     assert not (tmp_path / "bare.cir.json").exists()
