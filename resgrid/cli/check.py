@@ -14,7 +14,7 @@ from resgrid.cli.job import Chip, compile_chip, only_boundary, open_job, solve_c
 from resgrid.cli.options import SceneChoice, with_report, with_scene
 from resgrid.cli.report import Report
 from resgrid.cli.rules import finding_lines, rules_data, rules_lines
-from resgrid.errors import InputError, ResgridError
+from resgrid.errors import InputError, ResgridError, ToolMissingError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 _WORDS = {"sidecar": "the sidecar", "scene": "the scene's solution", "solve": "our solution"}
 _WORTH_TELLING = 10.0
+TIMEOUT = 600.0
+PATIENCE = 30.0
+"""How long the simulation of a deck that was just written may take unasked, in seconds."""
 
 
 @click.command("check", short_help="Check rules, and ask the circuit simulator whether it agrees.")
@@ -33,7 +36,7 @@ _WORTH_TELLING = 10.0
 @click.option("--rules", is_flag=True, help="Check the electrical rules only; errors exit with 1.")
 @click.option("--deck", metavar="FILE", type=click.Path(), help="Simulate this deck, and compare it with SCENE.")
 @click.option("--tolerance", metavar="T", default=1e-9, show_default=True, help="Largest error, over the supply.")
-@click.option("--timeout", metavar="S", default=600.0, show_default=True, help="Time for the simulator, in seconds.")
+@click.option("--timeout", metavar="S", default=TIMEOUT, show_default=True, help="Time for the simulator, in seconds.")
 @click.option(
     "--engine", metavar="NAME", default="ngspice", show_default=True, help="ngspice, or eecircuit (for large decks)."
 )
@@ -168,6 +171,49 @@ def _simulated(chip: Chip, deck: str | None, run: Run, report: Report) -> Agreem
         if deck is not None:
             return check_deck(deck, reference=chip.point, **limits)
         return check_spice(chip.netlist, chip.point, **limits)
+
+
+def check_unasked(deck: Path, netlist: Netlist, wanted: bool | None, folder: Path, report: Report) -> Agreement | str:
+    """The simulator's verdict on a deck that was just written, or why there is none.
+
+    Parameters
+    ----------
+    deck : Path
+        Where it lies now.
+    netlist : Netlist
+        What it holds.
+    wanted : bool or None
+        Whether it was asked for; None simulates what does not take long.
+    folder : Path
+        Where it will lie when the work is done.
+    report : Report
+
+    Returns
+    -------
+    Agreement or str
+
+    Raises
+    ------
+    ToolMissingError
+        If it was asked for, and there is no simulator.
+    """
+    from resgrid.spice.agreement import check_deck
+    from resgrid.spice.forecast import costs_named, forecast_run
+    from resgrid.spice.ngspice import ngspice_version
+
+    if wanted is False:
+        return "not simulated: --no-check"
+    try:
+        expected = forecast_run(netlist, costs_named("ngspice", ngspice_version()))
+        if wanted is None and expected.seconds > PATIENCE:
+            timeout = f" --timeout {3 * expected.seconds:.0f}" if 3 * expected.seconds > TIMEOUT else ""
+            return f"not simulated, for {expected}; 'resgrid check {folder / deck.name}{timeout}' does it"
+        with report.stage(f"simulate {deck.name}", seconds=expected.seconds):
+            return check_deck(deck, timeout=max(TIMEOUT, 10 * expected.seconds))
+    except ToolMissingError as error:
+        if wanted:
+            raise
+        return f"not simulated: {error}"
 
 
 def agreement_data(agreement: Agreement) -> dict[str, Any]:
