@@ -11,7 +11,7 @@ import numpy as np
 
 from resgrid.errors import InputError
 from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.spice.expected import Expected, supply_of
+from resgrid.spice.expected import Expected, current_scale_of, supply_of
 from resgrid.spice.inclusion import gather_includes
 from resgrid.spice.ngspice import refuse_commands
 from resgrid.spice.parsed import ParsedDeck, ngspice_name
@@ -152,12 +152,11 @@ def expected_of(deck: ParsedDeck, point: OperatingPoint, *, as_written: bool) ->
     amps = point.source_current[: len(deck.source_volts)]
     names = map(ngspice_name, deck.element_names["voltage source"])
     supply = supply_of(point)
-    largest = float(np.max(np.abs(point.source_current[np.isfinite(point.source_current)]), initial=0.0))
     return Expected(
         voltage=voltage,
         source_current={n: float(a) if np.isfinite(a) else None for n, a in zip(names, amps.tolist(), strict=True)},
         supply=supply,
-        current_scale=max(largest, supply * float(np.max(point.netlist.conductance, initial=0.0))),
+        current_scale=current_scale_of(point, supply),
         kcl_residual=point.kcl_residual if np.isfinite(point.kcl_residual) else 0.0,
     )
 
