@@ -71,7 +71,8 @@ def solve(
     InputError
         If an option is unknown, or this is no circuit.
     CircuitError
-        If sources contradict each other, nothing drives the chip of a space (any other circuit is at rest then), or current sources exceed what nonlinear resistors carry.
+        If sources contradict each other, nothing drives the chip of a space (any other circuit is at rest then),
+        nothing touches ground, or current sources exceed what nonlinear resistors carry.
     AccuracyError
         If the promised accuracy is not reached; it carries the best answer.
     BudgetError
