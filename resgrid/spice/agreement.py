@@ -265,7 +265,7 @@ def check_deck(
     sidecar = read_sidecar(deck) if has_sidecar else None
     name = _SIMULATED if dialect == "auto" else dialect
     name = dialect_named(name if sidecar is None else sidecar.dialect).name
-    findings = [] if sidecar is None else _hash_findings(data, sidecar)
+    findings = [] if sidecar is None else [*_hash_findings(data, sidecar), *_beside_findings(sidecar)]
     if reference is not None:
         expected = expect(flatten(reference.netlist, dialect=name), reference)
     elif sidecar is not None:
@@ -394,6 +394,17 @@ def _hash_findings(data: bytes, sidecar: Sidecar) -> list[str]:
     more = f" and {len(ranges) - _SHOWN} more ranges" if len(ranges) > _SHOWN else ""
     where = f"lines {shown}{more} differ" if ranges else "the hash in the sidecar differs, though no line does,"
     return [f"{where} from the deck that resgrid wrote (SHA-256 in {sidecar.path.name})"]
+
+
+def _beside_findings(sidecar: Sidecar) -> list[str]:
+    """Files beside the deck that are not what was written; one that is absent misleads nobody."""
+    name = sidecar.path.name
+    found = [] if sidecar.intact else [f"{name} differs from what resgrid wrote (its own SHA-256)"]
+    for other, sha256 in sidecar.companions.items():
+        path = sidecar.path.with_name(Path(other).name)
+        if path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
+            found.append(f"{path.name} differs from what resgrid wrote (SHA-256 in {name}): do not run it")
+    return found
 
 
 def _distance(expected: float, got: float) -> float:
