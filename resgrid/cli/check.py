@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from resgrid.cli.decks import is_deck, open_deck, read_as_option, refuse_scene_options, root_option, solve_deck
+from resgrid.cli.decks import (
+    is_deck,
+    is_network,
+    open_deck,
+    read_as_option,
+    refuse_scene_options,
+    root_option,
+    solve_deck,
+)
 from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
 from resgrid.cli.job import Chip, compile_chip, only_boundary, open_job, solve_chip
 from resgrid.cli.options import SceneChoice, with_report, with_scene
@@ -105,7 +113,8 @@ def _check_rules(
         raise InputError("--rules checks SCENE or DECK itself; leave --deck out")
     circuit: Netlist | ParsedDeck
     if given:
-        circuit = open_deck(choice, read_as, root, report)
+        read = open_deck(choice, read_as, root, report)
+        circuit = read if read.given is None else read.given
     else:
         job = open_job(choice, report)
         circuit = compile_chip(job, report, *only_boundary(job))
@@ -126,6 +135,10 @@ def _check_deck(choice: SceneChoice, read_as: str, root: str | None, run: Run, r
 
     refuse_scene_options(choice)
     path = Path(choice.source)
+    if is_network(choice.source):
+        raise InputError(
+            f"{path}: no simulator reads this; make a deck of it (resgrid convert {path} -o FILE.cir) and check that"
+        )
     data = read_deck(path)
     if sidecar_path(path).exists():
         _foretell(_readable(choice, read_as, root, report), run, report)

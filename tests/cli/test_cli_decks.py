@@ -266,6 +266,43 @@ def test_converted_graphs_hold_the_same_circuit(answer, call, deck, tmp_path):
         assert list(arrays["resistor_names"]) == ["X1.R1", "X1.R2", "Rl"]
 
 
+@pytest.mark.parametrize("suffix", [".graphml", ".json", ".npz", ".cir"])
+def test_what_convert_writes_is_read_by_every_verb(answer, call, deck, tmp_path, suffix):
+    file = tmp_path / f"other{suffix}"
+    assert call("convert", deck, "-o", file).exit_code == 0
+    data = answer("solve", file)
+    assert (data["nodes"], data["resistors"], data["voltage_sources"], data["current_sources"]) == (6, 3, 3, 1)
+    assert data["worst_drops"][0]["drop"] == pytest.approx(2 - OUT, rel=1e-12)
+    assert answer("info", file)["smallest_resistance"] == 500
+    assert answer("check", "--rules", file)["passes"]
+    back = tmp_path / "back.cir"
+    assert call("convert", file, "-o", back).exit_code == 0
+    assert answer("check", back)["agrees"]
+
+
+def test_edge_lists_and_configurations_are_read(answer, call, deck, tmp_path):
+    edges = tmp_path / "edges.txt"
+    call("convert", deck, "-o", edges)
+    assert answer("info", edges)["resistors"] == answer("solve", edges)["resistors"] == 3
+    assert call("convert", edges, "-o", tmp_path / "edges.json").exit_code == 0
+    assert answer("solve", tmp_path / "edges.json")["resistors"] == 3
+    for name, text in {"g.txt": "1 2 5\n2 3 5\n", "s.txt": "1 1\n", "d.txt": "3 0\n"}.items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "net.ini").write_text(
+        "[Calculation options]\ndata_type = network\nscenario = advanced\nground_file_is_resistances = True\n"
+        "[Habitat raster or graph]\nhabitat_file = g.txt\nhabitat_map_is_resistances = True\n"
+        "[Options for advanced mode]\nsource_file = s.txt\nground_file = d.txt\n"
+    )
+    assert answer("solve", tmp_path / "net.ini")["power"] == pytest.approx(10.0)
+
+
+def test_a_network_is_not_simulated_and_spectre_is_not_read(call, deck, tmp_path):
+    for name, verb, message in (("a.json", "check", "make a deck of it"), ("a.scs", "solve", "written and not read")):
+        assert call("convert", deck, "-o", tmp_path / name).exit_code == 0
+        result = call(verb, tmp_path / name)
+        assert result.exit_code == 2 and message in result.stderr
+
+
 def test_scenes_are_converted_too(answer, call, lesson, tmp_path):
     out = tmp_path / "lesson.scs"
     assert answer("convert", lesson, "-o", out)["dialect"] == "spectre"
