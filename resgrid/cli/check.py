@@ -28,7 +28,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from resgrid.netlist import Netlist
-    from resgrid.spice.agreement import Agreement, Run
+    from resgrid.spice.agreement import Run
+    from resgrid.spice.comparison import Agreement
     from resgrid.spice.forecast import Forecast
     from resgrid.spice.parsed import ParsedDeck
 
@@ -95,11 +96,10 @@ def command(
         _foretell(chip.netlist, run, report)
         agreement = _simulated(chip, deck, run, report)
     report.finish(agreement_data(agreement), agreement_lines(agreement))
-    return code_of(agreement)
+    return _code(agreement)
 
 
-def code_of(agreement: Agreement) -> int:
-    """The exit code of an agreement."""
+def _code(agreement: Agreement) -> int:
     return NOT_VERIFIED if agreement.agrees is None else 0 if agreement.agrees else NEGATIVE
 
 

@@ -19,7 +19,7 @@ from resgrid.spice.reader.sources import MAX_FILES, read_bytes
 _INCLUDING = re.compile(rb"^\s*\.(inc|lib)\w*", re.IGNORECASE | re.MULTILINE)
 _NAME = re.compile(rb"[ \t]+(?:\"([^\"\n]*)\"|'([^'\n]*)'|([^\s\"']+))")
 _LONE_RETURN = re.compile(rb"\r(?!\n)")
-_PLAIN = re.compile(r"[\w.+,@=#%-][\w.+,@=#%/ -]*")
+_WORD = re.compile(r"[\w.+,@=#%-][\w.+,@=#% -]*")
 
 
 def gather_includes(deck: Path, data: bytes, root: Path) -> dict[str, bytes]:
@@ -70,10 +70,19 @@ def _names(path: Path, data: bytes) -> Iterator[str]:
     for line in _INCLUDING.finditer(data):
         match = _NAME.match(data, line.end())
         name = "" if match is None else next(group for group in match.groups() if group is not None).decode("latin-1")
-        if not _PLAIN.fullmatch(name) or name.split("/").count("..") > MAX_ASCENT:
+        if not _is_plain(name):
             number = data.count(b"\n", 0, line.start(1)) + 1
             raise InputError(f"{path.name}, line {number}: {name!r} is no plain name of a file in the deck's folder")
         yield name
+
+
+def _is_plain(name: str) -> bool:
+    """Whether a name is one of a file below, perhaps after some steps up, and means the same wherever it is read."""
+    words = name.split("/")
+    steps = next((i for i, word in enumerate(words) if word != ".."), len(words))
+    rest = words[steps:]
+    plain = all(_WORD.fullmatch(word) and word != ".." for word in rest)
+    return plain and bool(rest) and steps <= MAX_ASCENT and len(name) < 256
 
 
 def _places(name: str, path: Path, root: Path) -> Iterator[Path]:

@@ -14,7 +14,8 @@ from spaces import serpentine, space_of
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.nodal.solve import solve
-from resgrid.spice.agreement import check_deck, check_spice, compare
+from resgrid.spice.agreement import check_deck, check_spice
+from resgrid.spice.comparison import compare
 from resgrid.spice.deck import flatten
 from resgrid.spice.expected import expect
 from resgrid.spice.locate import inspect_deck
