@@ -156,7 +156,7 @@ from .scene import (
     scene_schema as scene_schema,
 )
 from .space import Axis as Axis, Cell as Cell, ConfigurationSpace as ConfigurationSpace
-from .spice.agreement import Agreement as Agreement, check_deck as check_deck, check_spice as check_spice
+from .spice.agreement import check_deck as check_deck, check_spice as check_spice
 from .spice.analyses import (
     Measure as Measure,
     MismatchAnalysis as MismatchAnalysis,
@@ -167,6 +167,7 @@ from .spice.analyses import (
     TransientAnalysis as TransientAnalysis,
 )
 from .spice.balance import PowerBalance as PowerBalance, power_balance as power_balance
+from .spice.comparison import Agreement as Agreement
 from .spice.deck import format_deck as format_deck
 from .spice.drops import Drops as Drops, supply_drops as supply_drops
 from .spice.finding import Finding as Finding

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+import re
 import secrets
 import shutil
 import tempfile
+import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 from resgrid.errors import InputError
+
+_STALE = 86_400.0
+"""Seconds after which what a killed process left half-written is taken for that."""
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
@@ -61,7 +66,7 @@ def write_bytes(path: str | os.PathLike[str], data: bytes) -> Path:
     return Path(path)
 
 
-@contextmanager
+@contextlib.contextmanager
 def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield a temporary path that takes the place of ``path`` if the block succeeds and vanishes if it does not.
 
@@ -99,6 +104,29 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         temporary.unlink(missing_ok=True)
 
 
+def temporary_place(folder: Path, stem: str, suffix: str = "") -> Path:
+    """Where something may be made before it is renamed; what was killed while it made the same is removed.
+
+    Parameters
+    ----------
+    folder : Path
+    stem, suffix : str
+        Of the final name.
+
+    Returns
+    -------
+    Path
+        Hidden, and not there yet.
+    """
+    stem, suffix = stem[:80], suffix[:20]
+    ours = re.compile(re.escape(f".{stem}-") + "[0-9a-f]{12}" + re.escape(suffix))
+    with contextlib.suppress(OSError):  # somebody else removed it; whether the folder can be written shows itself
+        for left in [path for path in folder.iterdir() if ours.fullmatch(path.name)]:
+            if time.time() - left.lstat().st_mtime > _STALE:
+                shutil.rmtree(left) if left.is_dir() and not left.is_symlink() else left.unlink()
+    return folder / f".{stem}-{secrets.token_hex(6)}{suffix}"
+
+
 def _target(path: Path) -> Path:
     try:
         target = path.resolve()
@@ -111,7 +139,7 @@ def _target(path: Path) -> Path:
 
 def _create_temporary(folder: Path, target: Path, path: Path) -> Path:
     # Not tempfile.mkstemp: its files are private (0600), ours keep to the user's umask.
-    temporary = folder / f".{target.stem[:80]}-{secrets.token_hex(6)}{target.suffix[:20]}"
+    temporary = temporary_place(folder, target.stem, target.suffix)
     try:
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
     except FileNotFoundError as error:

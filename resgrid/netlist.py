@@ -254,24 +254,12 @@ class Netlist:
         networkx.MultiGraph
             Nodes are node numbers with attribute ``name``; edges have ``kind`` (``"resistor"``, ``"voltage source"``,
             ``"current source"``, ``"capacitor"``, ``"nonlinear resistor"``) and ``conductance``, ``volts``, ``amps``,
-            ``capacitance``, or ``current`` and ``voltage`` in SI units; directed ones keep their order in the
-            attribute ``nodes``.
+            ``capacitance``, or ``current`` and ``voltage`` in SI units, ``tc1``, ``tc2`` and ``name`` where there are
+            such, the ordered pair of their ``nodes``, and their ``number`` among those of their kind.
         """
-        import networkx as nx
+        from resgrid.graphs import graph_of
 
-        graph: nx.MultiGraph[int] = nx.MultiGraph()
-        numbers = np.arange(self.node_count)
-        graph.add_nodes_from(
-            (i, {"name": name}) for i, name in zip(numbers.tolist(), self.names_of(numbers), strict=True)
-        )
-        for kind, nodes_name, keys in _GRAPH_KEYS:
-            pairs = getattr(self, nodes_name).tolist()
-            values = zip(*(getattr(self, column).tolist() for column in keys.values()), strict=True)
-            graph.add_edges_from(
-                (a, b, {"kind": kind, **dict(zip(keys, value, strict=True)), "nodes": (a, b)})
-                for (a, b), value in zip(pairs, values, strict=True)
-            )
-        return graph
+        return graph_of(self)
 
     @staticmethod
     def from_networkx(graph: nx.Graph[Any], ground: object = GROUND) -> Netlist:
@@ -287,14 +275,17 @@ class Netlist:
         Returns
         -------
         Netlist
-            Nodes in the graph's order, ground first; node names from ``name`` or the graph's own node.
+            Nodes in the graph's order, ground first; node names from ``name`` or the graph's own node.  Elements in the
+            order of their ``number``, or the graph's.
 
         Raises
         ------
         InputError
             If an edge lacks its value or has an unknown kind.
         """
-        return _from_networkx(graph, ground)
+        from resgrid.graphs import fields_of
+
+        return Netlist(**fields_of(graph, ground))
 
     def replace(self, **changes: Any) -> Netlist:
         """Return a copy with some fields changed."""
@@ -303,15 +294,6 @@ class Netlist:
         if unknown:
             raise InputError(f"a netlist has no field {sorted(unknown)}; it has {sorted(current)}")
         return Netlist(**{**current, **changes})
-
-
-_GRAPH_KEYS = (
-    ("resistor", "resistor_nodes", {"conductance": "conductance"}),
-    ("voltage source", "source_nodes", {"volts": "source_volts"}),
-    ("current source", "current_nodes", {"amps": "current_amps"}),
-    ("capacitor", "capacitor_nodes", {"capacitance": "capacitance"}),
-    ("nonlinear resistor", "nonlinear_nodes", {"current": "nonlinear_current", "voltage": "nonlinear_voltage"}),
-)
 
 
 def _all_within(value: NDArray[np.float64], low: float, high: float) -> bool:
@@ -365,31 +347,3 @@ def _layout_names(layout: Layout, node_count: int, wanted: NDArray[np.int64]) ->
         node = int(wanted[position])
         names[position] = rails.get(node, f"node_{node}")
     return names
-
-
-def _from_networkx(graph: nx.Graph[Any], ground: object) -> Netlist:
-    order = [ground, *(node for node in graph if node != ground)]
-    number = {node: i for i, node in enumerate(order)}
-    names = ["0", *(str(graph.nodes[node].get("name", node)) for node in order[1:])]
-    pairs: dict[str, list[tuple[int, int]]] = {kind: [] for kind, *_ in _GRAPH_KEYS}
-    keys = {kind: values for kind, _, values in _GRAPH_KEYS}
-    columns: dict[str, list[float]] = {column: [] for values in keys.values() for column in values.values()}
-    for a, b, data in graph.edges(data=True):
-        kind = data.get("kind", "resistor")
-        if kind not in keys:
-            raise InputError(f"edge {a!r} - {b!r} has kind {kind!r}; it may be one of {sorted(keys)}")
-        first, second = data.get("nodes", (a, b))
-        pairs[kind].append((number[first], number[second]))
-        for key, column in keys[kind].items():
-            columns[column].append(_edge_value(data, key, (a, b)))
-    ends: dict[str, Any] = {nodes: np.array(pairs[kind], np.int32).reshape(-1, 2) for kind, nodes, _ in _GRAPH_KEYS}
-    values: dict[str, Any] = {column: np.array(listed, np.float64) for column, listed in columns.items()}
-    return Netlist(node_count=len(order), node_names=tuple(names), **ends, **values)
-
-
-def _edge_value(data: Mapping[str, Any], key: str, edge: tuple[object, object]) -> float:
-    if key in data:
-        return float(data[key])
-    if key == "conductance" and data.get("resistance"):
-        return 1.0 / float(data["resistance"])
-    raise InputError(f"edge {edge[0]!r} - {edge[1]!r} lacks {key!r} (or a resistance that is not zero)")

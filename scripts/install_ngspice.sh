@@ -1,19 +1,26 @@
 #!/bin/sh
 # Installs ngspice, which checks the decks, unless it is there; otherwise stops with the command to type.
+# NGSPICE_VERSION=46 asks for a version: on Debian that of the backports, from a list of sources of its own, so that the
+# system's stay as they are.  resgrid is tried with 39 (Debian 12) and 46 (its backports).
 set -eu
 
 program=${RESGRID_NGSPICE:-ngspice}
+version=${NGSPICE_VERSION:-}
 
 stop() {
     printf 'ngspice is missing, and the tests need it. %s\n' "$1" >&2
     exit 1
 }
 
-if command -v "$program" >/dev/null 2>&1; then
-    exit 0
-fi
+is_there() {
+    command -v "$program" >/dev/null 2>&1 || return 1
+    [ -z "$version" ] && return 0
+    case $("$program" --version 2>/dev/null) in *"ngspice-$version"[!0-9]*) return 0 ;; *) return 1 ;; esac
+}
+
+is_there && exit 0
 if [ -n "${RESGRID_NGSPICE:-}" ]; then
-    stop "RESGRID_NGSPICE names $program, which is no program: correct or unset it."
+    stop "RESGRID_NGSPICE names $program, which is no program${version:+ of version $version}: correct or unset it."
 fi
 
 if command -v apt-get >/dev/null 2>&1; then
@@ -28,6 +35,21 @@ if command -v apt-get >/dev/null 2>&1; then
     # Old package lists may do, so a failed update is no reason to stop.
     $as_root apt-get update -qq || true
     $as_root env DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends ngspice || stop "$by_hand"
+    if ! is_there && [ -n "$version" ]; then
+        release=$(. "${OS_RELEASE:-/etc/os-release}" && printf '%s' "${VERSION_CODENAME:-}")
+        [ -n "$release" ] || stop "This system has no backports: install version $version by hand, and name it in RESGRID_NGSPICE."
+        own=$(mktemp -d)
+        trap '$as_root rm -rf "$own"' EXIT
+        mkdir -p "$own/lists/partial"
+        chmod -R a+rX "$own"
+        for suite in "$release" "$release-backports"; do
+            printf 'deb [signed-by=/usr/share/keyrings/debian-archive-keyring.gpg] http://deb.debian.org/debian %s main\n' "$suite"
+        done >"$own/sources.list"
+        options="-o Dir::Etc::sourcelist=$own/sources.list -o Dir::Etc::sourceparts=- -o Dir::State::lists=$own/lists"
+        $as_root apt-get $options update -qq || stop "The backports of $release cannot be reached."
+        $as_root env DEBIAN_FRONTEND=noninteractive apt-get $options install -y -qq --no-install-recommends \
+            -t "$release-backports" ngspice || stop "$by_hand"
+    fi
 elif command -v brew >/dev/null 2>&1; then
     brew install ngspice || stop 'Type: brew install ngspice'
 else
@@ -35,3 +57,4 @@ else
 fi
 
 command -v "$program" >/dev/null 2>&1 || stop "It was installed, but is not on PATH; add its folder to PATH."
+is_there || stop "What was installed is not version $version: install that by hand, and name it in RESGRID_NGSPICE."

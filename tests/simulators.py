@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 from pathlib import Path
 
@@ -13,15 +14,16 @@ MODES = {"ngspice": "none", "ltspice": "lt", "hspice": "hs"}
 def run(path: Path, dialect: str = "ngspice") -> subprocess.CompletedProcess[str]:
     """Run a file in batch mode; the raw file is ``out.raw`` beside it."""
     (path.parent / "out.raw").unlink(missing_ok=True)
-    command = ["ngspice", "-n", "-b", "-D", f"ngbehavior={MODES[dialect]}", "-r", "out.raw", path.name]
+    program = os.environ.get("RESGRID_NGSPICE", "ngspice")
+    command = [program, "-n", "-b", "-D", f"ngbehavior={MODES[dialect]}", "-r", "out.raw", path.name]
     return subprocess.run(command, cwd=path.parent, capture_output=True, text=True, check=False, timeout=60)
 
 
-def waves(path: Path) -> dict[str, list[float]]:
-    """The vectors of the first plot in a raw file by bare name (``n_0_0``, ``v_obstacle``)."""
-    data = path.read_bytes()
-    second = data.find(b"Title:", 1)
-    raw: RawFile = read_rawfile(data if second < 0 else data[:second], "test")
+def waves(path: Path, plot: str = "") -> dict[str, list[float]]:
+    """The vectors of a plot in a raw file, the first by default, by bare name (``n_0_0``, ``v_obstacle``)."""
+    plots = path.read_bytes().split(b"Title:")[1:]
+    data = next(data for data in plots if f"Plotname: {plot}".encode() in data)
+    raw: RawFile = read_rawfile(b"Title:" + data, "test")
     bare = [name[2:-1] if name[1:2] == "(" else name for name in raw.names]
     return dict(zip(bare, raw.values.T.tolist(), strict=True))
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from resgrid.cli.folder import whole_folder
 from resgrid.errors import InputError
 from resgrid.files import atomic_path, write_bytes, write_text
 
@@ -37,6 +38,21 @@ def test_a_failure_leaves_the_old_file_and_nothing_else(tmp_path: Path, failure:
         raise failure
     assert path.read_text() == "old"
     assert names(tmp_path) == ["deck.cir"]
+
+
+def test_what_a_killed_process_left_is_removed_by_the_next_one(tmp_path: Path) -> None:
+    left = [tmp_path / name for name in (".deck-0123456789ab.cir", ".deck-0123456789ac.cir", ".deck-of-mine.cir")]
+    for file in left:
+        file.touch()
+    for file in left[::2]:
+        os.utime(file, (0, 0))
+    (tmp_path / ".out-0123456789ab").mkdir()
+    os.utime(tmp_path / ".out-0123456789ab", (0, 0))
+    write_text(tmp_path / "deck.cir", "new")
+    assert names(tmp_path) == [".deck-0123456789ac.cir", ".deck-of-mine.cir", ".out-0123456789ab", "deck.cir"]
+    with whole_folder(tmp_path / "out"):
+        pass
+    assert names(tmp_path) == [".deck-0123456789ac.cir", ".deck-of-mine.cir", "deck.cir", "out"]
 
 
 def test_a_link_is_followed_and_a_device_is_written_to(tmp_path: Path) -> None:

@@ -75,3 +75,31 @@ def test_it_stops_with_the_command_to_type(
     status, messages, _ = run_script(tmp_path, programs, **environment)
     assert status == 1
     assert command in messages
+
+
+OF_VERSION = """echo "$@" >> {log}
+case "$*" in *-t*) n=46;; *) n=39;; esac
+case "$*" in *sourcelist=*update*) /bin/cat "${2#*=}" >> {log}; case "$4" in *=-) ;; *) exit 1;; esac;; esac
+case "$*" in *install*) printf '#!/bin/sh\\necho "** ngspice-%s : Circuit"\\n' $n > {bin}/ngspice
+/bin/chmod +x {bin}/ngspice;; esac"""
+TOOLS = {name: f'exec /bin/{name} "$@"' for name in ("mktemp", "mkdir", "chmod", "rm")}
+
+
+def test_another_version_comes_from_the_backports_by_a_list_of_its_own(tmp_path: Path) -> None:
+    (tmp_path / "release").write_text("VERSION_CODENAME=bookworm\n")
+    programs = {**ROOT, **TOOLS, "apt-get": OF_VERSION, "ngspice": "echo '** ngspice-39 : Circuit'"}
+    environment = {"NGSPICE_VERSION": "46", "OS_RELEASE": str(tmp_path / "release"), "TMPDIR": str(tmp_path)}
+    status, messages, log = run_script(tmp_path, programs, **environment)
+    assert (status, messages) == (0, "")
+    assert log.count("bookworm-backports main") == 1 and "-t bookworm-backports ngspice" in log
+    assert {file.name for file in tmp_path.iterdir()} == {"bin", "log", "release"}
+
+
+@pytest.mark.parametrize(("version", "status"), [("39", 0), ("46", 0), ("3", 1), ("45", 1)])
+def test_the_version_that_was_asked_for_is_there_in_the_end(tmp_path: Path, version: str, status: int) -> None:
+    (tmp_path / "release").write_text("VERSION_CODENAME=bookworm\n")
+    programs = {**ROOT, **TOOLS, "apt-get": OF_VERSION}
+    environment = {"NGSPICE_VERSION": version, "OS_RELEASE": str(tmp_path / "release"), "TMPDIR": str(tmp_path)}
+    found, messages, _ = run_script(tmp_path, programs, **environment)
+    assert found == status
+    assert (f"not version {version}" in messages) == bool(status)

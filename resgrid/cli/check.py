@@ -8,24 +8,36 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from resgrid.cli.decks import is_deck, open_deck, read_as_option, refuse_scene_options, root_option, solve_deck
-from resgrid.cli.failures import NEGATIVE
+from resgrid.cli.decks import (
+    is_deck,
+    is_network,
+    open_deck,
+    read_as_option,
+    refuse_scene_options,
+    root_option,
+    solve_deck,
+)
+from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
 from resgrid.cli.job import Chip, compile_chip, only_boundary, open_job, solve_chip
 from resgrid.cli.options import SceneChoice, with_report, with_scene
 from resgrid.cli.report import Report
 from resgrid.cli.rules import finding_lines, rules_data, rules_lines
-from resgrid.errors import InputError, ResgridError
+from resgrid.errors import InputError, ResgridError, ToolMissingError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from resgrid.netlist import Netlist
-    from resgrid.spice.agreement import Agreement, Run
+    from resgrid.spice.agreement import Run
+    from resgrid.spice.comparison import Agreement
     from resgrid.spice.forecast import Forecast
     from resgrid.spice.parsed import ParsedDeck
 
 _WORDS = {"sidecar": "the sidecar", "scene": "the scene's solution", "solve": "our solution"}
 _WORTH_TELLING = 10.0
+TIMEOUT = 600.0
+PATIENCE = 30.0
+"""How long the simulation of a deck that was just written may take unasked, in seconds."""
 
 
 @click.command("check", short_help="Check rules, and ask the circuit simulator whether it agrees.")
@@ -33,7 +45,7 @@ _WORTH_TELLING = 10.0
 @click.option("--rules", is_flag=True, help="Check the electrical rules only; errors exit with 1.")
 @click.option("--deck", metavar="FILE", type=click.Path(), help="Simulate this deck, and compare it with SCENE.")
 @click.option("--tolerance", metavar="T", default=1e-9, show_default=True, help="Largest error, over the supply.")
-@click.option("--timeout", metavar="S", default=600.0, show_default=True, help="Time for the simulator, in seconds.")
+@click.option("--timeout", metavar="S", default=TIMEOUT, show_default=True, help="Time for the simulator, in seconds.")
 @click.option(
     "--engine", metavar="NAME", default="ngspice", show_default=True, help="ngspice, or eecircuit (for large decks)."
 )
@@ -56,7 +68,9 @@ def command(
     A DECK is compared with its sidecar DECK.json: first its hash, then the voltages; without one it is read and
     solved, and the simulator is held against that. A SCENE is solved, and compared with the simulator's answer to its
     own deck, or to the one given by --deck. Before the simulator starts, its time and memory are foretold, and it is
-    not started where it would not end in time (exit code 4). Exits with 1 where they disagree.
+    not started where it would not end in time (exit code 4). Exits with 1 where they disagree, and with 5 where the
+    simulator could not be given the deck itself: of another dialect, with a control block, with files from elsewhere.
+    Then what was read is simulated, and that is no agreement.
 
     --rules checks the electrical rules instead, and says for each simulator whether it would get the answer right.
     """
@@ -82,7 +96,11 @@ def command(
         _foretell(chip.netlist, run, report)
         agreement = _simulated(chip, deck, run, report)
     report.finish(agreement_data(agreement), agreement_lines(agreement))
-    return 0 if agreement.agrees else NEGATIVE
+    return _code(agreement)
+
+
+def _code(agreement: Agreement) -> int:
+    return NOT_VERIFIED if agreement.agrees is None else 0 if agreement.agrees else NEGATIVE
 
 
 def _check_rules(
@@ -95,7 +113,8 @@ def _check_rules(
         raise InputError("--rules checks SCENE or DECK itself; leave --deck out")
     circuit: Netlist | ParsedDeck
     if given:
-        circuit = open_deck(choice, read_as, root, report)
+        read = open_deck(choice, read_as, root, report)
+        circuit = read if read.given is None else read.given
     else:
         job = open_job(choice, report)
         circuit = compile_chip(job, report, *only_boundary(job))
@@ -116,6 +135,10 @@ def _check_deck(choice: SceneChoice, read_as: str, root: str | None, run: Run, r
 
     refuse_scene_options(choice)
     path = Path(choice.source)
+    if is_network(choice.source):
+        raise InputError(
+            f"{path}: no simulator reads this; make a deck of it (resgrid convert {path} -o FILE.cir) and check that"
+        )
     data = read_deck(path)
     if sidecar_path(path).exists():
         _foretell(_readable(choice, read_as, root, report), run, report)
@@ -128,7 +151,7 @@ def _check_deck(choice: SceneChoice, read_as: str, root: str | None, run: Run, r
     solved = solve_deck(deck, report)
     _foretell(deck, run, report)
     with report.stage("simulate"):
-        return check_read_deck(deck, solved.point, data, run)
+        return check_read_deck(deck, solved.point, data, run, root)
 
 
 def _readable(choice: SceneChoice, read_as: str, root: str | None, report: Report) -> ParsedDeck | None:
@@ -163,23 +186,74 @@ def _simulated(chip: Chip, deck: str | None, run: Run, report: Report) -> Agreem
         return check_spice(chip.netlist, chip.point, **limits)
 
 
+def check_unasked(deck: Path, netlist: Netlist, wanted: bool | None, folder: Path, report: Report) -> Agreement | str:
+    """The simulator's verdict on a deck that was just written, or why there is none.
+
+    Parameters
+    ----------
+    deck : Path
+        Where it lies now.
+    netlist : Netlist
+        What it holds.
+    wanted : bool or None
+        Whether it was asked for; None simulates what does not take long.
+    folder : Path
+        Where it will lie when the work is done.
+    report : Report
+
+    Returns
+    -------
+    Agreement or str
+
+    Raises
+    ------
+    ToolMissingError
+        If it was asked for, and there is no simulator.
+    """
+    from resgrid.spice.agreement import check_deck
+    from resgrid.spice.forecast import costs_named, forecast_run
+    from resgrid.spice.ngspice import ngspice_version
+
+    if wanted is False:
+        return "not simulated: --no-check"
+    try:
+        expected = forecast_run(netlist, costs_named("ngspice", ngspice_version()))
+        if wanted is None and expected.seconds > PATIENCE:
+            timeout = f" --timeout {3 * expected.seconds:.0f}" if 3 * expected.seconds > TIMEOUT else ""
+            return f"not simulated, for {expected}; 'resgrid check {folder / deck.name}{timeout}' does it"
+        with report.stage(f"simulate {deck.name}", seconds=expected.seconds):
+            return check_deck(deck, timeout=max(TIMEOUT, 10 * expected.seconds))
+    except ToolMissingError as error:
+        if wanted:
+            raise
+        return f"not simulated: {error}"
+
+
 def agreement_data(agreement: Agreement) -> dict[str, Any]:
     """An agreement as ``--json`` gives it."""
     data = dataclasses.asdict(agreement)
     data["worst"] = [{"node": node, "expected": expected, "got": got} for node, expected, got in agreement.worst]
+    data["as_read"] = None if agreement.as_read is None else agreement_data(agreement.as_read)
     return data
 
 
 def agreement_lines(agreement: Agreement) -> Iterable[str]:
     """An agreement for people: the verdict, then what was found and where."""
+    read = agreement.as_read or agreement
+    verdict = _comparison(read, _WORDS[agreement.reference])
+    if agreement.verified:
+        yield verdict
+    else:
+        yield f"not verified: {agreement.simulator} did not run the deck itself, for {agreement.remark}"
+        yield f"  of what was read of it: {verdict}" + ("; a wrong reading would not show" if read.agrees else "")
+    yield from (f"  {finding}" for finding in agreement.findings)
+    yield from (f"  {remark}" for remark in (read.remark,) if remark)
+
+
+def _comparison(agreement: Agreement, words: str) -> str:
     simulator = f"{agreement.simulator} {agreement.version}"
     error = agreement.max_relative_error
     largest = "" if error is None else f"; the largest error is {error:.1e} of the supply"
     if agreement.agrees:
-        yield f"{simulator} agrees with {_WORDS[agreement.reference]} on all {agreement.nodes:,} nodes{largest}"
-        yield from (f"  {remark}" for remark in (agreement.remark,) if remark)
-        return
-    yield f"{simulator} DISAGREES with {_WORDS[agreement.reference]} ({agreement.nodes:,} nodes compared{largest})"
-    for finding in agreement.findings:
-        yield f"  {finding}"
-    yield from (f"  {remark}" for remark in (agreement.remark,) if remark)
+        return f"{simulator} agrees with {words} on all {agreement.nodes:,} nodes{largest}"
+    return f"{simulator} DISAGREES with {words} ({agreement.nodes:,} nodes compared{largest})"

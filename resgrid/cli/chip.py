@@ -8,6 +8,7 @@ from typing import Any
 
 import click
 
+from resgrid.cli.check import check_unasked
 from resgrid.cli.chip_report import Section, format_html, format_markdown, shown
 from resgrid.cli.chip_study import ANALYSES, Limits, Study, open_study
 from resgrid.cli.compile import dialect_option
@@ -16,9 +17,7 @@ from resgrid.cli.folder import SUMMARY, whole_folder
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.output import json_text
 from resgrid.cli.report import Report
-from resgrid.errors import InputError, ToolMissingError
-
-CHECKED_RESISTORS = 50_000
+from resgrid.errors import InputError
 
 
 @click.command("chip", short_help="Ask whether a real chip is good enough; a report with decks.")
@@ -37,7 +36,7 @@ CHECKED_RESISTORS = 50_000
 )  # fmt: skip
 @click.option("--seconds", metavar="S", default=60.0, show_default=True, help="Time for making elements faulty.")
 @click.option("--at-least", metavar="SHARE", type=float, help="Exit with 1 if the yield is surely below.")
-@click.option("--check/--no-check", "wanted", default=None, help="Simulate op.cir, whatever its size; or do not.")
+@click.option("--check/--no-check", "wanted", default=None, help="Simulate op.cir, however long it takes; or do not.")
 @dialect_option
 @with_report
 def command(
@@ -68,7 +67,7 @@ def command(
     with whole_folder(folder) as made:
         study = open_study(choice, report, bounds)
         sections = [run_analysis(name, study, made, report) for name in names]
-        decks, verdict = _decks(study, made, dialect, wanted, report)
+        decks, verdict = _decks(study, made, dialect, wanted, folder, report)
         data = _summary(study, sections, decks, verdict)
         heading, table = study.title, study.parameters()
         (made / "report.md").write_text(format_markdown(heading, table, sections, decks, verdict), encoding="utf-8")
@@ -110,7 +109,9 @@ def _sweep(text: str) -> tuple[str, tuple[float | int, ...]]:
     return key.strip(), tuple(int(value) if key.strip().endswith(("bits", "seed")) else value for value in values)
 
 
-def _decks(study: Study, made: Path, dialect: str, wanted: bool | None, report: Report) -> tuple[dict[str, str], str]:
+def _decks(
+    study: Study, made: Path, dialect: str, wanted: bool | None, folder: Path, report: Report
+) -> tuple[dict[str, str], str]:
     """Write the decks; what each is, by its file, and what a simulator said of the first."""
     from resgrid.device.decks import write_chip_decks
 
@@ -126,7 +127,7 @@ def _decks(study: Study, made: Path, dialect: str, wanted: bool | None, report: 
         files[deck.sidecar.name] = f"what {deck.path.name} should give, and its nodes"
         if deck.companion is not None:
             files[deck.companion.name] = f"makes ngspice check the operating point of {deck.path.name}: PASS or FAIL"
-    return files, _verdict(study, made / "op.cir", wanted, report)
+    return files, _verdict(study, made / "op.cir", wanted, folder, report)
 
 
 _WHAT = {
@@ -137,21 +138,12 @@ _WHAT = {
 }
 
 
-def _verdict(study: Study, deck: Path, wanted: bool | None, report: Report) -> str:
-    from resgrid.spice.agreement import check_deck
-
-    resistors = len(study.netlist.conductance)
-    if wanted is False:
-        return "op.cir was not simulated: --no-check."
-    if wanted is None and resistors > CHECKED_RESISTORS:
-        return f"op.cir was not simulated: {resistors:,} resistors take long; --check waits for it."
-    try:
-        with report.stage("simulate op.cir", seconds=1 + 1e-8 * resistors**2):
-            agreement = check_deck(deck)
-    except ToolMissingError as error:
-        if wanted:
-            raise
-        return f"op.cir was not simulated: {error}"
+def _verdict(study: Study, deck: Path, wanted: bool | None, folder: Path, report: Report) -> str:
+    agreement = check_unasked(deck, study.netlist, wanted, folder, report)
+    if isinstance(agreement, str):
+        return f"{deck.name} was {agreement}."
+    if agreement.agrees is None:
+        return f"{deck.name} is not verified, for {agreement.remark}."
     words = "agrees" if agreement.agrees else "DISAGREES"
     return (
         f"{agreement.simulator} {agreement.version} {words} with op.cir's expected voltages: the largest difference is "

@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from resgrid.cli.decks import is_deck, open_deck, read_as_option, root_option, solve_deck
-from resgrid.cli.job import DECK_SUFFIXES, Chip, only_boundary, open_job, solve_chip
+from resgrid.cli.job import DECK_SUFFIXES, SPECTRE_SUFFIX, Chip, only_boundary, open_job, solve_chip
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.report import Report
 from resgrid.errors import InputError
-from resgrid.files import atomic_path
+from resgrid.spice.networks import NETWORK_SUFFIXES, write_network
 
 if TYPE_CHECKING:
     from resgrid.netlist import Netlist
     from resgrid.nodal.operating_point import OperatingPoint
-
-GRAPHS = (".txt", ".graphml", ".json", ".npz")
-_SPECTRE = ".scs"
 
 
 @click.command("convert", short_help="Turn a scene, map or deck into a deck, an edge list or a graph.")
@@ -40,23 +36,26 @@ def command(
     root: str | None,
     report: Report,
 ) -> int:
-    """Turn SCENE or DECK into FILE.
+    """Turn SCENE, or a DECK or a network in any of these forms, into FILE.
 
     FILE.cir (.sp, .spice, .ckt, .net, .cdl; .scs for Spectre) is a flat deck, beside it the sidecar with the expected
     voltages; FILE.txt an edge list (two nodes and a resistance a line); FILE.graphml and FILE.json (node-link) are
-    graphs for networkx and others; FILE.npz holds the netlist's arrays. -o - prints the deck alone.
+    graphs for networkx and others; FILE.npz holds the netlist's arrays. -o - prints the deck alone. All of these are
+    read, too, but for Spectre, which is written only, and so are Circuitscape configurations (.ini).
     """
     suffix = Path(output).suffix.lower()
-    if output != "-" and suffix not in (*DECK_SUFFIXES, _SPECTRE, *GRAPHS):
-        raise InputError(f"-o {output}: it must end in {', '.join((*DECK_SUFFIXES, _SPECTRE, *GRAPHS))}")
+    if output != "-" and suffix not in (*DECK_SUFFIXES, SPECTRE_SUFFIX, *NETWORK_SUFFIXES):
+        raise InputError(
+            f"-o {output}: it must end in {', '.join((*DECK_SUFFIXES, SPECTRE_SUFFIX, *NETWORK_SUFFIXES))}"
+        )
     if output == "-" and report.json:
         raise InputError("-o - and --json both want standard output; write the deck to a file")
-    if suffix in GRAPHS and (dialect is not None or bare):
+    if suffix in NETWORK_SUFFIXES and (dialect is not None or bare):
         raise InputError(f"-o {output}: this is no deck, so it has no dialect and no sidecar; leave the option out")
     if output != "-" and _same_file(output, choice.source):
         raise InputError(f"-o {output}: this is the input; name another file")
-    name = dialect or ("spectre" if suffix == _SPECTRE else "ngspice")
-    wants_sidecar = not bare and output != "-" and suffix not in GRAPHS
+    name = dialect or ("spectre" if suffix == SPECTRE_SUFFIX else "ngspice")
+    wants_sidecar = not bare and output != "-" and suffix not in NETWORK_SUFFIXES
     netlist, title, point = _circuit(choice, read_as, root, report, solve=wants_sidecar)
     data = _written(netlist, title, point if wants_sidecar else None, output, name, report)
     if output != "-":
@@ -98,12 +97,11 @@ def _written(
     if suffix == ".txt" and output != "-" and others:
         report.say(f"an edge list holds resistors only: {others:,} sources are left out")
     with report.stage("write it", seconds=5e-6 * counts["resistors"]):
-        if output == "-" or (point is None and suffix not in GRAPHS):
+        if output == "-" or (point is None and suffix not in NETWORK_SUFFIXES):
             _write_bare(netlist, title, output, dialect)
             return {"file": output, "dialect": dialect, **counts}
-        if suffix in GRAPHS:
-            with atomic_path(output) as temporary:
-                _write_graph(netlist, suffix, temporary)
+        if suffix in NETWORK_SUFFIXES:
+            write_network(netlist, output)
             return {"file": output, **counts}
         from resgrid.spice.writer import write_spice
 
@@ -117,53 +115,3 @@ def _write_bare(netlist: Netlist, title: str | None, output: str, dialect: str) 
     from resgrid.spice.deck import format_deck
 
     emit_text(output, format_deck(netlist, dialect=dialect, title=title))
-
-
-def _write_graph(netlist: Netlist, suffix: str, path: Path) -> None:
-    if suffix == ".txt":
-        _write_edges(netlist, path)
-    elif suffix == ".npz":
-        _write_arrays(netlist, path)
-    else:
-        import networkx as nx
-
-        graph = netlist.to_networkx()
-        for *_, data in graph.edges(data=True):
-            data["nodes"] = " ".join(map(str, data["nodes"])) if suffix == ".graphml" else list(data["nodes"])
-        if suffix == ".graphml":
-            nx.write_graphml(graph, path)
-        else:
-            path.write_text(json.dumps(nx.node_link_data(graph, edges="edges")) + "\n", encoding="utf-8")
-
-
-def _write_edges(netlist: Netlist, path: Path) -> None:
-    """Names of the two nodes and the resistance of every resistor; what an edge list cannot hold is refused."""
-    from resgrid.spice.deck import resistances
-
-    names = ["_".join(name.split()) for name in netlist.names_of(range(netlist.node_count))]
-    ends = netlist.resistor_nodes.tolist()
-    rows = zip(ends, resistances(netlist.conductance).tolist(), strict=True)
-    path.write_text("".join([f"{names[a]} {names[b]} {ohms!r}\n" for (a, b), ohms in rows]), encoding="utf-8")
-
-
-def _write_arrays(netlist: Netlist, path: Path) -> None:
-    import numpy as np
-
-    arrays: dict[str, Any] = {
-        name: getattr(netlist, name)
-        for name in (
-            "resistor_nodes",
-            "conductance",
-            "source_nodes",
-            "source_volts",
-            "current_nodes",
-            "current_amps",
-            "capacitor_nodes",
-            "capacitance",
-        )
-    }
-    arrays["node_names"] = np.array(netlist.names_of(np.arange(netlist.node_count)))
-    for kind, names in (netlist.element_names or {}).items():
-        arrays[f"{kind.replace(' ', '_')}_names"] = np.array(names, dtype=np.str_)
-    with path.open("wb") as file:
-        np.savez(file, **arrays)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from resgrid.cli.job import DECK_SUFFIXES
+from resgrid.cli.job import DECK_SUFFIXES, SPECTRE_SUFFIX
 from resgrid.errors import CircuitError, InputError
 
 if TYPE_CHECKING:
@@ -46,9 +46,21 @@ class SolvedDeck:
 
 
 def is_deck(source: str) -> bool:
-    """Whether a file is a deck, by the end of its name or by the sidecar beside it."""
+    """Whether a file is a circuit and no scene: by the end of its name, or by the sidecar beside it."""
     path = Path(source)
-    return path.suffix.lower() in DECK_SUFFIXES or (source != "-" and path.with_name(path.name + ".json").is_file())
+    suffix = path.suffix.lower()
+    if suffix in (*DECK_SUFFIXES, SPECTRE_SUFFIX) or is_network(source):
+        return True
+    return source != "-" and path.with_name(path.name + ".json").is_file()
+
+
+def is_network(source: str) -> bool:
+    """Whether a file is a network that is no deck: a graph, arrays, a configuration, or a list of edges."""
+    from resgrid.spice.networks import NETWORK_SUFFIXES
+    from resgrid.spice.reader.edges import is_edge_list
+
+    suffix = Path(source).suffix.lower()
+    return is_edge_list(source) if suffix == ".txt" else suffix in (*NETWORK_SUFFIXES, ".ini")
 
 
 def refuse_scene_options(choice: SceneChoice) -> None:
@@ -64,7 +76,7 @@ def refuse_scene_options(choice: SceneChoice) -> None:
 
 
 def open_deck(choice: SceneChoice, read_as: str, root: str | None, report: Report) -> ParsedDeck:
-    """Read a deck.
+    """Read a deck, or a network as if it were one.
 
     Parameters
     ----------
@@ -84,12 +96,18 @@ def open_deck(choice: SceneChoice, read_as: str, root: str | None, report: Repor
     InputError
         If it cannot be read; the message names file, line and column.
     """
-    from resgrid.spice.reader import read_spice
+    from resgrid.spice.reader import network_deck, read_spice
 
     refuse_scene_options(choice)
     path = Path(choice.source)
+    if path.suffix.lower() == SPECTRE_SUFFIX:
+        raise InputError(
+            f"{path}: decks for Spectre are written and not read; convert the deck or scene it was made of"
+        )
     size = path.stat().st_size if path.is_file() else 0
     with report.stage("read the deck", seconds=0.5 + _READ_SECONDS * size):
+        if is_network(choice.source):
+            return network_deck(path, root=root)
         deck = read_spice(path, dialect=read_as, root=root)
     tell_notes(deck, report)
     return deck

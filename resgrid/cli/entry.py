@@ -123,7 +123,8 @@ def _drop_stdout() -> None:
     cls=Verbs,
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110},
     epilog="Exit codes: 0 done; 1 ran, but the answer is negative (no path, decks disagree); 2 bad usage or input; "
-    "3 an outside tool is missing; 4 out of budget; 70 a fault of resgrid itself; 130 interrupted.",
+    "3 an outside tool is missing; 4 out of budget; 5 not verified (no simulator ran the deck itself); "
+    "70 a fault of resgrid itself; 130 interrupted.",
 )
 @click.version_option(package_name="resgrid", message="%(prog)s %(version)s")
 def main() -> None:

@@ -8,7 +8,7 @@ import click
 
 from resgrid import errors
 
-NEGATIVE, USAGE, TOOL_MISSING, OUT_OF_BUDGET, UNEXPECTED = 1, 2, 3, 4, 70
+NEGATIVE, USAGE, TOOL_MISSING, OUT_OF_BUDGET, NOT_VERIFIED, UNEXPECTED = 1, 2, 3, 4, 5, 70
 INTERRUPTED, LEFT, TERMINATED = 130, 141, 143  # 128 + the number of the signal: SIGINT, SIGPIPE, SIGTERM
 
 CODES: tuple[tuple[type[BaseException], int], ...] = (

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import json
-import secrets
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
 from resgrid.errors import InputError
+from resgrid.files import temporary_place
 
 SUMMARY = "summary.json"
 
@@ -40,7 +40,7 @@ def whole_folder(path: str | Path) -> Iterator[Path]:
     if target.exists() and not target.is_dir():
         raise InputError(f"-o {path}: this is a file, and the results need a folder; name another")
     made = _made_parents(target)
-    temporary = target.parent / f".{target.name[:80]}-{secrets.token_hex(6)}"
+    temporary = temporary_place(target.parent, target.name)
     try:
         temporary.mkdir()
         yield temporary

@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from resgrid.space import ConfigurationSpace
 
 DECK_SUFFIXES = (".cir", ".sp", ".spice", ".ckt", ".net", ".cdl")
+SPECTRE_SUFFIX = ".scs"
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from resgrid.cli.check import agreement_data, agreement_lines
+from resgrid.cli.check import agreement_data, agreement_lines, check_unasked
 from resgrid.cli.compile import dialect_option, write_deck
-from resgrid.cli.failures import NEGATIVE
+from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
 from resgrid.cli.folder import SUMMARY, whole_folder
-from resgrid.cli.job import Chip, Job, open_job, size_of, solution_summary
+from resgrid.cli.job import Job, open_job, size_of, solution_summary
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.output import json_text
 from resgrid.cli.paths import Plan, plan_routes, route_data, route_line, unit_of
@@ -21,26 +21,26 @@ from resgrid.cli.pictures import draw_all
 from resgrid.cli.report import Report
 from resgrid.cli.route_files import write_routes
 from resgrid.cli.solve import write_field
-from resgrid.errors import InputError, ToolMissingError
+from resgrid.errors import InputError
 
 if TYPE_CHECKING:
-    from resgrid.spice.agreement import Agreement
-
-CHECKED_RESISTORS = 50_000
-"""Decks up to this size are simulated unasked: about 20 s with ngspice 39."""
+    from resgrid.spice.comparison import Agreement
 
 
 @click.command("run", short_help="Do it all: paths, pictures, and decks checked in SPICE.")
 @with_scene()
 @output_option("Folder for the results.  [default: out/SCENE]", metavar="DIR")
-@click.option("--check/--no-check", "wanted", default=None, help="Simulate the decks, whatever their size; or do not.")
+@click.option(
+    "--check/--no-check", "wanted", default=None, help="Simulate the decks, however long it takes; or do not."
+)
 @dialect_option
 @with_report
 def command(choice: SceneChoice, output: str | None, wanted: bool | None, dialect: str, report: Report) -> int:
     """Take SCENE the whole way: compile, solve, follow the current, draw, write decks and have them simulated.
 
     Everything goes into one folder, which is there when the work is done and not before; a folder that exists keeps
-    its other files. Exits with 1 if a start has no path or the simulator disagrees.
+    its other files. Decks that ngspice would need more than half a minute for are simulated with --check only. Exits
+    with 1 if a start has no path or the simulator disagrees.
     """
     if output == "-":
         raise InputError("-o -: the results are many files; name a folder")
@@ -49,12 +49,17 @@ def command(choice: SceneChoice, output: str | None, wanted: bool | None, dialec
         job = open_job(choice, report)
         plan = plan_routes(job, report)
         files = _write_all(made, job, plan, dialect, report)
-        checks = {name: _checked(made / f"{name}.cir", chip, wanted, report) for name, chip in plan.chips.items()}
+        checks = {
+            name: check_unasked(made / f"{name}.cir", chip.netlist, wanted, folder, report)
+            for name, chip in plan.chips.items()
+        }
         data = _summary(job, plan, files, checks)
         (made / SUMMARY).write_text(json_text(data) + "\n", encoding="utf-8")
     report.finish({"folder": folder, **data}, _lines(job, plan, folder, files, checks))
-    agreed = all(check is None or isinstance(check, str) or check.agrees for check in checks.values())
-    return 0 if plan.complete and agreed else NEGATIVE
+    verdicts = [check.agrees for check in checks.values() if not isinstance(check, str)]
+    if not plan.complete or False in verdicts:
+        return NEGATIVE
+    return NOT_VERIFIED if wanted and None in verdicts else 0
 
 
 def _stem(source: str) -> str:
@@ -84,24 +89,6 @@ def _write_all(made: Path, job: Job, plan: Plan, dialect: str, report: Report) -
         files[f"{name}.npz"] = "its potential, log_drop and cells as arrays"
     files[SUMMARY] = "this summary as JSON"
     return files
-
-
-def _checked(deck: Path, chip: Chip, wanted: bool | None, report: Report) -> Agreement | str:
-    """The simulator's verdict, or why there is none."""
-    from resgrid.spice.agreement import check_deck
-
-    resistors = len(chip.netlist.conductance)
-    if wanted is False:
-        return "not checked: --no-check"
-    if wanted is None and resistors > CHECKED_RESISTORS:
-        return f"not checked: {resistors:,} resistors take the simulator long; 'resgrid run --check' waits for it"
-    try:
-        with report.stage(f"simulate {deck.name}", seconds=1 + 1e-8 * resistors**2):
-            return check_deck(deck)
-    except ToolMissingError as error:
-        if wanted:
-            raise
-        return f"not checked: {error}"
 
 
 def _summary(job: Job, plan: Plan, files: Mapping[str, str], checks: Mapping[str, Agreement | str]) -> dict[str, Any]:

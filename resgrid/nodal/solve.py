@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Protocol
+
 from resgrid.arguments import check_whole
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
@@ -15,8 +17,16 @@ from resgrid.nodal.watch import Progress
 ACCURACIES = ("direction", "normwise")
 
 
+class Deck(Protocol):
+    """A circuit as somebody wrote it, such as `resgrid.read_spice` returns."""
+
+    def netlist(self) -> Netlist:
+        """Make a netlist of it."""
+        ...
+
+
 def solve(
-    netlist: Netlist,
+    netlist: Netlist | Deck,
     *,
     accuracy: str = "direction",
     method: str = "auto",
@@ -28,8 +38,9 @@ def solve(
 
     Parameters
     ----------
-    netlist : Netlist
+    netlist : Netlist or ParsedDeck
         Resistors and sources; capacitors are open.  With nonlinear resistors the voltages come from Newton's method.
+        Of a deck it is what its ``netlist()`` makes.
     accuracy : {"direction", "normwise"}
         ``"direction"``: at every node that carries current KCL holds to 1e-6 of the current through that same node, so
         that the way down is right everywhere; where the circuit has two rails, or one and currents of one sign, every
@@ -58,15 +69,17 @@ def solve(
     Raises
     ------
     InputError
-        If an option is unknown.
+        If an option is unknown, or this is no circuit.
     CircuitError
-        If sources contradict each other, nothing is driven, or current sources exceed what nonlinear resistors carry.
+        If sources contradict each other, nothing drives the chip of a space (any other circuit is at rest then),
+        nothing touches ground, or current sources exceed what nonlinear resistors carry.
     AccuracyError
         If the promised accuracy is not reached; it carries the best answer.
     BudgetError
         If the factors would not fit in memory.
     """
     _check_options(accuracy, rtol, threads, progress)
+    netlist = _netlist_of(netlist)
     if netlist.nonlinear_nodes.size:
         from resgrid.nodal.secant import solve_nonlinear
 
@@ -74,12 +87,12 @@ def solve(
     return solve_linear(netlist, accuracy=accuracy, method=method, rtol=rtol, threads=threads, progress=progress)
 
 
-def factor(netlist: Netlist, *, method: str = "auto") -> Factor:
+def factor(netlist: Netlist | Deck, *, method: str = "auto") -> Factor:
     """Factor a netlist once, for many right-hand sides.
 
     Parameters
     ----------
-    netlist : Netlist
+    netlist : Netlist or ParsedDeck
     method : {"auto", "direct", "multigrid"}
 
     Returns
@@ -92,12 +105,13 @@ def factor(netlist: Netlist, *, method: str = "auto") -> Factor:
     InputError
         If the method is unknown, or the netlist has nonlinear resistors, or no unknown voltage.
     CircuitError
-        If sources contradict each other, or nothing is driven.
+        As `solve`.
     AccuracyError
         If a pivot vanishes in double precision.
     BudgetError
         If the factors would not fit in memory.
     """
+    netlist = _netlist_of(netlist)
     if netlist.nonlinear_nodes.size:
         raise InputError(
             "a netlist with nonlinear resistors has no factors; factor small_signal(point), the circuit around one of "
@@ -107,6 +121,19 @@ def factor(netlist: Netlist, *, method: str = "auto") -> Factor:
     if not system.size:
         raise InputError("there is nothing to factor: the rails hold every node")
     return factor_system(system, method)
+
+
+def _netlist_of(circuit: Netlist | Deck) -> Netlist:
+    if isinstance(circuit, Netlist):
+        return circuit
+    make = getattr(circuit, "netlist", None)
+    netlist = make() if callable(make) else None
+    if not isinstance(netlist, Netlist):
+        raise InputError(
+            f"this is no circuit but a {type(circuit).__name__}: give a Netlist (compile_space makes one of a space) "
+            "or what read_spice returns"
+        )
+    return netlist
 
 
 def _check_options(accuracy: str, rtol: float, threads: int, progress: Progress | None) -> None:

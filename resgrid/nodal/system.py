@@ -247,15 +247,17 @@ def assemble(netlist: Netlist) -> NodalSystem:
     Raises
     ------
     CircuitError
-        If voltage sources contradict each other, a current source feeds a part that floats, or nothing is driven.
+        If voltage sources contradict each other, a current source feeds a part that floats, nothing drives the chip of
+        a space (any other circuit is at rest then), or nothing touches ground.
     """
     from resgrid.nodal import assembly
 
     forest = tie_sources(netlist)
     held, offset = forest.order[forest.base == GROUND], forest.offset
     parts = _parts(netlist, forest, held, offset)
-    _check_driven(netlist, offset, parts)
+    _refuse_fed(netlist, parts)
     driven = parts.driven
+    alone = None if driven.any() else _between_rails(netlist, offset, parts)  # the parts are numbered anew in place
     low, high = parts.lowest[driven].min(initial=np.inf), parts.highest[driven].max(initial=-np.inf)
     root = forest.root if len(held) < len(forest.order) else np.empty(0, dtype=np.int64)
     size, undriven, volts, floating = assembly.number_rows(parts.of_node, driven, parts.lowest, root)
@@ -268,8 +270,8 @@ def assemble(netlist: Netlist) -> NodalSystem:
     lifted = _lifted(forest, unknown)
     if lifted:
         assembly.add_offsets(netlist.resistor_nodes, netlist.conductance, unknown, offset, feed)
-    if not size:
-        low, high, two = _joined(netlist, offset, parts)
+    if alone is not None:
+        low, high, two = alone
     plain = two and low < high and not lifted and not injected.any()
     return NodalSystem(
         netlist=netlist,
@@ -315,7 +317,7 @@ def _lifted(forest: SourceForest, unknown: NDArray[np.int32]) -> bool:
     return bool(np.any((unknown[forest.order] >= 0) & (forest.height != 0)))
 
 
-def _check_driven(netlist: Netlist, volts: NDArray[np.float64], parts: _Parts) -> None:
+def _refuse_fed(netlist: Netlist, parts: _Parts) -> None:
     if np.any(parts.fed & parts.floating):
         fed = netlist.current_nodes[netlist.current_amps != 0].ravel()
         stuck = fed[(parts.of_node[fed] >= 0) & parts.floating[parts.of_node[fed]]]
@@ -324,23 +326,27 @@ def _check_driven(netlist: Netlist, volts: NDArray[np.float64], parts: _Parts) -
                 f"a current source feeds node {netlist.node_name(int(stuck.min()))}, which nothing ties to ground: "
                 "its voltage has no bound; add a resistor to a rail or remove the source"
             )
-    if parts.driven.any():
-        return
+
+
+def _between_rails(netlist: Netlist, volts: NDArray[np.float64], parts: _Parts) -> tuple[float, float, bool]:
+    """The lowest and the highest known voltage that resistors join to others, and whether there are just two.
+
+    Where there is none, nothing flows: of the chip of a space that is an error, any other circuit is at rest.
+    """
     ends = np.where(parts.of_node < 0, volts, np.nan)[netlist.resistor_nodes]
-    if not np.any(np.abs(ends[:, 0] - ends[:, 1]) > 0):
+    ends = ends[np.abs(ends[:, 0] - ends[:, 1]) > 0]
+    if ends.size:
+        low, high = float(ends.min()), float(ends.max())
+        return low, high, bool(np.all((ends == low) | (ends == high)))
+    if netlist.layout is not None:
         raise CircuitError(
             "nothing is driven: no part of the circuit touches two rails or is fed a current, so that nothing flows; "
             "add a second rail (an obstacle, an edge that counts as one), open a way to the goal, or feed every free "
             "cell the same current (--boundary neumann)"
         )
-
-
-def _joined(netlist: Netlist, volts: NDArray[np.float64], parts: _Parts) -> tuple[float, float, bool]:
-    """The lowest and the highest known voltage that resistors join to others, and whether there are no more."""
-    ends = np.where(parts.of_node < 0, volts, np.nan)[netlist.resistor_nodes]
-    ends = ends[np.abs(ends[:, 0] - ends[:, 1]) > 0]
-    low, high = float(ends.min()), float(ends.max())
-    return low, high, bool(np.all((ends == low) | (ends == high)))
+    if parts.floating.all() and np.count_nonzero(parts.of_node < 0) == 1:
+        raise CircuitError("no element touches ground, node 0, so that no voltage is known; tie the circuit to it")
+    return 0.0, 0.0, False
 
 
 def _rails(

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.spice.comparison import Agreement, compare, unverified
 from resgrid.spice.deck import flatten
 from resgrid.spice.dialects import dialect_named
 from resgrid.spice.engines import engine_named
-from resgrid.spice.expected import Expected, expect
+from resgrid.spice.expected import expect
 from resgrid.spice.locate import inspect_deck
-from resgrid.spice.ngspice import Simulation, read_deck
+from resgrid.spice.ngspice import Simulation, read_deck, simulate
 from resgrid.spice.parts import with_parts
 from resgrid.spice.sidecar import Sidecar, altered_lines, read_sidecar, sidecar_path
 
@@ -25,103 +26,8 @@ if TYPE_CHECKING:
     from resgrid.spice.foreign import Runnable
     from resgrid.spice.parsed import ParsedDeck
 
-Reference = Literal["sidecar", "scene", "solve"]
 _SHOWN = 5
 _SIMULATED = "ngspice"
-
-
-@dataclass(frozen=True)
-class Agreement:
-    """The outcome of a comparison with a simulator.
-
-    Attributes
-    ----------
-    reference : {"sidecar", "scene", "solve"}
-        Where the expected voltages come from.
-    agrees : bool
-        Whether nothing at all was found.
-    max_abs_error : float or None
-        Largest difference of a node's voltage, in volts; None if nothing could be compared.
-    max_relative_error : float or None
-        The same relative to the supply (the largest voltage difference in the circuit).
-    nodes : int
-        Number of nodes compared.
-    simulator, version : str
-        Who was asked.
-    tolerance : float
-        Largest relative error that still agrees.
-    findings : tuple of str
-        What is wrong and where; empty if they agree.
-    worst : tuple of (str, float, float)
-        Node, expected and simulated voltage, the largest differences first.
-    remark : str
-        What else is to be known of the comparison, empty if nothing.
-    """
-
-    reference: Reference
-    agrees: bool
-    max_abs_error: float | None
-    max_relative_error: float | None
-    nodes: int
-    simulator: str
-    version: str
-    tolerance: float
-    findings: tuple[str, ...]
-    worst: tuple[tuple[str, float, float], ...]
-    remark: str = ""
-
-
-def compare(
-    expected: Expected,
-    simulation: Simulation,
-    *,
-    tolerance: float = 1e-9,
-    reference: Reference = "solve",
-    findings: Sequence[str] = (),
-) -> Agreement:
-    """Compare what a simulator said with what is expected.
-
-    Parameters
-    ----------
-    expected : Expected
-    simulation : Simulation
-    tolerance : float
-        Of voltages, relative to the supply; of source currents, relative to the largest.
-    reference : {"sidecar", "scene", "solve"}
-        Where the expectation comes from.
-    findings : sequence of str
-        What was found before.
-
-    Returns
-    -------
-    Agreement
-    """
-    shared = [name for name in expected.voltage if name in simulation.voltage]
-    # NaN is larger than every difference
-    error = {name: _distance(expected.voltage[name], simulation.voltage[name]) for name in shared}
-    worst = sorted(shared, key=lambda name: -error[name])[:_SHOWN]
-    largest = error[worst[0]] if worst else None
-    found = [
-        *findings,
-        *simulation.complaints,
-        *_unmatched(expected.voltage, simulation.voltage, "node"),
-        *_unmatched(expected.source_current, simulation.source_current, "voltage source"),
-        *_differences(expected, simulation, [name for name in worst if error[name] > tolerance * expected.supply]),
-        *_source_differences(expected, simulation, tolerance),
-    ]
-    finite = largest is not None and largest < float("inf")
-    return Agreement(
-        reference=reference,
-        agrees=not found and bool(shared),
-        max_abs_error=largest if finite else None,
-        max_relative_error=largest / expected.supply if finite and largest is not None else None,
-        nodes=len(shared),
-        simulator=simulation.simulator,
-        version=simulation.version,
-        tolerance=tolerance,
-        findings=tuple(found),
-        worst=tuple((name, expected.voltage[name], simulation.voltage[name]) for name in worst if error[name] > 0),
-    )
 
 
 def check_spice(
@@ -188,8 +94,9 @@ def check_deck(
 ) -> Agreement:
     """Check a deck: its bytes against its sidecar's hash, its elements and the simulator against the expected voltages.
 
-    A deck without a sidecar is read and solved, and the simulator is held against that.  It is simulated as it stands
-    where that is safe, otherwise (includes, control blocks, another dialect) as it was read.
+    A deck without a sidecar is read and solved, and the simulator is held against that.  The simulator is given the
+    deck itself, with the files that it includes, where that is safe.  Otherwise (control blocks, another dialect, files
+    from elsewhere) it is given what was read, and the deck is not verified: ``agrees`` is not True.
 
     Parameters
     ----------
@@ -234,30 +141,31 @@ def check_deck(
     sidecar = read_sidecar(deck) if has_sidecar else None
     name = _SIMULATED if dialect == "auto" else dialect
     name = dialect_named(name if sidecar is None else sidecar.dialect).name
-    findings = [] if sidecar is None else _hash_findings(data, sidecar)
+    findings = [] if sidecar is None else [*_hash_findings(data, sidecar), *_beside_findings(sidecar)]
     if reference is not None:
         expected = expect(flatten(reference.netlist, dialect=name), reference)
     elif sidecar is not None:
         expected = sidecar.expected
-    parts = {} if sidecar is None else sidecar.parts
+    parts, why = {} if sidecar is None else sidecar.parts, ""
     if name == _SIMULATED and parts:
-        data, changed = with_parts(deck, data, parts, dialect_named(name))
-        findings += changed
+        data = with_parts(deck, data, parts, dialect_named(name))
     elif name == _SIMULATED:
         findings += inspect_deck(data, expected, tolerance)
     else:
-        data = _translated(deck, data, name)
+        job = _translated(deck, name)
+        data, why = job.data, job.why
     simulation = _simulate_or_refuse(data, engine, str(deck), timeout, direct=name != _SIMULATED)
     if parts:  # the inner nodes of tiles are nobody's business
         known = {node: volts for node, volts in simulation.voltage.items() if node in expected.voltage}
         simulation = replace(simulation, voltage=known)
-    return compare(
+    found = compare(
         expected,
         simulation,
         tolerance=tolerance,
         reference="scene" if reference is not None else "sidecar",
         findings=findings,
     )
+    return unverified(found, why) if why else found
 
 
 @dataclass(frozen=True)
@@ -269,7 +177,9 @@ class Run:
     timeout: float
 
 
-def check_read_deck(deck: ParsedDeck, point: OperatingPoint, data: bytes, run: Run) -> Agreement:
+def check_read_deck(
+    deck: ParsedDeck, point: OperatingPoint, data: bytes, run: Run, root: str | os.PathLike[str] | None = None
+) -> Agreement:
     """Hold a simulator against our solution of somebody's deck; the places of the worst nodes are told.
 
     Parameters
@@ -280,6 +190,8 @@ def check_read_deck(deck: ParsedDeck, point: OperatingPoint, data: bytes, run: R
     data : bytes
         The content of the deck's file.
     run : Run
+    root : path-like, optional
+        The folder that its includes were not allowed to leave.
 
     Returns
     -------
@@ -287,21 +199,27 @@ def check_read_deck(deck: ParsedDeck, point: OperatingPoint, data: bytes, run: R
     """
     from resgrid.spice.foreign import expected_of, places_of, runnable
 
-    job = runnable(deck, data)
+    job = runnable(deck, data, root=None if root is None else Path(root), engine=run.engine)
     expected = expected_of(deck, point, as_written=job.as_written)
-    simulation = engine_named(run.engine)(job.data, source=deck.path, timeout=run.timeout, direct=True)
+    simulation = _simulated(job, deck.path, run)
     found = compare(expected, simulation, tolerance=run.tolerance, reference="solve")
-    places = places_of(deck, (name for name, *_ in found.worst)) if job.as_written and not found.agrees else {}
+    if not job.as_written:
+        return unverified(found, job.why)
+    if found.agrees:
+        return found
+    places = places_of(deck, (name for name, *_ in found.worst))
     located = tuple(_with_place(finding, places) for finding in found.findings)
-    if not job.as_written:
-        found = replace(found, remark=f"what was simulated is the deck as it was read, for {job.why}")
-    return found if found.agrees else replace(found, findings=(*located, *_explanations(deck, job)))
+    return replace(found, findings=(*located, *_explanations(deck)))
 
 
-def _explanations(deck: ParsedDeck, job: Runnable) -> list[str]:
+def _simulated(job: Runnable, source: str, run: Run) -> Simulation:
+    if job.files:
+        return simulate(job.data, source=source, timeout=run.timeout, direct=True, files=job.files, place=job.place)
+    return engine_named(run.engine)(job.data, source=source, timeout=run.timeout, direct=True)
+
+
+def _explanations(deck: ParsedDeck) -> list[str]:
     """Why a simulator may disagree: what it is known to make of such a deck."""
-    if not job.as_written:
-        return []
     from resgrid.spice.verdicts import predict_simulators
 
     verdict = next(verdict for verdict in predict_simulators(deck) if verdict.simulator == _SIMULATED)
@@ -318,15 +236,16 @@ def _check_foreign(path: Path, data: bytes, dialect: str, root: str | os.PathLik
     from resgrid.spice.reader import read_spice
 
     deck = read_spice(path, dialect=dialect, root=root)
-    return check_read_deck(deck, solve(deck.netlist()), data, run)
+    return check_read_deck(deck, solve(deck.netlist()), data, run, root)
 
 
-def _translated(path: Path, data: bytes, dialect: str) -> bytes:
+def _translated(path: Path, dialect: str) -> Runnable:
     """A deck of another simulator's dialect, read and written anew for the one that is run."""
-    from resgrid.spice.foreign import runnable
+    from resgrid.spice.foreign import rewritten
     from resgrid.spice.reader import read_spice
 
-    return runnable(read_spice(path, dialect=dialect), data).data
+    why = f"it is written for {dialect}, and only {_SIMULATED} is run here"
+    return rewritten(read_spice(path, dialect=dialect), why)
 
 
 def _check_tolerance(tolerance: float) -> None:
@@ -352,36 +271,12 @@ def _hash_findings(data: bytes, sidecar: Sidecar) -> list[str]:
     return [f"{where} from the deck that resgrid wrote (SHA-256 in {sidecar.path.name})"]
 
 
-def _distance(expected: float, got: float) -> float:
-    difference = abs(got - expected)
-    return difference if difference < float("inf") else float("inf")
-
-
-def _unmatched(expected: Mapping[str, object], got: Mapping[str, object], what: str) -> list[str]:
-    missing = [name for name in expected if name not in got]
-    strange = [name for name in got if name not in expected]
-    return [
-        f"{len(names)} {what}{'s' if len(names) > 1 else ''} {verb}: {', '.join(names[:_SHOWN])}"
-        for names, verb in ((missing, "absent from the simulation"), (strange, "simulated but not expected"))
-        if names
-    ]
-
-
-def _differences(expected: Expected, simulation: Simulation, names: list[str]) -> list[str]:
-    return [
-        f"node {name}: {simulation.simulator} finds {simulation.voltage[name]!r} V, expected "
-        f"{expected.voltage[name]!r} V"
-        for name in names
-    ]
-
-
-def _source_differences(expected: Expected, simulation: Simulation, tolerance: float) -> list[str]:
-    allowed = tolerance * expected.current_scale
-    return [
-        f"voltage source {name}: {simulation.simulator} finds {simulation.source_current[name]!r} A, "
-        f"expected {amps!r} A"
-        for name, amps in expected.source_current.items()
-        if amps is not None
-        and name in simulation.source_current
-        and not _distance(amps, simulation.source_current[name]) <= allowed
-    ][:_SHOWN]
+def _beside_findings(sidecar: Sidecar) -> list[str]:
+    """Files beside the deck that are not what was written; a companion that is absent misleads nobody."""
+    name = sidecar.path.name
+    found = [] if sidecar.intact else [f"{name} differs from what resgrid wrote (its own SHA-256)"]
+    for other, sha256 in {**sidecar.parts, **sidecar.companions}.items():
+        path = sidecar.path.with_name(Path(other).name)
+        if path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
+            found.append(f"{path.name} differs from what resgrid wrote (SHA-256 in {name})")
+    return found

@@ -4,11 +4,14 @@ Fields are those of `resgrid.spice.analyses`, and ``deck``, ``source`` (a voltag
 need one) and its ``volts``.  Sources: ngspice manual, chapter "Analyses and Output Control"; LTspice help, "Dot
 Commands"; Xyce Reference Guide, chapter "Netlist Commands"; HSPICE Command Reference; Spectre Circuit Simulator
 Reference, chapter "Analysis Statements".
+
+ngspice computes no ``.meas`` in a batch that writes a raw file, so that it is asked in a control block.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,7 @@ _NGSPICE = AnalysisWords(
         "  op",
         "  write celsius.raw.$celsius",
         "end",
+        "set temp = 27.0",
         ".endc",
     ),
     mismatch=(
@@ -89,13 +93,24 @@ _NGSPICE = AnalysisWords(
     probe=".save {what}",
     probe_voltage="v({name})",
     probe_current="i({name})",
-    maximum=".meas tran {name} max v({node})",
-    minimum=".meas tran {name} min v({node})",
-    value=".meas tran {name} find v({node}) at={at}",
-    crossing=".meas tran {name} when v({node})={at} cross=1",
+    measure_first=(".control", "run", "setplot tran1"),
+    maximum="meas tran {name} max v({node})",
+    minimum="meas tran {name} min v({node})",
+    value="meas tran {name} find v({node}) at={at}",
+    crossing="meas tran {name} when v({node})={at} cross=1",
+    measure_last=(".endc",),
 )
+_STATEMENTS: dict[str, Any] = {
+    "measure_first": (),
+    "maximum": ".measure tran {name} max v({node})",
+    "minimum": ".measure tran {name} min v({node})",
+    "value": ".measure tran {name} find v({node}) at={at}",
+    "crossing": ".measure tran {name} when v({node})={at} cross=1",
+    "measure_last": (),
+}
 _LTSPICE = replace(
     _NGSPICE,
+    **_STATEMENTS,
     run=(),
     one_a_run=True,
     first=("* LTspice -b {deck}.ltspice", ".options numdgt=15"),
@@ -105,6 +120,7 @@ _LTSPICE = replace(
 )
 _XYCE = replace(
     _NGSPICE,
+    **_STATEMENTS,
     run=(),
     one_a_run=True,
     first=("* Xyce {deck}.xyce",),
@@ -119,13 +135,10 @@ _XYCE = replace(
     ),
     probe=".print {kind} format=csv precision=16 {what}",
     print_all=".print {kind} format=csv precision=16 v(*)",
-    maximum=".measure tran {name} max v({node})",
-    minimum=".measure tran {name} min v({node})",
-    value=".measure tran {name} find v({node}) at={at}",
-    crossing=".measure tran {name} when v({node})={at} cross=1",
 )
 _HSPICE = replace(
     _NGSPICE,
+    **_STATEMENTS,
     run=(),
     first=("* hspice {deck}.hspice", ".option post=1 numdgt=10 ingold=2"),
     deck_first=False,
@@ -134,10 +147,6 @@ _HSPICE = replace(
     temperature=(".dc temp poi {count} {temperatures}",),
     mismatch=(".option seed={seed}", ".dc monte={runs}"),
     probe=".probe {kind} {what}",
-    maximum=".measure tran {name} max v({node})",
-    minimum=".measure tran {name} min v({node})",
-    value=".measure tran {name} find v({node}) at={at}",
-    crossing=".measure tran {name} when v({node})={at} cross=1",
 )
 _SPECTRE = AnalysisWords(
     first=("// spectre {deck}.spectre", "simulator lang=spectre"),
@@ -160,12 +169,7 @@ _SPECTRE = AnalysisWords(
     probe="save {what}",
     probe_voltage="{name}",
     probe_current="{name}:p",
-    maximum=".measure tran {name} max v({node})",
-    minimum=".measure tran {name} min v({node})",
-    value=".measure tran {name} find v({node}) at={at}",
-    crossing=".measure tran {name} when v({node})={at} cross=1",
-    measure_first=("simulator lang=spice",),
-    measure_last=("simulator lang=spectre",),
+    **_STATEMENTS | {"measure_first": ("simulator lang=spice",), "measure_last": ("simulator lang=spectre",)},
 )
 
 ANALYSIS_WORDS = {

@@ -33,7 +33,13 @@ class _Group:
 
 
 def format_companion(
-    deck: str, expected: Expected, resistors: Texts, values: NDArray[np.float64], *, tolerance: float = TOLERANCE
+    deck: str,
+    expected: Expected,
+    resistors: Texts,
+    values: NDArray[np.float64],
+    sha256: str,
+    *,
+    tolerance: float = TOLERANCE,
 ) -> str:
     """Write the companion of an ngspice deck.
 
@@ -47,6 +53,8 @@ def format_companion(
         Names of the deck's resistors, as ngspice knows them.
     values : ndarray of float64, shape (resistors,)
         Their resistances, in ohms.
+    sha256 : str
+        Hash of the deck, told in the file.
     tolerance : float
         Largest relative error that passes.
 
@@ -59,6 +67,8 @@ def format_companion(
     lines = [
         f"* verify {deck}: prints PASS or FAIL",
         f"* ngspice -n -b {deck}.verify",
+        f"* the deck that it was written for has the SHA-256 {sha256}",
+        f"* this file's own is in {deck}.json, which resgrid check compares: altered, it proves nothing",
         f'.include "{deck}"',
         ".options klu",
         ".control",
@@ -114,10 +124,10 @@ def _verdict(groups: Sequence[_Group], tolerance: float) -> list[str]:
     told = ", ".join(f"{len(group.errors)} {group.what} ($&worst_{group.what} {group.unit})" for group in groups)
     return [
         f"if right gt {total - 0.5}",
-        f"  echo PASS: the largest error is $&worst, {tolerance!r} is allowed: {told}",
+        f"  echo PASS: the largest error is $&worst where {tolerance!r} is allowed: {told}",
         "  quit 0",
         "else",
-        f"  echo FAIL: the largest error is $&worst, {tolerance!r} is allowed: {told}",
+        f"  echo FAIL: the largest error is $&worst where {tolerance!r} is allowed: {told}",
         f"  let wrong = {total} - right",
         f"  echo $&wrong of {total} comparisons failed; line $&place of this file holds the largest error",
         "  quit 1",

@@ -5,7 +5,7 @@ statements, and which character begins a comment or a parameter expression, are 
 
 ngspice
 -------
-What its decks must respect, each learnt by experiment with ngspice 39:
+What its decks must respect, each learnt by experiment with ngspice 39, and tried with 46:
 
 - The first line of a file it is given is a title, whatever it says; in an included file it is not.  A full-line
   comment in front serves both.  A line that begins with ``*#`` is a command, not a comment.
@@ -14,7 +14,8 @@ What its decks must respect, each learnt by experiment with ngspice 39:
 - Case is folded, and ``gnd`` is another name of node ``0``.
 - A node that floats, if only behind a capacitor, makes the matrix singular.  ngspice then steps gmin and supplies,
   ends in a pseudo-transient, and reports a wrong answer (every node is a little off) with exit status 0.
-- 0 ohm silently becomes 1 milliohm; smaller but positive values are kept.
+- 0 ohm silently becomes 1 milliohm; smaller but positive values are kept.  Version 46 says that it is 1e-12 ohm, and
+  loses nine digits to it.
 - A loop of voltage sources ends without an answer, a second device of the same name without a run.
 - A linear operating point is solved directly: ``gmin``, ``reltol``, ``abstol``, ``vntol``, ``pivtol`` and ``pivrel``
   change nothing (agreement is 1e-14 on uniform grids, 1e-10 where conductances span ten decades), ``rshunt`` ruins it

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
 from resgrid.errors import InputError
 from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.spice.expected import Expected, supply_of
+from resgrid.spice.expected import Expected, current_scale_of, supply_of
+from resgrid.spice.inclusion import gather_includes
 from resgrid.spice.ngspice import refuse_commands
 from resgrid.spice.parsed import ParsedDeck, ngspice_name
 from resgrid.spice.subject import subject_of
 
+_TAKES_FILES = "ngspice"
 _ANALYSIS = re.compile(
     rb"\.(?:op|tran|ac|dc|noise|tf|pz|sens|disto|four|fourier|meas|measure|print|plot|probe|save|step|sp|pss|end)\b",
     re.IGNORECASE,
@@ -33,63 +36,94 @@ class Runnable:
         Whether it is the deck itself; otherwise it is what was read, written anew and flat.
     why : str
         Why not, empty if it is.
+    files : mapping of str to bytes
+        What it includes, by places in the folder it is run in.
+    place : str
+        Its own place there.
     """
 
     data: bytes
     as_written: bool
     why: str
+    files: Mapping[str, bytes] = field(default_factory=dict)
+    place: str = "deck.cir"
 
 
-def runnable(deck: ParsedDeck, data: bytes) -> Runnable:
+def runnable(deck: ParsedDeck, data: bytes, *, root: Path | None = None, engine: str = "ngspice") -> Runnable:
     """Make a deck safe to run, with its operating point as the only analysis.
+
+    Only the lines of its analyses and outputs are taken out; everything else is run byte for byte, in the files that
+    hold it.
 
     Parameters
     ----------
     deck : ParsedDeck
     data : bytes
         The content of its file.
+    root : Path, optional
+        The folder that its includes were not allowed to leave, and that it is run in; by default its own.
+    engine : str
+        Which simulator.
 
     Returns
     -------
     Runnable
     """
-    why = _why_not(deck, data)
-    if why:
-        from resgrid.spice.deck import format_deck
-
-        text = format_deck(deck.netlist(), title=f"{deck.title or deck.path}, as read")
-        return Runnable(_only_operating_point(text.encode("ascii")), False, why)
-    return Runnable(_only_operating_point(data), True, "")
-
-
-def _why_not(deck: ParsedDeck, data: bytes) -> str:
-    if deck.dialect != "ngspice":
-        return f"it is written for {deck.dialect}"
-    if len(deck.files) > 1:
-        return "it includes other files"
+    path = Path(deck.path).resolve()
+    root = path.parent if root is None else root.resolve()
     try:
-        refuse_commands(data, deck.path, models=True)
+        files = _safe_files(deck, path, data, root, engine)
     except InputError as error:
-        return str(error)
-    return ""
+        return rewritten(deck, str(error))
+    if not files:
+        return Runnable(_only_operating_point(data), True, "")
+    bare = {place: b"\n".join(_without_analyses(content.split(b"\n"))) for place, content in files.items()}
+    return Runnable(_only_operating_point(data), True, "", bare, path.relative_to(root).as_posix())
+
+
+def rewritten(deck: ParsedDeck, why: str) -> Runnable:
+    """What was read of a deck, written anew."""
+    from resgrid.spice.deck import format_deck
+
+    text = format_deck(deck.netlist(), title=f"{deck.title or deck.path}, as read")
+    return Runnable(_only_operating_point(text.encode("ascii")), False, why)
+
+
+def _safe_files(deck: ParsedDeck, path: Path, data: bytes, root: Path, engine: str) -> dict[str, bytes]:
+    """What a deck includes.
+
+    Raises
+    ------
+    InputError
+        If it cannot be run as it stands; the message says why.
+    """
+    if deck.dialect != "ngspice":
+        raise InputError(f"it is written for {deck.dialect}, and only ngspice is run here")
+    refuse_commands(data, deck.path, models=True, includes=len(deck.files) > 1)
+    if len(deck.files) == 1:
+        return {}
+    if engine != _TAKES_FILES:
+        raise InputError(f"it includes other files, which the engine {engine} cannot be given")
+    if not path.is_relative_to(root):
+        raise InputError(f"it includes other files, and lies outside {str(root)!r}")
+    return gather_includes(path, data, root)
 
 
 def _only_operating_point(data: bytes) -> bytes:
     """Every analysis and output is left out, the first line, the title, never."""
-    rows = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n").split(b"\n")
-    kept = [rows[0] if rows[0].strip() else b"* untitled"]
+    rows = data.split(b"\n")
+    title = rows[0] if rows[0].strip() else b"* untitled"
+    return b"\n".join([title, *_without_analyses(rows[1:]), b".options klu", b".op", b".end", b""])
+
+
+def _without_analyses(rows: Iterable[bytes]) -> Iterator[bytes]:
+    """Lines that ask for nothing; a comment takes the place of one that does."""
     dropping = False
-    for row in rows[1:]:
+    for row in rows:
         word = row.lstrip()
-        if word.startswith(b"+"):
-            if not dropping:
-                kept.append(row)
-            continue
-        if word and not word.startswith(b"*"):
+        if word and not word.startswith((b"*", b"+")):
             dropping = _ANALYSIS.match(word) is not None
-        if not (dropping and word):
-            kept.append(row)
-    return b"\n".join([*kept, b".options klu", b".op", b".end", b""])
+        yield b"*" if dropping and word else row
 
 
 def expected_of(deck: ParsedDeck, point: OperatingPoint, *, as_written: bool) -> Expected:
@@ -118,12 +152,11 @@ def expected_of(deck: ParsedDeck, point: OperatingPoint, *, as_written: bool) ->
     amps = point.source_current[: len(deck.source_volts)]
     names = map(ngspice_name, deck.element_names["voltage source"])
     supply = supply_of(point)
-    largest = float(np.max(np.abs(point.source_current[np.isfinite(point.source_current)]), initial=0.0))
     return Expected(
         voltage=voltage,
         source_current={n: float(a) if np.isfinite(a) else None for n, a in zip(names, amps.tolist(), strict=True)},
         supply=supply,
-        current_scale=max(largest, supply * float(np.max(point.netlist.conductance, initial=0.0))),
+        current_scale=current_scale_of(point, supply),
         kcl_residual=point.kcl_residual if np.isfinite(point.kcl_residual) else 0.0,
     )
 

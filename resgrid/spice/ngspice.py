@@ -24,6 +24,8 @@ _DECK, _RAW, _LOG = "deck.cir", "operating_point.raw", "log.txt"
 _PLOT = "Operating Point"
 _MAX_LOG = 2**20
 _MAX_COMPLAINTS = 10
+MAX_ASCENT = 8
+"""How many ``..`` the name of an included file may hold: so deep lies the folder that such a deck is run in."""
 _VERSION = re.compile(r"ngspice-(\d[\w.+-]*)")
 _COMPLAINT = re.compile(
     r"warning|error|fatal|singular|gmin|source step|transient op|no convergence|timestep|abort|fail|unable|cannot|"
@@ -36,9 +38,13 @@ _HARMLESS = re.compile(
     r"no resource usage|no active circuit|^trying gmin|^supplies reduced|further gmin|^note: one successful",
     re.IGNORECASE,
 )
-_COMMANDS = rb"\*#|\.(?:control|include|inc|lib|exec|csparam)\b"
-_FORBIDDEN = re.compile(rb"^\s*(" + _COMMANDS + rb"|\.(?:model|func)\b)", re.IGNORECASE | re.MULTILINE)
-_FORBIDDEN_ANYWHERE = re.compile(rb"^\s*(" + _COMMANDS + rb")", re.IGNORECASE | re.MULTILINE)
+# ngspice goes by how a word begins, drops carriage returns wherever they stand, and takes a file for a script whose
+# title says so; its code models (elements A) open files and run programs.
+_BOM = b"\xef\xbb\xbf"
+_COMMANDS = rb"\*#|\*ng_script|\.(?:control|exec|csparam)\w*"
+_FILES, _MODELS, _CODE_MODELS = rb"|\.(?:inc|lib)\w*", rb"|\.(?:model|func)\w*", rb"|(?<=\n)[ \t\v\f]*a\S*"
+VERSIONS = ("39", "46")
+"""Those that resgrid is tried with: Debian 12's own and that of its backports."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +126,8 @@ def simulate(
     timeout: float = 600.0,
     executable: str | os.PathLike[str] | None = None,
     direct: bool = False,
+    files: Mapping[str, bytes] = MappingProxyType({}),
+    place: str = _DECK,
 ) -> Simulation:
     """Find the operating point of a deck's content; as `run_ngspice`.
 
@@ -134,6 +142,10 @@ def simulate(
     executable : path-like, optional
     direct : bool
         Run the deck itself, with its own title and analysis, instead of a file that includes it; models are allowed.
+    files : mapping of str to bytes
+        Further files that it includes, by their places in the folder it is run in; found to be safe already.
+    place : str
+        Its own place in that folder.
 
     Returns
     -------
@@ -145,14 +157,18 @@ def simulate(
         As `run_ngspice`.
     """
     program = _find(executable)
-    refuse_commands(data, source, models=direct)
+    refuse_commands(data, source, models=direct, includes=bool(files))
     with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
         folder = Path(name)
         version = _version(program, folder)
-        (folder / _DECK).write_bytes(data)
-        (folder / "run.cir").write_text(dialect_named("ngspice").commands.format(deck=_DECK), encoding="ascii")
-        main = _DECK if direct else "run.cir"
-        status = run_quietly([program, "-n", "-b", "-r", _RAW, main], folder, timeout, source)
+        own = folder.joinpath(*["_"] * MAX_ASCENT) if files else folder
+        for where, content in {place: data, **files}.items():
+            (own / where).parent.mkdir(parents=True, exist_ok=True)
+            (own / where).write_bytes(content)
+        if not direct:
+            (folder / "run.cir").write_text(dialect_named("ngspice").commands.format(deck=place), encoding="ascii")
+        words = [program, "-n", "-b", "-r", str(folder / _RAW), place if direct else "run.cir"]
+        status = run_quietly(words, folder, timeout, source, cwd=own)
         complaints = log_complaints(folder)
         try:
             raw = operating_point(folder / _RAW)
@@ -186,7 +202,7 @@ def _find(executable: str | os.PathLike[str] | None) -> str:
     return str(Path(found).absolute())
 
 
-def refuse_commands(data: bytes, source: str, *, models: bool = False) -> None:
+def refuse_commands(data: bytes, source: str, *, models: bool = False, includes: bool = False) -> None:
     """Refuse a deck that could run commands or read other files.
 
     Parameters
@@ -195,21 +211,28 @@ def refuse_commands(data: bytes, source: str, *, models: bool = False) -> None:
     source : str
         What to call it in messages.
     models : bool
-        Whether ``.model`` and ``.func`` are allowed: they were read, and hold nothing but resistors.
+        Whether ``.model`` and ``.func`` are allowed: they were read, and hold nothing but resistors.  What no reader
+        has seen, behind ``.end`` say, may then hold code models, which are not.
+    includes : bool
+        Whether other files may be read: they lie in a folder made for the run.
 
     Raises
     ------
     InputError
         The message names the line.
     """
-    match = (_FORBIDDEN_ANYWHERE if models else _FORBIDDEN).search(data.replace(b"\r", b"\n"))
-    if match:
-        line = data.replace(b"\r", b"\n").count(b"\n", 0, match.start()) + 1
-        word = match.group(1).decode("ascii")
-        raise InputError(
-            f"{source}, line {line}: {word!r} is not simulated, for it could run commands or read other files; "
-            "remove it"
-        )
+    words = _COMMANDS + (b"" if includes else _FILES) + (_CODE_MODELS if models else _MODELS)
+    forbidden = re.compile(rb"^\s*(" + words + rb")", re.IGNORECASE | re.MULTILINE)
+    data = data.removeprefix(_BOM)
+    for text in (data.replace(b"\r", b"\n"), data.replace(b"\r", b"")) if b"\r" in data else (data,):
+        match = forbidden.search(text)
+        if match:
+            line = text.count(b"\n", 0, match.start(1)) + 1
+            word = match.group(1).decode("ascii", "replace").strip()
+            raise InputError(
+                f"{source}, line {line}: {word!r} is not simulated, for it could run commands or read other files; "
+                "remove it"
+            )
 
 
 def _version(program: str, folder: Path) -> str:
@@ -226,8 +249,12 @@ def simulated_version(folder: Path) -> str:
     return match.group(1) if match else "unknown"
 
 
-def run_quietly(command: list[str], folder: Path, timeout: float, source: str, name: str = "ngspice") -> int:
+def run_quietly(
+    command: list[str], folder: Path, timeout: float, source: str, name: str = "ngspice", cwd: Path | None = None
+) -> int:
     """Run a simulator in a folder, its output in a log there; its exit status, of which nothing follows.
+
+    With ``cwd`` it runs in another folder than that of the log.
 
     Raises
     ------
@@ -241,7 +268,7 @@ def run_quietly(command: list[str], folder: Path, timeout: float, source: str, n
         try:
             process = subprocess.Popen(
                 command,
-                cwd=folder,
+                cwd=cwd or folder,
                 env={**environment, "LC_ALL": "C"},
                 stdin=subprocess.DEVNULL,
                 stdout=log,

@@ -132,6 +132,8 @@ class ParsedDeck:
         What ``.option`` lines set, keys in lower case; a flag has the value ``""``.
     subcircuits : tuple of str
         Names of the subcircuits that are used.
+    given : Netlist or None
+        What it was made of, where that is no deck.
     """
 
     title: str | None
@@ -156,6 +158,7 @@ class ParsedDeck:
     nominal_temperature: float | None = None
     options: Mapping[str, str] = field(default_factory=dict)
     subcircuits: tuple[str, ...] = ()
+    given: Netlist | None = None
 
     def __post_init__(self) -> None:
         for array in (*(getattr(self, name) for name in _ARRAYS), *self.place.values()):
@@ -201,6 +204,8 @@ class ParsedDeck:
             If a resistance is negative at that temperature, or so small that its conductance overflows; the message
             names file and line.
         """
+        if self.given is not None:
+            return self.given
         resistance, tc1, tc2 = rebase(self.resistance, self.tc1, self.tc2, self.heating)
         self._refuse_inadmissible(resistance)
         short = resistance == 0

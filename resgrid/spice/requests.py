@@ -153,6 +153,8 @@ def _check_number(words: AnalysisWords, dialect: str, analyses: Sequence[Analysi
 
 
 def _check_names(deck: FlatDeck, analyses: Sequence[Analysis], references: Sequence[str]) -> None:
+    if only_one(analyses, TransientAnalysis) is None and any(isinstance(item, Measure) for item in analyses):
+        raise InputError("measure: it measures a transient, and none is asked for; add a TransientAnalysis")
     nodes, sources = {*deck.node_names, *references}, {*deck.source_names, *references}
     for analysis in analyses:
         wanted = [analysis.node] if isinstance(analysis, NoiseAnalysis | Measure) else []

@@ -1,7 +1,7 @@
 """The sidecar: what a deck may not hold, in JSON beside it.
 
-Hash of the deck and of every block of its lines, the cell and the expected voltage of every node, what was left out or
-renamed, and the versions that made it.
+Hash of the deck and of every block of its lines, of the files beside it and of the sidecar itself, the cell and the
+expected voltage of every node, what was left out or renamed, and the versions that made it.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ import hashlib
 import json
 import math
 import platform
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
@@ -27,6 +28,9 @@ SCHEMA = 1
 _BLOCK_LINES = 16
 _BLOCK_DIGITS = 16
 _MAX_BYTES = 2**31
+_BLANK = "0" * 64
+_OWN = re.compile(rb'(?<="own_sha256": ")[0-9a-f]{64}(?=")')
+"""The hash of the sidecar's own text, in which zeros stand in its place."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,6 +53,10 @@ class Sidecar:
         What the simulator should find.
     parts : mapping of str to str
         Files that the deck includes, and their hashes; empty for a flat one.
+    companions : mapping of str to str
+        Files that include the deck, and their hashes.
+    intact : bool
+        Whether the sidecar is, to the byte, what was written.
     """
 
     path: Path
@@ -58,6 +66,8 @@ class Sidecar:
     dialect: str
     expected: Expected
     parts: Mapping[str, str] = field(default_factory=dict)
+    companions: Mapping[str, str] = field(default_factory=dict)
+    intact: bool = True
 
 
 def sidecar_path(deck: Path) -> Path:
@@ -94,6 +104,7 @@ def format_sidecar(
     data = (deck.text if text is None else text).encode("ascii")
     head = {
         "schema": SCHEMA,
+        "own_sha256": _BLANK,
         "deck": deck_name,
         "sha256": hashlib.sha256(data).hexdigest(),
         "dialect": deck.dialect.name,
@@ -110,7 +121,8 @@ def format_sidecar(
     }
     fields = [f"{json.dumps(key)}: {json.dumps(value, sort_keys=True, allow_nan=False)}" for key, value in head.items()]
     fields.append('"nodes": {\n' + _node_lines(deck, expected) + "\n}")
-    return "{\n" + ",\n".join(fields) + "\n}\n"
+    blank = "{\n" + ",\n".join(fields) + "\n}\n"
+    return blank.replace(_BLANK, hashlib.sha256(blank.encode("utf-8")).hexdigest(), 1)
 
 
 def read_sidecar(deck: Path) -> Sidecar:
@@ -131,7 +143,7 @@ def read_sidecar(deck: Path) -> Sidecar:
         If there is none, or it is not what resgrid writes; the message names the file and the key.
     """
     path = sidecar_path(deck)
-    content = _read_json(path)
+    data, content = _read_json(path)
     blocks = _entry(path, content, "blocks", dict)
     expected = Expected(
         voltage={
@@ -149,9 +161,8 @@ def read_sidecar(deck: Path) -> Sidecar:
     lines, hashes = blocks.get("lines"), blocks.get("sha256")
     if not isinstance(lines, int) or lines < 1 or not _is_strings(hashes):
         raise _wrong(path, "blocks", "it must hold a number of lines and a list of hashes")
-    parts = content.get("files", {})
-    if not isinstance(parts, dict) or not _is_strings(list(parts.values())):
-        raise _wrong(path, "files", "it must map the names of files to hashes")
+    own = _OWN.search(data)
+    blank = _OWN.sub(_BLANK.encode(), data, count=1)
     return Sidecar(
         path=path,
         sha256=_entry(path, content, "sha256", str),
@@ -159,7 +170,9 @@ def read_sidecar(deck: Path) -> Sidecar:
         blocks=tuple(hashes),
         dialect=_entry(path, content, "dialect", str),
         expected=expected,
-        parts=parts,
+        parts=_hashes(path, content, "files"),
+        companions=_hashes(path, content, "companions"),
+        intact=own is not None and hashlib.sha256(blank).hexdigest().encode() == own[0],
     )
 
 
@@ -239,11 +252,12 @@ def _versions() -> dict[str, str]:
     return {"numpy": np.__version__, "python": platform.python_version(), "resgrid": own}
 
 
-def _read_json(path: Path) -> Mapping[str, Any]:
+def _read_json(path: Path) -> tuple[bytes, Mapping[str, Any]]:
     try:
         if path.stat().st_size > _MAX_BYTES:
             raise InputError(f"{path} is larger than {_MAX_BYTES} bytes, which no sidecar is")
-        content = json.loads(path.read_bytes())
+        data = path.read_bytes()
+        content = json.loads(data)
     except FileNotFoundError as error:
         raise InputError(
             f"there is no sidecar {path}: write the deck with resgrid, or compare it with a scene instead"
@@ -256,13 +270,20 @@ def _read_json(path: Path) -> Mapping[str, Any]:
         raise _wrong(path, "schema", "the file must hold one object")
     if content.get("schema") != SCHEMA:
         raise _wrong(path, "schema", f"it must be {SCHEMA}, not {content.get('schema')!r}")
-    return content
+    return data, content
 
 
 def _entry(path: Path, content: Mapping[str, Any], key: str, kind: type[Any]) -> Any:
     if not isinstance(content.get(key), kind):
         raise _wrong(path, key, f"it must be there and be a {kind.__name__}")
     return content[key]
+
+
+def _hashes(path: Path, content: Mapping[str, Any], key: str) -> Mapping[str, str]:
+    found = content.get(key, {})
+    if not isinstance(found, dict) or not _is_strings(list(found.values())):
+        raise _wrong(path, key, "it must map the names of files to hashes")
+    return found
 
 
 def _number(path: Path, key: str, value: object) -> float:

@@ -44,7 +44,7 @@ class WrittenDeck:
     commands : Path
         The file that includes it and asks the simulator for its operating point, or for other analyses.
     sidecar : Path
-        Hash, cells, expected voltages and versions, as JSON.
+        Hashes, cells, expected voltages and versions, as JSON.
     sha256 : str
         Hash of the deck.
     companion : Path or None
@@ -138,7 +138,7 @@ def write_spice(
     checks = len(found.voltage) + len(found.source_current) + len(content.resistors)
     if verify and rules.name == "ngspice" and not _is_random(analyses) and checks <= companion.LARGEST:
         texts[f"{target.name}.verify"] = companion.format_companion(
-            target.name, found, content.resistors, content.values
+            target.name, found, content.resistors, content.values, _hash(content.text)
         )
     more = _more(form, tile, texts, analyses, expected, scene_sha256)
     if form == "cells" and operating_point is not None:
@@ -234,10 +234,11 @@ def _more(
     scene_sha256: str | None,
 ) -> dict[str, Any]:
     """Keys of the sidecar that only some decks need."""
-    more: dict[str, Any] = {}
+    hashes = {name: _hash(text) for name, text in texts.items()}
+    parts = {name: hash_ for name, hash_ in hashes.items() if name.endswith((".chip", ".pattern"))}
+    more: dict[str, Any] = {"companions": {name: hash_ for name, hash_ in hashes.items() if name not in parts}}
     if form == "cells":
-        more |= {"form": form, "tile": asdict(tile)}
-        more["files"] = {name: _hash(text) for name, text in texts.items() if name.endswith((".chip", ".pattern"))}
+        more |= {"form": form, "tile": asdict(tile), "files": parts}
     if analyses:
         more["analyses"] = [_told(item) for item in analyses]
     if expected is not None:
@@ -276,6 +277,7 @@ def _beside(target: Path, suffix: str, texts: Mapping[str, str]) -> Path | None:
 
 
 def _write_all(target: Path, texts: Mapping[str, str]) -> None:
+    """Write every file aside, then rename them, the deck last: a set that was interrupted contradicts its hashes."""
     with ExitStack() as stack:
         for name, text in reversed(list(texts.items())):
             stack.enter_context(atomic_path(target.with_name(name))).write_bytes(text.encode("utf-8"))

@@ -140,12 +140,92 @@ def test_check_holds_ngspice_against_our_solution(answer, call, deck, island, tm
     data = answer("check", island, code=1)
     text = "\n".join(data["findings"])
     assert "island.sp:3: node b" in text and "this was to be expected" in text
-    (tmp_path / "part.inc").write_text("rp in 0 1k\n")
-    deck.write_text(DECK.replace(".tran", ".include part.inc\n.tran"))
+
+
+def test_included_files_are_run_as_they_are(answer, deck, tmp_path):
+    (tmp_path / "models").mkdir()
+    (tmp_path / "models" / "part.inc").write_text("rp in p 1k\n.tran 1 2\n.include more.inc\n")
+    (tmp_path / "models" / "more.inc").write_text("rq p 0 1k\r\n")
+    deck.write_text(DECK.replace(".tran", ".include 'models/part.inc'\n.tran"))
     data = answer("check", deck)
-    assert data["agrees"] and "includes other files" in data["remark"]
-    deck.write_text(DECK.replace(".tran", ".control\nshell touch pwned\n.endc\n.tran"))
-    assert ".control" in answer("check", deck)["remark"] and not Path("pwned").exists()
+    assert data["agrees"] and data["verified"] and data["nodes"] == 6 and data["as_read"] is None
+    below = tmp_path / "decks" / "deep"
+    below.mkdir(parents=True)
+    (below / "d.sp").write_text(deck.read_text().replace("models/", "../../models/"))
+    assert answer("check", below / "d.sp", "--root", tmp_path)["agrees"]
+
+
+def test_an_include_that_the_simulator_reads_otherwise_is_no_agreement(answer, call, tmp_path):
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "part.inc").write_text("r2 b 0 1k\n.include two.inc\n")
+    (tmp_path / "sub" / "two.inc").write_text("r3 b 0 1k\n")
+    (tmp_path / "two.inc").write_text("r3 b 0 1\n")
+    deck = tmp_path / "d.sp"
+    deck.write_text("t\nv1 a 0 10\nr1 a b 1k\n.include sub/part.inc\n.end\n")
+    data = answer("check", deck, code=1)
+    assert data["verified"] and not data["agrees"] and data["max_abs_error"] > 1
+    assert "DISAGREES" in call("check", deck).stdout
+
+
+@pytest.mark.parametrize(
+    ("change", "why"),
+    [
+        ((".tran", ".control\nshell touch pwned\n.endc\n.tran"), "'.control' is not simulated"),
+        (("Designer's", "*ng_script"), "'*ng_script' is not simulated"),
+        ((".tran", ".include bad.inc\n.tran"), "'.control' is not simulated"),
+        ((".tran", ".include linked.inc\n.tran"), "reached by a link"),
+        ((".tran", '.include "FOLDER/good.inc"\n.tran'), "is no plain name"),
+        ((".tran", ".include nowhere/../good.inc\n.tran"), "is no plain name"),
+    ],
+)
+def test_what_the_simulator_did_not_run_itself_is_not_verified(answer, call, deck, tmp_path, change, why):
+    (tmp_path / "good.inc").write_text("rp in 0 1k\n")
+    (tmp_path / "bad.inc").write_text("rp in 0 1k\n.control\nshell touch pwned\n.endc\n")
+    (tmp_path / "linked.inc").symlink_to(tmp_path / "good.inc")
+    old, new = change
+    deck.write_text(DECK.replace(old, new.replace("FOLDER", str(tmp_path))))
+    data = answer("check", deck, code=5)
+    assert (data["agrees"], data["verified"], data["max_abs_error"], data["nodes"]) == (None, False, None, 0)
+    assert why in data["remark"] and data["as_read"]["agrees"] and data["as_read"]["nodes"] == 5
+    printed = call("check", deck)
+    assert printed.exit_code == 5 and printed.stdout.startswith("not verified: ngspice did not run")
+    assert not Path("pwned").exists() and not list(tmp_path.rglob("pwned"))
+
+
+@pytest.mark.parametrize(
+    "last",
+    [
+        ".controlled\nshell touch FOLDER/pwned\n.endc",
+        ".con\rtrol\nshell touch FOLDER/pwned\n.endc",
+        ".incl /etc/passwd",
+        ".incl ../outside.inc",
+        ".include\n+ /etc/passwd",
+        'a1 [out] [x] m\n.model m d_process (process_file="touch" process_params=["FOLDER/pwned"])',
+    ],
+)
+@pytest.mark.parametrize("included", [True, False])
+def test_what_stands_behind_the_end_is_not_run_unseen(call, deck, tmp_path, last, included):
+    """ngspice reads on behind .end; whatever the reader makes of that, commands and files there are not run."""
+    (tmp_path / "good.inc").write_text("rp in 0 1k\n")
+    (tmp_path.parent / "outside.inc").write_text("rp in 0 1\n")
+    more = ".include good.inc\n" if included else ""
+    last = last.replace("FOLDER", str(tmp_path))
+    deck.write_bytes(DECK.replace("\n.end\n", f"\n{more}.end\n{last}\n").encode())
+    result = call("check", deck)
+    assert result.exit_code in (2, 5), result.output
+    assert not (tmp_path / "pwned").exists()
+
+
+@pytest.mark.parametrize("cards", ["v1 a 0 sin(0 1 1k)\nr1 a b 1k\nr2 b 0 1k", "v1 a 0 10\nr0 a b 1k\nr9 b z 1k"])
+def test_a_deck_in_which_nothing_flows_is_solved_and_checked(answer, call, tmp_path, cards):
+    deck = tmp_path / "rest.sp"
+    deck.write_text(f"t\n{cards}\n.end\n")
+    data = answer("solve", deck)
+    assert (data["power"], data["kcl_residual"], data["floating_nodes"]) == (0.0, 0.0, [])
+    assert "0 W dissipated" in call("solve", deck, "-o", tmp_path / "x.raw").stdout
+    assert answer("check", deck)["agrees"]
+    assert call("convert", deck, "-o", tmp_path / "out.cir").exit_code == 0
+    assert answer("check", tmp_path / "out.cir")["agrees"]
 
 
 def test_a_device_taken_for_the_title_is_missed(answer, tmp_path):
@@ -159,7 +239,7 @@ def test_a_device_taken_for_the_title_is_missed(answer, tmp_path):
 
 def test_a_run_that_would_take_too_long_ends_with_four(call, deck):
     result = call("check", deck, "--timeout", "0.001")
-    assert result.exit_code == 4 and "--engine eecircuit" in result.stderr
+    assert result.exit_code == 4 and "s is allowed: allow more (--timeout" in result.stderr
     assert call("check", deck, "--timeout", "nan").exit_code == 2
     assert call("check", deck, "--engine", "spice3").exit_code == 2
 
@@ -178,7 +258,9 @@ def test_converted_decks_hold_the_same_circuit(answer, call, deck, tmp_path, dia
     assert data["dialect"] == dialect and data["resistors"] == 3 and Path(data["sidecar"]).exists()
     again = answer("solve", out)
     assert again["worst_drops"][0]["drop"] == pytest.approx(2 - OUT, rel=1e-12)
-    assert answer("check", out)["agrees"]
+    checked = answer("check", out, code=0 if dialect == "ngspice" else 5)
+    assert (checked["agrees"], checked["verified"]) == ((True, True) if dialect == "ngspice" else (None, False))
+    assert dialect == "ngspice" or (dialect in checked["remark"] and checked["as_read"]["agrees"])
     call("convert", deck, "-o", tmp_path / "bare.cir", "--dialect", dialect, "--bare")
     assert (tmp_path / "bare.cir").read_bytes() == out.read_bytes()
     assert not (tmp_path / "bare.cir.json").exists()
@@ -199,6 +281,43 @@ def test_converted_graphs_hold_the_same_circuit(answer, call, deck, tmp_path):
     assert call("convert", deck, "-o", tmp_path / "arrays.npz").exit_code == 0
     with np.load(tmp_path / "arrays.npz") as arrays:
         assert list(arrays["resistor_names"]) == ["X1.R1", "X1.R2", "Rl"]
+
+
+@pytest.mark.parametrize("suffix", [".graphml", ".json", ".npz", ".cir"])
+def test_what_convert_writes_is_read_by_every_verb(answer, call, deck, tmp_path, suffix):
+    file = tmp_path / f"other{suffix}"
+    assert call("convert", deck, "-o", file).exit_code == 0
+    data = answer("solve", file)
+    assert (data["nodes"], data["resistors"], data["voltage_sources"], data["current_sources"]) == (6, 3, 3, 1)
+    assert data["worst_drops"][0]["drop"] == pytest.approx(2 - OUT, rel=1e-12)
+    assert answer("info", file)["smallest_resistance"] == 500
+    assert answer("check", "--rules", file)["passes"]
+    back = tmp_path / "back.cir"
+    assert call("convert", file, "-o", back).exit_code == 0
+    assert answer("check", back)["agrees"]
+
+
+def test_edge_lists_and_configurations_are_read(answer, call, deck, tmp_path):
+    edges = tmp_path / "edges.txt"
+    call("convert", deck, "-o", edges)
+    assert answer("info", edges)["resistors"] == answer("solve", edges)["resistors"] == 3
+    assert call("convert", edges, "-o", tmp_path / "edges.json").exit_code == 0
+    assert answer("solve", tmp_path / "edges.json")["resistors"] == 3
+    for name, text in {"g.txt": "1 2 5\n2 3 5\n", "s.txt": "1 1\n", "d.txt": "3 0\n"}.items():
+        (tmp_path / name).write_text(text)
+    (tmp_path / "net.ini").write_text(
+        "[Calculation options]\ndata_type = network\nscenario = advanced\nground_file_is_resistances = True\n"
+        "[Habitat raster or graph]\nhabitat_file = g.txt\nhabitat_map_is_resistances = True\n"
+        "[Options for advanced mode]\nsource_file = s.txt\nground_file = d.txt\n"
+    )
+    assert answer("solve", tmp_path / "net.ini")["power"] == pytest.approx(10.0)
+
+
+def test_a_network_is_not_simulated_and_spectre_is_not_read(call, deck, tmp_path):
+    for name, verb, message in (("a.json", "check", "make a deck of it"), ("a.scs", "solve", "written and not read")):
+        assert call("convert", deck, "-o", tmp_path / name).exit_code == 0
+        result = call(verb, tmp_path / name)
+        assert result.exit_code == 2 and message in result.stderr
 
 
 def test_scenes_are_converted_too(answer, call, lesson, tmp_path):
@@ -252,7 +371,6 @@ def test_what_is_wrong_is_one_message(call, deck, tmp_path, monkeypatch, words, 
         (b"* t\nv1 a 0 1\nr1 a 0 -1\n.end\n", 2, ":3"),
         (b"* t\nv1 a 0 1\nq1 a b 0 mod\n.end\n", 2, ":3"),
         (b"* t\nv1 a 0 1\nv2 a 0 2\nr1 a 0 1\n.end\n", 2, "bad.sp:3: voltage source v2"),
-        (b"* t\nr1 a 0 1\nr2 a b 1\n.end\n", 2, "nothing is driven"),
         (b"* t\nv1 a 0 1\nr1 a 0 1e999\n.end\n", 2, ":3"),
     ],
 )

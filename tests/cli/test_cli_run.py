@@ -39,7 +39,7 @@ def test_blends_need_two_chips_and_a_page_each(call, lesson, tmp_path):
     assert result.exit_code == 0, result.stderr
     assert {"page_k_0.png", "page_k_0.5.png", "page_k_1.png", "paths.png"} <= names(folder)
     assert {"dirichlet.cir", "neumann.cir"} <= names(folder)
-    assert "not checked: --no-check" in result.stdout and str(folder) in result.stdout
+    assert "not simulated: --no-check" in result.stdout and str(folder) in result.stdout
     assert result.stdout.count("reached goal 0") == 3
 
 
@@ -100,11 +100,21 @@ def test_one_and_four_axes_run(call, tmp_path):
         assert ("page.png" in names(folder)) == (ndim == 1)
 
 
-def test_a_big_deck_is_written_but_not_simulated(call, lesson, tmp_path, monkeypatch):
-    monkeypatch.setattr("resgrid.cli.run.CHECKED_RESISTORS", 100)
+def test_a_deck_that_takes_long_is_written_but_not_simulated_unless_asked_for(call, lesson, tmp_path, monkeypatch):
+    monkeypatch.setattr("resgrid.cli.check.PATIENCE", 1e-9)
+    deck = tmp_path / "out" / "dirichlet.cir"
     result = call("run", lesson, "-o", tmp_path / "out")
-    assert result.exit_code == 0 and "140 resistors" in result.stdout and "--check" in result.stdout
-    assert "dirichlet.cir" in names(tmp_path / "out")
+    assert result.exit_code == 0 and "ngspice will take about" in result.stdout.replace("-klu", "")
+    assert f"'resgrid check {deck}'" in result.stdout and deck.exists()
+    result = call("run", lesson, "--check", "-o", tmp_path / "out")
+    assert result.exit_code == 0 and "agrees" in result.stdout
+
+
+def test_decks_of_other_simulators_are_not_verified(answer, lesson, tmp_path):
+    for words, code in (((), 0), (("--check",), 5)):
+        data = answer("run", lesson, "--dialect", "xyce", *words, "-o", tmp_path / "out", code=code)
+        check = data["chips"][0]["check"]
+        assert (check["agrees"], check["verified"], check["as_read"]["agrees"]) == (None, False, True)
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError])

@@ -215,7 +215,7 @@ def test_a_missing_simulator_ends_with_three(call, lesson, monkeypatch, tmp_path
     result = call("check", lesson)
     assert result.exit_code == 3 and "apt-get install ngspice" in result.stderr
     result = call("run", lesson, "-o", tmp_path / "out")
-    assert result.exit_code == 0 and "not checked" in result.stdout
+    assert result.exit_code == 0 and "not simulated" in result.stdout
     assert call("run", lesson, "-o", tmp_path / "out", "--check").exit_code == 3
     assert call("info", "--versions").exit_code == 0
 

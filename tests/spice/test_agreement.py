@@ -14,7 +14,8 @@ from spaces import serpentine, space_of
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.nodal.solve import solve
-from resgrid.spice.agreement import check_deck, check_spice, compare
+from resgrid.spice.agreement import check_deck, check_spice
+from resgrid.spice.comparison import compare
 from resgrid.spice.deck import flatten
 from resgrid.spice.expected import expect
 from resgrid.spice.locate import inspect_deck
@@ -102,6 +103,47 @@ def test_any_byte_that_changes_fails_the_check(original: Path, data: st.DataObje
     ranges = altered_lines((folder / "grid.cir").read_bytes(), read_sidecar(folder / "grid.cir"))
     assert any(first <= line <= last for first, last in ranges)
     assert f"lines {ranges[0][0]}-" in agreement.findings[0]
+
+
+@pytest.mark.parametrize("suffix", [".json", ".verify", ".ngspice"])
+def test_any_byte_that_changes_beside_the_deck_fails_the_check(deck: Path, suffix: str) -> None:
+    file = deck.with_name(deck.name + suffix)
+    text = file.read_bytes()
+    for place in np.random.default_rng(3).integers(0, len(text), 6).tolist():
+        file.write_bytes(text[:place] + bytes([text[place] ^ 1]) + text[place + 1 :])
+        try:
+            agreement = check_deck(deck)
+        except InputError as error:  # what is left is no sidecar
+            assert suffix == ".json" and file.name in str(error)
+        else:
+            assert not agreement.agrees
+            assert any(finding.startswith(f"{file.name} differs from") for finding in agreement.findings)
+    file.write_bytes(text)
+    assert check_deck(deck).agrees
+
+
+def test_a_cell_map_that_was_changed_fails_the_check(deck: Path) -> None:
+    sidecar = deck.with_name("grid.cir.json")
+    content = json.loads(sidecar.read_text())
+    content["nodes"]["node_12"]["cell"] = [9, 9]
+    del content["own_sha256"]
+    sidecar.write_text(json.dumps(content))
+    agreement = check_deck(deck)
+    assert not agreement.agrees and agreement.max_relative_error < 1e-9
+    assert agreement.findings == ("grid.cir.json differs from what resgrid wrote (its own SHA-256)",)
+
+
+def test_files_that_a_kill_left_of_two_decks_are_told(tmp_path: Path) -> None:
+    """Files are renamed one by one, the deck last: whatever the kill leaves contradicts a hash."""
+    old, new = tmp_path / "old", tmp_path / "new"
+    for folder, seed in ((old, 3), (new, 4)):
+        folder.mkdir()
+        write_spice(random_grid(seed), folder / "grid.cir", operating_point=dense_solution(random_grid(seed)))
+    for name in ("grid.cir.verify", "grid.cir.json"):
+        shutil.copy(new / name, old / name)
+        assert not check_deck(old / "grid.cir").agrees
+    shutil.copy(new / "grid.cir", old / "grid.cir")
+    assert check_deck(old / "grid.cir").agrees
 
 
 @pytest.mark.parametrize("cut", [0, 1, 100, -1, -5, -200])

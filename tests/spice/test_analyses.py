@@ -82,6 +82,25 @@ def test_a_transient_goes_from_scene_to_scene(tmp_path: Path, dialect: str) -> N
             assert found[tiled.node_name(node)][moment] == pytest.approx(voltage[node], rel=0, abs=1e-6)
 
 
+def test_ngspice_measures_what_its_waves_show(tmp_path: Path) -> None:
+    asked = [rg.OperatingAnalysis(), *ALL["transient"], rg.TemperatureAnalysis((27.0, 85.0))]
+    asked[1] = rg.TransientAnalysis(2e-6, 4e-9, scene((1, 1), supply=2.0))
+    ends = [rg.solve(expanded_netlist(netlist, TILE)) for netlist in (scene(), asked[1].after)]
+    middle = float(np.mean([point.voltage[point.netlist.layout.node[0, 1]] for point in ends]))
+    asked[5] = rg.Measure("passed", "n_0_1", "crossing", middle)
+    written = write_spice(scene(), tmp_path / "a.cir", form="cells", tile=TILE, analyses=asked)
+    command = written.commands.read_text().splitlines()[1].removeprefix("* ").split()
+    assert command[:2] == ["ngspice", "-n"]
+    said = run(written.commands).stdout
+    measured = {name: float(value) for name, value in re.findall(r"^(\w+) += +(\S+)", said, re.MULTILINE)}
+    found = waves(tmp_path / "out.raw", "Transient Analysis")
+    time, corner, beside = (np.array(found[name]) for name in ("time", "n_0_0", "n_0_1"))
+    assert measured["top"] == pytest.approx(corner.max(), rel=1e-5)
+    assert measured["low"] == pytest.approx(corner.min(), rel=1e-5)
+    assert measured["late"] == pytest.approx(np.interp(1e-6, time, beside), rel=1e-4)
+    assert np.interp(measured["passed"], time, beside) == pytest.approx(middle, rel=1e-3)
+
+
 def test_drives_step_too(tmp_path: Path) -> None:
     before, after = scene(boundary="neumann"), scene((1, 1), boundary="neumann")
     asked = [rg.TransientAnalysis(2e-5, 2e-8, after)]
@@ -194,6 +213,7 @@ def test_the_sidecar_tells_what_was_asked(tmp_path: Path) -> None:
         ([rg.NoiseAnalysis("n_9_9")], {}, "no node or voltage source 'n_9_9'"),
         ([rg.Probe(("n_0_0",), ("r_1",))], {}, "'r_1'"),
         ([rg.OperatingAnalysis(), rg.NoiseAnalysis("n_0_0")], {"dialect": "xyce"}, "one analysis per file"),
+        ([rg.Measure("top", "n_0_0", "maximum")], {}, "add a TransientAnalysis"),
         ([rg.TransientAnalysis(1.0, 0.1), rg.TransientAnalysis(1.0, 0.1)], {}, "one of each"),
         ([rg.TransientAnalysis(1.0, 0.1, scene((1, 1)))], {}, "form='cells'"),
     ],

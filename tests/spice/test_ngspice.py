@@ -64,11 +64,31 @@ def test_a_broken_deck_is_complained_about(deck: bytes, message: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "line", [b".control", b"  .CONTROL", b"*#quit", b".include /etc/passwd", b".lib x", b"\r.control", b"\x0b.inc x"]
+    "line",
+    [
+        b".control",
+        b"  .CONTROL",
+        b"*#quit",
+        b".include /etc/passwd",
+        b".incl /etc/passwd",
+        b".lib x",
+        b"\r.control",
+        b"\x0b.inc x",
+        b".controlled",
+        b".con\rtrol",
+        b"*ng_script",
+    ],
 )
 def test_a_deck_with_commands_is_not_run(line: bytes) -> None:
-    with pytest.raises(InputError, match=r"line 2.*is not simulated"):
-        simulate(b"* a\n" + line + b"\n.end\n")
+    for direct in (False, True):
+        with pytest.raises(InputError, match=r"line [23].*is not simulated"):
+            simulate(b"* a\n" + line + b"\n.end\n", direct=direct)
+
+
+def test_a_script_is_no_deck_and_code_models_are_not_run() -> None:
+    for deck in (b"*ng_script\nshell ls\n", b"\xef\xbb\xbf.control\n", b"t\n.end\n a1 [b] [c] m\n"):
+        with pytest.raises(InputError, match="is not simulated"):
+            simulate(deck, direct=True)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from circuits import random_grid
 from hypothesis import given, settings, strategies as st
 
 from resgrid.spice.deck import format_deck
-from resgrid.spice.ngspice import simulate
+from resgrid.spice.ngspice import ngspice_version, simulate
 from resgrid.spice.parsed import ParsedDeck
 from resgrid.spice.reader import read_spice
 from resgrid.spice.verdicts import Verdict, predict_simulators
@@ -52,6 +52,8 @@ GRID = "".join(f"r{i} n{i} n{i + 1} 1e8\n" for i in range(20)) + "rl n20 0 1e8\n
     ],
 )
 def test_predicted_errors_of_ngspice_are_its_errors(tmp_path: Path, name: str, text: str, reason: str) -> None:
+    if name == "short" and ngspice_version() != "39":
+        pytest.skip("newer versions make 1e-12 ohm of it, and are wrong by rounding")
     deck = deck_of(tmp_path, text)
     verdict = verdict_of(deck)
     assert verdict.outcome == "wrong" and verdict.basis == "measured", name

@@ -7,7 +7,7 @@ Runs of plain cards take a short cut through compiled loops (`bulk`, `kernels`) 
 `circuitscape` and `rasters` read networks that are no decks.
 """
 
-from resgrid.spice.reader.networks import read_network
+from resgrid.spice.reader.networks import network_deck, read_network
 from resgrid.spice.reader.read import read_spice
 
-__all__ = ["read_network", "read_spice"]
+__all__ = ["network_deck", "read_network", "read_spice"]

@@ -50,6 +50,18 @@ class Table:
         return f"{self.source}:{self.lines[row]}"
 
 
+def is_edge_list(path: str | os.PathLike[str]) -> bool:
+    """Whether a file begins as a list of edges does: with a heading, or two nodes and a number."""
+    try:
+        with Path(path).open("rb") as file:
+            text = decode(file.read(4096))
+    except (OSError, ValueError):
+        return False
+    rows = (_words(line) for line in text.split("\n"))
+    first = next((words for words in rows if words), [])
+    return len(first) == 3 and (first[2].lower() in MEASURES or re.fullmatch(r"[-+.\deE]+", first[2]) is not None)
+
+
 def read_table(path: str | os.PathLike[str], columns: int, what: str) -> Table:
     """Read lines of names and one number; blanks, commas and semicolons separate, ``#`` and ``%`` begin comments.
 
@@ -77,7 +89,7 @@ def read_table(path: str | os.PathLike[str], columns: int, what: str) -> Table:
     lines: list[int] = []
     measure: str | None = None
     for number, line in enumerate(text.split("\n"), 1):
-        words = _COMMENT.sub("", line).replace(",", " ").replace(";", " ").split()
+        words = _words(line)
         if not words:
             continue
         try:
@@ -98,6 +110,10 @@ def read_table(path: str | os.PathLike[str], columns: int, what: str) -> Table:
         row = int(np.argmin(np.isfinite(numbers)))
         raise InputError(f"{source}:{lines[row]}: {numbers[row]} is no finite number")
     return Table(source, names, numbers, lines, measure)
+
+
+def _words(line: str) -> list[str]:
+    return _COMMENT.sub("", line).replace(",", " ").replace(";", " ").split()
 
 
 def _plain(word: str) -> str:

@@ -1,11 +1,16 @@
-"""Resistor networks that are no decks: plain lists of edges, sources and grounds, or Circuitscape configurations."""
+"""Resistor networks that are no decks: lists of edges, sources and grounds, Circuitscape configurations, graphs."""
 
 from __future__ import annotations
 
 import os
+from pathlib import Path
+
+import numpy as np
 
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
+from resgrid.spice.networks import read_graph
+from resgrid.spice.parsed import KINDS, ParsedDeck
 from resgrid.spice.reader.circuitscape import read_circuitscape
 from resgrid.spice.reader.edges import MEASURES, Measure, NetworkParts, Table, read_table
 
@@ -19,14 +24,16 @@ def read_network(
     ground_measure: Measure = "resistance",
     root: str | os.PathLike[str] | None = None,
 ) -> Netlist:
-    """Read a resistor network from a list of edges, or from a Circuitscape configuration (``.ini``).
+    """Read a resistor network from a list of edges, a Circuitscape configuration (``.ini``), or what `convert` writes.
 
-    An edge is a line ``node node ohms`` (or siemens); a heading may say ``resistance`` or ``conductance``.
+    GraphML (``.graphml``), node-link ``.json`` and the arrays of an ``.npz`` hold whole netlists; any other file is a
+    list of edges.  An edge is a line ``node node ohms`` (or siemens); a heading may say ``resistance`` or
+    ``conductance``.
 
     Parameters
     ----------
     path : path-like
-        The edges, or a configuration in advanced mode.
+        The edges, a configuration in advanced mode, a graph, or arrays.
     measure : {"resistance", "conductance"}, optional
         What the number of an edge is; by default what a heading says, otherwise a resistance.
     sources : path-like, optional
@@ -47,10 +54,11 @@ def read_network(
     InputError
         If a file cannot be read or a value is not admissible; the message names file and line.
     """
-    if os.fspath(path).lower().endswith(".ini"):
+    suffix = Path(path).suffix.lower()
+    if suffix in (".ini", ".graphml", ".json", ".npz"):
         if measure is not None or sources is not None or grounds is not None:
             raise InputError(f"{os.fspath(path)} names its own sources, grounds and measure; leave those options out")
-        return read_circuitscape(path, root=root).netlist
+        return read_circuitscape(path, root=root).netlist if suffix == ".ini" else read_graph(path)
     table = read_table(path, 2, "edge")
     chosen = _measure(table, measure)
     network = NetworkParts.of_edges(table, chosen)
@@ -59,6 +67,54 @@ def read_network(
     if grounds is not None:
         network.ground(read_table(grounds, 1, "ground"), _known(ground_measure))
     return network.netlist()
+
+
+def network_deck(path: str | os.PathLike[str], *, root: str | os.PathLike[str] | None = None) -> ParsedDeck:
+    """A network's file as if it were a deck.
+
+    Parameters
+    ----------
+    path : path-like
+        What `read_network` reads.
+    root : path-like, optional
+        As there.
+
+    Returns
+    -------
+    ParsedDeck
+        Its ``netlist()`` is the network itself.
+
+    Raises
+    ------
+    InputError
+        As `read_network`.
+    """
+    network = read_network(path, root=root)
+    sizes = (network.conductance, network.source_volts, network.current_amps, network.capacitance)
+    counts = dict(zip(KINDS, map(len, sizes), strict=True))
+    names = dict(network.element_names or {})
+    for kind, count in counts.items():
+        known = names.get(kind, ())
+        names[kind] = (*known, *(f"{kind[0]}{number}" for number in range(len(known) + 1, count + 1)))
+    given = network.replace(element_names=names)
+    return ParsedDeck(
+        title=None,
+        path=os.fspath(path),
+        dialect="network",
+        node_names=tuple(given.names_of(np.arange(given.node_count))),
+        resistor_nodes=given.resistor_nodes,
+        resistance=1.0 / given.conductance,
+        source_nodes=given.source_nodes,
+        source_volts=given.source_volts,
+        current_nodes=given.current_nodes,
+        current_amps=given.current_amps,
+        capacitor_nodes=given.capacitor_nodes,
+        capacitance=given.capacitance,
+        element_names=names,
+        place={kind: np.zeros((count, 2), dtype=np.int64) for kind, count in counts.items()},
+        files=(os.fspath(path),),
+        given=given,
+    )
 
 
 def _measure(table: Table, measure: str | None) -> Measure:

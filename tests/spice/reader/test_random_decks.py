@@ -22,7 +22,13 @@ def simulated(folder: Path, seeds: range) -> list[dict[str, float]]:
         (folder / f"d{seed}.cir").write_text(random_deck(seed))
         commands += [f"source d{seed}.cir", "op", f"write o{seed}.raw all", "remcirc"]
     (folder / "run.sp").write_text("\n".join([*commands, "quit", ".endc", ".end", ""]))
-    subprocess.run(["ngspice", "-n", "-b", "run.sp"], cwd=folder, capture_output=True, timeout=300, check=False)
+    subprocess.run(
+        [os.environ.get("RESGRID_NGSPICE", "ngspice"), "-n", "-b", "run.sp"],
+        cwd=folder,
+        capture_output=True,
+        timeout=300,
+        check=False,
+    )
     raws = [read_rawfile((folder / f"o{seed}.raw").read_bytes()) for seed in seeds]
     return [dict(zip(raw.names, raw.values[0].real.tolist(), strict=True)) for raw in raws]
 

@@ -1,0 +1,103 @@
+"""Netlists in files that are no decks: what is written is read as it was."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import networkx as nx
+import numpy as np
+import pytest
+from circuits import random_grid
+
+import resgrid as rg
+from resgrid.spice.networks import NETWORK_SUFFIXES, write_network
+
+ARRAYS = ("resistor_nodes", "conductance", "tc1", "tc2", "source_nodes", "source_volts", "current_nodes",
+          "current_amps", "capacitor_nodes", "capacitance", "nonlinear_nodes", "nonlinear_current",
+          "nonlinear_voltage")  # fmt: skip
+
+
+def everything(seed: int) -> rg.Netlist:
+    """Every kind of element, in an order of its own, with names and odd numbers."""
+    rng = np.random.default_rng(seed)
+
+    def pairs(count: int) -> np.ndarray:
+        return rng.integers(0, 9, (count, 2))
+
+    def values(count: int) -> np.ndarray:
+        return 10.0 ** rng.uniform(-12, 12, count)
+
+    named = seed % 2 == 1
+    kinds = {"resistor": 20, "voltage source": 3, "current source": 4, "capacitor": 2}
+    return rg.Netlist(
+        9, pairs(20), values(20), pairs(3), -values(3), pairs(4), values(4), pairs(2), values(2),
+        tc1=values(20) if seed % 2 else None, tc2=values(20) if seed % 3 else None,
+        nonlinear_nodes=pairs(2), nonlinear_current=values(2), nonlinear_voltage=values(2),
+        node_names=("0", "a", "X1.mid", "n_3_7", "1.0", "β", "/net-1", "Net-(R1)", "b") if named else None,
+        element_names={kind: tuple(f"{kind}.{i}é" for i in range(n)) for kind, n in kinds.items()} if named else None,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("suffix", [".graphml", ".json", ".npz"])
+def test_a_netlist_is_read_as_it_was_written(tmp_path: Path, suffix: str, seed: int) -> None:
+    netlist = everything(seed)
+    write_network(netlist, tmp_path / f"a{suffix}")
+    back = rg.read_network(tmp_path / f"a{suffix}")
+    for name in ARRAYS:
+        mine, read = getattr(netlist, name), getattr(back, name)
+        assert (mine is None) == (read is None), name
+        assert mine is None or (np.array_equal(mine, read) and mine.dtype == read.dtype), name
+    everyone = range(netlist.node_count)
+    assert back.names_of(everyone) == netlist.names_of(everyone)
+    assert dict(back.element_names or {}) == dict(netlist.element_names or {})
+    write_network(back, tmp_path / f"b{suffix}")
+    assert rg.read_network(tmp_path / f"b{suffix}").conductance.tolist() == netlist.conductance.tolist()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_an_edge_list_keeps_resistors_and_ground(tmp_path: Path, seed: int) -> None:
+    grid = random_grid(seed)
+    write_network(grid, tmp_path / "a.txt")
+    back = rg.read_network(tmp_path / "a.txt")
+    ours, read = ([[n.names_of(pair) for pair in n.resistor_nodes], n.conductance] for n in (grid, back))
+    assert [["ground" if name == "0" else name for name in pair] for pair in ours[0]] == read[0]
+    assert read[1] == pytest.approx(ours[1], rel=1e-15)
+    assert set(back.resistor_nodes[:, 1]) >= {0} or 0 not in grid.resistor_nodes
+
+
+@pytest.mark.parametrize("name", ["ground", "a b", "a,b", "#1", "1.0", ""])
+def test_names_that_an_edge_list_cannot_hold_are_refused(tmp_path: Path, name: str) -> None:
+    netlist = rg.Netlist(3, [[1, 2], [2, 0]], [1.0, 1.0], node_names=("0", name, "b"))
+    with pytest.raises(rg.InputError, match="edge list cannot hold"):
+        write_network(netlist, tmp_path / "a.txt")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_graphs_of_others_are_read(tmp_path: Path) -> None:
+    graph = nx.Graph()
+    graph.add_edge("in", "out", resistance=2.0)
+    graph.add_edge("out", "0", conductance=0.25)
+    graph.add_edge("in", "0", kind="voltage source", volts=3.0, nodes="in 0")
+    nx.write_graphml(graph, tmp_path / "a.graphml")
+    netlist = rg.read_network(tmp_path / "a.graphml")
+    volts = dict(zip(netlist.node_names, rg.solve(netlist).voltage.tolist(), strict=True))
+    assert volts == pytest.approx({"0": 0.0, "in": 3.0, "out": 2.0})
+
+
+@pytest.mark.parametrize("suffix", [*NETWORK_SUFFIXES, ".ini"])
+@pytest.mark.parametrize("content", [b"", b"{", b"[]", b"\x00\xff", b"<graphml/>", b'{"nodes": [], "edges": 3}', b"PK"])
+def test_a_damaged_file_is_one_message(tmp_path: Path, suffix: str, content: bytes) -> None:
+    file = tmp_path / f"a{suffix}"
+    file.write_bytes(content)
+    try:
+        rg.read_network(file)
+    except rg.InputError as error:
+        assert file.name in str(error)
+    with pytest.raises(rg.InputError):
+        rg.read_network(tmp_path / f"absent{suffix}")
+
+
+def test_unknown_ends_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(rg.InputError, match="name the file so"):
+        write_network(everything(0), tmp_path / "a.xyz")
