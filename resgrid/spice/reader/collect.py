@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import chain
 
-from resgrid.errors import InputError
+from resgrid.errors import BudgetError, InputError
 from resgrid.spice.reader.blocks import Block, Definition, Model, Scope
 from resgrid.spice.reader.bulk import Bulk, plain_lines, scan
 from resgrid.spice.reader.journal import CardError, Journal, Spot, TooManyErrorsError
@@ -17,6 +18,9 @@ from resgrid.spice.reader.tokens import Token, settings, split_positional, token
 
 MAX_INCLUDES = 20
 """How deep files may include each other."""
+
+MAX_INCLUSIONS = 2000
+"""How many times a file may be included, whichever."""
 
 _ANALYSES = frozenset(
     (
@@ -39,11 +43,14 @@ _ANALYSES = frozenset(
 _OUTPUTS = frozenset(
     (".save", ".print", ".plot", ".probe", ".meas", ".measure", ".width", ".graph", ".wave", ".backanno")
 )
+_HARMLESS = _ANALYSES | _OUTPUTS | {".end", ".control"}
+"""What may stand after ``.end`` without changing the circuit."""
 _HINTS = frozenset(
     (".nodeset", ".ic", ".preprocess", ".protect", ".unprotect", ".prot", ".unprot", ".csparam", ".machine")
 )
 _SWEEPS = frozenset((".step", ".data", ".enddata", ".mc", ".wcase", ".variation", ".sampling"))
 _CONDITIONS = frozenset((".if", ".elseif", ".else", ".endif"))
+_PLAIN_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
 @dataclass(eq=False)
@@ -63,6 +70,7 @@ class Collector:
     temperatures: dict[str, tuple[Card, Token]] = field(default_factory=dict)
     _stack: list[Block] = field(default_factory=list)
     _open: list[tuple[Source, str | None]] = field(default_factory=list)
+    _inclusions: int = 0
 
     def deck(self, source: Source) -> None:
         """Collect the deck itself: its first line is a title, unless it is plainly something else."""
@@ -112,12 +120,18 @@ class Collector:
 
     def _take(self, stream: Iterable[Card], source: Source) -> None:
         depth = len(self._stack)
+        ended = False
         for card in stream:
+            if ended and card.text.split(maxsplit=1)[0].lower() not in _HARMLESS:
+                self._note_late(card.spot())
             try:
                 if card.text[0] != ".":
                     self._stack[-1].cards.append(card)
                 elif self._command(card, source, stream) == "end":
-                    break
+                    if not self.rules.end_is_comment:
+                        break
+                    ended = True
+                    self._note_late_plain(source, card.line)
             except TooManyErrorsError:
                 raise
             except CardError as error:
@@ -128,8 +142,19 @@ class Collector:
             self.journal.error(CardError(block.spot, f".subckt {block.name} has no .ends"))
         del self._stack[depth:]
 
+    def _note_late(self, spot: Spot) -> None:
+        self.journal.note("warning", spot, f"it stands after .end, but {self.rules.name} reads it")
+
+    def _note_late_plain(self, source: Source, line: int) -> None:
+        """Say so of cards that went the short way, too."""
+        for late in (bulk.line[bulk.line > line] for origin, bulk in self.bulks if origin is source):
+            if late.size:
+                self._note_late(Spot(source.name, int(late[0])))
+
     def _command(self, card: Card, source: Source, stream: Iterable[Card]) -> str:
         word = card.text.split(maxsplit=1)[0].lower()
+        if word == ".alter" and self.rules.end_is_comment:
+            raise card.error(0, f"{self.rules.name} has no .alter: remove it and what follows")
         if word in (".end", ".alter"):
             if word == ".alter":
                 self.journal.note("warning", card.spot(), "what follows .alter is another run, and is not read")
@@ -185,6 +210,12 @@ class Collector:
             raise card.error(words[0].offset, f"files include each other in a circle: {circle}")
         if len(self._open) >= MAX_INCLUDES:
             raise card.error(words[0].offset, f"files include each other more than {MAX_INCLUDES} deep")
+        self._inclusions += 1
+        if self._inclusions > MAX_INCLUSIONS:
+            raise BudgetError(
+                f"{card.spot(words[0].offset)}: more than {MAX_INCLUSIONS:,} files are included; let each file be "
+                "included once"
+            )
         inner = self.library.open(path, name)
         if section is None:
             stream = cards(self._lines(inner, 0), inner.number, inner.name, self.rules, self.journal)
@@ -277,7 +308,10 @@ class Collector:
         models = self._stack[-1].models
         name = tokens[0].text.lower()
         if name in models:
-            self.journal.note("warning", card.spot(), "a model is defined again: the last one counts")
+            counts = "first" if self.rules.first_counts else "last"
+            self.journal.note("warning", card.spot(), f"a model is defined again: the {counts} one counts")
+            if self.rules.first_counts:
+                return
         kind = tokens[1].text.lower()
         try:
             keys = tuple(settings(card, tokens[2:]))
@@ -285,7 +319,7 @@ class Collector:
             if kind in ("r", "res", "sw", "vswitch"):
                 raise
             keys = ()
-        models[name] = Model(tokens[0].text, kind, keys, card)
+        models[name] = Model(tokens[0].text, kind, keys, card, self._stack[-1])
 
     def _global(self, card: Card) -> None:
         self.common.update(word.lower() for word in card.text.split()[1:])
@@ -295,20 +329,43 @@ class Collector:
         if not tokens:
             raise card.error(0, ".temp needs a temperature")
         if len(tokens) > 1:
+            if self.rules.braced_temperatures:
+                raise card.error(
+                    tokens[1].offset, f"{self.rules.name} ignores a .temp of several temperatures: name one"
+                )
             self.journal.note("warning", card.spot(), ".temp asks for several runs; the first temperature counts")
-        self.temperatures["temp"] = (card, tokens[0])
+        self._set_temperature(".temp" if self.rules.temp_command_first else "temp", card, tokens[0])
+
+    def _set_temperature(self, key: str, card: Card, token: Token) -> None:
+        if token.kind == "word" and self.rules.braced_temperatures and _PLAIN_NUMBER.fullmatch(token.text) is None:
+            raise card.error(
+                token.offset, f"{self.rules.name} ignores a temperature that is no plain number: use braces"
+            )
+        self.temperatures[key] = (card, token)
 
     def _options(self, card: Card) -> None:
         tokens = tokenise(card)[1:]
+        seen: set[str] = set()
         i = 0
         while i < len(tokens):
             key = tokens[i].text.lower()
             keyed = i + 2 < len(tokens) and tokens[i + 1].kind == "mark" and tokens[i + 1].text == "="
-            self.options[key] = tokens[i + 2].text if keyed else ""
-            if key in ("temp", "tnom") and keyed:
-                self.temperatures[key] = (card, tokens[i + 2])
+            if key not in seen or not self.rules.first_counts:
+                self._option(key, card, tokens[i], tokens[i + 2] if keyed else None)
+            seen.add(key)
             i += 3 if keyed else 1
         self.journal.note("info", card.spot(), "options are noted, not obeyed, but for temp and tnom")
+
+    def _option(self, key: str, card: Card, token: Token, value: Token | None) -> None:
+        if key in self.rules.refused_options:
+            raise card.error(token.offset, f".option {key} adds elements, which is not done here: write them out")
+        if key in self.rules.shunt_options:
+            self.journal.note(
+                "warning", card.spot(token.offset), f".option {key} ties every node to ground, which is not done here"
+            )
+        self.options[key] = "" if value is None else value.text
+        if key in ("temp", "tnom") and value is not None:
+            self._set_temperature(key, card, value)
 
     def _titled(self, card: Card) -> None:
         self.title = card.text.split(maxsplit=1)[1] if " " in card.text.strip() else self.title
@@ -346,7 +403,7 @@ def temperature_of(collector: Collector, key: str, scope: Scope) -> float | None
     CardError
         If it is no number.
     """
-    found = collector.temperatures.get(key)
+    found = collector.temperatures.get(f".{key}") or collector.temperatures.get(key)
     return None if found is None else scope.value(*found)[0]
 
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 
 from resgrid.spice.reader.blocks import Model, Scope
+from resgrid.spice.reader.expressions import Lookup
 from resgrid.spice.reader.journal import Journal
 from resgrid.spice.reader.lines import Card
 from resgrid.spice.reader.models import RESISTOR_KINDS, SWITCH_KINDS, modelled_resistor, modelled_switch
@@ -36,6 +38,7 @@ REFUSED = {
 """Elements that are not linear resistive ones, by their letter."""
 
 _SEVERAL = frozenset({"tc"})
+_GAP = re.compile(r",?\s+")
 _FREE_KEYS = frozenset({"ac", "noisy", "noise", "ic", "temp_ac"})
 _RESISTOR_KEYS = frozenset({"r", "resistance", "tc", "tc1", "tc2", "m", "scale", "temp", "dtemp", "l", "w"})
 _INDUCTOR_KEYS = frozenset({"l", "tc", "tc1", "tc2", "m", "scale", "temp", "dtemp", "nt", "rser", "ipk"})
@@ -94,9 +97,9 @@ def read_nodes(card: Card, tokens: list[Token], count: int) -> tuple[list[str], 
     return names, tokens[i:]
 
 
-def number(scope: Scope, card: Card, token: Token, journal: Journal) -> float:
-    """Value of a token; its warning goes to the journal."""
-    value, warning = scope.value(card, token)
+def number(scope: Scope, card: Card, token: Token, journal: Journal, lookup: Lookup | None = None) -> float:
+    """Value of a token; its names are looked up in the scope, or by ``lookup``, and its warning goes to the journal."""
+    value, warning = scope.value(card, token, lookup)
     if warning:
         journal.note("warning", card.spot(token.offset), warning)
     return value
@@ -135,7 +138,10 @@ def multiplier(card: Card, value: float) -> float:
 def _read_resistor(card: Card, tokens: list[Token], scope: Scope, sheet: Sheet, journal: Journal) -> None:
     nodes, rest = read_nodes(card, tokens, 2)
     positional, tail = split_positional(rest)
-    keyed = _keyed(card, settings(card, tail, _SEVERAL), _RESISTOR_KEYS, scope, journal)
+    pairs = settings(card, tail, _SEVERAL)
+    if scope.rules.spaced_lists:
+        _refuse_unspaced(card, pairs, scope.rules.name)
+    keyed = _keyed(card, pairs, _RESISTOR_KEYS, scope, journal)
     model, stated = _model_and_values(card, positional, scope, journal, RESISTOR_KINDS)
     stated += [keyed[key][0] for key in ("r", "resistance") if key in keyed]
     if len(stated) > 1:
@@ -158,6 +164,15 @@ def _read_resistor(card: Card, tokens: list[Token], scope: Scope, sheet: Sheet, 
         raise card.error(None, f"{tokens[0].text} has {ohms} ohm")
     own = (keyed.get("dtemp", [0.0])[0], keyed.get("temp", [math.nan])[0], nominal)
     sheet.add("resistor", tokens[0].text, nodes, (ohms, first, second, *own), _at(card))
+
+
+def _refuse_unspaced(card: Card, pairs: list[Setting], dialect: str) -> None:
+    """Refuse lists in parentheses, without a blank between their values, or going on with a point."""
+    for first, second in (setting.values[:2] for setting in pairs if len(setting.values) > 1):
+        gap = card.text[first.offset + len(first.text) : second.offset].strip("{}'")
+        bracketed = card.text[: first.offset].rstrip(" {'").endswith("(")
+        if bracketed or second.text[0] == "." or _GAP.fullmatch(gap) is None:
+            raise card.error(first.offset, f"{dialect} reads this list otherwise, or not at all: write tc1=... tc2=...")
 
 
 def _coefficients(card: Card, keyed: dict[str, list[float]], first: float, second: float) -> tuple[float, float]:
