@@ -120,18 +120,24 @@ class Collector:
 
     def _take(self, stream: Iterable[Card], source: Source) -> None:
         depth = len(self._stack)
-        ended = False
+        end: Card | None = None
+        told = False
         for card in stream:
-            if ended and card.text.split(maxsplit=1)[0].lower() not in _HARMLESS:
-                self._note_late(card.spot())
+            if end is not None and not told and card.text.split(maxsplit=1)[0].lower() not in _HARMLESS:
+                told = True
+                self._note_text_after(end)
             try:
                 if card.text[0] != ".":
                     self._stack[-1].cards.append(card)
                 elif self._command(card, source, stream) == "end":
                     if not self.rules.end_is_comment:
                         break
-                    ended = True
-                    self._note_late_plain(source, card.line)
+                    end = end or card
+                    if not told and any(
+                        (bulk.line > end.line).any() for origin, bulk in self.bulks if origin is source
+                    ):
+                        told = True
+                        self._note_text_after(end)
             except TooManyErrorsError:
                 raise
             except CardError as error:
@@ -142,14 +148,10 @@ class Collector:
             self.journal.error(CardError(block.spot, f".subckt {block.name} has no .ends"))
         del self._stack[depth:]
 
-    def _note_late(self, spot: Spot) -> None:
-        self.journal.note("warning", spot, f"it stands after .end, but {self.rules.name} reads it")
-
-    def _note_late_plain(self, source: Source, line: int) -> None:
-        """Say so of cards that went the short way, too."""
-        for late in (bulk.line[bulk.line > line] for origin, bulk in self.bulks if origin is source):
-            if late.size:
-                self._note_late(Spot(source.name, int(late[0])))
+    def _note_text_after(self, end: Card) -> None:
+        self.journal.note(
+            "warning", end.spot(), f"what stands after .end is read, as {self.rules.name} does; others stop here"
+        )
 
     def _command(self, card: Card, source: Source, stream: Iterable[Card]) -> str:
         word = card.text.split(maxsplit=1)[0].lower()
