@@ -77,6 +77,10 @@ class Block:
         found = self.models.get(name)
         return found if found is not None or self.outer is None else self.outer.model(name)
 
+    def home_of_function(self, name: str) -> Block:
+        """The block, here or further out, that defines a function; the outermost if none does."""
+        return self if name in self.functions or self.outer is None else self.outer.home_of_function(name)
+
     def block(self, name: str) -> Block | None:
         """Find a subcircuit here or further out."""
         found = self.blocks.get(name)
@@ -138,9 +142,12 @@ class Scope:
         BudgetError
             If functions call each other too often.
         """
+        home = self.of(self.block.home_of_function(name))
+        if home is not self:
+            return home.function(name, values, lookup)
         definition = self.block.functions.get(name)
         if definition is None:
-            return None if self.outer is None else self.outer.function(name, values, lookup)
+            return None
         key = f"{name}()"
         if len(values) != len(definition.arguments):
             raise definition.card.error(
