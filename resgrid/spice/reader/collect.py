@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import chain
 
 from resgrid.errors import BudgetError, InputError
-from resgrid.spice.reader.blocks import Block, Definition, Model, Scope
+from resgrid.spice.reader.blocks import Block, Definition, Model
 from resgrid.spice.reader.bulk import Bulk, plain_lines, scan
 from resgrid.spice.reader.journal import CardError, Journal, Spot, TooManyErrorsError
 from resgrid.spice.reader.lines import Card, cards
+from resgrid.spice.reader.options import Options
 from resgrid.spice.reader.rules import ReadingRules
 from resgrid.spice.reader.sources import Library, Source, decode
 from resgrid.spice.reader.tokens import Token, settings, split_positional, tokenise
@@ -50,7 +50,6 @@ _HINTS = frozenset(
 )
 _SWEEPS = frozenset((".step", ".data", ".enddata", ".mc", ".wcase", ".variation", ".sampling"))
 _CONDITIONS = frozenset((".if", ".elseif", ".else", ".endif"))
-_PLAIN_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 
 
 @dataclass(eq=False)
@@ -66,11 +65,13 @@ class Collector:
     title: str | None = None
     first: Card | None = None
     common: set[str] = field(default_factory=set)
-    options: dict[str, str] = field(default_factory=dict)
-    temperatures: dict[str, tuple[Card, Token]] = field(default_factory=dict)
+    options: Options = field(init=False)
     _stack: list[Block] = field(default_factory=list)
     _open: list[tuple[Source, str | None]] = field(default_factory=list)
     _inclusions: int = 0
+
+    def __post_init__(self) -> None:
+        self.options = Options(self.rules, self.journal)
 
     def deck(self, source: Source) -> None:
         """Collect the deck itself: its first line is a title, unless it is plainly something else."""
@@ -184,7 +185,7 @@ class Collector:
 
     def _ignored(self, card: Card, word: str) -> None:
         if word == ".preprocess" and "replaceground" in card.text.lower() and "true" in card.text.lower():
-            self.options["replaceground"] = "true"
+            self.options.values["replaceground"] = "true"
         elif word == ".ic" and self.rules.name == "hspice":
             self.journal.note("warning", card.spot(), "HSPICE holds nodes at their .ic; not done here")
         else:
@@ -327,47 +328,10 @@ class Collector:
         self.common.update(word.lower() for word in card.text.split()[1:])
 
     def _temperature(self, card: Card) -> None:
-        tokens = tokenise(card)[1:]
-        if not tokens:
-            raise card.error(0, ".temp needs a temperature")
-        if len(tokens) > 1:
-            if self.rules.braced_temperatures:
-                raise card.error(
-                    tokens[1].offset, f"{self.rules.name} ignores a .temp of several temperatures: name one"
-                )
-            self.journal.note("warning", card.spot(), ".temp asks for several runs; the first temperature counts")
-        self._set_temperature(".temp" if self.rules.temp_command_first else "temp", card, tokens[0])
-
-    def _set_temperature(self, key: str, card: Card, token: Token) -> None:
-        if token.kind == "word" and self.rules.braced_temperatures and _PLAIN_NUMBER.fullmatch(token.text) is None:
-            raise card.error(
-                token.offset, f"{self.rules.name} ignores a temperature that is no plain number: use braces"
-            )
-        self.temperatures[key] = (card, token)
+        self.options.read_temperature(card)
 
     def _options(self, card: Card) -> None:
-        tokens = tokenise(card)[1:]
-        seen: set[str] = set()
-        i = 0
-        while i < len(tokens):
-            key = tokens[i].text.lower()
-            keyed = i + 2 < len(tokens) and tokens[i + 1].kind == "mark" and tokens[i + 1].text == "="
-            if key not in seen or not self.rules.first_counts:
-                self._option(key, card, tokens[i], tokens[i + 2] if keyed else None)
-            seen.add(key)
-            i += 3 if keyed else 1
-        self.journal.note("info", card.spot(), "options are noted, not obeyed, but for temp and tnom")
-
-    def _option(self, key: str, card: Card, token: Token, value: Token | None) -> None:
-        if key in self.rules.refused_options:
-            raise card.error(token.offset, f".option {key} adds elements, which is not done here: write them out")
-        if key in self.rules.shunt_options:
-            self.journal.note(
-                "warning", card.spot(token.offset), f".option {key} ties every node to ground, which is not done here"
-            )
-        self.options[key] = "" if value is None else value.text
-        if key in ("temp", "tnom") and value is not None:
-            self._set_temperature(key, card, value)
+        self.options.read(card)
 
     def _titled(self, card: Card) -> None:
         self.title = card.text.split(maxsplit=1)[1] if " " in card.text.strip() else self.title
@@ -395,18 +359,6 @@ _COMMANDS: dict[str, Callable[[Collector, Card], None]] = {
     ".title": Collector._titled,
     ".connect": Collector._refuse_connect,
 }
-
-
-def temperature_of(collector: Collector, key: str, scope: Scope) -> float | None:
-    """The deck's temperature (``temp``) or nominal temperature (``tnom``), in degrees Celsius, if it says one.
-
-    Raises
-    ------
-    CardError
-        If it is no number.
-    """
-    found = collector.temperatures.get(f".{key}") or collector.temperatures.get(key)
-    return None if found is None else scope.value(*found)[0]
 
 
 _LOOKED_AT = 200

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Callable
 
 from resgrid.spice.reader.blocks import Model, Scope
@@ -38,7 +37,6 @@ REFUSED = {
 """Elements that are not linear resistive ones, by their letter."""
 
 _SEVERAL = frozenset({"tc"})
-_GAP = re.compile(r",?\s+")
 _FREE_KEYS = frozenset({"ac", "noisy", "noise", "ic", "temp_ac"})
 _RESISTOR_KEYS = frozenset({"r", "resistance", "tc", "tc1", "tc2", "m", "scale", "temp", "dtemp", "l", "w"})
 _INDUCTOR_KEYS = frozenset({"l", "tc", "tc1", "tc2", "m", "scale", "temp", "dtemp", "nt", "rser", "ipk"})
@@ -171,7 +169,8 @@ def _refuse_unspaced(card: Card, pairs: list[Setting], dialect: str) -> None:
     for first, second in (setting.values[:2] for setting in pairs if len(setting.values) > 1):
         gap = card.text[first.offset + len(first.text) : second.offset].strip("{}'")
         bracketed = card.text[: first.offset].rstrip(" {'").endswith("(")
-        if bracketed or second.text[0] == "." or _GAP.fullmatch(gap) is None:
+        parted = gap.isspace() or (first.kind == "word" and gap[0] == "," and gap[1:].isspace())
+        if bracketed or second.text[0] == "." or not parted:
             raise card.error(first.offset, f"{dialect} reads this list otherwise, or not at all: write tc1=... tc2=...")
 
 
