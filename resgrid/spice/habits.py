@@ -4,12 +4,12 @@ ngspice's habits were measured with version 39 (`tests/spice/test_verdicts.py` m
 too:
 
 - One floating part makes the matrix singular; the answer that comes back, with exit status 0, is that of a circuit with
-  ``gmin`` (1e-12 S unless ``.option gmin`` says otherwise, at least ``.option gshunt``) from *every* node to ground.
+  ``gmin`` (``.option gshunt`` or else ``.option gmin``, 1e-12 S without) from *every* node to ground.
 - ``.option rshunt=R`` puts ``R`` from every node to ground.
 - 0 ohm becomes 1 milliohm (1e-12 ohm, with a warning, in version 45); smaller but positive values are kept.
 - The first line is the title, whatever it says.
 - A second device of the same name, or a loop of voltage sources that ground is tied to, ends the run without an answer;
-  a loop elsewhere is answered, and rightly so in all that was measured.
+  a loop elsewhere is mostly answered rightly, but not always.
 - A loop of inductors, or of inductors and sources, makes the matrix singular: the answer is what a transient comes to,
   which depends on their inductances and may be anything.
 - Where a resistance is far smaller than everything else that holds its nodes, their difference drowns in its
@@ -46,18 +46,14 @@ class Habits:
         Where a conductance is added when a part floats: at every node, at the floating nodes, or nobody knows.
     gmin : float
         That conductance, in siemens.
-    gmin_option : str
-        Option that changes it.
-    least_gmin_option : str
-        Option below which it does not come.
+    gmin_options : tuple of str
+        Options that change it, those that count before others first.
     shunt_options : mapping of str to {"ohms", "siemens"}
         Options that tie every node to ground.
     duplicates : {"fails", "unknown"}
         What a second element of the same name leads to.
     loops : {"fail", "fail at ground"}
-        Which loops of voltage sources leave no answer.
-    inductor_loops : {"transient", "unknown"}
-        How loops of inductors are answered.
+        Which loops of voltage sources leave no answer; other loops, and those of inductors, leave it to a transient.
     """
 
     name: str
@@ -66,12 +62,10 @@ class Habits:
     raises_zero_only: bool = False
     floating: Literal["everywhere", "there", "unknown"] = "unknown"
     gmin: float = 1e-12
-    gmin_option: str = "gmin"
-    least_gmin_option: str = ""
+    gmin_options: tuple[str, ...] = ("gmin",)
     shunt_options: Mapping[str, Literal["ohms", "siemens"]] = field(default_factory=dict)
     duplicates: Literal["fails", "unknown"] = "unknown"
     loops: Literal["fail", "fail at ground"] = "fail"
-    inductor_loops: Literal["transient", "unknown"] = "unknown"
 
 
 HABITS: tuple[Habits, ...] = (
@@ -83,9 +77,8 @@ HABITS: tuple[Habits, ...] = (
         floating="everywhere",
         shunt_options={"rshunt": "ohms"},
         duplicates="fails",
-        least_gmin_option="gshunt",
+        gmin_options=("gshunt", "gmin"),
         loops="fail at ground",
-        inductor_loops="transient",
     ),
     Habits(name="ltspice", basis="documented", shunt_options={"gshunt": "siemens"}, duplicates="fails"),
     Habits(name="xyce", basis="documented"),

@@ -121,7 +121,7 @@ def _of_deck(habits: Habits, case: _Case) -> Verdict:
         return Verdict(habits.name, "fails", None, None, fatal, habits.basis)
     changed = _Changed(case.deck)
     reasons = [*changed.lose_title(), *changed.raise_resistances(habits), *changed.shunt(habits, case.floating)]
-    doubts = _doubts(habits, case)
+    doubts = _doubts(habits, case, changed.resistance)
     if not reasons:
         return Verdict(habits.name, "unsure" if doubts else "right", None, None, doubts, habits.basis)
     error = _error(changed, case)
@@ -136,15 +136,17 @@ def _of_deck(habits: Habits, case: _Case) -> Verdict:
 
 def _fatal(habits: Habits, case: _Case) -> tuple[str, ...]:
     twice = [f for f in case.findings if f.rule == "names" and f.severity == "error"]
-    closing = _loops_that_fail(habits, case)
-    reasons = [f"a loop of voltage sources leaves no answer ({case.subject.place_of_element(*one)})" for one in closing]
+    reasons = [
+        f"a loop of voltage sources leaves no answer ({case.subject.place_of_element('voltage source', number)})"
+        for number in _failing_loops(habits, case)[:1]
+    ]
     if habits.duplicates == "fails":
         reasons += [f"a name is given twice ({f.place})" for f in twice[:1]]
     return tuple(reasons)
 
 
-def _loops_that_fail(habits: Habits, case: _Case) -> list[tuple[str, int]]:
-    """The first voltage source that closes a loop which leaves no answer, if there is one."""
+def _failing_loops(habits: Habits, case: _Case) -> list[int]:
+    """Voltage sources that close a loop which leaves no answer."""
     ends = case.subject.ends["voltage source"]
     closing = [int(number) for number in case.loops.sources]
     inductive = case.subject.is_inductor
@@ -152,16 +154,19 @@ def _loops_that_fail(habits: Habits, case: _Case) -> list[tuple[str, int]]:
     if habits.loops == "fail at ground":
         tree = connected_parts_of(ends, case.subject.node_count)
         closing = [i for i in closing if tree[ends[i, 0]] == tree[GROUND] or ends[i, 0] == ends[i, 1]]
-    return [("voltage source", number) for number in closing[:1]]
+    return closing
 
 
-def _doubts(habits: Habits, case: _Case) -> tuple[str, ...]:
-    doubts = _spread_doubts(np.abs(case.deck.resistance)) or _drowned(case.deck)
-    if case.loops.inductors.size and habits.inductor_loops == "unknown":
-        doubts += ("it is not known here what it makes of loops of inductors",)
-    elif case.loops.inductors.size:
-        place = case.subject.place_of_element("voltage source", int(case.loops.inductors[0]))
-        doubts += (f"a loop of inductors ({place}): the answer is what a transient comes to, and may be anything",)
+def _doubts(habits: Habits, case: _Case, resistance: NDArray[np.float64]) -> tuple[str, ...]:
+    """What speaks against an answer to a deck whose resistances a simulator takes so."""
+    doubts = _spread_doubts(np.abs(case.deck.resistance)) or _drowned(case.deck, np.abs(resistance))
+    answered = habits.loops == "fail at ground"
+    for kind, numbers in (("inductors", case.loops.inductors), ("voltage sources", case.loops.sources)):
+        if not numbers.size:
+            continue
+        place = case.subject.place_of_element("voltage source", int(numbers[0]))
+        what = "the answer is what a transient comes to, and may be anything" if answered else "it may fail"
+        doubts += (f"a loop of {kind} ({place}): {what}",)
     if case.floating.size and habits.floating == "unknown":
         doubts += ("it is not known here what it makes of floating nodes",)
     if habits.smallest_resistance is None and (case.deck.resistance == 0).any():
@@ -173,13 +178,12 @@ def _doubts(habits: Habits, case: _Case) -> tuple[str, ...]:
     return doubts
 
 
-def _drowned(deck: ParsedDeck) -> tuple[str, ...]:
+def _drowned(deck: ParsedDeck, size: NDArray[np.float64]) -> tuple[str, ...]:
     """Whether conductances drown in those beside them: groups of nodes tied together far more firmly than to the rest.
 
     The conductances that leave such a group are what is left of the sums on the diagonal of the matrix when those
     within it cancel, so that they are known to the rounding of the latter.
     """
-    size = np.abs(deck.resistance)
     usable = (size > 0) & np.isfinite(size)
     size, ends = size[usable], deck.resistor_nodes[usable]
     if not size.size or size.max() <= size.min() * TOLERANCE / _ROUNDING:
@@ -252,8 +256,8 @@ class _Changed:
                 self.siemens += 1 / value if unit == "ohms" else value
                 reasons.append(f".option {option}={value:g} ties every node to ground")
         if floating.size and habits.floating == "everywhere":
-            gmin = _option(self.deck, habits.gmin_option) or habits.gmin
-            gmin = max(gmin, _option(self.deck, habits.least_gmin_option))
+            wanted = (_option(self.deck, option) for option in habits.gmin_options)
+            gmin = next((value for value in wanted if value), habits.gmin)
             self.siemens += gmin
             reasons.append(
                 f"{floating.size:,} floating nodes: the answer comes, with exit status 0, as if {gmin:g} S led from "

@@ -45,7 +45,11 @@ GRID = "".join(f"r{i} n{i} n{i + 1} 1e8\n" for i in range(20)) + "rl n20 0 1e8\n
         ("island", f"* t\nv1 n0 0 1\n{GRID}rx a b 1k\n.op\n.end\n", "2 floating nodes"),
         ("behind a capacitor", f"* t\nv1 n0 0 1\n{GRID}cx a 0 1u\n.op\n.end\n", "1 floating nodes"),
         ("more gmin", f"* t\nv1 n0 0 1\n{GRID}rx a b 1k\n.option gmin=1e-11\n.op\n.end\n", "1e-11 S"),
-        ("gshunt", f"* t\nv1 n0 0 1\n{GRID}rx a b 1k\n.option gshunt=1n gmin=1e-10\n.op\n.end\n", "1e-09 S"),
+        (
+            "gshunt counts before gmin",
+            f"* t\nv1 n0 0 1\n{GRID}rx a b 1k\n.option gshunt=1n gmin=1e-10\n.op\n.end\n",
+            "1e-09 S",
+        ),
         ("shunt", f"* t\nv1 n0 0 1\n{GRID}.option rshunt=1e12\n.op\n.end\n", "rshunt=1e+12"),
         ("shunt with a suffix", f"* t\nv1 n0 0 1\n{GRID}.option rshunt=1t\n.op\n.end\n", "rshunt=1e+12"),
         ("short", "* t\nv1 a 0 1\nr1 a b 1\nr2 b c 0\nr3 c 0 1\n.op\n.end\n", "become 0.001 ohm"),
@@ -88,12 +92,11 @@ def test_predicted_failures_of_ngspice_are_failures(tmp_path: Path, text: str, r
 DIVIDER = "* t\nv1 in 0 10\nr0 in a 1k\n"
 
 
-@pytest.mark.filterwarnings("ignore:.* form loops")
-def test_a_loop_of_sources_away_from_ground_is_answered(tmp_path: Path) -> None:
+def test_a_loop_of_sources_away_from_ground_is_answered_but_not_to_be_trusted(tmp_path: Path) -> None:
     text = f"{DIVIDER}v2 a b 1\nv3 a b 1\nr1 b 0 1k\n.op\n.end\n"
     deck = deck_of(tmp_path, text)
-    assert verdict_of(deck).outcome == "right" and verdict_of(deck, "xyce").outcome == "fails"
-    assert measured_error(text, deck) < 1e-8
+    assert verdict_of(deck).outcome == "unsure" and verdict_of(deck, "xyce").outcome == "fails"
+    assert simulate(text.encode(), direct=True).voltage
 
 
 @pytest.mark.filterwarnings("ignore:.* form loops")
