@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 
 from resgrid.spice.reader.blocks import Model, Scope
@@ -199,9 +200,18 @@ def _model_and_values(
             )
         elif model is not None:
             raise card.error(token.offset, "two models are given")
+        elif values and scope.rules.models_first and not _is_literal(positional[0]):
+            raise card.error(
+                token.offset,
+                f"{scope.rules.name} overlooks the model {token.text} after a value like this: write it first",
+            )
         else:
             model = found
     return model, values
+
+
+def _is_literal(token: Token) -> bool:
+    return token.kind == "word" and re.match(r"[+-]?\d", token.text) is not None
 
 
 def _read_source(card: Card, tokens: list[Token], scope: Scope, sheet: Sheet, journal: Journal) -> None:

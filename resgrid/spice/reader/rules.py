@@ -71,6 +71,8 @@ class ReadingRules:
         Whether a temperature must be a number, or stand in braces.
     sheet_first : bool
         Whether a model's ``rsh`` counts before its ``r``, even without length and width.
+    models_first : bool
+        Whether a model's name is overlooked after a value that does not begin with a digit.
     ignored_model_keys : frozenset of str
         Parameters of resistors' models that others obey.
     spaced_lists : bool
@@ -101,6 +103,7 @@ class ReadingRules:
     temp_command_first: bool = False
     braced_temperatures: bool = False
     sheet_first: bool = False
+    models_first: bool = False
     ignored_model_keys: frozenset[str] = frozenset()
     spaced_lists: bool = False
     refused_options: frozenset[str] = frozenset()
@@ -146,6 +149,7 @@ NGSPICE = ReadingRules(
     temp_command_first=True,
     braced_temperatures=True,
     sheet_first=True,
+    models_first=True,
     ignored_model_keys=frozenset({"defl", "dl", "tref"}),
     spaced_lists=True,
     refused_options=frozenset({"rseries"}),
