@@ -69,6 +69,7 @@ class Collector:
     _stack: list[Block] = field(default_factory=list)
     _open: list[tuple[Source, str | None]] = field(default_factory=list)
     _inclusions: int = 0
+    _told: set[Spot] = field(default_factory=set)
 
     def __post_init__(self) -> None:
         self.options = Options(self.rules, self.journal)
@@ -122,46 +123,46 @@ class Collector:
     def _take(self, stream: Iterable[Card], source: Source) -> None:
         depth = len(self._stack)
         end: Card | None = None
-        told = False
         for card in stream:
-            if end is not None and not told and card.text.split(maxsplit=1)[0].lower() not in _HARMLESS:
-                told = True
+            if end is not None and card.text.split(maxsplit=1)[0].lower() not in _HARMLESS:
                 self._note_text_after(end)
             try:
                 if card.text[0] != ".":
                     self._stack[-1].cards.append(card)
-                elif self._command(card, source, stream) == "end":
-                    if not self.rules.end_is_comment:
-                        break
+                    continue
+                outcome = self._command(card, source, stream)
+                if outcome == "stop":
+                    break
+                if outcome == "end":
                     end = end or card
-                    if not told and any(
-                        (bulk.line > end.line).any() for origin, bulk in self.bulks if origin is source
-                    ):
-                        told = True
-                        self._note_text_after(end)
             except TooManyErrorsError:
                 raise
             except CardError as error:
                 self.journal.error(error)
             except InputError as error:
                 self.journal.error(card.error(0, str(error)))
+        if end is not None and any((bulk.line > end.line).any() for origin, bulk in self.bulks if origin is source):
+            self._note_text_after(end)
         for block in self._stack[depth:]:
             self.journal.error(CardError(block.spot, f".subckt {block.name} has no .ends"))
         del self._stack[depth:]
 
     def _note_text_after(self, end: Card) -> None:
-        self.journal.note(
-            "warning", end.spot(), f"what stands after .end is read, as {self.rules.name} does; others stop here"
-        )
+        """Say once that ``.end`` ends nothing."""
+        if end.spot() not in self._told:
+            text = f"what stands after .end is read, as {self.rules.name} does; others stop here"
+            self.journal.note("warning", end.spot(), text)
+        self._told.add(end.spot())
 
     def _command(self, card: Card, source: Source, stream: Iterable[Card]) -> str:
         word = card.text.split(maxsplit=1)[0].lower()
-        if word == ".alter" and self.rules.end_is_comment:
-            raise card.error(0, f"{self.rules.name} has no .alter: remove it and what follows")
-        if word in (".end", ".alter"):
-            if word == ".alter":
-                self.journal.note("warning", card.spot(), "what follows .alter is another run, and is not read")
-            return "end"
+        if word == ".end":
+            return "end" if self.rules.end_is_comment else "stop"
+        if word == ".alter":
+            if self.rules.end_is_comment:
+                self.journal.error(card.error(0, f"{self.rules.name} has no .alter: remove it and what follows"))
+            self.journal.note("warning", card.spot(), "what follows .alter is another run, and is not read")
+            return "stop"
         if word == ".control":
             self._skip(card, stream, ".endc")
             self.journal.note("info", card.spot(), "the commands of .control ... .endc are not run")
