@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -90,35 +91,72 @@ def trapped_sources(ends: NDArray[np.int32], amps: NDArray[np.float64], part: ND
     return np.flatnonzero((parts[:, 0] != parts[:, 1]) & (amps != 0))
 
 
-def source_loops(subject: Subject) -> Iterator[Finding]:
-    """Loops of voltage sources, contradictory or consistent; resistors of 0 ohm count as sources of 0 V."""
+@dataclass(frozen=True, eq=False)
+class Loops:
+    """Elements that close loops of voltage sources; of those in a loop, inductors and then resistors of 0 ohm close it.
+
+    Attributes
+    ----------
+    sources, inductors, shorts : ndarray of int64
+        Numbers of the voltage sources (inductors apart) and resistors that close consistent loops.
+    contradictions : tuple of (str, int, float)
+        Kind and number of those that contradict the others, and by how many volts.
+    """
+
+    sources: NDArray[np.int64]
+    inductors: NDArray[np.int64]
+    shorts: NDArray[np.int64]
+    contradictions: tuple[tuple[str, int, float], ...]
+
+
+def loops_of(subject: Subject) -> Loops:
+    """Find the loops of voltage sources; resistors of 0 ohm count as sources of 0 V.
+
+    Parameters
+    ----------
+    subject : Subject
+
+    Returns
+    -------
+    Loops
+    """
     from resgrid.spice.kernels import left_over
 
     zero = np.flatnonzero(subject.resistance == 0)
     sources = len(subject.volts)
-    ends = np.concatenate([subject.ends["voltage source"], subject.ends["resistor"][zero]])
-    volts = np.concatenate([subject.volts, np.zeros(len(zero))])
-    if not len(ends):
-        return
-    rest = left_over(ends, volts, subject.node_count)
-    scale = np.max(np.abs(volts), initial=0.0)
+    order = np.argsort(subject.is_inductor, kind="stable")
+    ends = np.concatenate([subject.ends["voltage source"][order], subject.ends["resistor"][zero]])
+    volts = np.concatenate([subject.volts[order], np.zeros(len(zero))])
+    rest = left_over(ends, volts, subject.node_count) if len(ends) else np.empty(0)
+    number = np.concatenate([order, zero])
     closing = ~np.isnan(rest)
     with np.errstate(invalid="ignore"):
-        bad = closing & (np.abs(rest) > _TOLERANCE * scale)
-    for number in np.flatnonzero(bad)[:_TOLD].tolist():
-        yield _contradiction(subject, number, zero, float(abs(rest[number])))
-    consistent = np.flatnonzero(closing & ~bad)
-    by_sources = consistent[consistent < sources]
-    severity: Severity = "error" if subject.deck is not None else "warning"
-    if by_sources.size:
-        yield _loop(subject, severity, "voltage source", by_sources)
-    if consistent.size > by_sources.size:
-        yield _loop(subject, "warning", "resistor", zero[consistent[by_sources.size :] - sources])
+        bad = closing & (np.abs(rest) > _TOLERANCE * np.max(np.abs(volts), initial=0.0))
+    place = np.flatnonzero(closing & ~bad)
+    own, short = number[place[place < sources]], number[place[place >= sources]]
+    is_inductor = subject.is_inductor[own]
+    contradictions = tuple(
+        ("voltage source" if i < sources else "resistor", int(number[i]), float(abs(rest[i])))
+        for i in np.flatnonzero(bad).tolist()
+    )
+    return Loops(own[~is_inductor], own[is_inductor], short, contradictions)
 
 
-def _contradiction(subject: Subject, number: int, zero: NDArray[np.int64], volts: float) -> Finding:
-    sources = len(subject.volts)
-    kind, element = ("voltage source", number) if number < sources else ("resistor", int(zero[number - sources]))
+def source_loops(subject: Subject) -> Iterator[Finding]:
+    """Loops of voltage sources, contradictory or consistent; inductors and resistors of 0 ohm count as such."""
+    loops = loops_of(subject)
+    for kind, number, volts in loops.contradictions[:_TOLD]:
+        yield _contradiction(subject, kind, number, volts)
+    if loops.sources.size:
+        severity: Severity = "error" if subject.deck is not None else "warning"
+        yield _loop(subject, severity, "voltage source", "voltage sources close loops", loops.sources)
+    if loops.inductors.size:
+        yield _loop(subject, "warning", "voltage source", "inductors close loops of shorts", loops.inductors)
+    if loops.shorts.size:
+        yield _loop(subject, "warning", "resistor", "resistors of 0 ohm close loops of shorts", loops.shorts)
+
+
+def _contradiction(subject: Subject, kind: str, element: int, volts: float) -> Finding:
     ends = subject.ends[kind][element]
     names = subject.names_of(ends)
     return Finding(
@@ -132,9 +170,8 @@ def _contradiction(subject: Subject, number: int, zero: NDArray[np.int64], volts
     )
 
 
-def _loop(subject: Subject, severity: Severity, kind: str, closing: NDArray[np.int64]) -> Finding:
+def _loop(subject: Subject, severity: Severity, kind: str, what: str, closing: NDArray[np.int64]) -> Finding:
     nodes = np.unique(subject.ends[kind][closing])
-    what = "voltage sources close loops" if kind == "voltage source" else "resistors of 0 ohm close loops of shorts"
     return Finding(
         severity,
         "voltage loop",

@@ -57,6 +57,14 @@ class Subject:
         """Number of element ends at every node, shape (node_count,)."""
         return np.asarray(sum(np.bincount(ends.ravel(), minlength=self.node_count) for ends in self.ends.values()))
 
+    @cached_property
+    def is_inductor(self) -> NDArray[np.bool_]:
+        """Which voltage sources of a deck stand for inductors, shape (voltage sources,)."""
+        if self.deck is None or not (self.volts == 0).any():
+            return np.zeros(len(self.volts), dtype=np.bool_)
+        names = self.deck.element_names["voltage source"]
+        return np.array([name.rpartition(".")[2][:1] in ("l", "L") for name in names], dtype=np.bool_)
+
     def names_of(self, nodes: NDArray[np.integer[Any]]) -> list[str]:
         """Names of nodes."""
         if self.deck is not None:

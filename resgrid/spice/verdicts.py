@@ -19,7 +19,8 @@ from resgrid.spice.finding import Finding
 from resgrid.spice.habits import HABITS, Basis, Habits
 from resgrid.spice.parsed import ParsedDeck, rebase
 from resgrid.spice.rules import check_rules
-from resgrid.spice.subject import Subject, subject_of
+from resgrid.spice.rules_connection import Loops, loops_of
+from resgrid.spice.subject import Subject, connected_parts_of, subject_of
 
 Outcome = Literal["right", "wrong", "fails", "unsure"]
 
@@ -28,6 +29,7 @@ TOLERANCE = 1e-9
 
 _LARGEST = 300_000
 _SAFE_SPREAD = 1e12
+_ROUNDING = 2.0**-52
 
 
 @dataclass(frozen=True)
@@ -70,6 +72,7 @@ class _Case:
     deck: ParsedDeck
     subject: Subject
     findings: tuple[Finding, ...]
+    loops: Loops
     floating: NDArray[np.int64]
     voltage: NDArray[np.float64] | None
 
@@ -96,7 +99,7 @@ def predict_simulators(
         return tuple(_of_netlist(habits, circuit, findings) for habits in HABITS)
     subject = subject_of(circuit)
     floating = np.flatnonzero(subject.part != subject.part[GROUND])
-    case = _Case(circuit, subject, findings, floating, _right_answer(circuit))
+    case = _Case(circuit, subject, findings, loops_of(subject), floating, _right_answer(circuit))
     return tuple(_of_deck(habits, case) for habits in HABITS)
 
 
@@ -118,7 +121,7 @@ def _of_deck(habits: Habits, case: _Case) -> Verdict:
         return Verdict(habits.name, "fails", None, None, fatal, habits.basis)
     changed = _Changed(case.deck)
     reasons = [*changed.lose_title(), *changed.raise_resistances(habits), *changed.shunt(habits, case.floating)]
-    doubts = _doubts(habits, case)
+    doubts = _doubts(habits, case, changed.resistance)
     if not reasons:
         return Verdict(habits.name, "unsure" if doubts else "right", None, None, doubts, habits.basis)
     error = _error(changed, case)
@@ -132,20 +135,38 @@ def _of_deck(habits: Habits, case: _Case) -> Verdict:
 
 
 def _fatal(habits: Habits, case: _Case) -> tuple[str, ...]:
-    sources = [f for f in case.findings if f.rule == "voltage loop" and f.severity == "error"]
     twice = [f for f in case.findings if f.rule == "names" and f.severity == "error"]
-    reasons = [f"a loop of voltage sources leaves no answer ({f.place})" for f in sources[:1] if _is_source(f)]
+    reasons = [
+        f"a loop of voltage sources leaves no answer ({case.subject.place_of_element('voltage source', number)})"
+        for number in _failing_loops(habits, case)[:1]
+    ]
     if habits.duplicates == "fails":
         reasons += [f"a name is given twice ({f.place})" for f in twice[:1]]
     return tuple(reasons)
 
 
-def _is_source(finding: Finding) -> bool:
-    return "voltage source" in finding.message.split(" between ", 1)[0]
+def _failing_loops(habits: Habits, case: _Case) -> list[int]:
+    """Voltage sources that close a loop which leaves no answer."""
+    ends = case.subject.ends["voltage source"]
+    closing = [int(number) for number in case.loops.sources]
+    inductive = case.subject.is_inductor
+    closing += [i for kind, i, _ in case.loops.contradictions if kind == "voltage source" and not inductive[i]]
+    if habits.loops == "fail at ground":
+        tree = connected_parts_of(ends, case.subject.node_count)
+        closing = [i for i in closing if tree[ends[i, 0]] == tree[GROUND] or ends[i, 0] == ends[i, 1]]
+    return closing
 
 
-def _doubts(habits: Habits, case: _Case) -> tuple[str, ...]:
-    doubts = _spread_doubts(np.abs(case.deck.resistance))
+def _doubts(habits: Habits, case: _Case, resistance: NDArray[np.float64]) -> tuple[str, ...]:
+    """What speaks against an answer to a deck whose resistances a simulator takes so."""
+    doubts = _spread_doubts(np.abs(case.deck.resistance)) or _drowned(case.deck, np.abs(resistance))
+    answered = habits.loops == "fail at ground"
+    for kind, numbers in (("inductors", case.loops.inductors), ("voltage sources", case.loops.sources)):
+        if not numbers.size:
+            continue
+        place = case.subject.place_of_element("voltage source", int(numbers[0]))
+        what = "the answer is what a transient comes to, and may be anything" if answered else "it may fail"
+        doubts += (f"a loop of {kind} ({place}): {what}",)
     if case.floating.size and habits.floating == "unknown":
         doubts += ("it is not known here what it makes of floating nodes",)
     if habits.smallest_resistance is None and (case.deck.resistance == 0).any():
@@ -155,6 +176,32 @@ def _doubts(habits: Habits, case: _Case) -> tuple[str, ...]:
     if habits.duplicates == "unknown" and any(f.rule == "names" and f.severity == "error" for f in case.findings):
         doubts += ("it is not known here which of two elements of one name it keeps",)
     return doubts
+
+
+def _drowned(deck: ParsedDeck, size: NDArray[np.float64]) -> tuple[str, ...]:
+    """Whether conductances drown in those beside them: groups of nodes tied together far more firmly than to the rest.
+
+    The conductances that leave such a group are what is left of the sums on the diagonal of the matrix when those
+    within it cancel, so that they are known to the rounding of the latter.
+    """
+    usable = (size > 0) & np.isfinite(size)
+    size, ends = size[usable], deck.resistor_nodes[usable]
+    if not size.size or size.max() <= size.min() * TOLERANCE / _ROUNDING:
+        return ()
+    worst = 0.0
+    for decade in np.unique(np.ceil(np.log10(size))).tolist()[:-1]:
+        firm = size <= 10.0**decade
+        group = connected_parts_of(np.concatenate([ends[firm], deck.source_nodes]), len(deck.node_names))
+        leaves = ~firm & (group[ends[:, 0]] != group[ends[:, 1]])
+        leaving = np.bincount(group[ends[leaves]].ravel(), np.repeat(1 / size[leaves], 2), len(deck.node_names))
+        within = np.zeros(len(deck.node_names))
+        np.maximum.at(within, group[ends[firm, 0]], 1 / size[firm])
+        held = leaving > 0
+        held[group[GROUND]] = False
+        worst = max(worst, float(np.max(within[held] / leaving[held], initial=0.0)))
+    if worst * _ROUNDING <= TOLERANCE:
+        return ()
+    return (f"the smallest resistances drown the others: about {worst * _ROUNDING:.0e} of the voltage is lost",)
 
 
 def _spread_doubts(resistance: NDArray[np.float64]) -> tuple[str, ...]:
@@ -209,7 +256,8 @@ class _Changed:
                 self.siemens += 1 / value if unit == "ohms" else value
                 reasons.append(f".option {option}={value:g} ties every node to ground")
         if floating.size and habits.floating == "everywhere":
-            gmin = _option(self.deck, habits.gmin_option) or habits.gmin
+            wanted = (_option(self.deck, option) for option in habits.gmin_options)
+            gmin = next((value for value in wanted if value), habits.gmin)
             self.siemens += gmin
             reasons.append(
                 f"{floating.size:,} floating nodes: the answer comes, with exit status 0, as if {gmin:g} S led from "

@@ -45,6 +45,11 @@ GRID = "".join(f"r{i} n{i} n{i + 1} 1e8\n" for i in range(20)) + "rl n20 0 1e8\n
         ("island", f"* t\nv1 n0 0 1\n{GRID}rx a b 1k\n.op\n.end\n", "2 floating nodes"),
         ("behind a capacitor", f"* t\nv1 n0 0 1\n{GRID}cx a 0 1u\n.op\n.end\n", "1 floating nodes"),
         ("more gmin", f"* t\nv1 n0 0 1\n{GRID}rx a b 1k\n.option gmin=1e-11\n.op\n.end\n", "1e-11 S"),
+        (
+            "gshunt counts before gmin",
+            f"* t\nv1 n0 0 1\n{GRID}rx a b 1k\n.option gshunt=1n gmin=1e-10\n.op\n.end\n",
+            "1e-09 S",
+        ),
         ("shunt", f"* t\nv1 n0 0 1\n{GRID}.option rshunt=1e12\n.op\n.end\n", "rshunt=1e+12"),
         ("shunt with a suffix", f"* t\nv1 n0 0 1\n{GRID}.option rshunt=1t\n.op\n.end\n", "rshunt=1e+12"),
         ("short", "* t\nv1 a 0 1\nr1 a b 1\nr2 b c 0\nr3 c 0 1\n.op\n.end\n", "become 0.001 ohm"),
@@ -76,12 +81,54 @@ def test_an_island_costs_a_grid_of_100_megohm_a_tenth_of_a_volt(tmp_path: Path) 
     [
         ("* t\nv1 a 0 1\nv2 a 0 2\nr1 a 0 1k\n.op\n.end\n", "loop"),
         ("* t\nv1 a 0 1\nv2 a 0 1\nr1 a 0 1k\n.op\n.end\n", "loop"),
+        ("* t\nv1 a 0 1\nv2 a b 1\nv3 a b 1\nr1 b 0 1k\n.op\n.end\n", "loop"),
+        ("* t\nv1 a 0 1\nv2 b b 0\nr1 a b 1k\nr2 b 0 1k\n.op\n.end\n", "loop"),
     ],
 )
 def test_predicted_failures_of_ngspice_are_failures(tmp_path: Path, text: str, reason: str) -> None:
     verdict = verdict_of(deck_of(tmp_path, text))
     assert verdict.outcome == "fails" and reason in verdict.reasons[0]
     assert not simulate(text.encode(), direct=True).voltage
+
+
+DIVIDER = "* t\nv1 in 0 10\nr0 in a 1k\n"
+
+
+def test_a_loop_of_sources_away_from_ground_is_answered_but_not_to_be_trusted(tmp_path: Path) -> None:
+    text = f"{DIVIDER}v2 a b 1\nv3 a b 1\nr1 b 0 1k\n.op\n.end\n"
+    deck = deck_of(tmp_path, text)
+    assert verdict_of(deck).outcome == "unsure" and verdict_of(deck, "xyce").outcome == "fails"
+    assert simulate(text.encode(), direct=True).voltage
+
+
+@pytest.mark.filterwarnings("ignore:.* form loops")
+@pytest.mark.parametrize("henries", ["1", "1u"])
+def test_a_loop_of_inductors_is_answered_but_not_to_be_trusted(tmp_path: Path, henries: str) -> None:
+    text = f"{DIVIDER}l1 a b {henries}\nl2 a b {henries}\nr1 b 0 1k\n.op\n.end\n"
+    deck = deck_of(tmp_path, text)
+    verdict = verdict_of(deck)
+    assert verdict.outcome == "unsure" and "loop of inductors" in verdict.reasons[0]
+    assert verdict_of(deck, "spectre").outcome == "unsure"
+    assert measured_error(text, deck) > 1e-6
+    apart = deck_of(tmp_path, f"{DIVIDER}l1 a b 1\nl2 b c 1\nr1 c 0 1k\n.op\n.end\n")
+    assert verdict_of(apart).outcome == "right"
+
+
+@pytest.mark.parametrize(
+    ("wires", "drowned"),
+    [
+        ("r1 a b 1e-9\nr2 b 0 5\n", True),
+        ("r1 a b 1e-9\nr2 b c 1e-9\nr3 c d 1e-9\nr4 d 0 5\n", True),
+        ("r1 a b 1e-2\nr2 b 0 5\n", False),
+        ("r1 in b 1e-9\nr2 b 0 5\nr3 a 0 1\n", False),  # a source holds it
+        ("r1 a b 1e10\nr2 a 0 5\nr3 b 0 1k\n", False),  # weak, but no one needs it
+    ],
+)
+def test_a_resistor_that_drowns_the_others_makes_simulators_err(tmp_path: Path, wires: str, drowned: bool) -> None:
+    text = f"{DIVIDER}{wires}.op\n.end\n"
+    deck = deck_of(tmp_path, text)
+    assert (verdict_of(deck).outcome == "unsure") == drowned, verdict_of(deck)
+    assert (measured_error(text, deck) > 1e-8) == drowned
 
 
 @given(st.integers(0, 10_000))

@@ -12,7 +12,7 @@ from resgrid.netlist import Netlist
 from resgrid.spice.parsed import KINDS, NOMINAL_TEMPERATURE, LateNames, ParsedDeck, rebase
 from resgrid.spice.reader.blocks import Scope
 from resgrid.spice.reader.bulk import Bulk
-from resgrid.spice.reader.collect import Collector, temperature_of
+from resgrid.spice.reader.collect import Collector
 from resgrid.spice.reader.expand import Expander
 from resgrid.spice.reader.journal import CardError, Journal, Spot
 from resgrid.spice.reader.rules import ReadingRules
@@ -58,7 +58,7 @@ def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Pa
 def _ground_rules(collector: Collector) -> ReadingRules:
     from dataclasses import replace
 
-    if collector.options.get("replaceground") != "true":
+    if collector.options.values.get("replaceground") != "true":
         return collector.rules
     return replace(collector.rules, grounds=frozenset({"0", "gnd", "gnd!", "ground"}))
 
@@ -67,7 +67,7 @@ def _temperatures(collector: Collector, scope: Scope) -> tuple[float | None, flo
     found: list[float | None] = []
     for key in ("temp", "tnom"):
         try:
-            found.append(temperature_of(collector, key, scope))
+            found.append(collector.options.temperature(key, scope))
         except CardError as error:
             collector.journal.error(error)
             found.append(None)
@@ -229,7 +229,7 @@ def _deck(
         tc2=tc2,
         temperature=temperature,
         nominal_temperature=nominal,
-        options=dict(collector.options),
+        options=dict(collector.options.values),
         subcircuits=subcircuits,
     )
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from resgrid.errors import BudgetError
 from resgrid.spice.reader.expressions import ExpressionError, Lookup, evaluate
 from resgrid.spice.reader.journal import CardError, Spot
 from resgrid.spice.reader.lines import Card
@@ -14,6 +15,9 @@ from resgrid.spice.reader.tokens import Setting, Token
 
 MAX_CHAIN = 40
 """How deep parameters may refer to each other (in order of their lines they may do so without end)."""
+
+MAX_CALLS = 10_000
+"""How many calls of the deck's functions one value may take."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +32,13 @@ class Definition:
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """A ``.model`` card."""
+    """A ``.model`` card, and the block that it stands in."""
 
     name: str
     kind: str
     settings: tuple[Setting, ...]
     card: Card
+    block: Block
 
 
 @dataclass(eq=False)
@@ -72,6 +77,10 @@ class Block:
         found = self.models.get(name)
         return found if found is not None or self.outer is None else self.outer.model(name)
 
+    def home_of_function(self, name: str) -> Block:
+        """The block, here or further out, that defines a function; the outermost if none does."""
+        return self if name in self.functions or self.outer is None else self.outer.home_of_function(name)
+
     def block(self, name: str) -> Block | None:
         """Find a subcircuit here or further out."""
         found = self.blocks.get(name)
@@ -89,6 +98,7 @@ class Scope:
     _known: dict[str, float] = field(default_factory=dict)
     _busy: list[str] = field(default_factory=list)
     _deep: bool = False
+    _calls: int = 0  # of functions, for one value; counted by the outermost scope
 
     def __post_init__(self) -> None:
         # forwards and, for those that refer to later ones, backwards, one step at a time
@@ -115,17 +125,29 @@ class Scope:
         if len(self._busy) >= (MAX_CHAIN if self._deep else 1):
             raise definition.card.error(definition.offset, f"parameters refer to each other over {MAX_CHAIN} deep")
         self._busy.append(name)
+        self._outermost._calls = 0
         try:
             self._known[name] = self._defined(definition, self.parameter)
         finally:
             self._busy.pop()
         return self._known[name]
 
-    def function(self, name: str, values: list[float]) -> float | None:
-        """Value of a function that the deck defines, None if it does not."""
+    def function(self, name: str, values: list[float], lookup: Lookup) -> float | None:
+        """Value of a function that the deck defines, None if it does not; ``lookup`` knows names where it is called.
+
+        Raises
+        ------
+        CardError
+            If it has another number of arguments, calls itself, or cannot be evaluated.
+        BudgetError
+            If functions call each other too often.
+        """
+        home = self.of(self.block.home_of_function(name))
+        if home is not self:
+            return home.function(name, values, lookup)
         definition = self.block.functions.get(name)
         if definition is None:
-            return None if self.outer is None else self.outer.function(name, values)
+            return None
         key = f"{name}()"
         if len(values) != len(definition.arguments):
             raise definition.card.error(
@@ -133,12 +155,17 @@ class Scope:
             )
         if key in self._busy or len(self._busy) >= MAX_CHAIN:
             raise definition.card.error(definition.offset, f"the function {name} calls itself")
+        self._outermost._calls += 1
+        if self._outermost._calls > MAX_CALLS:
+            raise BudgetError(
+                f"{definition.card.spot(definition.offset)}: one value takes more than {MAX_CALLS:,} calls of "
+                "functions that call each other; give what they repeat a parameter of its own"
+            )
         given = dict(zip(definition.arguments, values, strict=True))
+        further = lookup if self.rules.puts_in_text else self.parameter
         self._busy.append(key)
         try:
-            return self._defined(
-                definition, lambda wanted: given[wanted] if wanted in given else self.parameter(wanted)
-            )
+            return self._defined(definition, lambda wanted: given[wanted] if wanted in given else further(wanted))
         finally:
             self._busy.pop()
 
@@ -148,27 +175,37 @@ class Scope:
         except ExpressionError as error:
             raise definition.card.error(definition.offset + error.offset, str(error)) from None
 
-    def value(self, card: Card, token: Token) -> tuple[float, str]:
-        """Value of a token of a card, and a warning about it.
+    @property
+    def _outermost(self) -> Scope:
+        return self if self.outer is None else self.outer._outermost
+
+    def of(self, block: Block) -> Scope:
+        """The scope of a block here or further out."""
+        return self if self.block is block or self.outer is None else self.outer.of(block)
+
+    def value(self, card: Card, token: Token, lookup: Lookup | None = None) -> tuple[float, str]:
+        """Value of a token of a card, and a warning about it; ``lookup`` may know names otherwise than this scope.
 
         Raises
         ------
         CardError
             If it is no number, no parameter, or cannot be evaluated.
         """
+        lookup = lookup or self.parameter
+        self._outermost._calls = 0
         if token.kind == "word":
             numeral = parse_numeral(token.text, self.rules)
             if numeral is not None and not isinstance(numeral, str):
                 return numeral.value, numeral.warning
             if numeral is not None:
                 raise card.error(token.offset, numeral)
-            found = self.parameter(token.text.lower())
+            found = lookup(token.text.lower())
             if found is None:
                 raise card.error(token.offset, f"{token.text!r} is neither a number nor a parameter nor a known model")
             return found, ""
         if token.kind in ("expression", "string"):
             try:
-                return evaluate(token.text, self.rules, self.parameter, self.function), ""
+                return evaluate(token.text, self.rules, lookup, self.function), ""
             except ExpressionError as error:
                 raise card.error(token.offset + error.offset, str(error)) from None
         raise card.error(token.offset, f"{token.text!r} was not expected here; a value was")

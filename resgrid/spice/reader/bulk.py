@@ -26,6 +26,9 @@ _WORDS = tuple(
 )
 
 
+_NO_WORD = np.frombuffer(b" ", dtype=np.uint8)
+
+
 @dataclass(frozen=True, eq=False)
 class Bulk:
     """Plain cards of one file.
@@ -112,7 +115,7 @@ def scan(data: bytes, start: int, rules: ReadingRules) -> Bulk | None:
         data.count(b"\n", 0, start) + 1,
         b"//" in data,
         _comment_starts(rules),
-        _WORDS,
+        _words(rules),
         table,
         keys,
         known,
@@ -145,6 +148,11 @@ def scan(data: bytes, start: int, rules: ReadingRules) -> Bulk | None:
         line=line[keep],
         other=other,
     )
+
+
+def _words(rules: ReadingRules) -> tuple[NDArray[np.uint8], ...]:
+    """Words that the compiled loop heeds: ``.end`` is not among them where it ends nothing."""
+    return (_NO_WORD, *_WORDS[1:]) if rules.end_is_comment else _WORDS
 
 
 def _comment_starts(rules: ReadingRules) -> NDArray[np.bool_]:

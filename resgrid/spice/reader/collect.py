@@ -6,17 +6,21 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from itertools import chain
 
-from resgrid.errors import InputError
-from resgrid.spice.reader.blocks import Block, Definition, Model, Scope
+from resgrid.errors import BudgetError, InputError
+from resgrid.spice.reader.blocks import Block, Definition, Model
 from resgrid.spice.reader.bulk import Bulk, plain_lines, scan
 from resgrid.spice.reader.journal import CardError, Journal, Spot, TooManyErrorsError
 from resgrid.spice.reader.lines import Card, cards
+from resgrid.spice.reader.options import Options
 from resgrid.spice.reader.rules import ReadingRules
 from resgrid.spice.reader.sources import Library, Source, decode
 from resgrid.spice.reader.tokens import Token, settings, split_positional, tokenise
 
 MAX_INCLUDES = 20
 """How deep files may include each other."""
+
+MAX_INCLUSIONS = 2000
+"""How many times a file may be included, whichever."""
 
 _ANALYSES = frozenset(
     (
@@ -39,6 +43,8 @@ _ANALYSES = frozenset(
 _OUTPUTS = frozenset(
     (".save", ".print", ".plot", ".probe", ".meas", ".measure", ".width", ".graph", ".wave", ".backanno")
 )
+_HARMLESS = _ANALYSES | _OUTPUTS | {".end", ".control"}
+"""What may stand after ``.end`` without changing the circuit."""
 _HINTS = frozenset(
     (".nodeset", ".ic", ".preprocess", ".protect", ".unprotect", ".prot", ".unprot", ".csparam", ".machine")
 )
@@ -59,10 +65,14 @@ class Collector:
     title: str | None = None
     first: Card | None = None
     common: set[str] = field(default_factory=set)
-    options: dict[str, str] = field(default_factory=dict)
-    temperatures: dict[str, tuple[Card, Token]] = field(default_factory=dict)
+    options: Options = field(init=False)
     _stack: list[Block] = field(default_factory=list)
     _open: list[tuple[Source, str | None]] = field(default_factory=list)
+    _inclusions: int = 0
+    _told: set[Spot] = field(default_factory=set)
+
+    def __post_init__(self) -> None:
+        self.options = Options(self.rules, self.journal)
 
     def deck(self, source: Source) -> None:
         """Collect the deck itself: its first line is a title, unless it is plainly something else."""
@@ -112,28 +122,47 @@ class Collector:
 
     def _take(self, stream: Iterable[Card], source: Source) -> None:
         depth = len(self._stack)
+        end: Card | None = None
         for card in stream:
+            if end is not None and card.text.split(maxsplit=1)[0].lower() not in _HARMLESS:
+                self._note_text_after(end)
             try:
                 if card.text[0] != ".":
                     self._stack[-1].cards.append(card)
-                elif self._command(card, source, stream) == "end":
+                    continue
+                outcome = self._command(card, source, stream)
+                if outcome == "stop":
                     break
+                if outcome == "end":
+                    end = end or card
             except TooManyErrorsError:
                 raise
             except CardError as error:
                 self.journal.error(error)
             except InputError as error:
                 self.journal.error(card.error(0, str(error)))
+        if end is not None and any((bulk.line > end.line).any() for origin, bulk in self.bulks if origin is source):
+            self._note_text_after(end)
         for block in self._stack[depth:]:
             self.journal.error(CardError(block.spot, f".subckt {block.name} has no .ends"))
         del self._stack[depth:]
 
+    def _note_text_after(self, end: Card) -> None:
+        """Say once that ``.end`` ends nothing."""
+        if end.spot() not in self._told:
+            text = f"what stands after .end is read, as {self.rules.name} does; others stop here"
+            self.journal.note("warning", end.spot(), text)
+        self._told.add(end.spot())
+
     def _command(self, card: Card, source: Source, stream: Iterable[Card]) -> str:
         word = card.text.split(maxsplit=1)[0].lower()
-        if word in (".end", ".alter"):
-            if word == ".alter":
-                self.journal.note("warning", card.spot(), "what follows .alter is another run, and is not read")
-            return "end"
+        if word == ".end":
+            return "end" if self.rules.end_is_comment else "stop"
+        if word == ".alter":
+            if self.rules.end_is_comment:
+                self.journal.error(card.error(0, f"{self.rules.name} has no .alter: remove it and what follows"))
+            self.journal.note("warning", card.spot(), "what follows .alter is another run, and is not read")
+            return "stop"
         if word == ".control":
             self._skip(card, stream, ".endc")
             self.journal.note("info", card.spot(), "the commands of .control ... .endc are not run")
@@ -157,7 +186,7 @@ class Collector:
 
     def _ignored(self, card: Card, word: str) -> None:
         if word == ".preprocess" and "replaceground" in card.text.lower() and "true" in card.text.lower():
-            self.options["replaceground"] = "true"
+            self.options.values["replaceground"] = "true"
         elif word == ".ic" and self.rules.name == "hspice":
             self.journal.note("warning", card.spot(), "HSPICE holds nodes at their .ic; not done here")
         else:
@@ -185,6 +214,12 @@ class Collector:
             raise card.error(words[0].offset, f"files include each other in a circle: {circle}")
         if len(self._open) >= MAX_INCLUDES:
             raise card.error(words[0].offset, f"files include each other more than {MAX_INCLUDES} deep")
+        self._inclusions += 1
+        if self._inclusions > MAX_INCLUSIONS:
+            raise BudgetError(
+                f"{card.spot(words[0].offset)}: more than {MAX_INCLUSIONS:,} files are included; let each file be "
+                "included once"
+            )
         inner = self.library.open(path, name)
         if section is None:
             stream = cards(self._lines(inner, 0), inner.number, inner.name, self.rules, self.journal)
@@ -277,7 +312,10 @@ class Collector:
         models = self._stack[-1].models
         name = tokens[0].text.lower()
         if name in models:
-            self.journal.note("warning", card.spot(), "a model is defined again: the last one counts")
+            counts = "first" if self.rules.first_counts else "last"
+            self.journal.note("warning", card.spot(), f"a model is defined again: the {counts} one counts")
+            if self.rules.first_counts:
+                return
         kind = tokens[1].text.lower()
         try:
             keys = tuple(settings(card, tokens[2:]))
@@ -285,30 +323,16 @@ class Collector:
             if kind in ("r", "res", "sw", "vswitch"):
                 raise
             keys = ()
-        models[name] = Model(tokens[0].text, kind, keys, card)
+        models[name] = Model(tokens[0].text, kind, keys, card, self._stack[-1])
 
     def _global(self, card: Card) -> None:
         self.common.update(word.lower() for word in card.text.split()[1:])
 
     def _temperature(self, card: Card) -> None:
-        tokens = tokenise(card)[1:]
-        if not tokens:
-            raise card.error(0, ".temp needs a temperature")
-        if len(tokens) > 1:
-            self.journal.note("warning", card.spot(), ".temp asks for several runs; the first temperature counts")
-        self.temperatures["temp"] = (card, tokens[0])
+        self.options.read_temperature(card)
 
     def _options(self, card: Card) -> None:
-        tokens = tokenise(card)[1:]
-        i = 0
-        while i < len(tokens):
-            key = tokens[i].text.lower()
-            keyed = i + 2 < len(tokens) and tokens[i + 1].kind == "mark" and tokens[i + 1].text == "="
-            self.options[key] = tokens[i + 2].text if keyed else ""
-            if key in ("temp", "tnom") and keyed:
-                self.temperatures[key] = (card, tokens[i + 2])
-            i += 3 if keyed else 1
-        self.journal.note("info", card.spot(), "options are noted, not obeyed, but for temp and tnom")
+        self.options.read(card)
 
     def _titled(self, card: Card) -> None:
         self.title = card.text.split(maxsplit=1)[1] if " " in card.text.strip() else self.title
@@ -336,18 +360,6 @@ _COMMANDS: dict[str, Callable[[Collector, Card], None]] = {
     ".title": Collector._titled,
     ".connect": Collector._refuse_connect,
 }
-
-
-def temperature_of(collector: Collector, key: str, scope: Scope) -> float | None:
-    """The deck's temperature (``temp``) or nominal temperature (``tnom``), in degrees Celsius, if it says one.
-
-    Raises
-    ------
-    CardError
-        If it is no number.
-    """
-    found = collector.temperatures.get(key)
-    return None if found is None else scope.value(*found)[0]
 
 
 _LOOKED_AT = 200

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Callable
 
 from resgrid.spice.reader.blocks import Model, Scope
+from resgrid.spice.reader.expressions import Lookup
 from resgrid.spice.reader.journal import Journal
 from resgrid.spice.reader.lines import Card
 from resgrid.spice.reader.models import RESISTOR_KINDS, SWITCH_KINDS, modelled_resistor, modelled_switch
@@ -94,9 +96,9 @@ def read_nodes(card: Card, tokens: list[Token], count: int) -> tuple[list[str], 
     return names, tokens[i:]
 
 
-def number(scope: Scope, card: Card, token: Token, journal: Journal) -> float:
-    """Value of a token; its warning goes to the journal."""
-    value, warning = scope.value(card, token)
+def number(scope: Scope, card: Card, token: Token, journal: Journal, lookup: Lookup | None = None) -> float:
+    """Value of a token; its names are looked up in the scope, or by ``lookup``, and its warning goes to the journal."""
+    value, warning = scope.value(card, token, lookup)
     if warning:
         journal.note("warning", card.spot(token.offset), warning)
     return value
@@ -135,7 +137,10 @@ def multiplier(card: Card, value: float) -> float:
 def _read_resistor(card: Card, tokens: list[Token], scope: Scope, sheet: Sheet, journal: Journal) -> None:
     nodes, rest = read_nodes(card, tokens, 2)
     positional, tail = split_positional(rest)
-    keyed = _keyed(card, settings(card, tail, _SEVERAL), _RESISTOR_KEYS, scope, journal)
+    pairs = settings(card, tail, _SEVERAL)
+    if scope.rules.spaced_lists:
+        _refuse_unspaced(card, pairs, scope.rules.name)
+    keyed = _keyed(card, pairs, _RESISTOR_KEYS, scope, journal)
     model, stated = _model_and_values(card, positional, scope, journal, RESISTOR_KINDS)
     stated += [keyed[key][0] for key in ("r", "resistance") if key in keyed]
     if len(stated) > 1:
@@ -158,6 +163,16 @@ def _read_resistor(card: Card, tokens: list[Token], scope: Scope, sheet: Sheet, 
         raise card.error(None, f"{tokens[0].text} has {ohms} ohm")
     own = (keyed.get("dtemp", [0.0])[0], keyed.get("temp", [math.nan])[0], nominal)
     sheet.add("resistor", tokens[0].text, nodes, (ohms, first, second, *own), _at(card))
+
+
+def _refuse_unspaced(card: Card, pairs: list[Setting], dialect: str) -> None:
+    """Refuse lists in parentheses, without a blank between their values, or going on with a point."""
+    for first, second in (setting.values[:2] for setting in pairs if len(setting.values) > 1):
+        gap = card.text[first.offset + len(first.text) : second.offset].strip("{}'")
+        bracketed = card.text[: first.offset].rstrip(" {'").endswith("(")
+        parted = gap.isspace() or (first.kind == "word" and gap[0] == "," and gap[1:].isspace())
+        if bracketed or second.text[0] == "." or not parted:
+            raise card.error(first.offset, f"{dialect} reads this list otherwise, or not at all: write tc1=... tc2=...")
 
 
 def _coefficients(card: Card, keyed: dict[str, list[float]], first: float, second: float) -> tuple[float, float]:
@@ -185,9 +200,18 @@ def _model_and_values(
             )
         elif model is not None:
             raise card.error(token.offset, "two models are given")
+        elif values and scope.rules.models_first and not _is_literal(positional[0]):
+            raise card.error(
+                token.offset,
+                f"{scope.rules.name} overlooks the model {token.text} after a value like this: write it first",
+            )
         else:
             model = found
     return model, values
+
+
+def _is_literal(token: Token) -> bool:
+    return token.kind == "word" and re.match(r"[+-]?\d", token.text) is not None
 
 
 def _read_source(card: Card, tokens: list[Token], scope: Scope, sheet: Sheet, journal: Journal) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
@@ -22,7 +23,7 @@ MAX_ELEMENTS = 20_000_000
 FREE_GROWTH, MAX_GROWTH = 500_000, 5000
 """Elements that a deck may grow to whatever its size, and per card beyond."""
 
-_DEEP_MULTIPLIER = "m= counts for the subcircuits within, too; ngspice 39 does not hand it on to them"
+_OWN_MULTIPLIER = re.compile(r"^[^vs].*[\s,]m\s*=", re.IGNORECASE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +35,18 @@ class Call:
     nodes: tuple[str, ...]
     block: Block
     given: tuple[Setting, ...]
+
+
+@dataclass(frozen=True)
+class _Recorder:
+    """Looks parameters up in a scope, and remembers their names."""
+
+    scope: Scope
+    names: set[str]
+
+    def __call__(self, name: str) -> float | None:
+        self.names.add(name)
+        return self.scope.parameter(name)
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,12 +157,14 @@ class Expander:
     def _given(self, call: Call, scope: Scope) -> tuple[dict[str, float], float]:
         given: dict[str, float] = {}
         factor = 1.0
+        named: dict[str, set[str]] = {}
         for setting in call.given:
-            value = number(scope, call.card, setting.values[0], self.journal)
+            names = named.setdefault(setting.key, set())
+            value = number(scope, call.card, setting.values[0], self.journal, _Recorder(scope, names))
             if setting.key == "m" and "m" not in call.block.defaults:
                 factor = multiplier(call.card, value)
-                if any(card.text[0] in "xX" for card in call.block.cards):
-                    self.journal.note("warning", call.card.spot(setting.offset), _DEEP_MULTIPLIER)
+                if self.rules.replaces_multipliers:
+                    self._refuse_multiplier(call, setting, scope, factor)
             elif setting.key in call.block.parameters:
                 given[setting.key] = value
             else:
@@ -157,7 +172,37 @@ class Expander:
                     setting.offset,
                     f"{call.block.name} has no parameter {setting.key!r}; only {sorted(call.block.parameters)}",
                 )
+        if self.rules.puts_in_text and any(not names <= {key} for key, names in named.items()):
+            self._refuse_captured(call, scope, given, named)
         return given, factor
+
+    def _refuse_captured(self, call: Call, scope: Scope, given: dict[str, float], named: dict[str, set[str]]) -> None:
+        """Refuse names in what a call gives that mean another value in the subcircuit, where they are looked up."""
+        inside = Scope(call.block, self.rules, scope, given)
+        for setting in call.given:
+            for name in sorted(named[setting.key] - {setting.key}):
+                if name in call.block.parameters and inside.parameter(name) != scope.parameter(name):
+                    raise call.card.error(
+                        setting.offset,
+                        f"{self.rules.name} takes {name} in {setting.key}= for the {name} of {call.block.name}, other "
+                        f"simulators for the one where {call.name} stands: rename one of them",
+                    )
+
+    def _refuse_multiplier(self, call: Call, setting: Setting, scope: Scope, factor: float) -> None:
+        """Refuse ``m=`` of a call where it is not the number of subcircuits in parallel."""
+        own = [card.text for card in call.block.cards if _OWN_MULTIPLIER.search(card.text)]
+        deep = [
+            card.text for card in call.block.cards if card.text[0] in "xX" or (card.text[0] in "sS" and factor != 1)
+        ]
+        if own or deep:
+            what = f"takes the place of that of {own[0].split()[0]}" if own else f"does not reach {deep[0].split()[0]}"
+            raise call.card.error(
+                setting.offset, f"in {self.rules.name} this m= {what}: call {call.block.name} several times instead"
+            )
+        if "m" in call.block.parameters or scope.parameter("m") is not None:
+            raise call.card.error(
+                setting.offset, f"in {self.rules.name} this m= changes the parameter m, too: rename the parameter"
+            )
 
     def _flat(self, call: Call, given: dict[str, float], outer: Scope) -> Flat:
         block = call.block
@@ -168,6 +213,11 @@ class Expander:
         return self._flats[key]
 
     def _flatten(self, block: Block, given: dict[str, float], outer: Scope) -> Flat:
+        shared = next((port for port in block.ports if port.lower() in self.common), None)
+        if shared is not None:
+            raise CardError(
+                block.spot, f"{shared} is a terminal of {block.name} and .global; simulators differ on that: rename one"
+            )
         scope = Scope(block, self.rules, outer, given)
         self._scopes.append(scope)  # identifies its flats for as long as this lives
         table = NodeTable(self.rules)

@@ -2,7 +2,8 @@ r"""Arithmetic in decks: what stands in braces or quotes.
 
 Precedence as in ngspice's manual (section 2.8, ``.param``), tightest first: power, sign and ``!``, ``* / % \``,
 ``+ -``, comparisons, ``&&``, ``||``, ``? :``.  Where simulators disagree (a chain of powers, a negative number to a
-power) the expression is refused.
+power) the expression is refused, and so is what ngspice is known to misread: a sign of something else than a number
+after an operator, a choice within the first branch of a choice.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from itertools import pairwise
 
 from resgrid.spice.reader.numerals import parse_numeral
 from resgrid.spice.reader.rules import RULES, ReadingRules
+
+_PARENS = "write parentheses"
 
 MAX_NESTING = 60
 MAX_LENGTH = 10_000
@@ -42,13 +45,13 @@ _BINARY = {
     "%": 5,
     "\\": 5,
 }
-_UNARY_LEVEL = 6
+_POWERS = frozenset({"**", "^"})
 _STATISTICS = frozenset(
     ("agauss", "gauss", "aunif", "unif", "limit", "mc", "flat", "rand", "random", "normal", "table", "v", "i", "ddt")
 )
 
 Lookup = Callable[[str], float | None]
-Call = Callable[[str, list[float]], float | None]
+Call = Callable[[str, list[float], Lookup], float | None]
 
 
 class ExpressionError(ValueError):
@@ -77,7 +80,7 @@ def evaluate(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> floa
     lookup : callable
         Value of a parameter by its name in lower case, or None.
     call : callable
-        Value of a function that the deck defines, by its name and its arguments, or None.
+        Value of a function that the deck defines, by its name, its arguments and ``lookup``, or None.
 
     Returns
     -------
@@ -92,7 +95,7 @@ def evaluate(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> floa
     Examples
     --------
     >>> from resgrid.spice.reader.rules import NGSPICE
-    >>> evaluate("2*r + 1k", NGSPICE, {"r": 3.0}.get, lambda name, values: None)
+    >>> evaluate("2*r + 1k", NGSPICE, {"r": 3.0}.get, lambda name, values, lookup: None)
     1006.0
     """
     if len(text) > MAX_LENGTH:
@@ -159,20 +162,24 @@ class _Reader:
     position: int = 0
     depth: int = 0
 
-    def choice(self) -> float:
-        """``condition ? this : that``."""
+    def choice(self, *, within: bool = False) -> float:
+        """``condition ? this : that``, perhaps within the first branch of another."""
         self.depth += 1
         if self.depth > MAX_NESTING:
             raise ExpressionError(self._now.offset, f"nested more than {MAX_NESTING} deep")
-        condition = self._binary(1)
+        value = self._binary(1)
         if self._now.text == "?":
+            if within and self.rules.narrow_parser:
+                raise ExpressionError(
+                    self._now.offset, f"{self.rules.name} misreads a choice within a choice: {_PARENS}"
+                )
             self.position += 1
-            this = self.choice()
+            this = self.choice(within=True)
             self._expect(":")
             that = self.choice()
-            condition = this if condition else that
+            value = this if value else that
         self.depth -= 1
-        return condition
+        return value
 
     def expect_end(self) -> None:
         if self._now.kind != "end":
@@ -189,39 +196,60 @@ class _Reader:
         self.position += 1
 
     def _binary(self, level: int) -> float:
-        left = self._sign()
+        left = self._signed()
         while level <= _BINARY.get(self._now.text, 0):
             operator = self._now
             self.position += 1
-            left = _apply(operator, left, self._binary(_BINARY[operator.text] + 1))
+            left = self._apply(operator, left, self._binary(_BINARY[operator.text] + 1))
         return left
 
-    def _sign(self) -> float:
-        flips: list[str] = []
-        while self._now.text in ("-", "+", "!") and self._now.kind == "operator":
-            flips.append(self._now.text)
-            self.position += 1
-        value = self._power()
-        for flip in reversed(flips):
-            value = {"-": -value, "+": value, "!": float(not value)}[flip]
-        return value
+    def _apply(self, operator: _Token, a: float, b: float) -> float:
+        if operator.text in ("/", "\\", "%") and b == 0:
+            raise ExpressionError(operator.offset, "division by zero")
+        return float(_OPERATIONS[self.rules.operators.get(operator.text, operator.text)](a, b))
+
+    def _signed(self) -> float:
+        sign = self._now
+        if sign.kind != "operator" or sign.text not in ("-", "+", "!"):
+            return self._power()
+        leads = self.position == 0 or self.tokens[self.position - 1].text in ("(", ",")
+        if self.rules.narrow_parser and sign.text != "!" and not leads:
+            self._refuse_misread(sign)
+        self.position += 1
+        if sign.text == "!":
+            return float(not self._signed())
+        value = self._binary(_BINARY["*"]) if leads else self._signed()
+        return -value if sign.text == "-" else value
+
+    def _refuse_misread(self, sign: _Token) -> None:
+        """Refuse a sign after an operator, unless it is that of a number by itself."""
+        number, after = (self.tokens[min(self.position + i, len(self.tokens) - 1)] for i in (1, 2))
+        is_plain = number.kind == "number" and after.text not in _POWERS
+        if sign.text == "+" or not is_plain or self.tokens[self.position - 1].text == "!":
+            raise ExpressionError(sign.offset, f"{self.rules.name} misreads a sign after an operator: {_PARENS}")
 
     def _power(self) -> float:
+        negated = self.position > 0 and self.tokens[self.position - 1].text == "!"
         base = self._atom()
         operator = self._now
-        if operator.text not in ("**", "^"):
+        if operator.text not in _POWERS:
             return base
         if operator.text not in self.rules.powers:
             raise ExpressionError(
                 operator.offset, f"{operator.text!r} is no power in {self.rules.name} (perhaps exclusive or); write **"
             )
+        if negated and self.rules.narrow_parser:
+            raise ExpressionError(operator.offset, f"{self.rules.name} takes the power of what ! gives: {_PARENS}")
         self.position += 1
-        negative = self._now.text == "-"
-        self.position += negative
+        negative = self._now
+        if negative.text == "-":
+            if self.rules.narrow_parser:
+                self._refuse_misread(negative)
+            self.position += 1
         exponent = self._atom()
-        if self._now.text in ("**", "^"):
+        if self._now.text in _POWERS:
             raise ExpressionError(self._now.offset, "a power of a power: simulators disagree, write parentheses")
-        return _raise(operator, base, -exponent if negative else exponent)
+        return _raise(operator, base, -exponent if negative.text == "-" else exponent)
 
     def _atom(self) -> float:
         token = self._now
@@ -257,14 +285,8 @@ class _Reader:
             values.append(self.choice())
         self._expect(")")
         name = token.text.lower()
-        value = self.call(name, values)
+        value = self.call(name, values, self.lookup)
         return _built_in(token, values, self.rules) if value is None else value
-
-
-def _apply(operator: _Token, a: float, b: float) -> float:
-    if operator.text in ("/", "\\", "%") and b == 0:
-        raise ExpressionError(operator.offset, "division by zero")
-    return float(_OPERATIONS[operator.text](a, b))
 
 
 _OPERATIONS: dict[str, Callable[[float, float], float | bool]] = {
@@ -282,8 +304,11 @@ _OPERATIONS: dict[str, Callable[[float, float], float | bool]] = {
     "*": lambda a, b: a * b,
     "/": lambda a, b: a / b,
     "%": math.fmod,
+    "% of the quotient": lambda a, b: a - b * math.trunc(a / b),
     "\\": lambda a, b: math.trunc(a / b),
+    "\\ of the magnitude": lambda a, b: math.trunc(abs(a / b)),
 }
+"""What operators do; `ReadingRules.operators` says where a dialect's differ from their symbols."""
 
 
 def _raise(operator: _Token, base: float, exponent: float) -> float:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from resgrid.spice.reader.blocks import Model, Scope
 from resgrid.spice.reader.lines import Card
+from resgrid.spice.reader.rules import ReadingRules
 
 RESISTOR_KINDS = frozenset({"r", "res"})
 SWITCH_KINDS = frozenset({"sw", "vswitch"})
@@ -30,7 +31,7 @@ _ALIASES = {
     "defw": "w",
 }
 _RESISTOR_KEYS = frozenset({"r", "tc1", "tc2", "tnom", "rsh", "l", "w", "narrow", "short"})
-_IGNORED_KEYS = frozenset({"level", "kf", "af", "ef", "noise", "bv_max", "version"})
+_IGNORED_KEYS = frozenset({"level", "kf", "af", "ef", "lf", "wf", "noise", "bv_max", "version"})
 _SWITCH_KEYS = frozenset({"ron", "roff", "vt", "vh", "von", "voff"})
 
 
@@ -46,15 +47,21 @@ class ModelValues:
 
 
 def model_values(model: Model, scope: Scope, known: frozenset[str]) -> dict[str, float]:
-    """Evaluate the keys of a model.
+    """Evaluate the keys of a model, by the parameters of the block that it stands in.
 
     Raises
     ------
     CardError
-        If one is unknown.
+        If one is unknown, or ignored by the simulator whose rules are followed.
     """
     values: dict[str, float] = {}
+    home = scope.of(model.block)
     for setting in model.settings:
+        if setting.key in scope.rules.ignored_model_keys:
+            own = _ALIASES[setting.key]
+            raise model.card.error(
+                setting.offset, f"{scope.rules.name} ignores {setting.key}; write {own}, or leave it out"
+            )
         key = _ALIASES.get(setting.key, setting.key)
         if key in _IGNORED_KEYS:
             continue
@@ -62,7 +69,7 @@ def model_values(model: Model, scope: Scope, known: frozenset[str]) -> dict[str,
             raise model.card.error(
                 setting.offset, f"{setting.key} is no parameter that a model of kind {model.kind} can have here"
             )
-        values[key] = scope.value(model.card, setting.values[0])[0]
+        values[key] = home.value(model.card, setting.values[0])[0]
     return values
 
 
@@ -107,21 +114,28 @@ def _from_model(
     values: dict[str, float], scope: Scope, length: float | None, width: float | None, card: Card, model: Model
 ) -> float:
     rules = scope.rules
-    if "rsh" in values and not (length is None and width is None and "r" in values):
-        span = values.get("l", _DEFAULT_LENGTH) if length is None else length
-        w = values.get("w", _DEFAULT_LENGTH) if width is None else width
+    span = values.get("l", _DEFAULT_LENGTH) if length is None else length
+    broad = values.get("w", _DEFAULT_LENGTH) if width is None else width
+    if _is_sheet(values, rules, span, broad, sized=length is not None or width is not None):
         narrow, short = values.get("narrow", 0.0), values.get("short", 0.0)
         twice = 2.0 if rules.lengths_twice else 1.0
-        if w - twice * narrow <= 0 or span - twice * short <= 0:
-            raise card.error(None, f"the model {model.name} leaves no length or width ({span:g} m, {w:g} m)")
+        if broad - twice * narrow <= 0 or span - twice * short <= 0:
+            raise card.error(None, f"the model {model.name} leaves no length or width ({span:g} m, {broad:g} m)")
         if not rules.lengths_twice and (narrow or short):
             raise card.error(
                 None, f"how {rules.name} uses narrow and short of the model {model.name} is not known here"
             )
-        return values["rsh"] * (span - twice * short) / (w - twice * narrow)
+        return values["rsh"] * (span - twice * short) / (broad - twice * narrow)
     if "r" in values and not rules.model_factor:
         return values["r"]
     raise card.error(None, f"neither this line nor the model {model.name} says how many ohms (r, or rsh with l and w)")
+
+
+def _is_sheet(values: dict[str, float], rules: ReadingRules, span: float, broad: float, *, sized: bool) -> bool:
+    """Whether the resistance is that of a sheet, and not the model's ``r``."""
+    if rules.sheet_first:
+        return values.get("rsh", 0.0) * span * broad > 0
+    return "rsh" in values and (sized or "r" not in values)
 
 
 def modelled_switch(model: Model, scope: Scope, state: float, card: Card) -> tuple[float, float, float, float, float]:

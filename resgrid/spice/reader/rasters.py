@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from resgrid.spice.reader.sources import decode, normalise, read_bytes
 
 _KEYS = frozenset({"ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "nodata_value"})
 _MAX_CELLS = 2**28
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+_LIST = re.compile(r"\s*([-+.\deE]+[ \t,]+){2}[-+.\deE]+[ \t]*\n")
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +59,13 @@ def read_raster(path: str | os.PathLike[str]) -> Raster:
         If it cannot be read, or its header and its cells do not agree.
     """
     source = os.fspath(path)
-    text = decode(normalise(read_bytes(Path(source), source), source))
+    data = read_bytes(Path(source), source)
+    if data.startswith(_TIFF):
+        raise InputError(f"{source} is a GeoTIFF, which is not read here; write it as an ESRI ASCII grid (.asc)")
+    text = decode(normalise(data, source))
     header, body = _header(text, source)
+    if not header and _LIST.match(body):
+        raise InputError(f"{source} is a list of points, which is not read here; write it as an ESRI ASCII grid (.asc)")
     rows, columns = (_count(header, key, source) for key in ("nrows", "ncols"))
     if rows * columns > _MAX_CELLS:
         raise InputError(f"{source}: {rows} x {columns} cells are too many; at most {_MAX_CELLS} are read")

@@ -10,6 +10,11 @@ What they disagree about, and what follows:
   Xyce's manuals differ between versions, so there it is refused.  HSPICE's ``pow`` cuts its exponent to an integer.
 - HSPICE's nominal temperature is 25 degrees Celsius, that of the others 27.
 - The ``r`` of a resistor's model is a resistance in ngspice and a factor in Xyce.
+- ngspice has ways of its own, measured with versions 39 and 46, which agree wherever a value is read here.  Functions
+  and what an ``X`` line gives are put in as text, so that names in them are looked up where they land; ``m=`` of an
+  ``X`` line takes the place of that of the elements within; ``.end`` ends nothing; ``.temp`` counts before
+  ``.option temp``; the first of two models counts; ``rsh`` counts before ``r``.  Where nobody can have meant it (a
+  parameter that means another one where it lands), the deck is refused.
 """
 
 from __future__ import annotations
@@ -48,6 +53,34 @@ class ReadingRules:
         Whether the ``r`` of a resistor's model multiplies.
     lengths_twice : bool
         Whether a model's ``narrow`` and ``short`` are taken off at both ends.
+    operators : mapping of str to str
+        Operators that are not what `resgrid.spice.reader.expressions` takes their symbols for.
+    narrow_parser : bool
+        Whether signs after operators and choices within choices are misread.
+    puts_in_text : bool
+        Whether functions, and what an ``X`` line gives, are put in as text: their names are looked up where they land.
+    replaces_multipliers : bool
+        Whether ``m=`` of an ``X`` line takes the place of ``m=`` within, and does not reach switches.
+    end_is_comment : bool
+        Whether what stands after ``.end`` is read.
+    first_counts : bool
+        Whether the first of several models of one name counts, and the first of several options on a line.
+    temp_command_first : bool
+        Whether ``.temp`` counts before ``.option temp``, wherever they stand.
+    braced_temperatures : bool
+        Whether a temperature must be a number, or stand in braces.
+    sheet_first : bool
+        Whether a model's ``rsh`` counts before its ``r``, even without length and width.
+    models_first : bool
+        Whether a model's name is overlooked after a value that does not begin with a digit.
+    ignored_model_keys : frozenset of str
+        Parameters of resistors' models that others obey.
+    spaced_lists : bool
+        Whether the values of ``tc=`` are parted by blanks, without parentheses.
+    refused_options : frozenset of str
+        Options that change the circuit in a way that is not followed here.
+    shunt_options : frozenset of str
+        Options that tie every node to ground, which is not done here.
     """
 
     name: str
@@ -61,6 +94,20 @@ class ReadingRules:
     powers: frozenset[str] = field(default=frozenset({"**"}))
     model_factor: bool = False
     lengths_twice: bool = False
+    operators: Mapping[str, str] = field(default_factory=dict)
+    narrow_parser: bool = False
+    puts_in_text: bool = False
+    replaces_multipliers: bool = False
+    end_is_comment: bool = False
+    first_counts: bool = False
+    temp_command_first: bool = False
+    braced_temperatures: bool = False
+    sheet_first: bool = False
+    models_first: bool = False
+    ignored_model_keys: frozenset[str] = frozenset()
+    spaced_lists: bool = False
+    refused_options: frozenset[str] = frozenset()
+    shunt_options: frozenset[str] = frozenset()
 
 
 MIL = 25.4e-6
@@ -93,6 +140,20 @@ NGSPICE = ReadingRules(
     d_exponents=True,
     powers=frozenset({"**", "^"}),
     lengths_twice=True,
+    operators={"%": "% of the quotient", "\\": "\\ of the magnitude"},
+    narrow_parser=True,
+    puts_in_text=True,
+    replaces_multipliers=True,
+    end_is_comment=True,
+    first_counts=True,
+    temp_command_first=True,
+    braced_temperatures=True,
+    sheet_first=True,
+    models_first=True,
+    ignored_model_keys=frozenset({"defl", "dl", "tref"}),
+    spaced_lists=True,
+    refused_options=frozenset({"rseries"}),
+    shunt_options=frozenset({"rshunt"}),
 )
 LTSPICE = ReadingRules(
     name="ltspice",
@@ -112,6 +173,7 @@ LTSPICE = ReadingRules(
         "buf": "step_half",
     },
     infix_suffixes=True,
+    shunt_options=frozenset({"gshunt"}),
 )
 XYCE = ReadingRules(
     name="xyce",
@@ -131,6 +193,7 @@ HSPICE = ReadingRules(
     functions={**_FUNCTIONS, **_LN, "nint": "nint", "pow": "pow_integer", "pwr": "pwr_signed"},
     d_exponents=True,
     lengths_twice=True,
+    shunt_options=frozenset({"gshunt"}),
 )
 
 RULES = {rules.name: rules for rules in (NGSPICE, LTSPICE, XYCE, HSPICE)}

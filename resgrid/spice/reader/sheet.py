@@ -74,7 +74,7 @@ class NodeTable:
             found = self.number.get(folded)
         if found is None:
             return self._new(name, folded, order)
-        if self.names[found] != name and folded not in self.rules.grounds and order < self._spelling_place(found):
+        if order < self._spelling_place(found) and folded not in self.rules.grounds:
             self.names[found] = name
             self._spelt_at[found] = order
         return found

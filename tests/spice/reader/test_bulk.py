@@ -108,3 +108,10 @@ def test_large_decks_are_cut_whole(tmp_path, count: int) -> None:
     deck = read_with(path, least_bytes=0)
     assert deck.resistance.tolist() == [1.0 + i / 7 for i in range(count)] + [1000.0]
     assert deck.node_names == ("0", *(f"n{i}" if i == 0 else f"N{i}" for i in range(count)), f"N{count}")
+
+
+def test_a_node_is_spelt_as_where_it_stands_first_whichever_way_the_file_is_read(tmp_path) -> None:
+    path = tmp_path / "deck.cir"
+    path.write_text("title\nR1 a4 0 {1}\nR2 (A4 0) 2\nI1 a4 0 0.7M\nV1 x A4 1\n")
+    for least_bytes in (0, 10**9):
+        assert read_with(path, least_bytes=least_bytes).node_names == ("0", "a4", "x")

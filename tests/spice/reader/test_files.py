@@ -10,7 +10,7 @@ from resgrid.errors import InputError
 @pytest.fixture
 def root(tmp_path: Path) -> Path:
     (tmp_path / "lib").mkdir()
-    (tmp_path / "lib" / "parts.inc").write_text("R1 a b {r}\n.include more.inc\n.end\nR9 wat\n")
+    (tmp_path / "lib" / "parts.inc").write_text("R1 a b {r}\n.include more.inc\n.end\n")
     (tmp_path / "lib" / "more.inc").write_text("R2 b 0 2\n")
     (tmp_path / "corners.lib").write_text(
         "* corners\nR7 stray 0 1\n"

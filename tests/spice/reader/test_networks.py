@@ -131,3 +131,14 @@ def test_configurations_that_are_refused(tmp_path: Path, change: dict[str, objec
         return
     with pytest.raises(InputError, match=message):
         read_network(path)
+
+
+@pytest.mark.parametrize(
+    ("content", "kind"), [(b"II*\0\x08\0\0\0", "GeoTIFF"), (b"1\t10.5\t20.5\n2\t11.5\t20.5\n", "list of points")]
+)
+def test_maps_in_other_formats_are_named(tmp_path: Path, content: bytes, kind: str) -> None:
+    make_raster(tmp_path, "cells.asc", ["1 3", "2 5"])
+    make_raster(tmp_path, "out.asc", ["-9999 -9999", "-9999 0"])
+    (tmp_path / "in.asc").write_bytes(content)
+    with pytest.raises(InputError, match=kind):
+        read_circuitscape(configuration(tmp_path))
