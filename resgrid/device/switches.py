@@ -46,8 +46,8 @@ class InternodalSwitches:
     on : float or None
         Resistance of a closed one, in ohms; None is a wire.
     off : float or None
-        Of an open one, in ohms; None is no connection.  Where obstacles are open, it gives these nodes of their own,
-        and the leakage through them crosses no face of the field.
+        Of an open one, in ohms; None is no connection.  Where obstacles are open, it gives these, and cells that no
+        goal serves, nodes of their own, and the leakage through them crosses no face of the field.
     """
 
     on: float | None = None
@@ -87,7 +87,7 @@ def _between_cells(netlist: Netlist, layout: Layout) -> NDArray[np.bool_]:
 
 
 def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
-    """Nodes for cells without one, and the links that end there: closed between free cells, open at obstacles."""
+    """Nodes for cells without one, obstacles and what no goal serves, and the links that end there: all open."""
     from resgrid.compiler import compile_space
 
     layout = netlist.layout
@@ -102,11 +102,8 @@ def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
     assert full.layout is not None
     cells = full.cell_of_node()[full.resistor_nodes]
     new = ~np.isin(full.layout.resistor_face, layout.resistor_face)
-    blocked = (layout.space.cell.ravel()[cells] == Cell.OBSTACLE).any(axis=1)
-    resistance = 1 / full.conductance + np.where(blocked, off, on)
-    face = np.where(blocked, -1, full.layout.resistor_face)
     netlist = netlist.replace(layout=dataclasses.replace(netlist.layout, node=node))  # type: ignore[type-var]
-    return faces.add_resistors(netlist, node.ravel()[cells[new]], 1 / resistance[new], face[new])
+    return faces.add_resistors(netlist, node.ravel()[cells[new]], 1 / (1 / full.conductance[new] + off))
 
 
 @dataclass(frozen=True)

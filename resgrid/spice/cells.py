@@ -295,9 +295,20 @@ def _edges(rules: Dialect, array: TileArray, labels: Texts) -> Texts:
         "name": weave(rows, b"r_edge_", place, *_face(array)),
         "a": weave(rows, b"n_", place),
         "b": names(["obstacle"]).take(np.zeros(rows, np.int64)),
-        "value": numbers(array.edge_resistance),
+        "value": _edge_values(rules, array, place),
     }
     return fill(rules.resistor + "\n", rows, columns)
+
+
+def _edge_values(rules: Dialect, array: TileArray, place: Chosen) -> Texts:
+    """Resistances to the obstacle rail beyond the edge; with walls these follow the state of the tile."""
+    rows, ohms = len(array.edge_resistance), numbers(array.edge_resistance)
+    if not array.wall_resistance:
+        return ohms
+    template = f"{{ohms}}+{array.wall_resistance!r}*(1-{_BLOCKED.format('{state}')})"
+    return fill(
+        rules.expression, rows, {"value": fill(template, rows, {"ohms": ohms, "state": weave(rows, b"state_", place)})}
+    )
 
 
 def _face(array: TileArray) -> tuple[Chosen, Chosen]:

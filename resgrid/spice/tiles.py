@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.conductances import has_wall
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Layout, Netlist
 from resgrid.slabs import face_counts
@@ -104,7 +105,7 @@ class TileArray:
     internodal : bool
         Whether there are internodal switches.
     wall_resistance : float
-        In series with the links to blocked tiles, in ohms.
+        In series with every contact of a blocked tile with one that is not, and with the edge, in ohms.
     link_cells : ndarray of int64, shape (l, 2)
         The cell whose tile holds the resistor, and the next one.
     link_axis, link_face : ndarray of int64, shape (l,)
@@ -116,7 +117,7 @@ class TileArray:
     edge_upward : ndarray of bool, shape (e,)
         Whether that is the upper border.
     edge_resistance : ndarray of float64, shape (e,)
-        In ohms, the wall included.
+        In ohms, without the wall.
     high, low : float
         Voltages of the obstacle and the goal rail, the same where currents drive the chip.
     """
@@ -213,7 +214,7 @@ def tile_array(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAnalysis
         edge_cell=cells[contact, 0],
         edge_face=faces.resistor_face[contact],
         edge_upward=faces.resistor_upward[contact],
-        edge_resistance=value[contact] + layout.wall_resistance,
+        edge_resistance=value[contact],
         high=layout.goal_voltage + (0.0 if layout.drive == "uniform" else layout.supply),
         low=layout.goal_voltage,
     )
@@ -282,7 +283,7 @@ def expanded_netlist(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAn
     switches = [np.stack([own, np.full(cells, rail)], axis=1) for rail in (obstacle, goal)]
     resistance = [
         array.link_resistance + internodal_resistance(array, pattern),
-        array.edge_resistance,
+        walled_edges(array, pattern),
         *rail_resistance(array, pattern),
     ]
     fed = own[pattern.state == State.FREE] if pattern.amps else np.empty(0, dtype=np.int32)
@@ -324,7 +325,13 @@ def internodal_resistance(array: TileArray, pattern: Pattern) -> NDArray[np.floa
     blocked = (pattern.state == State.BLOCKED)[array.link_cells]
     if array.boundary == "neumann":
         return np.where(blocked.any(axis=1), off, on)
-    return np.where(blocked[:, 0] != blocked[:, 1], on + array.wall_resistance, on)
+    return np.where(has_wall(blocked[:, 0], blocked[:, 1]), on + array.wall_resistance, on)
+
+
+def walled_edges(array: TileArray, pattern: Pattern) -> NDArray[np.float64]:
+    """Resistance between cells on the border and the obstacle rail beyond, with its wall, in ohms; shape (edges,)."""
+    walled = has_wall((pattern.state == State.BLOCKED)[array.edge_cell], True)
+    return array.edge_resistance + np.where(walled, array.wall_resistance, 0.0)
 
 
 def rail_resistance(array: TileArray, pattern: Pattern) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
