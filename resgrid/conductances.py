@@ -56,7 +56,7 @@ def in_series(
 
 def has_wall(lower_obstacle: NDArray[np.bool_] | bool, upper_obstacle: NDArray[np.bool_] | bool) -> NDArray[np.bool_]:
     """Return which contacts have the wall in series: those of an obstacle with what is none."""
-    return np.asarray(lower_obstacle) != np.asarray(upper_obstacle)
+    return np.not_equal(lower_obstacle, upper_obstacle)
 
 
 def behind_wall(conductance: NDArray[np.float64], wall_resistance: float) -> NDArray[np.float64]:

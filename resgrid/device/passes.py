@@ -11,7 +11,6 @@ from difflib import get_close_matches
 from typing import Any, Protocol
 
 from resgrid.device.faults import Faults
-from resgrid.device.randomness import Seed, seed_of
 from resgrid.device.resistors import (
     Gradient,
     Mismatch,
@@ -24,6 +23,7 @@ from resgrid.device.resistors import (
 from resgrid.device.switches import Capacitance, InternodalSwitches, RailResistance, RailSwitches, ReadoutLoad
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
+from resgrid.randomness import Seed, seed_of
 from resgrid.scene.chip import Chip
 
 

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid import die
 from resgrid.arguments import check_number, check_optional
 from resgrid.device import faces
 from resgrid.errors import InputError
@@ -47,7 +48,8 @@ class InternodalSwitches:
         Resistance of a closed one, in ohms; None is a wire.
     off : float or None
         Of an open one, in ohms; None is no connection.  Where obstacles are open, it gives these, and cells that no
-        goal serves, nodes of their own, and the leakage through them crosses no face of the field.
+        goal serves, nodes of their own; the resistors before them keep their nominal values, and the leakage through
+        them crosses no face of the field.
     """
 
     on: float | None = None
@@ -83,7 +85,7 @@ def _in_series(netlist: Netlist, which: NDArray[np.bool_], ohms: float) -> Netli
 def _between_cells(netlist: Netlist, layout: Layout) -> NDArray[np.bool_]:
     """Grid resistors that do not lead to the rail beyond the edge."""
     to_edge = (netlist.resistor_nodes == layout.obstacle_node).any(axis=1) & (layout.obstacle_node >= 0)
-    return np.asarray(faces.on_grid(netlist) & ~to_edge)
+    return np.asarray(die.on_grid(netlist) & ~to_edge)
 
 
 def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
@@ -92,7 +94,7 @@ def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
 
     layout = netlist.layout
     assert layout is not None
-    netlist = _in_series(netlist, faces.on_grid(netlist), on)
+    netlist = _in_series(netlist, die.on_grid(netlist), on)
     missing = layout.node < 0
     netlist, nodes = faces.add_nodes(netlist, int(missing.sum()))
     node = layout.node.copy()
@@ -206,7 +208,7 @@ def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
     local = np.full(netlist.node_count, -1, dtype=np.int64)
     local[layout.node[own]] = mesh[own]
     resistor_nodes = netlist.resistor_nodes.copy()
-    switch = ~faces.on_grid(netlist) & (resistor_nodes[:, 1] == pin) & (local[resistor_nodes[:, 0]] >= 0)
+    switch = ~die.on_grid(netlist) & (resistor_nodes[:, 1] == pin) & (local[resistor_nodes[:, 0]] >= 0)
     resistor_nodes[switch, 1] = local[resistor_nodes[switch, 0]]
     netlist = netlist.replace(
         resistor_nodes=resistor_nodes,

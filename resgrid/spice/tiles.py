@@ -105,7 +105,9 @@ class TileArray:
     internodal : bool
         Whether there are internodal switches.
     wall_resistance : float
-        In series with every contact of a blocked tile with one that is not, and with the edge, in ohms.
+        In series with every contact of a blocked tile with one that is not, and with the edge, in ohms; 0 without.
+    link_wall, edge_wall : ndarray of float64, shapes (l,), (e,)
+        The same with the mismatch of the resistor before it, in ohms.
     link_cells : ndarray of int64, shape (l, 2)
         The cell whose tile holds the resistor, and the next one.
     link_axis, link_face : ndarray of int64, shape (l,)
@@ -128,6 +130,8 @@ class TileArray:
     drive: str | None
     internodal: bool
     wall_resistance: float
+    link_wall: NDArray[np.float64]
+    edge_wall: NDArray[np.float64]
     link_cells: NDArray[np.int64]
     link_axis: NDArray[np.int64]
     link_face: NDArray[np.int64]
@@ -196,9 +200,10 @@ def tile_array(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAnalysis
     first = full.node_count - layout.space.cell.size
     contact = full.resistor_nodes[:, 1] == faces.obstacle_node
     cells = full.resistor_nodes - first
-    value = resistances(full.conductance)
+    value, wall = resistances(full.conductance), np.full(len(full.conductance), layout.wall_resistance)
     if mismatch is not None and not mismatch.runs:
-        value = value * mismatch.factors(len(value))
+        factor = mismatch.factors(full)[faces.resistor_face]
+        value, wall = value * factor, wall * factor
     shape = layout.space.shape
     return TileArray(
         shape=shape,
@@ -207,6 +212,8 @@ def tile_array(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAnalysis
         drive=layout.drive,
         internodal=tile.internodal_switch_on is not None,
         wall_resistance=layout.wall_resistance,
+        link_wall=wall[~contact],
+        edge_wall=wall[contact],
         link_cells=cells[~contact],
         link_axis=np.searchsorted(np.cumsum(face_counts(shape)), faces.resistor_face[~contact], side="right"),
         link_face=faces.resistor_face[~contact],
@@ -325,13 +332,13 @@ def internodal_resistance(array: TileArray, pattern: Pattern) -> NDArray[np.floa
     blocked = (pattern.state == State.BLOCKED)[array.link_cells]
     if array.boundary == "neumann":
         return np.where(blocked.any(axis=1), off, on)
-    return np.where(has_wall(blocked[:, 0], blocked[:, 1]), on + array.wall_resistance, on)
+    return np.where(has_wall(blocked[:, 0], blocked[:, 1]), on + array.link_wall, on)
 
 
 def walled_edges(array: TileArray, pattern: Pattern) -> NDArray[np.float64]:
     """Resistance between cells on the border and the obstacle rail beyond, with its wall, in ohms; shape (edges,)."""
     walled = has_wall((pattern.state == State.BLOCKED)[array.edge_cell], True)
-    return array.edge_resistance + np.where(walled, array.wall_resistance, 0.0)
+    return array.edge_resistance + np.where(walled, array.edge_wall, 0.0)
 
 
 def rail_resistance(array: TileArray, pattern: Pattern) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -123,6 +124,31 @@ def agree(netlist: rg.Netlist, space: rg.ConfigurationSpace, expected: tuple[Any
     np.testing.assert_allclose(point.voltage[node[has_node]], volts[has_node], rtol=0, atol=1e-9 * scale)
     assert has_node[(space.cell == 0) & space.goal_connected].all()
     assert point.power == pytest.approx(power, rel=1e-8, abs=1e-12 * scale**2 / R)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_a_seed_draws_the_same_mismatch_in_every_form(way: str, tmp_path: Path) -> None:
+    drawn = rg.MismatchAnalysis(0.4, seed=7)
+    for number in range(20):
+        space, options = random_scene(number, way)
+        if not (space.goal_connected & (space.cell == 0)).any():
+            continue
+        wall = WALL if way == "wall" else None
+        chip = rg.Chip(resistance=R, supply=VOLTS, wall_resistance=WALL, mismatch=0.4, seed=7)
+        flat = rg.compile_space(space, **options, resistance=R, supply=VOLTS, wall_resistance=wall, rails="cells")
+        made = rg.compile_chip(space, chip, **options)
+        np.testing.assert_array_equal(drawn.apply(flat).conductance, made.conductance)
+        switched, tiled = (
+            rg.compile_chip(space, rg.Chip(**vars(chip) | SWITCHES | {"internodal_switch_off": 1e13}), **options),
+            rg.expanded_netlist(flat, rg.Tile(**SWITCHES | {"internodal_switch_off": 1e13}), drawn),
+        )
+        one, other = (rg.solve(netlist).voltage[netlist.layout.node] for netlist in (switched, tiled))
+        open_cells = (space.cell == 1) | ~(space.goal_connected | (space.cell == 2)) if way in WAYS[2:] else False
+        scale = max(VOLTS, float(np.abs(one).max()))
+        np.testing.assert_allclose(np.where(open_cells, 0, one), np.where(open_cells, 0, other), atol=1e-9 * scale)
+        if number < 4:
+            written = rg.write_spice(flat, tmp_path / "a.cir", form="cells", tile=rg.Tile(**SWITCHES), analyses=[drawn])
+            assert rg.check_deck(written.path).agrees
 
 
 @pytest.mark.parametrize("way", WAYS)
