@@ -133,7 +133,7 @@ def _start_driven(job: Job, report: Report, chips: dict[str, Chip]) -> Plan:
         if job.space.cell[cell] != Cell.FREE or not job.space.goal_connected[cell]:
             routes.append(_placed(job, number, _undriven(job.space, cell), None, 0.0))
             continue
-        chip = solve_chip(job, report, "neumann", number)
+        chip = solve_chip(job, report, "neumann", number, ideal=True)
         chips[chip.name] = chip
         fields.append(field_of(chip.point))
         routes.append(_route(job, fields, -1, number))

@@ -95,8 +95,8 @@ def _used(chip: Chip, seed: Seed) -> list[Pass]:
     passes: list[Pass] = []
     if chip.tc1 or chip.tc2:
         passes.append(TemperatureCoefficients(chip.tc1 or 0.0, chip.tc2 or 0.0))
-    if chip.temperature is not None:
-        passes.append(Temperature(chip.temperature))
+        if chip.temperature is not None:
+            passes.append(Temperature(chip.temperature))
     if chip.internodal_switch_on is not None or chip.internodal_switch_off is not None:
         passes.append(InternodalSwitches(chip.internodal_switch_on, chip.internodal_switch_off))
     if chip.saturation_voltage is not None:

@@ -187,13 +187,7 @@ def tile_array(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAnalysis
     from resgrid.spice.deck import resistances
 
     layout = layout_of(netlist)
-    switched = layout.boundary in ("neumann", "wall") or bool(tile.internodal_switch_on or tile.internodal_switch_off)
-    tile = replace(
-        tile,
-        resistance=tile.resistance or layout.resistance,
-        internodal_switch_on=tile.internodal_switch_on or (_INTERNODAL_ON if switched else None),
-        internodal_switch_off=tile.internodal_switch_off or (_INTERNODAL_OFF if switched else None),
-    )
+    tile = complete_tile(tile, layout)
     edge = ["open" if layout.boundary == "neumann" and rule == "obstacle" else rule for rule in layout.edge]
     full = compile_space(layout.space, edge=edge, rails="cells", resistance=tile.resistance or layout.resistance)
     faces = layout_of(full)
@@ -224,6 +218,17 @@ def tile_array(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAnalysis
         edge_resistance=value[contact],
         high=layout.goal_voltage + (0.0 if layout.drive == "uniform" else layout.supply),
         low=layout.goal_voltage,
+    )
+
+
+def complete_tile(tile: Tile, layout: Layout) -> Tile:
+    """A tile with the resistance, and the internodal switches, that its array needs."""
+    switched = layout.boundary in ("neumann", "wall") or bool(tile.internodal_switch_on or tile.internodal_switch_off)
+    return replace(
+        tile,
+        resistance=tile.resistance or layout.resistance,
+        internodal_switch_on=tile.internodal_switch_on or (_INTERNODAL_ON if switched else None),
+        internodal_switch_off=tile.internodal_switch_off or (_INTERNODAL_OFF if switched else None),
     )
 
 
