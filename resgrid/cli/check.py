@@ -10,7 +10,7 @@ import click
 
 from resgrid.cli.decks import is_deck, open_deck, read_as_option, refuse_scene_options, root_option, solve_deck
 from resgrid.cli.failures import NEGATIVE
-from resgrid.cli.heeded import several_k, tell_unheeded
+from resgrid.cli.heeded import tell_unheeded
 from resgrid.cli.job import Chip, compile_chip, only_boundary, open_job, solve_chip
 from resgrid.cli.options import SceneChoice, with_report, with_scene
 from resgrid.cli.report import Report
@@ -80,7 +80,7 @@ def command(
         agreement = _check_deck(choice, read_as, root, run, report)
     else:
         job = open_job(choice, report)
-        told = tell_unheeded(job, "circuit", report, k=several_k(job))
+        told = tell_unheeded(job, "circuit", report)
         chip = solve_chip(job, report, *only_boundary(job))
         _foretell(chip.netlist, run, report)
         agreement = _simulated(chip, deck, run, report)
@@ -102,7 +102,7 @@ def _check_rules(
         circuit = open_deck(choice, read_as, root, report)
     else:
         job = open_job(choice, report)
-        told = tell_unheeded(job, "circuit", report, k=several_k(job))
+        told = tell_unheeded(job, "circuit", report)
         circuit = compile_chip(job, report, *only_boundary(job))
     with report.stage("check the rules"):
         findings = check_rules(circuit)

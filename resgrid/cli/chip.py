@@ -13,7 +13,7 @@ from resgrid.cli.chip_study import ANALYSES, Limits, Study, open_study
 from resgrid.cli.compile import dialect_option
 from resgrid.cli.failures import NEGATIVE
 from resgrid.cli.folder import SUMMARY, whole_folder
-from resgrid.cli.heeded import several_k, tell_unheeded
+from resgrid.cli.heeded import tell_unheeded
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.output import json_text
 from resgrid.cli.report import Report
@@ -68,7 +68,7 @@ def command(
 
     with whole_folder(folder) as made:
         study = open_study(choice, report, bounds)
-        told = tell_unheeded(study.job, "chip", report, k=several_k(study.job))
+        told = tell_unheeded(study.job, "chip", report)
         sections = [run_analysis(name, study, made, report) for name in names]
         decks, verdict = _decks(study, made, dialect, wanted, report)
         data = _summary(study, sections, decks, verdict) | told

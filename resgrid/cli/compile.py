@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from resgrid.cli.heeded import require_tiles, several_k, tell_assumed, tell_unheeded
+from resgrid.cli.heeded import require_tiles, tell_assumed, tell_unheeded
 from resgrid.cli.job import Chip, Job, compile_chip, is_ideal, only_boundary, open_job, solve_chip
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.report import Report
@@ -55,7 +55,7 @@ def command(choice: SceneChoice, output: str | None, dialect: str, form: Form, r
     if form == "cells":
         require_tiles(job.scene.chip)
     boundary, start = only_boundary(job)
-    told = tell_unheeded(job, "circuit" if form == "flat" else "tiles", report, k=several_k(job))
+    told = tell_unheeded(job, "circuit" if form == "flat" else "tiles", report)
     if printed and not report.json:
         click.echo(_deck_text(job, boundary, start, dialect, report), nl=False)
         return 0

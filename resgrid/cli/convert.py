@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from resgrid.cli.decks import is_deck, open_deck, read_as_option, root_option, solve_deck
-from resgrid.cli.heeded import several_k, tell_unheeded
+from resgrid.cli.heeded import tell_unheeded
 from resgrid.cli.job import DECK_SUFFIXES, Chip, only_boundary, open_job, solve_chip
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.report import Report
@@ -76,7 +76,7 @@ def _circuit(
     """The netlist, its title, where it is wanted its solution, and what was not heeded of a scene."""
     if not is_deck(choice.source):
         job = open_job(choice, report)
-        told = tell_unheeded(job, "circuit", report, k=several_k(job))
+        told = tell_unheeded(job, "circuit", report)
         chip: Chip = solve_chip(job, report, *only_boundary(job))
         return chip.netlist, job.scene.title, chip.point, told
     deck = open_deck(choice, read_as, root, report)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, Literal
 
+from resgrid.cli.job import only_boundary
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -14,9 +15,10 @@ if TYPE_CHECKING:
     from resgrid.device.held import Form
     from resgrid.scene import Chip
 
+_READ = "they say how voltages are read, and a circuit holds no meter; 'resgrid chip' heeds them"
 _WHY = {
-    "circuit": "they say how voltages are read, and a circuit holds no meter; 'resgrid chip' heeds them",
-    "tiles": "they say how voltages are read, and a circuit holds no meter; 'resgrid chip' heeds them",
+    "circuit": _READ,
+    "tiles": _READ,
     "grid": "fields and paths are those of the ideal grid (decks hold the chip); 'resgrid chip' asks what they do to a "
     "robot",
 }
@@ -31,10 +33,10 @@ def tell_unheeded(
     ----------
     job : Job
     form : {"circuit", "tiles", "grid", "chip"}
-        What it makes; the study of a chip heeds all of ``[chip]``.
+        What it makes: a circuit, or its array of tiles, fields, or the study of a chip, which heeds all of ``[chip]``.
     report : Report
     k : sequence of float
-        Blends that it leaves out.
+        Blends that fields are not made of; a circuit is none of several.
 
     Returns
     -------
@@ -46,16 +48,27 @@ def tell_unheeded(
     keys = [] if form == "chip" else [f"chip.{key}" for key in keys_not_held(job.scene.chip, form)]
     if keys:
         report.say(f"not heeded: {', '.join(keys)}: {_WHY[form]}")
+    k = k if form == "grid" else several_k(job)
     if k:
         report.say(
             f"not heeded: k = {', '.join(f'{share:g}' for share in k)}: this is one chip or one blend; choose it with "
             "--boundary or --k ('resgrid run' makes them all)"
         )
-    return {"not_heeded": [*keys, *(["k"] if k else [])]}
+    drive = job.scene.drive is not None and not _is_driven(job, form)
+    if drive:
+        report.say(f"not heeded: drive = {job.scene.drive!r}: here obstacles are a rail, and that drives the grid")
+    return {"not_heeded": [*keys, *(["k"] if k else []), *(["drive"] if drive else [])]}
+
+
+def _is_driven(job: Job, form: Form | Literal["chip"]) -> bool:
+    """Whether anything is made whose obstacles are open."""
+    if form != "grid":
+        return only_boundary(job)[0] == "neumann"
+    return any(share < 1 for share in job.scene.k) if job.scene.k else job.scene.boundary == "neumann"
 
 
 def several_k(job: Job) -> tuple[float, ...]:
-    """The blends of a scene that asks for several, which a verb that makes one chip leaves out."""
+    """The blends of a scene that asks for several."""
     return job.scene.k if len(job.scene.k) > 1 else ()
 
 

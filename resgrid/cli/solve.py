@@ -17,7 +17,7 @@ from resgrid.cli.decks import (
     solution_lines as deck_solution_lines,
     solve_deck,
 )
-from resgrid.cli.heeded import several_k, tell_unheeded
+from resgrid.cli.heeded import tell_unheeded
 from resgrid.cli.job import only_boundary, open_job, size_of, solution_summary, solve_chip
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.output import emit_file
@@ -86,7 +86,7 @@ def _solve_deck(
 def _solve_scene(choice: SceneChoice, output: str | None, report: Report) -> int:
     _check_target(output, report)
     job = open_job(choice, report)
-    told = tell_unheeded(job, "circuit", report, k=several_k(job))
+    told = tell_unheeded(job, "circuit", report)
     chip = solve_chip(job, report, *only_boundary(job))
     data = solution_summary(chip, job.space) | told
     if output is not None:

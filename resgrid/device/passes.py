@@ -101,8 +101,6 @@ def _used(chip: Chip, seed: Seed) -> list[Pass]:
         passes.append(InternodalSwitches(chip.internodal_switch_on, chip.internodal_switch_off))
     if chip.saturation_voltage is not None:
         passes.append(Saturation(chip.saturation_voltage))
-    if chip.defects.open_density or chip.defects.short_density:
-        passes.append(Faults(**dataclasses.asdict(chip.defects), seed=seed))
     switches = RailSwitches(
         chip.obstacle_switch_on, chip.obstacle_switch_off, chip.goal_switch_on, chip.goal_switch_off
     )
@@ -114,6 +112,8 @@ def _used(chip: Chip, seed: Seed) -> list[Pass]:
         passes.append(Capacitance(chip.capacitance))
     if chip.readout.input_resistance is not None:
         passes.append(ReadoutLoad(chip.readout.input_resistance))
+    if chip.defects.open_density or chip.defects.short_density:  # last, for a switch or a load may still serve a cell
+        passes.append(Faults(**dataclasses.asdict(chip.defects), seed=seed))
     return passes
 
 

@@ -194,3 +194,10 @@ def test_blends_that_a_verb_leaves_out_are_named(call, room, tmp_path, verb) -> 
     result = call(verb, room, *words.get(verb, ()), "--json")
     assert "k" in json.loads(result.stdout)["not_heeded"]
     assert "k = " in result.stderr
+
+
+@pytest.mark.parametrize("verb", ["solve", "path", "info"])
+def test_a_drive_of_what_a_rail_drives_is_named(answer, room, verb) -> None:
+    words = (verb, room, "--start", "0.5,0.5", "--set", "boundary=neumann", "--set", "drive=uniform")
+    assert answer(*words, "--k", 1)["not_heeded"] == ["drive"]
+    assert answer(*words)["not_heeded"] == []
