@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.budget import require_memory
-from resgrid.conductances import behind_wall, in_series, of_face
+from resgrid.conductances import behind_wall, has_wall, in_series, of_face
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import GROUND, MOST_NODES, Layout, Netlist
 from resgrid.slabs import face_counts, faces_ahead, places_in_slab, slab
@@ -333,29 +333,15 @@ def _fill_piece(
     part.face[:] = faces + group.first_face
     part.upward[:] = there is not None or group.faces[0] > 0
     part.conductance[:] = of_face(space.spacing, axis, rules.resistance)
-    if there is None:
-        if space.conductivity is not None:
-            part.conductance[:] *= space.conductivity.reshape(-1)[here]
-        part.conductance[:] = behind_wall(part.conductance, rules.wall_resistance)
-    elif space.conductivity is not None or rules.wall_resistance > 0:
-        _combine(space, rules, here, there, part.conductance)
-
-
-def _combine(
-    space: ConfigurationSpace,
-    rules: _Rules,
-    here: NDArray[np.int64],
-    there: NDArray[np.int64],
-    conductance: NDArray[np.float64],
-) -> None:
-    """Put both cells' conductivities, and the wall's resistance, into the conductances between them, in place."""
-    codes = space.cell.reshape(-1)[here], space.cell.reshape(-1)[there]
+    cell = space.cell.reshape(-1)
+    codes = cell[here], Cell.OBSTACLE if there is None else cell[there]
     if space.conductivity is not None:
         c = space.conductivity.reshape(-1)
-        conductance *= in_series(c[here], c[there], *(code == Cell.FREE for code in codes))
+        free = (code == Cell.FREE for code in codes)
+        part.conductance[:] *= c[here] if there is None else in_series(c[here], c[there], *free)
     if rules.wall_resistance > 0:
-        contact = (np.minimum(*codes) == Cell.FREE) & (np.maximum(*codes) == Cell.OBSTACLE)
-        conductance[contact] = behind_wall(conductance[contact], rules.wall_resistance)
+        walled = has_wall(*(code == Cell.OBSTACLE for code in codes))
+        part.conductance[walled] = behind_wall(part.conductance[walled], rules.wall_resistance)
 
 
 def _voltage_sources(

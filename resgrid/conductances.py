@@ -3,6 +3,23 @@
 Along axis ``a`` the conductance is ``(h_ref / h_a)**2 / R`` times the series combination ``2 c_i c_j / (c_i + c_j)`` of
 the cells' conductivities, ``h_ref`` being the smallest spacing.  Kirchhoff's current law at a node is then the
 finite-volume form of ``div(c grad phi) = 0`` (Tarassenko & Blake 1991; Connolly & Grupen 1992, section 2).
+
+Two neighbours have a contact of this kind, whatever they are:
+
+=================  ==========  ============================  =======================
+neighbours         dirichlet   wall                          neumann
+=================  ==========  ============================  =======================
+free, free         ``G``       ``G``                         ``G``
+free, goal         ``G``       ``G``                         ``G``
+goal, goal         ``G``       ``G``                         ``G``
+free, obstacle     ``G``       ``1 / (1 / G + R_wall)``      none
+goal, obstacle     ``G``       ``1 / (1 / G + R_wall)``      none
+obstacle, obstacle ``G``       ``G``                         none
+=================  ==========  ============================  =======================
+
+Where just one of two cells is free, its conductivity counts alone.  Beyond an edge that counts as an obstacle lies an
+obstacle cell, of the conductivity of the cell at the edge, that is on the obstacle rail; beyond an open edge lies
+nothing.  Resistors between cells of the rails exist only where these have nodes (``rails="cells"``, chips, tiles).
 """
 
 from __future__ import annotations
@@ -35,6 +52,11 @@ def in_series(
     lower = np.where(upper_free & ~np.asarray(lower_free), upper, lower)
     upper = np.where(lower_free & ~np.asarray(upper_free), lower, upper)
     return lower * (2.0 * upper / (lower + upper))
+
+
+def has_wall(lower_obstacle: NDArray[np.bool_] | bool, upper_obstacle: NDArray[np.bool_] | bool) -> NDArray[np.bool_]:
+    """Return which contacts have the wall in series: those of an obstacle with what is none."""
+    return np.not_equal(lower_obstacle, upper_obstacle)
 
 
 def behind_wall(conductance: NDArray[np.float64], wall_resistance: float) -> NDArray[np.float64]:

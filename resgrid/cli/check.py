@@ -18,6 +18,7 @@ from resgrid.cli.decks import (
     solve_deck,
 )
 from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
+from resgrid.cli.heeded import tell_unheeded
 from resgrid.cli.job import Chip, compile_chip, only_boundary, open_job, solve_chip
 from resgrid.cli.options import SceneChoice, with_report, with_scene
 from resgrid.cli.report import Report
@@ -83,6 +84,7 @@ def command(
         raise InputError(f"--tolerance {tolerance}: it must lie between 0 and 1, for it is relative to the supply")
     if not 0 < timeout < float("inf"):
         raise InputError(f"--timeout {timeout}: it must be a positive number of seconds")
+    told: dict[str, list[str]] = {}
     given = is_deck(choice.source)
     if given and deck is not None:
         raise InputError(f"{choice.source} is a deck already; --deck goes with a scene")
@@ -92,10 +94,11 @@ def command(
         agreement = _check_deck(choice, read_as, root, run, report)
     else:
         job = open_job(choice, report)
+        told = tell_unheeded(job, "circuit", report)
         chip = solve_chip(job, report, *only_boundary(job))
         _foretell(chip.netlist, run, report)
         agreement = _simulated(chip, deck, run, report)
-    report.finish(agreement_data(agreement), agreement_lines(agreement))
+    report.finish(agreement_data(agreement) | told, agreement_lines(agreement))
     return _code(agreement)
 
 
@@ -112,17 +115,19 @@ def _check_rules(
     if deck is not None:
         raise InputError("--rules checks SCENE or DECK itself; leave --deck out")
     circuit: Netlist | ParsedDeck
+    told: dict[str, list[str]] = {}
     if given:
         read = open_deck(choice, read_as, root, report)
         circuit = read if read.given is None else read.given
     else:
         job = open_job(choice, report)
+        told = tell_unheeded(job, "circuit", report)
         circuit = compile_chip(job, report, *only_boundary(job))
     with report.stage("check the rules"):
         findings = check_rules(circuit)
     with report.stage("ask what simulators would make of it"):
         verdicts = predict_simulators(circuit, findings)
-    report.finish(rules_data(findings, verdicts), rules_lines(findings, verdicts))
+    report.finish(rules_data(findings, verdicts) | told, rules_lines(findings, verdicts))
     return NEGATIVE if any(finding.severity == "error" for finding in findings) else 0
 
 

@@ -14,6 +14,7 @@ from resgrid.cli.chip_study import ANALYSES, Limits, Study, open_study
 from resgrid.cli.compile import dialect_option
 from resgrid.cli.failures import NEGATIVE
 from resgrid.cli.folder import SUMMARY, whole_folder
+from resgrid.cli.heeded import tell_unheeded
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.output import json_text
 from resgrid.cli.report import Report
@@ -66,9 +67,10 @@ def command(
 
     with whole_folder(folder) as made:
         study = open_study(choice, report, bounds)
+        told = tell_unheeded(study.job, "chip", report)
         sections = [run_analysis(name, study, made, report) for name in names]
         decks, verdict = _decks(study, made, dialect, wanted, folder, report)
-        data = _summary(study, sections, decks, verdict)
+        data = _summary(study, sections, decks, verdict) | told
         heading, table = study.title, study.parameters()
         (made / "report.md").write_text(format_markdown(heading, table, sections, decks, verdict), encoding="utf-8")
         (made / "report.html").write_text(format_html(heading, table, sections, decks, verdict), encoding="utf-8")

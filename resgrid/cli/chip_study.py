@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from resgrid.cli.chip_parameters import described
-from resgrid.cli.job import Job, only_boundary, open_job, size_of, start_cell
+from resgrid.cli.job import Job, compile_options, only_boundary, open_job, size_of
 from resgrid.cli.options import SceneChoice
 from resgrid.cli.report import Report
 from resgrid.errors import InputError
@@ -134,9 +134,7 @@ class Study:
     @property
     def options(self) -> dict[str, Any]:
         """How its space is compiled."""
-        drive = self.job.scene.drive if self.boundary == "neumann" else None
-        start = None if self.start is None else start_cell(self.job, self.start)
-        return {"boundary": self.boundary, "drive": drive, "edge": self.job.scene.edge, "start": start}
+        return compile_options(self.job, self.boundary, self.start)
 
     def parameters(self) -> list[tuple[str, str, str]]:
         """What the scene says of the chip: key, value, meaning."""
@@ -177,12 +175,8 @@ def open_study(choice: SceneChoice, report: Report, limits: Limits) -> Study:
     if not job.space.goal_connected.any():
         raise InputError("no free cell has a way to a goal, so there is nothing for a chip to do; open one")
     boundary, start = only_boundary(job)
-    drive = job.scene.drive if boundary == "neumann" else None
-    cell = None if start is None else start_cell(job, start)
     with report.stage("build the chip"):
-        ideal = ideal_netlist(
-            job.space, job.scene.chip, boundary=boundary, drive=drive, edge=job.scene.edge, start=cell
-        )
+        ideal = ideal_netlist(job.space, job.scene.chip, **compile_options(job, boundary, start))
         netlist = build_chip(ideal, job.scene.chip)
     point = report.compute("solve the chip", solve, netlist, seconds=0.5 + 3e-8 * netlist.node_count**1.5)
     return Study(job, boundary, start, limits, ideal, netlist, point)

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from resgrid.cli.job import Chip, Job, compile_chip, only_boundary, open_job, solve_chip
+from resgrid.cli.heeded import require_tiles, tell_assumed, tell_unheeded
+from resgrid.cli.job import Chip, Job, compile_chip, is_ideal, only_boundary, open_job, solve_chip
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.report import Report
 from resgrid.errors import InputError
@@ -40,6 +41,9 @@ form_option = click.option(
 def command(choice: SceneChoice, output: str | None, dialect: str, form: Form, report: Report) -> int:
     """Compile SCENE into a resistor netlist and write it as a SPICE deck.
 
+    The flat deck is that of the chip as its [chip] table describes it; tiles hold its switches, capacitors and
+    mismatch, and what they cannot hold is refused.
+
     Without -o, or with -o -, the flat deck alone is printed.
     """
     printed = output in (None, "-")
@@ -48,18 +52,23 @@ def command(choice: SceneChoice, output: str | None, dialect: str, form: Form, r
     if output == "-" and report.json:
         raise InputError("-o - and --json both want standard output; write the deck to a file")
     job = open_job(choice, report)
+    if form == "cells":
+        require_tiles(job.scene.chip)
     boundary, start = only_boundary(job)
+    told = tell_unheeded(job, "circuit" if form == "flat" else "tiles", report)
     if printed and not report.json:
         click.echo(_deck_text(job, boundary, start, dialect, report), nl=False)
         return 0
-    chip = solve_chip(job, report, boundary, start)
-    data: dict[str, Any] = {"chip": chip.name, "dialect": dialect, **_counts(chip)}
+    chip = solve_chip(job, report, boundary, start, ideal=form == "cells")
+    data: dict[str, Any] = {"chip": chip.name, "dialect": dialect, **_counts(chip), **told}
     if output is not None:
         written = write_deck(output, job, chip, dialect, report, form)
         data |= {"form": form, "deck": written.path, "sidecar": written.sidecar, "commands": written.commands}
         more = {"companion": written.companion, "chip": written.chip, "pattern": written.pattern}
         data |= {f"{key}_file" if key in data else key: path for key, path in more.items() if path is not None}
         data["sha256"] = written.sha256
+        if form == "cells":
+            data |= tell_assumed(job.scene.chip, chip, report)
         others = [path for path in (written.sidecar, written.commands, *more.values()) if path is not None]
         report.say(f"wrote {written.path} ({data['resistors']:,} resistors), {', '.join(map(str, others))}")
     report.finish(data, ())
@@ -89,10 +98,12 @@ def write_deck(
     InputError
         If the dialect is unknown or a file cannot be written.
     """
+    from resgrid.spice.analyses import MismatchAnalysis
     from resgrid.spice.tiles import Tile
     from resgrid.spice.writer import write_spice
 
-    tile = Tile.of(vars(job.scene.chip))
+    told = job.scene.chip
+    drawn = [MismatchAnalysis(told.mismatch, told.seed)] if form == "cells" and told.mismatch else []
     with report.stage("write the deck", seconds=5e-6 * len(chip.netlist.conductance)):
         return write_spice(
             chip.netlist,
@@ -101,7 +112,8 @@ def write_deck(
             title=_title(job, chip.name),
             operating_point=chip.point,
             form=form,
-            tile=tile,
+            tile=Tile.of(vars(told)),
+            analyses=drawn,
             scene_sha256=_scene_hash(job),
         )
 
@@ -116,7 +128,7 @@ def _deck_text(job: Job, boundary: str, start: int | None, dialect: str, report:
     from resgrid.spice.deck import format_deck
 
     netlist = compile_chip(job, report, boundary, start)
-    if netlist.current_nodes.size:
+    if netlist.current_nodes.size and is_ideal(job):
         netlist = solve_chip(job, report, boundary, start).netlist
     return format_deck(netlist, dialect=dialect, title=_title(job, boundary))
 

@@ -9,6 +9,7 @@ import click
 
 from resgrid.cli.control_files import Motion, check_log, run_data, run_line, write_log
 from resgrid.cli.failures import NEGATIVE
+from resgrid.cli.heeded import tell_unheeded
 from resgrid.cli.job import Job, open_job
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.paths import require_starts
@@ -71,6 +72,7 @@ def command(
         check_log(output, job.space.axes)
     require_starts(job)
     shares = job.scene.k if "k" in choice.changes else job.scene.k[:1]
+    told = tell_unheeded(job, "grid", report, k=job.scene.k[len(shares) :])
     for option, file in films.items():
         if file is not None and len(shares or (None,)) * len(job.scene.starts) > 1:
             raise InputError(f"{option} shows one run: choose a start with --start X,Y and a blend with --k K")
@@ -83,7 +85,7 @@ def command(
     if wavefront is not None:
         _draw_wavefront(wavefront, motions[0], job, report)
     if output != "-":
-        data = {"scene": job.scene.title, "runs": [run_data(motion) for motion in motions]}
+        data = {"scene": job.scene.title, "runs": [run_data(motion) for motion in motions], **told}
         report.finish(data, [run_line(motion) for motion in motions])
     return 0 if all(str(motion.run.ending) == "arrived" for motion in motions) else NEGATIVE
 

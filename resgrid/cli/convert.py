@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from resgrid.cli.decks import is_deck, open_deck, read_as_option, root_option, solve_deck
+from resgrid.cli.heeded import tell_unheeded
 from resgrid.cli.job import DECK_SUFFIXES, SPECTRE_SUFFIX, Chip, only_boundary, open_job, solve_chip
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.report import Report
@@ -56,8 +57,8 @@ def command(
         raise InputError(f"-o {output}: this is the input; name another file")
     name = dialect or ("spectre" if suffix == SPECTRE_SUFFIX else "ngspice")
     wants_sidecar = not bare and output != "-" and suffix not in NETWORK_SUFFIXES
-    netlist, title, point = _circuit(choice, read_as, root, report, solve=wants_sidecar)
-    data = _written(netlist, title, point if wants_sidecar else None, output, name, report)
+    netlist, title, point, told = _circuit(choice, read_as, root, report, solve=wants_sidecar)
+    data = _written(netlist, title, point if wants_sidecar else None, output, name, report) | told
     if output != "-":
         report.say(f"wrote {output}")
         report.finish(data, ())
@@ -70,17 +71,18 @@ def _same_file(a: str, b: str) -> bool:
 
 def _circuit(
     choice: SceneChoice, read_as: str, root: str | None, report: Report, *, solve: bool
-) -> tuple[Netlist, str | None, OperatingPoint | None]:
-    """The netlist, its title and, where it is wanted, its solution."""
+) -> tuple[Netlist, str | None, OperatingPoint | None, dict[str, list[str]]]:
+    """The netlist, its title, where it is wanted its solution, and what was not heeded of a scene."""
     if not is_deck(choice.source):
         job = open_job(choice, report)
+        told = tell_unheeded(job, "circuit", report)
         chip: Chip = solve_chip(job, report, *only_boundary(job))
-        return chip.netlist, job.scene.title, chip.point
+        return chip.netlist, job.scene.title, chip.point, told
     deck = open_deck(choice, read_as, root, report)
     if solve:
         solved = solve_deck(deck, report)
-        return solved.point.netlist, deck.title, solved.point
-    return deck.netlist(), deck.title, None
+        return solved.point.netlist, deck.title, solved.point, {}
+    return deck.netlist(), deck.title, None, {}
 
 
 def _written(
@@ -93,9 +95,9 @@ def _written(
         "current_sources": len(netlist.current_amps),
     }
     suffix = Path(output).suffix.lower()
-    others = counts["voltage_sources"] + counts["current_sources"]
-    if suffix == ".txt" and output != "-" and others:
-        report.say(f"an edge list holds resistors only: {others:,} sources are left out")
+    left_out = _left_out(netlist, suffix) if output != "-" else []
+    if left_out:
+        report.say(f"{output} cannot hold everything: {', '.join(left_out)} are left out")
     with report.stage("write it", seconds=5e-6 * counts["resistors"]):
         if output == "-" or (point is None and suffix not in NETWORK_SUFFIXES):
             _write_bare(netlist, title, output, dialect)
@@ -108,6 +110,19 @@ def _written(
         written = write_spice(netlist, output, dialect, title=title, operating_point=point)
     files = {"sidecar": written.sidecar, "commands": written.commands, "sha256": written.sha256}
     return {"file": output, "dialect": dialect, **counts, **files}
+
+
+def _left_out(netlist: Netlist, suffix: str) -> list[str]:
+    """What an edge list has no place for, for people."""
+    if suffix != ".txt":
+        return []
+    kinds = {
+        "sources": len(netlist.source_volts) + len(netlist.current_amps),
+        "capacitors": len(netlist.capacitance),
+        "nonlinear resistors": len(netlist.nonlinear_current),
+    }
+    found = [f"{count:,} {kind}" for kind, count in kinds.items() if count]
+    return found if netlist.tc1 is None and netlist.tc2 is None else [*found, "temperature coefficients"]
 
 
 def _write_bare(netlist: Netlist, title: str | None, output: str, dialect: str) -> None:

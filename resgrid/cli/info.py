@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from resgrid.cli.decks import deck_data, is_deck, open_deck, read_as_option, root_option
+from resgrid.cli.heeded import several_k, tell_unheeded
 from resgrid.cli.job import Job, compile_chip, only_boundary, open_job, size_of
 from resgrid.cli.options import SceneChoice, with_report, with_scene
 from resgrid.cli.report import Report
@@ -50,7 +51,7 @@ def command(
         report.finish(data, _deck_lines(data))
     elif choice is not None:
         job = open_job(choice, report, require_goal=False)
-        data = describe(job, report)
+        data = describe(job, report) | tell_unheeded(job, "grid", report, k=several_k(job))
         report.finish(data, _lines(data))
     return 0
 
@@ -109,7 +110,7 @@ def _cost(job: Job, report: Report) -> dict[str, Any]:
     from resgrid.nodal.system import assemble
 
     try:
-        netlist = compile_chip(job, report, *only_boundary(job))
+        netlist = compile_chip(job, report, *only_boundary(job), ideal=True)
         system = assemble(netlist)
         memory = estimate_memory(system, choose_method(system))
     except (CircuitError, InputError) as error:

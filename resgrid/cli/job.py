@@ -41,16 +41,24 @@ class Chip:
 
     Attributes
     ----------
-    name : str
-        ``dirichlet``, ``neumann``, ``wall``, or ``neumann_start_0`` for one driven by the first start.
+    boundary : str
+        ``dirichlet``, ``neumann`` or ``wall``.
+    start : int or None
+        Number of the start that drives it.
     netlist : Netlist
-        A uniform drive is scaled so that the highest node sits at the supply.
+        A uniform drive is scaled so that the highest node of the ideal grid sits at the supply.
     point : OperatingPoint
     """
 
-    name: str
+    boundary: str
+    start: int | None
     netlist: Netlist
     point: OperatingPoint
+
+    @property
+    def name(self) -> str:
+        """Its boundary, or ``neumann_start_0`` for one driven by the first start."""
+        return self.boundary if self.start is None else f"{self.boundary}_start_{self.start}"
 
 
 def open_job(choice: SceneChoice, report: Report, *, require_goal: bool = True) -> Job:
@@ -131,7 +139,9 @@ def _is_toml(data: bytes) -> bool:
     return not data.startswith(magic)
 
 
-def solve_chip(job: Job, report: Report, boundary: str | None = None, start: int | None = None) -> Chip:
+def solve_chip(
+    job: Job, report: Report, boundary: str | None = None, start: int | None = None, *, ideal: bool = False
+) -> Chip:
     """Compile one circuit of a scene and solve it.
 
     Parameters
@@ -142,6 +152,8 @@ def solve_chip(job: Job, report: Report, boundary: str | None = None, start: int
         Instead of the scene's.
     start : int, optional
         Number of the start that drives it, where a start is to.
+    ideal : bool
+        Whether it is the ideal grid, which fields and paths follow, instead of the chip that ``[chip]`` describes.
 
     Returns
     -------
@@ -150,43 +162,51 @@ def solve_chip(job: Job, report: Report, boundary: str | None = None, start: int
     Raises
     ------
     InputError, CircuitError, AccuracyError, BudgetError
-        As `compile_space` and `solve`.
+        As `compile_space`, `build_chip` and `solve`.
     """
     from resgrid.nodal.drive import scale_drive
     from resgrid.nodal.solve import solve
 
     run = partial(solve, threads=job.threads)
     boundary = boundary or job.scene.boundary
-    name = boundary if start is None else f"{boundary}_start_{start}"
-    netlist = compile_chip(job, report, boundary, start)
+    netlist = compile_chip(job, report, boundary, start, ideal=ideal)
     estimate = solve_seconds(netlist.node_count)
     if is_first_run():
         report.say(NOTICE)
-    point = report.compute(f"solve the {name} chip", run, netlist, seconds=estimate, iterates=True)
-    if netlist.current_nodes.size:
+    point = report.compute(f"solve the {boundary} chip", run, netlist, seconds=estimate, iterates=True)
+    if netlist.current_nodes.size and (ideal or is_ideal(job)):
         netlist = scale_drive(netlist, point)
         again = "solve it with its drive scaled to the supply"
         point = report.compute(again, run, netlist, seconds=estimate, iterates=True)
-    return Chip(name, netlist, point)
+    return Chip(boundary, start, netlist, point)
 
 
-def compile_chip(job: Job, report: Report, boundary: str, start: int | None = None) -> Netlist:
-    """Compile one circuit of a scene; as `solve_chip` otherwise."""
+def compile_chip(job: Job, report: Report, boundary: str, start: int | None = None, *, ideal: bool = False) -> Netlist:
+    """Compile one circuit of a scene; as `solve_chip` otherwise, but the drive of an ideal one is not yet scaled."""
     from resgrid.compiler import compile_space
+    from resgrid.device.build import build_chip
+    from resgrid.device.ideal import ideal_netlist
 
-    scene, space = job.scene, job.space
-    drive = scene.drive if boundary == "neumann" else None
+    space, chip, rules = job.space, job.scene.chip, compile_options(job, boundary, start)
     with report.stage(f"compile the {boundary} chip", seconds=4e-8 * space.cell.size * space.ndim):
-        return compile_space(
-            space,
-            boundary=boundary,
-            drive=drive,
-            edge=scene.edge,
-            resistance=scene.chip.resistance,
-            supply=scene.chip.supply,
-            wall_resistance=scene.chip.wall_resistance if boundary == "wall" else None,
-            start=start_cell(job, start) if drive == "start" and start is not None else None,
-        )
+        if not (ideal or is_ideal(job)):
+            return build_chip(ideal_netlist(space, chip, **rules), chip)
+        wall = chip.wall_resistance if boundary == "wall" else None
+        return compile_space(space, **rules, resistance=chip.resistance, supply=chip.supply, wall_resistance=wall)
+
+
+def compile_options(job: Job, boundary: str, start: int | None) -> dict[str, Any]:
+    """How a scene's space is compiled: boundary, drive, edge and start cell."""
+    drive = job.scene.drive if boundary == "neumann" else None
+    cell = start_cell(job, start) if drive == "start" and start is not None else None
+    return {"boundary": boundary, "drive": drive, "edge": job.scene.edge, "start": cell}
+
+
+def is_ideal(job: Job) -> bool:
+    """Whether a scene's chip is nothing but its resistors and ideal rails."""
+    from resgrid.device.passes import passes_of
+
+    return not passes_of(job.scene.chip)
 
 
 def only_boundary(job: Job) -> tuple[str, int | None]:
@@ -249,7 +269,7 @@ def blend_fields(job: Job, chips: dict[str, Chip], report: Report) -> list[Field
 
     def field(boundary: str) -> Field:
         if boundary not in fields:
-            chips[boundary] = solve_chip(job, report, boundary)
+            chips[boundary] = solve_chip(job, report, boundary, ideal=True)
             fields[boundary] = field_of(chips[boundary].point)
         return fields[boundary]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import click
 
 from resgrid.cli.failures import NEGATIVE
+from resgrid.cli.heeded import tell_unheeded
 from resgrid.cli.job import open_job
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.paths import plan_routes, require_starts, route_data, route_line, unit_of
@@ -50,12 +51,13 @@ def command(
     if output is not None and queries is None:
         check_target(output)
     job = open_job(choice, report, require_goal=queries is None)
+    told = tell_unheeded(job, "grid", report)
     if queries is not None:
         if motion.shorten or motion.speed:
             raise InputError("--queries answers with lengths alone: leave out --shorten and --speed")
         from resgrid.cli.queries import answer_queries
 
-        return answer_queries(job, queries, limit, output, report)
+        return answer_queries(job, queries, limit, output, report, told)
     require_starts(job)
     check_motion(motion, job, output)
     plan = refine(job, plan_routes(job, report), motion)
@@ -65,7 +67,7 @@ def command(
             report.say(f"wrote {output}")
     if output != "-":
         unit = unit_of(job.space)
-        data = {"scene": job.scene.title, "paths": [route_data(route) for route in plan.routes]}
+        data = {"scene": job.scene.title, "paths": [route_data(route) for route in plan.routes], **told}
         report.finish(data, [route_line(route, unit) for route in plan.routes])
     return 0 if plan.complete else NEGATIVE
 

@@ -128,7 +128,7 @@ def _start_driven(job: Job, report: Report, chips: dict[str, Chip]) -> Plan:
             point = job.scene.frame.from_world(job.scene.starts[number])
             routes.append(_placed(job, number, undriven(job.space, point, job.scene.edge), None, 0.0))
             continue
-        chip = solve_chip(job, report, "neumann", number)
+        chip = solve_chip(job, report, "neumann", number, ideal=True)
         chips[chip.name] = chip
         fields.append(field_of(chip.point))
         routes.append(_route(job, fields, -1, number))

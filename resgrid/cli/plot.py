@@ -6,6 +6,7 @@ from pathlib import Path
 
 import click
 
+from resgrid.cli.heeded import tell_unheeded
 from resgrid.cli.job import open_job
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.output import emit_file
@@ -36,6 +37,7 @@ def command(choice: SceneChoice, output: str, what: str, report: Report) -> int:
     if output == "-" and report.json:
         raise InputError("-o - and --json both want standard output; write the picture to a file")
     job = open_job(choice, report)
+    told = tell_unheeded(job, "grid", report, k=() if what == "space" else job.scene.k[1:])
     plan = Plan({}, [], []) if what == "space" else plan_routes(job, report)
     with report.stage("draw the picture"):
         from resgrid.plot import save_figure
@@ -44,5 +46,5 @@ def command(choice: SceneChoice, output: str, what: str, report: Report) -> int:
         emit_file(output, suffix, lambda path: save_figure(figure, path))
     if output != "-":
         report.say(f"wrote {output}")
-        report.finish({"file": output, "what": what}, ())
+        report.finish({"file": output, "what": what, **told}, ())
     return 0

@@ -15,7 +15,9 @@ if TYPE_CHECKING:
     from resgrid.scene import Query
 
 
-def answer_queries(job: Job, file: str, limit: int | None, output: str | None, report: Report) -> int:
+def answer_queries(
+    job: Job, file: str, limit: int | None, output: str | None, report: Report, told: dict[str, list[str]]
+) -> int:
     """Answer the queries of a MovingAI scenario file on one map.
 
     Parameters
@@ -29,6 +31,8 @@ def answer_queries(job: Job, file: str, limit: int | None, output: str | None, r
     output : str or None
         ``.json`` file for the answers, or ``-``.
     report : Report
+    told : dict
+        What was not heeded, for the answers.
 
     Returns
     -------
@@ -51,7 +55,7 @@ def answer_queries(job: Job, file: str, limit: int | None, output: str | None, r
         for query in queries:
             answers.extend(_answer(job, query, file, quiet))
             progress.advance()
-    data = {"scene": job.scene.title, "queries": file, "paths": answers}
+    data = {"scene": job.scene.title, "queries": file, "paths": answers, **told}
     if output is not None:
         emit_text(output, json_text(data) + "\n")
     reached = sum(answer["outcome"] == "reached" for answer in answers)

@@ -13,7 +13,8 @@ from resgrid.cli.check import agreement_data, agreement_lines, check_unasked
 from resgrid.cli.compile import dialect_option, write_deck
 from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
 from resgrid.cli.folder import SUMMARY, whole_folder
-from resgrid.cli.job import Job, open_job, size_of, solution_summary
+from resgrid.cli.heeded import tell_unheeded
+from resgrid.cli.job import Chip, Job, is_ideal, open_job, size_of, solution_summary, solve_chip
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.output import json_text
 from resgrid.cli.paths import Plan, plan_routes, route_data, route_line, unit_of
@@ -47,13 +48,15 @@ def command(choice: SceneChoice, output: str | None, wanted: bool | None, dialec
     folder = Path(output or Path("out") / _stem(choice.source))
     with whole_folder(folder) as made:
         job = open_job(choice, report)
+        told = tell_unheeded(job, "grid", report)
         plan = plan_routes(job, report)
-        files = _write_all(made, job, plan, dialect, report)
+        circuits = {name: _real(job, chip, report) for name, chip in plan.chips.items()}
+        files = _write_all(made, job, plan, circuits, dialect, report)
         checks = {
             name: check_unasked(made / f"{name}.cir", chip.netlist, wanted, folder, report)
-            for name, chip in plan.chips.items()
+            for name, chip in circuits.items()
         }
-        data = _summary(job, plan, files, checks)
+        data = _summary(job, plan, circuits, files, checks) | told
         (made / SUMMARY).write_text(json_text(data) + "\n", encoding="utf-8")
     report.finish({"folder": folder, **data}, _lines(job, plan, folder, files, checks))
     verdicts = [check.agrees for check in checks.values() if not isinstance(check, str)]
@@ -67,10 +70,15 @@ def _stem(source: str) -> str:
     return re.sub(r"[^\w.-]+", "_", name).strip(".") or "scene"
 
 
-def _write_all(made: Path, job: Job, plan: Plan, dialect: str, report: Report) -> dict[str, str]:
-    """Write everything but the summary; what each file is, by its name."""
-    from resgrid.planning.field import field_of
+def _real(job: Job, chip: Chip, report: Report) -> Chip:
+    """The chip that the scene describes, of which decks are written, in the place of its ideal grid."""
+    return chip if is_ideal(job) else solve_chip(job, report, chip.boundary, chip.start)
 
+
+def _write_all(
+    made: Path, job: Job, plan: Plan, circuits: Mapping[str, Chip], dialect: str, report: Report
+) -> dict[str, str]:
+    """Write everything but the summary; what each file is, by its name."""
     files: dict[str, str] = {}
     with report.stage("draw the pictures"):
         files |= draw_all(made, job, plan)
@@ -78,22 +86,25 @@ def _write_all(made: Path, job: Job, plan: Plan, dialect: str, report: Report) -
         write_routes(str(made / "paths.csv"), plan.routes, job)
         write_routes(str(made / "paths.json"), plan.routes, job)
         files |= {"paths.csv": "points of the paths, world coordinates", "paths.json": "the paths with all figures"}
-    for name, chip in plan.chips.items():
+    for name, chip in circuits.items():
         deck = write_deck(made / f"{name}.cir", job, chip, dialect, report)
         files[deck.path.name] = f"the {name.replace('_', ' ')} chip as a SPICE deck"
         files[deck.sidecar.name] = "its nodes, cells and expected voltages"
         files[deck.commands.name] = "commands for the simulator"
         if deck.companion is not None:
             files[deck.companion.name] = "makes ngspice print PASS or FAIL"
-        write_field(made / f"{name}.npz", field_of(chip.point))
-        files[f"{name}.npz"] = "its potential, log_drop and cells as arrays"
+        write_field(made / f"{name}.npz", plan.chips[name].point)
+        whose = "its" if is_ideal(job) else "its ideal grid's"
+        files[f"{name}.npz"] = f"{whose} potential, log_drop and cells as arrays"
     files[SUMMARY] = "this summary as JSON"
     return files
 
 
-def _summary(job: Job, plan: Plan, files: Mapping[str, str], checks: Mapping[str, Agreement | str]) -> dict[str, Any]:
+def _summary(
+    job: Job, plan: Plan, circuits: Mapping[str, Chip], files: Mapping[str, str], checks: Mapping[str, Agreement | str]
+) -> dict[str, Any]:
     chips = []
-    for name, chip in plan.chips.items():
+    for name, chip in circuits.items():
         check = checks[name]
         verdict = {"agrees": None, "reason": check} if isinstance(check, str) else agreement_data(check)
         chips.append({**solution_summary(chip, job.space), "deck": f"{name}.cir", "check": verdict})

@@ -17,6 +17,7 @@ from resgrid.cli.decks import (
     solution_lines as deck_solution_lines,
     solve_deck,
 )
+from resgrid.cli.heeded import tell_unheeded
 from resgrid.cli.job import only_boundary, open_job, size_of, solution_summary, solve_chip
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.output import emit_file
@@ -24,7 +25,7 @@ from resgrid.cli.report import Report
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
-    from resgrid.planning.field import Field
+    from resgrid.nodal.operating_point import OperatingPoint
 
 
 @click.command("solve", short_help="Solve a scene's resistor grid, or any resistive deck.")
@@ -83,15 +84,13 @@ def _solve_deck(
 
 
 def _solve_scene(choice: SceneChoice, output: str | None, report: Report) -> int:
-    from resgrid.planning.field import field_of
-
     _check_target(output, report)
     job = open_job(choice, report)
+    told = tell_unheeded(job, "circuit", report)
     chip = solve_chip(job, report, *only_boundary(job))
-    data = solution_summary(chip, job.space)
+    data = solution_summary(chip, job.space) | told
     if output is not None:
-        field = field_of(chip.point)
-        emit_file(output, ".npz", lambda path: write_field(path, field))
+        emit_file(output, ".npz", lambda path: write_field(path, chip.point))
         report.say(f"wrote {output}") if output != "-" else None
         data["file"] = output
     if output != "-":
@@ -99,15 +98,27 @@ def _solve_scene(choice: SceneChoice, output: str | None, report: Report) -> int
     return 0
 
 
-def write_field(path: Path, field: Field) -> None:
-    """Write a field as NumPy arrays: ``potential``, ``log_drop`` (where there is one) and ``cell``."""
+def write_field(path: Path, point: OperatingPoint) -> None:
+    """Write a scene's operating point as NumPy arrays: ``potential``, ``log_drop`` (where there is one) and ``cell``.
+
+    Raises
+    ------
+    InputError
+        If the circuit has no potential.
+    """
     import numpy as np
 
-    arrays: dict[str, Any] = {"potential": field.potential, "cell": field.space.cell}
-    if field.log_drop is not None:
-        arrays["log_drop"] = field.log_drop
+    layout = point.netlist.layout
+    if layout is None or point.potential is None:
+        raise InputError("this circuit has more rails or drives than a potential is defined for; write it as a deck")
+    per_cell = {"potential": point.potential, "log_drop": point.log_drop}
+    arrays: dict[str, Any] = {
+        name: np.where(layout.node >= 0, value[layout.node], np.nan)
+        for name, value in per_cell.items()
+        if value is not None
+    }
     with path.open("wb") as file:
-        np.savez_compressed(file, **arrays)
+        np.savez_compressed(file, **arrays, cell=layout.space.cell)
 
 
 def _check_target(output: str | None, report: Report) -> None:

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.device import faces
+from resgrid import die, randomness
 from resgrid.device.ideal import compile_cells
 from resgrid.device.passes import apply_passes, passes_of
-from resgrid.device.randomness import Seed, seed_of
-from resgrid.device.resistors import Mismatch, drawn_factors
+from resgrid.device.resistors import Mismatch
 from resgrid.device.switches import InternodalSwitches
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
+from resgrid.randomness import Seed, seed_of
 from resgrid.scene.chip import Chip
 from resgrid.space import ConfigurationSpace
 
@@ -110,10 +110,9 @@ def _drawn_rows(netlist: Netlist, chip: Chip, seeds: Sequence[Seed]) -> Iterator
     if model is None:
         yield from (np.ones(len(netlist.conductance)) for _ in seeds)
         return
-    log_variance = np.log1p(model.deviations(netlist) ** 2)
-    spread, shift = np.sqrt(log_variance), 0.5 * log_variance
+    terms = randomness.mismatch_terms(model.deviations(netlist))
     for seed in seeds:
-        yield faces.per_resistor(netlist, drawn_factors(spread, shift, seed))[0]
+        yield die.per_resistor(netlist, randomness.mismatch_factors(*terms, seed))[0]
 
 
 def conductance_samples(netlist: Netlist, chip: Chip, seeds: Iterable[Any]) -> tuple[Netlist, NDArray[np.float64]]:

@@ -7,11 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid import die
 from resgrid.arguments import check_number
 from resgrid.device import faces
-from resgrid.device.randomness import DEFECTS, Seed, generator, seed_of
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Netlist
+from resgrid.randomness import DEFECTS, Seed, generator, seed_of
 
 
 @dataclass(frozen=True)
@@ -49,13 +50,13 @@ class Faults:
 
     def places(self, netlist: Netlist) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which places on the die are open, and which are shorted; each of shape (identities,)."""
-        draw = generator(self.seed, DEFECTS).random(faces.identities(netlist))
+        draw = generator(self.seed, DEFECTS).random(die.identities(netlist))
         return draw < self.open_density, draw >= 1 - self.short_density
 
     def apply(self, netlist: Netlist) -> Netlist:
         """One chip of this seed."""
         opened, shorted = (np.append(places, False) for places in self.places(netlist))
-        linear, nonlinear = faces.identity(netlist)
+        linear, nonlinear = die.identity(netlist)
         conductance = np.where(shorted[linear], 1 / self.short_resistance, netlist.conductance)
         bridges = netlist.nonlinear_nodes[shorted[nonlinear]]
         face = None if netlist.layout is None else nonlinear[shorted[nonlinear]]

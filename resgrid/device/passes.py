@@ -11,7 +11,6 @@ from difflib import get_close_matches
 from typing import Any, Protocol
 
 from resgrid.device.faults import Faults
-from resgrid.device.randomness import Seed, seed_of
 from resgrid.device.resistors import (
     Gradient,
     Mismatch,
@@ -24,6 +23,7 @@ from resgrid.device.resistors import (
 from resgrid.device.switches import Capacitance, InternodalSwitches, RailResistance, RailSwitches, ReadoutLoad
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
+from resgrid.randomness import Seed, seed_of
 from resgrid.scene.chip import Chip
 
 
@@ -95,14 +95,12 @@ def _used(chip: Chip, seed: Seed) -> list[Pass]:
     passes: list[Pass] = []
     if chip.tc1 or chip.tc2:
         passes.append(TemperatureCoefficients(chip.tc1 or 0.0, chip.tc2 or 0.0))
-    if chip.temperature is not None:
-        passes.append(Temperature(chip.temperature))
+        if chip.temperature is not None:
+            passes.append(Temperature(chip.temperature))
     if chip.internodal_switch_on is not None or chip.internodal_switch_off is not None:
         passes.append(InternodalSwitches(chip.internodal_switch_on, chip.internodal_switch_off))
     if chip.saturation_voltage is not None:
         passes.append(Saturation(chip.saturation_voltage))
-    if chip.defects.open_density or chip.defects.short_density:
-        passes.append(Faults(**dataclasses.asdict(chip.defects), seed=seed))
     switches = RailSwitches(
         chip.obstacle_switch_on, chip.obstacle_switch_off, chip.goal_switch_on, chip.goal_switch_off
     )
@@ -114,6 +112,8 @@ def _used(chip: Chip, seed: Seed) -> list[Pass]:
         passes.append(Capacitance(chip.capacitance))
     if chip.readout.input_resistance is not None:
         passes.append(ReadoutLoad(chip.readout.input_resistance))
+    if chip.defects.open_density or chip.defects.short_density:  # last, for a switch or a load may still serve a cell
+        passes.append(Faults(**dataclasses.asdict(chip.defects), seed=seed))
     return passes
 
 

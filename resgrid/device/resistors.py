@@ -12,11 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid import die
 from resgrid.arguments import check_number, check_optional, is_number
 from resgrid.device import faces
-from resgrid.device.randomness import MISMATCH, Seed, generator, seed_of
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
+from resgrid.randomness import Seed, mismatch_factors, mismatch_terms, seed_of
 from resgrid.scene.chip import ABSOLUTE_ZERO
 
 NOMINAL_CELSIUS = 27.0
@@ -126,7 +127,7 @@ class SheetResistors:
 
     def area(self, netlist: Netlist) -> float:
         """Area of the strips of all resistors of the grid, in square metres."""
-        resistance = 1 / netlist.conductance[faces.on_grid(netlist)]
+        resistance = 1 / netlist.conductance[die.on_grid(netlist)]
         nonlinear = netlist.nonlinear_voltage / netlist.nonlinear_current
         return float(self.width * self.length(np.append(resistance, nonlinear)).sum())
 
@@ -136,7 +137,7 @@ class SheetResistors:
 
 
 def _with_resistances(netlist: Netlist, drawn: Callable[[NDArray[np.float64]], NDArray[np.float64]]) -> Netlist:
-    own = faces.on_grid(netlist)
+    own = die.on_grid(netlist)
     conductance = netlist.conductance.copy()
     conductance[own] = 1 / drawn(1 / conductance[own])
     nonlinear = netlist.nonlinear_current
@@ -171,7 +172,7 @@ class Gradient:
             raise InputError(f"gradient has {len(self.shares)} entries, but the space has {ndim} axes")
         share = np.zeros(ndim)
         share[: len(self.shares)] = self.shares
-        return faces.scaled(netlist, 1 + (faces.face_places(layout) - 0.5) @ share)
+        return die.scaled(netlist, 1 + (faces.face_places(layout) - 0.5) @ share)
 
 
 @dataclass(frozen=True)
@@ -218,14 +219,14 @@ class Mismatch:
 
     def deviations(self, netlist: Netlist) -> NDArray[np.float64]:
         """Standard deviation of every resistor that could be, as a share of its mean; shape (identities,)."""
-        count = faces.identities(netlist)
+        count = die.identities(netlist)
         if self.sigma is not None:
             return np.full(count, self.sigma)
         assert self.pelgrom is not None
         assert self.width is not None
         metres = np.full(count, self.length if self.length is not None else np.inf)
         if self.sheet_resistance is not None:
-            linear, nonlinear = faces.identity(netlist)
+            linear, nonlinear = die.identity(netlist)
             own = linear >= 0
             resistance = np.full(count, np.inf)
             resistance[linear[own]] = 1 / netlist.conductance[own]
@@ -235,20 +236,11 @@ class Mismatch:
 
     def factors(self, netlist: Netlist) -> NDArray[np.float64]:
         """What every resistance is multiplied by: mean 1; shape (identities,)."""
-        log_variance = np.log1p(self.deviations(netlist) ** 2)
-        return drawn_factors(np.sqrt(log_variance), 0.5 * log_variance, self.seed)
+        return mismatch_factors(*mismatch_terms(self.deviations(netlist)), self.seed)
 
     def apply(self, netlist: Netlist) -> Netlist:
         """One chip of this seed."""
-        return faces.scaled(netlist, self.factors(netlist))
-
-
-def drawn_factors(spread: NDArray[np.float64], shift: NDArray[np.float64], seed: Seed) -> NDArray[np.float64]:
-    """Log-normal factors ``exp(spread z - shift)`` of one chip, all drawn in the order of places on the die."""
-    z = generator(seed, MISMATCH).standard_normal(len(spread))
-    z *= spread
-    z -= shift
-    return np.asarray(np.exp(z, out=z))
+        return die.scaled(netlist, self.factors(netlist))
 
 
 @dataclass(frozen=True)
@@ -270,7 +262,7 @@ class TemperatureCoefficients:
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with ``tc1`` and ``tc2``."""
-        own = faces.on_grid(netlist)
+        own = die.on_grid(netlist)
         return netlist.replace(tc1=np.where(own, self.tc1, 0.0), tc2=np.where(own, self.tc2, 0.0))
 
 
@@ -321,7 +313,7 @@ class Saturation:
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with saturating resistors; their temperature coefficients are lost."""
-        own = faces.on_grid(netlist)
+        own = die.on_grid(netlist)
         layout = netlist.layout
         if layout is not None:
             layout = dataclasses.replace(

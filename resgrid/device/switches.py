@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid import die
 from resgrid.arguments import check_number, check_optional
 from resgrid.device import faces
 from resgrid.errors import InputError
@@ -46,8 +47,9 @@ class InternodalSwitches:
     on : float or None
         Resistance of a closed one, in ohms; None is a wire.
     off : float or None
-        Of an open one, in ohms; None is no connection.  Where obstacles are open, it gives these nodes of their own,
-        and the leakage through them crosses no face of the field.
+        Of an open one, in ohms; None is no connection.  Where obstacles are open, it gives these, and cells that no
+        goal serves, nodes of their own; the resistors before them keep their nominal values, and the leakage through
+        them crosses no face of the field.
     """
 
     on: float | None = None
@@ -83,16 +85,16 @@ def _in_series(netlist: Netlist, which: NDArray[np.bool_], ohms: float) -> Netli
 def _between_cells(netlist: Netlist, layout: Layout) -> NDArray[np.bool_]:
     """Grid resistors that do not lead to the rail beyond the edge."""
     to_edge = (netlist.resistor_nodes == layout.obstacle_node).any(axis=1) & (layout.obstacle_node >= 0)
-    return np.asarray(faces.on_grid(netlist) & ~to_edge)
+    return np.asarray(die.on_grid(netlist) & ~to_edge)
 
 
 def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
-    """Nodes for cells without one, and the links that end there: closed between free cells, open at obstacles."""
+    """Nodes for cells without one, obstacles and what no goal serves, and the links that end there: all open."""
     from resgrid.compiler import compile_space
 
     layout = netlist.layout
     assert layout is not None
-    netlist = _in_series(netlist, faces.on_grid(netlist), on)
+    netlist = _in_series(netlist, die.on_grid(netlist), on)
     missing = layout.node < 0
     netlist, nodes = faces.add_nodes(netlist, int(missing.sum()))
     node = layout.node.copy()
@@ -102,11 +104,8 @@ def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
     assert full.layout is not None
     cells = full.cell_of_node()[full.resistor_nodes]
     new = ~np.isin(full.layout.resistor_face, layout.resistor_face)
-    blocked = (layout.space.cell.ravel()[cells] == Cell.OBSTACLE).any(axis=1)
-    resistance = 1 / full.conductance + np.where(blocked, off, on)
-    face = np.where(blocked, -1, full.layout.resistor_face)
     netlist = netlist.replace(layout=dataclasses.replace(netlist.layout, node=node))  # type: ignore[type-var]
-    return faces.add_resistors(netlist, node.ravel()[cells[new]], 1 / resistance[new], face[new])
+    return faces.add_resistors(netlist, node.ravel()[cells[new]], 1 / (1 / full.conductance[new] + off))
 
 
 @dataclass(frozen=True)
@@ -209,7 +208,7 @@ def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
     local = np.full(netlist.node_count, -1, dtype=np.int64)
     local[layout.node[own]] = mesh[own]
     resistor_nodes = netlist.resistor_nodes.copy()
-    switch = ~faces.on_grid(netlist) & (resistor_nodes[:, 1] == pin) & (local[resistor_nodes[:, 0]] >= 0)
+    switch = ~die.on_grid(netlist) & (resistor_nodes[:, 1] == pin) & (local[resistor_nodes[:, 0]] >= 0)
     resistor_nodes[switch, 1] = local[resistor_nodes[switch, 0]]
     netlist = netlist.replace(
         resistor_nodes=resistor_nodes,

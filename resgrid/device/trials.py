@@ -13,7 +13,6 @@ from resgrid.device.build import build_chip, conductance_samples
 from resgrid.device.decisions import steps_of
 from resgrid.device.faces import tiled_layout
 from resgrid.device.noise import ROOM, analyse_noise
-from resgrid.device.randomness import Seed, seed_of
 from resgrid.device.resistors import NOMINAL_CELSIUS
 from resgrid.device.walks import Eyes, Floor, eyes_of, floor_of, follow, walk
 from resgrid.errors import CircuitError
@@ -22,6 +21,7 @@ from resgrid.nodal.many import Batch, prepare_batch, solve_batch
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.secant import small_signal
 from resgrid.nodal.solve import solve
+from resgrid.randomness import Seed, seed_of
 from resgrid.scene.chip import Chip, Readout
 
 

@@ -15,11 +15,11 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.arguments import check_number, check_whole
 from resgrid.device.checkpoints import fingerprint, load_tally, save_tally
 from resgrid.device.proportions import Proportion, effective_trials, proportion, quantile, wilson
-from resgrid.device.randomness import seed_of
 from resgrid.device.reading import Reading, json_form
 from resgrid.device.trials import Experiment, Tally, prepare, run_trials
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
+from resgrid.randomness import seed_of
 from resgrid.scene.chip import Chip
 from resgrid.space import ConfigurationSpace
 

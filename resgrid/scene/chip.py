@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, fields
-from math import isfinite
+from sys import float_info
 from typing import Any
 
 from resgrid.errors import InputError
@@ -12,6 +12,8 @@ from resgrid.errors import InputError
 SERIES = ("E6", "E12", "E24", "E48", "E96", "E192")
 MOST_BITS = 32
 ABSOLUTE_ZERO = -273.15
+SMALLEST, LARGEST = 1e-30, 1e30
+"""Limits of all values in SI units, so that their products and squares are numbers, too."""
 
 
 @dataclass(frozen=True)
@@ -184,7 +186,7 @@ def _raise(problems: Iterator[str]) -> None:
 
 
 def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and isfinite(value)
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= float_info.max
 
 
 def _are_numbers(values: object) -> bool:
@@ -202,6 +204,10 @@ def _numbers(value: Any) -> Iterator[str]:
             yield f"{item.name} = {number:g} must be greater than 0"
         elif item.name in _NOT_NEGATIVE and number < 0:
             yield f"{item.name} = {number:g} must be at least 0"
+        elif abs(number) > LARGEST:
+            yield f"{item.name} = {number:g} must not exceed {LARGEST:g}"
+        elif 0 < abs(number) < SMALLEST:
+            yield f"{item.name} = {number:g} is too small: it must be {SMALLEST:g} or more"
 
 
 def _whole(name: str, number: object, least: int, most: int) -> Iterator[str]:
@@ -215,9 +221,11 @@ def _readout_problems(readout: Readout) -> Iterator[str]:
         yield from _whole("bits", readout.bits, 1, MOST_BITS)
     if readout.range is not None:
         limits = readout.range
+        shown = list(limits) if isinstance(limits, tuple) else limits
         if not _are_numbers(limits) or len(limits) != 2 or not limits[0] < limits[1]:
-            shown = list(limits) if isinstance(limits, tuple) else limits
             yield f"range = {shown!r} must be the lowest and the highest voltage of the converter, the lower first"
+        elif max(map(abs, limits)) > LARGEST:
+            yield f"range = {shown!r} must not exceed {LARGEST:g} V"
 
 
 def _defect_problems(defects: Defects) -> Iterator[str]:
@@ -229,6 +237,9 @@ def _defect_problems(defects: Defects) -> Iterator[str]:
 
 def _chip_problems(chip: Chip) -> Iterator[str]:
     wrong = list(_numbers(chip))
+    for name, kind in (("readout", Readout), ("defects", Defects)):
+        if not isinstance(getattr(chip, name), kind):
+            wrong.append(f"{name} = {getattr(chip, name)!r} must be a {kind.__name__}")
     yield from wrong
     if wrong:
         return

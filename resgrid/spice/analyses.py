@@ -8,8 +8,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid import die
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
+from resgrid.randomness import mismatch_factors, mismatch_terms
 
 
 @dataclass(frozen=True)
@@ -89,16 +91,17 @@ class TemperatureAnalysis:
 
 @dataclass(frozen=True)
 class MismatchAnalysis:
-    """Resistors off their values, normally distributed and independent.
+    """Resistors off their values, independently: those of one chip, or as many chips as the simulator draws.
 
     Attributes
     ----------
     sigma : float
-        Standard deviation, relative.
+        Standard deviation, as a share of the mean.
     seed : int
-        The same seed gives the same chip.
+        The chip: the same seed draws the same factors, log-normal and of mean 1, as a scene's ``chip.mismatch``.
     runs : int
-        How many chips the simulator draws by its own statistics; 0 writes the values of one chip into the deck.
+        How many chips the simulator draws by its own statistics, normal ones; 0 writes the values of one chip into the
+        deck.
     """
 
     sigma: float
@@ -106,16 +109,23 @@ class MismatchAnalysis:
     runs: int = 0
 
     def __post_init__(self) -> None:
-        if not 0 < self.sigma < 0.2:
+        if not 0 < self.sigma < 1:
+            raise InputError(f"mismatch: sigma = {self.sigma} must lie between 0 and 1")
+        if self.runs and self.sigma >= 0.2:
             raise InputError(
-                f"mismatch: sigma = {self.sigma} must lie between 0 and 0.2: beyond, normal resistances are negative"
+                f"mismatch: sigma = {self.sigma} must stay below 0.2 where a simulator draws: its normal resistances "
+                "would be negative"
             )
         if self.seed < 0 or self.runs < 0:
             raise InputError(f"mismatch: seed = {self.seed} and runs = {self.runs} must not be negative")
 
-    def factors(self, count: int) -> NDArray[np.float64]:
-        """What the resistances of one chip are multiplied by; shape (count,)."""
-        return 1 + self.sigma * np.random.default_rng(self.seed).standard_normal(count)
+    def factors(self, netlist: Netlist) -> NDArray[np.float64]:
+        """What the resistances of one chip are multiplied by; shape (places on the die,)."""
+        return mismatch_factors(*mismatch_terms(np.full(die.identities(netlist), self.sigma)), self.seed)
+
+    def apply(self, netlist: Netlist) -> Netlist:
+        """One chip of this seed."""
+        return die.scaled(netlist, self.factors(netlist))
 
 
 @dataclass(frozen=True)

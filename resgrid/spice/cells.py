@@ -193,7 +193,7 @@ def _subcircuit(rules: Dialect, array: TileArray, kind: int, spread: float) -> l
     for name in ("obstacle", "goal", *(["internodal"] if array.internodal and axes else [])):
         defaults |= {f"{name}_switch_{end}": getattr(tile, f"{name}_switch_{end}") for end in ("on", "off")}
     if array.wall_resistance and axes:
-        defaults["wall_resistance"] = array.wall_resistance
+        defaults |= dict.fromkeys((_wall(array, axis) for axis in axes), array.wall_resistance)
     if tile.capacitance:
         defaults["capacitance"] = tile.capacitance
     nodes = " ".join(["n", *(f"next_{axis}" for axis in axes), "obstacle", "goal"])
@@ -244,8 +244,13 @@ def _internodal(array: TileArray, axis: int) -> str:
     if array.boundary == "neumann":
         return _switch("internodal", f"(1-{own})*(1-{other})")
     if array.wall_resistance:
-        return f"internodal_switch_on+wall_resistance*({own}-{other})*({own}-{other})"
+        return f"internodal_switch_on+{_wall(array, axis)}*({own}-{other})*({own}-{other})"
     return "internodal_switch_on"
+
+
+def _wall(array: TileArray, axis: int) -> str:
+    """The parameter of a wall: one for all, unless mismatch tells them apart."""
+    return f"wall_resistance_{axis}" if len(np.unique(array.link_wall)) > 1 else "wall_resistance"
 
 
 def _instances(
@@ -261,11 +266,14 @@ def _instances(
     for axis in range(dimensions):
         if _watches_neighbours(array):
             values.append(weave(cells + 1, *_or_nothing(f" state_{axis}=".encode(), state)).take(beyond[:, axis]))
-        resistance = array.link_resistance
-        changed = (link[:, axis] >= 0) & (resistance[link[:, axis]] != _usual_resistance_or_none(array, axis))
-        if changed.any():
-            text = weave(len(resistance) + 1, *_or_nothing(f" resistance_{axis}=".encode(), numbers(resistance)))
-            values.append(text.take(np.where(changed, link[:, axis], len(resistance))))
+        given = [(f"resistance_{axis}", array.link_resistance, _usual_resistance_or_none(array, axis))]
+        if array.wall_resistance:
+            given.append((_wall(array, axis), array.link_wall, array.wall_resistance))
+        for name, ohms, usual in given:
+            changed = (link[:, axis] >= 0) & (ohms[link[:, axis]] != usual)
+            if changed.any():
+                text = weave(len(ohms) + 1, *_or_nothing(f" {name}=".encode(), numbers(ohms)))
+                values.append(text.take(np.where(changed, link[:, axis], len(ohms))))
     masters = names([_master(kind, dimensions) for kind in range(1 << dimensions)])
     columns: dict[str, bytes | Texts | Chosen] = {
         "name": weave(cells, b"x_", labels),
@@ -295,9 +303,19 @@ def _edges(rules: Dialect, array: TileArray, labels: Texts) -> Texts:
         "name": weave(rows, b"r_edge_", place, *_face(array)),
         "a": weave(rows, b"n_", place),
         "b": names(["obstacle"]).take(np.zeros(rows, np.int64)),
-        "value": numbers(array.edge_resistance),
+        "value": _edge_values(rules, array, place),
     }
     return fill(rules.resistor + "\n", rows, columns)
+
+
+def _edge_values(rules: Dialect, array: TileArray, place: Chosen) -> Texts:
+    """Resistances to the obstacle rail beyond the edge; with walls these follow the state of the tile."""
+    rows, ohms = len(array.edge_resistance), numbers(array.edge_resistance)
+    if not array.wall_resistance:
+        return ohms
+    template = f"{{ohms}}+{{wall}}*(1-{_BLOCKED.format('{state}')})"
+    columns = {"ohms": ohms, "wall": numbers(array.edge_wall), "state": weave(rows, b"state_", place)}
+    return fill(rules.expression, rows, {"value": fill(template, rows, columns)})
 
 
 def _face(array: TileArray) -> tuple[Chosen, Chosen]:

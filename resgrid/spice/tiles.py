@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.conductances import has_wall
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Layout, Netlist
 from resgrid.slabs import face_counts
@@ -104,7 +105,9 @@ class TileArray:
     internodal : bool
         Whether there are internodal switches.
     wall_resistance : float
-        In series with the links to blocked tiles, in ohms.
+        In series with every contact of a blocked tile with one that is not, and with the edge, in ohms; 0 without.
+    link_wall, edge_wall : ndarray of float64, shapes (l,), (e,)
+        The same with the mismatch of the resistor before it, in ohms.
     link_cells : ndarray of int64, shape (l, 2)
         The cell whose tile holds the resistor, and the next one.
     link_axis, link_face : ndarray of int64, shape (l,)
@@ -116,7 +119,7 @@ class TileArray:
     edge_upward : ndarray of bool, shape (e,)
         Whether that is the upper border.
     edge_resistance : ndarray of float64, shape (e,)
-        In ohms, the wall included.
+        In ohms, without the wall.
     high, low : float
         Voltages of the obstacle and the goal rail, the same where currents drive the chip.
     """
@@ -127,6 +130,8 @@ class TileArray:
     drive: str | None
     internodal: bool
     wall_resistance: float
+    link_wall: NDArray[np.float64]
+    edge_wall: NDArray[np.float64]
     link_cells: NDArray[np.int64]
     link_axis: NDArray[np.int64]
     link_face: NDArray[np.int64]
@@ -182,22 +187,17 @@ def tile_array(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAnalysis
     from resgrid.spice.deck import resistances
 
     layout = layout_of(netlist)
-    switched = layout.boundary in ("neumann", "wall") or bool(tile.internodal_switch_on or tile.internodal_switch_off)
-    tile = replace(
-        tile,
-        resistance=tile.resistance or layout.resistance,
-        internodal_switch_on=tile.internodal_switch_on or (_INTERNODAL_ON if switched else None),
-        internodal_switch_off=tile.internodal_switch_off or (_INTERNODAL_OFF if switched else None),
-    )
+    tile = complete_tile(tile, layout)
     edge = ["open" if layout.boundary == "neumann" and rule == "obstacle" else rule for rule in layout.edge]
     full = compile_space(layout.space, edge=edge, rails="cells", resistance=tile.resistance or layout.resistance)
     faces = layout_of(full)
     first = full.node_count - layout.space.cell.size
     contact = full.resistor_nodes[:, 1] == faces.obstacle_node
     cells = full.resistor_nodes - first
-    value = resistances(full.conductance)
+    value, wall = resistances(full.conductance), np.full(len(full.conductance), layout.wall_resistance)
     if mismatch is not None and not mismatch.runs:
-        value = value * mismatch.factors(len(value))
+        factor = mismatch.factors(full)[faces.resistor_face]
+        value, wall = value * factor, wall * factor
     shape = layout.space.shape
     return TileArray(
         shape=shape,
@@ -206,6 +206,8 @@ def tile_array(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAnalysis
         drive=layout.drive,
         internodal=tile.internodal_switch_on is not None,
         wall_resistance=layout.wall_resistance,
+        link_wall=wall[~contact],
+        edge_wall=wall[contact],
         link_cells=cells[~contact],
         link_axis=np.searchsorted(np.cumsum(face_counts(shape)), faces.resistor_face[~contact], side="right"),
         link_face=faces.resistor_face[~contact],
@@ -213,9 +215,20 @@ def tile_array(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAnalysis
         edge_cell=cells[contact, 0],
         edge_face=faces.resistor_face[contact],
         edge_upward=faces.resistor_upward[contact],
-        edge_resistance=value[contact] + layout.wall_resistance,
+        edge_resistance=value[contact],
         high=layout.goal_voltage + (0.0 if layout.drive == "uniform" else layout.supply),
         low=layout.goal_voltage,
+    )
+
+
+def complete_tile(tile: Tile, layout: Layout) -> Tile:
+    """A tile with the resistance, and the internodal switches, that its array needs."""
+    switched = layout.boundary in ("neumann", "wall") or bool(tile.internodal_switch_on or tile.internodal_switch_off)
+    return replace(
+        tile,
+        resistance=tile.resistance or layout.resistance,
+        internodal_switch_on=tile.internodal_switch_on or (_INTERNODAL_ON if switched else None),
+        internodal_switch_off=tile.internodal_switch_off or (_INTERNODAL_OFF if switched else None),
     )
 
 
@@ -282,7 +295,7 @@ def expanded_netlist(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAn
     switches = [np.stack([own, np.full(cells, rail)], axis=1) for rail in (obstacle, goal)]
     resistance = [
         array.link_resistance + internodal_resistance(array, pattern),
-        array.edge_resistance,
+        walled_edges(array, pattern),
         *rail_resistance(array, pattern),
     ]
     fed = own[pattern.state == State.FREE] if pattern.amps else np.empty(0, dtype=np.int32)
@@ -324,7 +337,13 @@ def internodal_resistance(array: TileArray, pattern: Pattern) -> NDArray[np.floa
     blocked = (pattern.state == State.BLOCKED)[array.link_cells]
     if array.boundary == "neumann":
         return np.where(blocked.any(axis=1), off, on)
-    return np.where(blocked[:, 0] != blocked[:, 1], on + array.wall_resistance, on)
+    return np.where(has_wall(blocked[:, 0], blocked[:, 1]), on + array.link_wall, on)
+
+
+def walled_edges(array: TileArray, pattern: Pattern) -> NDArray[np.float64]:
+    """Resistance between cells on the border and the obstacle rail beyond, with its wall, in ohms; shape (edges,)."""
+    walled = has_wall((pattern.state == State.BLOCKED)[array.edge_cell], True)
+    return array.edge_resistance + np.where(walled, array.edge_wall, 0.0)
 
 
 def rail_resistance(array: TileArray, pattern: Pattern) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

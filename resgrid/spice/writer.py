@@ -197,9 +197,8 @@ def _content(
         )
         return _of_cells(cells), after, _solution(cells.flat.netlist)
     if mismatch is not None and not mismatch.runs:
-        factors = mismatch.factors(len(netlist.conductance))
-        netlist, point = netlist.replace(conductance=netlist.conductance / factors), None
-        after = None if after is None else after.replace(conductance=after.conductance / factors)
+        netlist, point = mismatch.apply(netlist), None
+        after = None if after is None else mismatch.apply(after)
     asked = additions(analyses, netlist, dialect_named(dialect), after)
     flat = flatten(netlist, dialect=dialect, title=title, additions=asked)
     point = _solution(netlist) if point is None else point

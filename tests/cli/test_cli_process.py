@@ -70,7 +70,7 @@ def test_every_verb_has_help_and_completion():
 
 def test_a_reader_that_leaves_is_no_error(scenes):
     # Far more than a pipe holds, so that writing meets the closed end; unbuffered, Python would not notice.
-    words = [*COMMAND, "compile", str(scenes / "rooms.toml")]
+    words = [*COMMAND, "compile", str(scenes / "rooms.toml"), "--boundary", "dirichlet"]
     environment = {key: value for key, value in os.environ.items() if key != "PYTHONUNBUFFERED"}
     with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=environment) as process:
         assert process.stdout is not None and process.stderr is not None

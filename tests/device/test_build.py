@@ -9,8 +9,8 @@ import pytest
 from spaces import space_of
 
 import resgrid as rg
-from resgrid.device.randomness import generator, seed_of
 from resgrid.device.resistors import Temperature
+from resgrid.randomness import generator, seed_of
 from resgrid.space import Cell
 
 SWITCHES = {

@@ -17,9 +17,9 @@ from spaces import space_of, spaces
 
 import resgrid as rg
 from resgrid.device.proportions import effective_trials, wilson
-from resgrid.device.randomness import NOISE, OFFSET, generator
 from resgrid.device.trials import prepare, run_trials
 from resgrid.device.walks import eyes_of, floor_of, walk
+from resgrid.randomness import NOISE, OFFSET, generator
 
 
 def room(side: int = 12, seed: int = 0, density: float = 0.1) -> rg.ConfigurationSpace:

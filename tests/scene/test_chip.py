@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import fields
+
 import pytest
 
 import resgrid as rg
@@ -61,6 +64,31 @@ def test_everything_can_be_said_in_engineering_values() -> None:
     assert (chip.tc1, chip.tc2, chip.rail_resistance) == (1.5e-3, -4e-7, 0.02)
     assert chip.readout == Readout(10e6, 2e-3, 1e6, 10, (0.0, 3.3))
     assert chip.defects == Defects(1e-3, 1e-4, 10.0)
+
+
+@pytest.mark.parametrize("value", [0, -0.0, 5e-324, 1e-200, 1e200, 1.7e308, -1e308, 10**400, math.nan, math.inf, True,
+                                   "1e308", [1e308, -1e308]])  # fmt: skip
+def test_a_value_of_any_size_makes_a_chip_or_a_message(value: object) -> None:
+    for kind in (Chip, Readout, Defects):
+        for item in fields(kind):
+            try:
+                made = kind(**{item.name: value})
+            except rg.InputError as error:
+                assert item.name in str(error)
+            else:
+                assert kind is not Chip or rg.passes_of(made) is not None
+
+
+@pytest.mark.parametrize("key", ["temperature", "resistance", "capacitance", "readout.offset", "readout.range"])
+@pytest.mark.parametrize("value", ["1e308", "1e-308", "1e309", "nan"])
+def test_a_scene_with_a_value_of_any_size_is_read_or_refused_by_name(key: str, value: str) -> None:
+    text = SCENE + f"{key} = [{value}, 1]" if key.endswith("range") else SCENE + f"{key} = {value}"
+    try:
+        chip_of(text.removeprefix(SCENE))
+    except rg.InputError as error:
+        assert key.rpartition(".")[2] in str(error)
+    else:
+        assert (key, value) in {("temperature", "1e-308"), ("readout.range", "1e-308")}
 
 
 def test_a_share_and_a_percentage_mean_the_same() -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 
@@ -63,3 +64,39 @@ def generator(seed: Seed, stream: int) -> np.random.Generator:
     """
     entropy, *key = seed if isinstance(seed, tuple) else (seed,)
     return np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=(*key, stream)))
+
+
+def mismatch_terms(deviation: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The terms of `mismatch_factors` for standard deviations that are shares of the mean.
+
+    Parameters
+    ----------
+    deviation : ndarray of float64, shape (places,)
+
+    Returns
+    -------
+    spread, shift : ndarray of float64, shape (places,)
+    """
+    log_variance = np.log1p(deviation**2)
+    return np.sqrt(log_variance), 0.5 * log_variance
+
+
+def mismatch_factors(spread: NDArray[np.float64], shift: NDArray[np.float64], seed: Seed) -> NDArray[np.float64]:
+    """What fabrication multiplies the resistances of one chip by: log-normal, ``exp(spread z - shift)``, of mean 1.
+
+    Parameters
+    ----------
+    spread, shift : ndarray of float64, shape (places,)
+        From `mismatch_terms`.
+    seed : int or tuple of int
+        The chip.
+
+    Returns
+    -------
+    ndarray of float64, shape (places,)
+        Drawn in the order of the places on the die.
+    """
+    z = generator(seed, MISMATCH).standard_normal(len(spread))
+    z *= spread
+    z -= shift
+    return np.asarray(np.exp(z, out=z))
