@@ -26,7 +26,8 @@ def command(choice: SceneChoice, output: str, what: str, report: Report) -> int:
     """Draw one picture of SCENE.
 
     A page shows potential, currents and paths together; a space of three axes is drawn in slices. Of a scene that asks
-    for several blends, the first is drawn; choose one with --k.
+    for several blends, the first is drawn; choose one with --k. '--what space' draws the cells alone: a map needs no
+    goal for that.
     """
     if what not in PICTURES:
         raise InputError(f"--what {what}: there is no such picture; there are {', '.join(PICTURES)}")
@@ -35,7 +36,7 @@ def command(choice: SceneChoice, output: str, what: str, report: Report) -> int:
         raise InputError(f"-o {output}: a picture is written as {', '.join(SUFFIXES)}; name the file so")
     if output == "-" and report.json:
         raise InputError("-o - and --json both want standard output; write the picture to a file")
-    job = open_job(choice, report)
+    job = open_job(choice, report, require_goal=what != "space")
     plan = Plan({}, [], []) if what == "space" else plan_routes(job, report)
     with report.stage("draw the picture"):
         from resgrid.plot import save_figure
