@@ -123,7 +123,7 @@ def _check_films(films: dict[str, str | None], announce: bool) -> None:
     """Refuse animations that cannot be made, before anything is computed."""
     for file in films.values():
         if file is not None:
-            from resgrid.plot.animations import check_animation
+            from resgrid.plot.films import check_animation
 
             check_animation(file)
     if films["--wavefront"] is not None and not announce:
@@ -138,8 +138,10 @@ def _write(job: Job, motions: list[Motion], output: str | None, report: Report) 
 
 
 def _draw_run(file: str, motion: Motion, job: Job, report: Report) -> None:
-    from resgrid.plot.animations import run_frames, save_animation
+    from resgrid.plot.animations import run_frames
+    from resgrid.plot.films import save_animation
 
+    report.say(f"drawing {FRAMES} frames for {file}")
     with report.stage(f"draw {Path(file).name}", steps=FRAMES) as progress:
         frames = run_frames(motion.run, job.scene, count=FRAMES)
         save_animation(frames, file, progress=lambda _: progress.advance())
@@ -151,11 +153,13 @@ def _draw_wavefront(file: str, motion: Motion, job: Job, report: Report) -> None
     import numpy as np
 
     from resgrid.control.fronts import wavefront
-    from resgrid.plot.animations import save_animation, wavefront_frames
+    from resgrid.plot.animations import wavefront_frames
+    from resgrid.plot.films import save_animation
 
     sim = motion.simulation
     assert sim.settling is not None
     crossed = float(motion.run.time[-1]) * sim.controller.speed / float(job.space.spacing.min())
+    report.say(f"drawing {FRAMES} frames for {file}")
     with report.stage("follow the wavefront", seconds=10.0):
         front = wavefront(sim.settling, job.space, sim.space, np.linspace(0.0, crossed, FRAMES))
     with report.stage(f"draw {Path(file).name}", steps=FRAMES) as progress:
