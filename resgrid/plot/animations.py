@@ -22,6 +22,7 @@ from resgrid.plot.control import (
     bodies_of,
     dress_workspace,
     mark_start,
+    panel_aspect,
     plot_run_configurations,
     seam_shifts,
     thinned,
@@ -34,9 +35,8 @@ from resgrid.plot.films import MOST_FRAMES, Frame
 from resgrid.plot.plane import plane_of
 from resgrid.plot.robots import plot_robot_path
 from resgrid.plot.style import TEXT, refresh_legend
-from resgrid.robots import Arm, DiscRobot, PointRobot
+from resgrid.robots import Arm
 from resgrid.scene.scene import Scene
-from resgrid.space import ConfigurationSpace
 
 ROBOT = "#0072B2"
 MODE_WORDS = {
@@ -81,7 +81,7 @@ def run_frames(run: Run, scene: Scene, *, count: int = 120) -> Iterator[Frame]:
     if not 2 <= count <= MOST_FRAMES - _HELD:
         raise InputError(f"count = {count}, but an animation has 2 to {MOST_FRAMES - _HELD} frames")
     flat = run.space.ndim == 2
-    figure = new_figure(8.6 if flat else 4.6, panel_height(_PANEL, _aspect(run.space, scene)) + 0.4)
+    figure = new_figure(8.6 if flat else 4.6, panel_height(_PANEL, panel_aspect(run.space, scene)) + 0.4)
     left = figure.add_subplot(1, 2, 1) if flat else figure.add_subplot()
     moving: list[_WorkspaceArtists | _ConfigurationArtists] = [_WorkspaceArtists(run, scene, left)]
     if flat:
@@ -105,12 +105,6 @@ def frame_rows(run: Run, count: int) -> NDArray[np.int64]:
     rows = np.searchsorted(run.time, times).clip(0, len(run.time) - 1)
     lessons = [lesson.step for lesson in run.lessons][:count]
     return np.unique([*rows.tolist(), *lessons, len(run.time) - 1])[: MOST_FRAMES - _HELD]
-
-
-def _aspect(space: ConfigurationSpace, scene: Scene) -> float:
-    """Height over width of the taller panel; the workspace of what turns is drawn as a square."""
-    flat = isinstance(scene.robot, PointRobot | DiscRobot)
-    return max(plane_of(space).aspect if space.ndim == 2 else 1.0, 0.0 if flat else 1.0)
 
 
 class _WorkspaceArtists:

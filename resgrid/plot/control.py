@@ -17,8 +17,9 @@ from resgrid.control.plant import plant_of
 from resgrid.errors import InputError
 from resgrid.planning.workspace import workspace_path
 from resgrid.plot.fields import plot_space
-from resgrid.plot.figures import new_figure
+from resgrid.plot.figures import new_figure, panel_height
 from resgrid.plot.paint import VIRTUAL, paint_cells
+from resgrid.plot.plane import plane_of
 from resgrid.plot.robots import mark_shapes, plot_robot_path
 from resgrid.plot.style import FAILURE, GOAL, OBSTACLE, PATHS, TEXT, refresh_legend
 from resgrid.robots import Arm, CellSet, DiscRobot, HalfSpace, PointRobot, Shape
@@ -67,7 +68,8 @@ def plot_run(run: Run, scene: Scene, *, title: str = "", caption: str = "") -> F
         space has two axes, the way in colours of the modes, with cells learnt circled.
     """
     flat = run.space.ndim == 2
-    figure = new_figure(_PAGE, 4.6 + 0.15 * (caption.count("\n") + 2 if caption else 0))
+    below = 0.15 * (caption.count("\n") + 2 if caption else 0)
+    figure = new_figure(_PAGE, panel_height(_PAGE / 2 - 0.6, panel_aspect(run.space, scene)) + 0.4 + below)
     left = figure.add_subplot(1, 2, 1) if flat else figure.add_subplot()
     plot_run_workspace(run, scene, left)
     if flat:
@@ -77,6 +79,12 @@ def plot_run(run: Run, scene: Scene, *, title: str = "", caption: str = "") -> F
     if caption:
         figure.supxlabel("\n" + caption, fontsize=TEXT - 1, x=0.02, ha="left")
     return figure
+
+
+def panel_aspect(space: ConfigurationSpace, scene: Scene) -> float:
+    """Height over width of the taller panel; the workspace of what turns is drawn as a square."""
+    flat = isinstance(scene.robot, PointRobot | DiscRobot)
+    return max(plane_of(space).aspect if space.ndim == 2 else 1.0, 0.0 if flat else 1.0)
 
 
 def plot_run_workspace(run: Run, scene: Scene, axes: Axes) -> Axes:
