@@ -43,6 +43,8 @@ MODES = ("trinary", "scale", "raw")
 DIALECTS = ("nav2", "ros1")
 WORDS = {"true": 1, "yes": 1, "on": 1, "y": 1, "false": 0, "no": 0, "off": 0, "n": 0}
 QUANTUM = 65535
+BYTES_PER_PIXEL = 96
+"""Memory of a picture while it is turned into occupancies."""
 
 
 @dataclass(frozen=True)
@@ -208,7 +210,7 @@ def read_header(path: Path, dialect: str = "nav2") -> RosHeader:
 
 
 def _occupancy(header: RosHeader, dialect: str) -> NDArray[np.int8]:
-    raster = read_raster(header.image)
+    raster = read_raster(header.image, BYTES_PER_PIXEL)
     return _CONVERTERS[dialect](raster, header)[::-1].copy()
 
 
