@@ -86,7 +86,7 @@ def _checks_of(function: types.FunctionType) -> dict[str, tuple[Accepts, Any]]:
     """What each parameter accepts, and its type, by name; at least one entry."""
     names = _Names(function.__globals__)
     hints = {
-        key: eval(text, {"__builtins__": builtins}, names) if isinstance(text, str) else text  # type: ignore[arg-type]
+        key: eval(text, {"__builtins__": builtins}, names) if isinstance(text, str) else text
         for key, text in function.__annotations__.items()
     }
     return {key: (_accepts(hint), hint) for key, hint in hints.items()}
