@@ -166,7 +166,7 @@ def figure_14(folder: Path) -> None:
     print("figure 14: a contact force F turns the velocity V0 by A F, or onto the equipotential")
 
 
-def control_problem(folder: Path, name: str, free: int, blind: int, learning: int | None) -> dict[str, float]:
+def control_problem(folder: Path, name: str, *, free: int, blind: int, learning: int | None) -> dict[str, float]:
     """Figures 15 to 19: a free run, the same with an obstacle that is not on the map, and with what touch teaches."""
     scene = rg.read_scene(SCENES / f"{name}.toml")
     planner = rg.plan(scene, k=0.98)

@@ -20,7 +20,7 @@ SUFFIXES = (".png", ".pdf", ".svg")
 @click.command("plot", short_help="Draw a scene, its potential, currents, paths or circuit.")
 @with_scene()
 @output_option("The picture: FILE.png, .pdf or .svg; - prints a PNG.", required=True)
-@click.option("--what", default="page", show_default=True, metavar="PICTURE", help=f"One of {', '.join(PICTURES)}.")
+@click.option("--what", default="page", show_default=True, type=click.Choice(tuple(PICTURES)), help="Which picture.")
 @with_report
 def command(choice: SceneChoice, output: str, what: str, report: Report) -> int:
     """Draw one picture of SCENE.
@@ -29,8 +29,6 @@ def command(choice: SceneChoice, output: str, what: str, report: Report) -> int:
     for several blends, the first is drawn; choose one with --k. '--what space' draws the cells alone: a map needs no
     goal for that.
     """
-    if what not in PICTURES:
-        raise InputError(f"--what {what}: there is no such picture; there are {', '.join(PICTURES)}")
     suffix = ".png" if output == "-" else Path(output).suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"-o {output}: a picture is written as {', '.join(SUFFIXES)}; name the file so")

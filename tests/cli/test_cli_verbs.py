@@ -317,3 +317,34 @@ def test_every_verb_that_takes_a_scene_takes_the_robot_s_radius(answer, call, pi
         command = main.get_command(None, verb)
         options = {name for parameter in command.params for name in parameter.opts}
         assert ("--goal" in options) == ("--robot-radius" in options), verb
+
+
+def test_a_quiet_verb_that_writes_a_file_prints_nothing(call, room, tmp_path):
+    file = tmp_path / "path.csv"
+    assert call("path", room, "--start", "0.5,0.5", "-q", "-o", file).output == ""
+    assert file.exists()
+    assert "reached" in call("path", room, "--start", "0.5,0.5", "-q").stdout
+    assert call("control", room, "--start", "0.5,0.5", "-q", "-o", tmp_path / "log.csv").output == ""
+
+
+def test_a_verb_and_a_value_that_do_not_exist_are_told_what_does(call, room, tmp_path):
+    assert "Did you mean 'control'?" in call("contrl", room).stderr
+    assert call("contrl", room).exit_code == 2
+    for words, choices in (
+        (("plot", room, "-o", tmp_path / "a.png", "--what", "spac"), "'space'"),
+        (("control", room, "--settle", "fast"), "'jacobi'"),
+        (("control", room, "--response", "none"), "'admittance'"),
+    ):
+        result = call(*words)
+        assert result.exit_code == 2 and choices in result.stderr
+
+
+def test_of_several_starts_the_first_is_animated(call, room, tmp_path):
+    from PIL import Image
+
+    small = room.with_name("small.toml")
+    small.write_text(room.read_text().replace("[5.5, 4.5]", "[1.5, 1.5]"))
+    result = call("control", small, "--animate", tmp_path / "a.gif", "--speed", "3")
+    assert "the first is drawn" in result.stderr and result.exit_code == 0, result.stderr
+    with Image.open(tmp_path / "a.gif") as picture:
+        assert picture.n_frames > 2
