@@ -8,7 +8,7 @@ import os
 import sys
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import IO, Any, Literal, Union, get_args, get_origin
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,6 +47,7 @@ _WORDS: dict[Any, str] = {
 }
 _ARRAY = frozenset(get_args(ArrayLike))
 _SHOWN = 60
+_LARGEST = 2**63 - 1
 
 
 def guarded(name: str, value: Any) -> Any:
@@ -109,37 +110,52 @@ def _accepts(hint: Any) -> Accepts:  # noqa: PLR0911
         rest, takes_arrays = _without_array(parts)
         accepted = [*map(_accepts, rest), *([_is_array] if takes_arrays else [])]
         return lambda value: any(accept(value) for accept in accepted)
+    if hint in _PLAIN:
+        return _PLAIN[hint]
     if origin is Literal:
         return lambda value: isinstance(value, str) and value in parts
-    if hint is float:
-        return _is_real
-    if hint is int:
-        return is_whole
-    if hint is bool:
-        return lambda value: isinstance(value, bool | np.bool_)
-    if hint is None:
-        return lambda value: value is None
     if origin is np.ndarray:
-        return _is_array
-    if origin is tuple and parts and parts[-1] is not Ellipsis:
-        each = [_accepts(part) for part in parts]
-        return lambda value: (
-            isinstance(value, Sequence | np.ndarray)
-            and len(value) == len(each)
-            and all(accept(entry) for accept, entry in zip(each, value, strict=True))
-        )
-    if origin in (tuple, list, Sequence):
-        entry = _accepts(parts[0])
-        return lambda value: isinstance(value, Sequence | np.ndarray) and not isinstance(value, str | bytes) and all(
-            map(entry, value)
-        )  # fmt: skip
-    if origin in (Iterable, Mapping, Callable, os.PathLike):
-        return lambda value: isinstance(value, origin) and not (origin is Iterable and isinstance(value, str | bytes))
-    if isinstance(hint, type) and getattr(hint, "_is_protocol", False):
+        masks = np.bool_ in get_args(parts[1])
+        return (lambda value: isinstance(value, np.ndarray) and value.dtype.kind == "b") if masks else _is_array
+    if origin in (tuple, list, Sequence, Iterable):
+        return _accepts_entries(origin, parts)
+    if origin is Mapping:
+        entry = _accepts(parts[1])
+        return lambda value: isinstance(value, Mapping) and all(map(entry, value.values()))
+    if origin is IO:
+        return lambda value: hasattr(value, "read")
+    if origin in (Callable, os.PathLike):
+        return lambda value: isinstance(value, origin)
+    if getattr(hint, "_is_protocol", False):
         wanted = [key for key in vars(hint) if not key.startswith("_")]
         return lambda value: not isinstance(value, type) and all(hasattr(value, key) for key in wanted)
     checked = isinstance(hint, type) and hint not in (Any, object)
     return (lambda value: isinstance(value, hint)) if checked else lambda _: True
+
+
+def _accepts_entries(origin: Any, parts: tuple[Any, ...]) -> Accepts:
+    """Whether values hold entries of a type; what can be read only once is taken on trust."""
+    if origin is tuple and parts[-1] is not Ellipsis:
+        each = [_accepts(part) for part in parts]
+        return lambda value: (
+            _is_listed(value, parts[0])
+            and len(value) == len(each)
+            and all(accept(entry) for accept, entry in zip(each, value, strict=True))
+        )
+    entry = _accepts(parts[0])
+    once = origin is Iterable
+    return lambda value: (
+        all(map(entry, value))
+        if _is_listed(value, parts[0])
+        else once and isinstance(value, Iterable) and not isinstance(value, str | bytes | Mapping | np.ndarray)
+    )
+
+
+def _is_listed(value: Any, hint: Any) -> bool:
+    """Whether a value is a list of something, or, where that are numbers or words, an array."""
+    if isinstance(value, np.ndarray):
+        return value.ndim > 0 and hint in (float, int, str, Any)
+    return isinstance(value, Sequence) and not isinstance(value, str | bytes)
 
 
 def _without_array(parts: tuple[Any, ...]) -> tuple[list[Any], bool]:
@@ -149,8 +165,14 @@ def _without_array(parts: tuple[Any, ...]) -> tuple[list[Any], bool]:
 
 
 def _is_real(value: Any) -> bool:
-    """Whether a value is a real number; limits are for the function itself to know."""
-    return is_number(value) or (isinstance(value, float | np.floating) and abs(value) == np.inf)
+    """Whether a value is a real number, infinite ones included; limits are for the function itself to know."""
+    infinite = isinstance(value, float | np.floating) and abs(value) == np.inf
+    return infinite or (is_number(value) and not (is_whole(value) and abs(int(value)) > _LARGEST))
+
+
+def _is_count(value: Any) -> bool:
+    """Whether a value is a whole number that arrays can hold."""
+    return is_whole(value) and abs(int(value)) <= _LARGEST
 
 
 def _is_array(value: Any) -> bool:
@@ -161,6 +183,14 @@ def _is_array(value: Any) -> bool:
         return np.asarray(value).dtype.kind in "biuf"
     except (TypeError, ValueError, OverflowError):
         return False
+
+
+_PLAIN: dict[Any, Accepts] = {
+    float: _is_real,
+    int: _is_count,
+    bool: lambda value: isinstance(value, bool | np.bool_),
+    None: lambda value: value is None,
+}
 
 
 def _complaint(key: str, value: Any, hint: Any) -> str:

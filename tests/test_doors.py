@@ -98,3 +98,24 @@ def test_a_public_function_keeps_its_name_its_signature_and_its_pickle() -> None
 def test_a_name_that_is_not_there_is_told_its_neighbour() -> None:
     with pytest.raises(AttributeError, match="did you mean 'streamline'"):
         rg.streamlin  # noqa: B018
+
+
+def test_values_that_no_array_holds_and_names_that_name_nothing_are_refused(tmp_path: Path) -> None:
+    space = rg.sample(rg.read_scene(Path(__file__).parents[1] / "examples/scenes/lesson.toml"))
+    netlist = rg.compile_space(space)
+    for call in (
+        lambda: rg.compile_space(space, resistance=10**400),
+        lambda: rg.compile_space(space, resistance=1e-320),
+        lambda: rg.compile_space(space, start=np.array(3.0)),
+        lambda: rg.apply_passes(netlist, [[]]),
+        lambda: rg.passes_to_json({"a": 1}),
+        lambda: rg.write_spice(netlist, ""),
+        lambda: rg.random_pushes(-1, 2, until=1.0, size=1.0, duration=0.1),
+        lambda: rg.random_pushes(0, 0, until=1.0, size=1.0, duration=0.1),
+        lambda: rg.random_pushes(0, 2, until=np.inf, size=1.0, duration=0.1),
+        lambda: rg.plot_separation(rg.separation(space, (0.5, 6.5)), virtual=np.zeros((8, 8))),
+    ):
+        with pytest.raises(InputError):
+            call()
+    one = rg.noise_density(netlist, [1], np.float32(0.5))
+    np.testing.assert_array_equal(one, rg.noise_density(netlist, [1], 0.5))

@@ -324,6 +324,8 @@ def plot_runs_by_k(
     -------
     matplotlib.figure.Figure
     """
+    if not runs:
+        raise InputError("there is no run to draw: give at least one")
     figure = new_figure(_PAGE, 5.0 + 0.15 * (caption.count("\n") + 2 if caption else 0))
     left, right = figure.subplots(1, 2)
     known, hidden, goals = bodies_of(scene)

@@ -197,6 +197,8 @@ def plot_wavefront(front: Wavefront, shown: Sequence[int] | None = None) -> Figu
     plane_of(front.after)
     count = len(front.cells)
     rows = np.unique(np.linspace(0, count - 1, min(count, 6)).astype(int)) if shown is None else np.asarray(shown)
+    if rows.dtype.kind not in "iu" or rows.ndim != 1 or not len(rows) or not np.all((rows >= 0) & (rows < count)):
+        raise InputError(f"shown = {shown!r} must be at least one of the numbers of its times, 0 to {count - 1}")
     columns = min(len(rows), 3)
     lines = -(-len(rows) // columns)
     figure = new_figure(7.4, 2.6 * lines + 0.4)
