@@ -44,6 +44,7 @@ _WORDS: dict[Any, str] = {
     bool: "True or False",
     types.NoneType: "None",
     os.PathLike: "a path",
+    Mapping: "a mapping",
 }
 _ARRAY = frozenset(get_args(ArrayLike))
 _SHOWN = 60
@@ -194,6 +195,10 @@ _PLAIN: dict[Any, Accepts] = {
 
 
 def _complaint(key: str, value: Any, hint: Any) -> str:
+    if get_origin(hint) in (list, Sequence, Iterable) and _is_listed(value, get_args(hint)[0]):
+        entry = get_args(hint)[0]
+        number = next(number for number, one in enumerate(value) if not _accepts(entry)(one))
+        return _complaint(f"{key}[{number}]", value[number], entry)
     words = sorted(dict.fromkeys(_words(hint)), key=lambda word: word == "None")
     sources = [SOURCES.get(word.split()[-1]) for word in words]
     ways = [f"{word} ({source})" if source else word for word, source in zip(words, sources, strict=True)]

@@ -57,7 +57,7 @@ def test_an_argument_of_the_wrong_type_is_refused_by_name(name: str) -> None:
                 continue
             with pytest.raises(InputError) as caught:
                 function(**given, **{parameter.name: wrong})
-            assert str(caught.value).startswith(f"{parameter.name} = "), label
+            assert str(caught.value).startswith((f"{parameter.name} = ", f"{parameter.name}[0] = ")), label
             assert " must be " in str(caught.value), label
         if parameter.default is Parameter.empty:
             given[parameter.name] = fitting(hint)
