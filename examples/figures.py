@@ -1,8 +1,9 @@
 """Figures 1 to 19 of Connolly & Grupen, "Applications of Harmonic Functions to Robotics" (1992).
 
-Run it with ``python examples/figures.py``; the pictures go into ``out/figures``, laid out as in the paper: the
-workspace on the left, the configuration space of a planar arm with two links on the right.  The paper gives no
-coordinates; the scenes fix a geometry, and starts, that tell the same story.
+Run it with ``python examples/figures.py``: some five minutes, or one with ``--short``, which leaves out settling and
+the animations.  The pictures go into ``out/figures``, laid out as in the paper: the workspace on the left, the
+configuration space of a planar arm with two links on the right.  The paper gives no coordinates; the scenes fix a
+geometry, and starts, that tell the same story.
 
 Figures 14 to 19 are about control: contact with obstacles that the map does not show, and planning while the grid still
 settles; with them come two animations.
@@ -11,6 +12,8 @@ The paper's captions and text disagree about which k is which.  Here the formula
 so that k = 1 is Dirichlet (obstacles repel) and k = 0 is Neumann (paths may slide along them).
 """
 
+import argparse
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -28,13 +31,24 @@ SCENES = Path(__file__).resolve().parent / "scenes"
 
 def main(folder: Path = Path("out/figures"), *, long: bool = False) -> dict[str, float]:
     folder.mkdir(parents=True, exist_ok=True)
-    numbers = problem_a(folder) | two_goals(folder) | problem_b(folder)
-    figure_14(folder)
-    numbers |= control_problem(folder, "container", free=15, blind=16, learning=None)
-    numbers |= control_problem(folder, "chair", free=17, blind=18, learning=19)
-    if long:  # some minutes
-        numbers |= settling(folder, rg.read_scene(SCENES / "chair.toml"))
-        animations(folder)
+    numbers: dict[str, float] = {}
+    chair = rg.read_scene(SCENES / "chair.toml")
+    stages: list[tuple[str, Callable[[], dict[str, float] | None]]] = [
+        ("figures 1 to 7, problem A", lambda: problem_a(folder)),
+        ("figures 8 to 10, two goals", lambda: two_goals(folder)),
+        ("figures 11 to 13, problem B", lambda: problem_b(folder)),
+        ("figure 14, velocities at a contact", lambda: figure_14(folder)),
+        (
+            "figures 15 and 16, container",
+            lambda: control_problem(folder, "container", free=15, blind=16, learning=None),
+        ),
+        ("figures 17 to 19, chair", lambda: control_problem(folder, "chair", free=17, blind=18, learning=19)),
+        ("motion while the grid settles (two minutes)", lambda: settling(folder, chair)),
+        ("two animations (a minute)", lambda: animations(folder)),
+    ]
+    for what, draw in stages if long else stages[:-2]:
+        print(what, flush=True)
+        numbers |= draw() or {}
     print(f"the figures are in {folder}")
     return numbers
 
@@ -288,4 +302,8 @@ def family(folder, number, paths, scene, space, virtual, caption) -> None:
 
 
 if __name__ == "__main__":
-    main(long=True)
+    parser = argparse.ArgumentParser(description="Draw figures 1 to 19 of Connolly & Grupen (1992): some five minutes.")
+    parser.add_argument("-o", "--output", metavar="FOLDER", type=Path, default=Path("out/figures"))
+    parser.add_argument("--short", action="store_true", help="no settling, no animations: about a minute")
+    words = parser.parse_args()
+    main(words.output, long=not words.short)

@@ -29,8 +29,15 @@ def __getattr__(name: str) -> Any:
     if name == "__version__":
         return _version()
     if name not in __all__:
-        raise AttributeError(f"module 'resgrid' has no attribute {name!r}; it has {', '.join(__all__)}")
-    return _public(name)
+        from difflib import get_close_matches
+
+        near = get_close_matches(name, __all__, 1)
+        hint = f"did you mean {near[0]!r}?" if near else "dir(resgrid) lists its names"
+        raise AttributeError(f"module 'resgrid' has no attribute {name!r}; {hint}")
+    from resgrid.doors import guarded
+
+    globals()[name] = guarded(name, _public(name))
+    return globals()[name]
 
 
 def __dir__() -> list[str]:

@@ -4,6 +4,7 @@ from .compiler import compile_space as compile_space
 from .control.controller import Controller as Controller, make_controller as make_controller
 from .control.equipotential import equipotential_velocity as equipotential_velocity
 from .control.fronts import Wavefront as Wavefront, wavefront as wavefront
+from .control.learning import resolver as resolver
 from .control.log import Ending as Ending, Mode as Mode, Run as Run
 from .control.plant import Plant as Plant, make_plant as make_plant
 from .control.pushes import Push as Push, random_pushes as random_pushes
@@ -116,6 +117,7 @@ from .plot import (
     plot_power as plot_power,
     plot_precision as plot_precision,
     plot_precision_page as plot_precision_page,
+    plot_profile as plot_profile,
     plot_robot_path as plot_robot_path,
     plot_run as plot_run,
     plot_runs_by_k as plot_runs_by_k,
@@ -139,10 +141,26 @@ from .plot import (
     save_figure as save_figure,
     wavefront_frames as wavefront_frames,
 )
-from .robots import Arm as Arm, DiscRobot as DiscRobot, PointRobot as PointRobot, PolygonRobot as PolygonRobot
+from .robots import (
+    Arm as Arm,
+    Ball as Ball,
+    Box as Box,
+    DiscRobot as DiscRobot,
+    HalfSpace as HalfSpace,
+    PointRobot as PointRobot,
+    Polygon as Polygon,
+    PolygonRobot as PolygonRobot,
+    Robot as Robot,
+)
 from .scene import (
     Chip as Chip,
+    CostArea as CostArea,
     Defects as Defects,
+    GoalCell as GoalCell,
+    GoalJoints as GoalJoints,
+    GoalPoint as GoalPoint,
+    MapCells as MapCells,
+    Query as Query,
     Readout as Readout,
     Scene as Scene,
     apply_overrides as apply_overrides,

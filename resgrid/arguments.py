@@ -11,7 +11,10 @@ from resgrid.errors import InputError
 
 def is_number(value: Any) -> bool:
     """Whether a value is a finite real number (True and False are none)."""
-    return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    try:
+        return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
+    except OverflowError:  # a whole number beyond all floating-point ones
+        return False
 
 
 def is_whole(value: Any) -> bool:

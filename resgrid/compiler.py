@@ -163,7 +163,7 @@ def compile_space(
 
 
 def _check_values(resistance: float, supply: float, goal_voltage: float) -> None:
-    if not (np.isfinite(resistance) and resistance > 0):
+    if not (0 < resistance < np.inf and 1.0 / float(resistance) < np.inf):
         raise InputError(f"resistance = {resistance}, but it must be positive and finite, in ohms")
     if not (np.isfinite(supply) and supply != 0 and np.isfinite(goal_voltage)):
         raise InputError(f"supply = {supply} V and goal_voltage = {goal_voltage} V must be finite, and supply not 0")

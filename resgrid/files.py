@@ -142,10 +142,10 @@ def _create_temporary(folder: Path, target: Path, path: Path) -> Path:
     temporary = temporary_place(folder, target.stem, target.suffix)
     try:
         os.close(os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
-    except FileNotFoundError as error:
-        raise InputError(f"cannot write {path}: there is no folder {folder}; make it first") from error
     except OSError as error:
-        raise _unwritable(path, error) from error
+        if not isinstance(error, FileNotFoundError) or folder.is_dir():
+            raise _unwritable(path, error) from error
+        raise InputError(f"cannot write {path}: there is no folder {folder}; make it first") from error
     return temporary
 
 

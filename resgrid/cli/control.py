@@ -31,7 +31,8 @@ FRAMES = 120
 @click.option("--learn/--no-learn", default=True, show_default=True, help="Mark in the map what is touched.")
 @click.option(
     "--push", metavar="T,S,F,...", multiple=True,
-    help="Push from time T for S seconds with a generalised force, one entry per axis; repeatable.",
+    help="Push from time T for S seconds with a generalised force, one entry per axis, which changes the velocity by "
+    "the admittance times itself; repeatable.",
 )  # fmt: skip
 @click.option("--pushes", metavar="N", type=click.IntRange(0, 10_000), default=0, help="And N pushes at random.")
 @click.option("--push-size", metavar="F", type=float, default=2.0, show_default=True, help="Force of random pushes.")
@@ -42,10 +43,12 @@ FRAMES = 120
               help="Give up after so many.")  # fmt: skip
 @click.option("--speed", metavar="V", type=float, help="Nominal speed.  [default: a 20th of the longest axis a second]")
 @click.option("--admittance", metavar="A,...", help="One number, a diagonal, or a matrix row by row.  [default: speed]")
-@click.option("--response", metavar="RULE", default="equipotential", show_default=True,
-              help="What a contact force does: equipotential following, or admittance.")  # fmt: skip
+@click.option("--response", type=click.Choice(("equipotential", "admittance")), default="equipotential",
+              show_default=True, help="Whether a contact force turns the robot along the equipotential, or pushes it.",
+)  # fmt: skip
 @click.option("--friction", metavar="MU", type=float, default=0.2, show_default=True, help="Of all contacts.")
-@click.option("--settle", metavar="METHOD", help="The grid settles meanwhile: as a chip, or by jacobi or sor sweeps.")
+@click.option("--settle", type=click.Choice(("chip", "jacobi", "sor")),
+              help="The grid settles meanwhile: as a chip, or by sweeps.")  # fmt: skip
 @click.option("--pace", metavar="P", type=float, default=10.0, show_default=True,
               help="Sweeps, or units RC of a chip, while the robot crosses a cell.")  # fmt: skip
 @click.option("--announce", is_flag=True, help="At time 0 hidden obstacles are put on the map, and the grid settles.")
@@ -57,7 +60,8 @@ def command(
     """Move the robot of SCENE from each start by V = V0 + A F, with the scene's hidden obstacles in its way.
 
     Contacts are felt by the whole robot; with --learn they are marked in the map, and the field is solved again. The
-    same seed gives the same run. Exits with 1 if some run does not arrive.
+    same seed gives the same run. Of a scene that asks for several blends, the first is used; choose others with --k.
+    Exits with 1 if some run does not arrive.
     """
     if output == "-" and report.json:
         raise InputError("-o - and --json both want standard output; choose one")
@@ -73,9 +77,8 @@ def command(
     require_starts(job)
     shares = job.scene.k if "k" in choice.changes else job.scene.k[:1]
     told = tell_unheeded(job, "grid", report, k=job.scene.k[len(shares) :])
-    for option, file in films.items():
-        if file is not None and len(shares or (None,)) * len(job.scene.starts) > 1:
-            raise InputError(f"{option} shows one run: choose a start with --start X,Y and a blend with --k K")
+    if any(films.values()) and len(shares or (None,)) * len(job.scene.starts) > 1:
+        report.say("of several runs, the first is drawn; choose one with --start X,Y and --k K")
     motions = [
         motion for k in shares or (None,) for motion in _moved(job, k, words, seed, steps, announce, report)
     ]  # fmt: skip
@@ -86,7 +89,7 @@ def command(
         _draw_wavefront(wavefront, motions[0], job, report)
     if output != "-":
         data = {"scene": job.scene.title, "runs": [run_data(motion) for motion in motions], **told}
-        report.finish(data, [run_line(motion) for motion in motions])
+        report.finish(data, [run_line(motion) for motion in motions], written=output is not None)
     return 0 if all(str(motion.run.ending) == "arrived" for motion in motions) else NEGATIVE
 
 
@@ -126,7 +129,7 @@ def _check_films(films: dict[str, str | None], announce: bool) -> None:
     """Refuse animations that cannot be made, before anything is computed."""
     for file in films.values():
         if file is not None:
-            from resgrid.plot.animations import check_animation
+            from resgrid.plot.films import check_animation
 
             check_animation(file)
     if films["--wavefront"] is not None and not announce:
@@ -141,8 +144,10 @@ def _write(job: Job, motions: list[Motion], output: str | None, report: Report) 
 
 
 def _draw_run(file: str, motion: Motion, job: Job, report: Report) -> None:
-    from resgrid.plot.animations import run_frames, save_animation
+    from resgrid.plot.animations import run_frames
+    from resgrid.plot.films import save_animation
 
+    report.say(f"drawing {FRAMES} frames for {file}")
     with report.stage(f"draw {Path(file).name}", steps=FRAMES) as progress:
         frames = run_frames(motion.run, job.scene, count=FRAMES)
         save_animation(frames, file, progress=lambda _: progress.advance())
@@ -154,11 +159,13 @@ def _draw_wavefront(file: str, motion: Motion, job: Job, report: Report) -> None
     import numpy as np
 
     from resgrid.control.fronts import wavefront
-    from resgrid.plot.animations import save_animation, wavefront_frames
+    from resgrid.plot.animations import wavefront_frames
+    from resgrid.plot.films import save_animation
 
     sim = motion.simulation
     assert sim.settling is not None
     crossed = float(motion.run.time[-1]) * sim.controller.speed / float(job.space.spacing.min())
+    report.say(f"drawing {FRAMES} frames for {file}")
     with report.stage("follow the wavefront", seconds=10.0):
         front = wavefront(sim.settling, job.space, sim.space, np.linspace(0.0, crossed, FRAMES))
     with report.stage(f"draw {Path(file).name}", steps=FRAMES) as progress:

@@ -13,6 +13,7 @@ from resgrid.cli.heeded import several_k, tell_unheeded
 from resgrid.cli.job import Job, compile_chip, only_boundary, open_job, size_of
 from resgrid.cli.options import SceneChoice, with_report, with_scene
 from resgrid.cli.report import Report
+from resgrid.cli.sketch import KEY, sketch
 from resgrid.errors import CircuitError, InputError, ToolMissingError
 
 if TYPE_CHECKING:
@@ -33,7 +34,9 @@ PACKAGES = ("numpy", "scipy", "numba", "networkx", "shapely", "matplotlib", "pyd
 def command(
     choice: SceneChoice | None, schema: bool, versions: bool, read_as: str, root: str | None, report: Report
 ) -> int:
-    """Describe SCENE: its cells, goals and starts, what cannot be reached, and the memory a solution takes.
+    """Describe SCENE: a sketch, its cells, goals and starts, what cannot be reached, the memory a solution takes.
+
+    Of a map: how it was read, such as which grey values are free; it needs no goal yet.
 
     Of a DECK: its elements, values and supplies, what its reader noted, and the time that ngspice would take.
     """
@@ -68,10 +71,12 @@ def describe(job: Job, report: Report) -> dict[str, Any]:
     -------
     dict
     """
+    from resgrid.scene.map_words import describe_map
     from resgrid.space import Cell
 
     scene, space = job.scene, job.space
     free = space.cell == Cell.FREE
+    starts = [scene.frame.from_world(start) for start in scene.starts]
     return {
         "title": scene.title,
         "source": scene.source,
@@ -89,6 +94,8 @@ def describe(job: Job, report: Report) -> dict[str, Any]:
             for axis in space.axes
         ],
         "frame": {"x": scene.frame.x, "y": scene.frame.y, "yaw": scene.frame.yaw},
+        "map": None if scene.map is None else describe_map(scene),
+        "sketch": sketch(space, starts) if space.ndim == 2 else None,
         "cells": space.cell.size,
         "free_cells": int(free.sum()),
         "obstacle_cells": int((space.cell == Cell.OBSTACLE).sum()),
@@ -109,6 +116,8 @@ def _cost(job: Job, report: Report) -> dict[str, Any]:
     from resgrid.nodal.methods import choose_method, estimate_memory
     from resgrid.nodal.system import assemble
 
+    if not job.space.goal_count:
+        return {"nodes": None, "resistors": None, "memory_bytes": None, "no_circuit": "no goal yet: say --goal X,Y"}
     try:
         netlist = compile_chip(job, report, *only_boundary(job), ideal=True)
         system = assemble(netlist)
@@ -189,6 +198,29 @@ def installed_versions() -> dict[str, str | None]:
     return versions
 
 
+def _map_lines(data: dict[str, Any]) -> Iterable[str]:
+    """How a map was read, and a sketch of it."""
+    told = data["map"] or {}
+    if told:
+        rows = ", its top row at the largest y" if told["format"] != "npy" else ", its first index along x"
+        yield f"  map           {told['format']}{rows}: y points up"
+    if "greys" in told:
+        option = " (--threshold)" if told["format"] == "image" else ""
+        yield "  grey          " + ", ".join(f"{low} to {high} {kind}" for low, high, kind in told["greys"]) + option
+    if "unknown_cells" in told:
+        yield f"  unknown       {told['unknown_cells']:,} cells, taken as {told['unknown_as']} (--unknown)"
+    if "passable" in told:
+        yield f"  passable      {told['passable']} (--passable)"
+    frame = data["frame"]
+    if any(frame.values()):
+        yield f"  frame         origin at ({frame['x']:g}, {frame['y']:g}), turned by {frame['yaw']:g} rad"
+    if data["sketch"] is not None:
+        across, up = data["axes"]
+        whose = " in the map's own frame" if frame["yaw"] else ""
+        yield f"  sketch        {across['name']} to the right, {up['name']} upwards{whose}: {KEY}"
+        yield from (f"    {row}" for row in data["sketch"])
+
+
 def _lines(data: dict[str, Any]) -> Iterable[str]:
     yield f"{data['title'] or data['source']}: {size_of(data['shape'])} = {data['cells']:,} cells"
     for axis in data["axes"]:
@@ -197,6 +229,7 @@ def _lines(data: dict[str, Any]) -> Iterable[str]:
             f"  {axis['name']}: {axis['lower']:g} to {axis['upper']:g} {axis['unit']}, "
             f"{axis['cells']} cells of {axis['spacing']:.6g} {axis['unit']}{ring}"
         )
+    yield from _map_lines(data)
     lost = f", of which {data['unreachable_cells']:,} have no way to a goal" if data["goals"] else ""
     yield f"  free          {data['free_cells']:,}{lost}"
     yield f"  obstacle      {data['obstacle_cells']:,}"

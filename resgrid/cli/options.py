@@ -23,6 +23,7 @@ SCENE_OPTIONS: tuple[Decorator, ...] = (
     click.option("--resistance", metavar="OHMS", help="Resistance between neighbours, such as 10k."),
     click.option("--goal", metavar="X,Y", multiple=True, help="Goal instead of the scene's; repeatable."),
     click.option("--start", metavar="X,Y", multiple=True, help="Start instead of the scene's; repeatable."),
+    click.option("--robot-radius", metavar="R", help="Radius of the robot (a disc) instead of the scene's."),
     click.option("--cells", is_flag=True, help="Goals and starts are cell indices, not world coordinates."),
     click.option("--k", metavar="K", multiple=True, help="Share of the Dirichlet field, 0 to 1; repeatable."),
     click.option("--set", "settings", metavar="KEY=VALUE", multiple=True, help="Any other key, as in the scene file."),
@@ -152,6 +153,8 @@ def scene_choice(source: str, given: Mapping[str, Any]) -> SceneChoice:
             changes[name] = [_place(f"--{key}", text, whole=given["cells"]) for text in given[key]]
     if given["k"]:
         changes["k"] = [_number("--k", word) for text in given["k"] for word in text.split(",")]
+    if given["robot_radius"] is not None:
+        changes["robot.radius"] = _number("--robot-radius", given["robot_radius"])
     for setting in given["settings"]:
         key, equals, value = setting.partition("=")
         if not equals or not key.strip():
@@ -215,4 +218,7 @@ def _decorated(function: Callable[..., Any], options: tuple[Decorator, ...]) -> 
     return function
 
 
-_NAMES = ("boundary", "drive", "edge", "resistance", "goal", "start", "cells", "k", "settings", "threads", *_MAP_KEYS)
+_NAMES = (
+    "boundary", "drive", "edge", "resistance", "goal", "start", "robot_radius", "cells", "k", "settings", "threads",
+    *_MAP_KEYS,
+)  # fmt: skip

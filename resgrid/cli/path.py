@@ -68,7 +68,7 @@ def command(
     if output != "-":
         unit = unit_of(job.space)
         data = {"scene": job.scene.title, "paths": [route_data(route) for route in plan.routes], **told}
-        report.finish(data, [route_line(route, unit) for route in plan.routes])
+        report.finish(data, [route_line(route, unit) for route in plan.routes], written=output is not None)
     return 0 if plan.complete else NEGATIVE
 
 

@@ -64,10 +64,8 @@ def draw_picture(what: str, job: Job, plan: Plan) -> Figure:
     Raises
     ------
     InputError
-        If there is no such picture, or not of a space with so many axes.
+        If the scene has no such picture.
     """
-    if what not in PICTURES:
-        raise InputError(f"--what {what}: there is no such picture; there are {', '.join(PICTURES)}")
     if not plan.fields and what != "space":
         raise InputError("no start can be driven, so there is no field to draw: use --drive uniform, or move the start")
     return PICTURES[what](job, plan, plan.fields[0] if plan.fields else None)
@@ -99,7 +97,8 @@ def _page(job: Job, plan: Plan, field: Field | None) -> Figure:
 
 
 def _title(job: Job, plan: Plan, field: Field) -> str:
-    mark = f"k = {field.k:g}" if len(plan.fields) > 1 and job.scene.drive != "start" else ""
+    pure = {0.0: " (Neumann)", 1.0: " (Dirichlet)"}.get(field.k, "")
+    mark = f"k = {field.k:g}{pure}" if len(plan.fields) > 1 and job.scene.drive != "start" else ""
     return ", ".join(part for part in (job.scene.title, mark) if part)
 
 
@@ -152,7 +151,11 @@ def _robot(job: Job, plan: Plan, _field: Field | None = None) -> Figure:
     scene, kinds = job.scene, Box | Ball | Polygon | HalfSpace
     goals = [goal for goal in scene.goals if isinstance(goal, kinds) and goal.ndim == 2]
     parts = route.streamline, scene.robot, job.space, scene.obstacles, goals
-    return plot_pair(*parts, title=scene.title) if job.space.ndim == 2 else _figure(plot_robot_path(*parts))
+    if job.space.ndim == 2:
+        return plot_pair(*parts, title=scene.title)
+    figure = _figure(plot_robot_path(*parts))
+    figure.suptitle(scene.title)
+    return figure
 
 
 def _circuit(_job: Job, plan: Plan, _field: Field | None = None) -> Figure:

@@ -21,22 +21,21 @@ SUFFIXES = (".png", ".pdf", ".svg")
 @click.command("plot", short_help="Draw a scene, its potential, currents, paths or circuit.")
 @with_scene()
 @output_option("The picture: FILE.png, .pdf or .svg; - prints a PNG.", required=True)
-@click.option("--what", default="page", show_default=True, metavar="PICTURE", help=f"One of {', '.join(PICTURES)}.")
+@click.option("--what", default="page", show_default=True, type=click.Choice(tuple(PICTURES)), help="Which picture.")
 @with_report
 def command(choice: SceneChoice, output: str, what: str, report: Report) -> int:
     """Draw one picture of SCENE.
 
     A page shows potential, currents and paths together; a space of three axes is drawn in slices. Of a scene that asks
-    for several blends, the first is drawn; choose one with --k.
+    for several blends, the first is drawn; choose one with --k. '--what space' draws the cells alone: a map needs no
+    goal for that.
     """
-    if what not in PICTURES:
-        raise InputError(f"--what {what}: there is no such picture; there are {', '.join(PICTURES)}")
     suffix = ".png" if output == "-" else Path(output).suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"-o {output}: a picture is written as {', '.join(SUFFIXES)}; name the file so")
     if output == "-" and report.json:
         raise InputError("-o - and --json both want standard output; write the picture to a file")
-    job = open_job(choice, report)
+    job = open_job(choice, report, require_goal=what != "space")
     told = tell_unheeded(job, "grid", report, k=() if what == "space" else job.scene.k[1:])
     plan = Plan({}, [], []) if what == "space" else plan_routes(job, report)
     with report.stage("draw the picture"):

@@ -46,10 +46,12 @@ class Report:
         if self.verbose and not self.quiet:
             click.echo(message, err=True)
 
-    def finish(self, data: Mapping[str, Any], lines: Iterable[str]) -> None:
-        """The result: one JSON object, or lines."""
+    def finish(self, data: Mapping[str, Any], lines: Iterable[str], *, written: bool = False) -> None:
+        """The result: one JSON object, or lines; no lines where it is in a file and nothing but that was asked for."""
         if self.json:
             click.echo(json_text(data))
+            return
+        if written and self.quiet:
             return
         for line in lines:
             click.echo(line)

@@ -68,7 +68,7 @@ def wavefront(
         If nothing can be driven.
     """
     when = np.asarray(cells, dtype=np.float64)
-    if when.ndim != 1 or not len(when) or not np.isfinite(when).all() or when[0] < 0 or np.any(np.diff(when) < 0):
+    if when.ndim != 1 or not len(when) or not np.isfinite(when).all() or when[0] < 0 or np.any(when[1:] < when[:-1]):
         raise InputError("times of a wavefront must be finite, at least 0 and ascending, in cells crossed")
     check_same_grid(before, after)
     grid = LiveGrid(settling, before)

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.arguments import check_number, check_whole
 from resgrid.errors import InputError
 
 Force = Callable[[float, NDArray[np.float64]], ArrayLike]
@@ -60,8 +61,11 @@ def random_pushes(seed: int, ndim: int, *, until: float, size: float, duration: 
     list of Push
         In order of time.
     """
+    for name, number, least in (("seed", seed, 0), ("ndim", ndim, 1), ("count", count, 0)):
+        check_whole(name, number, least)
+    check_number("until", until, "a finite time, at least 0", least=0.0)
     rng = np.random.default_rng(seed)
-    starts = np.sort(rng.uniform(0.0, until, count))
+    starts = np.sort(rng.uniform(0.0, abs(until), count))
     way = rng.normal(size=(count, ndim))
     way *= size / np.linalg.norm(way, axis=1, keepdims=True)
     return [Push(float(start), duration, force) for start, force in zip(starts, way, strict=True)]

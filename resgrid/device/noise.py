@@ -325,6 +325,8 @@ def _checked_frequencies(frequencies: ArrayLike) -> NDArray[np.float64]:
         wanted = np.atleast_1d(np.asarray(frequencies))
     except ValueError:
         wanted = np.empty(0, dtype=np.bool_)
+    if wanted.dtype.kind == "f":
+        wanted = wanted.astype(np.float64)
     if wanted.dtype.kind not in "iuf" or wanted.ndim != 1 or not np.all((wanted >= 0) & (wanted < _HIGHEST)):
         raise InputError(f"frequencies must be finite (below {_HIGHEST:g}) and at least 0, in hertz")
     return wanted.astype(np.float64)

@@ -1,6 +1,6 @@
 """Pictures: every function takes values and an axes, draws, and returns the axes; only `save_figure` writes."""
 
-from resgrid.plot.animations import run_frames, save_animation, wavefront_frames
+from resgrid.plot.animations import run_frames, wavefront_frames
 from resgrid.plot.chip_curves import plot_bits_histogram, plot_precision_page, plot_served, plot_settling_curve
 from resgrid.plot.chips import plot_noise, plot_power, plot_precision, plot_sensitivity, plot_settling
 from resgrid.plot.circuits import plot_circuit
@@ -9,6 +9,7 @@ from resgrid.plot.control_maps import plot_dirichlet_share, plot_settling_sweep,
 from resgrid.plot.curves import plot_clearance_curve
 from resgrid.plot.fields import plot_currents, plot_potential, plot_space
 from resgrid.plot.figures import new_figure, render_figure, save_figure
+from resgrid.plot.films import save_animation
 from resgrid.plot.pages import plot_scene_page
 from resgrid.plot.pairs import plot_configurations, plot_pair
 from resgrid.plot.paths import plot_path, plot_streamlines

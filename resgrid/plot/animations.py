@@ -1,14 +1,9 @@
-"""Animations: a robot under control, the wavefront of a new obstacle; written as GIF or MP4, whole or not at all."""
+"""Animations: a robot under control, the wavefront of a new obstacle; pictures one by one."""
 
 from __future__ import annotations
 
-import os
-import shutil
-import subprocess
-from collections.abc import Callable, Iterable, Iterator
-from itertools import chain
-from pathlib import Path
-from typing import IO, Any
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,149 +13,53 @@ from numpy.typing import NDArray
 
 from resgrid.control.fronts import Wavefront
 from resgrid.control.log import Mode, Run
-from resgrid.errors import InputError, ToolMissingError
-from resgrid.files import atomic_path
+from resgrid.errors import InputError
+from resgrid.planning.workspace import workspace_path
 from resgrid.plot.control import (
     FORCE,
     LEARNT,
     MODES,
     bodies_of,
     dress_workspace,
+    mark_start,
+    panel_aspect,
     plot_run_configurations,
     seam_shifts,
     thinned,
     wrapped,
     zoom,
 )
-from resgrid.plot.control_maps import draw_wavefront
-from resgrid.plot.fields import add_colour_bar
-from resgrid.plot.figures import new_figure
+from resgrid.plot.control_maps import add_change_bar, draw_change, draw_wavefront
+from resgrid.plot.figures import new_figure, panel_height
+from resgrid.plot.films import MOST_FRAMES, Frame
+from resgrid.plot.plane import plane_of
 from resgrid.plot.robots import plot_robot_path
-from resgrid.plot.style import SMALL, TEXT, refresh_legend
+from resgrid.plot.style import TEXT, refresh_legend
 from resgrid.robots import Arm
 from resgrid.scene.scene import Scene
 
-ANIMATIONS = (".gif", ".mp4")
-MOST_FRAMES = 600
+ROBOT = "#0072B2"
+MODE_WORDS = {
+    Mode.STREAMLINE: "follows its streamline",
+    Mode.PUSHED: "is pushed",
+    Mode.SLIDING: "slides along an obstacle",
+    Mode.STICKING: "touches an obstacle and sticks",
+    Mode.FOLLOWING: "follows the equipotential along an obstacle",
+    Mode.JAM: "is jammed: the force lies along the streamline",
+    Mode.LEARNING: "learns what it touched",
+    Mode.RETREATING: "goes back the way it came",
+    Mode.RECOVERING: "leaves an obstacle cell",
+    Mode.DITHERING: "shakes itself loose",
+    Mode.WAITING: "waits for the grid to settle",
+    Mode.ARRIVED: "has arrived",
+}
 _DPI = 100
 _HELD = 12
-
-Frame = NDArray[np.uint8]
-"""A picture of shape (height, width, 3)."""
-
-
-def save_animation(
-    frames: Iterable[Frame],
-    path: str | os.PathLike[str],
-    *,
-    rate: float = 20.0,
-    progress: Callable[[int], object] | None = None,
-) -> Path:
-    """Write an animation.
-
-    Parameters
-    ----------
-    frames : iterable of ndarray of uint8, shape (height, width, 3)
-        Drawn one by one as they are written; at most `MOST_FRAMES`.
-    path : path-like
-        Its suffix, ``.gif`` or ``.mp4``, says the format; MP4 needs ffmpeg.
-    rate : float
-        Frames a second.
-    progress : callable, optional
-        Told how many frames are drawn.
-
-    Returns
-    -------
-    Path
-        The path.  An interruption leaves no file behind.
-
-    Raises
-    ------
-    InputError
-        If the suffix is unknown, there is no frame or there are too many, or the path cannot be written.
-    ToolMissingError
-        If ffmpeg is asked for and not installed.
-    """
-    write = _writer(path)
-    if not 0 < rate <= 100:
-        raise InputError(f"rate = {rate}, but an animation shows more than 0 and at most 100 frames a second")
-    with atomic_path(path) as temporary:
-        write(_counted(frames, progress), temporary, rate)
-    return Path(path)
-
-
-def check_animation(path: str | os.PathLike[str]) -> None:
-    """Refuse a file that no animation can be written to, before anything is drawn; errors as `save_animation`."""
-    _writer(path)
-
-
-def _writer(path: str | os.PathLike[str]) -> Callable[[Iterator[Frame], Path, float], None]:
-    suffix = Path(path).suffix.lower()
-    if suffix == ".gif":
-        return _write_gif
-    if suffix != ".mp4":
-        raise InputError(f"cannot write an animation as {str(path)!r}: its suffix must be {' or '.join(ANIMATIONS)}")
-    if shutil.which("ffmpeg") is None:
-        raise ToolMissingError("MP4 needs ffmpeg, which is not installed; install it, or name the file .gif")
-    return _write_mp4
-
-
-def _counted(frames: Iterable[Frame], progress: Callable[[int], object] | None) -> Iterator[Frame]:
-    number = 0
-    for number, frame in enumerate(frames, 1):
-        if number > MOST_FRAMES:
-            raise InputError(f"an animation has at most {MOST_FRAMES} frames; show fewer")
-        yield frame
-        if progress is not None:
-            progress(number)
-    if not number:
-        raise InputError("an animation needs at least one frame")
-
-
-def _write_gif(frames: Iterator[Frame], path: Path, rate: float) -> None:
-    from PIL import Image
-
-    def picture(frame: Frame) -> Image.Image:
-        return Image.fromarray(frame).quantize(128, dither=Image.Dither.NONE)
-
-    first = next(frames)
-    rest = (picture(frame) for frame in frames)
-    duration = max(round(100 / rate), 1) * 10
-    with path.open("wb") as file:
-        picture(first).save(file, format="GIF", save_all=True, append_images=rest, duration=duration, loop=0)
-
-
-def _write_mp4(frames: Iterator[Frame], path: Path, rate: float) -> None:
-    first = next(frames)
-    height, width = first.shape[:2]
-    words = [
-        "ffmpeg", "-loglevel", "error", "-y", "-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}",
-        "-r", f"{rate:g}", "-i", "-", "-vf", "pad=ceil(iw/2)*2:ceil(ih/2)*2", "-pix_fmt", "yuv420p",
-        "-f", "mp4", str(path),
-    ]  # fmt: skip
-    process = subprocess.Popen(words, stdin=subprocess.PIPE, stderr=subprocess.PIPE)
-    try:
-        assert process.stdin is not None
-        complaint = _feed(process, process.stdin, chain([first], frames))
-    except BaseException:
-        process.kill()
-        process.wait()
-        raise
-    if process.returncode:
-        raise InputError(f"ffmpeg could not write {path.name}: {complaint.strip() or 'no reason given'}")
-
-
-def _feed(process: subprocess.Popen[bytes], pipe: IO[bytes], frames: Iterator[Frame]) -> str:
-    try:
-        for frame in frames:
-            pipe.write(np.ascontiguousarray(frame).tobytes())
-    except BrokenPipeError:
-        pass  # it says why on its standard error
-    return process.communicate()[1].decode(errors="replace")
+_PANEL = 3.6
 
 
 def run_frames(run: Run, scene: Scene, *, count: int = 120) -> Iterator[Frame]:
-    """Pictures of a controlled motion: workspace with contact forces, configuration space, the mode's name.
+    """Pictures of a controlled motion: workspace with contact forces, configuration space, what the robot does.
 
     Parameters
     ----------
@@ -182,18 +81,18 @@ def run_frames(run: Run, scene: Scene, *, count: int = 120) -> Iterator[Frame]:
     if not 2 <= count <= MOST_FRAMES - _HELD:
         raise InputError(f"count = {count}, but an animation has 2 to {MOST_FRAMES - _HELD} frames")
     flat = run.space.ndim == 2
-    figure = new_figure(8.6 if flat else 4.6, 5.0)
-    figure.set_dpi(_DPI)
+    figure = new_figure(8.6 if flat else 4.6, panel_height(_PANEL, panel_aspect(run.space, scene)) + 0.4)
     left = figure.add_subplot(1, 2, 1) if flat else figure.add_subplot()
     moving: list[_WorkspaceArtists | _ConfigurationArtists] = [_WorkspaceArtists(run, scene, left)]
     if flat:
         moving.append(_ConfigurationArtists(run, scene, figure.add_subplot(1, 2, 2)))
+    figure.suptitle(" ", fontsize=TEXT + 2)
     _settle_layout(figure)
     for row in frame_rows(run, count).tolist():
         for artists in moving:
             artists.show(row)
-        mode = Mode(run.mode[row]).name.lower()
-        figure.suptitle(f"{run.time[row]:.2f} s: {mode}", fontsize=TEXT + 2, color=MODES[Mode(run.mode[row])][0])
+        mode = Mode(run.mode[row])
+        figure.suptitle(f"{run.time[row]:.2f} s: the robot {MODE_WORDS[mode]}", fontsize=TEXT + 2, color=MODES[mode][0])
         frame = _drawn(figure)
         yield frame
     for _ in range(_HELD):
@@ -214,15 +113,19 @@ class _WorkspaceArtists:
     def __init__(self, run: Run, scene: Scene, axes: Axes) -> None:
         self._run, self._scene, self._axes = run, scene, axes
         known, hidden, goals = bodies_of(scene)
-        plot_robot_path(
-            thinned(run.configuration)[:1], scene.robot, run.space, (*known, *hidden), goals, axes, ghosts=1
-        )
+        way = thinned(run.configuration)[:1]
+        plot_robot_path(way, scene.robot, run.space, (*known, *hidden), goals, axes, ghosts=1)
         dress_workspace(scene, hidden, axes)
         zoom(run, scene, axes)
-        axes.plot([], [], color=FORCE, linewidth=2, label="contact force")
+        self._tips = workspace_path(run.configuration, scene.robot, run.space)
+        (self._way,) = axes.plot([], [], color=ROBOT, linewidth=1.0, alpha=0.7, zorder=4)
+        mark_start(self._tips[0], axes)
+        axes.plot([], [], color=ROBOT, linewidth=0, marker="o", label="robot")
+        contacts = run.contacts
+        if len(contacts.step):
+            axes.plot([], [], color=FORCE, linewidth=2, label="contact force")
         refresh_legend(axes)
         self._outlines = list[Any]()
-        contacts = run.contacts
         self._unit = 0.12 * float(np.abs(np.diff(axes.get_xlim()))[0])
         self._largest = float(np.hypot(*contacts.force.T).max()) if len(contacts.step) else 1.0
 
@@ -230,13 +133,16 @@ class _WorkspaceArtists:
         for artist in self._outlines:
             artist.remove()
         self._outlines.clear()
+        self._way.set_data(*self._tips[: row + 1].T)
         robot, pose = self._scene.robot, self._run.configuration[row]
+        bodies = [shape for shape in robot.shapes_at(pose) if shape.area]
         if isinstance(robot, Arm):
-            joints = robot.joints(pose)
-            self._outlines += self._axes.plot(*joints.T, color="#0072B2", linewidth=3, marker="o", zorder=8)
-        for shape in robot.shapes_at(pose):
-            for part in getattr(shape, "geoms", [shape]) if shape.area else ():
-                self._outlines += self._axes.fill(*part.exterior.xy, color="#0072B2", alpha=0.6, zorder=7.5)
+            self._outlines += self._axes.plot(*robot.joints(pose).T, color=ROBOT, linewidth=3, marker="o", zorder=8)
+        elif not bodies:
+            self._outlines += self._axes.plot(*self._tips[row], color=ROBOT, marker="o", markersize=7, zorder=8)
+        for shape in bodies:
+            for part in getattr(shape, "geoms", [shape]):
+                self._outlines += self._axes.fill(*part.exterior.xy, color=ROBOT, alpha=0.6, zorder=7.5)
         contacts = self._run.contacts
         for number in np.flatnonzero(contacts.step == row).tolist():
             tail, force = contacts.point[number], contacts.force[number] * (self._unit / self._largest)
@@ -250,12 +156,13 @@ class _ConfigurationArtists:
     def __init__(self, run: Run, scene: Scene, axes: Axes) -> None:
         self._run, self._axes = run, axes
         plot_run_configurations(run, scene, axes, way=False)
-        (self._place,) = axes.plot([], [], "o", color="black", markersize=5, zorder=6)
-        self._ways = [axes.plot([], [], color="#0072B2", linewidth=1.4, zorder=4)[0] for _ in seam_shifts(run.space)]
+        mark_start(wrapped(run.configuration[0], run.space), axes)
+        (self._place,) = axes.plot([], [], "o", color=ROBOT, markersize=5, zorder=6, label="robot")
+        self._ways = [axes.plot([], [], color=ROBOT, linewidth=1.4, zorder=4)[0] for _ in seam_shifts(run.space)]
         self._cells = axes.scatter([], [], s=5, facecolor="none", edgecolor=LEARNT, linewidth=0.6, zorder=3)
         if run.lessons:
             axes.scatter([], [], s=9, facecolor="none", edgecolor=LEARNT, linewidth=0.6, label="cell learnt")
-            refresh_legend(axes)
+        refresh_legend(axes)
 
     def show(self, row: int) -> None:
         run = self._run
@@ -291,18 +198,26 @@ def wavefront_frames(front: Wavefront, run: Run | None = None) -> Iterator[Frame
     """
     if len(front.cells) > MOST_FRAMES:
         raise InputError(f"{len(front.cells)} times, but an animation has at most {MOST_FRAMES} frames")
-    places = None if run is None else _places(front, run)
+    figure = new_figure(5.2, panel_height(_PANEL, plane_of(front.after).aspect) + 0.2)
+    axes = figure.add_subplot()
+    image = draw_wavefront(front, 0, axes)
+    aspect = axes.get_aspect()
+    add_change_bar(image, axes)
+    places = np.full((len(front.cells), 2), np.nan) if run is None else _places(front, run)
+    (trail,) = axes.plot([], [], color="black", linewidth=0, marker=".", markersize=2, zorder=5)
+    (robot,) = axes.plot([], [], "o", color="black", markersize=6, zorder=6, label="robot" if run else "")
+    if run is not None:
+        mark_start(places[0], axes)
+    refresh_legend(axes)
+    _settle_layout(figure)
+    image.set_visible(False)
     for row in range(len(front.cells)):
-        figure = new_figure(5.2, 4.9)
-        axes = figure.add_subplot()
-        draw_wavefront(front, row, axes)
-        add_colour_bar(axes.images[0], axes, r"change of $\phi$")
-        if places is not None:
-            axes.plot(*places[: row + 1].T, color="black", linewidth=0, marker=".", markersize=2, zorder=5)
-            axes.plot(*places[row : row + 1].T, "o", color="black", markersize=6, zorder=6, label="robot")
-        refresh_legend(axes)
-        axes.title.set_fontsize(SMALL + 1)
+        later = draw_change(front, row, axes)
+        axes.set_aspect(aspect)
+        trail.set_data(*places[: row + 1].T)
+        robot.set_data(*places[row : row + 1].T)
         yield _drawn(figure)
+        later.remove()
 
 
 def _places(front: Wavefront, run: Run) -> NDArray[np.float64]:
@@ -315,13 +230,13 @@ def _places(front: Wavefront, run: Run) -> NDArray[np.float64]:
 
 def _settle_layout(figure: Figure) -> None:
     """Lay out once, for a picture whose axes move from frame to frame cannot be watched."""
-    figure.suptitle(" ", fontsize=TEXT + 2)
-    figure.canvas.draw()
+    figure.set_dpi(_DPI)
+    for _ in range(2):  # axes of a fixed aspect find their place in two rounds
+        figure.canvas.draw()
     figure.set_layout_engine("none")
 
 
 def _drawn(figure: Figure) -> Frame:
-    figure.set_dpi(_DPI)
     canvas = figure.canvas
     assert isinstance(canvas, FigureCanvasAgg)
     canvas.draw()  # type: ignore[no-untyped-call]

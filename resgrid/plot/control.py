@@ -15,14 +15,15 @@ from numpy.typing import NDArray
 from resgrid.control.log import ContactLog, Ending, Mode, Run
 from resgrid.control.plant import plant_of
 from resgrid.errors import InputError
+from resgrid.planning.workspace import workspace_path
 from resgrid.plot.fields import plot_space
-from resgrid.plot.figures import new_figure
+from resgrid.plot.figures import new_figure, panel_height
 from resgrid.plot.paint import VIRTUAL, paint_cells
 from resgrid.plot.plane import plane_of
 from resgrid.plot.robots import mark_shapes, plot_robot_path
-from resgrid.plot.style import FAILURE, GOAL, PATHS, TEXT, refresh_legend
-from resgrid.robots import Arm, CellSet, HalfSpace, Shape
-from resgrid.scene.scene import Scene
+from resgrid.plot.style import FAILURE, GOAL, OBSTACLE, PATHS, TEXT, refresh_legend
+from resgrid.robots import Arm, CellSet, DiscRobot, HalfSpace, PointRobot, Shape
+from resgrid.scene.scene import GoalCell, GoalJoints, GoalPoint, Scene
 from resgrid.space import Cell, ConfigurationSpace
 
 MODES: dict[Mode, tuple[str, Any]] = {
@@ -66,7 +67,8 @@ def plot_run(run: Run, scene: Scene, *, title: str = "", caption: str = "") -> F
         space has two axes, the way in colours of the modes, with cells learnt circled.
     """
     flat = run.space.ndim == 2
-    figure = new_figure(_PAGE, 4.6 + 0.15 * (caption.count("\n") + 2 if caption else 0))
+    below = 0.15 * (caption.count("\n") + 2 if caption else 0)
+    figure = new_figure(_PAGE, panel_height(_PAGE / 2 - 0.6, panel_aspect(run.space, scene)) + 0.4 + below)
     left = figure.add_subplot(1, 2, 1) if flat else figure.add_subplot()
     plot_run_workspace(run, scene, left)
     if flat:
@@ -76,6 +78,12 @@ def plot_run(run: Run, scene: Scene, *, title: str = "", caption: str = "") -> F
     if caption:
         figure.supxlabel("\n" + caption, fontsize=TEXT - 1, x=0.02, ha="left")
     return figure
+
+
+def panel_aspect(space: ConfigurationSpace, scene: Scene) -> float:
+    """Height over width of the taller panel; the workspace of what turns is drawn as a square."""
+    flat = isinstance(scene.robot, PointRobot | DiscRobot)
+    return max(plane_of(space).aspect if space.ndim == 2 else 1.0, 0.0 if flat else 1.0)
 
 
 def plot_run_workspace(run: Run, scene: Scene, axes: Axes) -> Axes:
@@ -105,11 +113,14 @@ def zoom(run: Run, scene: Scene, axes: Axes) -> None:
     """Show what a motion is about: the robot on its way, bounded obstacles and goals."""
     known, hidden, goals = bodies_of(scene)
     bounded = [shape for shape in (*known, *hidden, *goals) if not isinstance(shape, HalfSpace | CellSet)]
+    if isinstance(scene.robot, PointRobot | DiscRobot):  # whose workspace is its configuration space
+        corners = plane_of(run.space).corners
+        (left, low), (right, high) = corners.min(axis=0), corners.max(axis=0)
+        axes.set(xlim=(left, right), ylim=(low, high))
+        return
     boxes = [np.array(shape.bounds) for shape in bounded]
     poses = run.configuration[np.linspace(0, len(run.configuration) - 1, 24).astype(np.int64)]
     boxes += [np.array(shape.bounds).reshape(2, 2) for pose in poses for shape in scene.robot.shapes_at(pose)]
-    if scene.map is not None:
-        boxes.append(plane_of(run.space).corners)
     low, high = np.concatenate(boxes).min(axis=0), np.concatenate(boxes).max(axis=0)
     middle, half = (low + high) / 2, 0.56 * float((high - low).max())
     axes.set(xlim=(middle[0] - half, middle[0] + half), ylim=(middle[1] - half, middle[1] + half))
@@ -121,12 +132,41 @@ def bodies_of(scene: Scene) -> tuple[list[Shape], list[Shape], list[Shape]]:
 
 
 def dress_workspace(scene: Scene, hidden: Sequence[Shape], axes: Axes) -> None:
-    """Mark what the map does not show, and what came from a map file."""
+    """Mark what the map does not show, what came from a map file, and goals that are places."""
     if scene.map is not None:
-        space = ConfigurationSpace(scene.axes, scene.map.cell, frame=scene.frame)
-        paint_cells(space, space.cell == Cell.OBSTACLE, "#3d3d3d", "obstacle", axes)
+        known = ConfigurationSpace(scene.axes, scene.map.cell, frame=scene.frame)
+        for code, colour, label in ((Cell.OBSTACLE, OBSTACLE, "obstacle"), (Cell.GOAL, GOAL, "goal")):
+            if (known.cell == code).any():
+                paint_cells(known, known.cell == code, colour, label, axes)
     if hidden:
         mark_shapes(hidden, axes, HIDDEN, "hidden obstacle", 2.4)
+    places = goal_places(scene)
+    if len(places):
+        axes.scatter(
+            *places.T, s=70, marker="*", facecolor=GOAL, edgecolor="black", linewidth=0.7, zorder=6, label="goal"
+        )
+
+
+def goal_places(scene: Scene) -> NDArray[np.float64]:
+    """Where the robot's reference point is at goals that are places, cells or configurations, shape (g, 2)."""
+    grid = ConfigurationSpace(
+        scene.axes, np.zeros([axis.cells for axis in scene.axes], dtype=np.uint8), frame=scene.frame
+    )
+    places = [_reference(goal, scene, grid) for goal in scene.goals if not isinstance(goal, Shape)]
+    return np.reshape(places, (-1, 2))
+
+
+def _reference(goal: GoalPoint | GoalCell | GoalJoints, scene: Scene, grid: ConfigurationSpace) -> NDArray[np.float64]:
+    match goal:
+        case GoalPoint(point) if len(point) == 2:
+            return np.array(point)
+        case GoalPoint(point):
+            pose = np.array(point)
+        case GoalCell(cell):
+            pose = grid.centre(np.array(cell))
+        case GoalJoints(lower, upper):
+            pose = (np.array(lower) + upper) / 2
+    return workspace_path(pose.reshape(1, -1), scene.robot, grid)[0, :2]
 
 
 def draw_forces(contacts: ContactLog, rows: NDArray[np.int64], axes: Axes) -> Any:
@@ -253,9 +293,14 @@ def draw_lessons(run: Run, learnt: NDArray[np.bool_], axes: Axes) -> None:
     )  # fmt: skip
 
 
+def mark_start(place: NDArray[np.float64], axes: Axes) -> None:
+    """A white disc where a motion starts."""
+    axes.scatter(place[0], place[1], s=22, facecolor="white", edgecolor="black", linewidth=0.9, zorder=6, label="start")
+
+
 def _mark_ends(run: Run, axes: Axes) -> None:
     start, end = wrapped(run.configuration[[0, -1]], run.space)
-    axes.scatter(start[0], start[1], s=22, facecolor="white", edgecolor="black", linewidth=0.9, zorder=6, label="start")
+    mark_start(start, axes)
     if run.ending is Ending.ARRIVED:
         axes.scatter(end[0], end[1], s=70, marker="*", facecolor=GOAL, edgecolor="black", linewidth=0.7, zorder=6)
     else:
@@ -281,8 +326,8 @@ def plot_runs_by_k(
     -------
     matplotlib.figure.Figure
     """
-    from resgrid.planning.workspace import workspace_path
-
+    if not runs:
+        raise InputError("there is no run to draw: give at least one")
     figure = new_figure(_PAGE, 5.0 + 0.15 * (caption.count("\n") + 2 if caption else 0))
     left, right = figure.subplots(1, 2)
     known, hidden, goals = bodies_of(scene)

@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import ArrayLike, NDArray
 
@@ -194,14 +195,16 @@ def plot_wavefront(front: Wavefront, shown: Sequence[int] | None = None) -> Figu
     plane_of(front.after)
     count = len(front.cells)
     rows = np.unique(np.linspace(0, count - 1, min(count, 6)).astype(int)) if shown is None else np.asarray(shown)
+    if rows.dtype.kind not in "iu" or rows.ndim != 1 or not len(rows) or not np.all((rows >= 0) & (rows < count)):
+        raise InputError(f"shown = {shown!r} must be at least one of the numbers of its times, 0 to {count - 1}")
     columns = min(len(rows), 3)
     lines = -(-len(rows) // columns)
     figure = new_figure(7.4, 2.6 * lines + 0.4)
     for place, row in enumerate(rows.tolist(), 1):
         axes = figure.add_subplot(lines, columns, place)
-        draw_wavefront(front, row, axes)
+        image = draw_wavefront(front, row, axes)
         if place % columns == 0 or place == len(rows):
-            add_colour_bar(axes.images[0], axes, r"change of $\phi$")
+            add_change_bar(image, axes)
         if place <= len(rows) - columns:
             axes.set_xlabel("")
         if place % columns != 1:
@@ -209,17 +212,32 @@ def plot_wavefront(front: Wavefront, shown: Sequence[int] | None = None) -> Figu
     return figure
 
 
-def draw_wavefront(front: Wavefront, row: int, axes: Axes) -> None:
+def draw_wavefront(front: Wavefront, row: int, axes: Axes) -> AxesImage:
     """One moment of a wavefront: how far the potential is from where it was."""
     plane = plane_of(front.after)
-    change = front.potential[row] - front.first
-    limit = wavefront_limit(front)
-    draw_image(plane, change, axes, cmap="RdBu_r", norm=SymLogNorm(limit * _FAINT, vmin=-limit, vmax=limit), zorder=0.5)
+    image = draw_change(front, row, axes)
     draw_cells(plane, axes)
     mark_new(front, plane, axes)
     finish(plane, axes)
-    title = f"after {front.cells[row]:.3g} cells, {front.distance[row]:.2g} from its end"
-    axes.set_title(title, fontsize=SMALL)
+    return image
+
+
+def draw_change(front: Wavefront, row: int, axes: Axes) -> AxesImage:
+    """What moves in a wavefront: the change of the potential since the map changed, and the title."""
+    limit = wavefront_limit(front)
+    scale = SymLogNorm(limit * _FAINT, vmin=-limit, vmax=limit)
+    change = front.potential[row] - front.first
+    when, left = f"{front.cells[row]:.3g} cells crossed since the map changed", f"{front.distance[row]:.2g}"
+    axes.set_title(f"{when}\n$\\phi$ within {left} of its settled values", fontsize=SMALL)
+    return draw_image(plane_of(front.after), change, axes, cmap="RdBu_r", norm=scale, zorder=0.5)
+
+
+def add_change_bar(image: AxesImage, axes: Axes) -> None:
+    """The colour bar of a wavefront, with a tick for every decade that stands clear of zero."""
+    add_colour_bar(image, axes, r"change of $\phi$")
+    largest = int(np.floor(np.log10(image.norm.vmax or 1.0)))
+    decades = 10.0 ** np.arange(largest - 3, largest + 1)
+    image.colorbar.set_ticks([*-decades[::-1], 0.0, *decades])
 
 
 def mark_new(front: Wavefront, plane: Plane, axes: Axes) -> None:

@@ -142,14 +142,19 @@ def plane_of(space: ConfigurationSpace) -> Plane:
     if space.ndim != 2:
         raise InputError(f"this picture needs a space of two axes, this one has {space.ndim} ({PICTURES})")
     x, y = space.axes
-    return Plane(x, y, space.cell, space.goal_connected, _matrix(space))
+    return Plane(x, y, space.cell, _connected(space), _matrix(space))
 
 
 def plane_slice(space: ConfigurationSpace, axis: int, index: int) -> Plane:
     """Plane through the cells ``index`` along ``axis`` of a space with three axes."""
     x, y = (a for number, a in enumerate(space.axes) if number != axis)
-    cell, connected = np.moveaxis(space.cell, axis, 0)[index], np.moveaxis(space.goal_connected, axis, 0)[index]
+    cell, connected = np.moveaxis(space.cell, axis, 0)[index], np.moveaxis(_connected(space), axis, 0)[index]
     return Plane(x, y, cell, connected, np.eye(3))
+
+
+def _connected(space: ConfigurationSpace) -> NDArray[np.bool_]:
+    """Cells that lead to a goal; all of them where there is none yet, for then nothing is cut off from it."""
+    return space.goal_connected if (space.cell == Cell.GOAL).any() else np.ones(space.shape, dtype=np.bool_)
 
 
 def draw_image(plane: Plane, values: NDArray[Any], axes: Axes, **style: Any) -> AxesImage:

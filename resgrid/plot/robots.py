@@ -232,7 +232,7 @@ def _draw_pose(robot: Robot, pose: NDArray[np.float64], axes: Axes, share: float
         )  # fmt: skip
         return
     _draw_shapes(robot, pose, axes, colour, order, strong=strong)
-    if label:
+    if label and any(shape.area for shape in robot.shapes_at(pose)):
         add_swatch(axes, label, to_hex(colour))
 
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from math import ulp
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Discriminator, Field, Tag, WithJsonSchema, model_validator
 
 from resgrid.robots import Ball, Box, HalfSpace, Polygon, Shape
 from resgrid.robots.shapes import LARGEST
 from resgrid.scene.chip_tables import ChipTable
-from resgrid.scene.robot_tables import AnyRobot, PointRobotTable
+from resgrid.scene.robot_tables import AnyRobot, ArmTable, DiscRobotTable, PointRobotTable, PolygonRobotTable
 from resgrid.scene.scene import GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.tables import (
     Coordinates,
@@ -180,7 +180,9 @@ def _kind(*places: str) -> Callable[[Any], str | None]:
         if not isinstance(table, dict):
             return getattr(table, "shape", None) or next((key for key in places if hasattr(table, key)), None)
         shape = table.get("shape")
-        return shape if isinstance(shape, str) else next((key for key in places if key in table), None)
+        if isinstance(shape, str):
+            return shape if shape not in places else None  # a place has no shape
+        return next((key for key in places if key in table), None)
 
     return kind
 
@@ -210,6 +212,25 @@ AnyStart = Annotated[
     Annotated[PointTable, Tag("point")] | Annotated[CellTable, Tag("cell")],
     Discriminator(_kind("point", "cell")),
 ]
+
+
+def _by(key: str, *models: type[Table]) -> dict[str, type[Table]]:
+    """Tables by the text that their key must hold."""
+    return {get_args(model.model_fields[key].annotation)[0]: model for model in models}
+
+
+PLACES: dict[str, type[Table]] = {"point": PointTable, "cell": CellTable}
+JOINTS: dict[str, type[Table]] = {"joints": JointsTable, "joints_lower": JointBoxTable}
+SHAPES = _by("shape", Rectangle, Cuboid, Circle, Sphere, PolygonTable, HalfPlane)
+KINDS: dict[str, dict[str, type[Table]]] = {
+    "obstacle": SHAPES,
+    "hidden": SHAPES,
+    "goal": SHAPES | PLACES | JOINTS,
+    "start": PLACES,
+    "area": _by("shape", RectangleArea, CuboidArea, CircleArea, SphereArea, PolygonArea, HalfPlaneArea),
+    "robot": _by("type", PointRobotTable, DiscRobotTable, PolygonRobotTable, ArmTable),
+}
+"""Tables that come in several kinds, by the kind."""
 
 
 def _nothing_required(schema: dict[str, Any]) -> None:

@@ -18,6 +18,9 @@ from resgrid.scene.pgm import read_pgm
 if TYPE_CHECKING:
     from PIL.Image import Image
 
+BYTES_PER_PIXEL = 24
+"""Memory of a picture while it is turned into cells by its brightness."""
+
 DEEP = ("I;16", "I;16B", "I;16L", "I;16N", "I")
 
 
@@ -42,22 +45,31 @@ class Raster:
         return self.values.shape[2] in (2, 4)
 
     @property
-    def grey(self) -> NDArray[np.int64]:
+    def grey(self) -> NDArray[np.int32]:
         """Brightness from 0 to 255, shape ``(height, width)``: ITU-R 601 luma, rounded; opacity is ignored."""
-        channels = self.values[..., :-1] if self.has_alpha else self.values
-        scaled = channels.astype(np.int64) if self.maxval == 255 else channels.astype(np.int64) * 255 // self.maxval
-        if scaled.shape[2] == 1:
-            return np.asarray(scaled[..., 0])
-        return np.asarray((scaled @ np.array([299, 587, 114]) + 500) // 1000)
+        if self.values.shape[2] <= 2:
+            return self._channel(0)
+        luma = 500 + 299 * self._channel(0)
+        luma += 587 * self._channel(1)
+        luma += 114 * self._channel(2)
+        luma //= 1000
+        return luma
+
+    def _channel(self, number: int) -> NDArray[np.int32]:
+        """Values of one channel, from 0 to 255."""
+        values = self.values[..., number].astype(np.int32)
+        return values if self.maxval == 255 else values * 255 // self.maxval
 
 
-def read_raster(path: Path) -> Raster:
+def read_raster(path: Path, bytes_per_pixel: int = BYTES_PER_PIXEL) -> Raster:
     """Read a picture file: PGM by our own reader, every other format that Pillow knows by Pillow.
 
     Parameters
     ----------
     path : Path
         The file.
+    bytes_per_pixel : int
+        Memory that what is made of it takes.
 
     Returns
     -------
@@ -74,12 +86,12 @@ def read_raster(path: Path) -> Raster:
     if not data:
         raise InputError(f"{path}: the file is empty")
     if data[:2] in (b"P2", b"P5"):
-        values, maxval = read_pgm(data, path)
+        values, maxval = read_pgm(data, path, bytes_per_pixel)
         return Raster(values[..., np.newaxis], maxval)
-    return _read_with_pillow(data, path)
+    return _read_with_pillow(data, path, bytes_per_pixel)
 
 
-def _read_with_pillow(data: bytes, path: Path) -> Raster:
+def _read_with_pillow(data: bytes, path: Path, bytes_per_pixel: int) -> Raster:
     from PIL import Image, UnidentifiedImageError
 
     try:
@@ -87,7 +99,7 @@ def _read_with_pillow(data: bytes, path: Path) -> Raster:
             warnings.simplefilter("ignore")
             Image.open(BytesIO(data)).verify()  # the checksums of PNG, which decoding alone does not look at
             image = Image.open(BytesIO(data))
-            require_memory(image.size, str(path))
+            require_memory(image.size, str(path), bytes_per_pixel)
             return _raster(image, path)
     except UnidentifiedImageError:
         raise InputError(f"{path}: this is not a picture of a known format (PNG, PGM, BMP, ...)") from None

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.scene.files import require_memory
+from resgrid.scene.files import BYTES_PER_CELL, require_memory
 
 MAX_VALUE = 65535
 MAX_DIGITS = 18
@@ -21,7 +21,7 @@ _NUMBER = re.compile(_BLANK + rb"(\d{1,18})(?!\d)")
 _COMMENT = re.compile(rb"#[^\r\n]*")
 
 
-def read_pgm(data: bytes, path: Path) -> tuple[NDArray[np.uint16], int]:
+def read_pgm(data: bytes, path: Path, bytes_per_pixel: int = BYTES_PER_CELL) -> tuple[NDArray[np.uint16], int]:
     """Grey values of a PGM file.
 
     Blanks, tabs, line ends and comments (from ``#`` to the end of the line) may stand between the numbers of the
@@ -33,6 +33,8 @@ def read_pgm(data: bytes, path: Path) -> tuple[NDArray[np.uint16], int]:
         The whole file.
     path : Path
         Its name, for messages.
+    bytes_per_pixel : int
+        Memory that a pixel takes until it is a cell.
 
     Returns
     -------
@@ -67,6 +69,8 @@ def read_pgm(data: bytes, path: Path) -> tuple[NDArray[np.uint16], int]:
     if data[at : at + 1] not in (b" ", b"\t", b"\r", b"\n", b"\v", b"\f"):
         raise InputError(f"{path}: line {_line(data, at)}: a blank must follow the maximum grey value")
     raster = _plain if magic == b"P2" else _binary
+    if width * height <= len(data):  # otherwise it is cut short
+        require_memory((width, height), str(path), bytes_per_pixel)
     return raster(data, at + 1, width, height, maxval, path), maxval
 
 
@@ -75,7 +79,6 @@ def _binary(data: bytes, at: int, width: int, height: int, maxval: int, path: Pa
     needed = width * height * size
     if len(data) - at < needed:
         raise _too_short(path, width, height, (len(data) - at) // size)
-    require_memory((width, height), str(path))
     values = np.frombuffer(data, dtype=np.uint8 if size == 1 else ">u2", count=width * height, offset=at)
     if values.max() > maxval:
         raise InputError(f"{path}: pixel {int(values.argmax())} is {values.max()}, above the maximum {maxval}")
@@ -85,7 +88,6 @@ def _binary(data: bytes, at: int, width: int, height: int, maxval: int, path: Pa
 def _plain(data: bytes, at: int, width: int, height: int, maxval: int, path: Path) -> NDArray[np.uint16]:
     if width * height > len(data):
         raise _too_short(path, width, height, len(data))
-    require_memory((width, height), str(path))
     words = _COMMENT.sub(b" ", data[at:]).split()
     if len(words) < width * height:
         raise _too_short(path, width, height, len(words))

@@ -17,10 +17,13 @@ from resgrid.scene.images import read_raster
 from resgrid.scene.map_data import MapData, cells_from_rows, placed_axes
 from resgrid.space import MAX_DIMENSIONS, Cell
 
+THRESHOLD = 128
+"""Grey value from which a pixel is free, of a picture that does not say."""
+
 HEADER_READERS = {(1, 0): "read_array_header_1_0", (2, 0): "read_array_header_2_0"}
 
 
-def read_grey(path: Path, threshold: int = 128, **placing: Any) -> MapData:
+def read_grey(path: Path, threshold: int = THRESHOLD, **placing: Any) -> MapData:
     """Read a picture in which dark is an obstacle.
 
     Parameters

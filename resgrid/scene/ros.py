@@ -43,6 +43,8 @@ MODES = ("trinary", "scale", "raw")
 DIALECTS = ("nav2", "ros1")
 WORDS = {"true": 1, "yes": 1, "on": 1, "y": 1, "false": 0, "no": 0, "off": 0, "n": 0}
 QUANTUM = 65535
+BYTES_PER_PIXEL = 96
+"""Memory of a picture while it is turned into occupancies."""
 
 
 @dataclass(frozen=True)
@@ -106,11 +108,41 @@ def read_ros(path: Path, dialect: str = "nav2", unknown: str = "obstacle", letha
     """
     header = read_header(path, dialect)
     occupancy = _occupancy(header, dialect)
-    limit = max(1, int(np.ceil(100 * header.occupied_thresh))) if lethal is None else lethal
-    cell = np.where(occupancy.view(np.uint8) >= limit, Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
+    cell = np.where(_is_occupied(occupancy, header, lethal), Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
     cell[occupancy == UNKNOWN] = Cell.OBSTACLE if unknown == "obstacle" else Cell.FREE
     axes, frame = _place(header, cell.shape)
     return MapData(axes, frame, np.ascontiguousarray(cell.T))
+
+
+def ros_greys(path: Path, dialect: str = "nav2", lethal: int | None = None) -> list[str]:
+    """What each grey value of an opaque picture means in a ROS map.
+
+    Parameters
+    ----------
+    path : Path
+        The ``map.yaml``.
+    dialect, lethal
+        As in `read_ros`.
+
+    Returns
+    -------
+    list of str
+        256 entries, ``"obstacle"``, ``"free"`` or ``"unknown"``, by the grey value from 0, black, to 255.
+
+    Raises
+    ------
+    InputError
+        If the file or a key is wrong.
+    """
+    header = read_header(path, dialect)
+    occupancy = _CONVERTERS[dialect](Raster(np.arange(256, dtype=np.uint16).reshape(1, 256, 1), 255), header)
+    words = np.where(_is_occupied(occupancy, header, lethal), "obstacle", "free")
+    return np.where(occupancy == UNKNOWN, "unknown", words)[0].tolist()
+
+
+def _is_occupied(occupancy: NDArray[np.int8], header: RosHeader, lethal: int | None) -> NDArray[np.bool_]:
+    limit = max(1, int(np.ceil(100 * header.occupied_thresh))) if lethal is None else lethal
+    return occupancy.view(np.uint8) >= limit
 
 
 def occupancy_grid(path: str | os.PathLike[str], dialect: str = "nav2") -> NDArray[np.int8]:
@@ -178,8 +210,8 @@ def read_header(path: Path, dialect: str = "nav2") -> RosHeader:
 
 
 def _occupancy(header: RosHeader, dialect: str) -> NDArray[np.int8]:
-    raster = read_raster(header.image)
-    return (_as_ros1 if dialect == "ros1" else _as_nav2)(raster, header)[::-1].copy()
+    raster = read_raster(header.image, BYTES_PER_PIXEL)
+    return _CONVERTERS[dialect](raster, header)[::-1].copy()
 
 
 def _as_ros1(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
@@ -225,6 +257,9 @@ def _as_nav2(raster: Raster, header: RosHeader) -> NDArray[np.int8]:
     if header.mode == "scale":
         result[opacity != QUANTUM] = UNKNOWN
     return result
+
+
+_CONVERTERS = {"nav2": _as_nav2, "ros1": _as_ros1}
 
 
 def _thresholded(result: NDArray[np.int8], occupied: NDArray[np.float64], header: RosHeader) -> NDArray[np.int8]:

@@ -9,6 +9,7 @@ from resgrid.errors import InputError
 from resgrid.robots import Arm, Box, CellSet, DiscRobot, GoalCells, PointRobot, Progress, Shape
 from resgrid.robots.goals import joined
 from resgrid.robots.shapes import Point
+from resgrid.scene.blocked import remedy
 from resgrid.scene.files import require_memory
 from resgrid.scene.place import located, to_space
 from resgrid.scene.scene import Goal, GoalCell, GoalJoints, GoalPoint, Scene
@@ -99,7 +100,7 @@ def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) 
     if place is not None:
         cell, point = _one_cell(scene, place, key)
         if blocked[cell]:
-            raise InputError(f"{key}: {_place(goal)} lies in an obstacle (cell {cell}); move it to a free place")
+            raise InputError(f"{key}: {_place(goal)} lies in an obstacle (cell {cell}); {remedy(scene, blocked, cell)}")
         single = np.zeros_like(blocked)
         single[cell] = True
         return GoalCells(single, np.array([point]))

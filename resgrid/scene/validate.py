@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 Problem = tuple[Path, str]
 MAX_SHOWN = 40
+_PLACES = ("point", "cell", "joints", "joints_lower")
+_KINDS = ("obstacle", "hidden", "goal", "start", "area", "robot")
 
 
 def validate(
@@ -93,11 +95,19 @@ def _problem(detail: ErrorDetails, raw: Mapping[str, Any]) -> Problem:
     return path, describe(detail, path)
 
 
+def _tag_at(location: tuple[int | str, ...]) -> int | None:
+    """Where pydantic's location names the kind of a table instead of a key, such as 1 in ("robot", "arm", ...)."""
+    at = {"robot": 1}.get(str(location[0]), 2) if location and location[0] in _KINDS else None
+    return at if at is not None and at < len(location) else None
+
+
 def _real_path(location: tuple[int | str, ...], raw: Any, kind: str) -> Path:
     """Pydantic's location without the tags of the unions it went through."""
     path: list[str | int] = []
     node = raw
     for position, part in enumerate(location):
+        if position == _tag_at(location):
+            continue
         last = position == len(location) - 1
         if isinstance(node, Mapping) and part in node:
             node = node[str(part)]
@@ -118,47 +128,47 @@ def _missing(_detail: ErrorDetails, _path: Path) -> str:
     return "this key is missing; add it"
 
 
-def _unknown(_detail: ErrorDetails, path: Path) -> str:
+def _unknown(detail: ErrorDetails, path: Path) -> str:
     from resgrid.scene.document import SceneDocument, table_keys
 
     name = str(path[-1])
-    top = list(table_keys(SceneDocument))
-    known = [key for key in _siblings(path) if key != name]
+    known = _siblings(detail["loc"], path)
     near = get_close_matches(name, known, 1, 0.6)
     if near:
         return f"unknown key; did you mean {near[0]!r}?"
-    if len(path) > 1 and name in top:
+    if len(path) > 1 and name in table_keys(SceneDocument):
         return f"this key belongs at the top level of the scene, above the first [table]; move {name!r} there"
-    return f"unknown key; there are {', '.join(known)}" if known else "unknown key; remove it"
+    at = _tag_at(detail["loc"])
+    if at is not None and len(known) == 1:  # a place
+        return f"nothing else goes with {known[0]} = [...]; remove {name!r}"
+    whose = "" if at is None else f" of {_a(str(detail['loc'][at]))}"
+    return f"unknown key{whose}; there are {', '.join(known)}" if known else "unknown key; remove it"
 
 
-def _siblings(path: Path) -> list[str]:
-    """The keys that could stand where this one does: of all tables of that name, whatever their shape."""
+def _a(kind: str) -> str:
+    return f"{'an' if kind[0] in 'aeiou' else 'a'} {kind.replace('_', '-')}"
+
+
+def _siblings(location: tuple[int | str, ...], path: Path) -> list[str]:
+    """The keys that could stand where this one does."""
     from resgrid.scene import chip_tables, document as schema, robot_tables
 
-    shapes = (schema.Rectangle, schema.Circle, schema.PolygonTable, schema.HalfPlane)
-    places = (schema.PointTable, schema.CellTable)
-    joints = (schema.JointsTable, schema.JointBoxTable)
-    of_robots = (robot_tables.PointRobotTable, robot_tables.PolygonRobotTable, robot_tables.ArmTable)
-    tables: dict[str, tuple[Any, ...]] = {
-        "": (schema.SceneDocument,),
-        "robot": of_robots,
-        "links": (robot_tables.LinkTable,),
-        "grid": (schema.GridTable,),
-        "axes": (schema.AxisTable,),
-        "map": (schema.MapTable,),
-        "chip": (chip_tables.ChipTable,),
-        "readout": (chip_tables.ReadoutTable,),
-        "defects": (chip_tables.DefectsTable,),
-        "obstacle": shapes,
-        "hidden": shapes,
-        "goal": (*shapes, *places, *joints),
-        "start": places,
-        "area": (schema.RectangleArea, schema.CircleArea, schema.PolygonArea, schema.HalfPlaneArea),
+    at = _tag_at(location)
+    tables: dict[str, Any] = {
+        "": schema.SceneDocument,
+        "links": robot_tables.LinkTable,
+        "grid": schema.GridTable,
+        "axes": schema.AxisTable,
+        "map": schema.MapTable,
+        "chip": chip_tables.ChipTable,
+        "readout": chip_tables.ReadoutTable,
+        "defects": chip_tables.DefectsTable,
     }
     names = [part for part in path[:-1] if isinstance(part, str)]
-    models = tables.get(names[-1] if names else "", ())
-    return list(dict.fromkeys(key for model in models for key in schema.table_keys(model)))
+    model = tables.get(names[-1] if names else "")
+    if model is None and at is not None:
+        model = schema.KINDS[str(location[0])].get(str(location[at]))
+    return [] if model is None else list(schema.table_keys(model))
 
 
 def _choice(detail: ErrorDetails, path: Path) -> str:
@@ -168,6 +178,7 @@ def _choice(detail: ErrorDetails, path: Path) -> str:
     near = get_close_matches(str(detail["input"]), options, 1, 0.6) if isinstance(detail["input"], str) else []
     if detail["type"] == "union_tag_invalid":
         tag = str(context.get("tag"))
+        options = [option for option in options if option not in _PLACES or path == ("robot",)]
         near = get_close_matches(tag, options, 1, 0.6)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         key = "type" if path == ("robot",) else "shape"
@@ -176,13 +187,23 @@ def _choice(detail: ErrorDetails, path: Path) -> str:
     return f"{_short(detail)} is unknown: it may be {' or '.join(options)}{hint}"
 
 
-def _no_tag(_detail: ErrorDetails, path: Path) -> str:
-    if path[:1] == ("start",):
-        return "a start needs point = [...] or cell = [...]"
+def _no_tag(detail: ErrorDetails, path: Path) -> str:
     if path[:1] == ("robot",):
         return 'the robot needs type = "point", "disc", "polygon" or "arm"'
+    places = {"goal": _PLACES, "start": _PLACES[:2]}.get(str(path[0]), ())
+    table = detail["input"] if isinstance(detail["input"], Mapping) else {}
+    shape = table.get("shape")
+    if shape in places:
+        remedy = "remove this key" if shape in table else f"write {shape} = [...] instead"
+        return f"shape = {shape!r} is no shape, for a place needs none; {remedy}"
+    for name in table:
+        near = get_close_matches(str(name), ("shape", *places), 1, 0.6)
+        if near and near[0] not in table:
+            return f"{name!r} is unknown; did you mean {near[0]!r}?"
+    if path[:1] == ("start",):
+        return "a start needs point = [...] or cell = [...]"
     kinds = "rectangle, circle, polygon, box, sphere or half_plane"
-    extra = ", or point = [...], or cell = [...], or joints = [...]" if path[:1] == ("goal",) else ""
+    extra = ", or point = [...], or cell = [...], or joints = [...]" if places else ""
     return f"this needs shape = one of {kinds}{extra}"
 
 

@@ -285,8 +285,16 @@ def run_quietly(
             ) from error
         finally:  # a time-out and Ctrl-C alike leave no process behind
             if process.poll() is None:
-                os.killpg(process.pid, signal.SIGKILL)
+                _kill(process)
                 process.wait()
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """End a program, with all that it started where the platform knows groups of processes."""
+    if hasattr(os, "killpg"):
+        os.killpg(process.pid, signal.SIGKILL)
+    else:  # Windows
+        process.kill()
 
 
 def _read_log(folder: Path) -> str:

@@ -72,6 +72,8 @@ class Sidecar:
 
 def sidecar_path(deck: Path) -> Path:
     """Where the sidecar of a deck lies: ``room.cir.json`` beside ``room.cir``."""
+    if not deck.name:
+        raise InputError(f"cannot write a deck as {str(deck)!r}: name a file")
     return deck.with_name(deck.name + ".json")
 
 

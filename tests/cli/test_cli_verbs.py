@@ -251,3 +251,100 @@ def test_messages_keep_off_standard_output(call, room, tmp_path):
     assert loud.stdout == quiet.stdout != ""
     assert "solve the dirichlet chip: " in loud.stderr and "wrote" in loud.stderr
     assert quiet.stderr == ""
+
+
+@pytest.fixture
+def picture(tmp_path: Path) -> Path:
+    """A grey map of 12 x 8 cells: a white hall, a black wall that leaves a gap at the bottom, a grey dot."""
+    from PIL import Image
+
+    rows = np.full((8, 12), 255, dtype=np.uint8)
+    rows[:6, 6] = 0
+    rows[6, 2] = 90
+    file = tmp_path / "hall.png"
+    Image.fromarray(rows).save(file)
+    return file
+
+
+def test_a_map_is_described_and_drawn_before_it_has_a_goal(answer, call, picture, tmp_path):
+    data = answer("info", picture)
+    assert data["map"]["greys"] == [[0, 127, "obstacle"], [128, 255, "free"]]
+    assert data["goals"] == 0 and "--goal" in data["no_circuit"]
+    rows = data["sketch"]  # two letters a cell, the top row of the picture first
+    assert rows == [
+        ("............##.........."),
+        *["............##.........."] * 5,
+        "....##..................",
+        "." * 24,
+    ]
+    text = call("info", picture).stdout
+    assert "y points up" in text and "0 to 127 obstacle" in text and "....##...." in text
+    assert call("plot", picture, "--what", "space", "-o", tmp_path / "hall_space.png").exit_code == 0
+    assert call("plot", picture, "-o", tmp_path / "page.png").exit_code == 2  # a potential needs one
+
+
+def test_a_ros_map_tells_its_thresholds_and_its_unknown_cells(answer, picture):
+    text = "image: hall.png\nresolution: 0.1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\n"
+    file = picture.with_name("hall.yaml")
+    file.write_text(text)
+    told = answer("info", file)["map"]
+    # By the definition of the format, the darkness (255 - grey) / 255 against both thresholds, strictly.
+    darkness = (255 - np.arange(256)) / 255
+    for low, high, kind in told["greys"]:
+        for grey in range(low, high + 1):
+            expected = "obstacle" if darkness[grey] > 0.65 else "free" if darkness[grey] < 0.25 else "unknown"
+            assert kind == expected, grey
+    assert told["unknown_cells"] == 1 and told["unknown_as"] == "obstacle"  # the dot of grey 90
+    assert answer("info", file, "--unknown", "free")["map"]["unknown_as"] == "free"
+
+
+def test_a_goal_on_a_coloured_dot_is_told_its_grey_and_the_nearest_free_place(call, picture):
+    said = call("info", picture, "--goal", "2.5,1.5").stderr
+    assert "grey value is 90" in said and "from 128" in said and "nearest is (" in said
+    x, y = map(float, said.partition("nearest is (")[2].partition(")")[0].split(","))
+    assert call("info", picture, "--goal", f"{x},{y}").exit_code == 0
+    assert call("info", picture, "--goal", "2.5,1.5", "--threshold", "90").exit_code == 0
+
+
+def test_every_verb_that_takes_a_scene_takes_the_robot_s_radius(answer, call, picture):
+    from resgrid.cli.entry import VERBS, main
+
+    assert (
+        answer("info", picture, "--robot-radius", "1.2")["obstacle_cells"] > answer("info", picture)["obstacle_cells"]
+    )
+    assert "robot.radius" in call("info", picture, "--robot-radius", "-1").stderr
+    for verb in VERBS:
+        command = main.get_command(None, verb)
+        options = {name for parameter in command.params for name in parameter.opts}
+        assert ("--goal" in options) == ("--robot-radius" in options), verb
+
+
+def test_a_quiet_verb_that_writes_a_file_prints_nothing(call, room, tmp_path):
+    file = tmp_path / "path.csv"
+    assert call("path", room, "--start", "0.5,0.5", "-q", "-o", file).output == ""
+    assert file.exists()
+    assert "reached" in call("path", room, "--start", "0.5,0.5", "-q").stdout
+    assert call("control", room, "--start", "0.5,0.5", "-q", "-o", tmp_path / "log.csv").output == ""
+
+
+def test_a_verb_and_a_value_that_do_not_exist_are_told_what_does(call, room, tmp_path):
+    assert "Did you mean 'control'?" in call("contrl", room).stderr
+    assert call("contrl", room).exit_code == 2
+    for words, choices in (
+        (("plot", room, "-o", tmp_path / "a.png", "--what", "spac"), "'space'"),
+        (("control", room, "--settle", "fast"), "'jacobi'"),
+        (("control", room, "--response", "none"), "'admittance'"),
+    ):
+        result = call(*words)
+        assert result.exit_code == 2 and choices in result.stderr
+
+
+def test_of_several_starts_the_first_is_animated(call, room, tmp_path):
+    from PIL import Image
+
+    small = room.with_name("small.toml")
+    small.write_text(room.read_text().replace("[5.5, 4.5]", "[1.5, 1.5]"))
+    result = call("control", small, "--animate", tmp_path / "a.gif", "--speed", "3")
+    assert "the first is drawn" in result.stderr and result.exit_code == 0, result.stderr
+    with Image.open(tmp_path / "a.gif") as picture:
+        assert picture.n_frames > 2

@@ -15,7 +15,8 @@ from resgrid.control.log import Mode, Run
 from resgrid.control.settling import GridSettling
 from resgrid.control.settling_ratio import SettlingSweep
 from resgrid.errors import InputError, ToolMissingError
-from resgrid.plot.animations import check_animation, frame_rows, run_frames, save_animation, wavefront_frames
+from resgrid.plot.animations import frame_rows, run_frames, wavefront_frames
+from resgrid.plot.films import check_animation, save_animation
 
 TEXT = """
 schema = 1
@@ -127,10 +128,47 @@ def test_an_animation_of_a_run_holds_its_lessons_and_its_end(run: Run, scene: rg
     told: list[int] = []
     file = rg.save_animation(rg.run_frames(run, scene, count=3), tmp_path / "run.gif", progress=told.append)
     with Image.open(file) as picture:
-        assert picture.size == (860, 500)
+        assert picture.n_frames > 3
     assert told == list(range(1, len(told) + 1))
     with pytest.raises(InputError, match="frames"):
         next(run_frames(run, scene, count=1))
+
+
+def test_a_colour_is_the_same_in_every_frame(tmp_path) -> None:
+    """A patch keeps its colour to the bit, whatever gradients come and go around it in 300 other colours."""
+    ramp = np.linspace(0, 255, 90).astype(np.uint8)
+
+    def frames():
+        for number in range(5):
+            frame = np.zeros((60, 90, 3), np.uint8)
+            frame[..., number % 3], frame[..., (number + 1) % 3] = ramp, ramp[:60, None] // (number + 1)
+            frame[4:9, 4:9] = (230, 159, 0)
+            yield frame
+
+    with Image.open(save_animation(frames(), tmp_path / "a.gif")) as picture:
+        for number, expected in enumerate(frames()):
+            picture.seek(number)
+            drawn = np.asarray(picture.convert("RGB")).astype(int)
+            np.testing.assert_array_equal(drawn[4:9, 4:9], expected[4:9, 4:9])
+            assert np.abs(drawn - expected).max() <= 24
+
+
+@pytest.mark.parametrize("robot", ['type = "point"', 'type = "point"\nradius = 0.2'])
+def test_frames_of_a_point_show_where_it_is_where_it_began_and_where_it_goes(robot: str) -> None:
+    scene = rg.parse_scene(TEXT.replace('type = "disc"\nradius = 0.2', robot), "room")
+    run = rg.simulation(scene).run(scene.starts[0])
+    first, *_, last = rg.run_frames(run, scene, count=3)
+    middle = first.shape[1] // 2
+    blue, orange = np.array([0, 114, 178]), np.array([230, 159, 0])
+    for frame in (first, last):
+        for panel in (frame[:, :middle], frame[:, middle:]):
+            assert (panel == orange).all(axis=2).any()  # the goal
+    changed = (first != last).any(axis=2)
+    assert changed[:, :middle].any() and changed[:, middle:].any()
+    near_blue = np.abs(first[:, :middle].astype(int) - blue).sum(axis=2) < 120
+    assert near_blue.sum() > 40  # the robot, besides its mark in the legend
+    np.testing.assert_array_equal(first[[0, -1]], 255)  # nothing is cut at the border
+    np.testing.assert_array_equal(first[:, [0, -1]], 255)
 
 
 def test_an_animation_that_is_interrupted_leaves_nothing(tmp_path, monkeypatch) -> None:

@@ -274,3 +274,27 @@ def test_goals_of_a_map_survive_the_radius_or_are_reported(tmp_path):
     assert cells(tmp_path / "a.npy", radius=0.5).tolist() == [[1, 1, 2, 2]]
     with pytest.raises(InputError, match="goal cells"):
         cells(tmp_path / "a.npy", radius=5.0)
+
+
+@pytest.mark.parametrize("mode", ["L", "RGBA"])
+@pytest.mark.parametrize("kind", ["image", "epic", "ros"])
+def test_reading_a_picture_takes_no_more_memory_than_it_asks_for(tmp_path, monkeypatch, mode, kind):
+    """The estimate, by which maps are refused beforehand, against what is truly taken."""
+    import tracemalloc
+
+    from resgrid.scene import files
+
+    asked = []
+    monkeypatch.setattr(files, "require_bytes", lambda needed, *_: asked.append(needed))
+    file = tmp_path / "map.png"
+    Image.new(mode, (400, 300), "white").save(file)
+    if kind == "ros":
+        keys = "resolution: 1\norigin: [0, 0, 0]\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.25\nmode: scale\n"
+        file = tmp_path / "map.yaml"
+        file.write_text(f"image: map.png\n{keys}")
+    read_scene(file, format=kind)  # once, so that nothing is imported while memory is counted
+    tracemalloc.start()
+    read_scene(file, format=kind)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak <= max(asked) + 200_000

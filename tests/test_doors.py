@@ -1,0 +1,121 @@
+"""Whatever `resgrid` offers refuses what it cannot take, with one message that names the argument."""
+
+from __future__ import annotations
+
+import pickle
+import types
+from inspect import Parameter, signature
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import resgrid as rg
+from resgrid.doors import _accepts, _checks_of
+from resgrid.errors import InputError
+
+FUNCTIONS = [name for name in rg.__all__ if isinstance(getattr(rg, name), types.FunctionType)]
+WRONG: dict[str, Any] = {
+    "None": None,
+    "text": "chair.toml",
+    "path": Path("chair.toml"),
+    "list": [object()],
+    "scene": object.__new__(rg.Scene),
+    "planner": object.__new__(rg.Planner),
+    "nan": float("nan"),
+    "true": True,
+    "class": rg.Scene,
+    "object": object(),
+}
+
+
+def fitting(hint: Any) -> Any:
+    """Something of a type; an empty shell where it is a class."""
+    for value in (1.0, 1, "auto", None, (1.0, 1.0), [], {}, print, [1], [("a", [])], ("a", []), True):
+        if _accepts(hint)(value):
+            return value
+    parts = getattr(hint, "__args__", None) or (hint,)
+    shells = [object.__new__(part) for part in parts if isinstance(part, type) and not getattr(part, "_is_protocol", 0)]
+    shells += [rg.PointRobot(), rg.Frame()]
+    return next(shell for shell in shells if _accepts(hint)(shell))
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_an_argument_of_the_wrong_type_is_refused_by_name(name: str) -> None:
+    """Made from all public names, so that a new function is covered; nothing is computed, for types come first."""
+    function = getattr(rg, name)
+    hints = _checks_of(function.__wrapped__)
+    given: dict[str, Any] = {}
+    for parameter in signature(function).parameters.values():
+        if parameter.kind in (Parameter.VAR_KEYWORD, Parameter.VAR_POSITIONAL):
+            continue
+        assert parameter.name in hints, f"{name}({parameter.name}) needs a type"
+        accepts, hint = hints[parameter.name]
+        for label, wrong in WRONG.items():
+            if accepts(wrong):
+                continue
+            with pytest.raises(InputError) as caught:
+                function(**given, **{parameter.name: wrong})
+            assert str(caught.value).startswith((f"{parameter.name} = ", f"{parameter.name}[0] = ")), label
+            assert " must be " in str(caught.value), label
+        if parameter.default is Parameter.empty:
+            given[parameter.name] = fitting(hint)
+
+
+def test_the_obvious_mistakes_say_what_to_pass() -> None:
+    scene = object.__new__(rg.Scene)
+    planner = object.__new__(rg.Planner)
+    for call, words in (
+        (lambda: rg.simulation("chair.toml"), ("scene = 'chair.toml'", "rg.read_scene(file)")),
+        (lambda: rg.solve(scene), ("netlist = <a Scene>", "rg.compile_space(space)")),
+        (lambda: rg.streamline(planner, (0, 0)), ("field = <a Planner>", "rg.plan(scene).field")),
+        (lambda: rg.make_controller(planner), ("field = <a Planner>", "rg.plan(scene).field")),
+    ):
+        with pytest.raises(InputError) as caught:
+            call()
+        assert all(word in str(caught.value) for word in words), caught.value
+
+
+def test_numbers_of_every_kind_are_numbers() -> None:
+    for hint, right, wrong in (
+        (float, (0.4, 1, np.float32(0.4), np.int64(1), np.inf), (True, np.nan, "1", 1j, [1.0], None)),
+        (int, (1, np.int8(1)), (True, 1.0, "1", np.float64(1), None)),
+        (bool, (True, np.bool_(0)), (0, 1, None, "true")),
+    ):
+        assert all(map(_accepts(hint), right)), hint
+        assert not any(map(_accepts(hint), wrong)), hint
+
+
+def test_a_public_function_keeps_its_name_its_signature_and_its_pickle() -> None:
+    for name in FUNCTIONS:
+        function = getattr(rg, name)
+        assert pickle.loads(pickle.dumps(function)) is function
+        assert function.__name__ == name == function.__qualname__
+        assert function.__doc__ == function.__wrapped__.__doc__
+
+
+def test_a_name_that_is_not_there_is_told_its_neighbour() -> None:
+    with pytest.raises(AttributeError, match="did you mean 'streamline'"):
+        rg.streamlin  # noqa: B018
+
+
+def test_values_that_no_array_holds_and_names_that_name_nothing_are_refused(tmp_path: Path) -> None:
+    space = rg.sample(rg.read_scene(Path(__file__).parents[1] / "examples/scenes/lesson.toml"))
+    netlist = rg.compile_space(space)
+    for call in (
+        lambda: rg.compile_space(space, resistance=10**400),
+        lambda: rg.compile_space(space, resistance=1e-320),
+        lambda: rg.compile_space(space, start=np.array(3.0)),
+        lambda: rg.apply_passes(netlist, [[]]),
+        lambda: rg.passes_to_json({"a": 1}),
+        lambda: rg.write_spice(netlist, ""),
+        lambda: rg.random_pushes(-1, 2, until=1.0, size=1.0, duration=0.1),
+        lambda: rg.random_pushes(0, 0, until=1.0, size=1.0, duration=0.1),
+        lambda: rg.random_pushes(0, 2, until=np.inf, size=1.0, duration=0.1),
+        lambda: rg.plot_separation(rg.separation(space, (0.5, 6.5)), virtual=np.zeros((8, 8))),
+    ):
+        with pytest.raises(InputError):
+            call()
+    one = rg.noise_density(netlist, [1], np.float32(0.5))
+    np.testing.assert_array_equal(one, rg.noise_density(netlist, [1], 0.5))
