@@ -120,3 +120,17 @@ def test_both_ends_of_an_axis_lie_on_it_whatever_the_number_of_cells(lower, uppe
     for point in (lower - beside, upper + beside, np.nan, np.inf):
         with pytest.raises(InputError, match="outside the grid"):
             space.locate([point])
+
+
+def test_a_goal_cell_names_its_point() -> None:
+    cell = np.zeros((3, 2))
+    cell[0, 1], cell[2, 0] = Cell.GOAL, Cell.GOAL
+    axes = [Axis("x", 0, 3, 3), Axis("y", 0, 2, 2)]
+    space = ConfigurationSpace(axes, cell, goal_points=[(0.5, 1.25), (np.nan, np.nan)])
+    np.testing.assert_array_equal(space.goal_point((0, 1)), (0.5, 1.25))
+    np.testing.assert_array_equal(space.goal_point([[2, 0], [0, 1], [1, 1]])[1], (0.5, 1.25))
+    assert np.isnan(space.goal_point([[2, 0], [0, 1], [1, 1]])[[0, 2]]).all()
+    assert np.isnan(ConfigurationSpace(axes, cell).goal_point((0, 1))).all()
+    for wrong in ((0.5, np.nan), (1.5, 1.25), (np.inf, 1.25)):
+        with pytest.raises(InputError, match=r"goal point .* cell \(0, 1\)"):
+            ConfigurationSpace(axes, cell, goal_points=[wrong, (2.5, 0.5)])

@@ -125,8 +125,8 @@ def _start_driven(job: Job, report: Report, chips: dict[str, Chip]) -> Plan:
     for number in range(len(job.scene.starts)):
         cell = start_cell(job, number)
         if job.space.cell[cell] != Cell.FREE or not job.space.goal_connected[cell]:
-            point = job.scene.frame.from_world(job.scene.starts[number])
-            routes.append(_placed(job, number, undriven(job.space, point, job.scene.edge), None, 0.0))
+            path = undriven(job.space, job.scene.starts[number], job.scene.edge)
+            routes.append(_placed(job, number, path, None, 0.0))
             continue
         chip = solve_chip(job, report, "neumann", number, ideal=True)
         chips[chip.name] = chip

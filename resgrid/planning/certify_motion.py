@@ -22,7 +22,7 @@ Integers = NDArray[np.int64]
 
 _SAME_TIME = 1e-9
 _SLACK = 4.0
-_MOST_DECADES = 745.0
+_LARGEST_LOG = 745.0
 """Natural logarithm of the largest ratio of two velocities that float64 can tell from infinity."""
 
 
@@ -43,6 +43,12 @@ def check_motion(path: Streamline, field: Field, local: Floats, axis: Integers, 
     CertificateError
         If a point lies elsewhere, or the duration is another.
     """
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        _check_steps(path, field, local, axis, side)
+
+
+def _check_steps(path: Streamline, field: Field, local: Floats, axis: Integers, side: Integers) -> None:
+    """The same where what overflows counts as infinite."""
     steps, slack = np.arange(len(axis)), _SLACK * rounding(field.space.axes)
     direction, log_current = field.faces_of(path.cells[:-1].astype(np.int64))
     scale = log_current.max(axis=(0, 2))
@@ -59,13 +65,12 @@ def check_motion(path: Streamline, field: Field, local: Floats, axis: Integers, 
     # Where the streamline may have left straight, it has not moved along the other axes.
     stays = ~sure[:, np.newaxis]
     low, high = np.where(stays, np.minimum(low, start), low), np.where(stays, np.maximum(high, start), high)
-    off = (end < low - slack) | (end > high + slack)
+    off = ~((end >= low - slack) & (end <= high + slack))
     off[steps, axis] = False
     if off.any():
         step = int(np.argmax(off.any(axis=1)))
         raise CertificateError(f"point {step + 1} is not where the current carries the path from point {step}")
-    with np.errstate(divide="ignore"):
-        _check_duration(path, field, np.log(shortest) - scale, np.log(longest) - scale)
+    _check_duration(path, field, np.log(shortest) - scale, np.log(longest) - scale)
 
 
 def _times(x: Floats, enter: Floats, leave: Floats, slack: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
@@ -80,7 +85,7 @@ def _times(x: Floats, enter: Floats, leave: Floats, slack: Floats) -> tuple[Floa
     sure = slowest > 0
     shortest, longest = _drift(after, fastest, leave), _drift(before, slowest, leave)
     # The velocity falls towards x: that at the face exceeds it.
-    endless = np.maximum(_MOST_DECADES / np.where(sure, 1.0, leave - enter), straight)
+    endless = np.maximum(_LARGEST_LOG / np.where(sure, 1.0, leave - enter), straight)
     least_straight = (1.0 - after) / leave
     return (
         np.where(sure, shortest, np.minimum(shortest, least_straight)),
@@ -111,10 +116,9 @@ def _ends(
 def _moved(x: Floats, lower: Floats, upper: Floats, time: Floats) -> Floats:
     """Positions after a time, within the cell."""
     velocity, growth = lower * (1.0 - x) + upper * x, (upper - lower) * time
-    with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        step = np.where(
-            np.abs(growth) < 1e-8, velocity * time * (1.0 + 0.5 * growth), velocity * np.expm1(growth) / (upper - lower)
-        )
+    step = np.where(
+        np.abs(growth) < 1e-8, velocity * time * (1.0 + 0.5 * growth), velocity * np.expm1(growth) / (upper - lower)
+    )
     return np.clip(x + np.where(velocity == 0, 0.0, step), 0.0, 1.0)
 
 

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.errors import InputError
 from resgrid.planning.short_path import ShortPath
 from resgrid.planning.streamline import Streamline
-from resgrid.space import ConfigurationSpace
+from resgrid.space import ConfigurationSpace, rounding
 
 
 def unwrap(path: Streamline | ShortPath | ArrayLike, space: ConfigurationSpace) -> NDArray[np.float64]:
@@ -101,6 +101,9 @@ def _turns(path: Streamline, space: ConfigurationSpace) -> NDArray[np.int64]:
     turns, left = np.divmod(continuous - cells, np.array(space.shape))
     if left.any():
         raise InputError(f"the path leaps between cells {_leap(cells, left)}; it does not belong to this space")
+    outside = np.abs(local - 0.5) > 0.5 + rounding(space.axes)
+    if np.any(outside | (cells < 0) | (cells >= space.shape)):
+        raise InputError("points of the path lie outside their cells in this space; it belongs to another")
     return np.asarray(turns, dtype=np.int64)
 
 

@@ -10,6 +10,7 @@ from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
 from resgrid.planning.field import field_of
 from resgrid.planning.seams import length_of, unwrap, wrap
+from resgrid.planning.shortcut import shorten
 from resgrid.planning.trace import streamline
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -57,6 +58,19 @@ def test_a_ring_of_two_cells_is_told_by_its_faces() -> None:
     field = field_of(solve(compile_space(space, boundary="neumann")))
     up, down = (unwrap(streamline(field, start=(x, 0.5)), space)[-1, 0] for x in (0.75, 0.25))
     assert (up, down) == (1.0, 0.0)
+
+
+def test_the_path_of_another_grid_is_told_by_its_cells() -> None:
+    """Everything that takes a streamline and a space asks here first."""
+    cell = np.zeros((6, 4))
+    cell[5, 3] = Cell.GOAL
+    path = streamline(field_of(solve(compile_space(space_of(cell)))), cell=(0, 0))
+    unwrap(path, space_of(np.zeros((7, 4))))
+    for other in (space_of(np.zeros((5, 4))), space_of(cell, spacing=(1.0, 0.5)), space_of(np.zeros((3, 4, 2)))):
+        with pytest.raises(InputError):
+            unwrap(path, other)
+        with pytest.raises(InputError):
+            shorten(path, other)
 
 
 def test_arrays_are_checked() -> None:
