@@ -13,7 +13,6 @@ from resgrid.cli.job import DECK_SUFFIXES, SPECTRE_SUFFIX, Chip, only_boundary, 
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.report import Report
 from resgrid.errors import InputError
-from resgrid.spice.networks import NETWORK_SUFFIXES, write_network
 
 if TYPE_CHECKING:
     from resgrid.netlist import Netlist
@@ -44,11 +43,12 @@ def command(
     graphs for networkx and others; FILE.npz holds the netlist's arrays. -o - prints the deck alone. All of these are
     read, too, but for Spectre, which is written only, and so are Circuitscape configurations (.ini).
     """
+    from resgrid.spice.networks import NETWORK_SUFFIXES
+
     suffix = Path(output).suffix.lower()
-    if output != "-" and suffix not in (*DECK_SUFFIXES, SPECTRE_SUFFIX, *NETWORK_SUFFIXES):
-        raise InputError(
-            f"-o {output}: it must end in {', '.join((*DECK_SUFFIXES, SPECTRE_SUFFIX, *NETWORK_SUFFIXES))}"
-        )
+    known = (*DECK_SUFFIXES, SPECTRE_SUFFIX, *NETWORK_SUFFIXES)
+    if output != "-" and suffix not in known:
+        raise InputError(f"-o {output}: it must end in {', '.join(known)}")
     if output == "-" and report.json:
         raise InputError("-o - and --json both want standard output; write the deck to a file")
     if suffix in NETWORK_SUFFIXES and (dialect is not None or bare):
@@ -88,6 +88,8 @@ def _circuit(
 def _written(
     netlist: Netlist, title: str | None, point: OperatingPoint | None, output: str, dialect: str, report: Report
 ) -> dict[str, Any]:
+    from resgrid.spice.networks import NETWORK_SUFFIXES, write_network
+
     counts = {
         "nodes": netlist.node_count,
         "resistors": len(netlist.conductance),

@@ -1,6 +1,8 @@
 import numpy as np
 import pytest
+from spaces import space_of
 
+from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
 from resgrid.nodal.solve import solve
@@ -69,9 +71,13 @@ def test_a_floating_part_is_data_not_an_error() -> None:
     assert point.resistor_current[2] == 0.0
 
 
-def test_nothing_driven_is_an_error_that_says_what_to_do() -> None:
+def test_a_space_in_which_nothing_is_driven_is_an_error_that_says_what_to_do() -> None:
+    cell = np.zeros((3, 3), dtype=np.uint8)
+    cell[0, 0] = 2
+    netlist = compile_space(space_of(cell), edge="open")
     with pytest.raises(CircuitError, match="second rail"):
-        solve(circuit(3, [(1, 2, 1.0)], [(1, 0, 1.0)]))
+        solve(netlist)
+    assert not solve(netlist.replace(layout=None)).voltage.any()
 
 
 def test_a_part_with_one_rail_is_flat_and_reported() -> None:

@@ -315,3 +315,12 @@ def test_a_missing_simulator_is_no_agreement(deck: Path, monkeypatch: pytest.Mon
     monkeypatch.setenv("RESGRID_NGSPICE", "no-such-program")
     with pytest.raises(ToolMissingError):
         check_deck(deck)
+
+
+@pytest.mark.parametrize(("version", "known"), [("39", True), ("46", True), ("44.2", False), ("unknown", False)])
+def test_a_version_that_resgrid_was_not_tried_with_is_told(version: str, known: bool) -> None:
+    expected = expect(flatten(ladder(2)), dense_solution(ladder(2)))
+    current = {name: amps or 0.0 for name, amps in expected.source_current.items()}
+    agreement = compare(expected, Simulation(expected.voltage, current, "ngspice", version, ()))
+    assert agreement.agrees and agreement.verified
+    assert (agreement.remark == "") == known and (known or version in agreement.remark)
