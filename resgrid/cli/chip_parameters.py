@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from typing import TYPE_CHECKING, Any
 
 from resgrid.cli.chip_report import shown
@@ -49,15 +48,11 @@ MEANING: dict[str, tuple[str, str]] = {
 
 def described(chip: Chip, size: str, boundary: str) -> list[tuple[str, str, str]]:
     """What a chip is made of, key by key, without what is ideal: key, value, meaning."""
+    from resgrid.device.held import chip_keys
+
     meaning = {"dirichlet": "are a rail", "neumann": "are open", "wall": "are a rail behind a resistance"}[boundary]
     rows = [("grid", size, "one node each"), ("boundary", boundary, f"obstacles {meaning}")]
-    values: dict[str, Any] = {}
-    for item in dataclasses.fields(chip):
-        value = getattr(chip, item.name)
-        if dataclasses.is_dataclass(value):
-            values |= {f"{item.name}.{part.name}": getattr(value, part.name) for part in dataclasses.fields(value)}
-        else:
-            values[item.name] = value
+    values = dict(chip_keys(chip))
     if chip.sheet_resistance is None:
         del values["drawing_grid"]
     for key, value in values.items():

@@ -99,7 +99,7 @@ def _written(
     suffix = Path(output).suffix.lower()
     left_out = _left_out(netlist, suffix) if output != "-" else []
     if left_out:
-        report.say(f"{output} cannot hold everything: {', '.join(left_out)} are left out")
+        report.say(f"left out, for {output} has no place for them: {', '.join(left_out)}")
     with report.stage("write it", seconds=5e-6 * counts["resistors"]):
         if output == "-" or (point is None and suffix not in NETWORK_SUFFIXES):
             _write_bare(netlist, title, output, dialect)
@@ -123,7 +123,7 @@ def _left_out(netlist: Netlist, suffix: str) -> list[str]:
         "capacitors": len(netlist.capacitance),
         "nonlinear resistors": len(netlist.nonlinear_current),
     }
-    found = [f"{count:,} {kind}" for kind, count in kinds.items() if count]
+    found = [f"{kind} ({count:,})" for kind, count in kinds.items() if count]
     return found if netlist.tc1 is None and netlist.tc2 is None else [*found, "temperature coefficients"]
 
 

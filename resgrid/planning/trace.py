@@ -93,7 +93,7 @@ def undriven(space: ConfigurationSpace, start: ArrayLike, edge: tuple[str, ...])
     ----------
     space : ConfigurationSpace
     start : array_like of float, shape (ndim,)
-        In axis units.
+        World coordinates.
     edge : tuple of {"periodic", "obstacle", "open"}
         Per axis.
 

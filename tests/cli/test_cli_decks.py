@@ -269,7 +269,7 @@ def test_converted_decks_hold_the_same_circuit(answer, call, deck, tmp_path, dia
 
 def test_converted_graphs_hold_the_same_circuit(answer, call, deck, tmp_path):
     edges = tmp_path / "edges.txt"
-    assert "4 sources are left out" in call("convert", deck, "-o", edges).stderr
+    assert "sources (4), capacitors (1)" in call("convert", deck, "-o", edges).stderr
     assert edges.read_text().splitlines()[0] == "in X1.mid 1000.0"
     for suffix in (".graphml", ".json"):
         file = tmp_path / f"graph{suffix}"

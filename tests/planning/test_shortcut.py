@@ -21,7 +21,8 @@ from resgrid.planning.free_way import certify_free
 from resgrid.planning.seams import length_of, unwrap
 from resgrid.planning.shortcut import shorten
 from resgrid.planning.trace import streamline
-from resgrid.space import Cell, ConfigurationSpace, label_regions
+from resgrid.regions import label_regions
+from resgrid.space import Cell, ConfigurationSpace
 
 
 def touched_exactly(start: list[float], end: list[float], shape: tuple[int, ...]) -> set[tuple[int, ...]]:
