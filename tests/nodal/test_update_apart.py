@@ -63,9 +63,11 @@ def test_levels_are_made_anew_where_patched_ones_stagnate(seed: int) -> None:
     assert isinstance(after, MultigridFactor)
     assert after.patched is not None
     system = after.system
-    exact = splu((sparse.diags_array(system.degree) - system.coupling).tocsc()).solve(system.drive)
     found = after.solve(system.drive, rtol=1e-8)
-    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-4 * np.abs(exact).max())
+    # What rtol promises is the backward error; six decades of conductance make more of it in voltages.
+    left = system.degree * found - system.coupling @ found - system.drive
+    scale = 2 * system.degree.max() * np.linalg.norm(found) + np.linalg.norm(system.drive)
+    assert np.linalg.norm(left) <= 1e-8 * scale
     assert "_made_anew" in vars(after)
     np.testing.assert_array_equal(after.solve(system.drive, rtol=1e-8), found)
 
