@@ -412,7 +412,7 @@ def test_impossible_passes_are_refused_when_they_are_made(
 
 @pytest.mark.parametrize("entries", [5, None, {"pass": "mismatch"}, [{"pass": ["x"]}], [{"pass": None}]], ids=str)
 def test_what_is_no_list_of_passes_is_refused(entries: object) -> None:
-    with pytest.raises(rg.InputError, match="pass|entries"):
+    with pytest.raises(rg.InputError, match=r"pass|entries"):
         rg.passes_from_json(entries)
 
 
