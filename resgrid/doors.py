@@ -1,4 +1,7 @@
-"""What `resgrid` hands out: every public function refuses arguments of another type than its signature says."""
+"""What `resgrid` hands out: public functions, and values a user makes, refuse types other than their signatures say.
+
+Annotations are the contract: they are read once, when a door is first passed, and turned into one test a parameter.
+"""
 
 from __future__ import annotations
 
@@ -92,7 +95,7 @@ def checked(record: type[Record]) -> type[Record]:
         The same.
     """
     names = ("self", *(field.name for field in fields(record) if field.init))  # type: ignore[arg-type]
-    record.__init__ = _door(record.__init__, names, lambda: _checks_of(record))  # type: ignore[method-assign,assignment]
+    record.__init__ = _door(record.__init__, names, lambda: _checks_of(record))  # type: ignore[method-assign]
     return record
 
 
