@@ -37,6 +37,7 @@ SOURCES = {
     "OperatingPoint": "rg.solve(netlist)",
     "ParsedDeck": "rg.read_spice(file)",
     "Planner": "rg.plan(scene)",
+    "Robot": "scene.robot, or rg.PointRobot(radius)",
     "Run": "rg.simulation(scene).run(start)",
     "Scene": "rg.read_scene(file), or rg.parse_scene(text)",
     "Simulation": "rg.simulation(scene)",
