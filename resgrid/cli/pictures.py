@@ -161,7 +161,7 @@ def _robot(job: Job, plan: Plan, _field: Field | None = None) -> Figure:
     if job.space.ndim == 2:
         return plot_pair(*parts, title=scene.title)
     figure = _figure(plot_robot_path(*parts))
-    figure.suptitle(scene.title)
+    figure.suptitle(scene.title, fontsize=10)
     return figure
 
 
