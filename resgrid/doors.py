@@ -1,4 +1,7 @@
-"""What `resgrid` hands out: every public function refuses arguments of another type than its signature says."""
+"""What `resgrid` hands out: public functions, and values a user makes, refuse types other than their signatures say.
+
+Annotations are the contract: they are read once, when a door is first passed, and turned into one test a parameter.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,8 @@ import os
 import sys
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import IO, Any, Literal, Union, get_args, get_origin
+from dataclasses import fields
+from typing import IO, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,8 +20,12 @@ from numpy.typing import ArrayLike
 from resgrid.arguments import is_number, is_whole
 from resgrid.errors import InputError
 
+Record = TypeVar("Record")
 Accepts = Callable[[Any], bool]
 """Whether a value is of a type."""
+
+Checks = dict[str, tuple[Accepts, Any]]
+"""What parameters accept, and their types, by name."""
 
 SOURCES = {
     "Chip": "scene.chip, or rg.Chip(...)",
@@ -29,6 +37,7 @@ SOURCES = {
     "OperatingPoint": "rg.solve(netlist)",
     "ParsedDeck": "rg.read_spice(file)",
     "Planner": "rg.plan(scene)",
+    "Robot": "scene.robot, or rg.PointRobot(radius)",
     "Run": "rg.simulation(scene).run(start)",
     "Scene": "rg.read_scene(file), or rg.parse_scene(text)",
     "Simulation": "rg.simulation(scene)",
@@ -68,28 +77,51 @@ def guarded(name: str, value: Any) -> Any:
     if not isinstance(value, types.FunctionType):
         return value
     code = value.__code__
-    positional = code.co_varnames[: code.co_argcount]
-    checks: dict[str, tuple[Accepts, Any]] = {}
-
-    @functools.wraps(value)
-    def door(*arguments: Any, **options: Any) -> Any:
-        if not checks:
-            checks.update(_checks_of(value))
-        for key, argument in (*zip(positional, arguments, strict=False), *options.items()):
-            if key in checks and not checks[key][0](argument):
-                raise InputError(_complaint(key, argument, checks[key][1]))
-        return value(*arguments, **options)
-
+    door = _door(value, code.co_varnames[: code.co_argcount], lambda: _checks_of(value))
     door.__module__, door.__qualname__, door.__name__ = "resgrid", name, name  # where pickle finds it again
     return door
 
 
-def _checks_of(function: types.FunctionType) -> dict[str, tuple[Accepts, Any]]:
-    """What each parameter accepts, and its type, by name; at least one entry."""
-    names = _Names(function.__globals__)
+def checked(record: type[Record]) -> type[Record]:
+    """Let a dataclass refuse values of another type than its fields have, before it looks at them itself.
+
+    Parameters
+    ----------
+    record : type
+        A dataclass that a user makes values of.
+
+    Returns
+    -------
+    type
+        The same.
+    """
+    names = ("self", *(field.name for field in fields(record) if field.init))  # type: ignore[arg-type]
+    record.__init__ = _door(record.__init__, names, lambda: _checks_of(record))  # type: ignore[method-assign]
+    return record
+
+
+def _door(function: Callable[..., Any], names: Sequence[str], find: Callable[[], Checks]) -> Callable[..., Any]:
+    """A function behind a check of its arguments; what they must be is found at the first call."""
+    checks: Checks = {}
+
+    @functools.wraps(function)
+    def door(*arguments: Any, **options: Any) -> Any:
+        if not checks:
+            checks.update(find())
+        for key, argument in (*zip(names, arguments, strict=False), *options.items()):
+            if key in checks and not checks[key][0](argument):
+                raise InputError(_complaint(key, argument, checks[key][1]))
+        return function(*arguments, **options)
+
+    return door
+
+
+def _checks_of(value: Any) -> Checks:
+    """What each parameter of a function, or field of a class, accepts, and its type, by name; at least one entry."""
+    names = _Names(vars(sys.modules[value.__module__]))
     hints = {
         key: eval(text, {"__builtins__": builtins}, names) if isinstance(text, str) else text
-        for key, text in function.__annotations__.items()
+        for key, text in value.__annotations__.items()
     }
     return {key: (_accepts(hint), hint) for key, hint in hints.items()}
 

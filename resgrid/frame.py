@@ -9,9 +9,11 @@ from math import cos, sin
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.doors import checked
 from resgrid.errors import InputError
 
 
+@checked
 @dataclass(frozen=True)
 class Frame:
     """Where the coordinates of the space lie in the world.

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.regions import box_around, label_regions
@@ -26,6 +27,7 @@ class Cell(IntEnum):
     GOAL = 2
 
 
+@checked
 @dataclass(frozen=True)
 class Axis:
     """One coordinate of a configuration space, cut into equal cells.
@@ -82,6 +84,7 @@ class Axis:
         return np.linspace(self.lower, self.upper, self.cells + 1)
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class ConfigurationSpace:
     """A grid of cells, each free, obstacle or goal, and what they cost.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pickle
 import types
+from contextlib import suppress
 from inspect import Parameter, signature
 from pathlib import Path
 from typing import Any
@@ -119,3 +120,42 @@ def test_values_that_no_array_holds_and_names_that_name_nothing_are_refused(tmp_
             call()
     one = rg.noise_density(netlist, [1], np.float32(0.5))
     np.testing.assert_array_equal(one, rg.noise_density(netlist, [1], 0.5))
+
+
+RECORDS: dict[Any, dict[str, Any]] = {
+    rg.Axis: {"name": "x", "lower": 0.0, "upper": 1.0, "cells": 2},
+    rg.Frame: {},
+    rg.PointRobot: {},
+    rg.DiscRobot: {"radius": 0.1},
+    rg.PolygonRobot: {"vertices": ((0, 0), (1, 0), (0, 1))},
+    rg.Arm: {"lengths": (1.0, 1.0), "widths": (0.0, 0.0), "limits": (None, None)},
+    rg.Box: {"lower": (0.0, 0.0), "upper": (1.0, 1.0)},
+    rg.Ball: {"centre": (0.0, 0.0), "radius": 1.0},
+    rg.Polygon: {"vertices": ((0, 0), (1, 0), (0, 1))},
+    rg.HalfSpace: {"normal": (1.0, 0.0), "offset": 0.0},
+    rg.GoalPoint: {"point": (1.0, 1.0)},
+    rg.GoalCell: {"cell": (1, 1)},
+    rg.GoalJoints: {"lower": (0.0, 0.0), "upper": (1.0, 1.0)},
+    rg.GridSettling: {},
+    rg.Push: {"start": 0.0, "duration": 1.0, "force": (1.0, 1.0)},
+    rg.Chip: {},
+    rg.Readout: {},
+    rg.Defects: {},
+}
+
+
+@pytest.mark.parametrize("record", RECORDS, ids=lambda record: record.__name__)
+def test_a_value_is_not_made_of_the_wrong_types(record: Any) -> None:
+    right = RECORDS[record]
+    record(**right)
+    for name in signature(record).parameters:
+        accepts, _ = _checks_of(record)[name]
+        for wrong in (*WRONG.values(), 10**400, ["a", 1], []):
+            if not accepts(wrong):
+                with pytest.raises(InputError, match=name):
+                    record(**{**right, name: wrong})
+            elif wrong is not None:
+                with suppress(InputError):  # of the right type, and perhaps not of the right value
+                    record(**{**right, name: wrong})
+    single = {key: np.float32(value) if isinstance(value, float) else value for key, value in right.items()}
+    record(**single)

@@ -76,7 +76,7 @@ def describe(job: Job, report: Report) -> dict[str, Any]:
 
     scene, space = job.scene, job.space
     free = space.cell == Cell.FREE
-    starts = [scene.frame.from_world(start) for start in scene.starts]
+    starts = [scene.frame.from_world(start).tolist() for start in scene.starts]
     return {
         "title": scene.title,
         "source": scene.source,

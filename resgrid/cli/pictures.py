@@ -97,7 +97,7 @@ def _page(job: Job, plan: Plan, field: Field | None) -> Figure:
 
 
 def _title(job: Job, plan: Plan, field: Field) -> str:
-    pure = {0.0: " (Neumann)", 1.0: " (Dirichlet)"}.get(field.k, "")
+    pure = {0.0: " (Neumann)", 1.0: " (wall)" if job.scene.boundary == "wall" else " (Dirichlet)"}.get(field.k, "")
     mark = f"k = {field.k:g}{pure}" if len(plan.fields) > 1 and job.scene.drive != "start" else ""
     return ", ".join(part for part in (job.scene.title, mark) if part)
 
@@ -154,7 +154,7 @@ def _robot(job: Job, plan: Plan, _field: Field | None = None) -> Figure:
     if job.space.ndim == 2:
         return plot_pair(*parts, title=scene.title)
     figure = _figure(plot_robot_path(*parts))
-    figure.suptitle(scene.title)
+    figure.suptitle(scene.title, fontsize=10)
     return figure
 
 

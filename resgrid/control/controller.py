@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.control.equipotential import following_velocity
+from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.planning.field import Field
 from resgrid.space import Cell
@@ -45,6 +46,7 @@ class Nominal(NamedTuple):
     longest: float
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Controller:
     """Harmonic control of a robot that takes velocities (Connolly & Grupen 1992, section 3.4).

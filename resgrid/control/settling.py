@@ -24,6 +24,7 @@ from scipy import sparse
 
 from resgrid.compiler import compile_space
 from resgrid.control.learning import scene_rules
+from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Layout, Netlist
 from resgrid.nodal.dynamics import Dynamics, dynamics_of, factor_resolvent
@@ -47,6 +48,7 @@ _DIRECT = 100_000
 Vector = NDArray[np.float64]
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class GridSettling:
     """How a grid settles, and how fast compared to the robot.

@@ -142,9 +142,8 @@ def dress_workspace(scene: Scene, hidden: Sequence[Shape], axes: Axes) -> None:
         mark_shapes(hidden, axes, HIDDEN, "hidden obstacle", 2.4)
     places = goal_places(scene)
     if len(places):
-        axes.scatter(
-            *places.T, s=70, marker="*", facecolor=GOAL, edgecolor="black", linewidth=0.7, zorder=6, label="goal"
-        )
+        x, y = places.T
+        axes.scatter(x, y, s=70, marker="*", facecolor=GOAL, edgecolor="black", linewidth=0.7, zorder=6, label="goal")
 
 
 def goal_places(scene: Scene) -> NDArray[np.float64]:

@@ -237,6 +237,7 @@ def add_change_bar(image: AxesImage, axes: Axes) -> None:
     add_colour_bar(image, axes, r"change of $\phi$")
     largest = int(np.floor(np.log10(image.norm.vmax or 1.0)))
     decades = 10.0 ** np.arange(largest - 3, largest + 1)
+    assert image.colorbar is not None
     image.colorbar.set_ticks([*-decades[::-1], 0.0, *decades])
 
 

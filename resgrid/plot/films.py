@@ -119,7 +119,7 @@ def _write_gif(frames: Iterator[Frame], path: Path, rate: float) -> None:
 def _packed(frame: Frame) -> NDArray[np.uint32]:
     """Colours as one number each, shape (height, width)."""
     red, green, blue = (frame[..., channel].astype(np.uint32) for channel in range(3))
-    return red << 16 | green << 8 | blue
+    return np.asarray(red << 16 | green << 8 | blue, dtype=np.uint32)
 
 
 class _Palette:
@@ -143,7 +143,7 @@ class _Palette:
         seen = np.array(sorted(self._counts, key=lambda colour: -self._counts[colour]), dtype=np.uint32)
         points = np.stack([seen >> 16, seen >> 8 & 255, seen & 255], axis=1).astype(np.float64)
         chosen = list(range(min(len(seen), _COLOURS // 2)))
-        distance = KDTree(points[chosen]).query(points)[0]
+        distance = np.asarray(KDTree(points[chosen]).query(points)[0])
         while len(chosen) < _COLOURS and distance.max() > 0:
             chosen.append(int(distance.argmax()))
             distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))

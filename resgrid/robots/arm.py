@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.robots.protocol import GoalCells, Progress, Sampling
 from resgrid.robots.shapes import Point, Shape
@@ -22,6 +23,7 @@ Angles = Literal["relative", "absolute"]
 Limits = tuple[float, float]
 
 
+@checked
 @dataclass(frozen=True)
 class Arm:
     """A planar arm with revolute joints; its configuration space has one axis per joint, in radians.

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.robots.goals import cells_of_place
 from resgrid.robots.point import PointRobot
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
 
+@checked
 @dataclass(frozen=True)
 class DiscRobot:
     """A disc around its reference point; its configuration space is the plane it moves in.
@@ -38,7 +40,7 @@ class DiscRobot:
     radius: float
 
     def __post_init__(self) -> None:
-        if not 0 < self.radius <= LARGEST:
+        if not 0 < float(self.radius) <= LARGEST:
             raise InputError(f"a disc needs a finite radius above 0, got {self.radius}")
 
     def occupancy(

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.robots.goals import cells_of_place
 from resgrid.robots.protocol import GoalCells, Progress, Sampling
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
 
+@checked
 @dataclass(frozen=True)
 class PointRobot:
     """A robot that is a point, or a ball around its reference point, in one to four dimensions.
@@ -41,7 +43,7 @@ class PointRobot:
     radius: float = 0.0
 
     def __post_init__(self) -> None:
-        if not 0 <= self.radius <= LARGEST:
+        if not 0 <= float(self.radius) <= LARGEST:
             raise InputError(f"a robot's radius must be finite and at least 0, got {self.radius}")
 
     def occupancy(

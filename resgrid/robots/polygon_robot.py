@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.robots.goals import cells_of_place
 from resgrid.robots.protocol import GoalCells, Progress, Sampling
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry
 
 
+@checked
 @dataclass(frozen=True)
 class PolygonRobot:
     """A polygon with configurations ``(x, y, theta)``: moved to ``(x, y)`` and turned about its reference point.

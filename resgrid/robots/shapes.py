@@ -8,6 +8,7 @@ from math import inf, isfinite
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.space import Axis
 
@@ -18,6 +19,7 @@ LARGEST = 1e60
 """Largest coordinate: products of four of them do not overflow."""
 
 
+@checked
 @dataclass(frozen=True)
 class Box:
     """A rectangle (two coordinates) or box (any number), sides along the axes.
@@ -53,6 +55,7 @@ class Box:
         return Box(_add(self.lower, by), _add(self.upper, by))
 
 
+@checked
 @dataclass(frozen=True)
 class Ball:
     """A disc (two coordinates) or ball (any number).
@@ -88,6 +91,7 @@ class Ball:
         return Ball(_add(self.centre, by), self.radius)
 
 
+@checked
 @dataclass(frozen=True)
 class Polygon:
     """A simple polygon in the plane, with holes if need be.
@@ -137,6 +141,7 @@ class Polygon:
         return Polygon(vertices, tuple(holes))
 
 
+@checked
 @dataclass(frozen=True)
 class HalfSpace:
     """All points with ``normal . x <= offset``: the normal points out of the solid, into the free side.
@@ -154,7 +159,7 @@ class HalfSpace:
 
     def __post_init__(self) -> None:
         _require_finite("half-plane", *self.normal, self.offset)
-        if max(map(abs, self.normal)) < 1 / LARGEST:
+        if not any(abs(float(part)) >= 1 / LARGEST for part in self.normal):
             raise InputError("a half-plane needs a normal that is not zero")
 
     @property
@@ -221,7 +226,7 @@ def _add(point: Point, by: Point) -> Point:
 
 
 def _require_finite(what: str, *values: float) -> None:
-    if not all(isfinite(value) and abs(value) <= LARGEST for value in values):
+    if not all(isfinite(value) and abs(float(value)) <= LARGEST for value in values):
         raise InputError(f"a {what} needs finite coordinates up to {LARGEST:g}, got {list(values)}")
 
 

@@ -46,7 +46,7 @@ def _grey(scene: Scene, cell: tuple[int, ...]) -> str:
     """The grey value of a cell that a picture says is an obstacle, and the one from which cells are free."""
     if scene.map is None or format_of(scene) != "image":
         return ""
-    threshold = scene.map.table.get("threshold", THRESHOLD)
+    threshold: int = scene.map.table.get("threshold", THRESHOLD)
     try:
         grey = int(read_raster(Path(scene.map.table["file"])).grey[::-1].T[cell])
     except InputError:  # the picture came through a pipe, or is gone: there is less to tell

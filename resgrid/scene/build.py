@@ -65,6 +65,8 @@ def build_scene(
     if document.map is None:
         return _scene(document, source, _grid_axes(document), Frame(), None)
     table = {key: value for key, value in document.map.model_dump().items() if value is not None}
+    if "\0" in document.map.file:
+        raise InputError(f"{source}: map.file: {document.map.file!r} is no name of a file")
     table["file"] = str((folder / document.map.file).resolve())
     data = known or read_map(Path(table["file"]), table)
     validate(raw, source, lines, len(data.axes))

@@ -137,7 +137,7 @@ def ros_greys(path: Path, dialect: str = "nav2", lethal: int | None = None) -> l
     header = read_header(path, dialect)
     occupancy = _CONVERTERS[dialect](Raster(np.arange(256, dtype=np.uint16).reshape(1, 256, 1), 255), header)
     words = np.where(_is_occupied(occupancy, header, lethal), "obstacle", "free")
-    return np.where(occupancy == UNKNOWN, "unknown", words)[0].tolist()
+    return [str(word) for word in np.where(occupancy == UNKNOWN, "unknown", words)[0]]
 
 
 def _is_occupied(occupancy: NDArray[np.int8], header: RosHeader, lethal: int | None) -> NDArray[np.bool_]:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.robots import Box, PointRobot, Robot, Sampling, Shape
@@ -19,6 +20,7 @@ from resgrid.scene.chip import Chip
 from resgrid.space import Axis
 
 
+@checked
 @dataclass(frozen=True)
 class GoalPoint:
     """A goal that is the cell around a point, in world coordinates; for an arm, the cells that bring its tip there."""
@@ -26,6 +28,7 @@ class GoalPoint:
     point: Point
 
 
+@checked
 @dataclass(frozen=True)
 class GoalCell:
     """A goal that is one cell, by its index."""
@@ -33,6 +36,7 @@ class GoalCell:
     cell: tuple[int, ...]
 
 
+@checked
 @dataclass(frozen=True)
 class GoalJoints:
     """A goal in configuration space: a box of configurations, or the cell around a single one.
@@ -53,6 +57,7 @@ class GoalJoints:
 Goal = Shape | GoalPoint | GoalCell | GoalJoints
 
 
+@checked
 @dataclass(frozen=True)
 class CostArea:
     """A region that conducts better (above 1) or worse (below 1): streamlines prefer what conducts."""
@@ -80,6 +85,7 @@ class MapCells:
         self.cell.flags.writeable = False
 
 
+@checked
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A robot in its surroundings, and the chip that is to guide it.

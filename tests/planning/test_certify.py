@@ -60,7 +60,7 @@ def test_genuine_paths_pass_and_forged_ones_do_not_wherever_the_grid_lies(place:
         assert shorten(path, field, rounds=3).length <= path.length
         points, number = path.points.copy(), int(rng.integers(len(path.points)))
         points[number] += rng.choice([-1, 1], 2) * 1e-3 * space.spacing
-        refused(replace(path, points=points), field)
+        refused(replace(path, axis_points=points), field)
         for name in ("length", "clearance"):
             refused(replace(path, **{name: getattr(path, name) + 1e-3 * space.spacing[0]}), field)
         if len(path.cells) > 1:
@@ -86,7 +86,7 @@ def test_no_single_number_can_be_altered(space: ConfigurationSpace, seed: int) -
     for off in (np.nan, np.inf, 10.0 ** rng.uniform(-5, 1), -(10.0 ** rng.uniform(-5, 1))):
         altered = path.points.copy()
         altered[row, axis] += off * space.spacing[axis]
-        refused(replace(path, points=altered), field)
+        refused(replace(path, axis_points=altered), field)
         for name in ("length", "clearance"):
             if getattr(path, name) + off != getattr(path, name):
                 refused(replace(path, **{name: getattr(path, name) + off}), field)
@@ -96,8 +96,8 @@ def test_no_single_number_can_be_altered(space: ConfigurationSpace, seed: int) -
     for changes in (
         {"goal": None}, {"goal": -1}, {"goal": True}, {"goal": "0"}, {"length": np.nan}, {"clearance": np.nan},
         {"log_duration": np.inf}, {"log_duration": -np.inf}, {"length": "1"}, {"length": None},
-        {"cells": path.cells.astype(float)}, {"points": path.points[:-1].copy()}, {"cells": path.cells[:0]},
-        {"points": np.concatenate([path.points, path.points[-1:]])}, {"points": path.points.astype(str)},
+        {"cells": path.cells.astype(float)}, {"axis_points": path.points[:-1].copy()}, {"cells": path.cells[:0]},
+        {"axis_points": np.concatenate([path.points, path.points[-1:]])}, {"axis_points": path.points.astype(str)},
         *({"outcome": outcome} for outcome in (*Outcome, "reached", "fine", None) if outcome is not path.outcome),
     ):  # fmt: skip
         refused(replace(path, **changes), field)
@@ -110,10 +110,10 @@ def test_failed_streamlines_claim_nothing_but_their_start() -> None:
     for path in (wall, chamber):
         certify(path, field)
         for changes in (
-            {"points": path.points + 100}, {"points": path.points * np.nan}, {"length": -3.0}, {"goal": 0},
-            {"cells": np.repeat(path.cells, 3, axis=0), "points": np.repeat(path.points, 3, axis=0)},
+            {"axis_points": path.points + 100}, {"axis_points": path.points * np.nan}, {"length": -3.0}, {"goal": 0},
+            {"cells": np.repeat(path.cells, 3, axis=0), "axis_points": np.repeat(path.axis_points, 3, axis=0)},
             {"clearance": 0.0}, {"log_duration": 0.0}, {"outcome": Outcome.GOAL_BLOCKED},
-            {"cells": np.array([[0, 0]]), "points": np.array([[0.25, 0.25]])},
+            {"cells": np.array([[0, 0]]), "axis_points": np.array([[0.25, 0.25]])},
         ):  # fmt: skip
             refused(replace(path, **changes), field)
 

@@ -111,13 +111,13 @@ def test_a_certificate_asks_for_the_leg() -> None:
     beside = path.points.copy()
     beside[-1] -= 1e-6
     face = path.points[:-1].copy()
-    for changes in ({"points": beside}, {"points": face}, {"points": face, "length": length_of(face)}):
+    for changes in ({"axis_points": beside}, {"axis_points": face}, {"axis_points": face, "length": length_of(face)}):
         with pytest.raises(CertificateError):
             certify(replace(path, **changes), field)
     with pytest.raises(CertificateError):
         certify(path, open_field(bare(space)))
     with pytest.raises(InputError, match="no streamline of ours"):
-        unwrap(replace(path, points=np.concatenate([path.points, path.points])), space)
+        unwrap(replace(path, axis_points=np.concatenate([path.points, path.points])), space)
 
 
 def test_a_start_in_the_goal_cell_has_but_the_leg_to_go() -> None:
