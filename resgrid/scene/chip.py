@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, fields
 from math import isfinite
 from typing import Any
 
-from resgrid.doors import checked
 from resgrid.errors import InputError
 
 SERIES = ("E6", "E12", "E24", "E48", "E96", "E192")
@@ -15,7 +14,6 @@ MOST_BITS = 32
 ABSOLUTE_ZERO = -273.15
 
 
-@checked
 @dataclass(frozen=True)
 class Readout:
     """How node voltages are measured; None where it is ideal.
@@ -44,7 +42,6 @@ class Readout:
         _raise(_readout_problems(self))
 
 
-@checked
 @dataclass(frozen=True)
 class Defects:
     """Faults of fabrication.
@@ -65,7 +62,6 @@ class Defects:
         _raise(_defect_problems(self))
 
 
-@checked
 @dataclass(frozen=True)
 class Chip:
     """What a chip is made of, in SI units; ideal where it does not say.
