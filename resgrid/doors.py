@@ -47,7 +47,7 @@ SOURCES = {
 """How to get what functions most often ask for."""
 
 _WORDS: dict[Any, str] = {
-    float: "a number",
+    float: "a finite number",
     int: "a whole number",
     str: "text",
     bool: "True or False",
@@ -227,8 +227,11 @@ _PLAIN: dict[Any, Accepts] = {
 
 
 def _complaint(key: str, value: Any, hint: Any) -> str:
-    if get_origin(hint) in (list, Sequence, Iterable) and _is_listed(value, get_args(hint)[0]):
-        entry = get_args(hint)[0]
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin in (tuple, list, Sequence, Iterable) and len({*parts} - {...}) == 1 and _is_listed(value, parts[0]):
+        entry = parts[0]
+        if all(map(_accepts(entry), value)):
+            return f"{key} = {_short(value)} must be a list of {len(parts)}, got {len(value)}"
         number = next(number for number, one in enumerate(value) if not _accepts(entry)(one))
         return _complaint(f"{key}[{number}]", value[number], entry)
     words = sorted(dict.fromkeys(_words(hint)), key=lambda word: word == "None")
@@ -244,7 +247,7 @@ def _words(hint: Any) -> list[str]:
         rest, takes_arrays = _without_array(parts)
         return [word for part in rest for word in _words(part)] + ["numbers"] * takes_arrays
     if origin is Literal:
-        return [repr(part) for part in parts]
+        return [" or ".join(map(repr, parts))]
     if origin is np.ndarray:
         return ["numbers"]
     if origin in (tuple, list, Sequence, Iterable) and parts:

@@ -138,9 +138,6 @@ RECORDS: dict[Any, dict[str, Any]] = {
     rg.GoalJoints: {"lower": (0.0, 0.0), "upper": (1.0, 1.0)},
     rg.GridSettling: {},
     rg.Push: {"start": 0.0, "duration": 1.0, "force": (1.0, 1.0)},
-    rg.Chip: {},
-    rg.Readout: {},
-    rg.Defects: {},
 }
 
 

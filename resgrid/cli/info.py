@@ -13,7 +13,6 @@ from resgrid.cli.heeded import several_k, tell_unheeded
 from resgrid.cli.job import Job, compile_chip, only_boundary, open_job, size_of
 from resgrid.cli.options import SceneChoice, with_report, with_scene
 from resgrid.cli.report import Report
-from resgrid.cli.sketch import KEY, sketch
 from resgrid.errors import CircuitError, InputError, ToolMissingError
 
 if TYPE_CHECKING:
@@ -71,6 +70,7 @@ def describe(job: Job, report: Report) -> dict[str, Any]:
     -------
     dict
     """
+    from resgrid.cli.sketch import sketch
     from resgrid.scene.map_words import describe_map
     from resgrid.space import Cell
 
@@ -200,6 +200,8 @@ def installed_versions() -> dict[str, str | None]:
 
 def _map_lines(data: dict[str, Any]) -> Iterable[str]:
     """How a map was read, and a sketch of it."""
+    from resgrid.cli.sketch import KEY
+
     told = data["map"] or {}
     if told:
         rows = ", its top row at the largest y" if told["format"] != "npy" else ", its first index along x"

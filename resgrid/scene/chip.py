@@ -7,7 +7,6 @@ from dataclasses import dataclass, field, fields
 from sys import float_info
 from typing import Any
 
-from resgrid.doors import checked
 from resgrid.errors import InputError
 
 SERIES = ("E6", "E12", "E24", "E48", "E96", "E192")
@@ -17,7 +16,6 @@ SMALLEST, LARGEST = 1e-30, 1e30
 """Limits of all values in SI units, so that their products and squares are numbers, too."""
 
 
-@checked
 @dataclass(frozen=True)
 class Readout:
     """How node voltages are measured; None where it is ideal.
@@ -46,7 +44,6 @@ class Readout:
         _raise(_readout_problems(self))
 
 
-@checked
 @dataclass(frozen=True)
 class Defects:
     """Faults of fabrication.
@@ -67,7 +64,6 @@ class Defects:
         _raise(_defect_problems(self))
 
 
-@checked
 @dataclass(frozen=True)
 class Chip:
     """What a chip is made of, in SI units; ideal where it does not say.
