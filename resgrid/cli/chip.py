@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,13 +12,16 @@ from resgrid.cli.check import check_unasked
 from resgrid.cli.chip_report import Section, format_html, format_markdown, shown
 from resgrid.cli.chip_study import ANALYSES, Limits, Study, open_study
 from resgrid.cli.compile import dialect_option
-from resgrid.cli.failures import NEGATIVE
+from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
 from resgrid.cli.folder import SUMMARY, whole_folder
 from resgrid.cli.heeded import tell_unheeded
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.output import json_text
 from resgrid.cli.report import Report
 from resgrid.errors import InputError
+
+if TYPE_CHECKING:
+    from resgrid.spice.comparison import Agreement
 
 
 @click.command("chip", short_help="Ask whether a real chip is good enough; a report with decks.")
@@ -69,7 +72,9 @@ def command(
         study = open_study(choice, report, bounds)
         told = tell_unheeded(study.job, "chip", report)
         sections = [run_analysis(name, study, made, report) for name in names]
-        decks, verdict = _decks(study, made, dialect, wanted, folder, report)
+        decks = _decks(study, made, dialect, report)
+        agreement = check_unasked(made / "op.cir", study.netlist, wanted, folder, report)
+        verdict = _verdict("op.cir", agreement)
         data = _summary(study, sections, decks, verdict) | told
         heading, table = study.title, study.parameters()
         (made / "report.md").write_text(format_markdown(heading, table, sections, decks, verdict), encoding="utf-8")
@@ -78,7 +83,10 @@ def command(
     study.forget()
     report.finish({"folder": folder, **data}, _lines(folder, study.title, sections, verdict))
     high = study.results["yield"].overall.high if "yield" in study.results else 1.0
-    return NEGATIVE if at_least is not None and high < at_least else 0
+    agrees = True if isinstance(agreement, str) else agreement.agrees
+    if agrees is False or (at_least is not None and high < at_least):
+        return NEGATIVE
+    return NOT_VERIFIED if wanted and agrees is None else 0
 
 
 def _stem(source: str) -> str:
@@ -111,10 +119,8 @@ def _sweep(text: str) -> tuple[str, tuple[float | int, ...]]:
     return key.strip(), tuple(int(value) if key.strip().endswith(("bits", "seed")) else value for value in values)
 
 
-def _decks(
-    study: Study, made: Path, dialect: str, wanted: bool | None, folder: Path, report: Report
-) -> tuple[dict[str, str], str]:
-    """Write the decks; what each is, by its file, and what a simulator said of the first."""
+def _decks(study: Study, made: Path, dialect: str, report: Report) -> dict[str, str]:
+    """Write the decks; what each is, by its file."""
     from resgrid.device.decks import write_chip_decks
 
     with report.stage("write the decks"):
@@ -129,7 +135,7 @@ def _decks(
         files[deck.sidecar.name] = f"what {deck.path.name} should give, and its nodes"
         if deck.companion is not None:
             files[deck.companion.name] = f"makes ngspice check the operating point of {deck.path.name}: PASS or FAIL"
-    return files, _verdict(study, made / "op.cir", wanted, folder, report)
+    return files
 
 
 _WHAT = {
@@ -140,15 +146,15 @@ _WHAT = {
 }
 
 
-def _verdict(study: Study, deck: Path, wanted: bool | None, folder: Path, report: Report) -> str:
-    agreement = check_unasked(deck, study.netlist, wanted, folder, report)
+def _verdict(name: str, agreement: Agreement | str) -> str:
+    """What the simulator said of a deck, or why it was not asked."""
     if isinstance(agreement, str):
-        return f"{deck.name} was {agreement}."
+        return f"{name} was {agreement}."
     if agreement.agrees is None:
-        return f"{deck.name} is not verified, for {agreement.remark}."
+        return f"{name} is not verified, for {agreement.remark}."
     words = "agrees" if agreement.agrees else "DISAGREES"
     return (
-        f"{agreement.simulator} {agreement.version} {words} with op.cir's expected voltages: the largest difference is "
+        f"{agreement.simulator} {agreement.version} {words} with {name}'s expected voltages: the largest difference is "
         f"{shown(agreement.max_abs_error, 'V')}."
     )
 
