@@ -7,7 +7,6 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.arguments import check_whole
 from resgrid.errors import InputError
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.field import Field
@@ -129,7 +128,6 @@ def _farthest(points: NDArray[np.float64], here: int, last: int, clear: Sight) -
 
 def _random_chords(points: NDArray[np.float64], clear: Sight, rounds: int, seed: int) -> NDArray[np.float64]:
     """Straight lines between random points of the way, where they are shorter than the way and may be taken."""
-    check_whole("seed", seed, 0)
     generator = np.random.default_rng(seed)
     for _ in range(rounds):
         if len(points) < 3:
