@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.robots.polygons import edges_of
+from resgrid.robots.polygons import outline
 from resgrid.robots.protocol import GoalCells
 from resgrid.robots.reach import copies, mark_copy
 from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Point, Polygon, Shape
@@ -89,17 +89,15 @@ def _met_by_copy(axes: tuple[Axis, ...], shape: Box | Ball | Polygon | HalfSpace
     lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T
     points = lower + (np.argwhere(met) + 0.5) * spacing
     beside = ~centred[met]
-    points[beside] = _nearest(shape, points[beside], spacing / 2, np.array(rims(axes)))
+    points[beside] = _nearest(shape, points[beside], axes)
     return GoalCells(met, points)
 
 
 def _nearest(
-    shape: Box | Ball | Polygon | HalfSpace,
-    middle: NDArray[np.float64],
-    half: NDArray[np.float64],
-    rim: NDArray[np.float64],
+    shape: Box | Ball | Polygon | HalfSpace, middle: NDArray[np.float64], axes: tuple[Axis, ...]
 ) -> NDArray[np.float64]:
     """Nearest points of a shape to the centres, shape (m, ndim), of cells that it meets, each within its cell."""
+    half = np.array([axis.spacing for axis in axes]) / 2
     match shape:
         case Box(lower, upper):
             return np.clip(np.clip(middle, lower, upper), middle - half, middle + half)
@@ -113,7 +111,7 @@ def _nearest(
             step = np.where(leans, normal, 0.0) * -farthest
             return _first_within(middle, half, step, lambda at: at @ np.array(normal) <= offset)
         case Polygon():
-            return _nearest_on_outline(edges_of(shape.rings), middle, half, rim)
+            return _nearest_on_outline(outline(shape, axes, 0.0), middle, half, np.array(rims(axes)))
 
 
 def _first_within(
@@ -140,6 +138,7 @@ def _nearest_on_outline(
 ) -> NDArray[np.float64]:
     """Nearest points of edges, shape (e, 4), each cut to the cell (Liang and Barsky, 1984)."""
     start, step = edges[:, :2], edges[:, 2:] - edges[:, :2]
+    start, step = start[step.any(axis=1)], step[step.any(axis=1)]
     size = (step**2).sum(axis=1)
     nearest = np.empty_like(middle)
     for first in range(0, len(middle), max(1, PAIRS // len(start))):

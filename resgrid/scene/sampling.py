@@ -110,7 +110,8 @@ def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) 
         raise InputError(f"{key}: {error}") from None
     met = region.cells
     if not met.any() and isinstance(scene.robot, Arm):
-        raise InputError(f"{key}: the joint limits keep the arm's tip out of this goal; widen them, or move the goal")
+        ends = "joint limits" if any(scene.robot.limits) else "axes of the grid"
+        raise InputError(f"{key}: the {ends} keep the arm's tip out of this goal; widen them, or move the goal")
     if not met.any():
         raise InputError(f"{key}: this goal lies outside the grid ({_extent(scene.axes)}); move it inside")
     if blocked[met].all():

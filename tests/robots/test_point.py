@@ -285,6 +285,17 @@ def test_goals_in_space_say_a_point_of_theirs_in_every_cell(shape):
     assert inside(shape, points, 1e-9).all()
 
 
+def test_goals_with_far_or_repeated_corners_say_their_points():
+    axes = (Axis("x", 0, 10, 20), Axis("y", 0, 10, 20))
+    far = Polygon(((-1e30, -1e30), (-1e30, -1e30), (1e30, 1e30), (1e30, -1e30)))
+    near = Polygon(((-30, -30), (-30, -30), (30, 30), (30, -30)))
+    for region in (far, near):
+        cells, points = PointRobot().goal_cells(axes, region)
+        assert (cells == np.tri(20, dtype=bool)).all()
+        assert (points[:, 1] <= points[:, 0] + 1e-12).all()
+        assert np.allclose(points, (np.argwhere(cells) + 0.5) / 2)
+
+
 def test_goals_wrap_around_periodic_axes_and_shrink_without_gaining_cells():
     axes = (Axis("x", 0, 8, 8, periodic=True), Axis("y", 0, 2, 2))
     cells, points = PointRobot().goal_cells(axes, Box((7.5, 0), (8.2, 1)))

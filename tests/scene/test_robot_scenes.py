@@ -172,3 +172,53 @@ def test_shipped_robot_scenes_plan_from_every_connected_start(scenes, name):
     assert outcomes == (["reached", "no_path", "no_path"] if name == "problem_b" else ["reached"] * len(outcomes))
     if name == "problem_two_goals":
         assert len({rg.streamline(field, start).goal for start in scene.starts}) == 3
+
+
+def test_a_space_says_where_in_each_goal_cell_the_goal_is():
+    text = DISC.replace("point = [1, 1]", "cell = [7, 7]") + (
+        '[[goal]]\nshape = "circle"\ncentre = [1.0, 1.0]\nradius = 0.25\n[[goal]]\npoint = [0.5, 2.0]\n'
+        '[[obstacle]]\nshape = "rectangle"\nlower = [1.6, 0.5]\nupper = [2, 1]\n'
+    )
+    space = sample(parse_scene(text))
+    goals = np.argwhere(space.cell == rg.Cell.GOAL)
+    points = dict(zip(map(tuple, goals.tolist()), space.goal_points, strict=True))
+    assert np.isnan(points.pop((7, 7))).all()
+    assert np.allclose(points.pop((1, 5)), (0.5, 2.0))
+    assert sorted(points) == [(2, 2), (2, 3), (3, 2), (3, 3)]
+    for cell, point in points.items():
+        assert np.hypot(*(point - (1, 1))) <= 0.25 + 1e-9
+        assert (np.abs((point - space.centre(cell)) / space.spacing) <= 0.5 + 1e-9).all()
+
+
+def test_a_goal_given_in_the_world_says_its_place_in_the_space(tmp_path):
+    (tmp_path / "map.pgm").write_bytes(b"P5 20 10 255 " + bytes([255]) * 200)
+    (tmp_path / "map.yaml").write_text(
+        "image: map.pgm\nresolution: 0.5\norigin: [3.0, -2.0, 0.7]\nnegate: 0\n"
+        "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    )
+    place = rg.read_scene(tmp_path / "map.yaml").frame.to_world((6.1, 2.2))
+    (tmp_path / "scene.toml").write_text(
+        f'schema = 1\n[map]\nfile = "map.yaml"\n[[goal]]\npoint = {place.tolist()}\n[[obstacle]]\n'
+        f'shape = "rectangle"\nlower = [5.0, 1.0]\nupper = [5.0, 2.0]\n'  # a line, turned
+    )
+    space = sample(rg.read_scene(tmp_path / "scene.toml"))
+    assert np.allclose(space.goal_points, [(6.1, 2.2)])
+    line = space.frame.from_world([(5.0, share) for share in np.linspace(1.0, 2.0, 50)])
+    assert (space.cell[tuple(space.locate(line).T)] == rg.Cell.OBSTACLE).all()
+
+
+@pytest.mark.parametrize("at", ["centre = [1.5, 1.5]\nradius = 0", "centre = [1.2, 1.5]\nradius = 0"])
+def test_a_goal_without_area_on_a_border_of_cells_lies_in_the_grid(at):
+    text = DISC.replace("cells = 9", "cells = 10").replace("cells = 8", "cells = 10")
+    space = sample(parse_scene(text.replace("point = [1, 1]", f'shape = "circle"\n{at}')))
+    assert space.goal_count == 1
+    assert np.allclose(space.goal_points[:, 1], 1.5)
+
+
+def test_a_start_or_goal_on_the_upper_end_of_an_axis_lies_in_the_grid():
+    for cells in (49, 98, 103, 107):
+        text = DISC.replace("upper = 3", "upper = 1").replace("radius = 0.2", "radius = 0.002")
+        text = text.replace("cells = 9", f"cells = {cells}").replace(", cells = 8", "").replace("[1, 1]", "[1.0, 1.0]")
+        space = sample(parse_scene(text + "", "s.toml"))
+        assert np.argwhere(space.cell == rg.Cell.GOAL).tolist() == [[cells - 1, cells - 1]]
+        assert np.allclose(space.goal_points, 1.0)
