@@ -30,6 +30,9 @@ class Pose(NamedTuple):
     shift : ndarray of float64, shape (parts, ndim, 2)
     spin : ndarray of float64, shape (parts, ndim)
     pivot : ndarray of float64, shape (parts, ndim, 2)
+    lever : ndarray of float64, shape (parts, parts)
+        What the squared turning rate of each part (column) adds at most to the acceleration of a point of a part's
+        segments (row), while the axes move at constant rates; in metres.
     """
 
     segments: NDArray[np.float64]
@@ -39,6 +42,7 @@ class Pose(NamedTuple):
     shift: NDArray[np.float64]
     spin: NDArray[np.float64]
     pivot: NDArray[np.float64]
+    lever: NDArray[np.float64]
 
     def jacobian(self, point: ArrayLike, part: int) -> NDArray[np.float64]:
         """Velocity of a point of a part for unit velocities of the axes, shape (2, ndim)."""
@@ -86,6 +90,7 @@ def pose_of(robot: Robot, configuration: NDArray[np.float64]) -> Pose:
             return Pose(
                 np.array([[*configuration, *configuration]]), np.array([robot.radius]), np.zeros(1, np.int64),
                 np.array([[*configuration, 0.0]]), np.eye(2)[np.newaxis], np.zeros((1, 2)), np.zeros((1, 2, 2)),
+                np.zeros((1, 1)),
             )  # fmt: skip
     raise InputError(f"how a {type(robot).__name__} moves is not known: arm, polygon, disc and point are")
 
@@ -100,7 +105,8 @@ def _polygon_pose(robot: PolygonRobot, configuration: NDArray[np.float64]) -> Po
     count = len(corners)
     segments = np.hstack([corners, np.roll(corners, -1, axis=0)])
     frame = np.array([[x, y, arc / robot.turning_length]])
-    return Pose(segments, np.zeros(count), np.zeros(count, np.int64), frame, shift, spin, pivot)
+    lever = np.array([[robot.farthest]])
+    return Pose(segments, np.zeros(count), np.zeros(count, np.int64), frame, shift, spin, pivot, lever)
 
 
 def _arm_pose(arm: Arm, configuration: NDArray[np.float64]) -> Pose:
@@ -124,4 +130,5 @@ def _arm_pose(arm: Arm, configuration: NDArray[np.float64]) -> Pose:
         shift=shift,
         spin=spin,
         pivot=pivot,
+        lever=np.tri(count) * np.asarray(arm.lengths, dtype=np.float64),
     )
