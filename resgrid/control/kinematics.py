@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -112,23 +113,33 @@ def _polygon_pose(robot: PolygonRobot, configuration: NDArray[np.float64]) -> Po
 def _arm_pose(arm: Arm, configuration: NDArray[np.float64]) -> Pose:
     """Relative angles turn all that follows about their joint; absolute ones turn a link and shift what follows."""
     joints, directions = arm.joints(configuration), arm.directions(configuration)
-    count = arm.ndim
-    shift, spin, pivot = np.zeros((count, count, 2)), np.zeros((count, count)), np.zeros((count, count, 2))
+    radius, part, spin, before, lever = _arm_constants(arm)
+    count = len(part)
+    shift, pivot = np.zeros((count, count, 2)), np.empty((count, count, 2))
     pivot[:] = joints[:-1]
-    if arm.angles == "relative":
-        spin[:] = np.tri(count)
-    else:
-        spin[:] = np.eye(count)
-        along = np.diff(joints, axis=0)
-        across = np.stack([-along[:, 1], along[:, 0]], axis=1)
-        shift[:] = np.tri(count, k=-1)[:, :, np.newaxis] * across
+    if arm.angles == "absolute":
+        along = joints[1:] - joints[:-1]
+        shift[:, :, 0] = -before * along[:, 1]
+        shift[:, :, 1] = before * along[:, 0]
     return Pose(
-        segments=np.hstack([joints[:-1], joints[1:]]),
-        radius=np.asarray(arm.widths, dtype=np.float64) / 2,
-        part=np.arange(count),
-        frame=np.column_stack([joints[:-1], directions]),
+        segments=np.concatenate([joints[:-1], joints[1:]], axis=1),
+        radius=radius,
+        part=part,
+        frame=np.concatenate([joints[:-1], directions[:, np.newaxis]], axis=1),
         shift=shift,
         spin=spin,
         pivot=pivot,
-        lever=np.tri(count) * np.asarray(arm.lengths, dtype=np.float64),
+        lever=lever,
     )
+
+
+@cache
+def _arm_constants(arm: Arm) -> tuple[NDArray[Any], ...]:
+    """Of every link: radius, number, spin, whether a link is before another (count, count), lever."""
+    count = arm.ndim
+    spin = np.tri(count) if arm.angles == "relative" else np.eye(count)
+    lever = np.tri(count) * np.asarray(arm.lengths, dtype=np.float64)
+    constants = np.asarray(arm.widths, dtype=np.float64) / 2, np.arange(count), spin, np.tri(count, k=-1), lever
+    for array in constants:
+        array.flags.writeable = False
+    return constants

@@ -125,7 +125,7 @@ class Loop:
         if chosen is None:
             return
         mode, longest, pushed = chosen.mode, chosen.longest, bool(push.any())
-        pace = self._pace(chosen.velocity if chosen.velocity.any() else seen.velocity)
+        pace = self._pace(seen.velocity if seen.velocity.any() else chosen.velocity)
         pause = self.simulation.step / pace
         velocity = chosen.velocity
         if pushed:

@@ -40,7 +40,7 @@ class Body:
         self.plant, self.configuration, self.step, self.margin = plant, start, step, margin
         self._spacing = np.array([axis.spacing for axis in plant.axes])
         self._reach = step * plant.cell_motion
-        self._clear = 0.0
+        self._clear, self._pose = 0.0, plant.pose(start)
         ndim = len(start)
         self._nothing = Surroundings(np.empty((0, 11)), np.empty((0, ndim)), np.empty((0, ndim)))
 
@@ -48,7 +48,7 @@ class Body:
         """What is near enough to be met in this step; None while that is known to be nothing."""
         if self._clear > 2.0 * self._reach:
             return None
-        pose = self.plant.pose(self.configuration)
+        pose = self._pose = self.plant.pose(self.configuration)
         pairs = self.plant.near(pose, _LOOK * self._reach)
         self._clear = float(pairs[:, 6].min()) if len(pairs) else _LOOK * self._reach
         return surroundings(pose, pairs)
@@ -118,11 +118,11 @@ class Body:
     def _free(self, motion: Vector, around: Surroundings, keep: float) -> float:
         """Share of a motion on which no gap falls below what is kept, or below the smallest that there is."""
         least = min(keep * self.margin, float(around.gap.min(initial=np.inf)))
-        share = 0.0
+        share, pose = 0.0, self._pose
         for _ in range(_POSES):
-            pose = self.plant.pose(self.configuration + share * motion)
             more = self.plant.free_share(pose, motion, max(least, 0.0))
             share += more
             if share >= 1.0 or more < _LEAST:
                 break
+            pose = self.plant.pose(self.configuration + share * motion)
         return min(share, 1.0)
