@@ -71,7 +71,7 @@ class Loop:
         self.spacing = space.spacing
         self.time, self.torque = 0.0, np.zeros(space.ndim)
         self.trail: list[Vector] = []
-        self.tried: set[tuple[int, ...]] = set()
+        self.lost, self.tried = False, set[tuple[int, ...]]()
         self.barren: Vector | None = None
         self.patience = Patience(space.spacing, self.configuration)
         self.pace = float(np.minimum(self.controller.speed, self.controller.speed_limits).max() / space.spacing.min())
@@ -144,17 +144,24 @@ class Loop:
                     return
                 mode, longest = _contact_mode(mode, felt), pause
         before = self.configuration
-        elapsed, velocity = self.body.move(velocity, min(longest, pause), around, KEEP / 2 if back else KEEP)
+        elapsed, velocity = self.body.move(velocity, min(longest, pause), pause, around, 0.0 if back else KEEP)
         if felt is not None and felt.pressing.any():
             self.torque = felt.normal_torque
         elif mode is not Mode.JAM or velocity.any():
             self.torque = np.zeros_like(velocity)
         self.recorder.add(self.time, before, believed, velocity, mode, felt, push)
         self._remember(mode, pushed, before)
-        if chosen.exit is not None and not pushed and velocity @ chosen.velocity <= _NO_WAY * _squared(chosen.velocity):
-            self.tried.add(chosen.exit)
+        if not pushed and velocity @ chosen.velocity <= _NO_WAY * _squared(chosen.velocity):
+            self._give_up(chosen)
         self.time += elapsed
         self._watch(mode, elapsed * pace, pushed, seen)
+
+    def _give_up(self, chosen: Choice) -> None:
+        """What was chosen leads nowhere: a cell beside that cannot be reached, or a place that was touched itself."""
+        if chosen.exit is not None:
+            self.tried.add(chosen.exit)
+        elif chosen.mode is Mode.RETREATING:
+            self.trail.pop()
 
     def _pace(self, velocity: Vector) -> float:
         """Cells that are crossed in a second at a velocity, as fast as the limits allow."""
@@ -168,13 +175,13 @@ class Loop:
         if seen.place == "off":
             if self.grid is not None and self.space.goal_connected[tuple(self.space.locate(believed))]:
                 return Choice(Mode.WAITING, np.zeros_like(believed))
-            unsure = self.noise.any() or (self.bias.any() and not self.trail)
-            return self._recover(believed) if unsure else self._retreat()
-        self.tried.clear()
+            return self._way_back(believed)
+        self.tried, self.lost = set(), False
         if self.controller.response == "equipotential" and self.torque.any():
             following = following_velocity(seen.velocity, self.torque)
             return Choice(Mode.FOLLOWING if following.any() else Mode.JAM, following)
-        return Choice(Mode.STREAMLINE, seen.velocity, seen.longest)
+        slowed = np.abs(seen.velocity).max() / np.abs(self.controller.limited(seen.velocity)).max()
+        return Choice(Mode.STREAMLINE, seen.velocity, seen.longest * float(slowed))
 
     def _home(self, believed: Vector) -> Choice | None:
         """Straight to the configuration in the goal cell that solves the goal."""
@@ -197,12 +204,14 @@ class Loop:
             self.ending = (Ending.STALLED, str(error))
             return None
 
-    def _retreat(self) -> Choice | None:
+    def _way_back(self, believed: Vector) -> Choice | None:
         """Back the way it came; but if no cell of it has a path any more, out to a cell beside that has one."""
-        if not self._connected(np.array([*self.trail, self.configuration])).any():
-            for at, way in ways_out(self.space, self.believed):
+        if self.lost:
+            for at, way in ways_out(self.space, believed):
                 if at not in self.tried:
                     return self._straight(Mode.RECOVERING, way, at)
+        elif self.noise.any() or (self.bias.any() and not self.trail):
+            return self._recover(believed)
         while self.trail:
             way = self.trail[-1] - self.configuration
             if np.linalg.norm(way) > _SAME * float(self.spacing.min()):
@@ -218,11 +227,6 @@ class Loop:
             return "the obstacle cells learnt, with those of the map, separate the start from every goal"
         tried = f", and {len(self.tried)} beside it that have one could not be reached" if self.tried else ""
         return f"the start's own cell {cell} holds an obstacle, as was learnt, and so has no path to a goal{tried}"
-
-    def _connected(self, places: Vector) -> NDArray[np.bool_]:
-        """Which of the places, shape (n, ndim), are believed to be in cells with a path, shape (n,)."""
-        cells = tuple(self.space.locate(self.plant.within_stops(places + self.bias)).T)
-        return np.asarray(self.space.goal_connected[cells] | (self.space.cell[cells] == Cell.GOAL))
 
     def _touch(self, around: object, velocity: Vector, pause: float) -> Touch | None:
         """Contacts, and the velocity with them, slowed down as a whole where it is faster than the limits."""
@@ -316,8 +320,10 @@ class Loop:
         if not self.space.goal_count:
             self.ending = (Ending.GOAL_BLOCKED, "every goal cell was learnt to be obstacle")
             return
-        been = np.array([*self.trail, self.configuration])
-        if not self._connected(been).any() and not (self.exact and any(ways_out(self.space, q) for q in been)):
+        been = self.plant.within_stops(np.array([*self.trail, self.configuration]) + self.bias)
+        cells = tuple(self.space.locate(been).T)
+        self.lost = not np.any(self.space.goal_connected[cells] | (self.space.cell[cells] == Cell.GOAL))
+        if self.lost and not any(ways_out(self.space, place) for place in been[::-1]):
             self.ending = (Ending.NO_PATH, self._why_no_path())
             return
         if self.grid is None:

@@ -75,13 +75,13 @@ class Body:
         return np.concatenate([np.eye(len(low))[low], -np.eye(len(low))[high]])
 
     def move(
-        self, velocity: Vector, longest: float, around: Surroundings | None, keep: float = KEEP
+        self, velocity: Vector, longest: float, pause: float, around: Surroundings | None, keep: float = KEEP
     ) -> tuple[float, Vector]:
-        """Take a step; returns how long it lasts, and the velocity: 0 for the longest time if it is blocked."""
+        """Take a step; returns how long it lasts, and the velocity: 0 for a pause if it is blocked."""
         step = self._time_step(velocity, longest, around)
         share = 1.0 if around is None else self._free(step * velocity, around, keep)
         if share < _LEAST:
-            return longest, np.zeros_like(velocity)
+            return pause, np.zeros_like(velocity)
         self._clear -= self._reach
         self.configuration = self.plant.within_stops(self.configuration + share * step * velocity)
         return share * step, velocity
