@@ -56,7 +56,8 @@ def command(
     """Move the robot of SCENE from each start by V = V0 + A F, with the scene's hidden obstacles in its way.
 
     Contacts are felt by the whole robot; with --learn they are marked in the map, and the field is solved again. The
-    same seed gives the same run. Exits with 1 if some run does not arrive.
+    same seed gives the same run. Of several blends in the scene the first is followed; --k chooses others. Exits with 1
+    if some run does not arrive.
     """
     if output == "-" and report.json:
         raise InputError("-o - and --json both want standard output; choose one")

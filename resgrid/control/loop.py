@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.arguments import check_whole
 from resgrid.control.contact import Touch
 from resgrid.control.controller import Nominal
 from resgrid.control.equipotential import following_velocity
@@ -63,6 +64,8 @@ class Loop:
         self.simulation, self.plant, self.controller = simulation, simulation.plant, simulation.controller
         self.bias = believed_offsets(bias, space.ndim, "bias")
         self.noise = believed_offsets(noise, space.ndim, "noise")
+        check_whole("max_steps", max_steps, 1)
+        check_whole("seed", seed, 0)
         self.push_at, self.max_steps = force_of(pushes, space.ndim), max_steps
         self.rng = np.random.default_rng(seed)
         self.body = Body(self.plant, _checked_start(simulation, start), simulation.step, simulation.margin)
@@ -129,7 +132,7 @@ class Loop:
         pause = self.simulation.step / pace
         velocity = chosen.velocity
         if pushed:
-            velocity = velocity + self.controller.admittance @ push
+            velocity = self.controller.given_way(velocity, push)
             mode, longest = Mode.PUSHED if mode is Mode.STREAMLINE else mode, pause
         velocity = self.controller.limited(velocity)
         around = self.body.look()
@@ -151,7 +154,7 @@ class Loop:
             self.torque = np.zeros_like(velocity)
         self.recorder.add(self.time, before, believed, velocity, mode, felt, push)
         self._remember(mode, pushed, before)
-        if not pushed and velocity @ chosen.velocity <= _NO_WAY * _squared(chosen.velocity):
+        if not pushed and not _leads_on(velocity, chosen.velocity):
             self._give_up(chosen)
         self.time += elapsed
         self._watch(mode, elapsed * pace, pushed, seen)
@@ -343,8 +346,10 @@ class Loop:
         return self.recorder.run(self.ending, goal, tuple(self.lessons), self.space, self.controller.field, self.plant)
 
 
-def _squared(velocity: Vector) -> float:
-    return float(velocity @ velocity)
+def _leads_on(velocity: Vector, chosen: Vector) -> bool:
+    """Whether a velocity still has a part of what was chosen."""
+    size = float(np.abs(chosen).max())
+    return size > 0.0 and float((velocity / size) @ (chosen / size)) > _NO_WAY
 
 
 def _live_grid(simulation: Simulation) -> LiveGrid | None:
