@@ -95,45 +95,73 @@ def complementary(matrix: Floats, offset: Floats, inverse: Floats, basis: Intege
 
 
 @inner
+def _slacks(
+    rows: Floats, give: Floats, cone: Floats, offset: Floats, unknown: Floats, slack: Floats
+) -> None:  # fmt: skip
+    """``w = M z + q`` from the velocity that z gives, whose rounding is not squared."""
+    change = np.zeros(rows.shape[1])
+    for row in range(len(unknown)):
+        change += unknown[row] * give[row]
+    for row in range(len(unknown)):
+        slack[row] = offset[row] + np.dot(rows[row], change) + np.dot(cone[row], unknown)
+
+
+@inner
 def _refined(
-    rows: Floats, give: Floats, matrix: Floats, offset: Floats, kind: Integers, inverse: Floats, basis: Integers,
-    unknown: Floats,
-) -> float:  # fmt: skip
-    """Unknowns of a basis, with residuals from the velocity itself, whose rounding is not squared; what they violate.
+    rows: Floats, give: Floats, cone: Floats, offset: Floats, inverse: Floats, basis: Integers, unknown: Floats
+) -> float:
+    """Unknowns of a basis, made right by its residuals; returns by how much they miss the problem.
 
     Contacts that almost face each other are as badly conditioned in ``M = N A N^T`` as the square of ``N`` is.
     """
     used = len(unknown)
     slack = np.empty(used)
-    for turn in range(_REFINEMENTS + 1):
-        change = np.zeros(rows.shape[1])
-        for row in range(used):
-            if kind[row] < 3:
-                change += unknown[row] * give[row]
-        for row in range(used):
-            slack[row] = offset[row]
-            if kind[row] < 3:
-                slack[row] += np.dot(rows[row], change)
-            for other in range(used):
-                if kind[row] == 3 or kind[other] == 3:
-                    slack[row] += matrix[row, other] * unknown[other]
-        if turn == _REFINEMENTS:
-            break
-        error = slack.copy()
+    for _ in range(_REFINEMENTS):
+        _slacks(rows, give, cone, offset, unknown, slack)
         for column in basis:
             if column < used:
-                error[column] = 0.0
+                slack[column] = 0.0
         for row in range(used):
             if used <= basis[row] < 2 * used:
-                unknown[basis[row] - used] += np.dot(inverse[row], error)
-    worst = max(-slack.min(), -unknown.min())
+                unknown[basis[row] - used] += np.dot(inverse[row], slack)
+    _slacks(rows, give, cone, offset, unknown, slack)
+    missed, largest = max(-slack.min(), -unknown.min()), unknown.max()
     for row in range(used):
-        worst = max(worst, min(abs(slack[row]), abs(unknown[row])))
-    largest = unknown.max()
-    for row in range(used):
+        missed = max(missed, min(abs(slack[row]), abs(unknown[row])))
         if unknown[row] < _TIE * largest:
             unknown[row] = 0.0
-    return worst
+    return missed
+
+
+@inner
+def _unknowns(
+    normal: Floats, tangent: Floats, target: Floats, admittance: Floats, friction: float, velocity: Floats,
+    rows: Floats, offset: Floats, scale: Floats, owner: Integers, kind: Integers, cone: Floats,
+) -> int:  # fmt: skip
+    """What is looked for: of each contact ``f_n``, and with friction both sides of ``f_t`` and the slip; how many.
+
+    Forces are in units in which each alone has an admittance of 1: rows of unit size, offsets without force, and a
+    cone that ties the kinds together.
+    """
+    used, size = 0, max(np.abs(normal).max(), np.abs(tangent).max())
+    for k in range(len(normal)):
+        if np.abs(normal[k]).max() <= _LEAST_MOBILITY * size:
+            continue
+        first = used
+        for part in range(4 if friction > 0.0 and np.abs(tangent[k]).max() > _LEAST_MOBILITY * size else 1):
+            owner[used], kind[used], scale[used] = k, part, scale[used - 1]
+            if part < 3:
+                row = normal[k] if part == 0 else tangent[k]
+                scale[used] = 1.0 / np.sqrt(np.dot(row @ admittance, row))
+                rows[used] = row * (-scale[used] if part == 2 else scale[used])
+                offset[used] = np.dot(rows[used], velocity) - (target[k] * scale[used] if part == 0 else 0.0)
+            used += 1
+        if used > first + 1:
+            slip = first + 3
+            cone[first + 1, slip] = cone[first + 2, slip] = 1.0
+            cone[slip, first + 1] = cone[slip, first + 2] = -1.0
+            cone[slip, first] = friction * scale[first] / scale[slip]
+    return used
 
 
 @njit(cache=True)
@@ -144,49 +172,28 @@ def resolve_contacts(
     """Contact forces that keep ``n . J qdot >= target``, with Coulomb friction; ``velocity`` is changed in place.
 
     The complementarity problem ``0 <= f_n, n . J qdot - target >= 0``, one of them 0, and ``|f_t| <= mu f_n``, opposing
-    ``t . J qdot`` (in the plane the cone of friction is a wedge, so this is linear): one unknown ``f_n`` for each
-    contact and, with friction, the two sides of ``f_t`` and its slip.  ``force[k]`` ends as normal and tangential
-    force.  A contact whose force could not move the robot is left out.  Returns whether a solution was found to 1e-6 of the velocity;
-    with targets that are not positive there is one.
+    ``t . J qdot``; in the plane the cone of friction is a wedge, so this is linear.  ``force[k]`` ends as normal and
+    tangential force.  A contact whose force could not move the robot is left out.  Returns whether a solution was found
+    to 1e-6 of the velocity; with targets that are not positive there is one.
     """
-    count, ndim = normal.shape
-    size = max(np.abs(normal).max(), np.abs(tangent).max())
-    rows = np.empty((4 * count, ndim))
-    offset, scale = np.zeros(4 * count), np.empty(4 * count)
-    owner, kind = np.empty(4 * count, np.int64), np.empty(4 * count, np.int64)
-    used = 0
+    most, ndim = 4 * len(normal), normal.shape[1]
+    rows, offset, scale, cone = np.zeros((most, ndim)), np.zeros(most), np.empty(most), np.zeros((most, most))
+    owner, kind = np.empty(most, np.int64), np.empty(most, np.int64)
     force[:] = 0.0
-    for k in range(count):
-        if np.abs(normal[k]).max() <= _LEAST_MOBILITY * size:
-            continue
-        rubs = friction > 0.0 and np.abs(tangent[k]).max() > _LEAST_MOBILITY * size
-        for part in range(4 if rubs else 1):
-            owner[used], kind[used], rows[used] = k, part, 0.0
-            if part < 3:
-                row = normal[k] if part == 0 else tangent[k]
-                scale[used] = 1.0 / np.sqrt(np.dot(row @ admittance, row))
-                rows[used] = row * (-scale[used] if part == 2 else scale[used])
-                offset[used] = np.dot(rows[used], velocity) - (target[k] * scale[used] if part == 0 else 0.0)
-            else:
-                scale[used] = scale[used - 1]
-            used += 1
-    largest = np.abs(offset[:used]).max() if used else 0.0
+    used = _unknowns(
+        normal, tangent, target, admittance, friction, velocity, rows, offset, scale, owner, kind, cone
+    )  # fmt: skip
+    rows, offset, cone = rows[:used], offset[:used], np.ascontiguousarray(cone[:used, :used])
+    largest = np.abs(offset).max() if used else 0.0
     if largest == 0.0:
         return True
-    rows, kind = rows[:used], kind[:used]
     give, unknown = rows @ admittance, np.zeros(used)
-    matrix = give @ rows.T
-    for row in range(used):
-        if kind[row] == 3:
-            matrix[row - 1, row] = matrix[row - 2, row] = 1.0
-            matrix[row, row - 1] = matrix[row, row - 2] = -1.0
-            matrix[row, row - 3] = friction * scale[row - 3] / scale[row]
     inverse, basis = np.empty((used, used)), np.empty(used, np.int64)
-    if not complementary(matrix, offset[:used] / largest, inverse, basis):
+    if not complementary(give @ rows.T + cone, offset / largest, inverse, basis):
         return False
-    closes = _refined(rows, give, matrix, offset[:used], kind, inverse, basis, unknown)
+    missed = _refined(rows, give, cone, offset, inverse, basis, unknown)
     for row in range(used):
         if kind[row] < 3:
             velocity += unknown[row] * give[row]
             force[owner[row], min(kind[row], 1)] += (-unknown[row] if kind[row] == 2 else unknown[row]) * scale[row]
-    return closes <= _CLOSED * largest
+    return missed <= _CLOSED * largest

@@ -22,9 +22,9 @@ KEEP = 0.2
 class Body:
     """A robot's true configuration, and the steps it can take from there.
 
-    Contacts hold gaps to first order, and a turning link bends towards what it slides along.  So every step is shortened
-    to the share of it for which a gap is known to remain (`Plant.free_share`), pose after pose: a robot that starts
-    outside of every obstacle never enters one, between two configurations as little as at them.
+    Contacts hold gaps to first order, and a turning link bends towards what it slides along.  So every step is
+    shortened to the share of it for which a gap is known to remain (`Plant.free_share`), pose after pose: a robot that
+    starts outside of every obstacle never enters one, between two configurations as little as at them.
 
     Parameters
     ----------

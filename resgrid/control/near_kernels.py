@@ -129,8 +129,8 @@ def near_points(
     ones give both ends of their overlap.  A disc or half-plane entered by no more than `TOUCH` is touched: no gap.
     Edges have the solid on their left, and `edge_before` is the edge that ends where one starts.  With `facing`, ends
     of the robot count before the side of an edge that is free (or on it), and before a corner only where it is nearer
-    than its edges.  Rows of `found`: the robot's surface point, the obstacle's, the unit normal between them, the gap, the part,
-    the obstacle, and the direction into it.  Returns how many there are.
+    than its edges.  Rows of `found`: the robot's surface point, the obstacle's, the unit normal between them, the gap,
+    the part, the obstacle, and the direction into it.  Returns how many there are.
     """
     count = 0
     for s in range(len(segments)):
@@ -250,7 +250,7 @@ def _free_of_edge(segment: Floats, rate: Floats, bend: float, edge: Floats, keep
 
 @inner
 def _off_end(segment: Floats, rate: Floats, bend: float, edge: Floats, keep: float) -> float:
-    """Until when a segment that touches an end of an edge is beyond a line between the edge and where it moves or lies."""
+    """Until when a segment that touches an end of an edge is beyond a line between the edge and its way, or itself."""
     ax, ay, bx, by = edge
     length, free = math.hypot(bx - ax, by - ay), 0.0
     for end in (1.0, -1.0):
