@@ -173,6 +173,5 @@ def run_line(motion: Motion) -> str:
     learnt = f", {int(run.learnt.sum())} cells learnt in {solves}" if run.lessons else ""
     touches = len(run.contacts.step)
     felt = f", {touches} contact{'s' if touches > 1 else ''}" if touches else ""
-    deep = f", penetration {run.penetration:.3g} m"
     why = "" if str(run.ending) == "arrived" else f": {run.message}"
-    return f"{head}{felt}{learnt}{deep}{why}"
+    return f"{head}{felt}{learnt}{why}"

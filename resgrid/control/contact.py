@@ -2,13 +2,14 @@
 
 The robot obeys ``qdot = v + A sum_k J_k^T f_k`` with the admittance A, so contact is a complementarity problem at the
 level of velocities (D. E. Stewart and J. C. Trinkle, Int. J. Numer. Methods Eng. 39 (1996) 2673; M. Anitescu and F. A.
-Potra, Nonlinear Dynamics 14 (1997) 231): no stiffness to choose, stable at any step, and a link rests on an obstacle
-instead of sinking in.
+Potra, Nonlinear Dynamics 14 (1997) 231): no stiffness to choose, and stable at any step.  The ends of axes are contacts
+of the same problem.  Velocities keep gaps to first order; that no gap closes on the way is for the step to see to
+(`resgrid.control.motion`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,12 +40,15 @@ class Touch:
     sticking : ndarray of bool, shape (m,)
         The force is inside the friction cone, and the point does not move.
     torque : ndarray of float64, shape (ndim,)
-        Generalised force of all contacts together.
+        Generalised force of all contacts together, mechanical stops included.
     normal_torque : ndarray of float64, shape (ndim,)
-        That of their normal forces alone: it points away from the obstacle in configuration space, while a force that
+        That of the obstacles' normal forces alone: it points away from them in configuration space, while a force that
         sticks just holds against the streamline.
     velocity : ndarray of float64, shape (ndim,)
         Of the robot, with the contacts.
+    solved : bool
+        Whether forces were found.  If not (rounding may lose them where axes differ by many powers of ten), the robot
+        stands still, and no force is known.
     """
 
     point: NDArray[np.float64]
@@ -59,6 +63,17 @@ class Touch:
     torque: NDArray[np.float64]
     normal_torque: NDArray[np.float64]
     velocity: NDArray[np.float64]
+    solved: bool
+
+    def slowed(self, share: float) -> Touch:
+        """The same for a command, and so velocity and forces, of a share of the size."""
+        return replace(
+            self,
+            force=share * self.force,
+            torque=share * self.torque,
+            normal_torque=share * self.normal_torque,
+            velocity=share * self.velocity,
+        )
 
     @property
     def pressing(self) -> NDArray[np.bool_]:
@@ -73,7 +88,7 @@ class Surroundings:
     Attributes
     ----------
     pairs : ndarray of float64, shape (n, 11)
-        As `resgrid.control.kernels.near_points` gives them.
+        As `resgrid.control.near_kernels.near_points` gives them.
     normal_rows, tangent_rows : ndarray of float64, shape (n, ndim)
         ``n . J`` and ``t . J``.
     """
@@ -100,12 +115,12 @@ def surroundings(pose: Pose, pairs: NDArray[np.float64]) -> Surroundings:
     -------
     Surroundings
     """
-    from resgrid.control import kernels
+    from resgrid.control import near_kernels
 
     ndim = pose.spin.shape[1]
     normal, tangent = np.empty((len(pairs), ndim)), np.empty((len(pairs), ndim))
     if len(pairs):
-        kernels.contact_rows(pairs, len(pairs), pose.shift, pose.spin, pose.pivot, normal, tangent)
+        near_kernels.contact_rows(pairs, len(pairs), pose.shift, pose.spin, pose.pivot, normal, tangent)
     return Surroundings(pairs, normal, tangent)
 
 
@@ -115,7 +130,8 @@ def touch(
     velocity: NDArray[np.float64],
     admittance: NDArray[np.float64],
     friction: float,
-    target: NDArray[np.float64],
+    opening: NDArray[np.float64],
+    stops: NDArray[np.float64] | None = None,
 ) -> Touch:
     """Contact forces, and the velocity they leave.
 
@@ -129,28 +145,29 @@ def touch(
     admittance : ndarray of float64, shape (ndim, ndim)
     friction : float
         Coefficient mu of Coulomb friction, not negative.
-    target : ndarray of float64, shape (n,)
-        Least speed at which each gap must open, in m/s; 0 to keep it.
+    opening : ndarray of float64, shape (n,)
+        Speed in m/s, not negative, at which each gap should open, where all of them can; forces are those that keep
+        gaps.
+    stops : ndarray of float64, shape (s, ndim), optional
+        Unit vectors away from the mechanical stops that the robot is at.
 
     Returns
     -------
     Touch
     """
-    from resgrid.control import kernels
-
-    pairs, normal_rows = around.pairs[touching], np.ascontiguousarray(around.normal_rows[touching])
-    tangent_rows = np.ascontiguousarray(around.tangent_rows[touching])
-    forces, after = np.zeros((len(pairs), 2)), velocity.astype(np.float64)
-    if len(pairs):
-        kernels.resolve_contacts(
-            normal_rows, tangent_rows, np.ascontiguousarray(target[touching]), admittance, friction, after, forces
-        )
+    pairs = around.pairs[touching]
+    ends = np.empty((0, len(velocity))) if stops is None else stops
+    count = len(pairs)
+    rows = np.concatenate([around.normal_rows[touching], ends]), np.zeros((count + len(ends), len(velocity)))
+    rows[1][:count] = around.tangent_rows[touching]
+    target = np.zeros(count + len(ends))
+    after, forces, solved = _resolved(*rows, target, velocity, admittance, friction)
+    target[:count] = opening[touching]
+    pushed = _resolved(*rows, target, velocity, admittance, friction) if solved and target.any() else None
     normal = pairs[:, 4:6]
     tangent = np.stack([-normal[:, 1], normal[:, 0]], axis=1)
-    pressing = forces[:, 0] > 0.0
-    slip = np.abs(tangent_rows @ after)
-    at_rest = slip <= 1e-6 * np.abs(tangent_rows) @ np.abs(velocity)
-    inside = np.abs(forces[:, 1]) < friction * forces[:, 0]
+    own = forces[:count]
+    at_rest = np.abs(rows[1][:count] @ after) <= 1e-6 * np.abs(rows[1][:count]) @ np.abs(velocity)
     return Touch(
         point=pairs[:, 2:4].copy(),
         on_robot=pairs[:, 0:2].copy(),
@@ -159,9 +176,28 @@ def touch(
         gap=pairs[:, 6].copy(),
         part=pairs[:, 7].astype(np.int64),
         body=pairs[:, 8].astype(np.int64),
-        force=forces[:, :1] * normal + forces[:, 1:] * tangent,
-        sticking=np.asarray(pressing & at_rest & inside),
-        torque=forces[:, 0] @ normal_rows + forces[:, 1] @ tangent_rows,
-        normal_torque=forces[:, 0] @ normal_rows,
-        velocity=after,
+        force=own[:, :1] * normal + own[:, 1:] * tangent,
+        sticking=np.asarray((own[:, 0] > 0.0) & at_rest & (np.abs(own[:, 1]) < friction * own[:, 0])),
+        torque=forces[:, 0] @ rows[0] + forces[:, 1] @ rows[1],
+        normal_torque=own[:, 0] @ rows[0][:count],
+        velocity=pushed[0] if pushed is not None and pushed[2] else after,
+        solved=solved,
     )
+
+
+def _resolved(
+    normal: NDArray[np.float64], tangent: NDArray[np.float64], target: NDArray[np.float64],
+    velocity: NDArray[np.float64], admittance: NDArray[np.float64], friction: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:  # fmt: skip
+    """Velocity with contacts, forces, and whether they solve the problem; of a unit admittance and velocity."""
+    from resgrid.control import contact_kernels
+
+    forces, after = np.zeros((len(normal), 2)), velocity.astype(np.float64)
+    speed, give = float(np.abs(velocity).max(initial=0.0)) or 1.0, float(np.abs(admittance).max())
+    after /= speed
+    solved = not len(normal) or contact_kernels.resolve_contacts(
+        normal, tangent, target / speed, admittance / give, friction, after, forces
+    )
+    if not solved:
+        return np.zeros_like(after), np.zeros_like(forces), False
+    return after * speed, forces * (speed / give), True

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
+from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -80,7 +81,7 @@ class Controller:
 
     def __post_init__(self) -> None:
         ndim = self.field.space.ndim
-        checked_speed(self.speed)
+        object.__setattr__(self, "speed", checked_speed(self.speed))
         object.__setattr__(self, "admittance", checked_admittance(self.admittance, ndim))
         object.__setattr__(self, "speed_limits", _checked_limits(self.speed_limits, ndim))
         if self.response not in RESPONSES:
@@ -119,9 +120,19 @@ class Controller:
 
     def answer(self, nominal: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
         """What becomes of the nominal velocity under a force, both along the axes, before speed limits; shape (n,)."""
-        if self.response == "equipotential" and math.sqrt(force @ force) > self.threshold:
+        if self.response == "equipotential" and math.hypot(*force) > self.threshold:
             return following_velocity(nominal, force)
-        return np.asarray(nominal + self.axis_admittance @ force)
+        return self.given_way(nominal, force)
+
+    def given_way(self, nominal: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
+        """``V0 + A F``, along the axes; where that is beyond doubles, something as large as they go that way."""
+        admittance = self.axis_admittance
+        with np.errstate(over="ignore", invalid="ignore"):
+            answer = nominal + admittance @ force
+        if math.isfinite(answer.sum()) or np.isfinite(answer).all():
+            return np.asarray(answer)
+        push = (admittance / np.abs(admittance).max()) @ (force / np.abs(force).max())
+        return np.asarray(push * (np.finfo(np.float64).max / len(push)))
 
     def nominal(self, configuration: ArrayLike) -> Nominal:
         """Nominal velocity ``V0``, and how long a straight step with it may last.
@@ -152,7 +163,10 @@ class Controller:
 
     def seen(self, configuration: ArrayLike) -> Nominal:
         """As `axis_nominal`, without leading anybody back: the velocity is 0 in a cell without a path."""
-        point = np.ascontiguousarray(configuration, dtype=np.float64)
+        try:
+            point = np.ascontiguousarray(configuration, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError(f"a configuration must be numbers, got {configuration!r}") from None
         velocity = np.empty(self.field.space.ndim)
         if point.shape != velocity.shape:
             raise InputError(f"a configuration of this space has {len(velocity)} coordinates, got shape {point.shape}")
@@ -165,9 +179,14 @@ class Controller:
 
     def limited(self, velocity: NDArray[np.float64]) -> NDArray[np.float64]:
         """A velocity along the axes slowed down as a whole, so that no joint or coordinate is faster than its limit."""
-        seen = self._frame.turned_to_world(velocity) if self._is_turned else velocity
-        excess = float(np.max(np.abs(seen) / self.speed_limits))
-        return velocity / excess if excess > 1.0 else velocity
+        size = float(np.abs(velocity).max())
+        if size == 0.0:
+            return velocity
+        way = velocity / size
+        seen = self._frame.turned_to_world(way) if self._is_turned else way
+        moves = seen != 0.0
+        most = float((self.speed_limits[moves] / np.abs(seen[moves])).min())
+        return way * most if most < size else velocity
 
     def with_field(self, field: Field) -> Controller:
         """The same controller on another field of the same axes."""
@@ -250,10 +269,13 @@ class Controller:
         self.field.space.split(point)
 
     def _checked_force(self, force: ArrayLike) -> NDArray[np.float64]:
-        tau = np.asarray(force, dtype=np.float64)
+        try:
+            tau = np.asarray(force, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError(f"a generalised force must be numbers, got {force!r}") from None
         if tau.shape != self.speed_limits.shape:
             raise InputError(f"a generalised force has {len(self.speed_limits)} entries here, got shape {tau.shape}")
-        if not math.isfinite(tau.sum()):
+        if not np.isfinite(tau).all():
             raise InputError(f"the generalised force {tau.tolist()} is not finite: stop the robot, check the sensor")
         return tau
 
@@ -298,7 +320,9 @@ def make_controller(
     give: Any = pace if admittance is None else admittance
     try:
         matrix = np.asarray(give, dtype=np.float64)
-        limits = np.asarray(5 * pace if speed_limits is None else speed_limits, dtype=np.float64)
+        limits = np.asarray(
+            min(5 * pace, np.finfo(np.float64).max) if speed_limits is None else speed_limits, dtype=np.float64
+        )
     except (TypeError, ValueError):
         raise InputError("speed, admittance and speed_limits must be numbers") from None
     matrix = matrix * np.eye(space.ndim) if matrix.ndim == 0 else np.diag(matrix) if matrix.ndim == 1 else matrix
@@ -322,9 +346,9 @@ def checked_speed(speed: float) -> float:
     InputError
         If not.
     """
-    if not (isinstance(speed, int | float) and 0 < speed < np.inf):
-        raise InputError(f"speed = {speed}, but the nominal speed is finite and above 0")
-    return speed
+    if isinstance(speed, bool) or not isinstance(speed, Real) or not 0 < speed < np.inf:
+        raise InputError(f"speed = {speed}, but the nominal speed is a number, finite and above 0")
+    return float(speed)
 
 
 def checked_admittance(admittance: ArrayLike, ndim: int) -> NDArray[np.float64]:

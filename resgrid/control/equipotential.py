@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -35,7 +37,7 @@ def equipotential_velocity(streamline_velocity: ArrayLike, force: ArrayLike, *, 
     Raises
     ------
     InputError
-        If a value is not finite, the shapes differ, or the gain is negative.
+        If a value is not finite, the shapes differ, the gain is negative, or the result is beyond doubles.
     """
     v, f = np.asarray(streamline_velocity, dtype=np.float64), np.asarray(force, dtype=np.float64)
     if v.ndim != 1 or v.shape != f.shape:
@@ -44,7 +46,13 @@ def equipotential_velocity(streamline_velocity: ArrayLike, force: ArrayLike, *, 
         raise InputError(f"velocity {v.tolist()} and force {f.tolist()} must be finite")
     if not 0 <= c < np.inf:
         raise InputError(f"c = {c}, but a gain is finite and not negative")
-    return c * _across(v, f)
+    with np.errstate(over="ignore", invalid="ignore"):
+        velocity = c * _across(v, f)
+    if not np.isfinite(velocity).all():
+        raise InputError(
+            f"velocity {v.tolist()} and force {f.tolist()} give a velocity beyond doubles: scale them, or c"
+        )
+    return velocity
 
 
 def _across(v: NDArray[np.float64], f: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -65,9 +73,11 @@ def following_velocity(streamline_velocity: NDArray[np.float64], force: NDArray[
     ndarray of float64, shape (n,)
         0 where the sine is below `ALONG`, a jam.
     """
-    speed, size = float(np.linalg.norm(streamline_velocity)), float(np.linalg.norm(force))
+    speed, size = math.hypot(*streamline_velocity), math.hypot(*force)
     if speed == 0.0 or size == 0.0:
         return np.zeros_like(streamline_velocity)
+    if math.isinf(size):
+        return following_velocity(streamline_velocity, force / len(force))
     v, f = streamline_velocity / speed, force / size
     across = _across(v, f)
     return np.asarray(speed * across) if np.linalg.norm(across) > ALONG else np.zeros_like(v)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from functools import cache
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -30,6 +31,9 @@ class Pose(NamedTuple):
     shift : ndarray of float64, shape (parts, ndim, 2)
     spin : ndarray of float64, shape (parts, ndim)
     pivot : ndarray of float64, shape (parts, ndim, 2)
+    lever : ndarray of float64, shape (parts, parts)
+        What the squared turning rate of each part (column) adds at most to the acceleration of a point of a part's
+        segments (row), while the axes move at constant rates; in metres.
     """
 
     segments: NDArray[np.float64]
@@ -39,6 +43,7 @@ class Pose(NamedTuple):
     shift: NDArray[np.float64]
     spin: NDArray[np.float64]
     pivot: NDArray[np.float64]
+    lever: NDArray[np.float64]
 
     def jacobian(self, point: ArrayLike, part: int) -> NDArray[np.float64]:
         """Velocity of a point of a part for unit velocities of the axes, shape (2, ndim)."""
@@ -86,6 +91,7 @@ def pose_of(robot: Robot, configuration: NDArray[np.float64]) -> Pose:
             return Pose(
                 np.array([[*configuration, *configuration]]), np.array([robot.radius]), np.zeros(1, np.int64),
                 np.array([[*configuration, 0.0]]), np.eye(2)[np.newaxis], np.zeros((1, 2)), np.zeros((1, 2, 2)),
+                np.zeros((1, 1)),
             )  # fmt: skip
     raise InputError(f"how a {type(robot).__name__} moves is not known: arm, polygon, disc and point are")
 
@@ -100,28 +106,40 @@ def _polygon_pose(robot: PolygonRobot, configuration: NDArray[np.float64]) -> Po
     count = len(corners)
     segments = np.hstack([corners, np.roll(corners, -1, axis=0)])
     frame = np.array([[x, y, arc / robot.turning_length]])
-    return Pose(segments, np.zeros(count), np.zeros(count, np.int64), frame, shift, spin, pivot)
+    lever = np.array([[robot.farthest]])
+    return Pose(segments, np.zeros(count), np.zeros(count, np.int64), frame, shift, spin, pivot, lever)
 
 
 def _arm_pose(arm: Arm, configuration: NDArray[np.float64]) -> Pose:
     """Relative angles turn all that follows about their joint; absolute ones turn a link and shift what follows."""
     joints, directions = arm.joints(configuration), arm.directions(configuration)
-    count = arm.ndim
-    shift, spin, pivot = np.zeros((count, count, 2)), np.zeros((count, count)), np.zeros((count, count, 2))
+    radius, part, spin, before, lever = _arm_constants(arm)
+    count = len(part)
+    shift, pivot = np.zeros((count, count, 2)), np.empty((count, count, 2))
     pivot[:] = joints[:-1]
-    if arm.angles == "relative":
-        spin[:] = np.tri(count)
-    else:
-        spin[:] = np.eye(count)
-        along = np.diff(joints, axis=0)
-        across = np.stack([-along[:, 1], along[:, 0]], axis=1)
-        shift[:] = np.tri(count, k=-1)[:, :, np.newaxis] * across
+    if arm.angles == "absolute":
+        along = joints[1:] - joints[:-1]
+        shift[:, :, 0] = -before * along[:, 1]
+        shift[:, :, 1] = before * along[:, 0]
     return Pose(
-        segments=np.hstack([joints[:-1], joints[1:]]),
-        radius=np.asarray(arm.widths, dtype=np.float64) / 2,
-        part=np.arange(count),
-        frame=np.column_stack([joints[:-1], directions]),
+        segments=np.concatenate([joints[:-1], joints[1:]], axis=1),
+        radius=radius,
+        part=part,
+        frame=np.concatenate([joints[:-1], directions[:, np.newaxis]], axis=1),
         shift=shift,
         spin=spin,
         pivot=pivot,
+        lever=lever,
     )
+
+
+@cache
+def _arm_constants(arm: Arm) -> tuple[NDArray[Any], ...]:
+    """Of every link: radius, number, spin, whether a link is before another (count, count), lever."""
+    count = arm.ndim
+    spin = np.tri(count) if arm.angles == "relative" else np.eye(count)
+    lever = np.tri(count) * np.asarray(arm.lengths, dtype=np.float64)
+    constants = np.asarray(arm.widths, dtype=np.float64) / 2, np.arange(count), spin, np.tri(count, k=-1), lever
+    for array in constants:
+        array.flags.writeable = False
+    return constants

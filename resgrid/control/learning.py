@@ -1,8 +1,9 @@
-"""What a contact proves (Connolly & Grupen 1992, section 7, figure 19): cells that hold a configuration in contact."""
+"""What a contact proves (Connolly & Grupen 1992, section 7, figure 19): cells that the conservative rule blocks."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -24,10 +25,12 @@ INSIDE = 1e-6
 def proven_cells(
     robot: Robot, axes: Sequence[Axis], point: ArrayLike, itself: NDArray[np.bool_] | None = None
 ) -> NDArray[np.bool_]:
-    """Cells that hold a configuration in which the robot meets a point of the workspace.
+    """Cells that the conservative rule blocks for one point of the workspace.
 
-    If the point belongs to an obstacle, each of them is an obstacle cell by the conservative rule: that rule blocks
-    every cell for a set of points that it blocks for one of them.  Nothing else is claimed about the obstacle.
+    Among them are all cells that hold a configuration in which the robot meets the point; of an arm or a turning
+    polygon also some whose nearest configuration passes it at a fraction of a cell's motion: the rule is a bound.  If
+    the point belongs to an obstacle, each of them is an obstacle cell by that rule, which blocks every cell for a set
+    of points that it blocks for one of them.  Nothing else is claimed about the obstacle.
 
     Parameters
     ----------
@@ -104,8 +107,8 @@ def resolver(
     Returns
     -------
     callable
-        From a `ConfigurationSpace` to its `Field`.  Of a map without any obstacle or edge that counts as one, the
-        Dirichlet part of a blend carries no current; what is left of the blend is its Neumann part.
+        From a `ConfigurationSpace` to its `Field`.  In a map without any obstacle, or edge that counts as one, the
+        Dirichlet part of a blend is flat; what flows is the share ``1 - k`` of the Neumann part.
     """
     from resgrid.planning.planner import plan
 
@@ -119,9 +122,16 @@ def resolver(
         except CircuitError:
             if k is None or k == 1.0:
                 raise
-            return plan(space, boundary="neumann", edge=edge, resistance=resistance).field
+            neumann = plan(space, boundary="neumann", edge=edge, resistance=resistance).field
+            return neumann if k == 0.0 else _beside_flat(neumann, k)
 
     return resolve
+
+
+def _beside_flat(neumann: Field, k: float) -> Field:
+    """``k phi_D + (1 - k) phi_N`` where ``phi_D`` is 0 in every free cell."""
+    currents = tuple(current + np.log1p(-k) for current in neumann.face_log_current)
+    return replace(neumann, potential=(1.0 - k) * neumann.potential, face_log_current=currents, boundary="blend", k=k)
 
 
 def scene_resolver(scene: Scene, k: float | None = None) -> Resolve:

@@ -32,13 +32,15 @@ class Mode(IntEnum):
     RETREATING = 7
     """Went back the way it came, to where the map has a path."""
     RECOVERING = 8
-    """Believed itself in an obstacle cell, and went to the nearest cell with a path."""
+    """In an obstacle cell, by belief or since it was learnt, went to a near cell with a path."""
     DITHERING = 9
     """Was shaken loose: a small random step after it had stood still for long."""
     ARRIVED = 10
-    """Is in a goal cell."""
+    """Is in a goal cell, at the configuration that solves the goal where the space names one."""
     WAITING = 11
     """Stood still where a grid that is still settling leads nowhere."""
+    HOMING = 12
+    """In a goal cell, went straight to the configuration that solves the goal."""
 
 
 class Ending(StrEnum):
@@ -51,6 +53,7 @@ class Ending(StrEnum):
     JAM = "jam"
     STALLED = "stalled"
     OUT_OF_STEPS = "out_of_steps"
+    ENTERED = "entered"
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,7 +132,8 @@ class Run:
     space, field : ConfigurationSpace, Field
         The map as it was in the end, and its field.
     penetration : float
-        Deepest entry of the robot into an obstacle in any row, under exact geometry, in metres.
+        Deepest entry of the robot into an obstacle, in any row and on the straight lines between rows, under exact
+        geometry, in metres; a run with any has the ending ``"entered"``, whatever else it came to.
     """
 
     ending: Ending

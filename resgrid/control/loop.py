@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.control.contact import Surroundings, Touch, surroundings, touch
+from resgrid.arguments import check_whole
+from resgrid.control.contact import Touch
 from resgrid.control.controller import Nominal
 from resgrid.control.equipotential import following_velocity
+from resgrid.control.exits import way_to_goal, ways_out
 from resgrid.control.learning import INSIDE, learn, proven_cells
 from resgrid.control.log import Ending, Lesson, Mode, Run
+from resgrid.control.motion import KEEP, Body
+from resgrid.control.patience import LONGEST, Patience
 from resgrid.control.pushes import Force, Push, force_of
 from resgrid.control.recorder import Recorder
 from resgrid.control.simulation import believed_offsets
@@ -26,10 +30,28 @@ if TYPE_CHECKING:
 
 Vector = NDArray[np.float64]
 
-_PATIENCE = 200
-_DITHERS = 10
-_LOOK = 4.0
 _SAME = 1e-9
+_NO_WAY = 1e-2
+
+
+class Choice(NamedTuple):
+    """What the robot would do if nothing touched it.
+
+    Attributes
+    ----------
+    mode : Mode
+    velocity : ndarray of float64, shape (ndim,)
+        Without forces.
+    longest : float
+        For how long at most, in seconds.
+    exit : tuple of int or None
+        Cell that it leaves its own for.
+    """
+
+    mode: Mode
+    velocity: Vector
+    longest: float = np.inf
+    exit: tuple[int, ...] | None = None
 
 
 class Loop:
@@ -43,25 +65,36 @@ class Loop:
         self.simulation, self.plant, self.controller = simulation, simulation.plant, simulation.controller
         self.bias = space.frame.turned_from_world(believed_offsets(bias, space.ndim, "bias"))
         self.noise = believed_offsets(noise, space.ndim, "noise")
+        check_whole("max_steps", max_steps, 1)
+        check_whole("seed", seed, 0)
         self.push_at, self.max_steps = force_of(pushes, space.ndim), max_steps
         self.rng = np.random.default_rng(seed)
-        self.configuration = _checked_start(simulation, start)
+        self.body = Body(self.plant, _checked_start(simulation, start), simulation.step, simulation.margin)
         self.believed = self.plant.within_stops(self.configuration + self.bias)
         self.space, self.lessons = space, list[Lesson]()
         self.spacing = space.spacing
         self.time, self.torque = 0.0, np.zeros(space.ndim)
         self.trail: list[Vector] = []
+        self.lost, self.tried = False, set[tuple[int, ...]]()
         self.barren: Vector | None = None
-        self.anchor, self.waited, self.dithers = self.configuration, 0, 0
-        self.reach = simulation.step * self.plant.cell_motion
-        self.longest = simulation.step * float(space.spacing.min()) / self.controller.speed
-        self.clear = 0.0
+        self.patience = Patience(space.spacing, self.configuration)
+        self.pace = float(np.minimum(self.controller.speed, self.controller.speed_limits).max() / space.spacing.min())
         self.recorder = Recorder(space.ndim)
         self.grid = _live_grid(simulation)
         self.grid_time = 0.0
         if self.grid is not None:
             self.controller = self.controller.with_field(self.grid.field)
         self.ending: tuple[Ending, str] | None = _static_ending(self)
+
+    @property
+    def configuration(self) -> Vector:
+        """Where the robot truly is."""
+        return self.body.configuration
+
+    @property
+    def exact(self) -> bool:
+        """Whether the robot knows where it is."""
+        return not (self.bias.any() or self.noise.any())
 
     def run(self) -> Run:
         """Step until the run ends."""
@@ -92,171 +125,180 @@ class Loop:
         self._settle()
         believed = self.believed = self._sense()
         seen = self.controller.seen(believed)
-        if seen.place == "goal":
-            self.ending = (Ending.ARRIVED, "the robot is in a goal")
-            return
         force = self.push_at(self.time, self.space.to_world(self.configuration))
         push = self.space.frame.turned_from_world(force)
         chosen = self._choose(believed, seen)
         if chosen is None:
             return
-        mode, velocity, longest = chosen
-        if push.any():
-            velocity = velocity + self.controller.axis_admittance @ push
-            mode, longest = Mode.PUSHED if mode is Mode.STREAMLINE else mode, self.longest
-        velocity = self._stopped(self.controller.limited(velocity))
-        around = self._look()
+        mode, longest, pushed = chosen.mode, chosen.longest, bool(push.any())
+        pace = self._pace(seen.velocity if seen.velocity.any() else chosen.velocity)
+        pause = self.simulation.step / pace
+        velocity = chosen.velocity
+        if pushed:
+            velocity = self.controller.given_way(velocity, push)
+            mode, longest = Mode.PUSHED if mode is Mode.STREAMLINE else mode, pause
+        velocity = self.controller.limited(velocity)
+        around = self.body.look()
         # The way back has been taken before: nothing is in it, however near it leads past things.
-        felt = None if mode is Mode.RETREATING and not push.any() else self._touch(around, velocity)
+        back, felt = mode is Mode.RETREATING and not pushed, None
+        if not back:
+            felt = self._touch(around, velocity, pause)
+        if felt is not None:
+            velocity = felt.velocity
+            if felt.pressing.any():
+                if self.simulation.learn and self._learn(felt, believed, push, pause):
+                    return
+                mode, longest = _contact_mode(mode, felt), pause
+        before = self.configuration
+        elapsed, velocity = self.body.move(velocity, min(longest, pause), pause, around, 0.0 if back else KEEP)
         if felt is not None and felt.pressing.any():
-            if self.simulation.learn and self._learn(felt, believed, push):
-                return
-            mode, longest = _contact_mode(mode, felt), self.longest
-        self._move(believed, mode, velocity, longest, around, felt, push)
+            self.torque = felt.normal_torque
+        elif mode is not Mode.JAM or velocity.any():
+            self.torque = np.zeros_like(velocity)
+        self.recorder.add(self.time, before, believed, velocity, mode, felt, push)
+        self._remember(mode, pushed, before)
+        if not pushed and not _leads_on(velocity, chosen.velocity):
+            self._give_up(chosen)
+        self.time += elapsed
+        self._watch(mode, elapsed * pace, pushed, seen)
 
-    def _choose(self, believed: Vector, seen: Nominal) -> tuple[Mode, Vector, float] | None:
-        """Mode, velocity without forces, and the longest time step for it."""
+    def _give_up(self, chosen: Choice) -> None:
+        """What was chosen leads nowhere: a cell beside that cannot be reached, or a place that was touched itself."""
+        if chosen.exit is not None:
+            self.tried.add(chosen.exit)
+        elif chosen.mode is Mode.RETREATING:
+            self.trail.pop()
+
+    def _pace(self, velocity: Vector) -> float:
+        """Cells that are crossed in a second at a velocity, as fast as the limits allow."""
+        fastest = float((np.abs(self.controller.limited(velocity)) / self.spacing).max())
+        return fastest if fastest > 0.0 else self.pace
+
+    def _choose(self, believed: Vector, seen: Nominal) -> Choice | None:
+        """What to do without contact; None where the run ends."""
+        if seen.place == "goal":
+            return self._home(believed)
         if seen.place == "off":
             if self.grid is not None and self.space.goal_connected[tuple(self.space.split(believed)[0])]:
-                return Mode.WAITING, np.zeros_like(believed), self.longest
-            unsure = self.noise.any() or (self.bias.any() and not self.trail)
-            return self._recover(believed) if unsure else self._retreat()
+                return Choice(Mode.WAITING, np.zeros_like(believed))
+            return self._way_back(believed)
+        self.tried, self.lost = set(), False
         if self.controller.response == "equipotential" and self.torque.any():
             following = following_velocity(seen.velocity, self.torque)
-            return (Mode.FOLLOWING if following.any() else Mode.JAM), following, self.longest
-        return Mode.STREAMLINE, seen.velocity, min(self.longest, seen.longest)
+            return Choice(Mode.FOLLOWING if following.any() else Mode.JAM, following)
+        slowed = np.abs(seen.velocity).max() / np.abs(self.controller.limited(seen.velocity)).max()
+        return Choice(Mode.STREAMLINE, seen.velocity, seen.longest * float(slowed))
 
-    def _recover(self, believed: Vector) -> tuple[Mode, Vector, float] | None:
+    def _home(self, believed: Vector) -> Choice | None:
+        """Straight to the configuration in the goal cell that solves the goal."""
+        way = way_to_goal(self.space, believed)
+        if np.all(np.abs(way) <= self.noise + _SAME * self.spacing):
+            self.ending = (Ending.ARRIVED, "the robot is in a goal")
+            return None
+        return self._straight(Mode.HOMING, way)
+
+    def _straight(self, mode: Mode, way: Vector, exit_: tuple[int, ...] | None = None) -> Choice:
+        length = float(np.linalg.norm(way))
+        velocity = self.controller.limited(way * (self.controller.speed / length))
+        return Choice(mode, velocity, length / float(np.linalg.norm(velocity)), exit_)
+
+    def _recover(self, believed: Vector) -> Choice | None:
         """Wrong belief may put the robot into a cell without a path, and no way back leads out of a mistake."""
         try:
-            return Mode.RECOVERING, self.controller.axis_nominal(believed).velocity, self.longest
+            return Choice(Mode.RECOVERING, self.controller.axis_nominal(believed).velocity)
         except InputError as error:
             self.ending = (Ending.STALLED, str(error))
             return None
 
-    def _retreat(self) -> tuple[Mode, Vector, float] | None:
+    def _way_back(self, believed: Vector) -> Choice | None:
+        """Back the way it came; but if no cell of it has a path any more, out to a cell beside that has one."""
+        if self.lost:
+            for at, way in ways_out(self.space, believed):
+                if at not in self.tried:
+                    return self._straight(Mode.RECOVERING, way, at)
+        elif self.noise.any() or (self.bias.any() and not self.trail):
+            return self._recover(believed)
         while self.trail:
             way = self.trail[-1] - self.configuration
-            length = float(np.linalg.norm(way))
-            if length > _SAME * float(self.spacing.min()):
-                speed = self.controller.speed
-                return Mode.RETREATING, way * (speed / length), length / speed
+            if np.linalg.norm(way) > _SAME * float(self.spacing.min()):
+                return self._straight(Mode.RETREATING, way)
             self.trail.pop()
-        self.ending = (Ending.NO_PATH, "no cell that the robot came through has a path to a goal any more")
+        self.ending = (Ending.NO_PATH, self._why_no_path())
         return None
 
-    def _stopped(self, velocity: Vector) -> Vector:
-        """No motion beyond the mechanical stops."""
-        held = self.plant.within_stops(self.configuration + velocity * 1e-6 * self.longest)
-        beyond = (held - self.configuration) * velocity < 0.5e-6 * self.longest * velocity**2
-        return np.where(beyond, 0.0, velocity)
+    def _why_no_path(self) -> str:
+        first = self.recorder.first_believed if len(self.recorder) else self.believed
+        cell = tuple(self.space.split(first)[0].tolist())
+        if self.space.cell[cell] != Cell.OBSTACLE:
+            return "the obstacle cells learnt, with those of the map, separate the start from every goal"
+        tried = f", and {len(self.tried)} beside it that have one could not be reached" if self.tried else ""
+        return f"the start's own cell {cell} holds an obstacle, as was learnt, and so has no path to a goal{tried}"
 
-    def _look(self) -> Surroundings | None:
-        """What is near enough to be met in this step; None while that is known to be nothing."""
-        if self.clear > 2.0 * self.reach:
+    def _touch(self, around: object, velocity: Vector, pause: float) -> Touch | None:
+        """Contacts, and the velocity with them, slowed down as a whole where it is faster than the limits."""
+        felt = self.body.touch(around, velocity, self.controller.axis_admittance, self.simulation.friction, pause)  # type: ignore[arg-type]
+        if felt is None:
             return None
-        pose = self.plant.pose(self.configuration)
-        pairs = self.plant.near(pose, _LOOK * self.reach)
-        self.clear = float(pairs[:, 6].min()) if len(pairs) else _LOOK * self.reach
-        return surroundings(pose, pairs)
+        limited = self.controller.limited(felt.velocity)
+        size = float(np.abs(felt.velocity).max())
+        return felt if limited is felt.velocity else felt.slowed(float(np.abs(limited).max()) / size)
 
-    def _touch(self, around: Surroundings | None, velocity: Vector) -> Touch | None:
-        if around is None:
-            return None
-        margin = self.simulation.margin
-        touching = around.gap <= 1.5 * margin
-        if not touching.any():
-            return None
-        opening = np.where(around.gap < 0.5 * margin, (margin - around.gap) / (5.0 * self.longest), 0.0)
-        return touch(around, touching, velocity, self.controller.axis_admittance, self.simulation.friction, opening)
-
-    def _move(
-        self, believed: Vector, mode: Mode, velocity: Vector, longest: float, around: Surroundings | None,
-        felt: Touch | None, push: Vector,
-    ) -> None:  # fmt: skip
-        if felt is not None:
-            velocity = self._stopped(felt.velocity)
-        step = self._time_step(velocity, longest, around)
-        after = self.plant.within_stops(self.configuration + step * velocity)
-        for _ in range(40):
-            if around is None or self._is_clear(after):
-                break
-            step /= 2
-            after = self.plant.within_stops(self.configuration + step * velocity)
-        else:
-            after, velocity, step = self.configuration, np.zeros_like(velocity), self.longest
-        self.torque = felt.normal_torque if felt is not None and felt.pressing.any() else np.zeros_like(velocity)
-        self._record(believed, velocity, mode, felt, push)
-        self._remember(mode, push, after)
-        self.configuration = after
-        self.time += step
-        self.clear -= self.reach
-        self._watch(after, mode, bool(push.any()))
-
-    def _time_step(self, velocity: Vector, longest: float, around: Surroundings | None) -> float:
-        fastest = float((np.abs(velocity) / self.spacing).max())
-        step = min(longest, self.simulation.step / fastest) if fastest > 0 else longest
-        if around is not None and len(around.gap):
-            margin, closing = self.simulation.margin, -(around.normal_rows @ velocity)
-            meets = (closing > 0.0) & (around.gap > 1.5 * margin)
-            if meets.any():
-                step = min(step, float(((around.gap[meets] - margin) / closing[meets]).min()))
-        return step
-
-    def _is_clear(self, configuration: Vector) -> bool:
-        pairs = self.plant.near(self.plant.pose(configuration), self.simulation.margin, facing=False)
-        return not len(pairs) or float(pairs[:, 6].min()) >= min(0.2 * self.simulation.margin, 0.999 * self.clear)
-
-    def _remember(self, mode: Mode, push: Vector, after: Vector) -> None:
+    def _remember(self, mode: Mode, pushed: bool, before: Vector) -> None:
         """Keep the way back: every configuration that was left, so that each step of it has been taken before."""
-        away = np.abs(after - self.trail[-1]) if self.trail else np.zeros_like(after)
-        pushed_off = mode is Mode.RETREATING and push.any() and np.any(away > _SAME * self.spacing)
-        if mode not in {Mode.RETREATING, Mode.RECOVERING} or pushed_off:
-            self.trail.append(self.configuration)
+        away = np.abs(self.configuration - self.trail[-1]) if self.trail else np.zeros_like(before)
+        pushed_off = mode is Mode.RETREATING and pushed and np.any(away > _SAME * self.spacing)
+        unsure = mode is Mode.RECOVERING and not self.exact
+        if pushed_off or not (mode is Mode.RETREATING or unsure):
+            self.trail.append(before)
 
-    def _watch(self, after: Vector, mode: Mode, pushed: bool) -> None:
-        """Notice that the robot has stayed within half a cell for long."""
-        if pushed or np.any(np.abs(after - self.anchor) > 0.5 * self.spacing):
-            self.anchor, self.waited, self.dithers = after, 0, 0
+    def _watch(self, mode: Mode, cells: float, pushed: bool, seen: Nominal) -> None:
+        """Notice that the robot does not get anywhere."""
+        if pushed:
+            self.patience.renew(self.configuration)
             return
-        self.waited += 1
+        self.patience.wait(self.configuration, cells)
         if self.grid is not None and not self.grid.settled and mode in {Mode.WAITING, Mode.STREAMLINE}:
             self._lose_patience()
-            return
-        if self.waited < _PATIENCE:
-            return
-        if self.dithers < _DITHERS and self.simulation.learn:
-            self.waited, self.dithers = 0, self.dithers + 1
-            self._dither()
-        elif mode is Mode.JAM:
-            self.ending = (Ending.JAM, "the contact force lies along the streamline, which following cannot overcome")
-        else:
-            self.ending = (Ending.STALLED, f"the robot has stayed within half a cell for {_PATIENCE} steps")
+        elif self.patience.lost:
+            if self.simulation.learn and self.patience.shake():
+                self._dither()
+            elif mode is Mode.JAM:
+                self.ending = (
+                    Ending.JAM,
+                    "the contact force lies along the streamline, which following cannot overcome",
+                )
+            else:
+                self.ending = (Ending.STALLED, self._why_stalled(seen))
+
+    def _why_stalled(self, seen: Nominal) -> str:
+        stood = f"the robot has stayed within half a cell while it could have crossed {LONGEST:g}"
+        if seen.place != "goal":
+            return stood
+        away = np.linalg.norm(way_to_goal(self.space, self.believed))
+        return f"in a goal cell, {away:.3g} from the configuration that solves the goal, {stood}"
 
     def _lose_patience(self) -> None:
         assert self.simulation.settling is not None
         patience = self.simulation.settling.patience
-        if self.waited * self.simulation.step >= patience:
+        if self.patience.crossed >= patience:
             self.ending = (
                 Ending.STALLED, f"the unsettled grid leads nowhere from here, and {patience:g} cells' time of waiting "
                 "has not changed that: let the grid settle faster, or move more slowly",
             )  # fmt: skip
 
     def _dither(self) -> None:
-        shaken = self.configuration + self.rng.uniform(-0.1, 0.1, self.space.ndim) * self.space.spacing
-        shaken = self.plant.within_stops(shaken)
-        self.clear = 0.0
-        if self.plant.axis_penetration(shaken)[0] == 0 and self._is_clear(shaken):
-            self._record(self._sense(), np.zeros(self.space.ndim), Mode.DITHERING, None, np.zeros(self.space.ndim))
-            self.trail.append(self.configuration)
-            self.configuration = shaken
+        before, none = self.configuration, np.zeros(self.space.ndim)
+        self.torque = none
+        if self.body.shaken(self.rng.uniform(-0.1, 0.1, self.space.ndim) * self.spacing):
+            self.recorder.add(self.time, before, self._sense(), none, Mode.DITHERING, None, none)
+            self.trail.append(before)
 
-    def _learn(self, felt: Touch, believed: Vector, push: Vector) -> bool:
+    def _learn(self, felt: Touch, believed: Vector, push: Vector, pause: float) -> bool:
         """Mark what the contacts prove; whether that was anything new."""
         pressing = felt.pressing
         inner = felt.point + INSIDE * self.plant.cell_motion * felt.inward
         points = inner[pressing]
-        if self.bias.any() or self.noise.any():
+        if not self.exact:
             true, seen = self.plant.pose(self.configuration), self.plant.pose(believed)
             points = np.array([true.carried(p, int(m), seen) for p, m in zip(points, felt.part[pressing], strict=True)])
         if self.barren is not None and np.array_equal(points, self.barren):
@@ -269,25 +311,26 @@ class Loop:
             self.barren = points
             return False
         self.lessons.append(Lesson(len(self.recorder), np.argwhere(new), self.space.frame.to_world(points)))
-        self._record(believed, np.zeros(self.space.ndim), Mode.LEARNING, felt, push)
+        none = np.zeros(self.space.ndim)
+        self.recorder.add(self.time, self.configuration, believed, none, Mode.LEARNING, felt, push)
         self.space = learn(self.space, new)
-        self.time += self.longest
-        self.torque = np.zeros(self.space.ndim)
-        self.anchor, self.waited, self.dithers = self.configuration, 0, 0
+        self.time += pause
+        self.torque = none
+        self.patience.renew(self.configuration)
+        self.tried.clear()
         self._resolve()
         return True
 
     def _resolve(self) -> None:
-        """Solve the changed map, unless what is left of it has no path from any place the robot has been."""
+        """Solve the changed map, unless what is left of it has no path from any place the robot has been, or beside."""
         if not self.space.goal_count:
             self.ending = (Ending.GOAL_BLOCKED, "every goal cell was learnt to be obstacle")
             return
-        been, _ = self.space.split(self.plant.within_stops(np.array([*self.trail, self.configuration]) + self.bias))
-        connected = self.space.goal_connected | (self.space.cell == Cell.GOAL)
-        if not connected[tuple(been.T)].any():
-            self.ending = (
-                Ending.NO_PATH, "the obstacle cells learnt, with those of the map, separate the start from every goal"
-            )  # fmt: skip
+        been = self.plant.within_stops(np.array([*self.trail, self.configuration]) + self.bias)
+        cells = tuple(self.space.split(been)[0].T)
+        self.lost = not np.any(self.space.goal_connected[cells] | (self.space.cell[cells] == Cell.GOAL))
+        if self.lost and not any(ways_out(self.space, place) for place in been[::-1]):
+            self.ending = (Ending.NO_PATH, self._why_no_path())
             return
         if self.grid is None:
             self.controller = self.controller.with_field(self.simulation.resolve(self.space))
@@ -295,20 +338,21 @@ class Loop:
         self.grid.change(self.space)
         self.controller = self.controller.with_field(self.grid.field)
 
-    def _code(self, believed: Vector) -> int:
-        return int(self.space.cell[tuple(self.space.split(believed)[0])])
-
-    def _record(self, believed: Vector, velocity: Vector, mode: Mode, felt: Touch | None, push: Vector) -> None:
-        self.recorder.add(self.time, self.configuration, believed, velocity, mode, felt, push)
-
     def _result(self) -> Run:
         assert self.ending is not None
         believed = self.believed
         arrived = self.ending[0] is Ending.ARRIVED
         none = np.zeros(self.space.ndim)
-        self._record(believed, none, Mode.ARRIVED if arrived else self.recorder.last_mode, None, none)
+        mode = Mode.ARRIVED if arrived else self.recorder.last_mode
+        self.recorder.add(self.time, self.configuration, believed, none, mode, None, none)
         goal = int(self.space.goal_region[tuple(self.space.split(believed)[0])]) if arrived else None
         return self.recorder.run(self.ending, goal, tuple(self.lessons), self.space, self.controller.field, self.plant)
+
+
+def _leads_on(velocity: Vector, chosen: Vector) -> bool:
+    """Whether a velocity still has a part of what was chosen."""
+    size = float(np.abs(chosen).max())
+    return size > 0.0 and float((velocity / size) @ (chosen / size)) > _NO_WAY
 
 
 def _live_grid(simulation: Simulation) -> LiveGrid | None:
@@ -326,7 +370,7 @@ def _live_grid(simulation: Simulation) -> LiveGrid | None:
 
 
 def _contact_mode(mode: Mode, felt: Touch) -> Mode:
-    if mode in {Mode.RETREATING, Mode.JAM, Mode.FOLLOWING, Mode.RECOVERING}:
+    if mode in {Mode.RETREATING, Mode.JAM, Mode.FOLLOWING, Mode.RECOVERING, Mode.HOMING}:
         return mode
     return Mode.STICKING if felt.sticking.any() else Mode.SLIDING
 
@@ -348,11 +392,11 @@ def _checked_start(simulation: Simulation, start: ArrayLike) -> Vector:
 
 def _static_ending(loop: Loop) -> tuple[Ending, str] | None:
     """What the map alone decides, where belief is exact."""
-    if loop.bias.any() or loop.noise.any():
+    if not loop.exact:
         return None
-    believed = loop.plant.within_stops(loop.configuration + loop.bias)
-    code = loop._code(believed)
+    believed = loop.believed
     cell = tuple(loop.space.split(believed)[0].tolist())
+    code = int(loop.space.cell[cell])
     if code == Cell.OBSTACLE:
         return Ending.START_BLOCKED, f"the start's cell {cell} is an obstacle in the map"
     if code == Cell.FREE and not loop.space.goal_connected[cell]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise, product
 from math import hypot
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +21,9 @@ from resgrid.robots.shapes import as_polygon
 from resgrid.scene.place import along_axes
 from resgrid.scene.scene import Scene
 from resgrid.space import Axis, Cell, ConfigurationSpace
+
+if TYPE_CHECKING:
+    from resgrid.planning.bodies import Body
 
 _ROOM = 64
 
@@ -98,7 +101,7 @@ class Plant:
         return float(travel_bound(self.robot, np.zeros_like(spacing), spacing)[0])
 
     def near(self, pose: Pose, reach: float, facing: bool = True) -> NDArray[np.float64]:
-        """Pairs of near points of the robot and the obstacles; see `resgrid.control.kernels.near_points`.
+        """Pairs of near points of the robot and the obstacles; see `resgrid.control.near_kernels.near_points`.
 
         Parameters
         ----------
@@ -112,19 +115,29 @@ class Plant:
         -------
         ndarray of float64, shape (n, 11)
         """
-        from resgrid.control import kernels
+        from resgrid.control import near_kernels
 
         room = _ROOM
         while True:
             found = np.empty((room, 11))
-            count = kernels.near_points(pose.segments, pose.radius, pose.part, *self.bodies, reach, facing, found)
+            count = near_kernels.near_points(pose.segments, pose.radius, pose.part, *self.bodies, reach, facing, found)
             if count < room:
                 return found[:count]
             room *= 4
 
+    def free_share(self, pose: Pose, motion: NDArray[np.float64], least: float) -> float:
+        """Share of a straight motion that surely keeps all gaps; see `resgrid.control.near_kernels.free_share`."""
+        from resgrid.control import near_kernels
+
+        body = self.bodies
+        return near_kernels.free_share(
+            pose.segments, pose.radius, pose.part, pose.shift, pose.spin, pose.pivot, pose.lever, motion, body.edges,
+            body.discs, body.planes, least,
+        )  # fmt: skip
+
     def within_stops(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
         """Configurations in axis units, shape (..., ndim), held between the mechanical stops."""
-        return np.minimum(np.maximum(configurations, self._stops[0]), self._stops[1])
+        return np.minimum(np.maximum(configurations, self.stops[0]), self.stops[1])
 
     def true_space(self, space: ConfigurationSpace) -> ConfigurationSpace:
         """The map as it would be if hidden obstacles were known, by the conservative rule.
@@ -158,7 +171,8 @@ class Plant:
         return "the map" if isinstance(self.obstacles[number], CellSet) else f"obstacle[{number}]"
 
     @cached_property
-    def _stops(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def stops(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Lower and upper ends of the axes, shape (ndim,) each; infinite where an axis is periodic."""
         lower = [-np.inf if axis.periodic else axis.lower for axis in self.axes]
         upper = [np.inf if axis.periodic else axis.upper for axis in self.axes]
         return np.array(lower), np.array(upper)
@@ -174,28 +188,29 @@ class Plant:
         Returns
         -------
         ndarray of float64, shape (n,)
-            In metres: what the parts' and discs' radii overlap; 0 where nothing is entered; infinite where a core (a
-            link's axis, a polygon, a point) is inside an obstacle.
+            In metres: what radii overlap, and how far a core (a link's axis, a polygon, a point) is behind the border
+            of the obstacle; 0 where nothing is entered by more than `resgrid.planning.bodies.TOUCH`.
         """
         return self.axis_penetration(np.atleast_2d(self.frame.from_world(configurations)))
 
     def axis_penetration(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
         """The same of configurations in axis units, shape (n, ndim)."""
-        from resgrid.planning.bodies import bodies_of, parts_of
+        from resgrid.control.depth import depth_at
 
-        points = self._own(configurations)
+        return depth_at(self.robot, self._solids, self._own(configurations))
+
+    def deepest(self, way: NDArray[np.float64]) -> float:
+        """The same for the deepest place on straight lines between configurations in axis units, shape (n, ndim)."""
+        from resgrid.control.depth import depth_along
+
+        return depth_along(self.robot, self._solids, way, self._own)
+
+    @cached_property
+    def _solids(self) -> list[Body]:
+        from resgrid.planning.bodies import bodies_of
+
         space = ConfigurationSpace(self.axes, np.zeros(tuple(axis.cells for axis in self.axes), np.uint8))
-        depth = np.zeros(len(points))
-        for body in bodies_of(self.obstacles, self.robot, space):
-            for part in parts_of(self.robot, points):
-                enters = body.collides(part)
-                if not enters.any():
-                    continue
-                core = type(part)(part.core[enters], 0.0)
-                apart = type(body)(body.number, body.core, 0.0, body.half_plane).distance(core)
-                overlap = np.where(apart > 0, part.radius + body.radius - apart, np.inf)
-                depth[enters] = np.maximum(depth[enters], overlap)
-        return depth
+        return bodies_of(self.obstacles, self.robot, space)
 
 
 def plant_of(scene: Scene) -> Plant:

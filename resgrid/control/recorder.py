@@ -31,6 +31,11 @@ class Recorder:
         """Mode of the last row."""
         return self._rows[-1][4] if self._rows else Mode.STREAMLINE
 
+    @property
+    def first_believed(self) -> Vector:
+        """Where the robot believed to be in the first row."""
+        return self._rows[0][2]
+
     def add(
         self, time: float, configuration: Vector, believed: Vector, velocity: Vector, mode: Mode, felt: Touch | None,
         push: Vector,
@@ -50,6 +55,9 @@ class Recorder:
         frame = space.frame
         time, configuration, believed, velocity, mode, torque, push = zip(*self._rows, strict=True)
         places = np.array(configuration)
+        penetration = plant.deepest(places)
+        if penetration > 0.0:
+            ending, goal = (Ending.ENTERED, f"the robot entered an obstacle by {penetration:.3g} m"), None
         return Run(
             ending=ending[0],
             message=ending[1],
@@ -65,7 +73,7 @@ class Recorder:
             lessons=lessons,
             space=space,
             field=field,
-            penetration=float(plant.axis_penetration(places).max()),
+            penetration=penetration,
         )
 
     def _contacts(self, frame: Frame) -> ContactLog:

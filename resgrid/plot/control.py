@@ -39,6 +39,7 @@ MODES: dict[Mode, tuple[str, Any]] = {
     Mode.DITHERING: ("#56B4E9", (0, (1, 1))),
     Mode.WAITING: (FAILURE, (0, (1, 1))),
     Mode.ARRIVED: ("#0072B2", "-"),
+    Mode.HOMING: ("#0072B2", (0, (4, 1))),
 }
 """Colour and line style of the way in every mode."""
 

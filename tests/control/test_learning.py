@@ -70,11 +70,15 @@ def test_the_workspace_is_marked_where_it_was_touched() -> None:
     assert np.argwhere(marked.mask).tolist() == [[8, 8], [16, 0]]
 
 
-def test_a_blend_without_any_obstacle_is_its_neumann_part() -> None:
+def test_a_blend_without_any_obstacle_is_the_one_asked_for_and_follows_its_neumann_part() -> None:
     cell = np.zeros((6, 6), np.uint8)
     cell[2, 2] = Cell.GOAL
     torus = ConfigurationSpace([Axis("a", 0, 1, 6, True), Axis("b", 0, 1, 6, True)], cell)
-    assert resolver(k=0.98)(torus).k == 0.0
+    blend, neumann = resolver(k=0.98)(torus), resolver(k=0.0)(torus)
+    assert (blend.k, neumann.k) == (0.98, 0.0)
+    np.testing.assert_allclose(blend.potential, 0.02 * neumann.potential)
+    for axis in range(2):
+        np.testing.assert_allclose(blend.face_current(axis), 0.02 * neumann.face_current(axis), atol=1e-15)
     with pytest.raises(CircuitError, match="nothing is driven"):
         resolver(k=1.0)(torus)
     with pytest.raises(CircuitError, match="nothing is driven"):

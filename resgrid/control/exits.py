@@ -1,0 +1,40 @@
+"""Where a robot goes that the current does not lead: to the goal within a goal cell, and out of its own lost cell."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.control.controller import RECOVERY
+from resgrid.space import Cell, ConfigurationSpace
+
+Vector = NDArray[np.float64]
+
+
+def way_to_goal(space: ConfigurationSpace, place: Vector) -> Vector:
+    """From a place in a goal cell to the configuration there that solves the goal; 0 where the whole cell does."""
+    cell, local = space.split(place)
+    way = space.goal_point(cell) - space.lower - (cell + local) * space.spacing
+    return np.zeros(space.ndim) if np.isnan(way).any() else np.asarray(way)
+
+
+def ways_out(space: ConfigurationSpace, place: Vector) -> list[tuple[tuple[int, ...], Vector]]:
+    """Cells with a path within `RECOVERY` cells of a place's own, and the ways to their centres, the shortest first."""
+    cell, local = space.split(place)
+    most = int(RECOVERY)
+    found: dict[tuple[int, ...], tuple[float, Vector]] = {}
+    for by in product(range(-most, most + 1), repeat=space.ndim):
+        if not 0 < sum(step * step for step in by) <= RECOVERY**2:
+            continue
+        other = np.where(space.periodic, (cell + by) % space.shape, cell + by)
+        if np.any(other < 0) or np.any(other >= space.shape):
+            continue
+        at = tuple(int(index) for index in other)
+        if space.cell[at] == Cell.GOAL or space.goal_connected[at]:
+            way = (np.array(by) + 0.5 - local) * space.spacing
+            length = float(np.linalg.norm(way / space.spacing))
+            if at not in found or length < found[at][0]:
+                found[at] = length, way
+    return [(at, way) for at, (_, way) in sorted(found.items(), key=lambda item: item[1][0])]
