@@ -96,7 +96,8 @@ def checked(record: type[Record]) -> type[Record]:
         The same.
     """
     names = ("self", *(field.name for field in fields(record) if field.init))  # type: ignore[arg-type]
-    record.__init__ = _door(record.__init__, names, lambda: _checks_of(record))  # type: ignore[method-assign]
+    made = record.__init__
+    record.__init__ = _door(made, names, lambda: _checks_of(made))  # type: ignore[method-assign]
     return record
 
 
