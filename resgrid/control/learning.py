@@ -29,8 +29,8 @@ def proven_cells(
 
     Among them are all cells that hold a configuration in which the robot meets the point; of an arm or a turning
     polygon also some whose nearest configuration passes it at a fraction of a cell's motion: the rule is a bound.  If
-    the point belongs to an obstacle, each of them is an obstacle cell by that rule, which blocks every cell for a set of
-    points that it blocks for one of them.  Nothing else is claimed about the obstacle.
+    the point belongs to an obstacle, each of them is an obstacle cell by that rule, which blocks every cell for a set
+    of points that it blocks for one of them.  Nothing else is claimed about the obstacle.
 
     Parameters
     ----------
