@@ -44,14 +44,11 @@ class Choice(NamedTuple):
         Without forces.
     longest : float
         For how long at most, in seconds.
-    exit : tuple of int or None
-        Cell that it leaves its own for.
     """
 
     mode: Mode
     velocity: Vector
     longest: float = np.inf
-    exit: tuple[int, ...] | None = None
 
 
 class Loop:
@@ -76,6 +73,7 @@ class Loop:
         self.time, self.torque = 0.0, np.zeros(space.ndim)
         self.trail: list[Vector] = []
         self.lost, self.tried = False, set[tuple[int, ...]]()
+        self.exit: tuple[int, ...] | None = None
         self.barren: Vector | None = None
         self.patience = Patience(space.spacing, self.configuration)
         self.pace = float(np.minimum(self.controller.speed, self.controller.speed_limits).max() / space.spacing.min())
@@ -158,16 +156,22 @@ class Loop:
         self.recorder.add(self.time, before, believed, velocity, mode, felt, push)
         self._remember(mode, pushed, before)
         if not pushed and not _leads_on(velocity, chosen.velocity):
-            self._give_up(chosen)
+            self._go_elsewhere(mode)
         self.time += elapsed
         self._watch(mode, elapsed * pace, pushed, seen)
 
-    def _give_up(self, chosen: Choice) -> None:
+    def _go_elsewhere(self, mode: Mode) -> None:
         """What was chosen leads nowhere: a cell beside that cannot be reached, or a place that was touched itself."""
-        if chosen.exit is not None:
-            self.tried.add(chosen.exit)
-        elif chosen.mode is Mode.RETREATING:
+        if self.exit is not None:
+            self._give_up_exit()
+        elif mode is Mode.RETREATING:
             self.trail.pop()
+
+    def _give_up_exit(self) -> None:
+        assert self.exit is not None
+        self.tried.add(self.exit)
+        self.exit = None
+        self.patience.renew(self.configuration)
 
     def _pace(self, velocity: Vector) -> float:
         """Cells that are crossed in a second at a velocity, as fast as the limits allow."""
@@ -182,7 +186,7 @@ class Loop:
             if self.grid is not None and self.space.goal_connected[tuple(self.space.split(believed)[0])]:
                 return Choice(Mode.WAITING, np.zeros_like(believed))
             return self._way_back(believed)
-        self.tried, self.lost = set(), False
+        self.tried, self.exit, self.lost = set(), None, False
         if self.controller.response == "equipotential" and self.torque.any():
             following = following_velocity(seen.velocity, self.torque)
             return Choice(Mode.FOLLOWING if following.any() else Mode.JAM, following)
@@ -197,10 +201,10 @@ class Loop:
             return None
         return self._straight(Mode.HOMING, way)
 
-    def _straight(self, mode: Mode, way: Vector, exit_: tuple[int, ...] | None = None) -> Choice:
+    def _straight(self, mode: Mode, way: Vector) -> Choice:
         length = float(np.linalg.norm(way))
         velocity = self.controller.limited(way * (self.controller.speed / length))
-        return Choice(mode, velocity, length / float(np.linalg.norm(velocity)), exit_)
+        return Choice(mode, velocity, length / float(np.linalg.norm(velocity)))
 
     def _recover(self, believed: Vector) -> Choice | None:
         """Wrong belief may put the robot into a cell without a path, and no way back leads out of a mistake."""
@@ -215,7 +219,10 @@ class Loop:
         if self.lost:
             for at, way in ways_out(self.space, believed):
                 if at not in self.tried:
-                    return self._straight(Mode.RECOVERING, way, at)
+                    self.exit = at
+                    return self._straight(Mode.RECOVERING, way)
+            if self.exit is not None:  # Out of reach by now: it slid off what was in the way.
+                self._give_up_exit()
         elif self.noise.any() or (self.bias.any() and not self.trail):
             return self._recover(believed)
         while self.trail:
@@ -259,6 +266,8 @@ class Loop:
         self.patience.wait(self.configuration, cells)
         if self.grid is not None and not self.grid.settled and mode in {Mode.WAITING, Mode.STREAMLINE}:
             self._lose_patience()
+        elif self.patience.lost and self.exit is not None:
+            self._give_up_exit()
         elif self.patience.lost:
             if self.simulation.learn and self.patience.shake():
                 self._dither()
@@ -317,7 +326,7 @@ class Loop:
         self.time += pause
         self.torque = none
         self.patience.renew(self.configuration)
-        self.tried.clear()
+        self.tried, self.exit = set(), None
         self._resolve()
         return True
 
