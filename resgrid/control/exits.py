@@ -20,6 +20,28 @@ def way_to_goal(space: ConfigurationSpace, place: Vector) -> Vector:
     return np.zeros(space.ndim) if np.isnan(way).any() else np.asarray(way)
 
 
+def ways_home(space: ConfigurationSpace, place: Vector) -> list[tuple[tuple[int, ...], Vector]]:
+    """Goal cells whose goal may be taken from a place in one, and the ways: its own, then those across its faces.
+
+    Neighbours that share a face make a convex box, so that these ways meet goal cells alone.
+    """
+    cell, local = space.split(place)
+    own = tuple(int(index) for index in cell)
+    beside: dict[tuple[int, ...], Vector] = {}
+    for axis, by in product(range(space.ndim), (-1, 1)):
+        step = np.zeros(space.ndim, dtype=np.int64)
+        step[axis] = by
+        other = np.where(space.periodic, (cell + step) % space.shape, cell + step)
+        if np.any(other < 0) or np.any(other >= space.shape):
+            continue
+        at = tuple(int(index) for index in other)
+        way = space.goal_point(other) - space.axis_centre(other) + (step + 0.5 - local) * space.spacing
+        if at != own and not np.isnan(way).any():
+            beside.setdefault(at, way)
+    nearest = sorted(beside.items(), key=lambda item: float(np.linalg.norm(item[1])))
+    return [(own, way_to_goal(space, place)), *nearest]
+
+
 def ways_out(space: ConfigurationSpace, place: Vector) -> list[tuple[tuple[int, ...], Vector]]:
     """Cells with a path within `RECOVERY` cells of a place's own, and the ways to their centres, the shortest first."""
     cell, local = space.split(place)

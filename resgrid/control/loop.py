@@ -12,16 +12,15 @@ from resgrid.arguments import check_whole
 from resgrid.control.contact import Touch
 from resgrid.control.controller import Nominal
 from resgrid.control.equipotential import following_velocity
-from resgrid.control.exits import way_to_goal, ways_out
+from resgrid.control.exits import way_to_goal, ways_home, ways_out
 from resgrid.control.learning import INSIDE, learn, proven_cells
 from resgrid.control.log import Ending, Lesson, Mode, Run
 from resgrid.control.motion import KEEP, Body
 from resgrid.control.patience import LONGEST, Patience
 from resgrid.control.pushes import Force, Push, force_of
 from resgrid.control.recorder import Recorder
-from resgrid.control.simulation import believed_offsets
+from resgrid.control.simulation import believed_offsets, checked_start
 from resgrid.errors import InputError
-from resgrid.planning.trace import one_start
 from resgrid.space import Cell
 
 if TYPE_CHECKING:
@@ -66,7 +65,7 @@ class Loop:
         check_whole("seed", seed, 0)
         self.push_at, self.max_steps = force_of(pushes, space.ndim), max_steps
         self.rng = np.random.default_rng(seed)
-        self.body = Body(self.plant, _checked_start(simulation, start), simulation.step, simulation.margin)
+        self.body = Body(self.plant, checked_start(simulation, start), simulation.step, simulation.margin)
         self.believed = self.plant.within_stops(self.configuration + self.bias)
         self.space, self.lessons = space, list[Lesson]()
         self.spacing = space.spacing
@@ -171,7 +170,8 @@ class Loop:
         assert self.exit is not None
         self.tried.add(self.exit)
         self.exit = None
-        self.patience.renew(self.configuration)
+        if self.lost:
+            self.patience.renew(self.configuration)
 
     def _pace(self, velocity: Vector) -> float:
         """Cells that are crossed in a second at a velocity, as fast as the limits allow."""
@@ -194,12 +194,14 @@ class Loop:
         return Choice(Mode.STREAMLINE, seen.velocity, seen.longest * float(slowed))
 
     def _home(self, believed: Vector) -> Choice | None:
-        """Straight to the configuration in the goal cell that solves the goal."""
-        way = way_to_goal(self.space, believed)
-        if np.all(np.abs(way) <= self.noise + _SAME * self.spacing):
+        """Straight to what solves the goal: in its own goal cell or, if that is obstructed, in one beside."""
+        ways = ways_home(self.space, believed)
+        own = ways[0][1]
+        if np.all(np.abs(own) <= self.noise + _SAME * self.spacing):
             self.ending = (Ending.ARRIVED, "the robot is in a goal")
             return None
-        return self._straight(Mode.HOMING, way)
+        self.exit = next((at for at, _ in ways if at not in self.tried), None)
+        return self._straight(Mode.HOMING, own if self.exit is None else dict(ways)[self.exit])
 
     def _straight(self, mode: Mode, way: Vector) -> Choice:
         length = float(np.linalg.norm(way))
@@ -382,21 +384,6 @@ def _contact_mode(mode: Mode, felt: Touch) -> Mode:
     if mode in {Mode.RETREATING, Mode.JAM, Mode.FOLLOWING, Mode.RECOVERING, Mode.HOMING}:
         return mode
     return Mode.STICKING if felt.sticking.any() else Mode.SLIDING
-
-
-def _checked_start(simulation: Simulation, start: ArrayLike) -> Vector:
-    point = one_start(simulation.space, start, None)
-    if simulation.plant.axis_penetration(point[np.newaxis])[0] > 0:
-        inside = next(
-            number
-            for number in range(len(simulation.plant.obstacles))
-            if simulation.plant.only(number).axis_penetration(point[np.newaxis])[0] > 0
-        )
-        raise InputError(
-            f"the start {simulation.space.to_world(point).tolist()} puts the robot inside "
-            f"{simulation.plant.name_of(inside)}: move the start"
-        )
-    return point
 
 
 def _static_ending(loop: Loop) -> tuple[Ending, str] | None:

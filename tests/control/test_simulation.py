@@ -246,7 +246,7 @@ def test_problems_1_and_2(scenes, name: str) -> None:
     following = simulation(scene, field=sim.controller.field, learn=False).run(start)
     learning = sim.run(start)
     assert [run.ending for run in (clear, following, learning)] == [Ending.ARRIVED] * 3
-    assert set(clear.mode) == {Mode.STREAMLINE, Mode.ARRIVED}
+    assert set(clear.mode) == {Mode.STREAMLINE, Mode.HOMING, Mode.ARRIVED}
     assert Mode.FOLLOWING in following.mode
     check(sim, learning)
     check(sim, following)
