@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 Vector = NDArray[np.float64]
 
 _SAME = 1e-9
-_NO_WAY = 1e-2
+_NO_WAY = 0.1
 
 
 class Choice(NamedTuple):
