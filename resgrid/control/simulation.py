@@ -14,7 +14,6 @@ from resgrid.control.learning import Resolve, scene_resolver
 from resgrid.control.plant import Plant, plant_of
 from resgrid.errors import InputError
 from resgrid.planning.field import Field
-from resgrid.planning.trace import one_start
 from resgrid.space import ConfigurationSpace
 
 if TYPE_CHECKING:
@@ -179,22 +178,6 @@ def simulation(
         speed=speed, admittance=admittance, speed_limits=speed_limits, response=response,
     )  # fmt: skip
     return Simulation(controller, plant, resolve, friction, learn, step)
-
-
-def checked_start(simulation: Simulation, start: ArrayLike) -> NDArray[np.float64]:
-    """A start of the world in axis units, shape (ndim,), if the robot is outside all obstacles there."""
-    point = one_start(simulation.space, start, None)
-    if simulation.plant.axis_penetration(point[np.newaxis])[0] > 0:
-        inside = next(
-            number
-            for number in range(len(simulation.plant.obstacles))
-            if simulation.plant.only(number).axis_penetration(point[np.newaxis])[0] > 0
-        )
-        raise InputError(
-            f"the start {simulation.space.to_world(point).tolist()} puts the robot inside "
-            f"{simulation.plant.name_of(inside)}: move the start"
-        )
-    return point
 
 
 def believed_offsets(value: ArrayLike, ndim: int, what: str) -> NDArray[np.float64]:
