@@ -270,11 +270,11 @@ def test_who_starts_beside_an_obstacle_leaves_its_lost_cell(cells) -> None:
 
 
 def test_no_path_says_why() -> None:
-    closed = hiding([Box((0.0, 3.0), (8.0, 4.0))], robot=PointRobot())
-    far, near = closed.run((4.1, 6.0)), closed.run((4.1, 4.001))
+    closed = hiding([Box((0.0, 3.0), (8.0, 4.0))])
+    far, near = closed.run((4.1, 6.0)), closed.run((4.1, 4.201))
     assert far.ending is near.ending is Ending.NO_PATH
     assert "separate the start" in far.message
-    assert "own cell (8, 8)" in near.message
+    assert "start's own cell (8, 8)" in near.message
 
 
 def with_goal_point(point: tuple[float, float], hidden: list[Shape], learn: bool = True) -> Simulation:
