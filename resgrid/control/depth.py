@@ -68,7 +68,7 @@ def depth_along(robot: Robot, bodies: Sequence[Body], way: Vector, own: Any) -> 
     """Deepest entry on the straight lines between configurations, in metres.
 
     A line is free for sure where no point of the robot moves farther on it than the gaps at both of its ends allow
-    together; others are cut in four until they are, ten times at most.
+    together; others are cut in four until they are, ten times at most, or twice if something was entered.
 
     Parameters
     ----------
@@ -93,7 +93,7 @@ def depth_along(robot: Robot, bodies: Sequence[Body], way: Vector, own: Any) -> 
         reach = float(travel.max())
         first, last = _gaps(robot, bodies, own(begin), reach), _gaps(robot, bodies, own(end), reach)
         open_ = travel > first + last
-        if level == _LEVELS or not open_.any():
+        if level == _LEVELS or not open_.any() or (deepest > 0.0 and level > 1):
             break
         shares = np.linspace(0.0, 1.0, _SPLIT + 1)[:, None, None]
         stations = begin[open_] + shares * (end[open_] - begin[open_])

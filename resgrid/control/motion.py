@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from resgrid.control.contact import Surroundings, Touch, surroundings, touch
 from resgrid.control.plant import Plant
+from resgrid.planning.bodies import TOUCH
 
 Vector = NDArray[np.float64]
 
@@ -14,6 +15,8 @@ _LOOK = 4.0
 _AT_STOP = 1e-6
 _LEAST = 1e-3
 _POSES = 50
+_LIFTS = 3
+_LIFT = 10 * TOUCH
 
 KEEP = 0.2
 """Gap that no step goes below, in margins, unless the robot starts there."""
@@ -24,7 +27,9 @@ class Body:
 
     Contacts hold gaps to first order, and a turning link bends towards what it slides along.  So every step is
     shortened to the share of it for which a gap is known to remain (`Plant.free_share`), pose after pose: a robot that
-    starts outside of every obstacle never enters one, between two configurations as little as at them.
+    starts outside of every obstacle never enters one, between two configurations as little as at them.  One that
+    touches at the start is lifted off by `_LIFT` (for each metre, and one more, of the largest radius), so that it is
+    known on which side it is; wedged so tightly that it cannot be, it never moves.
 
     Parameters
     ----------
@@ -43,11 +48,29 @@ class Body:
         self._clear, self._pose = 0.0, plant.pose(start)
         ndim = len(start)
         self._nothing = Surroundings(np.empty((0, 11)), np.empty((0, ndim)), np.empty((0, ndim)))
+        size = max([0.0, *self._pose.radius.tolist(), *plant.bodies.discs[:, 2].tolist()])
+        self._lift = _LIFT * (1.0 + size)
+        self.configuration = self._lifted()
+
+    def _lifted(self) -> Vector:
+        """The configuration, or where something is touched one some 1e-8 m off it, if there is one."""
+        none = np.zeros_like(self.configuration)
+        for _ in range(_LIFTS):
+            around = self._looked()
+            if not len(around.gap) or float(around.gap.min()) >= 0.5 * self._lift:
+                break
+            off = np.maximum(self._lift - around.gap, 0.0)
+            away = touch(around, off > 0.0, none, np.eye(len(none)), 0.0, off, self._stops()).velocity
+            self.configuration = self.plant.within_stops(self.configuration + away)
+        return self.configuration
 
     def look(self) -> Surroundings | None:
         """What is near enough to be met in this step; None while that is known to be nothing."""
         if self._clear > 2.0 * self._reach:
             return None
+        return self._looked()
+
+    def _looked(self) -> Surroundings:
         pose = self._pose = self.plant.pose(self.configuration)
         pairs = self.plant.near(pose, _LOOK * self._reach)
         self._clear = float(pairs[:, 6].min()) if len(pairs) else _LOOK * self._reach
@@ -117,10 +140,13 @@ class Body:
 
     def _free(self, motion: Vector, around: Surroundings, keep: float) -> float:
         """Share of a motion on which no gap falls below what is kept, or below the smallest that there is."""
-        least = min(keep * self.margin, float(around.gap.min(initial=np.inf)))
+        nearest = float(around.gap.min(initial=np.inf))
+        if nearest < 0.1 * self._lift:
+            return 0.0
+        least = min(keep * self.margin, nearest)
         share, pose = 0.0, self._pose
         for _ in range(_POSES):
-            more = self.plant.free_share(pose, motion, max(least, 0.0))
+            more = self.plant.free_share(pose, motion, least)
             share += more
             if share >= 1.0 or more < _LEAST:
                 break

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 
 from resgrid.control.near_kernels import misses, share
 from resgrid.jit import inner
-from resgrid.planning.bodies import TOUCH
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -99,31 +98,6 @@ def _free_of_edge(segment: Floats, moves: Floats, edge: Floats, keep: float) -> 
         if nx * (segment[0] + segment[2] - ax - bx) + ny * (segment[1] + segment[3] - ay - by) < 0.0:
             nx, ny = -nx, -ny
         free = max(free, _beyond(nx, ny, segment, moves, max(nx * ax + ny * ay, nx * bx + ny * by) + keep))
-    return free if free >= 1.0 or apart > TOUCH else max(free, _off_end(segment, moves, edge, keep))
-
-
-@inner
-def _off_end(segment: Floats, moves: Floats, edge: Floats, keep: float) -> float:
-    """Until when a segment that touches an end of an edge is beyond a line between the edge and its way, or itself."""
-    ax, ay, bx, by = edge
-    length, free = math.hypot(bx - ax, by - ay), 0.0
-    for end in (1.0, -1.0):
-        ex, ey = end * (bx - ax) / length, end * (by - ay) / length
-        for way in range(4):
-            if way < 2:
-                dx, dy = moves[2 * way], moves[2 * way + 1]
-            else:
-                sign = 5.0 - 2.0 * way
-                dx, dy = sign * (segment[2] - segment[0]), sign * (segment[3] - segment[1])
-            size = math.hypot(dx, dy)
-            if size == 0.0:
-                continue
-            nx, ny = ex + dx / size, ey + dy / size
-            size = math.hypot(nx, ny)
-            if size > TOUCH:
-                nx, ny = nx / size, ny / size
-                top = max(nx * ax + ny * ay, nx * bx + ny * by)
-                free = max(free, _beyond(nx, ny, segment, moves, top + keep))
     return free
 
 

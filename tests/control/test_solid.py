@@ -1,0 +1,317 @@
+"""A robot is solid: nothing is entered, at no moment, by no push; distances here are shapely's own."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import shapely
+from hidden import hiding, square
+from hypothesis import assume, given, settings, strategies as st
+
+from resgrid.control.controller import make_controller
+from resgrid.control.learning import resolver
+from resgrid.control.log import Ending, Mode, Run
+from resgrid.control.plant import Plant, make_plant
+from resgrid.control.pushes import Push
+from resgrid.control.recorder import Recorder
+from resgrid.control.simulation import Simulation
+from resgrid.errors import InputError
+from resgrid.planning.workspace import travel_bound
+from resgrid.robots import Arm, Ball, Box, DiscRobot, HalfSpace, PointRobot, Polygon, PolygonRobot, Robot, Shape
+from resgrid.space import Axis, Cell, ConfigurationSpace
+
+BAR = PolygonRobot(((-0.4, -0.1), (0.4, -0.1), (0.4, 0.1), (-0.4, 0.1)), turning_length=0.5)
+ROBOTS: list[Robot] = [
+    PointRobot(), DiscRobot(0.2), BAR, Arm((1.0, 0.8)), Arm((1.0, 1.0), angles="absolute"),
+    Arm((1.0, 0.8), widths=(0.06, 0.0), limits=((-2.5, 2.5), None)), Arm((0.8, 0.6, 0.5), angles="absolute"),
+]  # fmt: skip
+
+
+def axes_of(robot: Robot, cells: int) -> tuple[Axis, ...]:
+    if isinstance(robot, Arm):
+        return robot.axes(min(cells, 16) if len(robot.lengths) == 3 else cells)
+    plane = (Axis("x", -2, 2, cells), Axis("y", -2, 2, cells))
+    return (*plane[:1], Axis("y", -2, 2, 12), robot.turning_axis(12)) if isinstance(robot, PolygonRobot) else plane
+
+
+def shapes_of(rng: np.random.Generator, count: int) -> list[Shape]:
+    """Discs down to a tenth of a millimetre, boxes, and needles as thin."""
+    found: list[Shape] = []
+    while len(found) < count:
+        x, y = rng.uniform(-1.8, 1.8, 2)
+        kind, size, angle = rng.integers(3), float(10 ** rng.uniform(-4, -0.6)), rng.uniform(0, np.pi)
+        along, across = 0.4 * np.array([np.cos(angle), np.sin(angle)]), size * np.array([-np.sin(angle), np.cos(angle)])
+        ends = [tuple(np.array([x, y]) + a * along + b * across) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))]
+        if np.hypot(x, y) > 0.7:
+            found.append([Ball((x, y), size), Box((x, y), (x + 0.3, y + 0.2)), Polygon(tuple(ends))][kind])
+    return found
+
+
+def gaps(plant: Plant, points: np.ndarray) -> np.ndarray:
+    """Distance between robot and obstacles; of what is entered, minus something."""
+    robot, away = plant.robot, np.full(len(points), np.inf)
+    if isinstance(robot, Arm):
+        joints = robot.joints(points)
+        parts = [(shapely.linestrings(joints[:, m : m + 2]), width / 2) for m, width in enumerate(robot.widths)]
+    elif isinstance(robot, PolygonRobot):
+        parts = [(shapely.polygons(robot.corners(points)), 0.0)]
+    else:
+        parts = [(shapely.points(points), robot.radius)]
+    for shape in plant.obstacles:
+        core, radius = (shapely.Point(shape.centre), shape.radius) if isinstance(shape, Ball) else (None, 0.0)
+        if isinstance(shape, Box):
+            core = shapely.box(*shape.lower, *shape.upper)
+        elif isinstance(shape, Polygon):
+            core = shapely.Polygon(shape.vertices)
+        for part, width in parts:
+            entered = shapely.intersects(part, core) & ~shapely.touches(part, core)
+            apart = np.where(entered & (radius == 0), -1.0, shapely.distance(part, core))
+            away = np.minimum(away, apart - radius - width)
+    return away
+
+
+def nearest_on_the_way(plant: Plant, way: np.ndarray) -> float:
+    """Smallest gap on straight lines, halved until no point can move as far as both ends are away."""
+    low, begin, end = float(gaps(plant, way).min()), way[:-1], way[1:]
+    for _ in range(14):
+        travel = travel_bound(plant.robot, begin, end)
+        doubt = (travel > np.maximum(gaps(plant, begin), 0) + np.maximum(gaps(plant, end), 0)) & (travel > 1e-6)
+        if not doubt.any():
+            break
+        begin, end = begin[doubt], end[doubt]
+        middle = (begin + end) / 2
+        low = min(low, float(gaps(plant, middle).min()))
+        begin, end = np.concatenate([begin, middle]), np.concatenate([middle, end])
+    return low
+
+
+@settings(max_examples=40)
+@given(
+    st.sampled_from(ROBOTS), st.sampled_from([16, 24, 40]), st.sampled_from([0.05, 0.2, 0.5]), st.booleans(),
+    st.integers(0, 2**32 - 1),
+)  # fmt: skip
+def test_nothing_is_entered_whatever_the_push_the_step_the_width_and_the_cell(robot, cells, step, learn, seed) -> None:
+    rng = np.random.default_rng(seed)
+    axes = axes_of(robot, cells)
+    cell = np.zeros(tuple(axis.cells for axis in axes), np.uint8)
+    cell[tuple(rng.integers(0, cell.shape))] = Cell.GOAL
+    space, resolve = ConfigurationSpace(axes, cell), resolver(k=0.9)
+    plant = make_plant(robot, axes, [], shapes_of(rng, 4))
+    start = space.lower + rng.random(len(axes)) * (space.upper - space.lower)
+    assume(gaps(plant, start[np.newaxis])[0] > 0)
+    sim = Simulation(make_controller(resolve(space)), plant, resolve, learn=learn, step=step)
+    pushes = [Push(*rng.uniform(0.5, 8.0, 2), rng.normal(size=len(axes)) * 8.0) for _ in range(3)]
+    run = sim.run(start, pushes=pushes, max_steps=300)
+    assert nearest_on_the_way(plant, run.configuration) >= 0
+    assert run.penetration == 0
+    assert np.all(np.diff(run.time) >= 0)
+    assert np.all(np.abs(run.velocity) <= sim.controller.speed_limits * (1 + 1e-9))
+    moved = np.abs(np.diff(run.configuration, axis=0)) / space.spacing
+    assert np.all(moved <= step * (1 + 1e-9))
+
+
+@settings(max_examples=200)
+@given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1), st.floats(0.0, 1.0))
+def test_what_a_sweep_calls_free_keeps_its_gap(robot, seed, keep) -> None:
+    rng = np.random.default_rng(seed)
+    plant = make_plant(robot, axes_of(robot, 20), shapes_of(rng, 4))
+    start = np.array([rng.uniform(axis.lower, axis.upper) for axis in plant.axes])
+    motion = rng.normal(size=len(start)) * rng.choice([0.01, 0.1, 0.5])
+    gap = gaps(plant, start[np.newaxis])[0]
+    assume(gap > 0)
+    share = plant.free_share(plant.pose(start), motion, keep * gap)
+    assert share >= 0
+    on_the_way = start + np.linspace(0, min(share, 1.0), 60)[:, None] * motion
+    assert gaps(plant, on_the_way).min() >= keep * gap - 1e-12
+
+
+def test_a_push_through_a_disc_slides_along_it() -> None:
+    """An arm without width, one steady push, a disc of 20 cm, cells of 12 degrees."""
+    arm = Arm((1.0, 1.0), angles="absolute")
+    cell = np.zeros((30, 30), np.uint8)
+    cell[2, 2] = Cell.GOAL
+    space, resolve = ConfigurationSpace(arm.axes(30), cell), resolver(k=0.98)
+    plant = make_plant(arm, space.axes, [], [Ball((1.1, -0.1), 0.1)])
+    sim = Simulation(make_controller(resolve(space)), plant, resolve, learn=False)
+    run = sim.run((2.0, -2.7), pushes=[Push(0.0, 20.0, np.array([-2.0, 1.0]))], max_steps=3000)
+    assert len(run.contacts.step) > 10
+    assert nearest_on_the_way(plant, run.configuration) > 0
+
+
+@pytest.mark.parametrize(
+    "start", [(4.1, 4.0), (3.0, 4.0), (2.5, 3.5), (6.2, 3.25), (2.5, 4.0), (6.2, 4.0), (2.5, 3.0), (6.2, 3.0)]
+)
+@pytest.mark.parametrize("as_polygon", [False, True])
+def test_a_start_on_a_side_or_a_corner_touches_and_goes_round(start, as_polygon) -> None:
+    box: Shape = Box((2.5, 3.0), (6.2, 4.0))
+    if as_polygon:
+        box = Polygon(((2.5, 3.0), (6.2, 3.0), (6.2, 4.0), (2.5, 4.0)))
+    sim = hiding([box], robot=PointRobot())
+    run = sim.run(start)
+    assert run.ending is Ending.ARRIVED, run.message
+    assert nearest_on_the_way(sim.plant, run.configuration) >= 0
+
+
+def test_a_start_deeper_than_rounding_is_inside() -> None:
+    slanted = Polygon(((1.0, 1.0), (7.0, 3.0), (6.0, 5.0)))
+    sim = hiding([slanted], robot=PointRobot())
+    on = np.array([1.0, 1.0]) + 0.37 * np.array([6.0, 2.0])
+    into = np.array([-2.0, 6.0]) / np.hypot(2.0, 6.0)
+    for depth in (-1e-12, 0.0, 1e-12):
+        assert sim.run(on + depth * into).ending is Ending.ARRIVED
+    with pytest.raises(InputError, match=r"inside hidden\[0\]"):
+        sim.run(on + 1e-6 * into)
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-12])
+def test_an_arm_that_lies_along_a_side_lifts_off(gap) -> None:
+    arm = Arm((1.0, 1.0), angles="absolute")
+    cell = np.zeros((48, 48), np.uint8)
+    cell[20, 20] = Cell.GOAL
+    space, resolve = ConfigurationSpace(arm.axes(48), cell), resolver(k=0.5)
+    plant = make_plant(arm, space.axes, [], [Box((0.5, gap), (2.5, 0.5))])
+    run = Simulation(make_controller(resolve(space)), plant, resolve, learn=False).run((0.0, 0.0))
+    assert run.ending is Ending.ARRIVED, run.message
+    assert run.penetration == 0
+
+
+@pytest.mark.parametrize("robot", [PointRobot(), DiscRobot(0.2)])
+@pytest.mark.parametrize("learn", [True, False])
+def test_in_the_wedge_between_an_obstacle_and_the_end_of_an_axis_time_goes_on(robot, learn) -> None:
+    sim = hiding([Ball((4.0, 7.6), 0.5)], robot=robot, learn=learn)
+    run = sim.run((2.5, 7.9 - robot.radius), pushes=[Push(0.0, 3.0, np.array([9.0, 9.0]))], max_steps=2000)
+    assert run.ending is Ending.ARRIVED, run.message
+    assert nearest_on_the_way(sim.plant, run.configuration) >= 0
+    assert run.configuration.max() <= 8.0
+    pushed = np.diff(run.time)[run.push[:-1].any(axis=1)]
+    assert pushed.max() > 0.1
+    assert (pushed < 1e-6).sum() <= 2
+
+
+def test_depth_is_measured_between_rows_and_an_entry_is_no_arrival() -> None:
+    """Two rows on either side of a needle a tenth of a millimetre thick."""
+    space = square()
+    field = resolver(k=0.98)(space)
+    for solid in (Box((1.0, 3.0), (7.0, 3.0001)), Ball((4.0, 3.0), 1e-4)):
+        plant = make_plant(PointRobot(), space.axes, [], [solid])
+        none = np.zeros(2)
+        recorder = Recorder(2)
+        for time, y in enumerate((2.9, 3.1)):
+            recorder.add(float(time), np.array([4.0, y]), np.array([4.0, y]), none, Mode.STREAMLINE, None, none)
+        run = recorder.run((Ending.ARRIVED, ""), 0, (), space, field, plant)
+        assert 0 < run.penetration <= 1e-4
+        assert run.ending is Ending.ENTERED
+        assert "entered an obstacle" in run.message
+        assert plant.penetration(run.configuration).max() == 0
+
+
+def test_depth_is_finite_where_cores_overlap() -> None:
+    axes = (Axis("x", -3, 3, 12), Axis("y", -3, 3, 12))
+    solids = [Box((0.0, -2.0), (1.0, 2.0)), HalfSpace((0.0, -1.0), -2.5)]
+    point = make_plant(PointRobot(), axes, solids)
+    np.testing.assert_allclose(
+        point.penetration([(0.25, 0.0), (0.5, 0.0), (0.0, 0.0), (-1.0, 2.75)]), [0.25, 0.5, 0, 0.25]
+    )
+    bar = make_plant(BAR, (*axes, BAR.turning_axis(12)), solids)
+    depth = bar.penetration([(-0.3, 0.0, 0.0), (-0.4, 0.0, 0.0)])
+    np.testing.assert_allclose(depth, [0.1, 0.0], atol=1e-12)
+
+
+def wall_at(degrees: float) -> Polygon:
+    along = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
+    into, centre = np.array([along[1], -along[0]]), np.array([4.0, 4.0])
+    corners = (centre - 4 * along, centre - 4 * along + 0.5 * into, centre + 4 * along + 0.5 * into, centre + 4 * along)
+    return Polygon(tuple(map(tuple, corners)))
+
+
+@pytest.mark.parametrize("limit", [0.5, 1.0, [0.7, 2.0]])
+def test_speed_limits_hold_after_contacts(limit) -> None:
+    sim = hiding([wall_at(-22.5)], learn=False, friction=0.0, response="admittance")
+    sim = replace(sim, controller=make_controller(sim.controller.field, speed=0.4, speed_limits=limit))
+    run = sim.run((2.0, 6.5), pushes=[Push(0.0, 6.0, np.array([30.0, -30.0]))], max_steps=500)
+    assert len(run.contacts.step)
+    assert np.all(np.abs(run.velocity) <= np.asarray(limit) * (1 + 1e-12))
+    lasted = np.diff(run.time)[:, None]
+    assert np.all(np.abs(np.diff(run.configuration, axis=0)) <= np.asarray(limit) * lasted * (1 + 1e-9) + 1e-12)
+
+
+def free_run(sim: Simulation, **options: object) -> Run:
+    return replace(sim, learn=False).run((1.2, 7.1), **options)  # type: ignore[arg-type]
+
+
+def test_who_moves_is_not_stalled() -> None:
+    """Slow limits, small steps, flat cells: judged by what could have been crossed."""
+    sim = hiding([])
+    field = sim.controller.field
+    for limit in (0.1, 0.005, [0.4, 0.004]):
+        slow = replace(sim, controller=make_controller(field, speed=1.0, speed_limits=limit))
+        assert free_run(slow).ending is Ending.ARRIVED
+    assert free_run(replace(sim, step=0.002), max_steps=10_000).ending is Ending.ARRIVED
+    cell = np.zeros((16, 800), np.uint8)
+    cell[14, 400] = Cell.GOAL
+    flat = ConfigurationSpace([Axis("x", 0, 8, 16), Axis("y", 0, 8, 800)], cell)
+    resolve = resolver(k=0.98)
+    wide = Simulation(make_controller(resolve(flat)), make_plant(PointRobot(), flat.axes, []), resolve, learn=False)
+    assert wide.run((1.25, 4.0)).ending is Ending.ARRIVED
+
+
+@pytest.mark.parametrize("cells", [16, 32])
+def test_who_starts_beside_an_obstacle_leaves_its_lost_cell(cells) -> None:
+    """The start's own cell turns out to be an obstacle cell, and the one beside it leads to the goal."""
+    space, resolve = square(cells, goal=(cells // 2, cells // 16)), resolver(k=0.98)
+    plant = make_plant(DiscRobot(0.2), space.axes, [], [Box((2.5, 3.0), (6.2, 4.0))])
+    sim = Simulation(make_controller(resolve(space)), plant, resolve)
+    run = sim.run((4.1, 4.201))
+    assert run.space.cell[tuple(run.space.locate((4.1, 4.201)))] == Cell.OBSTACLE
+    assert run.ending is Ending.ARRIVED, run.message
+    assert sim.run((4.1, 4.201), noise=1e-12).ending is Ending.ARRIVED
+
+
+def test_no_path_says_why() -> None:
+    closed = hiding([Box((0.0, 3.0), (8.0, 4.0))])
+    far, near = closed.run((4.1, 6.0)), closed.run((4.1, 4.201))
+    assert far.ending is near.ending is Ending.NO_PATH
+    assert "separate the start" in far.message
+    assert "start's own cell (8, 8)" in near.message
+
+
+def with_goal_point(point: tuple[float, float], hidden: list[Shape], learn: bool = True) -> Simulation:
+    space = square()
+    space = ConfigurationSpace(space.axes, space.cell, goal_points=[point])
+    resolve = resolver(k=0.98)
+    plant = make_plant(PointRobot(), space.axes, [], hidden)
+    return Simulation(make_controller(resolve(space)), plant, resolve, learn=learn)
+
+
+@pytest.mark.parametrize("point", [(4.05, 0.52), (4.5, 1.0), (4.25, 0.75)])
+def test_arrived_is_at_the_configuration_that_solves_the_goal(point) -> None:
+    run = with_goal_point(point, []).run((1.2, 7.1))
+    assert run.ending is Ending.ARRIVED
+    np.testing.assert_allclose(run.configuration[-1], point, atol=1e-9)
+    assert Mode.HOMING in run.mode
+    inside = np.all((run.configuration >= (4.0, 0.5)) & (run.configuration <= (4.5, 1.0)), axis=1)
+    assert np.all(inside[run.mode == Mode.HOMING])
+    noisy = with_goal_point(point, []).run((1.2, 7.1), noise=0.05)
+    assert noisy.ending is Ending.ARRIVED
+    assert np.abs(noisy.configuration[-1] - point).max() <= 0.1 + 1e-9
+    whole = with_goal_point((np.nan, np.nan), []).run((1.2, 7.1))
+    assert whole.ending is Ending.ARRIVED
+    assert Mode.HOMING not in whole.mode
+
+
+def test_a_goal_that_is_not_reached_within_its_cell_is_no_arrival() -> None:
+    """A hidden wall through the goal cell: learnt, the goal is gone; not learnt, its distance is told."""
+    wall = Box((3.0, 0.6), (5.5, 0.7))
+    assert with_goal_point((4.25, 0.52), [wall]).run((4.25, 5.0)).ending is Ending.GOAL_BLOCKED
+    run = with_goal_point((4.25, 0.52), [wall], learn=False).run((4.25, 5.0))
+    assert run.ending is Ending.STALLED
+    assert "from the configuration that solves the goal" in run.message
+    assert run.penetration == 0
+
+
+@pytest.mark.parametrize(("name", "value"), [("max_steps", -3), ("max_steps", 0), ("seed", -1), ("seed", 1.5)])
+def test_impossible_counts_are_refused(name, value) -> None:
+    with pytest.raises(InputError, match=name):
+        hiding([]).run((1.0, 1.0), **{name: value})
