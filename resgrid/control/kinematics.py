@@ -31,9 +31,9 @@ class Pose(NamedTuple):
     shift : ndarray of float64, shape (parts, ndim, 2)
     spin : ndarray of float64, shape (parts, ndim)
     pivot : ndarray of float64, shape (parts, ndim, 2)
-    lever : ndarray of float64, shape (parts, parts)
-        What the squared turning rate of each part (column) adds at most to the acceleration of a point of a part's
-        segments (row), while the axes move at constant rates; in metres.
+    lever : ndarray of float64, shape (s, 2, parts)
+        What the squared turning rate of each part adds at most to the accelerations of the ends of each segment, while
+        the axes move at constant rates; in metres.
     """
 
     segments: NDArray[np.float64]
@@ -91,7 +91,7 @@ def pose_of(robot: Robot, configuration: NDArray[np.float64]) -> Pose:
             return Pose(
                 np.array([[*configuration, *configuration]]), np.array([robot.radius]), np.zeros(1, np.int64),
                 np.array([[*configuration, 0.0]]), np.eye(2)[np.newaxis], np.zeros((1, 2)), np.zeros((1, 2, 2)),
-                np.zeros((1, 1)),
+                np.zeros((1, 2, 1)),
             )  # fmt: skip
     raise InputError(f"how a {type(robot).__name__} moves is not known: arm, polygon, disc and point are")
 
@@ -106,7 +106,7 @@ def _polygon_pose(robot: PolygonRobot, configuration: NDArray[np.float64]) -> Po
     count = len(corners)
     segments = np.hstack([corners, np.roll(corners, -1, axis=0)])
     frame = np.array([[x, y, arc / robot.turning_length]])
-    lever = np.array([[robot.farthest]])
+    lever = np.full((count, 2, 1), robot.farthest)
     return Pose(segments, np.zeros(count), np.zeros(count, np.int64), frame, shift, spin, pivot, lever)
 
 
@@ -138,7 +138,7 @@ def _arm_constants(arm: Arm) -> tuple[NDArray[Any], ...]:
     """Of every link: radius, number, spin, whether a link is before another (count, count), lever."""
     count = arm.ndim
     spin = np.tri(count) if arm.angles == "relative" else np.eye(count)
-    lever = np.tri(count) * np.asarray(arm.lengths, dtype=np.float64)
+    lever = np.stack([np.tri(count, k=-1), np.tri(count)], axis=1) * np.asarray(arm.lengths, dtype=np.float64)
     constants = np.asarray(arm.widths, dtype=np.float64) / 2, np.arange(count), spin, np.tri(count, k=-1), lever
     for array in constants:
         array.flags.writeable = False

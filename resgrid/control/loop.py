@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_whole
+from resgrid.control.beginning import checked_start, live_grid, static_ending
 from resgrid.control.contact import Touch
 from resgrid.control.controller import Nominal
 from resgrid.control.equipotential import following_velocity
@@ -21,11 +22,9 @@ from resgrid.control.pushes import Force, Push, force_of
 from resgrid.control.recorder import Recorder
 from resgrid.control.simulation import believed_offsets
 from resgrid.errors import InputError
-from resgrid.planning.trace import one_start
 from resgrid.space import Cell
 
 if TYPE_CHECKING:
-    from resgrid.control.settling import LiveGrid
     from resgrid.control.simulation import Simulation
 
 Vector = NDArray[np.float64]
@@ -44,14 +43,11 @@ class Choice(NamedTuple):
         Without forces.
     longest : float
         For how long at most, in seconds.
-    exit : tuple of int or None
-        Cell that it leaves its own for.
     """
 
     mode: Mode
     velocity: Vector
     longest: float = np.inf
-    exit: tuple[int, ...] | None = None
 
 
 class Loop:
@@ -69,22 +65,23 @@ class Loop:
         check_whole("seed", seed, 0)
         self.push_at, self.max_steps = force_of(pushes, space.ndim), max_steps
         self.rng = np.random.default_rng(seed)
-        self.body = Body(self.plant, _checked_start(simulation, start), simulation.step, simulation.margin)
+        self.body = Body(self.plant, checked_start(simulation, start), simulation.step, simulation.margin)
         self.believed = self.plant.within_stops(self.configuration + self.bias)
         self.space, self.lessons = space, list[Lesson]()
         self.spacing = space.spacing
         self.time, self.torque = 0.0, np.zeros(space.ndim)
         self.trail: list[Vector] = []
         self.lost, self.tried = False, set[tuple[int, ...]]()
+        self.exit: tuple[int, ...] | None = None
         self.barren: Vector | None = None
         self.patience = Patience(space.spacing, self.configuration)
         self.pace = float(np.minimum(self.controller.speed, self.controller.speed_limits).max() / space.spacing.min())
         self.recorder = Recorder(space.ndim)
-        self.grid = _live_grid(simulation)
+        self.grid = live_grid(simulation)
         self.grid_time = 0.0
         if self.grid is not None:
             self.controller = self.controller.with_field(self.grid.field)
-        self.ending: tuple[Ending, str] | None = _static_ending(self)
+        self.ending = static_ending(space, self.believed) if self.exact else None
 
     @property
     def configuration(self) -> Vector:
@@ -158,16 +155,22 @@ class Loop:
         self.recorder.add(self.time, before, believed, velocity, mode, felt, push)
         self._remember(mode, pushed, before)
         if not pushed and not _leads_on(velocity, chosen.velocity):
-            self._give_up(chosen)
+            self._go_elsewhere(mode)
         self.time += elapsed
         self._watch(mode, elapsed * pace, pushed, seen)
 
-    def _give_up(self, chosen: Choice) -> None:
+    def _go_elsewhere(self, mode: Mode) -> None:
         """What was chosen leads nowhere: a cell beside that cannot be reached, or a place that was touched itself."""
-        if chosen.exit is not None:
-            self.tried.add(chosen.exit)
-        elif chosen.mode is Mode.RETREATING:
+        if self.exit is not None:
+            self._give_up_exit()
+        elif mode is Mode.RETREATING:
             self.trail.pop()
+
+    def _give_up_exit(self) -> None:
+        assert self.exit is not None
+        self.tried.add(self.exit)
+        self.exit = None
+        self.patience.renew(self.configuration)
 
     def _pace(self, velocity: Vector) -> float:
         """Cells that are crossed in a second at a velocity, as fast as the limits allow."""
@@ -182,7 +185,7 @@ class Loop:
             if self.grid is not None and self.space.goal_connected[tuple(self.space.split(believed)[0])]:
                 return Choice(Mode.WAITING, np.zeros_like(believed))
             return self._way_back(believed)
-        self.tried, self.lost = set(), False
+        self.tried, self.exit, self.lost = set(), None, False
         if self.controller.response == "equipotential" and self.torque.any():
             following = following_velocity(seen.velocity, self.torque)
             return Choice(Mode.FOLLOWING if following.any() else Mode.JAM, following)
@@ -197,10 +200,10 @@ class Loop:
             return None
         return self._straight(Mode.HOMING, way)
 
-    def _straight(self, mode: Mode, way: Vector, exit_: tuple[int, ...] | None = None) -> Choice:
+    def _straight(self, mode: Mode, way: Vector) -> Choice:
         length = float(np.linalg.norm(way))
         velocity = self.controller.limited(way * (self.controller.speed / length))
-        return Choice(mode, velocity, length / float(np.linalg.norm(velocity)), exit_)
+        return Choice(mode, velocity, length / float(np.linalg.norm(velocity)))
 
     def _recover(self, believed: Vector) -> Choice | None:
         """Wrong belief may put the robot into a cell without a path, and no way back leads out of a mistake."""
@@ -215,7 +218,10 @@ class Loop:
         if self.lost:
             for at, way in ways_out(self.space, believed):
                 if at not in self.tried:
-                    return self._straight(Mode.RECOVERING, way, at)
+                    self.exit = at
+                    return self._straight(Mode.RECOVERING, way)
+            if self.exit is not None:  # Out of reach by now: it slid off what was in the way.
+                self._give_up_exit()
         elif self.noise.any() or (self.bias.any() and not self.trail):
             return self._recover(believed)
         while self.trail:
@@ -259,6 +265,8 @@ class Loop:
         self.patience.wait(self.configuration, cells)
         if self.grid is not None and not self.grid.settled and mode in {Mode.WAITING, Mode.STREAMLINE}:
             self._lose_patience()
+        elif self.patience.lost and self.exit is not None:
+            self._give_up_exit()
         elif self.patience.lost:
             if self.simulation.learn and self.patience.shake():
                 self._dither()
@@ -317,7 +325,7 @@ class Loop:
         self.time += pause
         self.torque = none
         self.patience.renew(self.configuration)
-        self.tried.clear()
+        self.tried, self.exit = set(), None
         self._resolve()
         return True
 
@@ -355,52 +363,7 @@ def _leads_on(velocity: Vector, chosen: Vector) -> bool:
     return size > 0.0 and float((velocity / size) @ (chosen / size)) > _NO_WAY
 
 
-def _live_grid(simulation: Simulation) -> LiveGrid | None:
-    """The grid at time 0, already on the rails of the map as it is now."""
-    if simulation.settling is None:
-        return None
-    from resgrid.control.settling import LiveGrid, check_same_grid
-
-    before = simulation.before if simulation.before is not None else simulation.space
-    check_same_grid(before, simulation.space)
-    grid = LiveGrid(simulation.settling, before)
-    if before is not simulation.space:
-        grid.change(simulation.space)
-    return grid
-
-
 def _contact_mode(mode: Mode, felt: Touch) -> Mode:
     if mode in {Mode.RETREATING, Mode.JAM, Mode.FOLLOWING, Mode.RECOVERING, Mode.HOMING}:
         return mode
     return Mode.STICKING if felt.sticking.any() else Mode.SLIDING
-
-
-def _checked_start(simulation: Simulation, start: ArrayLike) -> Vector:
-    point = one_start(simulation.space, start, None)
-    if simulation.plant.axis_penetration(point[np.newaxis])[0] > 0:
-        inside = next(
-            number
-            for number in range(len(simulation.plant.obstacles))
-            if simulation.plant.only(number).axis_penetration(point[np.newaxis])[0] > 0
-        )
-        raise InputError(
-            f"the start {simulation.space.to_world(point).tolist()} puts the robot inside "
-            f"{simulation.plant.name_of(inside)}: move the start"
-        )
-    return point
-
-
-def _static_ending(loop: Loop) -> tuple[Ending, str] | None:
-    """What the map alone decides, where belief is exact."""
-    if not loop.exact:
-        return None
-    believed = loop.believed
-    cell = tuple(loop.space.split(believed)[0].tolist())
-    code = int(loop.space.cell[cell])
-    if code == Cell.OBSTACLE:
-        return Ending.START_BLOCKED, f"the start's cell {cell} is an obstacle in the map"
-    if code == Cell.FREE and not loop.space.goal_connected[cell]:
-        if not loop.space.goal_connected.any():
-            return Ending.GOAL_BLOCKED, "in the map no free cell has a path to a goal"
-        return Ending.NO_PATH, f"in the map the start's cell {cell} has no path to a goal"
-    return None

@@ -1,4 +1,4 @@
-"""Compiled loops about a robot among obstacles: pairs of near points, how they move, and how far a motion is free.
+"""Compiled loops about a robot among obstacles: pairs of near points, and how they move.
 
 Numba takes seconds to import: only functions that are about to run import this module.
 """
@@ -17,11 +17,9 @@ from resgrid.planning.bodies import TOUCH
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
-_RIM = 1e-13
-
 
 @njit(cache=True, inline="always")
-def _share(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
+def share(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
     """Where on the segment from a to b the point nearest to p lies, in [0, 1]."""
     dx, dy = bx - ax, by - ay
     squared = dx * dx + dy * dy
@@ -55,7 +53,7 @@ def _add(
 
 
 @njit(cache=True, inline="always")
-def _misses(edge: Floats, x0: float, x1: float, y0: float, y1: float) -> bool:
+def misses(edge: Floats, x0: float, x1: float, y0: float, y1: float) -> bool:
     """Whether an edge lies beside a box."""
     ax, ay, bx, by = edge
     return bool(max(ax, bx) < x0 or min(ax, bx) > x1 or max(ay, by) < y0 or min(ay, by) > y1)
@@ -94,14 +92,14 @@ def _add_end(
 ) -> int:  # fmt: skip
     """A point of the robot before an edge, or before the corner where the edge starts."""
     ax, ay, bx, by = edge
-    t = _share(px, py, ax, ay, bx, by)
+    t = share(px, py, ax, ay, bx, by)
     if 0.0 < t < 1.0:
         lx, ly = _left_of(edge)
         if facing and lx * (px - ax) + ly * (py - ay) > TOUCH:
             return count
         ox, oy = ax + t * (bx - ax), ay + t * (by - ay)
         return _add(found, count, px, py, ox, oy, (lx, ly), (-lx, -ly), owner, reach)
-    if t >= 1.0 or (facing and _share(px, py, before[0], before[1], before[2], before[3]) < 1.0):
+    if t >= 1.0 or (facing and share(px, py, before[0], before[1], before[2], before[3]) < 1.0):
         return count
     lx, ly = _inside_corner(edge, before)
     return _add(found, count, px, py, ax, ay, (lx, ly), (-lx, -ly), owner, reach)
@@ -141,14 +139,14 @@ def near_points(
         single = ax == bx and ay == by
         for e in range(len(edges)):
             edge, before = edges[e], edges[edge_before[e]]
-            if _misses(edge, x0, x1, y0, y1):
+            if misses(edge, x0, x1, y0, y1):
                 continue
             owner = (r, part[s], edge_body[e])
             count = _add_end(found, count, ax, ay, edge, before, owner, reach, facing)
             if single:
                 continue
             count = _add_end(found, count, bx, by, edge, before, owner, reach, facing)
-            t = _share(edge[0], edge[1], ax, ay, bx, by)
+            t = share(edge[0], edge[1], ax, ay, bx, by)
             if 0.0 < t < 1.0:
                 px, py = ax + t * (bx - ax), ay + t * (by - ay)
                 inward = _inside_corner(edge, before)
@@ -156,7 +154,7 @@ def near_points(
                 count = _add(found, count, px, py, edge[0], edge[1], inward, off, owner, reach)
         for d in range(len(discs)):
             cx, cy, size = discs[d]
-            t = _share(cx, cy, ax, ay, bx, by)
+            t = share(cx, cy, ax, ay, bx, by)
             px, py = ax + t * (bx - ax), ay + t * (by - ay)
             apart = math.hypot(px - cx, py - cy)
             if apart > max(size - TOUCH * (1.0 + size), 0.0):
@@ -190,141 +188,3 @@ def contact_rows(
             vy = shift[part, axis, 1] + spin[part, axis] * (x - pivot[part, axis, 0])
             normal[k, axis] = nx * vx + ny * vy
             tangent[k, axis] = -ny * vx + nx * vy
-
-
-@njit(cache=True, inline="always")
-def _until(height: float, rate: float, bend: float) -> float:
-    """Until when ``height + rate u - bend u^2 / 2`` is not negative; 0 where it is from the start."""
-    if height < 0.0:
-        return 0.0
-    root = math.sqrt(rate * rate + 2.0 * bend * height)
-    if rate < 0.0:
-        return 2.0 * height / (root - rate)
-    return (rate + root) / bend if bend > 0.0 else np.inf
-
-
-@inner
-def _beyond(
-    nx: float, ny: float, segment: Floats, rate: Floats, bend: float, top: float
-) -> float:  # fmt: skip
-    """Until when a moving segment stays beyond the line ``n . x = top``: as long as both of its ends do."""
-    first = _until(nx * segment[0] + ny * segment[1] - top, nx * rate[0] + ny * rate[1], bend)
-    return min(first, _until(nx * segment[2] + ny * segment[3] - top, nx * rate[2] + ny * rate[3], bend))
-
-
-@inner
-def _apart(segment: Floats, edge: Floats) -> tuple[float, float, float]:
-    """Distance of two segments that do not cross, and the unit vector from the second to the first."""
-    best, vx, vy = np.inf, 0.0, 0.0
-    for way in range(4):
-        one, other = (segment, edge) if way < 2 else (edge, segment)
-        px, py = one[2 * (way % 2)], one[2 * (way % 2) + 1]
-        t = _share(px, py, other[0], other[1], other[2], other[3])
-        dx, dy = px - other[0] - t * (other[2] - other[0]), py - other[1] - t * (other[3] - other[1])
-        size = math.hypot(dx, dy)
-        if size < best:
-            best = size
-            vx, vy = (dx, dy) if way < 2 else (-dx, -dy)
-    return (best, vx / best, vy / best) if best > 0.0 else (0.0, 0.0, 0.0)
-
-
-@inner
-def _free_of_edge(segment: Floats, rate: Floats, bend: float, edge: Floats, keep: float) -> float:
-    """Until when a line keeps a moving segment this far from an edge: across what is nearest, or along either."""
-    ax, ay, bx, by = edge
-    apart, nx, ny = _apart(segment, edge)
-    free = 0.0
-    if apart > 0.0:
-        free = _beyond(nx, ny, segment, rate, bend, max(nx * ax + ny * ay, nx * bx + ny * by) + keep)
-    for line in (edge, segment):
-        dx, dy = line[2] - line[0], line[3] - line[1]
-        length = math.hypot(dx, dy)
-        if free >= 1.0 or length == 0.0:
-            continue
-        nx, ny = dy / length, -dx / length
-        if nx * (segment[0] + segment[2] - ax - bx) + ny * (segment[1] + segment[3] - ay - by) < 0.0:
-            nx, ny = -nx, -ny
-        free = max(free, _beyond(nx, ny, segment, rate, bend, max(nx * ax + ny * ay, nx * bx + ny * by) + keep))
-    return free if free >= 1.0 or apart > TOUCH else max(free, _off_end(segment, rate, bend, edge, keep))
-
-
-@inner
-def _off_end(segment: Floats, rate: Floats, bend: float, edge: Floats, keep: float) -> float:
-    """Until when a segment that touches an end of an edge is beyond a line between the edge and its way, or itself."""
-    ax, ay, bx, by = edge
-    length, free = math.hypot(bx - ax, by - ay), 0.0
-    for end in (1.0, -1.0):
-        ex, ey = end * (bx - ax) / length, end * (by - ay) / length
-        for way in range(4):
-            if way < 2:
-                dx, dy = rate[2 * way], rate[2 * way + 1]
-            else:
-                sign = 5.0 - 2.0 * way
-                dx, dy = sign * (segment[2] - segment[0]), sign * (segment[3] - segment[1])
-            size = math.hypot(dx, dy)
-            if size == 0.0:
-                continue
-            nx, ny = ex + dx / size, ey + dy / size
-            size = math.hypot(nx, ny)
-            if size > TOUCH:
-                nx, ny = nx / size, ny / size
-                top = max(nx * ax + ny * ay, nx * bx + ny * by)
-                free = max(free, _beyond(nx, ny, segment, rate, bend, top + keep))
-    return free
-
-
-@njit(cache=True)
-def free_share(
-    segments: Floats,
-    radius: Floats,
-    part: Integers,
-    shift: Floats,
-    spin: Floats,
-    pivot: Floats,
-    lever: Floats,
-    motion: Floats,
-    edges: Floats,
-    discs: Floats,
-    planes: Floats,
-    least: float,
-) -> float:
-    """Share of a straight motion in configuration space for which every gap is known to stay at ``least`` or above.
-
-    A segment of the robot and a convex piece of an obstacle (an edge, a disc, a half-plane) are apart while a line
-    separates them, and a segment stays beyond a line while both of its ends do.  These move at known rates, which turn
-    by no more than ``bend``, the sum of ``lever`` times squared turns.  A bound: the share that is free may be larger.
-    """
-    free, rate = 1.0, np.empty(4)
-    turn = spin @ motion
-    for s in range(len(segments)):
-        segment, r, m = segments[s], radius[s], part[s]
-        rate[:] = 0.0
-        for axis in range(len(motion)):
-            for x in (0, 2):
-                rate[x] += motion[axis] * (shift[m, axis, 0] - spin[m, axis] * (segment[x + 1] - pivot[m, axis, 1]))
-                rate[x + 1] += motion[axis] * (shift[m, axis, 1] + spin[m, axis] * (segment[x] - pivot[m, axis, 0]))
-        bend = 0.0
-        for other in range(len(turn)):
-            bend += lever[m, other] * turn[other] ** 2
-        reach = r + least + 0.5 * bend + max(math.hypot(rate[0], rate[1]), math.hypot(rate[2], rate[3]))
-        x0, x1 = min(segment[0], segment[2]) - reach, max(segment[0], segment[2]) + reach
-        y0, y1 = min(segment[1], segment[3]) - reach, max(segment[1], segment[3]) + reach
-        keep = r + least - _RIM * (1.0 + max(abs(x0), abs(x1), abs(y0), abs(y1)))
-        for e in range(len(edges)):
-            if not _misses(edges[e], x0, x1, y0, y1):
-                free = min(free, _free_of_edge(segment, rate, bend, edges[e], keep))
-        for d in range(len(discs)):
-            cx, cy, size = discs[d]
-            t = _share(cx, cy, segment[0], segment[1], segment[2], segment[3])
-            dx = segment[0] + t * (segment[2] - segment[0]) - cx
-            dy = segment[1] + t * (segment[3] - segment[1]) - cy
-            apart = math.hypot(dx, dy)
-            if apart == 0.0:
-                return 0.0
-            if apart < size + reach:
-                nx, ny = dx / apart, dy / apart
-                free = min(free, _beyond(nx, ny, segment, rate, bend, nx * cx + ny * cy + size + keep))
-        for h in range(len(planes)):
-            nx, ny, offset = planes[h]
-            free = min(free, _beyond(nx, ny, segment, rate, bend, offset + keep))
-    return free

@@ -126,11 +126,11 @@ class Plant:
             room *= 4
 
     def free_share(self, pose: Pose, motion: NDArray[np.float64], least: float) -> float:
-        """Share of a straight motion that surely keeps all gaps; see `resgrid.control.near_kernels.free_share`."""
-        from resgrid.control import near_kernels
+        """Share of a straight motion that surely keeps all gaps; see `resgrid.control.sweep_kernels`."""
+        from resgrid.control import sweep_kernels
 
         body = self.bodies
-        return near_kernels.free_share(
+        return sweep_kernels.free_share(
             pose.segments, pose.radius, pose.part, pose.shift, pose.spin, pose.pivot, pose.lever, motion, body.edges,
             body.discs, body.planes, least,
         )  # fmt: skip
