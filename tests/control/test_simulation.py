@@ -14,7 +14,7 @@ from resgrid.errors import InputError
 from resgrid.planning.trace import streamline
 from resgrid.regions import label_regions
 from resgrid.robots import Ball, Box, PointRobot, Polygon
-from resgrid.scene import read_scene
+from resgrid.scene import parse_scene, read_scene
 from resgrid.space import Cell, ConfigurationSpace
 
 BOX = Box((2.5, 3.0), (6.2, 4.0))
@@ -233,6 +233,30 @@ def test_impossible_simulations_are_refused(scenes) -> None:
             hiding([], **options)
     with pytest.raises(InputError, match="in the plane alone"):
         simulation(read_scene(scenes / "voxels.toml"))
+
+
+@pytest.mark.parametrize("start", [(-1.5, -1.5), (-2.0, -2.0), (-1.0, -1.0)])
+def test_a_corner_that_the_cells_before_and_behind_lead_to_is_left_sideways(start) -> None:
+    """Once the disc ahead is learnt, the two free cells on the diagonal both flow to the corner between them."""
+    scene = parse_scene(
+        """schema = 1
+        [grid]
+        axes = [{name = "x", lower = -2, upper = 2, cells = 24}, {name = "y", lower = -2, upper = 2, cells = 24}]
+        [[hidden]]
+        shape = "circle"
+        centre = [0, 0]
+        radius = 0.5
+        [[goal]]
+        point = [1.5, 1.5]"""
+    )
+    run = simulation(scene).run(start, max_steps=1000)
+    assert run.ending is Ending.ARRIVED
+    assert run.lessons
+    assert np.all(np.diff(run.time) > 0.0)
+    sim = simulation(scene)
+    assert np.all(
+        np.abs(np.diff(run.configuration, axis=0)) <= 1.0001 * sim.controller.speed_limits * np.diff(run.time)[:, None]
+    )
 
 
 @pytest.mark.parametrize("name", ["container", "chair"])
