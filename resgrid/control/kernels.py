@@ -130,6 +130,27 @@ def _flat(shape: Integers, cell: Integers) -> int:
     return flat
 
 
+@inner
+def _beside_served(
+    served: NDArray[np.bool_], shape: Integers, periodic: NDArray[np.bool_], cell: Integers, local: Floats
+) -> bool:
+    """Into a cell with a path, where a point lies on its border but was rounded out of it; whether there is one."""
+    for axis in range(len(shape)):
+        step = 1 if local[axis] >= 1.0 - _BORDER else -1
+        if step < 0 and local[axis] > _BORDER:
+            continue
+        own, other = cell[axis], cell[axis] + step
+        if periodic[axis]:
+            other %= shape[axis]
+        if 0 <= other < shape[axis]:
+            cell[axis] = other
+            if served[_flat(shape, cell)]:
+                local[axis] = 0.0 if step > 0 else 1.0
+                return True
+            cell[axis] = own
+    return False
+
+
 @njit(cache=True)
 def nominal(
     code: NDArray[np.uint8],
@@ -162,7 +183,9 @@ def nominal(
     flat = _flat(shape, cell)
     if code[flat] == _GOAL:
         return GOAL, 0.0
-    if not (served[flat] and _face_velocities(first_face, face_stride, direction, log_current, cell, lower, upper)):
+    if not served[flat] and not _beside_served(served, shape, periodic, cell, local):
+        return OFF, 0.0
+    if not _face_velocities(first_face, face_stride, direction, log_current, cell, lower, upper):
         return OFF, 0.0
     for _ in range(2**ndim):
         farthest = _along_current(local, lower, upper, spacing, velocity)
