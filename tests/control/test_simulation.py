@@ -270,7 +270,7 @@ def test_problems_1_and_2(scenes, name: str) -> None:
     following = simulation(scene, field=sim.controller.field, learn=False).run(start)
     learning = sim.run(start)
     assert [run.ending for run in (clear, following, learning)] == [Ending.ARRIVED] * 3
-    assert set(clear.mode) == {Mode.STREAMLINE, Mode.ARRIVED}
+    assert set(clear.mode) == {Mode.STREAMLINE, Mode.HOMING, Mode.ARRIVED}
     assert Mode.FOLLOWING in following.mode
     check(sim, learning)
     check(sim, following)
@@ -284,3 +284,23 @@ def test_problems_1_and_2(scenes, name: str) -> None:
         tips = scene.robot.tip(following.configuration[following.contacts.step])
         assert np.hypot(*(tips - following.contacts.point).T).min() > 0.2
         assert set(following.contacts.part) == {1}
+
+
+@pytest.mark.parametrize("off", [-1e-10, 0.0, 1e-10])
+def test_on_the_border_of_an_obstacle_cell_the_free_cell_beside_leads(off) -> None:
+    """Its wall carries no current, and rounding alone decides on which side of it a sliding robot is."""
+    scene = parse_scene(
+        """schema = 1
+        k = 0
+        [grid]
+        axes = [{name = "x", lower = 0, upper = 8, cells = 8}, {name = "y", lower = 0, upper = 8, cells = 8}]
+        [[obstacle]]
+        shape = "rectangle"
+        lower = [2.1, 2.1]
+        upper = [5.9, 3.9]
+        [[goal]]
+        point = [7.5, 5.5]"""
+    )
+    seen = simulation(scene).controller.seen((3.5, 4.0 + off))
+    assert seen.place == "free"
+    assert seen.velocity[0] > 0.0
