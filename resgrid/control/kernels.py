@@ -19,6 +19,7 @@ Integers = NDArray[np.int64]
 MOVES, GOAL, OFF, OUTSIDE, NOT_FINITE = 0, 1, 2, 3, 4
 _GOAL = 2
 _EDGE = 1e-9
+_BORDER = 2e-9
 
 
 @inner
@@ -99,6 +100,57 @@ def _along_current(local: Floats, lower: Floats, upper: Floats, spacing: Floats,
     return farthest
 
 
+@inner
+def _cross(
+    shape: Integers, periodic: NDArray[np.bool_], cell: Integers, local: Floats, lower: Floats, upper: Floats
+) -> bool:
+    """Into the next cell, where a point lies on faces that current leaves by: by the largest; whether there is one."""
+    way, step, outward = 0, 0, 0.0
+    for axis in range(len(shape)):
+        if local[axis] >= 1.0 - _BORDER and upper[axis] > outward:
+            way, step, outward = axis, 1, upper[axis]
+        if local[axis] <= _BORDER and -lower[axis] > outward:
+            way, step, outward = axis, -1, -lower[axis]
+    other = cell[way] + step
+    if periodic[way]:
+        other %= shape[way]
+    if step == 0 or other < 0 or other >= shape[way]:
+        return False
+    cell[way] = other
+    local[way] = 0.0 if step > 0 else 1.0
+    return True
+
+
+@inner
+def _flat(shape: Integers, cell: Integers) -> int:
+    """Number of a cell in C order."""
+    flat = 0
+    for axis in range(len(shape)):
+        flat = flat * shape[axis] + cell[axis]
+    return flat
+
+
+@inner
+def _beside_served(
+    served: NDArray[np.bool_], shape: Integers, periodic: NDArray[np.bool_], cell: Integers, local: Floats
+) -> bool:
+    """Into a cell with a path, where a point lies on its border but was rounded out of it; whether there is one."""
+    for axis in range(len(shape)):
+        step = 1 if local[axis] >= 1.0 - _BORDER else -1
+        if step < 0 and local[axis] > _BORDER:
+            continue
+        own, other = cell[axis], cell[axis] + step
+        if periodic[axis]:
+            other %= shape[axis]
+        if 0 <= other < shape[axis]:
+            cell[axis] = other
+            if served[_flat(shape, cell)]:
+                local[axis] = 0.0 if step > 0 else 1.0
+                return True
+            cell[axis] = own
+    return False
+
+
 @njit(cache=True)
 def nominal(
     code: NDArray[np.uint8],
@@ -116,7 +168,9 @@ def nominal(
 ) -> tuple[int, float]:
     """Unit velocity along the current at a point, as Pollock interpolates it within the point's cell.
 
-    Where no axis leads out in finite time it points to the face with the largest outward current.  Returns a status,
+    A point on a border belongs to the cell that current enters there, step by step down the potential: else a robot at
+    a corner, where the cells before and behind it both lead back to the corner, would go to and fro for ever.  Where no
+    axis leads out in finite time it points to the face with the largest outward current.  Returns a status,
     and how far a straight step may go: just across the next face that current leaves by, and no more than half way to
     where a component vanishes, so that no step ends beyond a face without outward current.
     """
@@ -126,16 +180,21 @@ def nominal(
     status = _cell_at(shape, corner, spacing, periodic, point, cell, local)
     if status != MOVES:
         return status, 0.0
-    flat = 0
-    for axis in range(ndim):
-        flat = flat * shape[axis] + cell[axis]
+    flat = _flat(shape, cell)
     if code[flat] == _GOAL:
         return GOAL, 0.0
-    if served[flat] and _face_velocities(first_face, face_stride, direction, log_current, cell, lower, upper):
+    if not served[flat] and not _beside_served(served, shape, periodic, cell, local):
+        return OFF, 0.0
+    if not _face_velocities(first_face, face_stride, direction, log_current, cell, lower, upper):
+        return OFF, 0.0
+    for _ in range(2**ndim):
         farthest = _along_current(local, lower, upper, spacing, velocity)
-        if farthest >= 0.0:
-            return MOVES, farthest
-        velocity[:] = 0.0
+        if not _cross(shape, periodic, cell, local, lower, upper) or code[_flat(shape, cell)] == _GOAL:
+            break
+        _face_velocities(first_face, face_stride, direction, log_current, cell, lower, upper)
+    if farthest >= 0.0:
+        return MOVES, farthest
+    velocity[:] = 0.0
     return OFF, 0.0
 
 

@@ -301,7 +301,11 @@ class Loop:
         before, none = self.configuration, np.zeros(self.space.ndim)
         self.torque = none
         if self.body.shaken(self.rng.uniform(-0.1, 0.1, self.space.ndim) * self.spacing):
-            self.recorder.add(self.time, before, self._sense(), none, Mode.DITHERING, None, none)
+            motion = self.configuration - before
+            size = float(np.abs(motion).max())
+            velocity = self.controller.limited(motion * (self.controller.speed / size))
+            self.recorder.add(self.time, before, self._sense(), velocity, Mode.DITHERING, None, none)
+            self.time += size / float(np.abs(velocity).max())
             self.trail.append(before)
 
     def _learn(self, felt: Touch, believed: Vector, push: Vector, pause: float) -> bool:

@@ -113,7 +113,7 @@ class Body:
         """Move by a small amount, if nothing is in the way; whether it did."""
         around = self.look()
         motion = self.plant.within_stops(self.configuration + by) - self.configuration
-        if around is not None and self._free(motion, around, KEEP) < 1.0:
+        if not motion.any() or (around is not None and self._free(motion, around, KEEP) < 1.0):
             return False
         self._clear -= self._reach
         self.configuration = self.configuration + motion

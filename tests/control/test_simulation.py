@@ -14,7 +14,7 @@ from resgrid.errors import InputError
 from resgrid.planning.trace import streamline
 from resgrid.regions import label_regions
 from resgrid.robots import Ball, Box, PointRobot, Polygon
-from resgrid.scene import read_scene
+from resgrid.scene import parse_scene, read_scene
 from resgrid.space import Cell, ConfigurationSpace
 
 BOX = Box((2.5, 3.0), (6.2, 4.0))
@@ -235,6 +235,30 @@ def test_impossible_simulations_are_refused(scenes) -> None:
         simulation(read_scene(scenes / "voxels.toml"))
 
 
+@pytest.mark.parametrize("start", [(-1.5, -1.5), (-2.0, -2.0), (-1.0, -1.0)])
+def test_a_corner_that_the_cells_before_and_behind_lead_to_is_left_sideways(start) -> None:
+    """Once the disc ahead is learnt, the two free cells on the diagonal both flow to the corner between them."""
+    scene = parse_scene(
+        """schema = 1
+        [grid]
+        axes = [{name = "x", lower = -2, upper = 2, cells = 24}, {name = "y", lower = -2, upper = 2, cells = 24}]
+        [[hidden]]
+        shape = "circle"
+        centre = [0, 0]
+        radius = 0.5
+        [[goal]]
+        point = [1.5, 1.5]"""
+    )
+    run = simulation(scene).run(start, max_steps=1000)
+    assert run.ending is Ending.ARRIVED
+    assert run.lessons
+    assert np.all(np.diff(run.time) > 0.0)
+    sim = simulation(scene)
+    assert np.all(
+        np.abs(np.diff(run.configuration, axis=0)) <= 1.0001 * sim.controller.speed_limits * np.diff(run.time)[:, None]
+    )
+
+
 @pytest.mark.parametrize("name", ["container", "chair"])
 def test_problems_1_and_2(scenes, name: str) -> None:
     """From the start in the scene's file: free, hidden obstacle without and with learning; coarse grid."""
@@ -260,3 +284,23 @@ def test_problems_1_and_2(scenes, name: str) -> None:
         tips = scene.robot.tip(following.configuration[following.contacts.step])
         assert np.hypot(*(tips - following.contacts.point).T).min() > 0.2
         assert set(following.contacts.part) == {1}
+
+
+@pytest.mark.parametrize("off", [-1e-10, 0.0, 1e-10])
+def test_on_the_border_of_an_obstacle_cell_the_free_cell_beside_leads(off) -> None:
+    """Its wall carries no current, and rounding alone decides on which side of it a sliding robot is."""
+    scene = parse_scene(
+        """schema = 1
+        k = 0
+        [grid]
+        axes = [{name = "x", lower = 0, upper = 8, cells = 8}, {name = "y", lower = 0, upper = 8, cells = 8}]
+        [[obstacle]]
+        shape = "rectangle"
+        lower = [2.1, 2.1]
+        upper = [5.9, 3.9]
+        [[goal]]
+        point = [7.5, 5.5]"""
+    )
+    seen = simulation(scene).controller.seen((3.5, 4.0 + off))
+    assert seen.place == "free"
+    assert seen.velocity[0] > 0.0
