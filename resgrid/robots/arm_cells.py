@@ -140,7 +140,7 @@ def arm_goal_cells(arm: Arm, axes: tuple[Axis, ...], region: Shape | Point) -> G
     A cell is a goal if, and only if, it holds, on its border perhaps, a configuration whose tip lies in the region or
     within 1e-9 of the arm's reach of it: with any number of links, whatever the limits, however often the joints turn
     round.  Cells are left out by a bound on how far the tip moves, never for want of luck; the one exception is a cell
-    that 20,000 ever smaller parts leave undecided, where the tip passes the region within rounding all along.
+    that 200,000 ever smaller parts leave undecided, where the tip passes the region within rounding all along.
 
     Parameters
     ----------

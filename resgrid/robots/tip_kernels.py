@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
-BOXES = 20_000
+BOXES = 200_000
 """So many parts of a cell are looked at before it is given up."""
 
 STEPS = 30
@@ -147,7 +147,8 @@ def _turn(work: _Work, rx: float, ry: float, flat: bool) -> None:
 def _solve(work: _Work, piece: int, links: Links, goal: Solids, least: float) -> float:
     """Turn the joints within a cell until the tip touches a piece; distance of the nearest place found, which is left.
 
-    Newton's steps, cut off at the borders of the cell.
+    Newton's steps, cut off at the borders of the cell: straight at the piece, whatever happens across, and where that
+    leads no nearer, with the tip held on its line.
     """
     n = len(work.at)
     nearest, stuck = math.inf, 0
@@ -161,7 +162,7 @@ def _solve(work: _Work, piece: int, links: Links, goal: Solids, least: float) ->
                 work.best[j] = work.at[j]
         if nearest <= least or stuck > 3:
             break
-        _turn(work, -away * ux, -away * uy, not corner)
+        _turn(work, -away * ux, -away * uy, not corner and stuck == 0)
     for j in range(n):
         work.at[j] = work.best[j]
     return nearest
@@ -203,7 +204,7 @@ def _find(work: _Work, links: Links, goal: Solids, tolerance: float) -> bool:
     """Whether a cell holds a configuration with the tip in a region, which is left.
 
     Branch and bound: parts of the cell from which the tip cannot come to the region are left out; elsewhere Newton's
-    steps look for a configuration, and where they fail the part is cut in two.
+    steps look for a configuration, and where they fail the part is cut in two; the half that they led to comes first.
     """
     n, middles, halves = len(work.at), work.middles, work.halves
     size, looked = 1, 0
@@ -227,8 +228,9 @@ def _find(work: _Work, links: Links, goal: Solids, tolerance: float) -> bool:
         for j in range(n):
             halves[size + 1, j] = halves[size, j]
             middles[size + 1, j] = middles[size, j]
-        middles[size, widest] -= halves[size, widest]
-        middles[size + 1, widest] += halves[size, widest]
+        towards = math.copysign(halves[size, widest], work.at[widest] - middles[size, widest])
+        middles[size, widest] -= towards
+        middles[size + 1, widest] += towards
         size += 2
     return False
 

@@ -258,6 +258,29 @@ def test_a_smaller_goal_has_no_other_cells(arm):
         assert not (smaller & ~larger).any()
 
 
+@pytest.mark.parametrize(
+    ("arm", "cells", "centre", "radii"),
+    [
+        (
+            Arm((2.0, 1.0, 1.0, 1.0), limits=((0.0, 2 * np.pi), (np.pi / 4, 2 * np.pi), None, None),
+                base_angle=np.pi, angles="absolute"),
+            (4, 2, 4, 6), (-1.0, 0.0), (0.0, 1e-6, 1e-4, 1e-3, 5e-3, 0.1),
+        ),
+        (
+            Arm((1.0, 0.5, 0.5, 2.0), limits=((-np.pi / 2, np.pi / 4), None, (np.pi / 4, 2 * np.pi), None),
+                base=(1.0, -2.0), base_angle=np.pi / 2),
+            (1, 4, 2, 2), (-0.8535533905932738, -1.6464466094067258), (0.0, 1e-3, 0.05, 0.1, 0.15),
+        ),
+    ],
+)  # fmt: skip
+def test_smaller_goals_have_no_other_cells_where_cells_are_wide_and_solutions_sit_in_their_corners(
+    arm, cells, centre, radii
+):
+    masks = [arm.goal_cells(arm.axes(cells), Ball(centre, radius)).cells for radius in radii]
+    for smaller, larger in itertools.pairwise(masks):
+        assert not (smaller & ~larger).any()
+
+
 def test_both_elbows_have_a_cell_though_the_centre_of_one_alone_lies_in_the_goal():
     arm = Arm((1.0, 1.0))
     axes = arm.axes(40)
