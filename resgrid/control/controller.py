@@ -121,7 +121,7 @@ class Controller:
         """``V0 + A F``; where that is beyond doubles, something as large as they go in the same direction."""
         with np.errstate(over="ignore", invalid="ignore"):
             answer = nominal + self.admittance @ force
-        if math.isfinite(answer.sum()) or np.isfinite(answer).all():
+        if np.isfinite(answer).all():
             return np.asarray(answer)
         push = (self.admittance / np.abs(self.admittance).max()) @ (force / np.abs(force).max())
         return np.asarray(push * (np.finfo(np.float64).max / len(push)))
@@ -170,9 +170,8 @@ class Controller:
         if size == 0.0:
             return velocity
         way = velocity / size
-        moves = way != 0.0
-        most = float((self.speed_limits[moves] / np.abs(way[moves])).min())
-        return way * most if most < size else velocity
+        excess = float((np.abs(way) / self.speed_limits).max())
+        return way / excess if size * excess > 1.0 else velocity
 
     def with_field(self, field: Field) -> Controller:
         """The same controller on another field of the same axes."""
