@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_whole
-from resgrid.control.beginning import checked_start, live_grid, static_ending
 from resgrid.control.contact import Touch
 from resgrid.control.controller import Nominal
 from resgrid.control.equipotential import following_velocity
@@ -25,6 +24,7 @@ from resgrid.errors import InputError
 from resgrid.space import Cell
 
 if TYPE_CHECKING:
+    from resgrid.control.settling import LiveGrid
     from resgrid.control.simulation import Simulation
 
 Vector = NDArray[np.float64]
@@ -65,7 +65,7 @@ class Loop:
         check_whole("seed", seed, 0)
         self.push_at, self.max_steps = force_of(pushes, space.ndim), max_steps
         self.rng = np.random.default_rng(seed)
-        self.body = Body(self.plant, checked_start(simulation, start), simulation.step, simulation.margin)
+        self.body = Body(self.plant, _checked_start(simulation, start), simulation.step, simulation.margin)
         self.believed = self.plant.within_stops(self.configuration + self.bias)
         self.space, self.lessons = space, list[Lesson]()
         self.spacing = space.spacing
@@ -77,11 +77,11 @@ class Loop:
         self.patience = Patience(space.spacing, self.configuration)
         self.pace = float(np.minimum(self.controller.speed, self.controller.speed_limits).max() / space.spacing.min())
         self.recorder = Recorder(space.ndim)
-        self.grid = live_grid(simulation)
+        self.grid = _live_grid(simulation)
         self.grid_time = 0.0
         if self.grid is not None:
             self.controller = self.controller.with_field(self.grid.field)
-        self.ending = static_ending(space, self.believed) if self.exact else None
+        self.ending: tuple[Ending, str] | None = _static_ending(self)
 
     @property
     def configuration(self) -> Vector:
@@ -361,7 +361,55 @@ def _leads_on(velocity: Vector, chosen: Vector) -> bool:
     return size > 0.0 and float((velocity / size) @ (chosen / size)) > _NO_WAY
 
 
+def _live_grid(simulation: Simulation) -> LiveGrid | None:
+    """The grid at time 0, already on the rails of the map as it is now."""
+    if simulation.settling is None:
+        return None
+    from resgrid.control.settling import LiveGrid, check_same_grid
+
+    before = simulation.before if simulation.before is not None else simulation.space
+    check_same_grid(before, simulation.space)
+    grid = LiveGrid(simulation.settling, before)
+    if before is not simulation.space:
+        grid.change(simulation.space)
+    return grid
+
+
 def _contact_mode(mode: Mode, felt: Touch) -> Mode:
     if mode in {Mode.RETREATING, Mode.JAM, Mode.FOLLOWING, Mode.RECOVERING, Mode.HOMING}:
         return mode
     return Mode.STICKING if felt.sticking.any() else Mode.SLIDING
+
+
+def _checked_start(simulation: Simulation, start: ArrayLike) -> Vector:
+    try:
+        point = np.array(start, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise InputError(f"a start needs {simulation.space.ndim} numbers, got {start!r}") from None
+    simulation.space.locate(point)
+    if simulation.plant.penetration(point[np.newaxis])[0] > 0:
+        inside = next(
+            number
+            for number in range(len(simulation.plant.obstacles))
+            if simulation.plant.only(number).penetration(point[np.newaxis])[0] > 0
+        )
+        raise InputError(
+            f"the start {point.tolist()} puts the robot inside {simulation.plant.name_of(inside)}: move the start"
+        )
+    return point
+
+
+def _static_ending(loop: Loop) -> tuple[Ending, str] | None:
+    """What the map alone decides, where belief is exact."""
+    if not loop.exact:
+        return None
+    believed = loop.believed
+    cell = tuple(loop.space.locate(believed).tolist())
+    code = int(loop.space.cell[cell])
+    if code == Cell.OBSTACLE:
+        return Ending.START_BLOCKED, f"the start's cell {cell} is an obstacle in the map"
+    if code == Cell.FREE and not loop.space.goal_connected[cell]:
+        if not loop.space.goal_connected.any():
+            return Ending.GOAL_BLOCKED, "in the map no free cell has a path to a goal"
+        return Ending.NO_PATH, f"in the map the start's cell {cell} has no path to a goal"
+    return None
