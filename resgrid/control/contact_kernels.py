@@ -130,7 +130,7 @@ def _refined(
         missed = max(missed, min(abs(slack[row]), abs(unknown[row])))
         if unknown[row] < _TIE * largest:
             unknown[row] = 0.0
-    return missed
+    return float(missed)
 
 
 @inner
