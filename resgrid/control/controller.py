@@ -129,7 +129,7 @@ class Controller:
         admittance = self.axis_admittance
         with np.errstate(over="ignore", invalid="ignore"):
             answer = nominal + admittance @ force
-        if math.isfinite(answer.sum()) or np.isfinite(answer).all():
+        if np.isfinite(answer).all():
             return np.asarray(answer)
         push = (admittance / np.abs(admittance).max()) @ (force / np.abs(force).max())
         return np.asarray(push * (np.finfo(np.float64).max / len(push)))
@@ -184,9 +184,8 @@ class Controller:
             return velocity
         way = velocity / size
         seen = self._frame.turned_to_world(way) if self._is_turned else way
-        moves = seen != 0.0
-        most = float((self.speed_limits[moves] / np.abs(seen[moves])).min())
-        return way * most if most < size else velocity
+        excess = float((np.abs(seen) / self.speed_limits).max())
+        return way / excess if size * excess > 1.0 else velocity
 
     def with_field(self, field: Field) -> Controller:
         """The same controller on another field of the same axes."""

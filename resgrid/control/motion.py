@@ -143,7 +143,7 @@ class Body:
         nearest = float(around.gap.min(initial=np.inf))
         if nearest < 0.1 * self._lift:
             return 0.0
-        least = min(keep * self.margin, nearest)
+        least = min(max(keep * self.margin, 0.5 * self._lift), nearest)
         share, pose = 0.0, self._pose
         for _ in range(_POSES):
             more = self.plant.free_share(pose, motion, least)

@@ -94,8 +94,15 @@ class Simulation:
         (3) A lesson holds only cells in which the conservative rule finds an obstacle that is truly there
         (`proven_cells`), so a start that has a path in the true world's conservative map never loses it; after a lesson
         the robot goes back the way it came, which is free because it came that way, to the last cell that still has a
-        path.  That cell exists unless the start's own has none left, and only then is no path announced: the cells
-        learnt, with those of the map, separate the start from every goal.
+        path.  That cell exists unless the start's own has none left.  Then it tries the cells that have one within
+        `RECOVERY` cells of where it is, straight and one by one, and only where none can be reached is no path
+        announced: the start's own cell holds an obstacle, or the cells learnt, with those of the map, separate it from
+        every goal.
+
+        The robot is solid (`resgrid.control.motion.Body`): no configuration inside an obstacle is entered, whatever the
+        push, the step, the width and the cell.  One that touches an obstacle at the start is lifted off by 1e-8 m; one
+        that is inside by more than 1e-9 m is refused.  It arrives at the configuration of the goal cell that solves the
+        goal, where the space names one (`ConfigurationSpace.goal_points`), and anywhere in the cell otherwise.
 
         Parameters
         ----------
@@ -118,8 +125,8 @@ class Simulation:
         Raises
         ------
         InputError
-            If the start is not a configuration of the grid, the robot is inside an obstacle there, or a push, bias or
-            noise is impossible.
+            If the start is not a configuration of the grid, the robot is inside an obstacle there, or a push, bias,
+            noise, seed or number of steps is impossible.
         """
         from resgrid.control.loop import Loop
 

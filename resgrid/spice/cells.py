@@ -188,7 +188,7 @@ def _subcircuit(rules: Dialect, array: TileArray, kind: int, spread: float) -> l
     tile = array.tile
     defaults: dict[str, float | int] = {"state": 0}
     if _watches_neighbours(array):
-        defaults |= {f"state_{axis}": 0 for axis in axes}
+        defaults |= {_state_beside(array, axis): 0 for axis in axes}
     defaults |= {f"resistance_{axis}": _usual_resistance(array, axis) for axis in axes}
     for name in ("obstacle", "goal", *(["internodal"] if array.internodal and axes else [])):
         defaults |= {f"{name}_switch_{end}": getattr(tile, f"{name}_switch_{end}") for end in ("on", "off")}
@@ -240,7 +240,7 @@ def _switch(name: str, closed: str) -> str:
 
 
 def _internodal(array: TileArray, axis: int) -> str:
-    own, other = _BLOCKED.format("state"), _BLOCKED.format(f"state_{axis}")
+    own, other = _BLOCKED.format("state"), _BLOCKED.format(_state_beside(array, axis))
     if array.boundary == "neumann":
         return _switch("internodal", f"(1-{own})*(1-{other})")
     if array.wall_resistance:
@@ -265,7 +265,9 @@ def _instances(
     values: list[bytes | Texts | Chosen] = [b" state=", state]
     for axis in range(dimensions):
         if _watches_neighbours(array):
-            values.append(weave(cells + 1, *_or_nothing(f" state_{axis}=".encode(), state)).take(beyond[:, axis]))
+            values.append(
+                weave(cells + 1, *_or_nothing(f" {_state_beside(array, axis)}=".encode(), state)).take(beyond[:, axis])
+            )
         given = [(f"resistance_{axis}", array.link_resistance, _usual_resistance_or_none(array, axis))]
         if array.wall_resistance:
             given.append((_wall(array, axis), array.link_wall, array.wall_resistance))
@@ -282,6 +284,11 @@ def _instances(
         "values": weave(cells, b" params:" if "params:" in rules.parameters else b"", *values),
     }
     return fill(rules.instance + "\n", cells, columns)
+
+
+def _state_beside(array: TileArray, axis: int) -> str:
+    """A tile's parameter for the state of the next tile; along a single axis, tiles have states of the plain names."""
+    return f"state_{axis}" if len(array.shape) > 1 else "state_beside"
 
 
 def _usual_resistance_or_none(array: TileArray, axis: int) -> float:

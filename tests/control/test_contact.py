@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings, strategies as st
+from scipy.optimize import nnls
 
-from resgrid.control.contact import surroundings, touch
+from resgrid.control.contact import Surroundings, surroundings, touch
 from resgrid.control.plant import make_plant, plant_of
 from resgrid.errors import InputError
 from resgrid.planning.bodies import bodies_of, parts_of
@@ -152,6 +153,65 @@ def test_a_force_inside_the_friction_cone_sticks() -> None:
         assert felt.sticking.tolist() == [sticks]
         np.testing.assert_allclose(felt.velocity, [0.0 if sticks else 1 - mu, 0.0], atol=1e-12)
         np.testing.assert_allclose(felt.force, [[-1.0 if sticks else -mu, 1.0]], atol=1e-12)
+
+
+@settings(max_examples=100)
+@given(st.integers(2, 3), st.integers(1, 8), st.floats(-3.0, 0.0), st.booleans(), st.integers(0, 2**32 - 1))
+def test_without_friction_the_velocity_is_projected_onto_what_gaps_allow(ndim, count, wedge, twice, seed) -> None:
+    """In the metric of the inverse admittance, by non-negative least squares; narrow wedges and contacts felt twice."""
+    rng = np.random.default_rng(seed)
+    rows = rng.normal(size=(count, ndim))
+    if count > 1:
+        rows[1] = -rows[0] * rng.uniform(0.1, 3.0) + 10**wedge * rng.normal(size=ndim)
+    if twice and count > 2:
+        rows[2] = rows[0]
+    root = rng.normal(size=(ndim, ndim))
+    give, free = root @ root.T + 0.1 * np.eye(ndim), rng.normal(size=ndim)
+    around = Surroundings(np.zeros((count, 11)), rows, rng.normal(size=(count, ndim)))
+    felt = touch(around, np.ones(count, bool), free, give, 0.0, np.zeros(count))
+    factor = np.linalg.cholesky(give)
+    force, _ = nnls((rows @ factor).T, -np.linalg.solve(factor, free))
+    assert felt.solved
+    np.testing.assert_allclose(felt.velocity, free + give @ rows.T @ force, atol=1e-6 * np.linalg.norm(free))
+
+
+@pytest.mark.parametrize("degrees", [60.0, 10.0, 2.0, 0.1])
+@pytest.mark.parametrize("friction", [0.0, 0.3])
+def test_a_point_driven_into_a_wedge_stands(degrees, friction) -> None:
+    half = np.radians(degrees / 2)
+    side = 2 * np.tan(half)
+    walls = [Polygon(((-2, side), (0, 0), (0, 2), (-2, 2))), Polygon(((-2, -side), (-2, -2), (0, -2), (0, 0)))]
+    plant = make_plant(PointRobot(), PLANE, [], walls)
+    pose = plant.pose(np.array([-0.5, 0.0]))
+    around = surroundings(pose, plant.near(pose, 0.501 * np.sin(half)))
+    free = np.array([1.0, 0.3 * np.tan(half)])
+    felt = touch(around, np.ones(2, bool), free, np.eye(2), friction, np.zeros(2))
+    np.testing.assert_allclose(felt.velocity, 0.0, atol=1e-9)
+    np.testing.assert_allclose(felt.force.sum(axis=0), -free, atol=1e-6)
+    if not friction:
+        np.testing.assert_allclose(np.linalg.norm(felt.force, axis=1) * np.sin(half), 0.5, rtol=0.2)
+
+
+def test_a_stop_and_an_obstacle_are_contacts_of_one_problem() -> None:
+    """Pressed along a slanted wall into the end of an axis: neither is violated, and the stop carries what is left."""
+    plant = make_plant(PointRobot(), PLANE, [HalfSpace((-1.0, 1.0), 0.0)])
+    pose = plant.pose(np.array([2.999, 3.0]))
+    around = surroundings(pose, plant.near(pose, 0.01))
+    stop = np.array([[0.0, -1.0]])
+    felt = touch(around, np.array([True]), np.array([1.0, 0.2]), np.eye(2), 0.0, np.zeros(1), stop)
+    np.testing.assert_allclose(felt.velocity, 0.0, atol=1e-12)
+    np.testing.assert_allclose(felt.torque, [-1.0, -0.2], atol=1e-12)
+    np.testing.assert_allclose(felt.normal_torque, [-1.0, 1.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("stiff", [1e-9, 1e-14])
+def test_a_stiff_axis_is_felt_as_well(stiff) -> None:
+    plant = make_plant(PointRobot(), PLANE, [HalfSpace((0.0, 1.0), 0.0)])
+    pose = plant.pose(np.array([0.0, 0.001]))
+    around = surroundings(pose, plant.near(pose, 0.01))
+    felt = touch(around, np.array([True]), np.array([0.3, -1.0]), np.diag([1.0, stiff]), 0.0, np.zeros(1))
+    np.testing.assert_allclose(felt.velocity, [0.3, 0.0], atol=1e-12)
+    assert felt.force[0, 1] == pytest.approx(1 / stiff)
 
 
 def test_a_bar_laid_flat_on_a_box_touches_with_both_ends() -> None:

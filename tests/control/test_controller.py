@@ -153,3 +153,37 @@ def test_what_cannot_be_commanded_is_said(point, force, says) -> None:
 def test_impossible_controllers_are_refused(options, says) -> None:
     with pytest.raises(InputError, match=says):
         controller_of(WALL, **options)
+
+
+@given(
+    st.sampled_from([1e-300, 1e-9, 1.0, 1e200, 1e308]),
+    st.lists(st.sampled_from([0.0, 1.0, -1e5, 1e200, -1e308]), min_size=2, max_size=2),
+    st.sampled_from([1e-300, 1e-3, 1.0, 1e300, np.inf]),
+    st.sampled_from(["admittance", "equipotential"]),
+)
+def test_finite_inputs_give_finite_commands_within_the_limits(give, force, limit, response) -> None:
+    controller = controller_of(WALL, admittance=give, speed_limits=limit, response=response)
+    command = controller.command((0.6, 0.7), force)
+    assert np.isfinite(command).all()
+    assert np.all(np.abs(command) <= limit)
+
+
+@pytest.mark.parametrize("number", [np.float32(0.5), np.int64(1), 1e-300, 1e307])
+def test_any_real_number_is_a_speed(number) -> None:
+    assert controller_of(WALL, speed=number).speed == float(number)
+
+
+@pytest.mark.parametrize("wrong", [True, "fast", 1 + 1j, np.nan])
+def test_other_things_are_no_speed(wrong) -> None:
+    with pytest.raises(InputError, match="speed"):
+        controller_of(WALL, speed=wrong)
+
+
+@pytest.mark.parametrize("wrong", [["a", "b"], (1 + 1j, 2), None, ((1.0,), (1.0, 2.0))])
+def test_what_is_no_configuration_or_force_is_refused(wrong) -> None:
+    controller = controller_of(WALL)
+    with pytest.raises(InputError, match="configuration"):
+        controller.command(wrong)
+    if wrong is not None:
+        with pytest.raises(InputError, match="force"):
+            controller.command((0.6, 0.7), wrong)

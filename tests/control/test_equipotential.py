@@ -59,3 +59,11 @@ def test_following_moves_at_the_speed_of_the_streamline_times_the_sine(pair) -> 
 def test_impossible_values_are_refused(v, f, c, says) -> None:
     with pytest.raises(InputError, match=says):
         equipotential_velocity(v, f, c=c)
+
+
+def test_sizes_beyond_doubles_are_refused_or_of_no_account() -> None:
+    with pytest.raises(InputError, match="beyond doubles"):
+        equipotential_velocity((1e200, 0.0), (1e200, 1.0))
+    for size in (1e-300, 1.0, 1e200, 1.7e308):
+        velocity = following_velocity(np.array([2.0, 0.0]), np.array([size, size]))
+        np.testing.assert_allclose(velocity, [0.0, np.sqrt(2.0)])

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hidden import hiding, square
-from hypothesis import example, given, settings, strategies as st
+from hypothesis import assume, example, given, settings, strategies as st
 
 from resgrid.compiler import compile_space
 from resgrid.control.fronts import wavefront
@@ -212,3 +212,39 @@ def test_a_patient_robot_always_arrives_and_never_enters_what_is_on_the_map(seed
     assert run.ending is Ending.ARRIVED, run.message
     assert run.penetration == 0.0
     assert np.all(truth.cell[tuple(truth.locate(run.configuration).T)] != Cell.OBSTACLE)
+
+
+@settings(max_examples=8)
+@given(st.integers(0, 2**32 - 1))
+def test_a_settling_time_is_right_to_5_percent(seed) -> None:
+    """Against the eigenvectors of the grid of 1 ohm and 1 farad, written out anew."""
+    rng = np.random.default_rng(seed)
+    size = 10
+    cell = np.zeros((size, size), np.uint8)
+    cell[tuple(rng.integers(1, size - 1, 2))] = Cell.GOAL
+    changed = cell.copy()
+    row, column = rng.integers(0, size - 4, 2)
+    changed[row : row + 2, column : column + 4] |= np.uint8(cell[row : row + 2, column : column + 4] == 0)
+
+    def grid(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        free = cells.ravel() == Cell.FREE
+        matrix, drive = 4.0 * np.eye(size**2), np.zeros(size**2)
+        for at in range(size**2):
+            for other, inside in ((at - size, at >= size), (at + size, at < size**2 - size), (at - 1, at % size),
+                                  (at + 1, (at + 1) % size)):  # fmt: skip
+                if inside:
+                    matrix[at, other] -= cells.ravel()[other] == Cell.FREE
+                    drive[at] += cells.ravel()[other] == Cell.GOAL
+        return matrix[np.ix_(free, free)], drive[free]
+
+    first, end = np.zeros(size**2), grid(changed)
+    first[cell.ravel() == 0] = np.linalg.solve(*grid(cell))
+    away = first[changed.ravel() == 0] - np.linalg.solve(*end)
+    rates, ways = np.linalg.eigh(end[0])
+    times = np.linspace(0, 120, 4001)
+    distance = np.abs((np.exp(-np.outer(times, rates)) * (ways.T @ away)) @ ways.T).max(axis=1)
+    assume(distance[0] > 0.01)
+    settled = times[np.flatnonzero(distance > 0.5 / 2**10)[-1]]
+    axes = [Axis("x", 0, size, size), Axis("y", 0, size, size)]
+    spaces = ConfigurationSpace(axes, cell), ConfigurationSpace(axes, changed)
+    assert settle_time(GridSettling("chip", boundary="dirichlet"), *spaces) == pytest.approx(settled, rel=0.05)

@@ -113,7 +113,7 @@ def test_nothing_is_entered_whatever_the_push_the_step_the_width_and_the_cell(ro
 
 
 @settings(max_examples=200)
-@given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1), st.floats(0.0, 1.0))
+@given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1), st.floats(0.01, 1.0))
 def test_what_a_sweep_calls_free_keeps_its_gap(robot, seed, keep) -> None:
     rng = np.random.default_rng(seed)
     plant = make_plant(robot, axes_of(robot, 20), shapes_of(rng, 4))

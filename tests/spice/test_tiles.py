@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -146,3 +147,12 @@ def test_a_netlist_without_cells_has_no_tiles(tmp_path: Path) -> None:
     with pytest.raises(rg.InputError, match="choose one of flat, cells"):
         write_spice(bare, tmp_path / "a.cir", form="tiles")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_tiles_in_a_row_keep_the_states_of_their_neighbours_apart(tmp_path):
+    """A parameter of a tile must not share its name with the state of one: ngspice would take the tile's own."""
+    space = rg.ConfigurationSpace([rg.Axis("x", 0, 3, 3)], [2, 0, 1])
+    written = rg.write_spice(rg.compile_space(space, rails="cells"), tmp_path / "row.cir", form="cells")
+    names = re.findall(r"\b(state\w*)=", written.path.with_name("row.cir.chip").read_text())
+    assert not set(names) & {f"state_{cell}" for cell in range(3)}
+    assert rg.check_deck(written.path).agrees
