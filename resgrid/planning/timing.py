@@ -88,7 +88,8 @@ def time_path(
     check_number("tolerance", within, "a distance: at least 0 and finite", least=0.0)
     if len(points) < 2:
         return _at_constant_velocities(points, velocity)
-    return _blended(_straightened(points, within / 2), velocity, acceleration, within / 2)
+    rounding = 4 * np.spacing(np.abs(points).max())
+    return _blended(_straightened(points, max(within / 2, rounding)), velocity, acceleration, within / 2)
 
 
 def _default_tolerance(path: Streamline | ShortPath | ArrayLike, space: ConfigurationSpace) -> float:
@@ -128,8 +129,6 @@ def _distinct(points: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _straightened(points: NDArray[np.float64], within: float) -> NDArray[np.float64]:
     """Corners that keep the path within a distance (Ramer 1972; Douglas & Peucker 1973)."""
-    if not within:
-        return points
     keep = np.zeros(len(points), dtype=bool)
     keep[[0, -1]] = True
     open_parts = [(0, len(points) - 1)]

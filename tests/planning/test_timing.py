@@ -46,6 +46,16 @@ def test_corners_without_tolerance_are_taken_at_rest() -> None:
     np.testing.assert_allclose(motion.at(2.0), [[(1, 0)], [(0, 0)]], atol=1e-9)
 
 
+@pytest.mark.parametrize("yaw", [0.0, 0.3, -1.2])
+def test_rounding_of_coordinates_far_from_the_origin_is_no_corner_to_rest_at(yaw: float) -> None:
+    along = np.linspace(0.0, 8.0, 161)[:, np.newaxis] * (np.cos(yaw), np.sin(yaw))
+    corner = np.concatenate(
+        [along, along[-1] + np.linspace(0.0, 1.0, 20)[1:, np.newaxis] * (-np.sin(yaw), np.cos(yaw))]
+    )
+    far = time_path(np.add(corner, (500000.0, 5400000.0)), PLANE, velocity_limits=2.0, acceleration_limits=1.0)
+    assert far.duration == pytest.approx((8 / 2 + 2) + 2, rel=1e-6)  # rests at the one true corner
+
+
 @pytest.mark.parametrize(("limit", "turn"), [((1.0, 1.0), 1.0), (1.0, np.sqrt(2))])  # of each axis, of the robot
 def test_a_right_angle_is_rounded_within_half_the_tolerance(limit: object, turn: float) -> None:
     corner = [(0.0, 0.0), (5.0, 0.0), (5.0, 5.0)]
