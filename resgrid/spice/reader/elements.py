@@ -109,6 +109,9 @@ def _keyed(
 ) -> dict[str, list[float]]:
     values: dict[str, list[float]] = {}
     for setting in pairs:
+        if setting.key in scope.rules.annotations:
+            journal.note("info", card.spot(setting.offset), f"{setting.key}= changes nothing at direct current")
+            continue
         if setting.key in _FREE_KEYS:
             continue
         if setting.key not in known:

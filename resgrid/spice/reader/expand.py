@@ -172,21 +172,23 @@ class Expander:
                     setting.offset,
                     f"{call.block.name} has no parameter {setting.key!r}; only {sorted(call.block.parameters)}",
                 )
-        if self.rules.puts_in_text and any(not names <= {key} for key, names in named.items()):
+        if self.rules.puts_in_text:
             self._refuse_captured(call, scope, given, named)
         return given, factor
 
     def _refuse_captured(self, call: Call, scope: Scope, given: dict[str, float], named: dict[str, set[str]]) -> None:
         """Refuse names in what a call gives that mean another value in the subcircuit, where they are looked up."""
+        doubtful = [(s, n) for s in call.given for n in named[s.key] - {s.key} if n in call.block.parameters]
+        if not doubtful:
+            return
         inside = Scope(call.block, self.rules, scope, given)
-        for setting in call.given:
-            for name in sorted(named[setting.key] - {setting.key}):
-                if name in call.block.parameters and inside.parameter(name) != scope.parameter(name):
-                    raise call.card.error(
-                        setting.offset,
-                        f"{self.rules.name} takes {name} in {setting.key}= for the {name} of {call.block.name}, other "
-                        f"simulators for the one where {call.name} stands: rename one of them",
-                    )
+        for setting, name in sorted(doubtful, key=lambda one: (one[0].offset, one[1])):
+            if inside.parameter(name) != scope.parameter(name):
+                raise call.card.error(
+                    setting.offset,
+                    f"{self.rules.name} takes {name} in {setting.key}= for the {name} of {call.block.name}, other "
+                    f"simulators for the one where {call.name} stands: rename one of them",
+                )
 
     def _refuse_multiplier(self, call: Call, setting: Setting, scope: Scope, factor: float) -> None:
         """Refuse ``m=`` of a call where it is not the number of subcircuits in parallel."""

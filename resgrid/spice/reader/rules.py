@@ -53,6 +53,8 @@ class ReadingRules:
         Whether the ``r`` of a resistor's model multiplies.
     lengths_twice : bool
         Whether a model's ``narrow`` and ``short`` are taken off at both ends.
+    annotations : frozenset of str
+        What may be written behind an element without meaning anything to a simulation.
     operators : mapping of str to str
         Operators that are not what `resgrid.spice.reader.expressions` takes their symbols for.
     narrow_parser : bool
@@ -94,6 +96,7 @@ class ReadingRules:
     powers: frozenset[str] = field(default=frozenset({"**"}))
     model_factor: bool = False
     lengths_twice: bool = False
+    annotations: frozenset[str] = frozenset()
     operators: Mapping[str, str] = field(default_factory=dict)
     narrow_parser: bool = False
     puts_in_text: bool = False
@@ -173,6 +176,7 @@ LTSPICE = ReadingRules(
         "buf": "step_half",
     },
     infix_suffixes=True,
+    annotations=frozenset({"tol", "pwr", "mfg", "pn", "type"}),
     shunt_options=frozenset({"gshunt"}),
 )
 XYCE = ReadingRules(

@@ -204,6 +204,14 @@ def test_other_dialects_keep_their_ways(tmp_path: Path) -> None:
     assert ohms(".param g=2", ".func f(x) {x*g}", ".subckt s p q g=5\nR1 p q {f(1)}\n.ends", "X1 a 0 s") == 2.0
 
 
+def test_what_ltspice_annotates_is_told_and_ignored(tmp_path: Path) -> None:
+    head = ("title", "V1 a 0 SINE(1 2 1k)", "R1 a 0 1k tol=1 pwr=0.1")
+    deck = read_spice(deck_in(tmp_path, head=head), dialect="ltspice")
+    assert (deck.resistance.tolist(), deck.source_volts.tolist()) == ([1000.0], [1.0])
+    assert any("pwr= changes nothing" in note.text for note in deck.notes)
+    assert "'tol' is not understood" in refusal(deck_in(tmp_path, head=head))
+
+
 def test_shunts_that_are_not_followed_are_told(tmp_path: Path) -> None:
     deck = read_spice(deck_in(tmp_path, "R1 a 0 1k", ".option rshunt=1k"))
     assert [note.line for note in deck.notes if note.severity == "warning" and "rshunt" in note.text] == [5]
