@@ -184,17 +184,18 @@ class Scope:
         return self if self.block is block or self.outer is None else self.outer.of(block)
 
     def value(self, card: Card, token: Token, lookup: Lookup | None = None) -> tuple[float, str]:
-        """Value of a token of a card, and a warning about it; ``lookup`` may know names otherwise than this scope.
+        """Value of a token of a card, and a warning about it; ``lookup`` knows the names of what parameters are given.
 
         Raises
         ------
         CardError
             If it is no number, no parameter, or cannot be evaluated.
         """
+        computed = lookup is not None
         lookup = lookup or self.parameter
         self._outermost._calls = 0
         if token.kind == "word":
-            numeral = parse_numeral(token.text, self.rules)
+            numeral = parse_numeral(token.text, self.rules, computed=computed)
             if numeral is not None and not isinstance(numeral, str):
                 return numeral.value, numeral.warning
             if numeral is not None:

@@ -266,7 +266,7 @@ class _Reader:
         raise ExpressionError(token.offset, f"a number or a name was expected, found {found}")
 
     def _number(self, token: _Token) -> float:
-        numeral = parse_numeral(token.text, self.rules)
+        numeral = parse_numeral(token.text, self.rules, computed=True)
         if numeral is None or isinstance(numeral, str):
             raise ExpressionError(token.offset, numeral or f"{token.text!r} is no number")
         return numeral.value

@@ -12,6 +12,7 @@ _NUMBER = re.compile(r"([+-]?)(\d++(?:\.\d*+)?|\.\d++)(?:[eE]([+-]?\d{1,9}))?([^
 _D_NUMBER = re.compile(r"([+-]?)(\d++(?:\.\d*+)?|\.\d++)(?:[eEdD]([+-]?\d{1,9}))?([^\W\d_]*+)")
 _INFIX = re.compile(r"([+-]?)(\d++)(meg|[tgkmunpfµμ])(\d++)[^\W\d_]*+", re.IGNORECASE)
 _UNIT = "Ω"
+_NO_D = "{} does not everywhere take D for an exponent; write e"
 
 
 @dataclass(frozen=True)
@@ -29,13 +30,15 @@ class Numeral:
     warning: str = ""
 
 
-def parse_numeral(text: str, rules: ReadingRules) -> Numeral | str | None:
+def parse_numeral(text: str, rules: ReadingRules, *, computed: bool = False) -> Numeral | str | None:
     """Read a number with a suffix and a unit.
 
     Parameters
     ----------
     text : str
     rules : ReadingRules
+    computed : bool
+        Whether it stands in an expression, or is the value of a parameter.
 
     Returns
     -------
@@ -51,9 +54,11 @@ def parse_numeral(text: str, rules: ReadingRules) -> Numeral | str | None:
     """
     match = (_D_NUMBER if rules.d_exponents else _NUMBER).fullmatch(text)
     if match is None:
-        return _infix(text, rules)
+        return _infix(text, rules) if _D_NUMBER.fullmatch(text) is None else f"{text!r}: {_NO_D.format(rules.name)}"
     sign, digits, exponent, letters = match.groups()
     power, unit, warning = _suffix(letters, rules)
+    if power is None and computed and rules.milli_mil:
+        return f"{text!r}: mil is milli in an expression of {rules.name}, and 25.4e-6 elsewhere; write what is meant"
     if power is None:
         return _checked(text, float(f"{sign}{digits}e{exponent or 0}") * MIL, digits, warning)
     if not unit.isascii() and unit != _UNIT:

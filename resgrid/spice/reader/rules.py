@@ -43,6 +43,8 @@ class ReadingRules:
         Whether ``4k7`` is 4700.
     d_exponents : bool
         Whether ``1d3`` is 1000.
+    milli_mil : bool
+        Whether ``mil`` is milli in expressions, 25.4e-6 elsewhere.
     grounds : frozenset of str
         Names of node 0, in lower case.
     powers : frozenset of str
@@ -93,6 +95,7 @@ class ReadingRules:
     functions: Mapping[str, str]
     infix_suffixes: bool = False
     d_exponents: bool = False
+    milli_mil: bool = False
     powers: frozenset[str] = field(default=frozenset({"**"}))
     model_factor: bool = False
     lengths_twice: bool = False
@@ -140,7 +143,7 @@ NGSPICE = ReadingRules(
         "nint": "nint",
         "ternary_fcn": "if",
     },
-    d_exponents=True,
+    milli_mil=True,
     powers=frozenset({"**", "^"}),
     lengths_twice=True,
     operators={"%": "% of the quotient", "\\": "\\ of the magnitude"},

@@ -42,6 +42,7 @@ def refusal(path: Path, dialect: str = "ngspice") -> str:
 
 
 FOLLOWED = {
+    "a thousandth of an inch by itself": (".model m r(rsh=100)", "R1 a 0 m l=6mil w=1mil", "R2 a 0 1e6mil"),
     "own name on an X line": (".param r=5", SUBCIRCUIT.format("r=1"), "X1 a 0 s r={r*200}"),
     "a name of equal value": (".param r=5 w=2", SUBCIRCUIT.format("r=1 w=7"), "X1 a 0 s r={100*w} w={w}"),
     "a function sees the names where it is called": (
@@ -101,6 +102,11 @@ def test_an_end_within_an_included_file_ends_nothing(tmp_path: Path) -> None:
 
 
 REFUSED = {
+    "a thousandth of an inch in an expression": (("R1 a 0 {1k+6mil}",), ":4:12: '6mil': mil is milli"),
+    "a thousandth of an inch given to a subcircuit": ((SUBCIRCUIT.format("r=1"), "X1 a 0 s r=6mil"), "mil is milli"),
+    "a thousandth of an inch as a parameter": ((".param l=6mil", "R1 a 0 {l}"), "mil is milli"),
+    "D for an exponent": (("R1 a 0 6d-1",), ":4:8: '6d-1': ngspice does not everywhere take D"),
+    "D for an exponent in an expression": (("R1 a 0 {2*6D2}",), "does not everywhere take D"),
     "a name that the subcircuit has, too": (
         (".param w=1 l=4", SUBCIRCUIT.format("w=2 l=2 r=1"), "X1 a 0 s r={1k*l/w}"),
         ":8:10: ngspice takes l in r= for the l of s",

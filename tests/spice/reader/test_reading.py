@@ -46,7 +46,6 @@ def refusal(*lines: str, dialect: str = "ngspice") -> str:
         ("1e3k", 1e6),
         ("1e", 1.0),
         ("10\u00b5", 1e-5),
-        ("1d3", 1e3),
         ("+5", 5.0),
         (".5", 0.5),
         ("5.", 5.0),
