@@ -51,7 +51,7 @@ def is_deck(source: str) -> bool:
     suffix = path.suffix.lower()
     if suffix in (*DECK_SUFFIXES, SPECTRE_SUFFIX) or is_network(source):
         return True
-    return source != "-" and path.with_name(path.name + ".json").is_file()
+    return source != "-" and path.name != "" and path.with_name(path.name + ".json").is_file()
 
 
 def is_network(source: str) -> bool:

@@ -110,9 +110,11 @@ def read_deck(path: Path) -> bytes:
     Raises
     ------
     InputError
-        If it cannot be read.
+        If it cannot be read, or is a device, which may never end.
     """
     try:
+        if path.is_char_device() or path.is_block_device():
+            raise InputError(f"cannot read the deck {str(path)!r}: it is a device; name a deck file")
         return path.read_bytes()
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)

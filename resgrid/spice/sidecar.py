@@ -103,7 +103,7 @@ def format_sidecar(
     str
         Without NaN or infinity; the same input gives the same text.
     """
-    data = (deck.text if text is None else text).encode("ascii")
+    data = (deck.text if text is None else text).encode("utf-8")
     head = {
         "schema": SCHEMA,
         "own_sha256": _BLANK,

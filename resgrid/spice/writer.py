@@ -283,7 +283,7 @@ def _write_all(target: Path, texts: Mapping[str, str]) -> None:
 
 
 def _hash(text: str) -> str:
-    return hashlib.sha256(text.encode("ascii")).hexdigest()
+    return hashlib.sha256(text.encode("utf-8")).hexdigest()
 
 
 def _solution(netlist: Netlist) -> OperatingPoint:

@@ -245,3 +245,29 @@ def test_a_fault_of_our_own_asks_for_a_report(call, room, monkeypatch):
 def test_an_array_of_nan_is_refused(call, tmp_path):
     np.save(tmp_path / "map.npy", np.full((3, 3), np.nan))
     check_refusal(call("path", tmp_path / "map.npy", "--goal", "1,1", "--start", "2,2"), 2, ["map.npy"])
+
+
+@pytest.mark.parametrize("verb", [verb for verb in VERBS if verb != "run"])
+@pytest.mark.parametrize("source", [".", "/"])
+def test_a_folder_without_a_name_of_its_own_is_a_folder(call, verb, source, tmp_path):
+    options = (VERBS[verb][0], tmp_path / VERBS[verb][1]) if VERBS[verb] else ()
+    check_refusal(call(verb, source, *options), 2, ["directory"])
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_deck_that_never_ends_is_refused_before_it_is_read(call, room):
+    check_refusal(call("check", room, "--deck", os.devnull), 2, ["device", "name a deck file"])
+
+
+@pytest.mark.parametrize("speed", ["1e-320", "1e-200", "1e200"])
+def test_a_speed_that_float64_cannot_square_is_refused(call, room, speed):
+    check_refusal(call("control", room, "--speed", speed, "--steps", "50"), 2, ["speed", "1e-100 to 1e100"])
+
+
+@pytest.mark.parametrize("form", ["flat", "cells"])
+def test_a_deck_may_have_a_name_in_any_letters(call, room, tmp_path, form):
+    deck = tmp_path / "grün ☃.cir"
+    result = call("compile", room, "--form", form, "-o", deck)
+    assert result.exit_code == 0, result.stderr
+    result = call("solve", deck)
+    assert result.exit_code == 0, result.stderr
