@@ -330,7 +330,7 @@ def make_controller(
 
 
 def checked_speed(speed: float) -> float:
-    """The nominal speed, if it is above 0 and can be squared: no length of a velocity runs out of float64.
+    """The nominal speed, if it is finite and above 0.
 
     Parameters
     ----------
@@ -345,8 +345,8 @@ def checked_speed(speed: float) -> float:
     InputError
         If not.
     """
-    if isinstance(speed, bool) or not isinstance(speed, Real) or not 1e-100 <= speed <= 1e100:
-        raise InputError(f"speed = {speed}, but the nominal speed is a number above 0, from 1e-100 to 1e100")
+    if isinstance(speed, bool) or not isinstance(speed, Real) or not 0 < speed < np.inf:
+        raise InputError(f"speed = {speed}, but the nominal speed is a number, finite and above 0")
     return float(speed)
 
 
