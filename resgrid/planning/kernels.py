@@ -309,7 +309,10 @@ def clearance(
         for axis in range(ndim):
             cells_away = math.ceil(within / spacing[axis]) + 1
             low[axis], high[axis] = -cells_away, cells_away
-            if not periodic[axis]:
+            if periodic[axis]:  # beyond half a turn another copy of the same box is nearer
+                half = shape[axis] // 2 + 1
+                low[axis], high[axis] = max(low[axis], -half), min(high[axis], half)
+            else:
                 low[axis] = max(low[axis], -cells[k, axis])
                 high[axis] = min(high[axis], shape[axis] - 1 - cells[k, axis])
             total *= high[axis] - low[axis] + 1

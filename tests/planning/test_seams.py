@@ -8,6 +8,7 @@ from spaces import space_of, spaces
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
+from resgrid.planning.clearance import clearance_of
 from resgrid.planning.field import field_of
 from resgrid.planning.seams import length_of, unwrap, wrap
 from resgrid.planning.shortcut import shorten
@@ -82,3 +83,20 @@ def test_arrays_are_checked() -> None:
     ]:  # fmt: skip
         with pytest.raises(InputError, match=message):
             unwrap(bad, space)
+
+
+@pytest.mark.parametrize("cells", [1, 2, 3, 4, 7])
+def test_clearance_looks_no_farther_than_half_a_turn_however_narrow_the_cells_of_periodic_axes_are(cells: int) -> None:
+    rng = np.random.default_rng(cells)
+    cell = (rng.random((12, cells, cells)) < 0.02).astype(np.uint8)
+    cell[0, 0, 0] = Cell.OBSTACLE
+    widths = np.array([1000.0, 1e-4, 1e-4])  # a turning robot's map in millimetres, and more so
+    space = space_of(cell, periodic=(False, True, True), spacing=tuple(widths.tolist()))
+    for home in np.argwhere(cell == Cell.FREE)[:: cells * 3]:
+        point = (home + rng.random(3)) * widths
+        boxes = np.argwhere(cell == Cell.OBSTACLE)
+        turns = np.arange(-2, 3)[:, np.newaxis, np.newaxis] * np.array([0, cells, cells])
+        below = (boxes + turns) * widths
+        each = np.maximum(np.maximum(below - point, point - below - widths), 0.0).min(axis=0)  # each axis by itself
+        told = clearance_of(point[np.newaxis], space, ("open", "periodic", "periodic"))
+        assert told == pytest.approx(np.linalg.norm(each, axis=1).min(), rel=1e-9)
