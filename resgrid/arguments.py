@@ -25,43 +25,18 @@ def is_whole(value: Any) -> bool:
 def check_number(
     name: str, value: Any, words: str, *, least: float = -math.inf, above: float = -math.inf, below: float = math.inf
 ) -> None:
-    """Refuse what is no finite real number within limits.
-
-    Parameters
-    ----------
-    name : str
-        Of the argument.
-    value : object
-    words : str
-        What it must be, for the message.
-    least, above, below : float
-        It must be at least ``least``, more than ``above`` and less than ``below``.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse what is no finite real number within limits."""
     if not (is_number(value) and value >= least and above < value < below):
         raise InputError(f"{name} = {value!r} must be {words}")
 
 
 def check_optional(name: str, value: Any, words: str, *, least: float = -math.inf, above: float = -math.inf) -> None:
-    """As `check_number`, for a value that may be None.
-
-    Raises
-    ------
-    InputError
-    """
+    """As `check_number`, for a value that may be None."""
     if value is not None:
         check_number(name, value, words, least=least, above=above)
 
 
 def check_whole(name: str, value: Any, least: int) -> None:
-    """Refuse what is no whole number of at least ``least``.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse what is no whole number of at least ``least``."""
     if not (is_whole(value) and int(value) >= least):
         raise InputError(f"{name} = {value!r} must be a whole number, at least {least}")

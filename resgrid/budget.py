@@ -19,20 +19,7 @@ def available_memory() -> int:
 
 
 def require_memory(needed: float, job: str, remedy: str) -> None:
-    """Refuse a job that will not fit.
-
-    Parameters
-    ----------
-    needed : float
-        Estimate of its peak memory, in bytes.
-    job, remedy : str
-        What it is, and what can be done instead; for the message.
-
-    Raises
-    ------
-    BudgetError
-        If the estimate exceeds what is available; the message holds both numbers.
-    """
+    """Refuse a job that will not fit."""
     free = available_memory()
     if needed > free:
         raise BudgetError(f"{job} needs about {needed / 2**30:.3g} GiB, but {free / 2**30:.3g} GiB is free; {remedy}")

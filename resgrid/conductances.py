@@ -31,13 +31,7 @@ from numpy.typing import NDArray
 def of_face(spacing: NDArray[np.float64], axis: int, resistance: float) -> float:
     """Return the conductance across a face between cells of conductivity 1, in siemens.
 
-    Parameters
-    ----------
-    spacing : ndarray of float64, shape (ndim,)
-        Size of a cell along every axis.
-    axis : int
-    resistance : float
-        Across the faces of the finest axis, in ohms.
+    Shapes: `spacing` (ndim,).
     """
     return float((spacing.min() / spacing[axis]) ** 2 / resistance)
 

@@ -37,15 +37,7 @@ def on_grid(netlist: Netlist) -> NDArray[np.bool_]:
 def per_resistor(netlist: Netlist, value: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Spread a factor of every face over the resistors and the nonlinear resistors; 1 for those that cross none.
 
-    Parameters
-    ----------
-    netlist : Netlist
-    value : ndarray of float64, shape (`identities(netlist)`,)
-
-    Returns
-    -------
-    linear : ndarray of float64, shape (resistors,)
-    nonlinear : ndarray of float64, shape (nonlinear resistors,)
+    Shapes: `value` (`identities(netlist); returns `linear` (resistors,), `nonlinear` (nonlinear resistors,).
     """
     padded = np.append(value, 1.0)
     linear, nonlinear = identity(netlist)
@@ -53,18 +45,7 @@ def per_resistor(netlist: Netlist, value: NDArray[np.float64]) -> tuple[NDArray[
 
 
 def scaled(netlist: Netlist, factor: NDArray[np.float64]) -> Netlist:
-    """Multiply the resistance of the grid's resistors.
-
-    Parameters
-    ----------
-    netlist : Netlist
-    factor : ndarray of float64, shape (`identities(netlist)`,)
-
-    Returns
-    -------
-    Netlist
-        Of nonlinear resistors ``I0`` is divided, and so the resistance at 0 V multiplied.
-    """
+    """Multiply the resistance of the grid's resistors.  Shapes: `factor` (`identities(netlist)."""
     linear, nonlinear = per_resistor(netlist, factor)
     return netlist.replace(
         conductance=netlist.conductance / linear, nonlinear_current=netlist.nonlinear_current / nonlinear

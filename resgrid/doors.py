@@ -61,19 +61,7 @@ _LARGEST = 2**63 - 1
 
 
 def guarded(name: str, value: Any) -> Any:
-    """A public function behind a check of its arguments' types; anything else as it is.
-
-    Parameters
-    ----------
-    name : str
-        Under which `resgrid` offers it.
-    value : object
-
-    Returns
-    -------
-    object
-        It raises InputError that names the argument, says what it must be and how to get that.
-    """
+    """A public function behind a check of its arguments' types; anything else as it is."""
     if not isinstance(value, types.FunctionType):
         return value
     code = value.__code__
@@ -83,18 +71,7 @@ def guarded(name: str, value: Any) -> Any:
 
 
 def checked(record: type[Record]) -> type[Record]:
-    """Let a dataclass refuse values of another type than its fields have, before it looks at them itself.
-
-    Parameters
-    ----------
-    record : type
-        A dataclass that a user makes values of.
-
-    Returns
-    -------
-    type
-        The same.
-    """
+    """Let a dataclass refuse values of another type than its fields have, before it looks at them itself."""
     names = ("self", *(field.name for field in fields(record) if field.init))  # type: ignore[arg-type]
     made = record.__init__
     record.__init__ = _door(made, names, lambda: _checks_of(made))  # type: ignore[method-assign]

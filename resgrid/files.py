@@ -19,48 +19,12 @@ _STALE = 86_400.0
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
-    r"""Write UTF-8 text atomically, line ends as they are.
-
-    Parameters
-    ----------
-    path : path-like
-        Where to write; an existing file is replaced.
-    text : str
-        The content.  Nothing is translated: ``"\n"`` is one byte on every system.
-
-    Returns
-    -------
-    Path
-        The path.
-
-    Raises
-    ------
-    InputError
-        If the path is a directory or cannot be written.
-    """
+    r"""Write UTF-8 text atomically, line ends as they are."""
     return write_bytes(path, text.encode("utf-8"))
 
 
 def write_bytes(path: str | os.PathLike[str], data: bytes) -> Path:
-    """Write bytes atomically; as `write_text` otherwise.
-
-    Parameters
-    ----------
-    path : path-like
-        Where to write; an existing file is replaced.
-    data : bytes
-        The content.
-
-    Returns
-    -------
-    Path
-        The path.
-
-    Raises
-    ------
-    InputError
-        If the path is a directory or cannot be written.
-    """
+    """Write bytes atomically; as `write_text` otherwise."""
     with atomic_path(path) as temporary:
         temporary.write_bytes(data)
     return Path(path)
@@ -72,21 +36,6 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
     The temporary file lies in the same folder and has the same suffix (writers that judge by it see what they
     expect).  A symbolic link is followed; a device such as ``/dev/stdout`` is written to once the content is complete.
-
-    Parameters
-    ----------
-    path : path-like
-        Where the content goes in the end.
-
-    Yields
-    ------
-    Path
-        An empty file, to be overwritten by the block.
-
-    Raises
-    ------
-    InputError
-        If the path is a directory or cannot be written.
     """
     target = _target(Path(path))
     is_device = Path(path).exists() and not Path(path).is_file()
@@ -105,19 +54,7 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 
 def temporary_place(folder: Path, stem: str, suffix: str = "") -> Path:
-    """Where something may be made before it is renamed; what was killed while it made the same is removed.
-
-    Parameters
-    ----------
-    folder : Path
-    stem, suffix : str
-        Of the final name.
-
-    Returns
-    -------
-    Path
-        Hidden, and not there yet.
-    """
+    """Where something may be made before it is renamed; what was killed while it made the same is removed."""
     stem, suffix = stem[:80], suffix[:20]
     ours = re.compile(re.escape(f".{stem}-") + "[0-9a-f]{12}" + re.escape(suffix))
     with contextlib.suppress(OSError):  # somebody else removed it; whether the folder can be written shows itself

@@ -21,22 +21,7 @@ MISMATCH, DEFECTS, OFFSET, NOISE = 1, 2, 3, 4
 
 
 def seed_of(seed: Any) -> Seed:
-    """Check a seed and bring it to whole numbers.
-
-    Parameters
-    ----------
-    seed : int, sequence of int or numpy.random.SeedSequence
-        A sequence is entropy and a spawn key, such as ``(7, 0)`` for the first child of seed 7.
-
-    Returns
-    -------
-    int or tuple of int
-
-    Raises
-    ------
-    InputError
-        If it is something else, or negative.
-    """
+    """Check a seed and bring it to whole numbers."""
     if isinstance(seed, np.random.SeedSequence):
         entropy = seed.entropy if isinstance(seed.entropy, int) else None
         seed = None if entropy is None else (entropy, *seed.spawn_key) if seed.spawn_key else entropy
@@ -49,19 +34,7 @@ def seed_of(seed: Any) -> Seed:
 
 
 def generator(seed: Seed, stream: int) -> np.random.Generator:
-    """Random numbers of one stream of a chip.
-
-    Parameters
-    ----------
-    seed : int or tuple of int
-        The chip.
-    stream : int
-        One of the streams named above.
-
-    Returns
-    -------
-    numpy.random.Generator
-    """
+    """Random numbers of one stream of a chip."""
     entropy, *key = seed if isinstance(seed, tuple) else (seed,)
     return np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=(*key, stream)))
 
@@ -69,13 +42,7 @@ def generator(seed: Seed, stream: int) -> np.random.Generator:
 def mismatch_terms(deviation: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """The terms of `mismatch_factors` for standard deviations that are shares of the mean.
 
-    Parameters
-    ----------
-    deviation : ndarray of float64, shape (places,)
-
-    Returns
-    -------
-    spread, shift : ndarray of float64, shape (places,)
+    Shapes: `deviation` (places,); returns `spread, shift` (places,).
     """
     log_variance = np.log1p(deviation**2)
     return np.sqrt(log_variance), 0.5 * log_variance

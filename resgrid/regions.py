@@ -16,16 +16,7 @@ def box_around(mask: NDArray[np.bool_]) -> tuple[slice, ...]:
 def label_regions(mask: NDArray[np.bool_], periodic: ArrayLike) -> NDArray[np.int32]:
     """Face-connected components of a mask, numbered from 1 in C order of their first cell; 0 outside.
 
-    Parameters
-    ----------
-    mask : ndarray of bool
-        The cells that belong to some region.
-    periodic : array_like of bool, shape (mask.ndim,)
-        Which axes are periodic.
-
-    Returns
-    -------
-    ndarray of int32, shape of mask
+    Shapes: `periodic` (mask.ndim,); returns of mask.
     """
     from scipy import ndimage
 

@@ -369,13 +369,7 @@ def split_points(axes: Sequence[Axis], point: ArrayLike) -> tuple[NDArray[np.int
 def rounding(axes: Sequence[Axis]) -> NDArray[np.float64]:
     """Share of a cell's width by which a coordinate may be off: 1e-9, or what it rounds to where it is far from 0.
 
-    Parameters
-    ----------
-    axes : sequence of Axis
-
-    Returns
-    -------
-    ndarray of float64, shape (ndim,)
+    Returns (ndim,).
     """
     largest = np.array([max(abs(axis.lower), abs(axis.upper)) for axis in axes])
     return np.asarray(np.maximum(1e-9, 8 * np.spacing(largest) / [axis.spacing for axis in axes]))

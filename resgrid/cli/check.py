@@ -192,29 +192,7 @@ def _simulated(chip: Chip, deck: str | None, run: Run, report: Report) -> Agreem
 
 
 def check_unasked(deck: Path, netlist: Netlist, wanted: bool | None, folder: Path, report: Report) -> Agreement | str:
-    """The simulator's verdict on a deck that was just written, or why there is none.
-
-    Parameters
-    ----------
-    deck : Path
-        Where it lies now.
-    netlist : Netlist
-        What it holds.
-    wanted : bool or None
-        Whether it was asked for; None simulates what does not take long.
-    folder : Path
-        Where it will lie when the work is done.
-    report : Report
-
-    Returns
-    -------
-    Agreement or str
-
-    Raises
-    ------
-    ToolMissingError
-        If it was asked for, and there is no simulator.
-    """
+    """The simulator's verdict on a deck that was just written, or why there is none."""
     from resgrid.spice.agreement import check_deck
     from resgrid.spice.forecast import costs_named, forecast_run
     from resgrid.spice.ngspice import ngspice_version

@@ -23,16 +23,7 @@ _DECKS = (
 class Section:
     """What one analysis has to say.
 
-    Attributes
-    ----------
-    name, title : str
-    text : tuple of str
-        Sentences; the first one is the answer.
-    readings : mapping of str to Reading
-    pictures : tuple of (str, str)
-        File, and what it shows.
-    data : mapping
-        For JSON.
+    `text`: sentences; the first one is the answer; `pictures`: file, and what it shows; `data`: for JSON.
     """
 
     name: str
@@ -65,23 +56,7 @@ def format_markdown(
     decks: Mapping[str, str],
     verdict: str,
 ) -> str:
-    """The report as Markdown.
-
-    Parameters
-    ----------
-    title : str
-    parameters : sequence of (str, str, str)
-        What the chip was said to be: key, value, meaning.
-    sections : sequence of Section
-    decks : mapping of str to str
-        What each file is.
-    verdict : str
-        What a simulator said.
-
-    Returns
-    -------
-    str
-    """
+    """The report as Markdown."""
     lines = [f"# {title}", "", *(f"- **{section.title}.** {section.text[0]}" for section in sections), ""]
     for section in sections:
         lines += [f"## {section.title}", "", " ".join(section.text), ""]

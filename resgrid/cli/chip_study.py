@@ -33,20 +33,9 @@ ANALYSES = ("yield", "precision", "settling", "noise", "power", "sensitivity", "
 class Limits:
     """How long to go on, and where an interrupted run is taken up.
 
-    Attributes
-    ----------
-    half_width : float
-        Of the yield's interval.
-    most : int
-        Chips.
-    jobs : int
-        Processes; 0 for one per core.
-    seconds : float
-        For making elements faulty.
-    sweep : tuple of (str, tuple of float)
-        Values to explore, none or two.
-    checkpoint : Path
-        Folder of the results, beside which the counts are kept.
+    `half_width`: of the yield's interval; `most`: chips; `jobs`: processes; 0 for one per core; `seconds`: for making
+    elements faulty; `sweep`: values to explore, none or two; `checkpoint`: folder of the results, beside which the
+    counts are kept.
     """
 
     half_width: float
@@ -160,13 +149,7 @@ class Study:
 
 
 def open_study(choice: SceneChoice, report: Report, limits: Limits) -> Study:
-    """Read a scene, build its chip and find the operating point.
-
-    Raises
-    ------
-    InputError, CircuitError, AccuracyError, BudgetError
-        As `open_job`, `build_chip` and `solve`.
-    """
+    """Read a scene, build its chip and find the operating point."""
     from resgrid.device.build import build_chip
     from resgrid.device.ideal import ideal_netlist
     from resgrid.nodal.solve import solve

@@ -78,26 +78,7 @@ def command(choice: SceneChoice, output: str | None, dialect: str, form: Form, r
 def write_deck(
     target: str | Path, job: Job, chip: Chip, dialect: str, report: Report, form: Form = "flat"
 ) -> WrittenDeck:
-    """Write a chip's deck with its sidecar, commands and companion.
-
-    Parameters
-    ----------
-    target : path-like
-    job : Job
-    chip : Chip
-    dialect : str
-    report : Report
-    form : {"flat", "cells"}
-
-    Returns
-    -------
-    WrittenDeck
-
-    Raises
-    ------
-    InputError
-        If the dialect is unknown or a file cannot be written.
-    """
+    """Write a chip's deck with its sidecar, commands and companion."""
     from resgrid.spice.analyses import MismatchAnalysis
     from resgrid.spice.tiles import Tile
     from resgrid.spice.writer import write_spice

@@ -34,13 +34,7 @@ class Motion:
 
 
 def check_log(target: str, axes: Sequence[Axis] = ()) -> None:
-    """Refuse a log that cannot be written, before anything is computed.
-
-    Raises
-    ------
-    InputError
-        If the suffix is unknown, or an axis has the name of another column of a table.
-    """
+    """Refuse a log that cannot be written, before anything is computed."""
     from resgrid.planning.export import require_names
 
     if not target.lower().endswith(".npz"):

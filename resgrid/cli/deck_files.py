@@ -20,26 +20,7 @@ Column = tuple[list[str], "NDArray[np.int32]", "NDArray[np.float64]", "NDArray[n
 
 
 def solution_writer(target: str, form: str) -> tuple[str, Callable[[SolvedDeck, Path], None]]:
-    """The writer for a file, by the end of its name.
-
-    Parameters
-    ----------
-    target : str
-        File, or ``-`` for CSV on standard output.
-    form : str
-        Of a raw file, ``binary`` or ``ascii``.
-
-    Returns
-    -------
-    suffix : str
-    write : callable
-        Given the solved deck and a path.
-
-    Raises
-    ------
-    InputError
-        If no writer has that suffix.
-    """
+    """The writer for a file, by the end of its name."""
     suffix = ".csv" if target == "-" else Path(target).suffix.lower()
     writers: dict[str, Callable[[SolvedDeck, Path], None]] = {
         ".csv": _write_csv,

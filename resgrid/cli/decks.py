@@ -64,38 +64,13 @@ def is_network(source: str) -> bool:
 
 
 def refuse_scene_options(choice: SceneChoice) -> None:
-    """Decks have no goals, boundaries and maps.
-
-    Raises
-    ------
-    InputError
-        If an option that changes a scene was given.
-    """
+    """Decks have no goals, boundaries and maps."""
     if choice.changes or choice.map_options:
         raise InputError(f"{choice.source} is a deck: options that change a scene do nothing to it; remove them")
 
 
 def open_deck(choice: SceneChoice, read_as: str, root: str | None, report: Report) -> ParsedDeck:
-    """Read a deck, or a network as if it were one.
-
-    Parameters
-    ----------
-    choice : SceneChoice
-    read_as : str
-        Dialect, or ``auto``.
-    root : str or None
-        Folder that includes may not leave.
-    report : Report
-
-    Returns
-    -------
-    ParsedDeck
-
-    Raises
-    ------
-    InputError
-        If it cannot be read; the message names file, line and column.
-    """
+    """Read a deck, or a network as if it were one."""
     from resgrid.spice.reader import network_deck, read_spice
 
     refuse_scene_options(choice)
@@ -175,18 +150,7 @@ def deck_data(deck: ParsedDeck) -> dict[str, Any]:
 
 
 def solution_data(solved: SolvedDeck, count: int) -> dict[str, Any]:
-    """What the meters of a solved deck read, as ``--json`` gives it.
-
-    Parameters
-    ----------
-    solved : SolvedDeck
-    count : int
-        How many of the worst drops.
-
-    Returns
-    -------
-    dict
-    """
+    """What the meters of a solved deck read, as ``--json`` gives it."""
     from resgrid.spice.balance import power_balance
     from resgrid.spice.drops import supply_drops
 

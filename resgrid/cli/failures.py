@@ -33,16 +33,7 @@ class Failure:
 
 
 def failure_of(error: Exception) -> Failure:
-    """What an error means to the person at the terminal.
-
-    Parameters
-    ----------
-    error : Exception
-
-    Returns
-    -------
-    Failure
-    """
+    """What an error means to the person at the terminal."""
     kind = type(error).__name__
     if isinstance(error, click.Abort):
         return Failure(INTERRUPTED, kind, "interrupted")

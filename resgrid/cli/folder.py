@@ -20,21 +20,6 @@ def whole_folder(path: str | Path) -> Iterator[Path]:
 
     An existing folder keeps its other files; those that its own earlier ``summary.json`` lists and that were not made
     again are removed.  The summary is moved last.
-
-    Parameters
-    ----------
-    path : path-like
-        Where the results go in the end; its parents are made.
-
-    Yields
-    ------
-    Path
-        An empty folder, to be filled by the block.
-
-    Raises
-    ------
-    InputError
-        If the path is a file, or cannot be made or written.
     """
     target = Path(path)
     if target.exists() and not target.is_dir():

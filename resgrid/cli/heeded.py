@@ -27,22 +27,7 @@ _WHY = {
 def tell_unheeded(
     job: Job, form: Form | Literal["chip"], report: Report, *, k: Sequence[float] = ()
 ) -> dict[str, list[str]]:
-    """Say which keys of a scene make no difference to what a verb makes of it.
-
-    Parameters
-    ----------
-    job : Job
-    form : {"circuit", "tiles", "grid", "chip"}
-        What it makes: a circuit, or its array of tiles, fields, or the study of a chip, which heeds all of ``[chip]``.
-    report : Report
-    k : sequence of float
-        Blends that fields are not made of; a circuit is none of several.
-
-    Returns
-    -------
-    dict
-        ``not_heeded``, for ``--json``.
-    """
+    """Say which keys of a scene make no difference to what a verb makes of it."""
     from resgrid.device.held import keys_not_held
 
     keys = [] if form == "chip" else [f"chip.{key}" for key in keys_not_held(job.scene.chip, form)]
@@ -73,13 +58,7 @@ def several_k(job: Job) -> tuple[float, ...]:
 
 
 def require_tiles(chip: Chip) -> None:
-    """Refuse a chip that an array of tiles cannot be.
-
-    Raises
-    ------
-    InputError
-        If a key says something that tiles do not hold; the message names it.
-    """
+    """Refuse a chip that an array of tiles cannot be."""
     from resgrid.device.held import READING, keys_not_held
 
     keys = [f"chip.{key}" for key in keys_not_held(chip, "tiles") if key not in READING]
@@ -90,13 +69,7 @@ def require_tiles(chip: Chip) -> None:
 
 
 def tell_assumed(told: Chip, circuit: Circuit, report: Report) -> dict[str, dict[str, Any]]:
-    """Say which switches the tiles of a circuit have that its scene does not describe.
-
-    Returns
-    -------
-    dict
-        ``assumed``, for ``--json``: ohms by key.
-    """
+    """Say which switches the tiles of a circuit have that its scene does not describe."""
     from resgrid.spice.tiles import Tile, complete_tile, layout_of
 
     tile = complete_tile(Tile.of(vars(told)), layout_of(circuit.netlist))

@@ -59,17 +59,7 @@ def command(
 
 
 def describe(job: Job, report: Report) -> dict[str, Any]:
-    """What there is in a scene, as ``--json`` gives it.
-
-    Parameters
-    ----------
-    job : Job
-    report : Report
-
-    Returns
-    -------
-    dict
-    """
+    """What there is in a scene, as ``--json`` gives it."""
     from resgrid.cli.sketch import sketch
     from resgrid.scene.map_words import describe_map
     from resgrid.space import Cell
@@ -128,16 +118,7 @@ def _cost(job: Job, report: Report) -> dict[str, Any]:
 
 
 def describe_deck(deck: ParsedDeck) -> dict[str, Any]:
-    """What there is in a deck, as ``--json`` gives it.
-
-    Parameters
-    ----------
-    deck : ParsedDeck
-
-    Returns
-    -------
-    dict
-    """
+    """What there is in a deck, as ``--json`` gives it."""
     import numpy as np
 
     from resgrid.spice.forecast import forecast_run
@@ -179,12 +160,7 @@ def _deck_lines(data: dict[str, Any]) -> Iterable[str]:
 
 
 def installed_versions() -> dict[str, str | None]:
-    """Versions of this package, Python, the packages it needs and the simulator; None for what is absent.
-
-    Returns
-    -------
-    dict of str to str or None
-    """
+    """Versions of this package, Python, the packages it needs and the simulator; None for what is absent."""
     import platform
 
     versions: dict[str, str | None] = {"resgrid": metadata.version("resgrid"), "python": platform.python_version()}

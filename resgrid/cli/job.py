@@ -62,24 +62,7 @@ class Chip:
 
 
 def open_job(choice: SceneChoice, report: Report, *, require_goal: bool = True) -> Job:
-    """Read a scene with its changes, and cut it into cells.
-
-    Parameters
-    ----------
-    choice : SceneChoice
-    report : Report
-    require_goal : bool
-        Whether a scene without a goal is an error.
-
-    Returns
-    -------
-    Job
-
-    Raises
-    ------
-    InputError, BudgetError
-        As `read_scene` and `sample`.
-    """
+    """Read a scene with its changes, and cut it into cells."""
     from resgrid.scene import sample
 
     with report.stage("read the scene"):
@@ -91,21 +74,7 @@ def open_job(choice: SceneChoice, report: Report, *, require_goal: bool = True) 
 
 
 def load_scene(choice: SceneChoice) -> Scene:
-    """Read a scene and change the keys that the command line names.
-
-    Parameters
-    ----------
-    choice : SceneChoice
-
-    Returns
-    -------
-    Scene
-
-    Raises
-    ------
-    InputError
-        If anything is wrong with the file or a change.
-    """
+    """Read a scene and change the keys that the command line names."""
     from resgrid.scene import apply_overrides, read_scene
 
     if Path(choice.source).suffix.lower() in DECK_SUFFIXES:
@@ -142,28 +111,7 @@ def _is_toml(data: bytes) -> bool:
 def solve_chip(
     job: Job, report: Report, boundary: str | None = None, start: int | None = None, *, ideal: bool = False
 ) -> Chip:
-    """Compile one circuit of a scene and solve it.
-
-    Parameters
-    ----------
-    job : Job
-    report : Report
-    boundary : str, optional
-        Instead of the scene's.
-    start : int, optional
-        Number of the start that drives it, where a start is to.
-    ideal : bool
-        Whether it is the ideal grid, which fields and paths follow, instead of the chip that ``[chip]`` describes.
-
-    Returns
-    -------
-    Chip
-
-    Raises
-    ------
-    InputError, CircuitError, AccuracyError, BudgetError
-        As `compile_space`, `build_chip` and `solve`.
-    """
+    """Compile one circuit of a scene and solve it."""
     from resgrid.nodal.drive import scale_drive
     from resgrid.nodal.solve import solve
 
@@ -210,18 +158,7 @@ def is_ideal(job: Job) -> bool:
 
 
 def only_boundary(job: Job) -> tuple[str, int | None]:
-    """The boundary, and the start that drives it, of a scene that is asked for one chip.
-
-    Returns
-    -------
-    boundary : str
-    start : int or None
-
-    Raises
-    ------
-    InputError
-        If it is not clear which.
-    """
+    """The boundary, and the start that drives it, of a scene that is asked for one chip."""
     scene = job.scene
     boundary = scene.boundary
     if len(scene.k) == 1:
@@ -242,25 +179,7 @@ def only_boundary(job: Job) -> tuple[str, int | None]:
 
 
 def blend_fields(job: Job, chips: dict[str, Chip], report: Report) -> list[Field]:
-    """The fields that a scene asks for: of its boundary, or one for each k.
-
-    Parameters
-    ----------
-    job : Job
-    chips : dict of str to Chip
-        Solved so far, by name; what is missing is added.
-    report : Report
-
-    Returns
-    -------
-    list of Field
-        In the order of ``k``.
-
-    Raises
-    ------
-    InputError, CircuitError, AccuracyError, BudgetError
-        As `solve_chip` and `blend`.
-    """
+    """The fields that a scene asks for: of its boundary, or one for each k."""
     from resgrid.planning.blend import blend
     from resgrid.planning.field import field_of
 
@@ -286,18 +205,7 @@ def _driven_boundary(scene: Scene) -> str:
 
 
 def start_cell(job: Job, number: int) -> tuple[int, ...]:
-    """Cell of a start, free if it touches a free one.
-
-    Parameters
-    ----------
-    job : Job
-    number : int
-        Which of the scene's starts.
-
-    Returns
-    -------
-    tuple of int
-    """
+    """Cell of a start, free if it touches a free one."""
     from resgrid.planning.trace import start_cells, start_points
 
     cells, _ = start_cells(job.space, start_points(job.space, job.scene.starts[number]))

@@ -63,16 +63,8 @@ _TEXTS = ("unknown", "passable", "unit", "dialect", "format")
 class SceneChoice:
     """Which scene, and what the command line changes in it.
 
-    Attributes
-    ----------
-    source : str
-        File, or ``-``.
-    map_options : mapping
-        How to read a map, for `read_scene`.
-    changes : mapping
-        Keys of the scene to change, for `apply_overrides`.
-    threads : int
-        How many may solve at a time, for `solve`.
+    `source`: file, or ``-``; `map_options`: how to read a map, for `read_scene`; `changes`: keys of the scene to
+    change, for `apply_overrides`; `threads`: how many may solve at a time, for `solve`.
     """
 
     source: str
@@ -122,23 +114,7 @@ def _not_empty(_context: click.Context, _option: click.Parameter, value: str | N
 
 
 def scene_choice(source: str, given: Mapping[str, Any]) -> SceneChoice:
-    """Sort the values of `SCENE_OPTIONS` into map options and changes of the scene.
-
-    Parameters
-    ----------
-    source : str
-    given : mapping
-        Option name to value, as click gives them.
-
-    Returns
-    -------
-    SceneChoice
-
-    Raises
-    ------
-    InputError
-        If a place, a share or a setting is not written as it should be.
-    """
+    """Sort the values of `SCENE_OPTIONS` into map options and changes of the scene."""
     changes: dict[str, Any] = {}
     for key in ("boundary", "drive", "resistance"):
         if given[key] is not None:

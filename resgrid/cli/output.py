@@ -18,17 +18,7 @@ SCHEMA = 1
 
 
 def json_text(data: Mapping[str, Any]) -> str:
-    """One JSON object as text, with its schema number first.
-
-    Parameters
-    ----------
-    data : mapping
-        Plain values, arrays and paths; NaN and infinities become null.
-
-    Returns
-    -------
-    str
-    """
+    """One JSON object as text, with its schema number first."""
     return json.dumps({"schema": SCHEMA, **plain(dict(data))}, allow_nan=False, indent=2)
 
 

@@ -30,19 +30,9 @@ ADVICE = {
 class Route:
     """A streamline on its way through the world.
 
-    Attributes
-    ----------
-    streamline : Streamline
-    start : tuple of float
-        World coordinates.
-    field : int or None
-        Number of the field it was traced in, and certified against; None where there is none to trace.
-    k : float
-        Of that field.
-    short : ShortPath or None
-        Its shortcut, where one was asked for and it reached a goal.
-    motion : Trajectory or None
-        When it is where, where speeds were given.
+    `start`: world coordinates; `field`: number of the field it was traced in, and certified against; None where there
+    is none to trace; `k`: of that field; `short`: its shortcut, where one was asked for and it reached a goal;
+    `motion`: when it is where, where speeds were given.
     """
 
     streamline: Streamline
@@ -73,24 +63,7 @@ class Plan:
 
 
 def plan_routes(job: Job, report: Report) -> Plan:
-    """Follow the current from every start, in every field that the scene asks for; each route is certified.
-
-    Parameters
-    ----------
-    job : Job
-    report : Report
-
-    Returns
-    -------
-    Plan
-
-    Raises
-    ------
-    CertificateError
-        If a route breaks a promise.
-    InputError, CircuitError, AccuracyError, BudgetError
-        As `solve_chip`.
-    """
+    """Follow the current from every start, in every field that the scene asks for; each route is certified."""
     scene = job.scene
     chips: dict[str, Chip] = {}
     if scene.drive == "start":
@@ -150,13 +123,7 @@ def _placed(job: Job, number: int, path: Streamline, field: int | None, k: float
 
 
 def require_starts(job: Job) -> None:
-    """Refuse a scene without a start.
-
-    Raises
-    ------
-    InputError
-        If there is none; the message says how to give one.
-    """
+    """Refuse a scene without a start."""
     if not job.scene.starts:
         where = job.scene.source or "scene"
         raise InputError(f"{where}: there is no start; add starts = [[...]] to the scene, or say --start X,Y")

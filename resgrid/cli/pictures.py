@@ -24,20 +24,7 @@ CIRCUIT_CELLS = 8
 
 
 def draw_all(folder: Path, job: Job, plan: Plan) -> dict[str, str]:
-    """Draw every picture that a scene of this kind has.
-
-    Parameters
-    ----------
-    folder : Path
-        Where the PNG files go.
-    job : Job
-    plan : Plan
-
-    Returns
-    -------
-    dict of str to str
-        What each file shows, by its name.
-    """
+    """Draw every picture that a scene of this kind has."""
     from resgrid.plot import save_figure
 
     files = {}
@@ -48,24 +35,7 @@ def draw_all(folder: Path, job: Job, plan: Plan) -> dict[str, str]:
 
 
 def draw_picture(what: str, job: Job, plan: Plan) -> Figure:
-    """Draw one picture.
-
-    Parameters
-    ----------
-    what : str
-        One of `PICTURES`.
-    job : Job
-    plan : Plan
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        If the scene has no such picture.
-    """
+    """Draw one picture."""
     if not plan.fields and what != "space":
         raise InputError("no start can be driven, so there is no field to draw: use --drive uniform, or move the start")
     return PICTURES[what](job, plan, plan.fields[0] if plan.fields else None)

@@ -17,12 +17,8 @@ _REFRESH = 0.2
 class Progress:
     """How far a stage is: by steps counted, or by the time it was estimated to take.
 
-    Parameters
-    ----------
-    seconds : float or None
-        Estimate of the time the whole stage takes.
-    steps : int or None
-        Number of equal steps; counts more than the estimate.
+    `seconds`: estimate of the time the whole stage takes; `steps`: number of equal steps; counts more than the
+    estimate.
     """
 
     def __init__(self, seconds: float | None = None, steps: int | None = None) -> None:
@@ -79,21 +75,7 @@ class Progress:
 def progress_bar(
     name: str, *, seconds: float | None = None, steps: int | None = None, hidden: bool = False
 ) -> Iterator[Progress]:
-    """Show a bar on standard error while the block runs, if it is a terminal and the block takes long.
-
-    Parameters
-    ----------
-    name : str
-        What is being done.
-    seconds, steps : optional
-        As in `Progress`.
-    hidden : bool
-        Show nothing.
-
-    Yields
-    ------
-    Progress
-    """
+    """Show a bar on standard error while the block runs, if it is a terminal and the block takes long."""
     progress = Progress(seconds, steps)
     if hidden or not sys.stderr.isatty():
         yield progress

@@ -18,32 +18,7 @@ if TYPE_CHECKING:
 def answer_queries(
     job: Job, file: str, limit: int | None, output: str | None, report: Report, told: dict[str, list[str]]
 ) -> int:
-    """Answer the queries of a MovingAI scenario file on one map.
-
-    Parameters
-    ----------
-    job : Job
-        The map.
-    file : str
-        The ``.scen`` file.
-    limit : int or None
-        Answer only the first so many.
-    output : str or None
-        ``.json`` file for the answers, or ``-``.
-    report : Report
-    told : dict
-        What was not heeded, for the answers.
-
-    Returns
-    -------
-    int
-        Exit code.
-
-    Raises
-    ------
-    InputError
-        If the file is wrong or belongs to a map of another size.
-    """
+    """Answer the queries of a MovingAI scenario file on one map."""
     from resgrid.scene import read_queries
 
     if output not in (None, "-") and not str(output).endswith(".json"):

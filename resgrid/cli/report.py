@@ -22,14 +22,8 @@ _WORKER = "resgrid computes"
 class Report:
     """How results and progress are told.
 
-    Attributes
-    ----------
-    json : bool
-        Results are one JSON object instead of lines.
-    quiet : bool
-        No messages and no progress.
-    verbose : bool
-        Every stage is told when it is done.
+    `json`: results are one JSON object instead of lines; `quiet`: no messages and no progress; `verbose`: every stage
+    is told when it is done.
     """
 
     json: bool = False
@@ -58,21 +52,7 @@ class Report:
 
     @contextmanager
     def stage(self, name: str, *, seconds: float | None = None, steps: int | None = None) -> Iterator[Progress]:
-        """Show a stage that takes long, with the time that is left.
-
-        Parameters
-        ----------
-        name : str
-            What is being done.
-        seconds : float, optional
-            Estimate of the time it takes, where it cannot be seen how far it is.
-        steps : int, optional
-            Number of equal steps, each told by ``progress.advance()``.
-
-        Yields
-        ------
-        Progress
-        """
+        """Show a stage that takes long, with the time that is left."""
         begin = time.perf_counter()
         with progress_bar(name, seconds=seconds, steps=steps, hidden=self.quiet) as progress:
             yield progress
@@ -81,25 +61,7 @@ class Report:
     def compute(
         self, name: str, function: Callable[..., Value], *arguments: Any, seconds: float, iterates: bool = False
     ) -> Value:
-        """A stage that is one long call of the library, which an interrupt need not wait for.
-
-        Parameters
-        ----------
-        name : str
-            What is being done.
-        function : callable
-            Called with the arguments, in a thread that ends with the process.
-        *arguments
-        seconds : float
-            Estimate of the time it takes.
-        iterates : bool
-            Whether it takes a ``progress`` to tell the steps of an iteration, as `resgrid.solve` does.
-
-        Returns
-        -------
-        object
-            What the function returns.
-        """
+        """A stage that is one long call of the library, which an interrupt need not wait for."""
         outcome: list[tuple[Value | None, BaseException | None]] = []
 
         def work(options: dict[str, Any]) -> None:

@@ -29,16 +29,8 @@ _TAKEN = {".csv": set(_HEAD), ".npz": {"points", "cells"}}
 class Motion:
     """What the command line asks of every route.
 
-    Attributes
-    ----------
-    shorten : bool
-        Straighten it by shortcuts.
-    clearance : float
-        That shortcuts keep.
-    speed, acceleration : tuple of float
-        Limits, one for the robot or one for each coordinate; empty for none.
-    rate : float or None
-        Samples a second.
+    `shorten`: straighten it by shortcuts; `clearance`: that shortcuts keep; `speed, acceleration`: limits, one for
+    the robot or one for each coordinate; empty for none; `rate`: samples a second.
     """
 
     shorten: bool
@@ -61,23 +53,7 @@ class Motion:
 
 
 def refine(job: Job, plan: Plan, motion: Motion) -> Plan:
-    """Shorten and time the routes of a plan, as far as it is asked for.
-
-    Parameters
-    ----------
-    job : Job
-    plan : Plan
-    motion : Motion
-
-    Returns
-    -------
-    Plan
-
-    Raises
-    ------
-    InputError
-        If an option is out of range.
-    """
+    """Shorten and time the routes of a plan, as far as it is asked for."""
     if not motion.shorten and not motion.speed:
         return plan
     return dataclasses.replace(plan, routes=[_refined(job, plan, route, motion) for route in plan.routes])
@@ -110,20 +86,7 @@ def _each(limits: tuple[float, ...]) -> float | tuple[float, ...]:
 
 
 def check_motion(motion: Motion, job: Job, target: str | None) -> None:
-    """Refuse limits and columns that do not fit the axes, before anything is computed.
-
-    Parameters
-    ----------
-    motion : Motion
-    job : Job
-    target : str or None
-        File, or ``-`` for standard output.
-
-    Raises
-    ------
-    InputError
-        If a limit is not positive, there are too many, or an axis has the name of another column of the file.
-    """
+    """Refuse limits and columns that do not fit the axes, before anything is computed."""
     from resgrid.planning.export import other_columns, require_names
 
     for option, limits in (("--speed", motion.speed), ("--acceleration", motion.acceleration)):
@@ -141,18 +104,7 @@ def check_motion(motion: Motion, job: Job, target: str | None) -> None:
 
 
 def check_target(target: str) -> None:
-    """Refuse a file that no format is known for, before anything is computed.
-
-    Parameters
-    ----------
-    target : str
-        File, or ``-`` for standard output.
-
-    Raises
-    ------
-    InputError
-        If its suffix is unknown.
-    """
+    """Refuse a file that no format is known for, before anything is computed."""
     suffix = Path(target).suffix.lower()
     if target != "-" and suffix not in SUFFIXES:
         raise InputError(
@@ -161,20 +113,7 @@ def check_target(target: str) -> None:
 
 
 def write_routes(target: str, routes: Sequence[Route], job: Job) -> None:
-    """Write routes as the target's suffix says: ``.json``, ``.npz``, ``.yaml`` (ROS) or ``.csv`` (also ``-``).
-
-    Parameters
-    ----------
-    target : str
-        File, or ``-`` for standard output.
-    routes : sequence of Route
-    job : Job
-
-    Raises
-    ------
-    InputError
-        If the suffix is none of these, or a plan for ROS is asked of a robot that does not move in the plane.
-    """
+    """Write routes as the target's suffix says: ``.json``, ``.npz``, ``.yaml`` (ROS) or ``.csv`` (also ``-``)."""
     check_target(target)
     suffix = Path(target).suffix.lower()
     if target == "-" or suffix == ".csv":

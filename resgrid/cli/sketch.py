@@ -15,20 +15,7 @@ KEY = "# obstacle, + partly, . free, G goal, S start"
 
 
 def sketch(space: ConfigurationSpace, starts: Sequence[Sequence[float]] = ()) -> list[str]:
-    """Rows of letters, the top one first: the first axis to the right, the second one upwards.
-
-    Parameters
-    ----------
-    space : ConfigurationSpace
-        Of two axes.
-    starts : sequence of points
-        In the coordinates of the space.
-
-    Returns
-    -------
-    list of str
-        At most `HEIGHT` rows of at most `WIDTH` letters; see `KEY`.
-    """
+    """Rows of letters, the top one first: the first axis to the right, the second one upwards."""
     columns, rows = _size(space)
     blocked, goal = space.cell == Cell.OBSTACLE, space.cell == Cell.GOAL
     share = _means(blocked.astype(np.float64), columns, rows)

@@ -99,13 +99,7 @@ def _solve_scene(choice: SceneChoice, output: str | None, report: Report) -> int
 
 
 def write_field(path: Path, point: OperatingPoint) -> None:
-    """Write a scene's operating point as NumPy arrays: ``potential``, ``log_drop`` (where there is one) and ``cell``.
-
-    Raises
-    ------
-    InputError
-        If the circuit has no potential.
-    """
+    """Write a scene's operating point as NumPy arrays: ``potential``, ``log_drop`` (where there is one) and ``cell``."""
     import numpy as np
 
     layout = point.netlist.layout

@@ -21,34 +21,15 @@ from resgrid.control.kinematics import Pose
 class Touch:
     """Everything that touches the robot at one moment, and what it does.
 
-    Attributes
-    ----------
-    point : ndarray of float64, shape (m, 2)
-        On the obstacle, in metres.
-    on_robot : ndarray of float64, shape (m, 2)
-        The robot's surface point that faces it.
-    normal : ndarray of float64, shape (m, 2)
-        Unit normal, out of the obstacle.
-    inward : ndarray of float64, shape (m, 2)
-        Direction into the obstacle from its point.
-    gap : ndarray of float64, shape (m,)
-        In metres.
-    part, body : ndarray of int64, shape (m,)
-        Rigid part of the robot (of an arm, the link), number of the obstacle.
-    force : ndarray of float64, shape (m, 2)
-        On the robot; ``tau = J^T force``.
-    sticking : ndarray of bool, shape (m,)
-        The force is inside the friction cone, and the point does not move.
-    torque : ndarray of float64, shape (ndim,)
-        Generalised force of all contacts together, mechanical stops included.
-    normal_torque : ndarray of float64, shape (ndim,)
-        That of the obstacles' normal forces alone: it points away from them in configuration space, while a force that
-        sticks just holds against the streamline.
-    velocity : ndarray of float64, shape (ndim,)
-        Of the robot, with the contacts.
-    solved : bool
-        Whether forces were found.  If not (rounding may lose them where axes differ by many powers of ten), the robot
-        stands still, and no force is known.
+    `point` (m, 2): on the obstacle, in metres; `on_robot` (m, 2): the robot's surface point that faces it; `normal`
+    (m, 2): unit normal, out of the obstacle; `inward` (m, 2): direction into the obstacle from its point; `gap` (m,):
+    in metres; `part, body` (m,): rigid part of the robot (of an arm, the link), number of the obstacle; `force` (m,
+    2): on the robot; ``tau = J^T force``; `sticking` (m,): the force is inside the friction cone, and the point does
+    not move; `torque` (ndim,): generalised force of all contacts together, mechanical stops included; `normal_torque`
+    (ndim,): that of the obstacles' normal forces alone: it points away from them in configuration space, while a
+    force that sticks just holds against the streamline; `velocity` (ndim,): of the robot, with the contacts;
+    `solved`: whether forces were found. If not (rounding may lose them where axes differ by many powers of ten), the
+    robot stands still, and no force is known.
     """
 
     point: NDArray[np.float64]
@@ -85,12 +66,8 @@ class Touch:
 class Surroundings:
     """Pairs of near points, and how fast their gaps close for unit velocities of the axes.
 
-    Attributes
-    ----------
-    pairs : ndarray of float64, shape (n, 11)
-        As `resgrid.control.near_kernels.near_points` gives them.
-    normal_rows, tangent_rows : ndarray of float64, shape (n, ndim)
-        ``n . J`` and ``t . J``.
+    `pairs` (n, 11): as `resgrid.control.near_kernels.near_points` gives them; `normal_rows, tangent_rows` (n, ndim):
+    ``n . J`` and ``t . J``.
     """
 
     pairs: NDArray[np.float64]
@@ -104,17 +81,7 @@ class Surroundings:
 
 
 def surroundings(pose: Pose, pairs: NDArray[np.float64]) -> Surroundings:
-    """Rows of the contact Jacobians of near points.
-
-    Parameters
-    ----------
-    pose : Pose
-    pairs : ndarray of float64, shape (n, 11)
-
-    Returns
-    -------
-    Surroundings
-    """
+    """Rows of the contact Jacobians of near points.  Shapes: `pairs` (n, 11)."""
     from resgrid.control import near_kernels
 
     ndim = pose.spin.shape[1]
@@ -135,25 +102,7 @@ def touch(
 ) -> Touch:
     """Contact forces, and the velocity they leave.
 
-    Parameters
-    ----------
-    around : Surroundings
-    touching : ndarray of bool, shape (n,)
-        Which pairs are in contact.
-    velocity : ndarray of float64, shape (ndim,)
-        Without contact.
-    admittance : ndarray of float64, shape (ndim, ndim)
-    friction : float
-        Coefficient mu of Coulomb friction, not negative.
-    opening : ndarray of float64, shape (n,)
-        Speed in m/s, not negative, at which each gap should open, where all of them can; forces are those that keep
-        gaps.
-    stops : ndarray of float64, shape (s, ndim), optional
-        Unit vectors away from the mechanical stops that the robot is at.
-
-    Returns
-    -------
-    Touch
+    Shapes: `touching` (n,), `velocity` (ndim,), `admittance` (ndim, ndim), `opening` (n,), `stops` (s, ndim).
     """
     pairs = around.pairs[touching]
     ends = np.empty((0, len(velocity))) if stops is None else stops

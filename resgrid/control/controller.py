@@ -31,15 +31,10 @@ RECOVERY = 2.0
 class Nominal(NamedTuple):
     """What the field says at a configuration.
 
-    Attributes
-    ----------
-    place : {"free", "goal", "off"}
-        In a free cell with a path, in a goal cell, or in neither.
-    velocity : ndarray of float64, shape (n,)
-        ``V0``, per second; in the world, or along the axes, as the configuration was given.
-    longest : float
-        In seconds: until just across the next cell face that current leaves by, and at most half the time to where a
-        component vanishes.  Steps no longer than this enter no cell that the current does not enter.
+    `place`: in a free cell with a path, in a goal cell, or in neither; `velocity` (n,): ``V0``, per second; in the
+    world, or along the axes, as the configuration was given; `longest`: in seconds: until just across the next cell
+    face that current leaves by, and at most half the time to where a component vanishes. Steps no longer than this
+    enter no cell that the current does not enter.
     """
 
     place: str
@@ -330,21 +325,7 @@ def make_controller(
 
 
 def checked_speed(speed: float) -> float:
-    """The nominal speed, if it is finite and above 0.
-
-    Parameters
-    ----------
-    speed : float
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    InputError
-        If not.
-    """
+    """The nominal speed, if it is finite and above 0."""
     if isinstance(speed, bool) or not isinstance(speed, Real) or not 0 < speed < np.inf:
         raise InputError(f"speed = {speed}, but the nominal speed is a number, finite and above 0")
     return float(speed)
@@ -353,19 +334,7 @@ def checked_speed(speed: float) -> float:
 def checked_admittance(admittance: ArrayLike, ndim: int) -> NDArray[np.float64]:
     """The admittance matrix, read-only, if it is symmetric positive definite.
 
-    Parameters
-    ----------
-    admittance : array_like of float, shape (ndim, ndim)
-    ndim : int
-
-    Returns
-    -------
-    ndarray of float64, shape (ndim, ndim)
-
-    Raises
-    ------
-    InputError
-        If not; the message says by how much.
+    Shapes: `admittance` (ndim, ndim); returns (ndim, ndim).
     """
     matrix = np.array(admittance, dtype=np.float64)
     if matrix.shape != (ndim, ndim):

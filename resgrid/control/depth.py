@@ -70,17 +70,7 @@ def depth_along(robot: Robot, bodies: Sequence[Body], way: Vector, own: Any) -> 
     A line is free for sure where no point of the robot moves farther on it than the gaps at both of its ends allow
     together; others are cut in four until they are, ten times at most, or twice if something was entered.
 
-    Parameters
-    ----------
-    robot : Robot
-    bodies : sequence of Body
-    way : ndarray of float64, shape (n, ndim)
-    own : callable
-        Brings configurations back into the space.
-
-    Returns
-    -------
-    float
+    Shapes: `way` (n, ndim).
     """
     deepest = float(depth_at(robot, bodies, own(way)).max(initial=0.0))
     begin, end = way[:-1], way[1:]

@@ -64,14 +64,7 @@ def _across(v: NDArray[np.float64], f: NDArray[np.float64]) -> NDArray[np.float6
 def following_velocity(streamline_velocity: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
     """The same with the gain ``c = 1 / (|v| |f|)``: the streamline's speed times the sine of the angle between both.
 
-    Parameters
-    ----------
-    streamline_velocity, force : ndarray of float64, shape (n,)
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        0 where the sine is below `ALONG`, a jam.
+    Shapes: `streamline_velocity, force` (n,); returns (n,).
     """
     speed, size = math.hypot(*streamline_velocity), math.hypot(*force)
     if speed == 0.0 or size == 0.0:

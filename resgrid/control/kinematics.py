@@ -18,22 +18,11 @@ class Pose(NamedTuple):
     The velocity of a point ``p`` of part ``m`` for a unit velocity of axis ``a`` is
     ``shift[m, a] + spin[m, a] k x (p - pivot[m, a])``, with k out of the plane.
 
-    Attributes
-    ----------
-    segments : ndarray of float64, shape (s, 4)
-        ``x0, y0, x1, y1``, in metres; a single point is a segment of length 0.
-    radius : ndarray of float64, shape (s,)
-        Of the robot around each segment, in metres.
-    part : ndarray of int64, shape (s,)
-        Which rigid part (of an arm, the link) each belongs to.
-    frame : ndarray of float64, shape (parts, 3)
-        Origin and direction of each part, in metres and radians.
-    shift : ndarray of float64, shape (parts, ndim, 2)
-    spin : ndarray of float64, shape (parts, ndim)
-    pivot : ndarray of float64, shape (parts, ndim, 2)
-    lever : ndarray of float64, shape (s, 2, parts)
-        What the squared turning rate of each part adds at most to the accelerations of the ends of each segment, while
-        the axes move at constant rates; in metres.
+    `segments` (s, 4): ``x0, y0, x1, y1``, in metres; a single point is a segment of length 0; `radius` (s,): of the
+    robot around each segment, in metres; `part` (s,): which rigid part (of an arm, the link) each belongs to; `frame`
+    (parts, 3): origin and direction of each part, in metres and radians; `shift` (parts, ndim, 2); `spin` (parts,
+    ndim); `pivot` (parts, ndim, 2); `lever` (s, 2, parts): what the squared turning rate of each part adds at most to
+    the accelerations of the ends of each segment, while the axes move at constant rates; in metres.
     """
 
     segments: NDArray[np.float64]
@@ -62,24 +51,7 @@ class Pose(NamedTuple):
 
 
 def pose_of(robot: Robot, configuration: NDArray[np.float64]) -> Pose:
-    """The pose of a planar robot.
-
-    Parameters
-    ----------
-    robot : Robot
-        A point, disc or polygon of the plane, or an arm.
-    configuration : ndarray of float64, shape (ndim,)
-        In axis units.
-
-    Returns
-    -------
-    Pose
-
-    Raises
-    ------
-    InputError
-        If the robot does not live in the plane, or its geometry is not known.
-    """
+    """The pose of a planar robot.  Shapes: `configuration` (ndim,)."""
     match robot:
         case Arm():
             return _arm_pose(robot, configuration)

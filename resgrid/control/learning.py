@@ -32,19 +32,7 @@ def proven_cells(
     the point belongs to an obstacle, each of them is an obstacle cell by that rule, which blocks every cell for a set
     of points that it blocks for one of them.  Nothing else is claimed about the obstacle.
 
-    Parameters
-    ----------
-    robot : Robot
-    axes : sequence of Axis
-    point : array_like of float, shape (2,)
-        A point of the obstacle, in the coordinates of the axes.
-    itself : ndarray of bool, optional
-        Cells that the robot blocks without any obstacle, if they are known.
-
-    Returns
-    -------
-    ndarray of bool
-        One entry per cell; the robot's collisions with itself and virtual obstacles are left out.
+    Shapes: `point` (2,).
     """
     place = tuple(np.asarray(point, dtype=np.float64).tolist())
     met = robot.occupancy(axes, [Ball(place, 0.0)], "conservative")
@@ -52,34 +40,12 @@ def proven_cells(
 
 
 def learn(space: ConfigurationSpace, cells: NDArray[np.bool_]) -> ConfigurationSpace:
-    """The space with some cells marked as obstacle, goal cells among them.
-
-    Parameters
-    ----------
-    space : ConfigurationSpace
-    cells : ndarray of bool, shape of the space
-
-    Returns
-    -------
-    ConfigurationSpace
-    """
+    """The space with some cells marked as obstacle, goal cells among them.  Shapes: `cells` as the space."""
     return space.with_cells(np.where(cells, np.uint8(Cell.OBSTACLE), space.cell))
 
 
 def workspace_cells(points: ArrayLike, axes: Sequence[Axis]) -> CellSet:
-    """Cells of the workspace in which contacts were felt.
-
-    Parameters
-    ----------
-    points : array_like of float, shape (n, 2)
-        Contact points on obstacles.
-    axes : sequence of Axis
-        A grid of the workspace, as fine as you like; points beyond it are left out.
-
-    Returns
-    -------
-    CellSet
-    """
+    """Cells of the workspace in which contacts were felt.  Shapes: `points` (n, 2)."""
     grid = ConfigurationSpace(axes, np.zeros(tuple(axis.cells for axis in axes), np.uint8))
     places = grid.from_world(points)
     inside = np.all(((places >= grid.lower) & (places <= grid.upper)) | grid.periodic, axis=1)
@@ -135,23 +101,7 @@ def _beside_flat(neumann: Field, k: float) -> Field:
 
 
 def scene_resolver(scene: Scene, k: float | None = None) -> Resolve:
-    """How to find the field of a scene's space: as the scene says, or with another blend.
-
-    Parameters
-    ----------
-    scene : Scene
-    k : float, optional
-        By default the first of the scene's ``k``, if it has any.
-
-    Returns
-    -------
-    callable
-
-    Raises
-    ------
-    InputError
-        If the scene is driven by its start: each start would need a chip of its own.
-    """
+    """How to find the field of a scene's space: as the scene says, or with another blend."""
     return resolver(**scene_rules(scene, k))
 
 

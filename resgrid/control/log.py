@@ -60,17 +60,9 @@ class Ending(StrEnum):
 class ContactLog:
     """All contacts of a motion that carried force, one row each.
 
-    Attributes
-    ----------
-    step : ndarray of int64, shape (m,)
-        Row of the log.
-    point, normal, force : ndarray of float64, shape (m, 2)
-        On the obstacle, in metres; out of it; on the robot: all in the world.
-    gap : ndarray of float64, shape (m,)
-        In metres.
-    part, body : ndarray of int64, shape (m,)
-        Rigid part of the robot, number of the obstacle (those of the map first).
-    sticking : ndarray of bool, shape (m,)
+    `step` (m,): row of the log; `point, normal, force` (m, 2): on the obstacle, in metres; out of it; on the robot:
+    all in the world; `gap` (m,): in metres; `part, body` (m,): rigid part of the robot, number of the obstacle (those
+    of the map first); `sticking` (m,).
     """
 
     step: NDArray[np.int64]
@@ -91,14 +83,8 @@ class ContactLog:
 class Lesson:
     """Cells that contacts proved to be obstacle, and that the map did not show: one solve follows each lesson.
 
-    Attributes
-    ----------
-    step : int
-        Row of the log.
-    cells : ndarray of int64, shape (c, ndim)
-        The new obstacle cells, at least one.
-    points : ndarray of float64, shape (p, 2)
-        Where the obstacle was touched in the world, as far as the robot knows.
+    `step`: row of the log; `cells` (c, ndim): the new obstacle cells, at least one; `points` (p, 2): where the
+    obstacle was touched in the world, as far as the robot knows.
     """
 
     step: int

@@ -36,13 +36,7 @@ _NO_WAY = 0.1
 class Choice(NamedTuple):
     """What the robot would do if nothing touched it.
 
-    Attributes
-    ----------
-    mode : Mode
-    velocity : ndarray of float64, shape (ndim,)
-        Without forces.
-    longest : float
-        For how long at most, in seconds.
+    `velocity` (ndim,): without forces; `longest`: for how long at most, in seconds.
     """
 
     mode: Mode

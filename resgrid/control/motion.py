@@ -31,14 +31,8 @@ class Body:
     touches at the start is lifted off by `_LIFT` (for each metre, and one more, of the largest radius), so that it is
     known on which side it is; wedged so tightly that it cannot be, it never moves.
 
-    Parameters
-    ----------
-    plant : Plant
-    start : ndarray of float64, shape (ndim,)
-    step : float
-        Largest motion along an axis in one step, in cells.
-    margin : float
-        Gap at which the robot counts as touching, in metres.
+    `start` (ndim,); `step`: largest motion along an axis in one step, in cells; `margin`: gap at which the robot
+    counts as touching, in metres.
     """
 
     def __init__(self, plant: Plant, start: Vector, step: float, margin: float) -> None:

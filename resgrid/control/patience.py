@@ -17,10 +17,7 @@ DITHERS = 10
 class Patience:
     """Notices that a robot stays within half a cell, by what it could have crossed at the speed of its command.
 
-    Parameters
-    ----------
-    spacing : ndarray of float64, shape (ndim,)
-    place : ndarray of float64, shape (ndim,)
+    `spacing` (ndim,); `place` (ndim,).
     """
 
     def __init__(self, spacing: Vector, place: Vector) -> None:

@@ -31,19 +31,9 @@ _ROOM = 64
 class Bodies(NamedTuple):
     """True obstacles as flat arrays, each element with the number of its obstacle.
 
-    Attributes
-    ----------
-    edges : ndarray of float64, shape (e, 4)
-        ``x0, y0, x1, y1``, the solid on the left.
-    edge_before : ndarray of int64, shape (e,)
-        Number of the edge that ends where each starts.
-    edge_body : ndarray of int64, shape (e,)
-    discs : ndarray of float64, shape (d, 3)
-        Centre and radius.
-    disc_body : ndarray of int64, shape (d,)
-    planes : ndarray of float64, shape (h, 3)
-        Unit normal out of the solid, and offset.
-    plane_body : ndarray of int64, shape (h,)
+    `edges` (e, 4): ``x0, y0, x1, y1``, the solid on the left; `edge_before` (e,): number of the edge that ends where
+    each starts; `edge_body` (e,); `discs` (d, 3): centre and radius; `disc_body` (d,); `planes` (h, 3): unit normal
+    out of the solid, and offset; `plane_body` (h,).
     """
 
     edges: NDArray[np.float64]
@@ -214,22 +204,7 @@ class Plant:
 
 
 def plant_of(scene: Scene) -> Plant:
-    """The plant of a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-        Of the plane.
-
-    Returns
-    -------
-    Plant
-
-    Raises
-    ------
-    InputError
-        If the robot does not live in the plane, or a hidden obstacle has no area.
-    """
+    """The plant of a scene."""
     if scene.ndim != 2 and isinstance(scene.robot, PointRobot | DiscRobot):
         raise InputError(f"contact is known in the plane alone, and this scene has {scene.ndim} axes")
     for number, shape in enumerate(scene.hidden):

@@ -74,18 +74,7 @@ def random_pushes(seed: int, ndim: int, *, until: float, size: float, duration: 
 
 
 def force_of(pushes: Sequence[Push] | Force | None, ndim: int) -> Force:
-    """One function of time and configuration for what may be a list of pushes, a function, or nothing.
-
-    Parameters
-    ----------
-    pushes : sequence of Push, callable or None
-    ndim : int
-
-    Returns
-    -------
-    callable
-        Gives a finite force of shape (ndim,), or raises `InputError`.
-    """
+    """One function of time and configuration for what may be a list of pushes, a function, or nothing."""
     if pushes is None:
         none = np.zeros(ndim)
         return lambda _time, _configuration: none

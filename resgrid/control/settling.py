@@ -135,11 +135,7 @@ def grid_settling(
 class LiveGrid:
     """The voltages of a map that has changed, on their way from the old operating point to the new one.
 
-    Parameters
-    ----------
-    settling : GridSettling
-    before : ConfigurationSpace
-        The map that the grid had settled to.
+    `before`: the map that the grid had settled to.
     """
 
     def __init__(self, settling: GridSettling, before: ConfigurationSpace) -> None:
@@ -293,26 +289,7 @@ def _layout(netlist: Netlist) -> Layout:
 
 
 def field_now(netlist: Netlist, voltage: Vector) -> Field:
-    """Read a field off voltages that need not be those of an operating point.
-
-    Parameters
-    ----------
-    netlist : Netlist
-        Compiled from a space, with merged rails.
-    voltage : ndarray of float64, shape (nodes,)
-        In volts.
-
-    Returns
-    -------
-    Field
-        Currents through the resistors; those into capacitors are left out, so that currents into a cell and out of it
-        need not be equal.  Potential 1 is the high rail, or without one the highest voltage there is now.
-
-    Raises
-    ------
-    InputError
-        If the netlist was not compiled from a space.
-    """
+    """Read a field off voltages that need not be those of an operating point.  Shapes: `voltage` (nodes,)."""
     layout = _layout(netlist)
     height = voltage - layout.goal_voltage
     volts = layout.supply if layout.drive != "uniform" else float(np.nanmax(height, initial=0.0)) or 1.0

@@ -100,25 +100,7 @@ def announced(sim: Simulation, settling: GridSettling) -> Simulation:
 
 
 def settle_time(settling: GridSettling, before: ConfigurationSpace, after: ConfigurationSpace) -> float:
-    """Sweeps, or units ``R C``, until a grid has settled after a change of its map.
-
-    Parameters
-    ----------
-    settling : GridSettling
-        Its pace is not used.
-    before, after : ConfigurationSpace
-
-    Returns
-    -------
-    float
-        Until all potentials stay within half a step of `BITS` bits: to about 5 %, that of a grid relaxed by sweeps also
-        to a sweep.
-
-    Raises
-    ------
-    InputError
-        If the maps have different axes, or the grid does not settle.
-    """
+    """Sweeps, or units ``R C``, until a grid has settled after a change of its map."""
     check_same_grid(before, after)
     if settling.method == "chip":
         step = 1.0

@@ -188,24 +188,7 @@ def simulation(
 
 
 def believed_offsets(value: ArrayLike, ndim: int, what: str) -> NDArray[np.float64]:
-    """A bias or noise as one number per axis.
-
-    Parameters
-    ----------
-    value : array_like of float, shape () or (ndim,)
-    ndim : int
-    what : str
-        Its name, for the message.
-
-    Returns
-    -------
-    ndarray of float64, shape (ndim,)
-
-    Raises
-    ------
-    InputError
-        If it is not finite or has another shape.
-    """
+    """A bias or noise as one number per axis.  Shapes: `value` (); returns (ndim,)."""
     try:
         offset = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):

@@ -41,20 +41,10 @@ _EPS = float(np.finfo(np.float64).eps)
 class Adjoint:
     """A circuit made ready for derivatives around an operating point.
 
-    Attributes
-    ----------
-    factors : Factor or None
-        Of its small signals; None where the rails hold every node.
-    ends : ndarray of int32, shape (resistors, 2)
-        Nodes of the resistors, nonlinear ones last.
-    conductance : ndarray of float64, shape (resistors,)
-        Theirs for small signals, in siemens.
-    log_amps : ndarray of float64, shape (resistors,)
-        Natural logarithm of their currents, in amperes.
-    direction : ndarray of int8, shape (resistors,)
-        Sign of these.
-    height : ndarray of float64, shape (n,)
-        ``G^-1`` times 1 A in every row, in volts.
+    `factors`: of its small signals; None where the rails hold every node; `ends` (resistors, 2): nodes of the
+    resistors, nonlinear ones last; `conductance` (resistors,): theirs for small signals, in siemens; `log_amps`
+    (resistors,): natural logarithm of their currents, in amperes; `direction` (resistors,): sign of these; `height`
+    (n,): ``G^-1`` times 1 A in every row, in volts.
     """
 
     factors: Factor | None
@@ -67,20 +57,7 @@ class Adjoint:
     def derivatives(self, c: NDArray[np.float64]) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
         """Derivatives of ``c . V`` with respect to the logarithm of every resistance.
 
-        Parameters
-        ----------
-        c : ndarray of float64, shape (nodes,)
-
-        Returns
-        -------
-        sign : ndarray of int8, shape (resistors,)
-        log_size : ndarray of float64, shape (resistors,)
-            Natural logarithm of the derivative, in volts; -inf where it is 0, or too small to be told from 0.
-
-        Raises
-        ------
-        AccuracyError
-            If an error may exceed `ENOUGH` of the largest derivative.
+        Shapes: `c` (nodes,); returns `sign` (resistors,), `log_size` (resistors,).
         """
         rhs = self._currents(c)
         if self.factors is None or not rhs.any():
@@ -175,18 +152,7 @@ def _less(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
 
 
 def adjoint_of(point: OperatingPoint, factors: Factor | None = None) -> Adjoint:
-    """Make a circuit ready for derivatives.
-
-    Parameters
-    ----------
-    point : OperatingPoint
-    factors : Factor, optional
-        Of its small signals.
-
-    Returns
-    -------
-    Adjoint
-    """
+    """Make a circuit ready for derivatives."""
     signals = small_signal(point)
     if factors is None:
         system = assemble(signals)

@@ -27,16 +27,9 @@ _MOST_VALUES = 3e7
 class Approach:
     """How rows come into a band.
 
-    Attributes
-    ----------
-    row_time : ndarray of float64, shape (n,)
-        From when on every row is inside, in seconds.
-    end : ndarray of float64, shape (n,)
-        Deviations when the last one is, in volts.
-    times : ndarray of float64, shape (t,)
-        In seconds: 0, then by equal ratios, until the last one is inside or later.
-    distance : ndarray of float64, shape (t,)
-        Largest deviation at those times, in volts.
+    `row_time` (n,): from when on every row is inside, in seconds; `end` (n,): deviations when the last one is, in
+    volts; `times` (t,): in seconds: 0, then by equal ratios, until the last one is inside or later; `distance` (t,):
+    largest deviation at those times, in volts.
     """
 
     row_time: Floats
@@ -56,24 +49,7 @@ def follow_approach(
 ) -> Approach:  # fmt: skip
     """Walk back from when all rows are inside, a window of times at a time, until each is placed.
 
-    Parameters
-    ----------
-    deviation : ndarray of float64, shape (n,)
-        At time 0, in volts.
-    rows : ndarray of int64
-        Those that are ever outside, as far as known.
-    window : callable
-        As from `resgrid.device.motion.motions`.
-    bound : float
-        When all are inside, in seconds.
-    fastest : float
-        Shortest time constant, in seconds: before it everything is one window.
-    band : float
-        In volts.
-
-    Returns
-    -------
-    Approach
+    Shapes: `deviation` (n,).
     """
     from resgrid.device.motion_kernels import last_outside
 
@@ -106,21 +82,7 @@ def rows_to_follow(
     ``G^-1 i-``, for ``exp(-t C^-1 G)`` has no negative entries: no row is ever further from its end than the larger of
     the two, and one that is driven one way only never leaves a band that it is in.
 
-    Parameters
-    ----------
-    dynamics : Dynamics
-    solve : callable
-        Solves ``G``.
-    charging : ndarray of float64, shape (n,)
-        ``b - G x(0)``, in amperes.
-    deviation : ndarray of float64, shape (n,)
-        ``x(0)`` less the final state, in volts.
-    band : float
-        In volts.
-
-    Returns
-    -------
-    ndarray of int64
+    Shapes: `charging` (n,), `deviation` (n,).
     """
     if dynamics.capacitance.coupling.nnz:
         return np.arange(dynamics.size)
@@ -139,22 +101,7 @@ def settling_bound(dynamics: Dynamics, solve: Solver, deviation: Floats, tau: fl
     capacitance to a rail, where every row has one or lies between others; and always at most the second times the root
     of its ``(G^-1)_ii``, which is at most its ``(G^-1 1)_i``.
 
-    Parameters
-    ----------
-    dynamics : Dynamics
-    solve : callable
-        Solves ``G``.
-    deviation : ndarray of float64, shape (n,)
-        At time 0, in volts.
-    tau : float
-        Slowest time constant, in seconds.
-    band : float
-        In volts.
-
-    Returns
-    -------
-    float
-        In seconds.
+    Shapes: `deviation` (n,).
     """
     basis = charge_basis(dynamics)
     stiffness = dynamics.capacitance.excess[basis.charged]

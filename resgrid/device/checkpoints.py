@@ -19,18 +19,7 @@ _SCHEMA = 1
 
 
 def fingerprint(experiment: Experiment, batch: int) -> str:
-    """A hash of everything that the counts of an experiment depend on, hexadecimal.
-
-    Parameters
-    ----------
-    experiment : Experiment
-    batch : int
-        Trials between two looks at the interval.
-
-    Returns
-    -------
-    str
-    """
+    """A hash of everything that the counts of an experiment depend on, hexadecimal."""
     digest = hashlib.sha256(f"{_SCHEMA} {experiment.seed} {batch} {experiment.chip}".encode())
     digest.update(experiment.starts.tobytes())
     digest.update(experiment.floor.around.tobytes())
@@ -44,13 +33,7 @@ def fingerprint(experiment: Experiment, batch: int) -> str:
 
 
 def save_tally(path: str | os.PathLike[str], tally: Tally, mark: str) -> None:
-    """Write the counts so far, whole or not at all.
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written.
-    """
+    """Write the counts so far, whole or not at all."""
     with atomic_path(path) as temporary, temporary.open("wb") as file:
         np.savez_compressed(
             file,
@@ -63,13 +46,7 @@ def save_tally(path: str | os.PathLike[str], tally: Tally, mark: str) -> None:
 
 
 def load_tally(path: str | os.PathLike[str], mark: str) -> Tally | None:
-    """Read the counts so far; None if there is no such file.
-
-    Raises
-    ------
-    InputError
-        If it is no checkpoint, or one of another run.
-    """
+    """Read the counts so far; None if there is no such file."""
     try:
         with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as data:
             found, trials = str(data["fingerprint"]), int(data["trials"])

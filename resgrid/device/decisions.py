@@ -25,17 +25,9 @@ _SATURATED = 1.0 - 1e-16
 class Steps:
     """Voltage steps from cells to their face neighbours, one entry per cell and face that a resistor crosses.
 
-    Attributes
-    ----------
-    layout : Layout
-    cell : ndarray of int64, shape (s,)
-        Flat index (C order) of the free cell left; ascending.
-    neighbour : ndarray of int64, shape (s,)
-        Of the cell entered.
-    sign : ndarray of int8, shape (s,)
-        1 where the neighbour is lower (nearer to the goal rail), -1 where it is higher, 0 where both are equal.
-    log_volts : ndarray of float64, shape (s,)
-        Natural logarithm of the step's size, in volts.
+    `cell` (s,): flat index (C order) of the free cell left; ascending; `neighbour` (s,): of the cell entered; `sign`
+    (s,): 1 where the neighbour is lower (nearer to the goal rail), -1 where it is higher, 0 where both are equal;
+    `log_volts` (s,): natural logarithm of the step's size, in volts.
     """
 
     layout: Layout
@@ -49,10 +41,7 @@ class Steps:
 
         Of equal ones the first, along the axes in their order.
 
-        Returns
-        -------
-        neighbour : ndarray of int64, shape (cells,)
-        log_volts : ndarray of float64, shape (cells,)
+        Returns `neighbour` (cells,), `log_volts` (cells,).
         """
         size = self.layout.space.cell.size
         down = np.where(self.sign > 0, self.log_volts, -np.inf)
@@ -68,20 +57,6 @@ def steps_of(point: OperatingPoint) -> Steps:
     """Read the voltage steps between neighbouring cells off an operating point.
 
     Neighbours that no element joins (a broken resistor) are compared by the voltages of their nodes.
-
-    Parameters
-    ----------
-    point : OperatingPoint
-        Of a netlist with a layout.
-
-    Returns
-    -------
-    Steps
-
-    Raises
-    ------
-    InputError
-        If the netlist has no layout.
     """
     layout = point.netlist.layout
     if layout is None:

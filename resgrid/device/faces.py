@@ -15,46 +15,14 @@ from resgrid.netlist import GROUND, Layout, Netlist
 
 
 def layout_of(netlist: Netlist, what: str) -> Layout:
-    """The layout of a netlist, which some effect needs.
-
-    Parameters
-    ----------
-    netlist : Netlist
-    what : str
-        The effect, for the message.
-
-    Returns
-    -------
-    Layout
-
-    Raises
-    ------
-    InputError
-        If the netlist was not compiled from a space.
-    """
+    """The layout of a netlist, which some effect needs."""
     if netlist.layout is None:
         raise InputError(f"{what} belong to cells, and this netlist was not compiled from a space")
     return netlist.layout
 
 
 def tiled_layout(netlist: Netlist, what: str) -> Layout:
-    """The layout of a netlist with one node per cell.
-
-    Parameters
-    ----------
-    netlist : Netlist
-    what : str
-        The effect, for the message.
-
-    Returns
-    -------
-    Layout
-
-    Raises
-    ------
-    InputError
-        If the netlist was not compiled from a space, or with its rails merged.
-    """
+    """The layout of a netlist with one node per cell."""
     layout = layout_of(netlist, what)
     if layout.rails != "cells":
         raise InputError(f"{what} need one node per cell; compile with rails = 'cells'")
@@ -62,17 +30,7 @@ def tiled_layout(netlist: Netlist, what: str) -> Layout:
 
 
 def face_places(layout: Layout) -> NDArray[np.float64]:
-    """Where the centre of every face lies on the die.
-
-    Parameters
-    ----------
-    layout : Layout
-
-    Returns
-    -------
-    ndarray of float64, shape (faces, ndim)
-        From 0 at the lower end of an axis to 1 at its upper end.
-    """
+    """Where the centre of every face lies on the die.  Returns (faces, ndim)."""
     shape = layout.space.shape
     parts = []
     for axis in range(len(shape)):
@@ -99,19 +57,7 @@ def add_resistors(
 ) -> Netlist:
     """Append resistors without temperature coefficients.
 
-    Parameters
-    ----------
-    netlist : Netlist
-    nodes : ndarray of int32, shape (n, 2)
-        The lower cell's node first, where a face is crossed.
-    conductance : ndarray of float64, shape (n,)
-        In siemens.
-    face : ndarray of int64, shape (n,), optional
-        The faces they cross; none by default.
-
-    Returns
-    -------
-    Netlist
+    Shapes: `nodes` (n, 2), `conductance` (n,), `face` (n,).
     """
     count, layout = len(conductance), netlist.layout
     if layout is not None:
@@ -174,19 +120,7 @@ def add_sources(netlist: Netlist, nodes: NDArray[np.int32], volts: NDArray[np.fl
 
 
 def supply_node(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
-    """The pin of a rail, made if there is none.
-
-    Parameters
-    ----------
-    netlist : Netlist
-        With one node per cell.
-    rail : {"obstacle", "goal"}
-
-    Returns
-    -------
-    netlist : Netlist
-    node : int
-    """
+    """The pin of a rail, made if there is none."""
     layout = tiled_layout(netlist, "rails")
     known = layout.obstacle_node if rail == "obstacle" else layout.goal_nodes[0] if layout.goal_nodes else -1
     if known >= 0:

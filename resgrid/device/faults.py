@@ -22,14 +22,8 @@ class Faults:
     A place is open, or shorted, at some density also at every higher density of the same seed.  A current source that
     only feeds nodes that opens cut off from the rest is left out: its current has nowhere to go.
 
-    Attributes
-    ----------
-    open_density, short_density : float
-        Share of the resistors; together at most 1.
-    short_resistance : float
-        Of a short, in ohms.
-    seed : int or tuple of int
-        The chip.
+    `open_density, short_density`: share of the resistors; together at most 1; `short_resistance`: of a short, in
+    ohms; `seed`: the chip.
     """
 
     open_density: float = 0.0

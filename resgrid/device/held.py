@@ -52,18 +52,7 @@ def chip_keys(chip: Chip) -> Iterator[tuple[str, Any]]:
 
 
 def keys_not_held(chip: Chip, form: Form) -> tuple[str, ...]:
-    """The keys of a chip that say something about it and that a form of its circuit does not hold.
-
-    Parameters
-    ----------
-    chip : Chip
-    form : {"circuit", "tiles", "grid"}
-
-    Returns
-    -------
-    tuple of str
-        Without keys that say nothing, such as the width of a resistor on which nothing depends.
-    """
+    """The keys of a chip that say something about it and that a form of its circuit does not hold."""
     usual = dict(chip_keys(Chip()))
     return tuple(
         key

@@ -35,11 +35,7 @@ _ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
 class _Elements:
     """Conductances, or capacitances: what lies between rows, then what lies between a row and the rails.
 
-    Attributes
-    ----------
-    incidence : scipy.sparse.csr_array, shape (m, n)
-        Takes unknowns to the voltages across them.
-    value : ndarray of float64, shape (m,)
+    `incidence` (m, n): takes unknowns to the voltages across them; `value` (m,).
     """
 
     incidence: sparse.csr_array
@@ -60,14 +56,8 @@ class _Elements:
 class Impedance:
     """The impedances of a circuit with capacitors.
 
-    Attributes
-    ----------
-    basis : scipy.sparse.csr_array, shape (n, n)
-        Takes unknowns to the voltages of rows.
-    conductance, capacitance : _Elements
-        In siemens and farads.
-    at_rest : Laplacian
-        The conductances between rows.
+    `basis` (n, n): takes unknowns to the voltages of rows; `conductance, capacitance`: in siemens and farads;
+    `at_rest`: the conductances between rows.
     """
 
     basis: sparse.csr_array
@@ -76,24 +66,7 @@ class Impedance:
     at_rest: Laplacian
 
     def resistive(self, rows: NDArray[np.int64], frequency: float) -> NDArray[np.float64]:
-        """Resistive part of the impedance from rows to the rails.
-
-        Parameters
-        ----------
-        rows : ndarray of int64, shape (k,)
-        frequency : float
-            In hertz; 0 only where resistors tie every part to a rail.
-
-        Returns
-        -------
-        ndarray of float64, shape (k,)
-            In ohms.
-
-        Raises
-        ------
-        AccuracyError
-            If one may be off by more than 1e-6 of itself.
-        """
+        """Resistive part of the impedance from rows to the rails.  Shapes: `rows` (k,); returns (k,)."""
         if frequency == 0.0:
             return _at_rest(self.at_rest, rows)
         G, w = self.conductance.matrix, 2.0 * np.pi * frequency
@@ -118,16 +91,7 @@ class Impedance:
 
 
 def impedance_of(dynamics: Dynamics) -> Impedance:
-    """Set up the impedances of a circuit.
-
-    Parameters
-    ----------
-    dynamics : Dynamics
-
-    Returns
-    -------
-    Impedance
-    """
+    """Set up the impedances of a circuit."""
     basis = _swinging(dynamics.conductance)
     G, C = dynamics.conductance, dynamics.capacitance
     return Impedance(basis, _elements(G, basis), _elements(C, basis), G)

@@ -27,12 +27,7 @@ _AGREED = 1e-8
 class Modes:
     """Every mode of a circuit.
 
-    Attributes
-    ----------
-    tau : ndarray of float64, shape (k,)
-        Time constants, slowest first, in seconds.
-    shape : ndarray of float64, shape (n, k)
-        ``shape.T @ C @ shape`` is the identity.
+    `tau` (k,): time constants, slowest first, in seconds; `shape` (n, k): ``shape.T @ C @ shape`` is the identity.
     """
 
     tau: Floats
@@ -40,22 +35,7 @@ class Modes:
 
 
 def all_modes(dynamics: Dynamics) -> Modes:
-    """Find every mode by dense algebra.
-
-    Parameters
-    ----------
-    dynamics : Dynamics
-        Every part tied to a rail by resistors, and with capacitance.
-
-    Returns
-    -------
-    Modes
-
-    Raises
-    ------
-    AccuracyError
-        If time constants are beyond what doubles hold.
-    """
+    """Find every mode by dense algebra."""
     from scipy.linalg import solve_triangular
     from scipy.linalg.lapack import dgejsv
 
@@ -83,10 +63,6 @@ def check_modes(dynamics: Dynamics, modes: Modes, solve: Solver) -> None:
     """Refuse modes that do not add up to ``G^-1`` of some charges.
 
     Rounding decides the slowest one where loops of very large conductances are tied very weakly.
-
-    Raises
-    ------
-    AccuracyError
     """
     F = laplacian_root(dynamics.capacitance)
     charge = F.T @ np.linspace(1.0, 2.0, F.shape[0])

@@ -46,13 +46,7 @@ _PROBES = 9
 class Motion:
     """A sum of exponentials: ``y(t) = shape @ (weight * exp(-rate t))``.
 
-    Attributes
-    ----------
-    shape : ndarray of float64, shape (n, m)
-    rate : ndarray of float64, shape (m,)
-        In 1/s.
-    weight : ndarray of float64, shape (m,)
-        ``shape`` times it is in volts.
+    `shape` (n, m); `rate` (m,): in 1/s; `weight` (m,): ``shape`` times it is in volts.
     """
 
     shape: Floats
@@ -67,26 +61,7 @@ class Motion:
 def motions(
     dynamics: Dynamics, modes: Modes | None, deviation: Floats, accuracy: float, method: str = "auto"
 ) -> Callable[[float, float], Motion]:
-    """Describe the way to the operating point, a window of times at a time.
-
-    Parameters
-    ----------
-    dynamics : Dynamics
-    modes : Modes or None
-        All of them, if known.
-    deviation : ndarray of float64, shape (n,)
-        ``y(0)``, in volts.
-    accuracy : float
-        Wanted of every node, in volts, where not all modes are known; judged by what the last eight vectors changed.
-    method : {"auto", "direct", "multigrid"}
-        As in `resgrid.solve`.
-
-    Returns
-    -------
-    callable
-        Takes the first and the last time of a window, in seconds, to a `Motion` that holds there.  It raises
-        AccuracyError if 400 vectors are not enough.
-    """
+    """Describe the way to the operating point, a window of times at a time.  Shapes: `deviation` (n,)."""
     root = laplacian_root(dynamics.capacitance)
     if modes is not None:
         whole = Motion(modes.shape, 1.0 / modes.tau, (root @ modes.shape).T @ (root @ deviation))

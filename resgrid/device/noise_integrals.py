@@ -34,12 +34,7 @@ _ITERATED = 1e-10
 class Found:
     """Effective resistances and integrals of ``Re Z`` over a band, row by row.
 
-    Attributes
-    ----------
-    resistance, resistance_error : ndarray of float64, shape (n,)
-        In ohms.
-    area, area_error : ndarray of float64, shape (n,)
-        In ohm hertz.
+    `resistance, resistance_error` (n,): in ohms; `area, area_error` (n,): in ohm hertz.
     """
 
     resistance: NDArray[np.float64]
@@ -49,25 +44,7 @@ class Found:
 
 
 def find_exactly(dynamics: Dynamics, band: tuple[float, float] | None) -> Found:
-    """Find them from the factors.
-
-    Parameters
-    ----------
-    dynamics : Dynamics
-        Every part of which resistors tie to a rail.
-    band : tuple of float or None
-        In hertz.
-
-    Returns
-    -------
-    Found
-        The errors of areas are bounds on what rounding does.
-
-    Raises
-    ------
-    AccuracyError
-        If rounding may be more than 1e-3 of a density.
-    """
+    """Find them from the factors."""
     none = np.zeros(dynamics.size)
     if not dynamics.size:
         return Found(none, none, none, none)
@@ -85,26 +62,7 @@ def find_exactly(dynamics: Dynamics, band: tuple[float, float] | None) -> Found:
 
 
 def estimate(dynamics: Dynamics, band: tuple[float, float] | None, signs: NDArray[np.float64]) -> Found:
-    """Estimate them from products with random signs.
-
-    Parameters
-    ----------
-    dynamics : Dynamics
-        Every part of which resistors tie to a rail.
-    band : tuple of float or None
-        In hertz.
-    signs : ndarray of float64, shape (n, samples)
-
-    Returns
-    -------
-    Found
-        The errors are standard errors.
-
-    Raises
-    ------
-    AccuracyError
-        If rounding may be more than a tenth of a density.
-    """
+    """Estimate them from products with random signs.  Shapes: `signs` (n, samples)."""
     factors = factor_resolvent(dynamics, 0.0)
     currents = _largest_currents(dynamics, band or (0.0, 0.0))
     digits = _ITERATED if factors.name == "multigrid" else 2.0 * _EPS

@@ -23,18 +23,9 @@ _WORST = 10
 class RailPower:
     """What the voltage sources of one rail deliver together.
 
-    Attributes
-    ----------
-    name : str
-        ``"obstacle"``, ``"goal_0"`` ..., ``"start"``, or the node's name.
-    volts : float
-        Voltage of the sources, in volts.
-    sources : int
-        How many there are.
-    amps : float
-        Current out of their plus terminals, in amperes.
-    watts : float
-        Power they deliver, in watts; negative where they take power up.
+    `name`: ``"obstacle"``, ``"goal_0"`` ..., ``"start"``, or the node's name; `volts`: voltage of the sources, in
+    volts; `sources`: how many there are; `amps`: current out of their plus terminals, in amperes; `watts`: power they
+    deliver, in watts; negative where they take power up.
     """
 
     name: str

@@ -48,20 +48,7 @@ class Proportion:
 
 
 def wilson(share: NDArray[np.float64] | float, trials: float, confidence: float) -> tuple[Any, Any]:
-    """Ends of the score interval of shares of so many independent trials.
-
-    Parameters
-    ----------
-    share : float or ndarray of float64
-    trials : float
-        At least 1.
-    confidence : float
-        Between 0 and 1.
-
-    Returns
-    -------
-    low, high : float or ndarray of float64
-    """
+    """Ends of the score interval of shares of so many independent trials."""
     z = quantile(confidence)
     weight = 1.0 + z * z / trials
     middle = (share + 0.5 * z * z / trials) / weight
@@ -80,19 +67,6 @@ def effective_trials(total: int, squares: int, trials: int, members: int) -> flo
 
     It is ``p (1 - p)`` over the variance of the mean, which is estimated from the spread between clusters; at least
     the number of clusters, at most that of all members.
-
-    Parameters
-    ----------
-    total, squares : int
-        Sum over the clusters of their successes, and of the squares of these.
-    trials : int
-        Number of clusters.
-    members : int
-        Of each cluster.
-
-    Returns
-    -------
-    float
     """
     share = total / (trials * members)
     if trials < 2:

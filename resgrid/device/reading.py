@@ -11,14 +11,8 @@ from typing import Any
 class Reading:
     """One figure of a chip.
 
-    Attributes
-    ----------
-    value : float, int, str or None
-        None where it is not defined.
-    unit : str
-        SI unit, ``""`` for a pure number.
-    definition : str
-        What it is, in one sentence.
+    `value`: none where it is not defined; `unit`: SI unit, ``""`` for a pure number; `definition`: what it is, in one
+    sentence.
     """
 
     value: float | int | str | None

@@ -27,22 +27,7 @@ _E24 = (10, 11, 12, 13, 15, 16, 18, 20, 22, 24, 27, 30, 33, 36, 39, 43, 47, 51, 
 
 
 def preferred_values(series: str) -> NDArray[np.float64]:
-    """The preferred values of a decade, IEC 60063.
-
-    Parameters
-    ----------
-    series : {"E6", "E12", "E24", "E48", "E96", "E192"}
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        From 1 up to 10, without 10; ascending.
-
-    Raises
-    ------
-    InputError
-        If the series is unknown.
-    """
+    """The preferred values of a decade, IEC 60063.  Returns (n,)."""
     if series in ("E6", "E12", "E24"):
         return np.array(_E24[:: 24 // int(series[1:])]) / 10
     if series not in ("E48", "E96", "E192"):
@@ -57,10 +42,7 @@ def preferred_values(series: str) -> NDArray[np.float64]:
 class PreferredValues:
     """Take every resistance from a series of preferred values: the nearest one by ratio.
 
-    Attributes
-    ----------
-    series : str
-        ``"E6"`` to ``"E192"``.
+    `series`: ``"E6"`` to ``"E192"``.
     """
 
     series: str
@@ -84,14 +66,8 @@ class PreferredValues:
 class SheetResistors:
     """Draw every resistor as a strip of polysilicon: its length ``R W / Rs`` is a whole number of drawing steps.
 
-    Attributes
-    ----------
-    sheet_resistance : float
-        ``Rs``, in ohms per square.
-    width : float
-        ``W``, in metres.
-    drawing_grid : float
-        Step of the length, in metres.
+    `sheet_resistance`: ``Rs``, in ohms per square; `width`: ``W``, in metres; `drawing_grid`: step of the length, in
+    metres.
     """
 
     sheet_resistance: float
@@ -104,18 +80,7 @@ class SheetResistors:
         check_number("drawing_grid", self.drawing_grid, "positive and finite, in metres", above=0.0)
 
     def length(self, resistance: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Drawn length of resistors, in metres.
-
-        Parameters
-        ----------
-        resistance : ndarray of float64
-            In ohms.
-
-        Raises
-        ------
-        InputError
-            If one is shorter than half a drawing step.
-        """
+        """Drawn length of resistors, in metres."""
         steps = np.rint(resistance * self.width / (self.sheet_resistance * self.drawing_grid))
         if np.any(steps < 1):
             raise InputError(
@@ -150,10 +115,7 @@ def _with_resistances(netlist: Netlist, drawn: Callable[[NDArray[np.float64]], N
 class Gradient:
     """Let the resistance grow linearly across the die; its middle keeps the nominal value.
 
-    Attributes
-    ----------
-    shares : tuple of float
-        Growth from end to end along each axis (missing ones: 0), as a share of the nominal resistance.
+    `shares`: growth from end to end along each axis (missing ones: 0), as a share of the nominal resistance.
     """
 
     shares: tuple[float, ...]
@@ -179,20 +141,9 @@ class Gradient:
 class Mismatch:
     """Let every resistor of the grid differ from its mean, independently and log-normally.
 
-    Attributes
-    ----------
-    sigma : float or None
-        Standard deviation as a share of the mean.
-    pelgrom : float or None
-        Instead: ``A_R`` in % µm, for ``sigma = A_R / sqrt(W L)`` (Pelgrom, Duinmaijer & Welbers 1989).
-    width : float or None
-        ``W``, in metres.
-    length : float or None
-        ``L``, in metres; or instead
-    sheet_resistance : float or None
-        in ohms per square, for ``L = R W / Rs``.
-    seed : int or tuple of int
-        The chip.
+    `sigma`: standard deviation as a share of the mean; `pelgrom`: instead: ``A_R`` in % µm, for ``sigma = A_R /
+    sqrt(W L)`` (Pelgrom, Duinmaijer & Welbers 1989); `width`: ``W``, in metres; `length`: ``L``, in metres; or
+    instead; `sheet_resistance`: in ohms per square, for ``L = R W / Rs``; `seed`: the chip.
     """
 
     sigma: float | None = None
@@ -247,10 +198,7 @@ class Mismatch:
 class TemperatureCoefficients:
     """Give the grid's resistors temperature coefficients, which a deck hands on to the simulator.
 
-    Attributes
-    ----------
-    tc1, tc2 : float
-        In 1/K and 1/K^2, from 27 degrees Celsius.
+    `tc1, tc2`: in 1/K and 1/K^2, from 27 degrees Celsius.
     """
 
     tc1: float = 0.0
@@ -270,10 +218,7 @@ class TemperatureCoefficients:
 class Temperature:
     """Bring resistors to a temperature: ``R (1 + tc1 dT + tc2 dT^2)``, as SPICE does.
 
-    Attributes
-    ----------
-    celsius : float
-        In degrees Celsius.
+    `celsius`: in degrees Celsius.
     """
 
     celsius: float
@@ -300,10 +245,7 @@ class Temperature:
 class Saturation:
     """Replace the grid's resistors by nonlinear ones of the same resistance at 0 V, ``I = V0 / R tanh(dV / V0)``.
 
-    Attributes
-    ----------
-    volts : float
-        ``V0``, in volts.
+    `volts`: ``V0``, in volts.
     """
 
     volts: float

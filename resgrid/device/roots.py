@@ -35,17 +35,7 @@ _ENTRYWISE = 1e-10
 
 
 def laplacian_root(laplacian: Laplacian) -> sparse.csr_array:
-    """The root of a Laplacian, an element a row.
-
-    Parameters
-    ----------
-    laplacian : Laplacian
-
-    Returns
-    -------
-    scipy.sparse.csr_array, shape (m, n)
-        ``F`` with ``F.T @ F`` equal to the matrix: first the elements between two rows, then those to rails.
-    """
+    """The root of a Laplacian, an element a row.  Returns (m, n)."""
     incidence, value = laplacian.elements
     return sparse.csr_array(sparse.diags_array(np.sqrt(value)) @ incidence)
 
@@ -56,23 +46,6 @@ def accurate_solver(factors: Factor, capacitance: Laplacian) -> Solver:
     Elmore delays, the solution for all capacitances, are dominated by the slowest parts, which are also what rounding
     spoils first.  Where those of the plain solution differ from those found entry by entry, every solution is found
     entry by entry.
-
-    Parameters
-    ----------
-    factors : Factor
-        Of ``G + s C``.
-    capacitance : Laplacian
-        ``C``; a row without capacitance is given the smallest of all here, so that the delays can be proved.
-
-    Returns
-    -------
-    callable
-        Takes currents into rows, in amperes, to voltages; it raises AccuracyError where they cannot be told.
-
-    Raises
-    ------
-    AccuracyError
-        If the delays cannot be proved right entry by entry.
     """
 
     def plain(b: Floats) -> Floats:
@@ -96,23 +69,7 @@ def accurate_solver(factors: Factor, capacitance: Laplacian) -> Solver:
 def entrywise_solution(factors: Factor, b: Floats, watch: Watch | None = None) -> Floats:
     """Solve for positive and for negative currents apart, each right entry by entry, and subtract.
 
-    Parameters
-    ----------
-    factors : Factor
-    b : ndarray of float64, shape (n,)
-        Currents into rows, in amperes.
-    watch : Watch, optional
-        Told the errors.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        In volts.
-
-    Raises
-    ------
-    AccuracyError
-        If a componentwise backward error exceeds 1e-10, or voltages are beyond what doubles hold.
+    Shapes: `b` (n,); returns (n,).
     """
     x, low = np.zeros(len(b)), np.zeros(len(b))
     for sign in (1.0, -1.0):

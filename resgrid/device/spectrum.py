@@ -45,16 +45,9 @@ _KRYLOV, _PROBE_KRYLOV = 20, 10
 class Spectrum:
     """Time constants of a circuit.
 
-    Attributes
-    ----------
-    tau : ndarray of float64, shape (k,)
-        The slowest ones, slowest first, in seconds.
-    mode : ndarray of float64, shape (n, k)
-        ``mode.T @ G @ mode`` is the identity, in siemens.
-    fastest : float
-        The shortest one, to 1 % or better, in seconds.
-    modes : Modes or None
-        All of them, where the circuit is small.
+    `tau` (k,): the slowest ones, slowest first, in seconds; `mode` (n, k): ``mode.T @ G @ mode`` is the identity, in
+    siemens; `fastest`: the shortest one, to 1 % or better, in seconds; `modes`: all of them, where the circuit is
+    small.
     """
 
     tau: Floats
@@ -64,29 +57,7 @@ class Spectrum:
 
 
 def find_spectrum(dynamics: Dynamics, count: int, solve: Solver) -> Spectrum:
-    """Slowest time constants with their modes, and the fastest one.
-
-    Parameters
-    ----------
-    dynamics : Dynamics
-        Every part tied to a rail by resistors.
-    count : int
-        How many, at least 1; fewer come back if there are fewer, or if those left are below 1e-12 of the slowest in a
-        circuit of more than 200 rows, where rounding decides them.
-    solve : callable
-        Solves ``G``.
-
-    Returns
-    -------
-    Spectrum
-
-    Raises
-    ------
-    InputError
-        If there is no capacitance.
-    AccuracyError
-        If the iteration does not converge, or time constants are beyond what doubles hold.
-    """
+    """Slowest time constants with their modes, and the fastest one."""
     live = require_charge(dynamics)
     if dynamics.size <= max(DENSE, 2 * count):
         modes = all_modes(dynamics)
@@ -98,32 +69,7 @@ def find_spectrum(dynamics: Dynamics, count: int, solve: Solver) -> Spectrum:
 
 
 def slowest_modes(dynamics: Dynamics, count: int, method: str = "auto") -> tuple[Floats, Floats]:
-    """Slowest time constants and their modes.
-
-    Parameters
-    ----------
-    dynamics : Dynamics
-    count : int
-        How many, at least 1; fewer come back as in `find_spectrum`.
-    method : {"auto", "direct", "multigrid"}
-        How ``G`` is solved.
-
-    Returns
-    -------
-    time_constant : ndarray of float64, shape (k,)
-        Slowest first, in seconds.
-    mode : ndarray of float64, shape (n, k)
-        ``mode.T @ G @ mode`` is the identity, in siemens.
-
-    Raises
-    ------
-    InputError
-        If there is no capacitance, or the count is not positive.
-    CircuitError
-        If a part never settles.
-    AccuracyError
-        If the iteration does not converge, or time constants are beyond what doubles hold.
-    """
+    """Slowest time constants and their modes.  Returns `time_constant` (k,), `mode` (n, k)."""
     if count < 1:
         raise InputError(f"{count} modes were asked for; at least 1 makes sense")
     live = require_charge(dynamics)
@@ -140,13 +86,6 @@ def fastest_time_constant(dynamics: Dynamics) -> float:
     """The shortest time constant, to 1 % or better, in seconds.
 
     Nodes without capacitance are eliminated first, for they follow at once.
-
-    Raises
-    ------
-    InputError
-        If there is no capacitance.
-    AccuracyError
-        If the iteration does not converge.
     """
     require_charge(dynamics)
     if dynamics.size <= DENSE:
@@ -160,13 +99,7 @@ def fastest_time_constant(dynamics: Dynamics) -> float:
 
 
 def require_charge(dynamics: Dynamics) -> int:
-    """Refuse a circuit without modes; how many there are.
-
-    Raises
-    ------
-    InputError
-        If there is no capacitance.
-    """
+    """Refuse a circuit without modes; how many there are."""
     live = int(charge_basis(dynamics).charged.sum())
     if not live:
         raise InputError("the netlist has no capacitance that could charge, so it has no time constants")

@@ -42,14 +42,9 @@ def _rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
 class InternodalSwitches:
     """Put a switch in series with every resistor between cells: closed, and open at obstacles that are open nodes.
 
-    Attributes
-    ----------
-    on : float or None
-        Resistance of a closed one, in ohms; None is a wire.
-    off : float or None
-        Of an open one, in ohms; None is no connection.  Where obstacles are open, it gives these, and cells that no
-        goal serves, nodes of their own; the resistors before them keep their nominal values, and the leakage through
-        them crosses no face of the field.
+    `on`: resistance of a closed one, in ohms; None is a wire; `off`: of an open one, in ohms; None is no connection.
+    Where obstacles are open, it gives these, and cells that no goal serves, nodes of their own; the resistors before
+    them keep their nominal values, and the leakage through them crosses no face of the field.
     """
 
     on: float | None = None
@@ -115,12 +110,8 @@ class RailSwitches:
     Where obstacles are open (``boundary="neumann"``) all switches to the obstacle rail are, but for a driven start's;
     with a uniform drive that rail lies at the goal's voltage.
 
-    Attributes
-    ----------
-    obstacle_on, goal_on : float or None
-        Resistance of closed ones, in ohms; None is a wire.
-    obstacle_off, goal_off : float or None
-        Of open ones, in ohms; None is no connection.
+    `obstacle_on, goal_on`: resistance of closed ones, in ohms; None is a wire; `obstacle_off, goal_off`: of open
+    ones, in ohms; None is no connection.
     """
 
     obstacle_on: float | None = None
@@ -172,10 +163,7 @@ class RailResistance:
     and one from each border cell to the pin.  A switch ties its cell to the rail's node there; a cell on an ideal
     source is that node itself.
 
-    Attributes
-    ----------
-    ohms : float
-        Resistance of a segment; 0 is an ideal rail.
+    `ohms`: resistance of a segment; 0 is an ideal rail.
     """
 
     ohms: float
@@ -234,10 +222,7 @@ def _mesh_segments(mesh: NDArray[np.int32], pin: int) -> NDArray[np.int32]:
 class Capacitance:
     """Give every cell's node a capacitor to ground.
 
-    Attributes
-    ----------
-    farads : float
-        Its capacitance.
+    `farads`: its capacitance.
     """
 
     farads: float
@@ -260,10 +245,7 @@ class Capacitance:
 class ReadoutLoad:
     """Load every cell's node with the input resistance of the read-out, to ground.
 
-    Attributes
-    ----------
-    ohms : float
-        Its input resistance.
+    `ohms`: its input resistance.
     """
 
     ohms: float

@@ -29,22 +29,9 @@ from resgrid.scene.chip import Chip, Readout
 class Experiment:
     """A kind of chip, and the read-outs that are tried on every chip of it.
 
-    Attributes
-    ----------
-    netlist : Netlist
-        The ideal one, with one node per cell.
-    chip : Chip
-    seed : int or tuple of int
-        Trial ``k`` is chip ``(seed, k)``.
-    floor : Floor
-    starts : ndarray of bool, shape (cells,)
-        Where robots start.
-    eyes : tuple of Eyes or None
-        One for each read-out; None for an ideal one.
-    batch : Batch or None
-        What chips that differ in their conductances only share.
-    volts : ndarray of float64, shape (nodes,), or None
-        Voltages where all chips are the same, and some read-out is not ideal.
+    `netlist`: the ideal one, with one node per cell; `seed`: trial ``k`` is chip ``(seed, k)``; `starts` (cells,):
+    where robots start; `eyes`: one for each read-out; None for an ideal one; `batch`: what chips that differ in their
+    conductances only share; `volts` (nodes,): voltages where all chips are the same, and some read-out is not ideal.
     """
 
     netlist: Netlist
@@ -66,15 +53,8 @@ class Experiment:
 class Tally:
     """Counts of trials; whole numbers, so that sums do not depend on their order.
 
-    Attributes
-    ----------
-    trials : int
-    reached : ndarray of int64, shape (readouts, cells)
-        From how many trials a start reached the goal.
-    complete : ndarray of int64, shape (readouts,)
-        Trials in which every start did.
-    squares : ndarray of int64, shape (readouts,)
-        Sum over the trials of the square of the number of starts that did.
+    `reached` (readouts, cells): from how many trials a start reached the goal; `complete` (readouts,): trials in
+    which every start did; `squares` (readouts,): sum over the trials of the square of the number of starts that did.
     """
 
     trials: int
@@ -108,31 +88,7 @@ def prepare(
     seed: Seed | None = None,
     starts: NDArray[np.bool_] | None = None,
 ) -> Experiment:
-    """Do once what all trials share.
-
-    Parameters
-    ----------
-    netlist : Netlist
-        The ideal one, with one node per cell.
-    chip : Chip
-    readouts : sequence of Readout
-        Instead of the chip's; their input resistance is that of the chip.
-    seed : int or tuple of int, optional
-        The chip's by default.
-    starts : ndarray of bool, shape of the space, optional
-        Free cells with a way to a goal by default.
-
-    Returns
-    -------
-    Experiment
-
-    Raises
-    ------
-    InputError
-        If the netlist has not one node per cell, or does not suit an effect.
-    CircuitError
-        If the flawless chip has no operating point.
-    """
+    """Do once what all trials share.  Shapes: `starts` as the space."""
     layout = tiled_layout(netlist, "robots that see the read-out")
     mask = layout.space.goal_connected if starts is None else layout.space.goal_connected & starts
     blurred = not all(is_ideal(readout) for readout in readouts)
@@ -158,18 +114,7 @@ def prepare(
 
 
 def run_trials(experiment: Experiment, numbers: Sequence[int]) -> Tally:
-    """Try some chips.
-
-    Parameters
-    ----------
-    experiment : Experiment
-    numbers : sequence of int
-        Which trials.
-
-    Returns
-    -------
-    Tally
-    """
+    """Try some chips."""
     reached = np.zeros((len(experiment.eyes), len(experiment.starts)), dtype=np.int64)
     complete, squares = np.zeros((2, len(experiment.eyes)), dtype=np.int64)
     wanted = int(experiment.starts.sum())

@@ -23,13 +23,8 @@ from resgrid.space import Cell
 class Floor:
     """Where a robot may walk.
 
-    Attributes
-    ----------
-    around : ndarray of int64, shape (cells, 2 ndim)
-        Free or goal cells that a free cell touches, -1 for none, axis by axis, the lower side first.
-    goal : ndarray of bool, shape (cells,)
-    node : ndarray of int64, shape (cells,)
-        Node of every cell; ground's where a cell has none.
+    `around` (cells, 2 ndim): free or goal cells that a free cell touches, -1 for none, axis by axis, the lower side
+    first; `goal` (cells,); `node` (cells,): node of every cell; ground's where a cell has none.
     """
 
     around: NDArray[np.int64]
@@ -60,18 +55,9 @@ def floor_of(layout: Layout) -> Floor:
 class Eyes:
     """What a robot sees of voltages, in shares of the converter's range.
 
-    Attributes
-    ----------
-    low, span : float
-        Lower end and width of the range, in volts.
-    steps : float
-        ``2**bits``; 0 without a converter.
-    offset : float
-        Standard deviation of the offsets.
-    noise : ndarray of float64, shape (cells,)
-        Deviation of every measurement.
-    falling : float
-        1, or -1 where the goal rail lies above the other.
+    `low, span`: lower end and width of the range, in volts; `steps`: ``2**bits``; 0 without a converter; `offset`:
+    standard deviation of the offsets; `noise` (cells,): deviation of every measurement; `falling`: 1, or -1 where the
+    goal rail lies above the other.
     """
 
     low: float
@@ -98,21 +84,7 @@ def eyes_of(readout: Readout, layout: Layout, noise: NDArray[np.float64] | None)
 
 
 def walk(volts: NDArray[np.float64], floor: Floor, eyes: Eyes, seed: Seed = 0) -> NDArray[np.bool_]:
-    """Which cells a robot reaches the goal from.
-
-    Parameters
-    ----------
-    volts : ndarray of float64, shape (nodes,)
-        In volts; a cell that is NaN is never stepped to.
-    floor : Floor
-    eyes : Eyes
-    seed : int or tuple of int
-        The chip, and its robot.
-
-    Returns
-    -------
-    ndarray of bool, shape (cells,)
-    """
+    """Which cells a robot reaches the goal from.  Shapes: `volts` (nodes,); returns (cells,)."""
     from resgrid.device import kernels
 
     cells, ways = floor.around.shape

@@ -26,23 +26,7 @@ def subtract(
 ) -> tuple[Scaled, float, float]:
     """Subtract the solutions for the currents of either sign.
 
-    Parameters
-    ----------
-    factors : Factor
-    drive : ndarray of float64, shape (n,)
-        Currents of both signs into the rows, in amperes.
-    rising, falling : Scaled, shape (n,)
-        Voltages in volts.
-    bound : float
-        Share of itself by which any of them may be off.
-
-    Returns
-    -------
-    difference : Scaled, shape (n,)
-    doubt : float
-        By how much any entry may be off at most, relative to the largest; 0 where that is too little to be asked.
-    grain : float
-        Difference of two entries, in volts, below which it is noise.
+    Shapes: `drive` (n,), `rising, falling` (n,); returns `difference` (n,).
     """
     difference, doubt, parts = _minus(rising, falling), 0.0, [rising, falling]
     if bound * _quotient(parts, difference) > _CERTAIN:

@@ -30,12 +30,7 @@ _ROUGH = 1e-3
 
 @dataclass(frozen=True, eq=False)
 class Charges:
-    """A circuit's charges, and the voltages that belong to them.
-
-    Attributes
-    ----------
-    dynamics : Dynamics
-    """
+    """A circuit's charges, and the voltages that belong to them."""
 
     dynamics: Dynamics
 

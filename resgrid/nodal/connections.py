@@ -17,18 +17,10 @@ WEAK = 0.1
 class Connections:
     """Counts over the conductances between rows.
 
-    Attributes
-    ----------
-    entries : int
-        Twice their number: the entries of the `coupling`.
-    few : int
-        Number of rows with at most two neighbours.
-    weak : float
-        Share of conductances that are weak beside the strongest one at either of their ends.
-    mean : float
-        Mean conductance, in siemens; 0 where there is none.
-    smallest, largest : float
-        The range of the conductances, those to rails included, in siemens.
+    `entries`: twice their number: the entries of the `coupling`; `few`: number of rows with at most two neighbours;
+    `weak`: share of conductances that are weak beside the strongest one at either of their ends; `mean`: mean
+    conductance, in siemens; 0 where there is none; `smallest, largest`: the range of the conductances, those to rails
+    included, in siemens.
     """
 
     entries: int

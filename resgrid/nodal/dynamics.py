@@ -27,12 +27,8 @@ from resgrid.nodal.system import NodalSystem
 class Laplacian:
     """A symmetric M-matrix, off-diagonals and row excess kept apart.
 
-    Attributes
-    ----------
-    coupling : scipy.sparse.csr_array, shape (n, n)
-        Positive off-diagonals with their sign changed; no diagonal.
-    excess : ndarray of float64, shape (n,)
-        What every row has to nodes of known voltage.
+    `coupling` (n, n): positive off-diagonals with their sign changed; no diagonal; `excess` (n,): what every row has
+    to nodes of known voltage.
     """
 
     coupling: sparse.csr_array
@@ -50,14 +46,7 @@ class Laplacian:
 
     @cached_property
     def elements(self) -> tuple[sparse.csr_array, NDArray[np.float64]]:
-        """What the matrix is made of: ``A^T diag(value) A``.
-
-        Returns
-        -------
-        incidence : scipy.sparse.csr_array, shape (m, n)
-            ``A``, which takes rows to differences: first between two rows, every pair once, then to known voltages.
-        value : ndarray of float64, shape (m,)
-        """
+        """What the matrix is made of: ``A^T diag(value) A``.  Returns `incidence` (m, n), `value` (m,)."""
         upper, tied = sparse.triu(self.coupling, 1).tocoo(), np.flatnonzero(self.excess)
         m = upper.nnz
         ends = np.append(np.stack([upper.row, upper.col], axis=1).ravel(), tied).astype(np.int32)
@@ -91,10 +80,7 @@ class Laplacian:
     def grouped(self, groups: sparse.csr_array) -> Laplacian:
         """Groups of rows as one row each; rows of no group count as nodes of known voltage.
 
-        Parameters
-        ----------
-        groups : scipy.sparse.csr_array, shape (n, m)
-            1 where a row belongs to a group.
+        Shapes: `groups` (n, m).
         """
         joined = sparse.coo_array(groups.T @ self.coupling @ groups)
         apart = joined.row != joined.col
@@ -109,21 +95,11 @@ class Laplacian:
 class Dynamics:
     """The equations ``C x' + G x = b`` of a netlist; node voltages are ``fixed + x[row]``.
 
-    Attributes
-    ----------
-    netlist : Netlist
-    row : ndarray of int64, shape (nodes,)
-        Row of every node, -1 for rails and floating nodes; nodes tied by floating sources share a row.
-    fixed : ndarray of float64, shape (nodes,)
-        Voltage of rails, and of other nodes above their row, in volts; NaN where a node floats.
-    conductance : Laplacian
-        ``G``, in siemens.
-    capacitance : Laplacian
-        ``C``, in farads; rows without capacitance are algebraic.
-    drive : ndarray of float64, shape (n,)
-        ``b``: current that sources feed into every row, in amperes.
-    floating : ndarray of int64
-        Nodes that no resistor, capacitor or voltage source ties to ground.
+    `row` (nodes,): row of every node, -1 for rails and floating nodes; nodes tied by floating sources share a row;
+    `fixed` (nodes,): voltage of rails, and of other nodes above their row, in volts; NaN where a node floats;
+    `conductance`: ``G``, in siemens; `capacitance`: ``C``, in farads; rows without capacitance are algebraic; `drive`
+    (n,): ``b``: current that sources feed into every row, in amperes; `floating`: nodes that no resistor, capacitor
+    or voltage source ties to ground.
     """
 
     netlist: Netlist
@@ -173,23 +149,7 @@ class Dynamics:
 
 
 def dynamics_of(netlist: Netlist) -> Dynamics:
-    """Set up the equations of a netlist with capacitors.
-
-    Parameters
-    ----------
-    netlist : Netlist
-
-    Returns
-    -------
-    Dynamics
-
-    Raises
-    ------
-    InputError
-        If it holds nonlinear elements.
-    CircuitError
-        If sources contradict each other, or a current source feeds a part that floats.
-    """
+    """Set up the equations of a netlist with capacitors."""
     require_linear(netlist)
     forest = tie_sources(netlist)
     held = forest.root == forest.root[GROUND]
@@ -219,26 +179,7 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
 
 
 def factor_resolvent(dynamics: Dynamics, rate: float, method: str = "auto") -> Factor:
-    """Factor ``G + rate C``.
-
-    Parameters
-    ----------
-    dynamics : Dynamics
-    rate : float
-        In 1/s, at least 0; 0 gives the operating point's matrix.
-    method : {"auto", "direct", "multigrid"}
-        As in `resgrid.solve`.
-
-    Returns
-    -------
-    Factor
-        ``solve`` takes currents into rows, in amperes, to voltages.
-
-    Raises
-    ------
-    CircuitError
-        If ``rate`` is 0 and a part is tied to no rail by resistors.
-    """
+    """Factor ``G + rate C``."""
     G, C = dynamics.conductance, dynamics.capacitance
     if rate == 0.0:
         require_grounded(dynamics)
@@ -252,18 +193,7 @@ def nodal_system(
 ) -> NodalSystem:
     """Nodal equations of a circuit's rows, or of groups of them, for every method that solves operating points.
 
-    Parameters
-    ----------
-    dynamics : Dynamics
-    matrix : Laplacian, shape (m, m)
-    row : ndarray of int64, shape (nodes,)
-        Row of every node, -1 where it has none.
-    drive : ndarray of float64, shape (m,)
-        Right-hand side.
-
-    Returns
-    -------
-    NodalSystem
+    Shapes: `matrix` (m, m), `row` (nodes,), `drive` (m,).
     """
     return NodalSystem(
         netlist=dynamics.netlist,
@@ -282,12 +212,7 @@ def nodal_system(
 
 
 def require_linear(netlist: Netlist) -> None:
-    """Refuse a netlist with nonlinear elements, and what is no netlist.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a netlist with nonlinear elements, and what is no netlist."""
     if not isinstance(netlist, Netlist):
         raise InputError(f"the netlist is {type(netlist).__name__}, not resgrid.Netlist")
     count = len(netlist.nonlinear_current)
@@ -299,13 +224,7 @@ def require_linear(netlist: Netlist) -> None:
 
 
 def require_grounded(dynamics: Dynamics) -> None:
-    """Refuse a circuit of which a part is tied to no rail by resistors.
-
-    Raises
-    ------
-    CircuitError
-        It names a node of that part.
-    """
+    """Refuse a circuit of which a part is tied to no rail by resistors."""
     G = dynamics.conductance
     number, part = connected_components(G.coupling, directed=False)
     loose = np.bincount(part, G.excess > 0, number) == 0
@@ -322,13 +241,9 @@ def require_grounded(dynamics: Dynamics) -> None:
 class ChargeBasis:
     """Coordinates in which only those with charge move: ``x = E_c y + N z``, ``C N = 0``.
 
-    Attributes
-    ----------
-    charged : ndarray of bool, shape (n,)
-        Rows that keep their coordinate ``y``; the matrix ``C`` between them is positive definite.
-    spread : scipy.sparse.csr_array, shape (n, loose)
-        ``N``: one column for every part of rows that capacitors join to each other, but to no node of known voltage;
-        a row without capacitance is such a part of its own.
+    `charged` (n,): rows that keep their coordinate ``y``; the matrix ``C`` between them is positive definite;
+    `spread` (n, loose): ``N``: one column for every part of rows that capacitors join to each other, but to no node
+    of known voltage; a row without capacitance is such a part of its own.
     """
 
     charged: NDArray[np.bool_]
@@ -336,16 +251,7 @@ class ChargeBasis:
 
 
 def charge_basis(dynamics: Dynamics) -> ChargeBasis:
-    """Tell the coordinates that hold charge from those that follow at once.
-
-    Parameters
-    ----------
-    dynamics : Dynamics
-
-    Returns
-    -------
-    ChargeBasis
-    """
+    """Tell the coordinates that hold charge from those that follow at once."""
     C, n = dynamics.capacitance, dynamics.size
     number, part = connected_components(C.coupling, directed=False)
     loose = np.bincount(part, C.excess > 0, number) == 0

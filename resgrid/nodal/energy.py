@@ -20,26 +20,14 @@ from resgrid.nodal.dynamics import Dynamics
 
 @dataclass(frozen=True, eq=False)
 class EnergyMeter:
-    """What all sources deliver, and what the capacitors hold.
-
-    Attributes
-    ----------
-    dynamics : Dynamics
-    """
+    """What all sources deliver, and what the capacitors hold."""
 
     dynamics: Dynamics
 
     def delivered(self, time: float, change: NDArray[np.float64], integral: NDArray[np.float64]) -> float:
         """Energy that sources have delivered since 0+, in joules; floating parts count nothing.
 
-        Parameters
-        ----------
-        time : float
-            In seconds since 0+.
-        change : ndarray of float64, shape (n,)
-            How far the state has moved, in volts.
-        integral : ndarray of float64, shape (n,)
-            Integral of the state, in volt seconds.
+        Shapes: `change` (n,), `integral` (n,).
         """
         if not time > 0.0:
             return 0.0

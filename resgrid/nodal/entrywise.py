@@ -28,21 +28,12 @@ _LEAST_REST = 1e-3
 class NodeValues:
     """A value for every node, counted from one rail, or from the nearer one of two.
 
-    Attributes
-    ----------
-    value : Scaled, shape (nodes,)
-        0 where the node floats.
-    down : ndarray of bool, shape (nodes,)
-        Whether the value is a drop from the high rail, 1 unit above the low one.
-    zero, volts : float
-        Voltage of the low (or only) rail, and volts of a unit; negative where values grow as voltages fall.
-    noise : float
-        Relative difference of two values counted upwards below which it is noise; ``value.noise`` is that of drops.
-    doubt : float
-        By how much any value may be off at most, relative to the largest, where currents of both signs drive the
-        circuit; of all others nothing is said here.
-    grain : float
-        Difference of two values, in units, below which it is noise because they are differences themselves.
+    `value` (nodes,): 0 where the node floats; `down` (nodes,): whether the value is a drop from the high rail, 1 unit
+    above the low one; `zero, volts`: voltage of the low (or only) rail, and volts of a unit; negative where values
+    grow as voltages fall; `noise`: relative difference of two values counted upwards below which it is noise;
+    ``value.noise`` is that of drops; `doubt`: by how much any value may be off at most, relative to the largest,
+    where currents of both signs drive the circuit; of all others nothing is said here; `grain`: difference of two
+    values, in units, below which it is noise because they are differences themselves.
     """
 
     value: Scaled
@@ -61,22 +52,7 @@ class NodeValues:
 
 
 def node_values(system: NodalSystem, factors: Factor | None, watch: Watch, threads: int) -> NodeValues:
-    """Solve for all that the currents of a circuit are read off.
-
-    Parameters
-    ----------
-    system : NodalSystem
-    factors : Factor or None
-        Of the system; None where nothing is unknown.
-    watch : Watch
-        Told every step, and the backward errors.
-    threads : int
-        How many right-hand sides may be solved at the same time.
-
-    Returns
-    -------
-    NodeValues
-    """
+    """Solve for all that the currents of a circuit are read off."""
     if system.rails is not None:
         return _between(system, system.rails, *_drop_and_height(system.rails, factors, watch, threads))
     drive = system.drive

@@ -38,14 +38,8 @@ _ROUNDS = 30
 class Fall(NamedTuple):
     """By how many decades a potential falls.
 
-    Attributes
-    ----------
-    near : float
-        Around the low rail.
-    most : float
-        But at the lowest nodes, if these are few: they are found directly (`resgrid.nodal.multigrid.pockets`).
-    whole : float
-        In all.
+    `near`: around the low rail; `most`: but at the lowest nodes, if these are few: they are found directly
+    (`resgrid.nodal.multigrid.pockets`); `whole`: in all.
     """
 
     near: float

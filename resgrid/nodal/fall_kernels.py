@@ -23,14 +23,9 @@ Flags = NDArray[np.bool_]
 class Places(NamedTuple):
     """Nodes and their neighbours: of a graph in compressed rows, or of a grid's cells with a margin around them.
 
-    Attributes
-    ----------
-    there, low, high : ndarray of bool, shape (places,)
-        Whether there is a node at a place, and whether it touches the low rail, the high rail.
-    indptr, indices : ndarray of int32
-        Neighbours of a graph's nodes, empty for a grid.
-    offsets : ndarray of int64
-        From a cell to its neighbours, those before it first; empty for a graph.
+    `there, low, high` (places,): whether there is a node at a place, and whether it touches the low rail, the high
+    rail; `indptr, indices`: neighbours of a graph's nodes, empty for a grid; `offsets`: from a cell to its
+    neighbours, those before it first; empty for a graph.
     """
 
     there: Flags

@@ -24,25 +24,7 @@ def initial_state(
     capacitors is that of the initial voltages.  Nodes without capacitance take the voltage at which Kirchhoff's
     current law holds.
 
-    Parameters
-    ----------
-    dynamics : Dynamics
-    initial : OperatingPoint or array_like of float, shape (nodes,), or None
-        As in `resgrid.transient`.
-    charges : Charges, optional
-        Of the dynamics, if there are any yet.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        In volts.
-
-    Raises
-    ------
-    InputError
-        If the voltages do not fit the netlist.
-    AccuracyError
-        If double precision does not tell the state.
+    Shapes: `initial` (nodes,); returns (n,).
     """
     netlist = dynamics.netlist
     before = np.zeros(netlist.node_count) if initial is None else _voltages(netlist, initial)
@@ -63,13 +45,7 @@ def _without_loose(charges: Charges, x: NDArray[np.float64]) -> NDArray[np.float
 
 
 def real_numbers(values: ArrayLike, message: str) -> NDArray[np.float64]:
-    """A new array of real numbers.
-
-    Raises
-    ------
-    InputError
-        With the message, if there is anything else: text, complex numbers, masked entries.
-    """
+    """A new array of real numbers."""
     try:
         given: np.ndarray[Any, Any] = np.ma.asanyarray(values)
         real = given.dtype.kind in "biuf" or all(isinstance(value, Real) for value in given.flat)

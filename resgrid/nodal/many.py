@@ -35,12 +35,7 @@ _MOST_FACTORED = 1e10
 
 @dataclass(frozen=True, eq=False)
 class SeparateBatch:
-    """A circuit whose chips have too little in common: each is solved by itself.
-
-    Attributes
-    ----------
-    pattern : Pattern
-    """
+    """A circuit whose chips have too little in common: each is solved by itself."""
 
     pattern: Pattern
     name = "one by one"

@@ -54,28 +54,6 @@ def factor_system(
     Nodes with at most two neighbours are eliminated first where that pays (`resgrid.nodal.reduction`), which it does
     not for directions along large mazes (`resgrid.nodal.narrow`); the method then solves what is left.  Where nothing
     is left, the factor's name is ``"elimination"`` whatever was asked for.
-
-    Parameters
-    ----------
-    system : NodalSystem
-    method : {"auto", "direct", "multigrid"}
-    reduce : bool
-        Whether nodes may be eliminated beforehand.
-    accuracy : {"direction", "normwise"}
-        What the solutions are for; ``"auto"`` asks for it.
-    later : bool
-        Whether multigrid makes its levels with the first solution, which tells how they are graded.
-
-    Returns
-    -------
-    Factor
-
-    Raises
-    ------
-    InputError
-        If the method is unknown.
-    BudgetError
-        If the estimate exceeds what is free.
     """
     if method != "auto" and method not in METHODS:
         raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
@@ -119,16 +97,6 @@ def choose_method(system: NodalSystem, accuracy: str = "direction") -> str:
     Direct where the system is small, or narrow; where conductances differ so wildly from node to node that no coarse
     grid stands for them; and between two rails where the potential falls by more decades than refinement wins back in
     that time, some twelve a pass.
-
-    Parameters
-    ----------
-    system : NodalSystem
-    accuracy : {"direction", "normwise"}
-
-    Returns
-    -------
-    str
-        ``"direct"`` or ``"multigrid"``.
     """
     found = count_connections(system)
     if system.size < _SMALL or not found.entries:

@@ -49,14 +49,9 @@ _SATURATED = 14.0
 class NewtonSolution:
     """Where Newton's method ended, and the way there.
 
-    Attributes
-    ----------
-    voltage : ndarray of float64, shape (nodes,)
-        Node voltages above ground, in volts; NaN where a node floats.
-    residual : tuple of float
-        Largest violation of Kirchhoff's current law before every step and after the last one, in amperes.
-    step : tuple of float
-        Share of every Newton step that was taken; 1 for a full one, 0 where secants took its place.
+    `voltage` (nodes,): node voltages above ground, in volts; NaN where a node floats; `residual`: largest violation
+    of Kirchhoff's current law before every step and after the last one, in amperes; `step`: share of every Newton
+    step that was taken; 1 for a full one, 0 where secants took its place.
     """
 
     voltage: NDArray[np.float64]
@@ -70,24 +65,6 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
     Damped: a step is shortened until the co-content falls along all of it.  Where little of it would be left, deep in
     saturation, a step with the secant conductances may be better: it minimises a quadratic above the co-content that
     touches it (as iteratively reweighted least squares do), so that the co-content falls as well.
-
-    Parameters
-    ----------
-    netlist : Netlist
-    method : {"auto", "direct", "multigrid"}
-        How to solve for a step.
-
-    Returns
-    -------
-    NewtonSolution
-
-    Raises
-    ------
-    CircuitError
-        If current sources feed a part of the circuit more than the nonlinear resistors around it can carry, or as
-        `resgrid.solve`.
-    AccuracyError
-        If it does not converge.
     """
     circuit = _Circuit(netlist, assemble(linear_netlist(netlist, _slope_at_zero(netlist))))
     x = np.zeros(circuit.system.size)
@@ -120,19 +97,7 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
 
 
 def linear_netlist(netlist: Netlist, conductance: NDArray[np.float64]) -> Netlist:
-    """Put a linear resistor in the place of every nonlinear one.
-
-    Parameters
-    ----------
-    netlist : Netlist
-    conductance : ndarray of float64, shape (nonlinear resistors,)
-        In siemens.
-
-    Returns
-    -------
-    Netlist
-        Its resistors are those of the netlist, then those that stand for nonlinear ones.
-    """
+    """Put a linear resistor in the place of every nonlinear one.  Shapes: `conductance` (nonlinear resistors,)."""
     layout = netlist.layout
     if layout is not None:
         layout = dataclasses.replace(
@@ -159,16 +124,7 @@ def linear_netlist(netlist: Netlist, conductance: NDArray[np.float64]) -> Netlis
 def secant_conductance(netlist: Netlist, drop: NDArray[np.float64]) -> NDArray[np.float64]:
     """Conductance ``I0 tanh(dV / V0) / dV`` of every nonlinear resistor.
 
-    Parameters
-    ----------
-    netlist : Netlist
-    drop : ndarray of float64, shape (nonlinear resistors,)
-        ``dV``, in volts.
-
-    Returns
-    -------
-    ndarray of float64, shape (nonlinear resistors,)
-        In siemens; ``I0 / V0`` at 0 V.
+    Shapes: `drop` (nonlinear resistors,); returns (nonlinear resistors,).
     """
     x = np.abs(drop / netlist.nonlinear_voltage)
     small = x < 1e-4
@@ -179,16 +135,7 @@ def secant_conductance(netlist: Netlist, drop: NDArray[np.float64]) -> NDArray[n
 def differential_conductance(netlist: Netlist, drop: NDArray[np.float64]) -> NDArray[np.float64]:
     """Conductance ``dI / dV = I0 / V0 sech^2(dV / V0)`` of every nonlinear resistor: what a small signal sees.
 
-    Parameters
-    ----------
-    netlist : Netlist
-    drop : ndarray of float64, shape (nonlinear resistors,)
-        ``dV``, in volts.
-
-    Returns
-    -------
-    ndarray of float64, shape (nonlinear resistors,)
-        In siemens; at least 1e-15 of the conductance at 0 V.
+    Shapes: `drop` (nonlinear resistors,); returns (nonlinear resistors,).
     """
     decay = np.exp(-2 * np.abs(drop / netlist.nonlinear_voltage))
     return np.asarray(_slope_at_zero(netlist) * np.maximum(4 * decay / (1 + decay) ** 2, _FLOOR))

@@ -22,12 +22,9 @@ _DIRECT_CURRENT = (
 class Readings:
     """What the ammeters read, and whether it adds up.
 
-    Attributes
-    ----------
-    resistor_current, resistor_direction, source_current, power, kcl_residual
-        As the attributes of `OperatingPoint`.
-    log_current : callable or None
-        Takes `OperatingPoint.resistor_log_current` when first asked for; None where no current underflows.
+    `resistor_current, resistor_direction, source_current, power, kcl_residual`: as the attributes of
+    `OperatingPoint`; `log_current`: takes `OperatingPoint.resistor_log_current` when first asked for; None where no
+    current underflows.
     """
 
     resistor_current: NDArray[np.float64]
@@ -57,10 +54,7 @@ class Readings:
 class Ammeters:
     """Readings that are taken when first asked for, and kept.
 
-    Attributes
-    ----------
-    read : callable
-        Takes the readings, the same ones every time.
+    `read`: takes the readings, the same ones every time.
     """
 
     read: Callable[[], Readings]

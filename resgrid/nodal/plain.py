@@ -21,21 +21,7 @@ from resgrid.nodal.system import NodalSystem
 def read_plain(
     system: NodalSystem, x: NDArray[np.float64], method: str, seconds: Mapping[str, float]
 ) -> OperatingPoint:
-    """Spread a solution over the nodes.
-
-    Parameters
-    ----------
-    system : NodalSystem
-    x : ndarray of float64, shape (n,)
-        Voltages of the rows above the system's reference, in volts.
-    method : str
-    seconds : mapping of str to float
-
-    Returns
-    -------
-    OperatingPoint
-        Without ``log_drop``, for which the accuracy would not suffice; currents are differenced when asked for.
-    """
+    """Spread a solution over the nodes.  Shapes: `x` (n,)."""
     forest = system.forest
     height = _heights(system, x)
     unsolved = np.concatenate([forest.order, system.undriven, system.floating])

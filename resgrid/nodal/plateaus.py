@@ -31,19 +31,7 @@ def plateau_residual(
 
     Floating voltage sources join the nodes that they tie.
 
-    Parameters
-    ----------
-    system : NodalSystem
-    values : NodeValues
-    amps, exponent : ndarray of float64 and of int64, shape (resistors,)
-        Currents ``amps * 2**(256 exponent)`` in amperes; no exponents where they are plain.
-    injected : ndarray of float64, shape (nodes,)
-        Current that current sources feed into every node, in amperes.
-
-    Returns
-    -------
-    ndarray of float64, shape (nodes,)
-        0 on plateaus that a rail holds or that carry no current.
+    Shapes: `amps, exponent` (resistors,), `injected` (nodes,); returns (nodes,).
     """
     ends, size = system.netlist.resistor_nodes, logarithm(np.abs(amps), exponent)
     told = size > np.log(system.netlist.conductance) + _least_log_volts(values, ends)

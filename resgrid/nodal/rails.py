@@ -16,12 +16,8 @@ Ties = tuple[NDArray[np.float64], NDArray[np.float64]]
 class Rails:
     """The two voltages that a circuit with two rails hangs between.
 
-    Attributes
-    ----------
-    high, low : float
-        Voltages in volts; ``high`` is the obstacle rail (or the driven start) where there is a layout.
-    ties : callable
-        Returns `to_high` and `to_low`.
+    `high, low`: voltages in volts; ``high`` is the obstacle rail (or the driven start) where there is a layout;
+    `ties`: returns `to_high` and `to_low`.
     """
 
     high: float

@@ -41,11 +41,7 @@ _ORDINARY = 1e-60
 class Balance:
     """Kirchhoff's current law at every node, in units of ``2**(256 exponent)`` amperes.
 
-    Attributes
-    ----------
-    exponent : ndarray of int64, shape (nodes,)
-    through, net : ndarray of float64, shape (nodes,)
-        Half the sum of all magnitudes, and the net current into the node.
+    `exponent` (nodes,); `through, net` (nodes,): half the sum of all magnitudes, and the net current into the node.
     """
 
     exponent: NDArray[np.int64]
@@ -65,27 +61,7 @@ def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
 def read_off(
     system: NodalSystem, values: NodeValues, method: str, seconds: Mapping[str, float]
 ) -> tuple[OperatingPoint, NDArray[np.float64]]:
-    """Read everything off the values of the nodes.
-
-    Parameters
-    ----------
-    system : NodalSystem
-    values : NodeValues
-    method : str
-    seconds : mapping of str to float
-
-    Returns
-    -------
-    point : OperatingPoint
-    residual : ndarray of float64, shape (nodes,)
-        Violation of KCL relative to the current through the node, by which the field may be judged; of the whole
-        plateau where differences of values cannot tell the node's own currents (`resgrid.nodal.plateaus`).
-
-    Raises
-    ------
-    CircuitError
-        If a voltage exceeds the range of float64.
-    """
+    """Read everything off the values of the nodes.  Returns `residual` (nodes,)."""
     netlist = system.netlist
     plain = _plain_where_possible(values, netlist)
     voltage = _voltage(system, values)

@@ -70,14 +70,8 @@ Resolution = Callable[[NDArray[np.float64], Numbers, Numbers], tuple[NDArray[np.
 class Refined(NamedTuple):
     """An answer and what it is worth.
 
-    Attributes
-    ----------
-    solution : Scaled, shape (n,)
-        Voltages in volts.
-    error : float
-        Componentwise backward error.
-    bound : float
-        No voltage is off by a larger share of itself.
+    `solution` (n,): voltages in volts; `error`: componentwise backward error; `bound`: no voltage is off by a larger
+    share of itself.
     """
 
     solution: Scaled
@@ -109,26 +103,7 @@ def refine(
     exact: bool = False,
     resolve: Resolution | None = None,
 ) -> Refined:
-    """Solve for a right-hand side without negative entries.
-
-    Parameters
-    ----------
-    system : NodalSystem
-    rhs : ndarray of float64 or Scaled, shape (n,)
-        Currents in amperes, none negative; of scaled ones ``lo`` is not used.
-    approximate : callable
-        Takes scaled numbers and the accuracy wanted, and returns scaled numbers.
-    floor : float
-        Componentwise backward error to reach where hardly any current flows; everywhere, if ``exact``.
-    exact : bool
-        Whether KCL is to hold relative to the voltages, not just to the currents at every node.
-    resolve : callable, optional
-        Asked where rows are left that have no digit right: a correction would only gain those of what is wrong.
-
-    Returns
-    -------
-    Refined
-    """
+    """Solve for a right-hand side without negative entries.  Shapes: `rhs` (n,)."""
     pair = _Answer(system, rhs, floor, exact)
     best, size, bound, gain = np.inf, np.inf, np.inf, 0.0
     while pair.steps < _MOST_STEPS:

@@ -98,22 +98,11 @@ def _find_exponents(
 class Imbalance(NamedTuple):
     """How far KCL is from holding.
 
-    Attributes
-    ----------
-    backward : float
-        Componentwise backward error ``max |r_i| / (b + |A| |x|)_i`` (Oettli & Prager 1964).
-    settled : float
-        That of the rows that are right.
-    left : float
-        Sum of the violations of rows that are not right, each relative to the currents at its row.
-    right : float
-        That of all other rows, those below ``floor`` times ``(b + |A| |x|)_i`` among them, and what rounding may hide.
-    largest : float
-        Largest magnitude of a residual, where plain.
-    least : float
-        Smallest magnitude of a value other than 0, where plain.
-    share : float
-        Smallest ratio of a row's currents to ``(b + |A| |x|)_i``.
+    `backward`: componentwise backward error ``max |r_i| / (b + |A| |x|)_i`` (Oettli & Prager 1964); `settled`: that
+    of the rows that are right; `left`: sum of the violations of rows that are not right, each relative to the
+    currents at its row; `right`: that of all other rows, those below ``floor`` times ``(b + |A| |x|)_i`` among them,
+    and what rounding may hide; `largest`: largest magnitude of a residual, where plain; `least`: smallest magnitude
+    of a value other than 0, where plain; `share`: smallest ratio of a row's currents to ``(b + |A| |x|)_i``.
     """
 
     backward: float
@@ -162,11 +151,6 @@ def residual(
     by many decades; those that come in as 0 stay so up to ``kept`` times that rounding.
 
     Only some ``rows`` are looked at where they are given; they must be plain.
-
-    Returns
-    -------
-    Imbalance
-        Of the rows looked at; of infinite errors where a residual is not finite.
     """
     backward, settled, left, right, largest, least, share, top = 0.0, 0.0, 0.0, 0.0, 0.0, np.inf, 1.0, 0
     if not plain:
@@ -234,13 +218,6 @@ def exact_residual(
 
     As `residual`, but right relative to the voltages: where no current flows, their differences then vanish to thirty
     digits.  Rows that are right to the noise of double-doubles come out as 0.
-
-    Returns
-    -------
-    backward : float
-        Componentwise backward error.
-    violation : float
-        Sum of the violations of all rows, and what rounding may hide, relative to the currents at each.
     """
     worst, violation = 0.0, 0.0
     _find_exponents(indptr, indices, injected, injected_e, hi, e, out_e)

@@ -29,19 +29,7 @@ _MARGIN = 1e-12
 
 
 def refuse_saturated_cut(netlist: Netlist, system: NodalSystem) -> None:
-    """Refuse a circuit whose current sources exceed what a cut through nonlinear resistors can carry.
-
-    Parameters
-    ----------
-    netlist : Netlist
-    system : NodalSystem
-        Its rows.
-
-    Raises
-    ------
-    CircuitError
-        The message names the cut, and what it would have to carry.
-    """
+    """Refuse a circuit whose current sources exceed what a cut through nonlinear resistors can carry."""
     injected = _rows_fed(netlist, system)
     demand = max(float(injected[injected > 0].sum()), float(-injected[injected < 0].sum()))
     if demand == 0:

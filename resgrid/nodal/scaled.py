@@ -24,12 +24,7 @@ _POWERS.flags.writeable = False
 class Scaled:
     """Numbers ``(hi + lo) * 2**(256 exponent)``; three arrays of one shape.
 
-    Attributes
-    ----------
-    hi, lo : ndarray of float64
-    exponent : ndarray of int64
-    noise : float
-        Relative difference of two of them below which it is noise.
+    `noise`: relative difference of two of them below which it is noise.
     """
 
     hi: NDArray[np.float64]

@@ -33,22 +33,6 @@ def solve_nonlinear(
 
     Newton's method gives voltages to the rounding of doubles; the linear circuit of the secant conductances at them
     gives the answer with its last digits, and better secants, until these rest.
-
-    Parameters
-    ----------
-    netlist : Netlist
-    accuracy, method, rtol, progress
-        As in `resgrid.solve`.
-
-    Returns
-    -------
-    OperatingPoint
-        ``kcl_residual`` includes what is left between the secants and the law ``I = I0 tanh(dV / V0)``.
-
-    Raises
-    ------
-    CircuitError, AccuracyError, BudgetError
-        As `resgrid.solve`.
     """
     try:
         return _settled(netlist, accuracy=accuracy, method=method, rtol=rtol, progress=progress)
@@ -109,14 +93,7 @@ def small_signal(point: OperatingPoint) -> Netlist:
 def nonlinear_drops(point: OperatingPoint) -> NDArray[np.float64]:
     """Voltages across the nonlinear resistors, as their currents tell them, or the node voltages where these tell more.
 
-    Parameters
-    ----------
-    point : OperatingPoint
-
-    Returns
-    -------
-    ndarray of float64, shape (nonlinear resistors,)
-        From the first node to the second, in volts.
+    Returns (nonlinear resistors,).
     """
     netlist = point.netlist
     scale, share = netlist.nonlinear_voltage, np.abs(point.nonlinear_amps) / netlist.nonlinear_current

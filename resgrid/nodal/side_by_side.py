@@ -10,20 +10,7 @@ Value = TypeVar("Value")
 
 
 def side_by_side(jobs: Sequence[Callable[[], Value]], threads: int, stop: Callable[[], None]) -> list[Value]:
-    """Results of all jobs, in their order; with one thread one job after the other.
-
-    Parameters
-    ----------
-    jobs : sequence of callable
-    threads : int
-        Most of them at a time.
-    stop : callable
-        Called where a job fails or an interrupt comes in, so that the others may end early.
-
-    Returns
-    -------
-    list
-    """
+    """Results of all jobs, in their order; with one thread one job after the other."""
     if threads <= 1 or len(jobs) <= 1:
         return [job() for job in jobs]
     with ThreadPoolExecutor(min(threads, len(jobs))) as pool:

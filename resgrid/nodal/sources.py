@@ -22,20 +22,10 @@ _TOLERANCE = 1e-12
 class SourceForest:
     """How voltage sources tie nodes together.
 
-    Attributes
-    ----------
-    count : int
-        Number of nodes of the circuit.
-    order : ndarray of int64, shape (tied nodes,)
-        The nodes that sources tie, and ground; parents before children.
-    base : ndarray of int64, shape (tied nodes,)
-        Node that the voltage of each is counted from: ground, or its tree's first node.
-    height : ndarray of float64, shape (tied nodes,)
-        Its voltage above that node, in volts.
-    above, source : ndarray of int64, shape (tied nodes,)
-        Its parent, and the source that ties it there; -1 for roots.
-    loop : ndarray of bool, shape (sources,)
-        Sources that belong to a loop of sources.
+    `count`: number of nodes of the circuit; `order` (tied nodes,): the nodes that sources tie, and ground; parents
+    before children; `base` (tied nodes,): node that the voltage of each is counted from: ground, or its tree's first
+    node; `height` (tied nodes,): its voltage above that node, in volts; `above, source` (tied nodes,): its parent,
+    and the source that ties it there; -1 for roots; `loop` (sources,): sources that belong to a loop of sources.
     """
 
     count: int
@@ -62,13 +52,7 @@ class SourceForest:
 
 
 def tie_sources(netlist: Netlist) -> SourceForest:
-    """Build the spanning forest of the voltage sources.
-
-    Raises
-    ------
-    CircuitError
-        If a loop of sources contradicts itself; the message names its last source and the voltage left over.
-    """
+    """Build the spanning forest of the voltage sources."""
     tied = np.unique(np.append(netlist.source_nodes, GROUND))
     ends, volts = np.searchsorted(tied, netlist.source_nodes), netlist.source_volts
     order, parent = _walk(ends, len(tied))
@@ -95,17 +79,7 @@ def tie_sources(netlist: Netlist) -> SourceForest:
 def source_currents(netlist: Netlist, forest: SourceForest, outflow: NDArray[np.float64]) -> NDArray[np.float64]:
     """Current into the plus terminal of every voltage source, from KCL on the forest.
 
-    Parameters
-    ----------
-    netlist : Netlist
-    forest : SourceForest
-    outflow : ndarray of float64, shape (nodes,)
-        Current that leaves every node through resistors and current sources, in amperes.
-
-    Returns
-    -------
-    ndarray of float64, shape (sources,)
-        In amperes; NaN for sources in a loop, with a warning.
+    Shapes: `outflow` (nodes,); returns (sources,).
     """
     current = np.full(len(netlist.source_volts), np.nan)
     remaining = {node: float(outflow[node]) for node in forest.order.tolist()}

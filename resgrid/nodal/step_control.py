@@ -36,28 +36,7 @@ _FUTILE = 8
 def controlled_steps(
     charges: Charges, method: str, x: NDArray[np.float64], times: NDArray[np.float64], tolerance: float, solve: Solve
 ) -> Iterator[State]:
-    """States at times, by steps of ``2**k`` seconds; the halves are kept.
-
-    Parameters
-    ----------
-    charges : Charges
-    method : {"tr-bdf2", "trapezoidal", "backward_euler"}
-    x : ndarray of float64, shape (n,)
-        State at 0+, in volts.
-    times : ndarray of float64, shape (t,)
-        Ascending, in seconds.
-    tolerance : float
-        Wanted accuracy, relative to the largest voltage difference up to the moment.
-    solve : callable
-        Solves ``(G + rate C) x = rhs`` for a rate and a right-hand side.
-
-    Raises
-    ------
-    AccuracyError
-        If rounding does not allow the tolerance.
-    BudgetError
-        If it takes too many steps.
-    """
+    """States at times, by steps of ``2**k`` seconds; the halves are kept.  Shapes: `x` (n,), `times` (t,)."""
     dynamics, order = charges.dynamics, _ORDER[method]
     share = _share(method, tolerance)
     low, high = _range(dynamics, x)

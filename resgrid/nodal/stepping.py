@@ -37,15 +37,7 @@ State = tuple[NDArray[np.float64], NDArray[np.float64], int]
 class Resolvents:
     """Solves ``(G + rate C) x = rhs``; the factors of the last few rates are kept.
 
-    Parameters
-    ----------
-    dynamics : Dynamics
-    solver : {"auto", "direct", "multigrid"}
-
-    Attributes
-    ----------
-    made : int
-        How many matrices were factored.
+    `made`: how many matrices were factored.
     """
 
     def __init__(self, dynamics: Dynamics, solver: str) -> None:
@@ -70,26 +62,7 @@ class Resolvents:
 def advance(
     dynamics: Dynamics, method: str, x: NDArray[np.float64], h: float, solve: Solve
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Make one step.
-
-    Parameters
-    ----------
-    dynamics : Dynamics
-    method : {"tr-bdf2", "trapezoidal", "backward_euler"}
-    x : ndarray of float64, shape (n,)
-        State before it, in volts.
-    h : float
-        Its length, in seconds.
-    solve : callable
-        Solves ``(G + rate C) x = rhs`` for a rate and a right-hand side.
-
-    Returns
-    -------
-    after : ndarray of float64, shape (n,)
-        State after it.
-    integral : ndarray of float64, shape (n,)
-        Integral of the state over it, in volt seconds: the method's own, so that charges balance.
-    """
+    """Make one step.  Shapes: `x` (n,); returns `after` (n,), `integral` (n,)."""
     if method == "backward_euler":
         after = x + solve(1.0 / h, dynamics.imbalance(x))
         return after, h * after
@@ -118,11 +91,6 @@ def fixed_steps(
     """States at times, every interval between them divided evenly into steps no longer than ``step``.
 
     The trapezoidal rule begins with four backward Euler steps of half the length (Rannacher 1984).
-
-    Raises
-    ------
-    BudgetError
-        If it would take too many steps.
     """
     integral = np.zeros_like(x)
     taken, now = 0, 0.0
@@ -141,12 +109,7 @@ def fixed_steps(
 
 
 def check_steps(count: float) -> None:
-    """Refuse too many steps.
-
-    Raises
-    ------
-    BudgetError
-    """
+    """Refuse too many steps."""
     if count > _MOST_STEPS:
         raise BudgetError(
             f"this takes more than {_MOST_STEPS:,} steps; give a longer step, a shorter time or a larger tolerance"

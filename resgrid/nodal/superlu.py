@@ -24,15 +24,8 @@ Columns of a grid's factors are short, and few have the same rows: with SuperLU'
 class SparseFactors:
     """Factors ``P A P^T = L D L^T`` of a symmetric positive definite matrix, right up to rounding.
 
-    Attributes
-    ----------
-    lower : scipy.sparse.csc_array
-        Unit lower triangular, the diagonal entry first in every column.
-    pivot : ndarray of float64, shape (n,)
-    order : ndarray of int64, shape (n,)
-        Row ``order[k]`` of the matrix is row ``k`` of the factors.
-    doubles : callable
-        SuperLU's own substitution, in doubles.
+    `lower`: unit lower triangular, the diagonal entry first in every column; `pivot` (n,); `order` (n,): row
+    ``order[k]`` of the matrix is row ``k`` of the factors; `doubles`: superLU's own substitution, in doubles.
     """
 
     lower: sparse.csc_array
@@ -62,23 +55,7 @@ class SparseFactors:
 
 
 def symmetric_factors(matrix: Any) -> Any:
-    """Factor a symmetric positive definite matrix.
-
-    Parameters
-    ----------
-    matrix : sparse array, shape (n, n)
-        Real, or complex symmetric.
-
-    Returns
-    -------
-    scipy.sparse.linalg.SuperLU
-        Its permutations of rows and columns are the same.
-
-    Raises
-    ------
-    AccuracyError
-        If a pivot vanishes in double precision.
-    """
+    """Factor a symmetric positive definite matrix.  Shapes: `matrix` (n, n)."""
     from scipy.sparse.linalg import splu
 
     try:

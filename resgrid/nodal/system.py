@@ -26,37 +26,17 @@ class NodalSystem:
     Row ``i`` says ``sum_j g_ij (x_i - x_j) + excess_i x_i = b_i``: a symmetric positive definite M-matrix
     whenever every connected part holds a node of known voltage.
 
-    Attributes
-    ----------
-    forest : SourceForest
-        How the voltage sources tie the nodes.
-    unknown : ndarray of int32, shape (nodes,)
-        Row of every node that is solved for, -1 elsewhere; nodes tied by floating sources share a row.
-    excess : ndarray of float64, shape (n,)
-        Conductance from every row to nodes of known voltage, in siemens.
-    feed : ndarray of float64, shape (n,)
-        Current that the known voltages drive into every row, measured from `reference`, in amperes; read-only where
-        there is none.
-    injected : ndarray of float64, shape (n,)
-        Current that current sources drive into every row, in amperes, likewise.
-    reference : float
-        The lowest known voltage in contact with the rows, in volts.
-    rails : Rails or None
-        The two rails, if the known voltages take just two values and nothing else drives the circuit.
-    undriven : ndarray of int64
-        Nodes of parts that a single rail holds.
-    undriven_volts : ndarray of float64
-        Their voltages.
-    floating : ndarray of int64
-        Nodes that nothing ties to ground.
-    derived : scipy.sparse.csr_array or None, shape (n, n)
-        The `coupling` of a system that was derived from another one; None where the netlist's resistors make it.
-    separated : ndarray of int64 or None, shape (p, 2)
-        Pairs of rows whose resistors an update has taken out of either.
-    summed : ndarray of float64 or None, shape (n,)
-        The `degree` of a system that was derived from another one, where it is known.
-    dimensions : int
-        Those that the graph fills: of its grid, also of what elimination leaves of one; 2 for other netlists.
+    `forest`: how the voltage sources tie the nodes; `unknown` (nodes,): row of every node that is solved for, -1
+    elsewhere; nodes tied by floating sources share a row; `excess` (n,): conductance from every row to nodes of known
+    voltage, in siemens; `feed` (n,): current that the known voltages drive into every row, measured from `reference`,
+    in amperes; read-only where there is none; `injected` (n,): current that current sources drive into every row, in
+    amperes, likewise; `reference`: the lowest known voltage in contact with the rows, in volts; `rails`: the two
+    rails, if the known voltages take just two values and nothing else drives the circuit; `undriven`: nodes of parts
+    that a single rail holds; `undriven_volts`: their voltages; `floating`: nodes that nothing ties to ground;
+    `derived` (n, n): the `coupling` of a system that was derived from another one; None where the netlist's resistors
+    make it; `separated` (p, 2): pairs of rows whose resistors an update has taken out of either; `summed` (n,): the
+    `degree` of a system that was derived from another one, where it is known; `dimensions`: those that the graph
+    fills: of its grid, also of what elimination leaves of one; 2 for other netlists.
     """
 
     netlist: Netlist
@@ -143,15 +123,7 @@ class NodalSystem:
         degree: NDArray[np.float64] | None = None,
         **changes: Any,
     ) -> NodalSystem:
-        """Return a system with other conductances, which keeps nothing that was made of its own.
-
-        Parameters
-        ----------
-        coupling, excess, degree
-            As the attributes; ``degree`` where it is known.
-        **changes
-            Other attributes that change with them.
-        """
+        """Return a system with other conductances, which keeps nothing that was made of its own."""
         return replace(self, derived=coupling, separated=None, excess=excess, summed=degree, **changes)
 
     @property
@@ -200,18 +172,10 @@ def _without(coupling: sparse.csr_array, pairs: NDArray[np.int64]) -> sparse.csr
 class _Parts:
     """Connected parts of the nodes that no source ties to ground, and what holds each part.
 
-    Attributes
-    ----------
-    of_node : ndarray of int32, shape (nodes,)
-        Number of every node's part, -1 for nodes tied to ground.
-    lowest, highest : ndarray of float64, shape (parts,)
-        The range of known voltages that a part's resistors reach, in volts; infinite where they reach none.
-    fed : ndarray of bool, shape (parts,)
-        Whether current sources or the offsets of floating voltage sources drive it.
-    contacts : ndarray of int32, shape (c,)
-        The resistors between parts and nodes tied to ground.
-    ends : ndarray of int32, shape (c, 2)
-        Their nodes.
+    `of_node` (nodes,): number of every node's part, -1 for nodes tied to ground; `lowest, highest` (parts,): the
+    range of known voltages that a part's resistors reach, in volts; infinite where they reach none; `fed` (parts,):
+    whether current sources or the offsets of floating voltage sources drive it; `contacts` (c,): the resistors
+    between parts and nodes tied to ground; `ends` (c, 2): their nodes.
     """
 
     of_node: NDArray[np.int32]
@@ -235,20 +199,6 @@ def assemble(netlist: Netlist) -> NodalSystem:
 
     Sources are merged first; parts that nothing ties to ground, and parts that a single rail holds at its own voltage,
     are set apart: only what is driven is left to be solved.
-
-    Parameters
-    ----------
-    netlist : Netlist
-
-    Returns
-    -------
-    NodalSystem
-
-    Raises
-    ------
-    CircuitError
-        If voltage sources contradict each other, a current source feeds a part that floats, nothing drives the chip of
-        a space (any other circuit is at rest then), or nothing touches ground.
     """
     from resgrid.nodal import assembly
 

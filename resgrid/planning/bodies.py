@@ -27,10 +27,7 @@ TOUCH = 1e-9
 class Part:
     """A rigid part of a robot in many configurations: all points within a radius of its core.
 
-    Attributes
-    ----------
-    core : ndarray of shapely geometry, shape (n,)
-    radius : float
+    `core` (n,).
     """
 
     core: NDArray[Any]
@@ -41,13 +38,7 @@ class Part:
 class Body:
     """An obstacle: all points within a radius of its core, or a half-plane.
 
-    Attributes
-    ----------
-    number : int
-        Which obstacle it is, or is a copy of.
-    core : shapely geometry or None
-    radius : float
-    half_plane : HalfSpace or None
+    `number`: which obstacle it is, or is a copy of.
     """
 
     number: int
@@ -93,23 +84,7 @@ class Body:
 
 
 def parts_of(robot: Robot, configurations: NDArray[np.float64]) -> list[Part]:
-    """The rigid parts of a robot in many configurations.
-
-    Parameters
-    ----------
-    robot : Robot
-    configurations : ndarray of float64, shape (n, ndim)
-        In axis units.
-
-    Returns
-    -------
-    list of Part
-
-    Raises
-    ------
-    InputError
-        If the robot is of a kind whose geometry is not known, or does not live in the plane.
-    """
+    """The rigid parts of a robot in many configurations.  Shapes: `configurations` (n, ndim)."""
     import shapely
 
     match robot:
@@ -129,24 +104,7 @@ def parts_of(robot: Robot, configurations: NDArray[np.float64]) -> list[Part]:
 
 
 def bodies_of(obstacles: Sequence[Shape], robot: Robot, space: ConfigurationSpace | None) -> list[Body]:
-    """Obstacles as geometry; for a robot whose space is the workspace, with copies across periodic seams.
-
-    Parameters
-    ----------
-    obstacles : sequence of Shape
-        Of the plane, in workspace coordinates.
-    robot : Robot
-    space : ConfigurationSpace or None
-
-    Returns
-    -------
-    list of Body
-
-    Raises
-    ------
-    InputError
-        If a shape is not one of the plane, or does not fit the periodic axes.
-    """
+    """Obstacles as geometry; for a robot whose space is the workspace, with copies across periodic seams."""
     axes: tuple[Axis, ...] = ()
     if space is not None and space.ndim == 2 and isinstance(robot, PointRobot | DiscRobot):
         axes = space.axes

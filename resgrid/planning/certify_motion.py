@@ -29,19 +29,7 @@ _LARGEST_LOG = 745.0
 def check_motion(path: Streamline, field: Field, local: Floats, axis: Integers, side: Integers) -> None:
     """Check that the points of a streamline are where the current carries it, and its duration.
 
-    Parameters
-    ----------
-    path : Streamline
-    field : Field
-    local : ndarray of float64, shape (n, ndim)
-        Position of every point within its cell.
-    axis, side : ndarray of int64, shape (steps,)
-        Of every crossing; each runs with the current.
-
-    Raises
-    ------
-    CertificateError
-        If a point lies elsewhere, or the duration is another.
+    Shapes: `local` (n, ndim), `axis, side` (steps,).
     """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         _check_steps(path, field, local, axis, side)

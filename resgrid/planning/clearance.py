@@ -18,21 +18,7 @@ def clearance_of(
 ) -> float:
     """Smallest distance from a polyline to an obstacle cell's box, or to an edge that counts as an obstacle.
 
-    Parameters
-    ----------
-    points : ndarray of float64, shape (n, ndim)
-        In axis units, continuous across periodic seams.
-    space : ConfigurationSpace
-    edge : tuple of {"periodic", "obstacle", "open"}
-        Per axis.
-    within : float or ndarray of float64, shape of the space, optional
-        Look no farther than this, from each cell; larger distances may come out as any number that is not smaller.  By
-        default as far as needed (`obstacle_reach`).
-
-    Returns
-    -------
-    float
-        Infinite where there is no obstacle.
+    Shapes: `points` (n, ndim), `within` as the space.
     """
     nearest = np.inf
     if (space.cell == Cell.OBSTACLE).any():
@@ -47,16 +33,7 @@ def clearance_of(
 def split_at_faces(points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:
     """A polyline in units of cells, with a point wherever a segment crosses the border between two cells.
 
-    Parameters
-    ----------
-    points : ndarray of float64, shape (n, ndim)
-        In axis units, continuous.
-    space : ConfigurationSpace
-
-    Returns
-    -------
-    ndarray of float64, shape (m, ndim)
-        Cell ``i`` covers ``[i, i + 1]``; on periodic axes ``i`` may lie outside the grid.
+    Shapes: `points` (n, ndim); returns (m, ndim).
     """
     scaled = (points - space.lower) / space.spacing
     parts = [scaled[:1]]

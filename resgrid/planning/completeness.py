@@ -26,15 +26,9 @@ from resgrid.space import Cell, ConfigurationSpace
 class Obstruction:
     """What stands between a start and one goal region.
 
-    Attributes
-    ----------
-    goal : int
-        Number of the goal region.
-    least : tuple of int
-        The least set of obstacle groups whose removal opens a way, in the order of the way; of several the one with
-        the fewest cells.  Empty where there is a path.
-    alone : tuple of int
-        Every group whose removal alone opens a way.
+    `goal`: number of the goal region; `least`: the least set of obstacle groups whose removal opens a way, in the
+    order of the way; of several the one with the fewest cells. Empty where there is a path; `alone`: every group
+    whose removal alone opens a way.
     """
 
     goal: int

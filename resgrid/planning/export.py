@@ -34,27 +34,7 @@ def path_columns(
     *,
     robot: Robot | None = None,
 ) -> dict[str, NDArray[np.float64]]:
-    """A path as named columns, one entry a point.
-
-    Parameters
-    ----------
-    path : Streamline, ShortPath, Trajectory or array_like of float, shape (n, ndim)
-        A trajectory gives its times and velocities too.
-    space : ConfigurationSpace
-    robot : Robot, optional
-        An arm's columns say where its tip is.
-
-    Returns
-    -------
-    dict of str to ndarray of float64, shape (n,)
-        ``t`` (s), the names of the axes (world coordinates, continuous across periodic seams), ``tip_x`` and ``tip_y``
-        (workspace units), and each axis' name with ``_rate`` (a second).
-
-    Raises
-    ------
-    InputError
-        If the path does not fit the space, or an axis has the name of another column.
-    """
+    """A path as named columns, one entry a point.  Shapes: `path` (n, ndim); returns (n,)."""
     points = _points(path, space)
     require_names(space.axes, other_columns(space.axes, robot, timed=isinstance(path, Trajectory)))
     columns = _named(space, points)
@@ -118,19 +98,7 @@ def other_columns(axes: Sequence[Axis], robot: Robot | None, *, timed: bool) -> 
 
 
 def require_names(axes: Sequence[Axis], others: Collection[str]) -> None:
-    """Refuse a file in which the column of an axis would have the name of another one.
-
-    Parameters
-    ----------
-    axes : sequence of Axis
-    others : collection of str
-        Names of the columns that are no axes.
-
-    Raises
-    ------
-    InputError
-        Naming the axis.
-    """
+    """Refuse a file in which the column of an axis would have the name of another one."""
     for axis in axes:
         if axis.name in others:
             raise InputError(
@@ -191,18 +159,7 @@ def ros_plan(
 
 
 def require_plan(space: ConfigurationSpace, robot: Robot | None) -> None:
-    """Refuse a plan for ROS of what does not move in the plane.
-
-    Parameters
-    ----------
-    space : ConfigurationSpace
-    robot : Robot or None
-
-    Raises
-    ------
-    InputError
-        If the axes are not those of a plane, or of a polygon that turns in it.
-    """
+    """Refuse a plan for ROS of what does not move in the plane."""
     flat = space.ndim == 2 and space.axes[0].unit == space.axes[1].unit and not isinstance(robot, Arm)
     if not flat and not isinstance(robot, PolygonRobot):
         what = f"a {type(robot or PointRobot()).__name__} with axes {', '.join(axis.name for axis in space.axes)}"

@@ -21,15 +21,8 @@ class Flow(NamedTuple):
 
     The lower face of cell ``c`` across axis ``a`` has number ``first_face[a] + sum_b c_b face_stride[a, b]``.
 
-    Attributes
-    ----------
-    code : ndarray of uint8, shape (cells,)
-    shape : ndarray of int64, shape (ndim,)
-    spacing : ndarray of float64, shape (ndim,)
-    first_face : ndarray of int64, shape (ndim,)
-    face_stride : ndarray of int64, shape (ndim, ndim)
-    direction : ndarray of int8, shape (faces,)
-    log_current : ndarray of float64, shape (faces,)
+    `code` (cells,); `shape` (ndim,); `spacing` (ndim,); `first_face` (ndim,); `face_stride` (ndim, ndim); `direction`
+    (faces,); `log_current` (faces,).
     """
 
     code: NDArray[np.uint8]
@@ -245,22 +238,7 @@ def face_currents(
     volts: float,
     *elements: tuple[NDArray[np.integer[Any]], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]],
 ) -> tuple[tuple[NDArray[np.int8], ...], tuple[NDArray[np.float64], ...]]:
-    """Currents of resistors as currents through cell faces.
-
-    Parameters
-    ----------
-    layout : Layout
-    volts : float
-        Between potential 0 and potential 1, with their sign.
-    *elements : tuple of ndarray
-        Of each kind of resistor: the face it crosses (-1 for none), whether its first node lies below, the sign of its
-        current from its first node, and the natural logarithm of the amperes.
-
-    Returns
-    -------
-    direction, log_current : tuple of ndarray
-        As a `Field` holds them.
-    """
+    """Currents of resistors as currents through cell faces."""
     shapes = [face_shape(layout.space.shape, axis) for axis in range(layout.space.ndim)]
     sizes = [int(np.prod(shape)) for shape in shapes]
     direction = np.zeros(sum(sizes), dtype=np.int8)
@@ -305,14 +283,7 @@ def _flow(field: Field) -> Flow:
 def obstacle_reach(space: ConfigurationSpace) -> NDArray[np.float64] | None:
     """Upper bound of the distance from any point of a cell to the nearest obstacle cell, in axis units.
 
-    Parameters
-    ----------
-    space : ConfigurationSpace
-
-    Returns
-    -------
-    ndarray of float64, shape of the space, or None
-        None where there is no obstacle cell.
+    Returns as the space.
     """
     from scipy.ndimage import distance_transform_edt
 

@@ -18,14 +18,8 @@ from resgrid.space import Cell, ConfigurationSpace
 class Barriers:
     """The obstacle cells of a space in groups that meet across faces, edges or corners.
 
-    Attributes
-    ----------
-    space : ConfigurationSpace
-    label : ndarray of int32, shape of the space
-        Group of every obstacle cell, numbered from 0 in C order of their first cell, real ones before virtual ones;
-        -1 elsewhere.
-    virtual : ndarray of bool, shape (groups,)
-        Which groups are virtual obstacles.
+    `label` as the space: group of every obstacle cell, numbered from 0 in C order of their first cell, real ones
+    before virtual ones; -1 elsewhere; `virtual` (groups,): which groups are virtual obstacles.
     """
 
     space: ConfigurationSpace
@@ -55,14 +49,9 @@ class Barriers:
 class Links:
     """Regions of free and goal cells, and groups of obstacle cells, as the nodes of a graph of who touches whom.
 
-    Attributes
-    ----------
-    node : ndarray of int64, shape of the space
-        Region or group of every cell: regions first.
-    regions : int
-        Number of regions; node ``regions + g`` is group ``g``.
-    graph : scipy.sparse.csr_array, shape (nodes, nodes)
-        Symmetric; a path costs 1 for every group it goes through, and a little for every cell of it.
+    `node` as the space: region or group of every cell: regions first; `regions`: number of regions; node ``regions +
+    g`` is group ``g``; `graph` (nodes, nodes): symmetric; a path costs 1 for every group it goes through, and a
+    little for every cell of it.
     """
 
     node: NDArray[np.int64]
@@ -88,20 +77,7 @@ class Links:
 def group_obstacles(space: ConfigurationSpace, virtual: ArrayLike | None = None) -> Barriers:
     """Group the obstacle cells that meet across faces, edges or corners, periodic axes included.
 
-    Parameters
-    ----------
-    space : ConfigurationSpace
-    virtual : array_like of bool, shape of the space, optional
-        Which cells belong to virtual obstacles; they make groups of their own.
-
-    Returns
-    -------
-    Barriers
-
-    Raises
-    ------
-    InputError
-        If `virtual` is not a boolean array of the space's shape.
+    Shapes: `virtual` as the space.
     """
     obstacle = space.cell == Cell.OBSTACLE
     if virtual is None:
@@ -124,14 +100,7 @@ def label_groups(mask: NDArray[np.bool_], periodic: ArrayLike) -> NDArray[np.int
 
     A group is connected across faces, edges and corners: the dual of `label_regions`.
 
-    Parameters
-    ----------
-    mask : ndarray of bool
-    periodic : array_like of bool, shape (mask.ndim,)
-
-    Returns
-    -------
-    ndarray of int32, shape of mask
+    Shapes: `periodic` (mask.ndim,); returns of mask.
     """
     from scipy import ndimage
     from scipy.sparse.csgraph import connected_components
@@ -157,18 +126,7 @@ def label_groups(mask: NDArray[np.bool_], periodic: ArrayLike) -> NDArray[np.int
 
 
 def link(barriers: Barriers, opened: tuple[int, ...] = ()) -> Links:
-    """Find out which regions and groups touch, with some groups taken away.
-
-    Parameters
-    ----------
-    barriers : Barriers
-    opened : tuple of int
-        Groups that count as free; their nodes stay in the graph, alone.
-
-    Returns
-    -------
-    Links
-    """
+    """Find out which regions and groups touch, with some groups taken away."""
     space = barriers.space
     passable = (space.cell != Cell.OBSTACLE) | barriers.mask(*opened)
     region = label_regions(passable, space.periodic).astype(np.int64) - 1

@@ -117,19 +117,7 @@ def blocking(
 
 
 def blocking_parts(scene: Scene, space: ConfigurationSpace) -> dict[str, NDArray[np.bool_]]:
-    """Cells that each part of a scene blocks, by its name.
-
-    Parameters
-    ----------
-    scene : Scene
-    space : ConfigurationSpace
-        The same, sampled.
-
-    Returns
-    -------
-    dict of str to ndarray of bool, shape of the space
-        As in `Blocking`; parts that block nothing are left out.
-    """
+    """Cells that each part of a scene blocks, by its name.  Returns as the space."""
     plain = _without_strips(scene.robot)
     itself = plain.occupancy(scene.axes, [], scene.sampling)
     parts = {

@@ -40,20 +40,7 @@ def unwrap(path: Streamline | ShortPath | ArrayLike, space: ConfigurationSpace) 
 def axis_path(path: Streamline | ShortPath | ArrayLike, space: ConfigurationSpace) -> NDArray[np.float64]:
     """Points of a path in axis units and continuous: the door of all that takes paths; as `unwrap` otherwise.
 
-    Parameters
-    ----------
-    path : Streamline, ShortPath or array_like of float, shape (n, ndim)
-        An array holds points of the world.
-    space : ConfigurationSpace
-
-    Returns
-    -------
-    ndarray of float64, shape (n, ndim)
-
-    Raises
-    ------
-    InputError
-        As `unwrap`, or if the path lies elsewhere in the world than the space.
+    Shapes: `path` (n, ndim); returns (n, ndim).
     """
     if not isinstance(path, Streamline | ShortPath):
         return space.from_world(_fitting(path, space))
@@ -68,15 +55,7 @@ def axis_path(path: Streamline | ShortPath | ArrayLike, space: ConfigurationSpac
 def wrap(points: ArrayLike, space: ConfigurationSpace) -> NDArray[np.float64]:
     """Points with periodic coordinates brought back into their axes, ``lower <= x < upper``.
 
-    Parameters
-    ----------
-    points : array_like of float, shape (n, ndim)
-        In axis units.
-    space : ConfigurationSpace
-
-    Returns
-    -------
-    ndarray of float64, shape (n, ndim)
+    Shapes: `points` (n, ndim); returns (n, ndim).
     """
     own = _fitting(points, space)
     turned = space.lower + np.mod(own - space.lower, space.upper - space.lower)

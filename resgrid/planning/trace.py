@@ -89,23 +89,7 @@ def follow(field: Field, point: NDArray[np.float64]) -> Streamline:
 def undriven(space: ConfigurationSpace, start: ArrayLike, edge: tuple[str, ...]) -> Streamline:
     """What a start has for a streamline if no current leaves it: it is blocked, cut off, or in a goal already.
 
-    Parameters
-    ----------
-    space : ConfigurationSpace
-    start : array_like of float, shape (ndim,)
-        World coordinates.
-    edge : tuple of {"periodic", "obstacle", "open"}
-        Per axis.
-
-    Returns
-    -------
-    Streamline
-        Its outcome is ``NO_CURRENT`` where the start is none of these.
-
-    Raises
-    ------
-    InputError
-        If the start lies outside the grid.
+    Shapes: `start` (ndim,).
     """
     cells, local = start_cells(space, one_start(space, start, None)[np.newaxis])
     goal = int(space.goal_region[tuple(cells[0])])
@@ -170,17 +154,7 @@ def start_cells(
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Cell and position within it of every start; a point on a border belongs to a free cell if it touches one.
 
-    Parameters
-    ----------
-    space : ConfigurationSpace
-    points : ndarray of float64, shape (n, ndim)
-        In axis units.
-
-    Returns
-    -------
-    cells : ndarray of int64, shape (n, ndim)
-    local : ndarray of float64, shape (n, ndim)
-        In [0, 1].
+    Shapes: `points` (n, ndim); returns `cells` (n, ndim), `local` (n, ndim).
     """
     cells, local = space.split(points)
     size = np.array(space.shape)

@@ -158,26 +158,7 @@ def dense(
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Configurations along a path, so close that no point of the robot moves farther than a step between two.
 
-    Parameters
-    ----------
-    path : Streamline, ShortPath or array_like of float, shape (n, ndim)
-        An array holds points of the world.
-    robot : Robot
-    space : ConfigurationSpace
-    step : float
-        In workspace units, positive.
-
-    Returns
-    -------
-    configurations : ndarray of float64, shape (m, ndim)
-        In axis units, continuous across periodic seams.
-    segment : ndarray of int64, shape (m,)
-        Number of the segment each lies in.
-
-    Raises
-    ------
-    InputError
-        If the step is not positive, or asks for more than five million configurations.
+    Shapes: `path` (n, ndim); returns `configurations` (m, ndim), `segment` (m,).
     """
     points = axis_path(path, space)
     check_number("step", step, "a positive length", above=0.0)
@@ -200,21 +181,7 @@ def travel_bound(robot: Robot, start: NDArray[np.float64], end: NDArray[np.float
     A point of an arm's link j moves at most by the sum, over the links i before it, of their length times the change
     of their direction, and by its own link's length and half width times that link's.
 
-    Parameters
-    ----------
-    robot : Robot
-    start, end : ndarray of float64, shape (n, ndim)
-        In axis units.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-        In workspace units.
-
-    Raises
-    ------
-    InputError
-        If the robot is of a kind whose geometry is not known.
+    Shapes: `start, end` (n, ndim); returns (n,).
     """
     match robot:
         case Arm():

@@ -16,14 +16,8 @@ _FILL = 0.85
 class Arrows:
     """Arrows in cells.
 
-    Attributes
-    ----------
-    tail : ndarray of int64, shape (n, 2)
-        Cells that show an arrow.
-    vector : ndarray of float64, shape (n, 2)
-        Its components in axis units; all are equally long when measured in cells.
-    decades : ndarray of float64, shape (n,)
-        log10 of the current through the cell, in units of supply / resistance.
+    `tail` (n, 2): cells that show an arrow; `vector` (n, 2): its components in axis units; all are equally long when
+    measured in cells; `decades` (n,): log10 of the current through the cell, in units of supply / resistance.
     """
 
     tail: NDArray[np.int64]
@@ -36,17 +30,6 @@ def current_arrows(field: Field, block: int) -> Arrows:
 
     The direction is that of the velocity at the cell's centre, the mean of opposite faces (Pollock 1988); it is
     computed from logarithms, so that currents of 1e-400 still have one.
-
-    Parameters
-    ----------
-    field : Field
-        Of two axes.
-    block : int
-        Each square block of so many cells a side shows one arrow, in the cell nearest to its middle that can.
-
-    Returns
-    -------
-    Arrows
     """
     cells = nearest_to_middles(field.space.goal_connected, block)
     log_face, sign = _faces_of(field, cells)
@@ -61,19 +44,7 @@ def current_arrows(field: Field, block: int) -> Arrows:
 
 
 def nearest_to_middles(eligible: NDArray[np.bool_], block: int) -> NDArray[np.int64]:
-    """In every block of cells, the eligible one nearest to the middle.
-
-    Parameters
-    ----------
-    eligible : ndarray of bool, two-dimensional
-    block : int
-        Cells along a side of a block.
-
-    Returns
-    -------
-    ndarray of int64, shape (n, 2)
-        Blocks without an eligible cell have none.
-    """
+    """In every block of cells, the eligible one nearest to the middle.  Returns (n, 2)."""
     padded = np.pad(eligible, [(0, -size % block) for size in eligible.shape])
     rows, columns = padded.shape[0] // block, padded.shape[1] // block
     blocks = padded.reshape(rows, block, columns, block).swapaxes(1, 2).reshape(rows * columns, block * block)

@@ -14,20 +14,7 @@ def block_size(shape: tuple[int, ...], most: int) -> int:
 
 
 def block_means(values: NDArray[np.float64], block: int) -> NDArray[np.float64]:
-    """Means over square blocks of cells.
-
-    Parameters
-    ----------
-    values : ndarray of float64, two-dimensional
-        NaN counts for nothing.
-    block : int
-        Cells along each side; the last row and column of blocks may cover fewer.
-
-    Returns
-    -------
-    ndarray of float64
-        NaN where all of a block is.
-    """
+    """Means over square blocks of cells."""
     if block == 1:
         return values
     known = np.isfinite(values)
@@ -37,18 +24,7 @@ def block_means(values: NDArray[np.float64], block: int) -> NDArray[np.float64]:
 
 
 def block_colours(colours: NDArray[np.uint8], block: int) -> NDArray[np.uint8]:
-    """Blend colours over square blocks of cells; as `block_means` otherwise.
-
-    Parameters
-    ----------
-    colours : ndarray of uint8, shape (n, m, 4)
-        Red, green, blue, and opacity, by which a cell counts.
-    block : int
-
-    Returns
-    -------
-    ndarray of uint8
-    """
+    """Blend colours over square blocks of cells; as `block_means` otherwise.  Shapes: `colours` (n, m, 4)."""
     if block == 1:
         return colours
     opacity = colours[..., 3].astype(np.float64)

@@ -88,18 +88,7 @@ def panel_aspect(space: ConfigurationSpace, scene: Scene) -> float:
 
 
 def plot_run_workspace(run: Run, scene: Scene, axes: Axes) -> Axes:
-    """Draw what happened in the workspace: poses, the way of the tip, contact forces.
-
-    Parameters
-    ----------
-    run : Run
-    scene : Scene
-    axes : matplotlib.axes.Axes
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-    """
+    """Draw what happened in the workspace: poses, the way of the tip, contact forces."""
     known, hidden, goals = bodies_of(scene)
     way = thinned(run.configuration)
     plot_robot_path(way, scene.robot, run.space, (*known, *hidden), goals, axes)
@@ -188,25 +177,7 @@ def _few(contacts: ContactLog) -> NDArray[np.int64]:
 
 
 def plot_run_configurations(run: Run, scene: Scene, axes: Axes, *, way: bool = True) -> Axes:
-    """Draw what happened in a configuration space of two axes: the way in colours of its modes, the cells learnt.
-
-    Parameters
-    ----------
-    run : Run
-    scene : Scene
-    axes : matplotlib.axes.Axes
-    way : bool
-        Draw the way; otherwise the map alone.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-
-    Raises
-    ------
-    InputError
-        If the space does not have two axes.
-    """
+    """Draw what happened in a configuration space of two axes: the way in colours of its modes, the cells learnt."""
     if run.space.ndim != 2:
         raise InputError(f"the configuration space of this motion has {run.space.ndim} axes, and a picture has two")
     learnt = run.learnt

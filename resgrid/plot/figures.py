@@ -28,18 +28,7 @@ _SETTINGS: Any = {"svg.hashsalt": "resgrid", "pdf.fonttype": 42}
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Make a figure that no window knows of.
-
-    Parameters
-    ----------
-    width, height : float
-        In inches.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        With constrained layout and an Agg canvas.
-    """
+    """Make a figure that no window knows of."""
     figure = Figure(figsize=(width, height), dpi=DPI, layout="constrained")
     FigureCanvasAgg(figure)
     return figure
@@ -56,25 +45,7 @@ def panel_height(width: float, aspect: float) -> float:
 
 
 def render_figure(figure: Figure, file_format: str, *, dpi: float = DPI) -> bytes:
-    """Render a figure as a file's content.
-
-    Parameters
-    ----------
-    figure : matplotlib.figure.Figure
-    file_format : {"png", "pdf", "svg"}
-    dpi : float
-        Dots per inch of PNG, and of images inside the others.
-
-    Returns
-    -------
-    bytes
-        Without date or version: the same figure gives the same bytes.
-
-    Raises
-    ------
-    InputError
-        If the format is unknown or the resolution absurd.
-    """
+    """Render a figure as a file's content."""
     if file_format not in FORMATS:
         raise InputError(f"the picture format {file_format!r} is unknown; it may be one of {', '.join(FORMATS)}")
     if not 10 <= dpi <= 2400:

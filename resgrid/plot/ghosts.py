@@ -11,16 +11,6 @@ def fill_open_walls(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
     This is the mirror image that an open (Neumann) wall stands for: no current crosses it, so equipotentials meet it at
     a right angle.
-
-    Parameters
-    ----------
-    values : ndarray of float64, two-dimensional
-        NaN in obstacles.
-
-    Returns
-    -------
-    ndarray of float64
-        NaN only in cells without a neighbour that has a value.
     """
     padded = np.pad(values, 1, constant_values=np.nan)
     around = np.stack([padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:]])
@@ -31,21 +21,7 @@ def fill_open_walls(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def add_border(values: NDArray[np.float64], edge: tuple[str, ...], wall: float | None) -> NDArray[np.float64]:
-    """Add one layer of cells around a field, as its edges have it.
-
-    Parameters
-    ----------
-    values : ndarray of float64, two-dimensional
-    edge : tuple of {"periodic", "obstacle", "open"}
-        Per axis.
-    wall : float or None
-        What an edge that counts as an obstacle holds (NaN for nothing to draw); None where obstacles are open.
-
-    Returns
-    -------
-    ndarray of float64
-        Two longer along each axis.
-    """
+    """Add one layer of cells around a field, as its edges have it."""
     padded = values
     for axis, rule in enumerate(edge):
         width = [(1, 1) if number == axis else (0, 0) for number in range(values.ndim)]

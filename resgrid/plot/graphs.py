@@ -46,26 +46,7 @@ class Branch:
 
 
 def plot_graph(netlist: Netlist, op: OperatingPoint | None = None, ax: Axes | None = None) -> Axes:
-    """Draw a small netlist that belongs to no space.
-
-    Parameters
-    ----------
-    netlist : Netlist
-        At most 40 nodes.
-    op : OperatingPoint, optional
-        Its voltages are written beside the nodes.
-    ax : matplotlib.axes.Axes, optional
-        Made when None.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-
-    Raises
-    ------
-    InputError
-        If there are too many nodes.
-    """
+    """Draw a small netlist that belongs to no space."""
     if netlist.node_count > MOST_NODES:
         raise InputError(
             f"a circuit of {netlist.node_count} nodes cannot be read; at most {MOST_NODES} are drawn.  "

@@ -17,13 +17,7 @@ VIRTUAL = "#8c8c8c"
 def paint_cells(space: ConfigurationSpace, mask: NDArray[np.bool_], colour: str, label: str, axes: Axes) -> None:
     """Paint cells of a space with two axes over whatever else there is, and name them in the legend.
 
-    Parameters
-    ----------
-    space : ConfigurationSpace
-    mask : ndarray of bool, shape of the space
-    colour : str
-    label : str
-    axes : matplotlib.axes.Axes
+    Shapes: `mask` as the space.
     """
     pixels = np.zeros((*space.shape, 4), dtype=np.uint8)
     pixels[mask] = np.round(255 * np.array(to_rgba(colour)))

@@ -107,18 +107,7 @@ def draw_streamlines(
 
 
 def pieces(path: Streamline, space: ConfigurationSpace) -> list[NDArray[np.float64]]:
-    """Cut a streamline where it crosses a periodic seam.
-
-    Parameters
-    ----------
-    path : Streamline
-    space : ConfigurationSpace
-
-    Returns
-    -------
-    list of ndarray of float64, shape (n, ndim)
-        Polylines that stay within the axes, in axis units.
-    """
+    """Cut a streamline where it crosses a periodic seam.  Returns (n, ndim)."""
     points = path.axis_points
     if len(points) < 2:
         return []

@@ -38,16 +38,9 @@ PICTURES = (
 class Plane:
     """Two axes, the cells between them, and the affine map from there to the picture.
 
-    Attributes
-    ----------
-    x, y : Axis
-        Across and up.
-    cell : ndarray of uint8, shape (x.cells, y.cells)
-        `Cell` codes.
-    connected : ndarray of bool, same shape
-        Free cells that lead to a goal (in the whole space, if this is a slice).
-    matrix : ndarray of float64, shape (3, 3)
-        Homogeneous matrix from axis units to the picture's coordinates.
+    `x, y`: across and up; `cell` (x.cells, y.cells): `Cell` codes; `connected`: free cells that lead to a goal (in
+    the whole space, if this is a slice); `matrix` (3, 3): homogeneous matrix from axis units to the picture's
+    coordinates.
     """
 
     x: Axis
@@ -124,21 +117,7 @@ class Plane:
 
 
 def plane_of(space: ConfigurationSpace) -> Plane:
-    """Plane of a space with two axes, in the world.
-
-    Parameters
-    ----------
-    space : ConfigurationSpace
-
-    Returns
-    -------
-    Plane
-
-    Raises
-    ------
-    InputError
-        If the space does not have two axes; the message says which pictures there are.
-    """
+    """Plane of a space with two axes, in the world."""
     if space.ndim != 2:
         raise InputError(f"this picture needs a space of two axes, this one has {space.ndim} ({PICTURES})")
     x, y = space.axes
@@ -160,18 +139,7 @@ def _connected(space: ConfigurationSpace) -> NDArray[np.bool_]:
 def draw_image(plane: Plane, values: NDArray[Any], axes: Axes, **style: Any) -> AxesImage:
     """Draw one value or colour a cell, first axis to the right and second one upwards.
 
-    Parameters
-    ----------
-    plane : Plane
-    values : ndarray of float64, shape (x.cells, y.cells), or of uint8, shape (x.cells, y.cells, 4)
-        NaN stays blank.  More than 1024 cells along an axis are drawn as means over blocks.
-    axes : matplotlib.axes.Axes
-    **style
-        Handed to ``imshow``.
-
-    Returns
-    -------
-    matplotlib.image.AxesImage
+    Shapes: `values` (x.cells, y.cells).
     """
     block = block_size(values.shape, MOST_CELLS)
     coloured = values.ndim == 3

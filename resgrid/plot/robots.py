@@ -183,17 +183,7 @@ def _unit(robot: Robot, space: ConfigurationSpace) -> str:
 
 
 def mark_shapes(shapes: Sequence[Shape], axes: Axes, colour: str, label: str, order: float = 2.2) -> None:
-    """Fill shapes of the workspace with a colour, and name it in the legend.
-
-    Parameters
-    ----------
-    shapes : sequence of Shape
-        Of the plane.
-    axes : matplotlib.axes.Axes
-    colour, label : str
-    order : float
-        What is drawn later covers it.
-    """
+    """Fill shapes of the workspace with a colour, and name it in the legend."""
     for shape in shapes:
         _fill(to_shapely(shape), axes, facecolor=colour, edgecolor="#00000080", linewidth=0.5, zorder=order)
     if shapes:

@@ -24,22 +24,10 @@ Box = tuple[float, float, float, float]
 class Schematic:
     """Places of the parts of a netlist compiled from a space of one or two axes.
 
-    Attributes
-    ----------
-    across, up : int
-        Cells along each side.
-    dot_node : ndarray of int32, shape (n,)
-        Nodes of free cells.
-    dot : ndarray of float64, shape (n, 2)
-        Where they are drawn.
-    start, end : ndarray of float64, shape (resistors, 2)
-        Ends of the resistors.
-    seam : ndarray of bool, shape (resistors,)
-        Resistors across a periodic seam: they are drawn outwards at the upper end.
-    obstacles, goals, open_cells : tuple of Box
-        Squares of obstacle rails, goal rails, and cells without a node.
-    frame : tuple of ndarray of float64, shape (2, 2)
-        Sides of the grid that are part of the obstacle rail.
+    `across, up`: cells along each side; `dot_node` (n,): nodes of free cells; `dot` (n, 2): where they are drawn;
+    `start, end` (resistors, 2): ends of the resistors; `seam` (resistors,): resistors across a periodic seam: they
+    are drawn outwards at the upper end; `obstacles, goals, open_cells`: squares of obstacle rails, goal rails, and
+    cells without a node; `frame` (2, 2): sides of the grid that are part of the obstacle rail.
     """
 
     across: int
@@ -56,16 +44,7 @@ class Schematic:
 
 
 def schematic_of(layout: Layout) -> Schematic:
-    """Lay out a netlist that was compiled from a space of one or two axes.
-
-    Parameters
-    ----------
-    layout : Layout
-
-    Returns
-    -------
-    Schematic
-    """
+    """Lay out a netlist that was compiled from a space of one or two axes."""
     cell = layout.space.cell if layout.space.ndim == 2 else layout.space.cell[:, np.newaxis]
     node = layout.node.reshape(cell.shape)
     dots = np.argwhere((cell == Cell.FREE) & (node >= 0))

@@ -23,24 +23,11 @@ _TAIL = 0.02
 class Shading:
     """Values of a field as they are shown.
 
-    Attributes
-    ----------
-    values : ndarray of float64, shape of the space
-        The potential, or log10 of the drop ``u = 1 - phi``; NaN where there is nothing to show.
-    lower, upper : float
-        Ends of the colour scale.
-    levels : ndarray of float64
-        Equipotentials, strictly between the ends.
-    label : str
-        What the values are.
-    lines : str
-        What the equipotentials are, for the legend.
-    is_log : bool
-        Whether the values are decades of the drop.
-    wall : float or None
-        Value of an obstacle, NaN where it has none on this scale; None where obstacles are open.
-    edge : tuple of str
-        Per axis ``"periodic"``, ``"obstacle"`` or ``"open"``.
+    `values` as the space: the potential, or log10 of the drop ``u = 1 - phi``; NaN where there is nothing to show;
+    `lower, upper`: ends of the colour scale; `levels`: equipotentials, strictly between the ends; `label`: what the
+    values are; `lines`: what the equipotentials are, for the legend; `is_log`: whether the values are decades of the
+    drop; `wall`: value of an obstacle, NaN where it has none on this scale; None where obstacles are open; `edge`:
+    per axis ``"periodic"``, ``"obstacle"`` or ``"open"``.
     """
 
     values: NDArray[np.float64]
@@ -60,24 +47,7 @@ class Shading:
 
 
 def shading_of(field: Field, scale: str = "auto") -> Shading:
-    """Choose what to show of a field.
-
-    Parameters
-    ----------
-    field : Field
-        Of any dimension.
-    scale : {"auto", "linear", "log"}
-        The potential, or log10 of the drop; ``"auto"`` takes decades where the drop spans more than two.
-
-    Returns
-    -------
-    Shading
-
-    Raises
-    ------
-    InputError
-        If the scale is unknown, or the field has no drop to take the logarithm of.
-    """
+    """Choose what to show of a field."""
     if scale not in SCALES:
         raise InputError(f"scale = {scale!r} is unknown; it may be one of {', '.join(SCALES)}")
     if field.log_drop is None:
@@ -148,18 +118,7 @@ def _decades(step: float) -> str:
 
 
 def span(values: NDArray[np.float64]) -> tuple[float, float]:
-    """Smallest and largest value worth a colour: a far tail of few cells gets no share of the scale.
-
-    Parameters
-    ----------
-    values : ndarray of float64
-        With at least one that is finite.
-
-    Returns
-    -------
-    lower, upper : float
-        The lower one is the smallest value, or the second percentile where the range reaches twice as far below it.
-    """
+    """Smallest and largest value worth a colour: a far tail of few cells gets no share of the scale."""
     finite = values[np.isfinite(values)]
     lowest, low, high = (float(value) for value in (finite.min(), np.quantile(finite, _TAIL), finite.max()))
     return (low if high - lowest > 2 * (high - low) > 0 else lowest), high

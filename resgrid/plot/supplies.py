@@ -26,15 +26,7 @@ _WIDTH = 2.4
 class Supply:
     """Voltage sources that are drawn as one symbol.
 
-    Attributes
-    ----------
-    name : str
-        The rail, or what kind of cells they tie.
-    colour : str
-    volts : float
-    amps : float or None
-        Total current into the plus terminals.
-    count : int
+    `name`: the rail, or what kind of cells they tie; `amps`: total current into the plus terminals.
     """
 
     name: str
@@ -45,19 +37,7 @@ class Supply:
 
 
 def supplies_of(netlist: Netlist, layout: Layout, op: OperatingPoint | None) -> list[Supply]:
-    """Group the voltage sources of a netlist: one for each rail, and for each kind of cell with a source of its own.
-
-    Parameters
-    ----------
-    netlist : Netlist
-    layout : Layout
-    op : OperatingPoint, optional
-
-    Returns
-    -------
-    list of Supply
-        In the order of the sources.
-    """
+    """Group the voltage sources of a netlist: one for each rail, and for each kind of cell with a source of its own."""
     groups: dict[tuple[str, str, float], list[int]] = {}
     for number, (plus, volts) in enumerate(zip(netlist.source_nodes[:, 0], netlist.source_volts, strict=True)):
         name, colour = _rail_of(int(plus), netlist, layout)

@@ -16,16 +16,7 @@ _RADIUS = 0.2
 def zigzag(start: NDArray[np.float64], end: NDArray[np.float64], body: float = 0.4) -> NDArray[np.float64]:
     """Resistor symbols: a straight lead, six half waves, a straight lead.
 
-    Parameters
-    ----------
-    start, end : ndarray of float64, shape (m, 2)
-        Ends of the resistors.
-    body : float
-        Length of the zig-zag, at most six tenths of the way; its half width is a fifth of its length.
-
-    Returns
-    -------
-    ndarray of float64, shape (m, 10, 2)
+    Shapes: `start, end` (m, 2); returns (m, 10, 2).
     """
     along = end - start
     length = np.linalg.norm(along, axis=1, keepdims=True)

@@ -45,27 +45,6 @@ def arm_occupancy(
     always blocks every cell it runs through.
 
     Link ``i`` depends on the first ``i`` joints alone, so that most cells are decided many at a time.
-
-    Parameters
-    ----------
-    arm : Arm
-    axes : tuple of Axis
-        One per joint.
-    obstacles : sequence of Shape
-        In workspace coordinates.
-    rule : {"conservative", "centre"}
-        ``"centre"`` judges the configuration at the cell's centre alone.
-    progress : callable, optional
-        Called as ``progress(done, total)``, in cells.
-
-    Returns
-    -------
-    ndarray of bool
-
-    Raises
-    ------
-    InputError
-        If the axes are not the arm's, or a shape is not one of the plane.
     """
     from resgrid.robots.kernels import mark_link
 
@@ -102,17 +81,6 @@ def singular_cells(arm: Arm, axes: Sequence[Axis]) -> NDArray[np.bool_]:
     The Jacobian of a planar arm loses rank where all links are parallel: for two links where ``sin(theta_2)`` is 0
     (relative angles) or ``sin(theta_2 - theta_1)`` (absolute angles: the diagonals of configuration space).  For
     three or more links that is a thin set, which parts nothing.
-
-    Parameters
-    ----------
-    arm : Arm
-    axes : sequence of Axis
-        One per joint.
-
-    Returns
-    -------
-    ndarray of bool
-        Shape broadcastable to the cells; all False without a virtual obstacle.
     """
     if arm.singularity_width is None and arm.singularity_cells is None:
         return np.zeros((1,) * arm.ndim, dtype=bool)
@@ -141,23 +109,6 @@ def arm_goal_cells(arm: Arm, axes: tuple[Axis, ...], region: Shape | Point) -> G
     within 1e-9 of the arm's reach of it: with any number of links, whatever the limits, however often the joints turn
     round.  Cells are left out by a bound on how far the tip moves, never for want of luck; the one exception is a cell
     that 200,000 ever smaller parts leave undecided, where the tip passes the region within rounding all along.
-
-    Parameters
-    ----------
-    arm : Arm
-    axes : tuple of Axis
-        One per joint.
-    region : Shape or (float, float)
-        A region, or a point.
-
-    Returns
-    -------
-    GoalCells
-
-    Raises
-    ------
-    InputError
-        If the axes are not the arm's, the region is not one of the plane, or it lies out of reach.
     """
     from resgrid.robots.tip_kernels import Links, find_tips
 
@@ -185,19 +136,7 @@ def arm_goal_cells(arm: Arm, axes: tuple[Axis, ...], region: Shape | Point) -> G
 
 
 def arm_travel(arm: Arm, axes: Sequence[Axis]) -> float:
-    """How far the tip can move from where it is at a cell's centre, at most, within that cell.
-
-    Parameters
-    ----------
-    arm : Arm
-    axes : sequence of Axis
-        One per joint.
-
-    Returns
-    -------
-    float
-        In the unit of the workspace.
-    """
+    """How far the tip can move from where it is at a cell's centre, at most, within that cell."""
     chords = [2 * np.sin(min(axis.spacing / 2, pi) / 2) for axis in axes]
     levers = np.cumsum(arm.lengths[::-1])[::-1] if arm.angles == "relative" else arm.lengths
     return float(np.dot(chords, levers))

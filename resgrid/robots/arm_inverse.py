@@ -26,22 +26,7 @@ def inverse_of_two_links(arm: Arm, point: ArrayLike) -> NDArray[np.float64]:
     The cosine rule gives the elbow's angle: ``cos q = (d^2 - a^2 - b^2) / (2 a b)`` (Craig, Introduction to
     Robotics, section 4.4).
 
-    Parameters
-    ----------
-    arm : Arm
-        Two links.
-    point : array_like of float, shape (2,)
-        In the workspace.
-
-    Returns
-    -------
-    ndarray of float64, shape (s, 2)
-        In radians, within the limits.
-
-    Raises
-    ------
-    InputError
-        If the arm has not two links, the point is not finite, or the limits leave more than a million solutions.
+    Shapes: `point` (2,); returns (s, 2).
     """
     if arm.ndim != 2:
         raise InputError(f"only an arm of two links has a closed inverse; this one has {arm.ndim}")

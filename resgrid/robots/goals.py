@@ -23,25 +23,7 @@ PAIRS = 1 << 20
 
 
 def cells_of_place(axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
-    """The cells of a grid that meet a region of it, with the nearest point of the region to each cell's centre.
-
-    Parameters
-    ----------
-    axes : sequence of Axis
-        The grid.
-    region : Shape or tuple of float
-        In its coordinates; a region that merely ends on a border of cells meets those on its own side alone.
-
-    Returns
-    -------
-    GoalCells
-        A point has one cell: the upper one of two on their border.
-
-    Raises
-    ------
-    InputError
-        If the region has another number of coordinates, or a point lies outside the grid.
-    """
+    """The cells of a grid that meet a region of it, with the nearest point of the region to each cell's centre."""
     axes = tuple(axes)
     shape = tuple(axis.cells for axis in axes)
     if (len(region) if isinstance(region, tuple) else region.ndim) != len(axes):
@@ -58,18 +40,7 @@ def cells_of_place(axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
 
 
 def joined(shape: tuple[int, ...], goals: Sequence[GoalCells]) -> GoalCells:
-    """Several goals as one; where they share a cell, with the point of the first.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Of the grid.
-    goals : sequence of GoalCells
-
-    Returns
-    -------
-    GoalCells
-    """
+    """Several goals as one; where they share a cell, with the point of the first."""
     met, points = [np.empty(0, dtype=np.int64)], [np.empty((0, len(shape)))]
     for goal in goals:
         met.append(np.flatnonzero(goal.cells))

@@ -141,32 +141,8 @@ def mark_link(
 
     A cell that its centre does not decide is cut into ``parts`` along every joint, and each part is judged alone.
 
-    Parameters
-    ----------
-    out : ndarray of bool, shape (product of counts[:link + 1],)
-        In C order.
-    first, last : int
-        Cells looked at.
-    link : int
-        Number of the link, from 0.
-    counts : ndarray of int64, shape (n,)
-        Cells along each joint.
-    centres : ndarray of float64, shape (n, max(counts))
-        Cell centres along each joint, in radians.
-    widths : ndarray of float64, shape (n,)
-        Width of what stands for a cell, in radians; 0 for its centre alone.
-    lengths, radii : ndarray of float64, shape (n,)
-        Of the links, half their width being the radius.
-    base : ndarray of float64, shape (3,)
-        Position and angle.
-    relative, self_collision : bool
-        As in `resgrid.robots.arm.Arm`.
-    parts : int
-        At least 1.
-    slack : float
-        Added to every distance, against rounding.
-    solids : Solids
-        The obstacles.
+    Shapes: `out` (product of counts[:link + 1],), `counts` (n,), `centres` (n, max(counts), `widths` (n,), `lengths,
+    radii` (n,), `base` (3,).
     """
     joints = np.empty((link + 2, 2))
     middle, angles, folds = np.empty(link + 1), np.empty(link + 1), np.zeros(link + 1)

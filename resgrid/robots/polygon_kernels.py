@@ -21,14 +21,8 @@ Flags = NDArray[np.bool_]
 class Plane(NamedTuple):
     """A grid of the plane, and what stands for a cell: a box around its centre.
 
-    Attributes
-    ----------
-    x, y : float
-        Lower corner.
-    width, height : float
-        Of a cell.
-    half_x, half_y : float
-        Half the width and height of what stands for a cell; 0 for its centre alone.
+    `x, y`: lower corner; `width, height`: of a cell; `half_x, half_y`: half the width and height of what stands for a
+    cell; 0 for its centre alone.
     """
 
     x: float
@@ -74,15 +68,7 @@ def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: Plane) 
     What lies within a distance of a convex set is convex, and so is what a row of cells cuts from it: an interval of
     x decides a whole row.  It ends on the circles around the corners, or on the edges moved outwards.
 
-    Parameters
-    ----------
-    out : ndarray of bool, shape (columns, rows)
-        Cells found are set to True, others are left alone.
-    pieces : ndarray of float64, shape (p, 6)
-        A corner ``x, y`` and the two edges from there; an edge without length makes it a segment.
-    reach : float
-        The distance, at least 0.
-    plane : Plane
+    Shapes: `out` (columns, rows), `pieces` (p, 6).
     """
     columns, rows = out.shape
     for piece in range(len(pieces)):
@@ -124,13 +110,7 @@ def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: Plane) 
 def mark_enclosed(out: Flags, edges: Floats, plane: Plane) -> None:
     """Mark the cells whose centre closed rings enclose: in every row an edge flips all that lies to its right.
 
-    Parameters
-    ----------
-    out : ndarray of bool, shape (columns, rows)
-        Cells found are set to True, others are left alone.
-    edges : ndarray of float64, shape (e, 4)
-        Edges ``x0, y0, x1, y1`` of an outer ring and of the holes in it.
-    plane : Plane
+    Shapes: `out` (columns, rows), `edges` (e, 4).
     """
     columns, rows = out.shape
     flips = np.zeros(columns + 1, dtype=np.bool_)

@@ -21,19 +21,6 @@ def mark_polygon(
     """Mark, in place, the cells of a grid that come within a distance of a polygon.
 
     A cell meets a polygon if it meets the outline, or if its centre is enclosed.
-
-    Parameters
-    ----------
-    out : ndarray of bool
-        Cells found are set to True.
-    axes : sequence of two Axis
-        The grid.
-    half : sequence of two float
-        Half the width of what stands for a cell.
-    polygon : Polygon
-        The shape.
-    reach : float
-        The distance, at least 0.
     """
     from resgrid.robots.polygon_kernels import Plane, mark_enclosed, mark_parallelograms
 
@@ -46,41 +33,14 @@ def mark_polygon(
 
 
 def outline(shape: Box | Polygon, axes: Sequence[Axis], reach: float) -> NDArray[np.float64]:
-    """Edges of a polygon or rectangle, ring by ring.
-
-    Parameters
-    ----------
-    shape : Box or Polygon
-        Of the plane.
-    axes : sequence of two Axis
-        The grid that it is looked at from: rings with corners a thousand times as far are cut off far outside of it,
-        by exact arithmetic, since rounding of such coordinates would move their edges.
-    reach : float
-        How far from the grid the edges matter.
-
-    Returns
-    -------
-    ndarray of float64, shape (e, 4)
-        ``x0, y0, x1, y1``.
-    """
+    """Edges of a polygon or rectangle, ring by ring.  Returns (e, 4)."""
     margin = reach + max(axis.upper - axis.lower for axis in axes)
     lower, upper = (axes[0].lower - margin, axes[1].lower - margin), (axes[0].upper + margin, axes[1].upper + margin)
     return edges_of([_cut(ring, lower, upper, FAR * margin) for ring in as_polygon(shape).rings])
 
 
 def edges_of(rings: Sequence[Sequence[Point]]) -> NDArray[np.float64]:
-    """Edges of rings.
-
-    Parameters
-    ----------
-    rings : sequence of rings
-        Corners ``(x, y)``; the last joins the first.
-
-    Returns
-    -------
-    ndarray of float64, shape (e, 4)
-        ``x0, y0, x1, y1``, ring by ring.
-    """
+    """Edges of rings.  Returns (e, 4)."""
     corners = [np.asarray(ring, dtype=np.float64) for ring in rings]
     return np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in corners])
 

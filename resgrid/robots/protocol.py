@@ -24,12 +24,8 @@ Progress = Callable[[int, int], object]
 class GoalCells(NamedTuple):
     """The cells of a goal, and where in each of them it is.
 
-    Attributes
-    ----------
-    cells : ndarray of bool
-        One entry per cell, True where the closed cell holds a configuration that solves the goal.
-    points : ndarray of float64, shape (number of such cells, ndim)
-        Such a configuration for each of them, in C order, in axis units.
+    `cells`: one entry per cell, True where the closed cell holds a configuration that solves the goal; `points`
+    (number of such cells, ndim): such a configuration for each of them, in C order, in axis units.
     """
 
     cells: NDArray[np.bool_]

@@ -20,27 +20,7 @@ MAX_COPIES = 1000
 
 
 def mark(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Shape, reach: float, rule: Sampling) -> None:
-    """Mark, in place, the cells that come within a distance of a shape.
-
-    Parameters
-    ----------
-    out : ndarray of bool
-        One entry per cell; cells found are set to True, others are left alone.
-    axes : tuple of Axis
-        The grid.  On a periodic axis a shape that sticks out comes in again at the other end.
-    shape : Shape
-        A closed set with as many coordinates as there are axes.
-    reach : float
-        At least 0, in axis units; 0 asks for the cells that meet the shape.
-    rule : {"conservative", "centre"}
-        Whether the cell's interior is meant, or its centre.
-
-    Raises
-    ------
-    InputError
-        If the numbers of coordinates differ, a half-plane leans along a periodic axis, or a shape winds around one
-        more than a thousand times.
-    """
+    """Mark, in place, the cells that come within a distance of a shape."""
     if shape.ndim != len(axes):
         raise InputError(f"a shape with {shape.ndim} coordinates does not fit a grid with {len(axes)} axes")
     if isinstance(shape, CellSet):
@@ -57,21 +37,7 @@ def mark_copy(
     reach: float,
     rule: Sampling,
 ) -> None:
-    """The same for one copy of a shape, which is cut off where it sticks out of the grid.
-
-    Parameters
-    ----------
-    out : ndarray of bool
-        One entry per cell; cells found are set to True, others are left alone.
-    axes : tuple of Axis
-        The grid.
-    shape : Shape
-        A closed set with as many coordinates as there are axes.
-    reach : float
-        At least 0, in axis units.
-    rule : {"conservative", "centre"}
-        Whether the cell's interior is meant, or its centre.
-    """
+    """The same for one copy of a shape, which is cut off where it sticks out of the grid."""
     window = Window.around(axes, shape.bounds, reach, rule)
     if window is None:
         return
@@ -136,26 +102,7 @@ def _distance_from_boxes(mask: NDArray[np.bool_], spacing: NDArray[np.float64], 
 def copies(
     shape: Box | Ball | Polygon | HalfSpace, axes: tuple[Axis, ...], reach: float
 ) -> Iterator[Box | Ball | Polygon | HalfSpace]:
-    """A shape wherever it comes near a grid, by whole turns around its periodic axes.
-
-    Parameters
-    ----------
-    shape : Shape
-        Not made of cells.
-    axes : tuple of Axis
-        The grid.
-    reach : float
-        How near, in axis units.
-
-    Yields
-    ------
-    Shape
-
-    Raises
-    ------
-    InputError
-        If a half-plane leans along a periodic axis, or a shape winds around one more than a thousand times.
-    """
+    """A shape wherever it comes near a grid, by whole turns around its periodic axes."""
     if isinstance(shape, HalfSpace):
         require_upright(shape, axes)
         yield shape
@@ -172,26 +119,7 @@ def require_upright(shape: HalfSpace, axes: Sequence[Axis]) -> None:
 
 
 def turns(bounds: Bounds, axes: Sequence[Axis], reach: Sequence[float]) -> Iterator[tuple[float, ...]]:
-    """Whole turns that bring a shape within some distance of the grid, however many away it is described.
-
-    Parameters
-    ----------
-    bounds : pair of tuple of float
-        Lower and upper corner of the box around the shape.
-    axes : sequence of Axis
-    reach : sequence of float
-        At least 0, one for each axis, in its units.
-
-    Yields
-    ------
-    tuple of float
-        What to add to the shape's coordinates; 0 along axes that are not periodic.
-
-    Raises
-    ------
-    InputError
-        If the shape winds around an axis more than a thousand times.
-    """
+    """Whole turns that bring a shape within some distance of the grid, however many away it is described."""
     lower, upper = bounds
     yield from product(*map(_shifts, axes, lower, upper, reach))
 

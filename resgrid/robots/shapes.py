@@ -177,12 +177,7 @@ class HalfSpace:
 class CellSet:
     """The union of marked cells of a grid, each a closed box.
 
-    Parameters
-    ----------
-    axes : tuple of Axis
-        The grid.
-    mask : ndarray of bool
-        One entry per cell.
+    `axes`: the grid; `mask`: one entry per cell.
     """
 
     axes: tuple[Axis, ...]
@@ -202,17 +197,7 @@ Shape = Box | Ball | Polygon | HalfSpace | CellSet
 
 
 def as_polygon(shape: Box | Polygon) -> Polygon:
-    """A box of the plane as a polygon; a polygon as it is.
-
-    Parameters
-    ----------
-    shape : Box or Polygon
-
-    Returns
-    -------
-    Polygon
-        A box without area gets the least that floating point can tell.
-    """
+    """A box of the plane as a polygon; a polygon as it is."""
     if isinstance(shape, Polygon):
         return shape
     (x0, y0), (x1, y1) = shape.lower, shape.upper

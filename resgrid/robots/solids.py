@@ -23,18 +23,9 @@ FAR = 1e4
 class Solids(NamedTuple):
     """Polygons, discs and half-planes of the workspace, as arrays.
 
-    Attributes
-    ----------
-    edges : ndarray of float64, shape (e, 4)
-        Edges ``x0, y0, x1, y1`` of all polygons, one polygon after the other.
-    first_edge : ndarray of int64, shape (p + 1,)
-        Where each polygon's edges start.
-    bounds : ndarray of float64, shape (p, 4)
-        Smallest ``x, y`` and largest ``x, y`` of each polygon.
-    discs : ndarray of float64, shape (d, 3)
-        Centre and radius.
-    half_planes : ndarray of float64, shape (h, 3)
-        Unit normal out of the solid, and offset.
+    `edges` (e, 4): edges ``x0, y0, x1, y1`` of all polygons, one polygon after the other; `first_edge` (p + 1,):
+    where each polygon's edges start; `bounds` (p, 4): smallest ``x, y`` and largest ``x, y`` of each polygon; `discs`
+    (d, 3): centre and radius; `half_planes` (h, 3): unit normal out of the solid, and offset.
     """
 
     edges: NDArray[np.float64]
@@ -45,24 +36,7 @@ class Solids(NamedTuple):
 
 
 def solids(shapes: Sequence[Shape], whose: str) -> Solids:
-    """Shapes of the plane as arrays.
-
-    Parameters
-    ----------
-    shapes : sequence of Shape
-        In workspace coordinates.
-    whose : str
-        The robot they stand around, for messages.
-
-    Returns
-    -------
-    Solids
-
-    Raises
-    ------
-    InputError
-        If a shape is not one of the plane, or is made of cells.
-    """
+    """Shapes of the plane as arrays."""
     polygons, discs, half_planes = [], [], []
     for shape in shapes:
         match require_plane(shape, whose):
@@ -86,23 +60,7 @@ def solids(shapes: Sequence[Shape], whose: str) -> Solids:
 
 
 def require_plane(shape: Shape, whose: str) -> Box | Ball | Polygon | HalfSpace:
-    """The shape, if it is one of the plane.
-
-    Parameters
-    ----------
-    shape : Shape
-    whose : str
-        The robot it stands beside, for the message.
-
-    Returns
-    -------
-    Shape
-
-    Raises
-    ------
-    InputError
-        If it has not two coordinates, or is made of cells.
-    """
+    """The shape, if it is one of the plane."""
     if isinstance(shape, CellSet):
         raise InputError(f"{whose} moves among shapes, not among the cells of a map; describe the obstacles as shapes")
     if shape.ndim != 2:
@@ -111,24 +69,7 @@ def require_plane(shape: Shape, whose: str) -> Box | Ball | Polygon | HalfSpace:
 
 
 def to_shapely(shape: Shape) -> BaseGeometry:
-    """A shape of the plane as shapely geometry.
-
-    Parameters
-    ----------
-    shape : Shape
-        Two coordinates.
-
-    Returns
-    -------
-    shapely geometry
-        Exact, except that a disc is a polygon of 256 corners on its circle and a half-plane ends 1e4 units away.  A
-        shape without area is a segment or a point.
-
-    Raises
-    ------
-    InputError
-        If the shape is not one of the plane, or is made of cells.
-    """
+    """A shape of the plane as shapely geometry."""
     import shapely
 
     if isinstance(shape, CellSet) or shape.ndim != 2:

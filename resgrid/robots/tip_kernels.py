@@ -33,14 +33,7 @@ DEPTH = 256
 class Links(NamedTuple):
     """An arm, as `find_tips` needs it.
 
-    Attributes
-    ----------
-    lengths : ndarray of float64, shape (n,)
-        Of the links.
-    base : ndarray of float64, shape (3,)
-        Position and angle.
-    relative : bool
-        As in `resgrid.robots.arm.Arm`.
+    `lengths` (n,): of the links; `base` (3,): position and angle; `relative`: as in `resgrid.robots.arm.Arm`.
     """
 
     lengths: Floats
@@ -242,26 +235,7 @@ def find_tips(
 ) -> None:  # fmt: skip
     """Find the cells that hold a configuration with the tip in a region, and one for each.
 
-    Parameters
-    ----------
-    out : ndarray of bool, shape (m,)
-        Set to True for every such cell.
-    points : ndarray of float64, shape (m, n)
-        The configurations; other rows are left alone.
-    first : int
-        Number of the first cell, in C order.
-    counts : ndarray of int64, shape (n,)
-        Cells along each joint.
-    lower, widths : ndarray of float64, shape (n,)
-        Where the axes begin, and the width of a cell, in radians.
-    links : Links
-        The arm.
-    goal : Solids
-        The region.
-    bounds : ndarray of float64, shape (4,)
-        Smallest ``x, y`` and largest ``x, y`` of where the tip is at the middle of such a cell.
-    tolerance : float
-        How near the region the tip counts as in it.
+    Shapes: `out` (m,), `points` (m, n), `counts` (n,), `lower, widths` (n,), `bounds` (4,).
     """
     n = len(counts)
     work = _Work(

@@ -42,27 +42,6 @@ def turning_occupancy(
     of the two (Lozano-Perez, IEEE Trans. Computers C-32 (1983) 108).  While the angle varies within a third of a cell
     no point of the polygon moves farther than a chord at the farthest corner: with the conservative rule the
     differences grow by it, and a cell, its border included, is free only if it is free in all three thirds.
-
-    Parameters
-    ----------
-    robot : PolygonRobot
-    axes : tuple of Axis
-        x, y and theta.
-    obstacles : sequence of Shape
-        Shapes of the plane.
-    rule : {"conservative", "centre"}
-        ``"centre"`` judges the configuration at the cell's centre alone.
-    progress : callable, optional
-        Called as ``progress(done, total)``, in slices.
-
-    Returns
-    -------
-    ndarray of bool
-
-    Raises
-    ------
-    InputError
-        If the axes are not the robot's, or a shape is not one of the plane.
     """
     from resgrid.robots.polygon_kernels import Plane
 
@@ -128,18 +107,7 @@ def mark_sum(
     wholly inside the other, and those lie in a copy of either, moved by one corner of the other, whose own outline
     the parallelograms cover.  Every piece is marked as it is: a union of nearly coinciding ones would lose some.
 
-    Parameters
-    ----------
-    layer : ndarray of bool, shape (columns, rows)
-        Cells found are set to True.
-    plane : Plane
-        The grid.
-    edges : ndarray of float64, shape (e, 4)
-        Edges ``x0, y0, x1, y1`` of one polygon, which may have holes, outer ring first.
-    corners : ndarray of float64, shape (v, 2)
-        The other one.
-    reach : float
-        The distance, at least 0.
+    Shapes: `layer` (columns, rows), `edges` (e, 4), `corners` (v, 2).
     """
     from resgrid.robots.polygon_kernels import mark_enclosed, mark_parallelograms
 

@@ -21,14 +21,8 @@ RIM = 1e-9
 class Window:
     """A block of neighbouring cells.
 
-    Attributes
-    ----------
-    axes : tuple of Axis
-        The whole grid.
-    start, stop : tuple of int
-        First and past-the-last cell per axis.
-    half : tuple of float
-        Half the width of what stands for a cell, as `halves` says.
+    `axes`: the whole grid; `start, stop`: first and past-the-last cell per axis; `half`: half the width of what
+    stands for a cell, as `halves` says.
     """
 
     axes: tuple[Axis, ...]
@@ -38,23 +32,7 @@ class Window:
 
     @classmethod
     def around(cls, axes: tuple[Axis, ...], bounds: Bounds, reach: float, rule: Sampling) -> Window | None:
-        """The cells that could come within a distance of a box; None if there are none.
-
-        Parameters
-        ----------
-        axes : tuple of Axis
-            The grid.
-        bounds : pair of tuple of float
-            Lower and upper corner of the box; may be infinite.
-        reach : float
-            The distance.
-        rule : {"conservative", "centre"}
-            What stands for a cell.
-
-        Returns
-        -------
-        Window or None
-        """
+        """The cells that could come within a distance of a box; None if there are none."""
         start = tuple(
             _clip((low - reach - axis.lower) / axis.spacing - 1, axis.cells)
             for axis, low in zip(axes, bounds[0], strict=True)
@@ -91,42 +69,12 @@ class Window:
 
 
 def rims(axes: Sequence[Axis]) -> list[float]:
-    """Width of the rim that a cell's interior leaves out, per axis: 1e-9 cells, or some rounding errors.
-
-    Parameters
-    ----------
-    axes : sequence of Axis
-        The grid.
-
-    Returns
-    -------
-    list of float
-        In axis units.
-    """
+    """Width of the rim that a cell's interior leaves out, per axis: 1e-9 cells, or some rounding errors."""
     return [max(RIM * axis.spacing, 8 * float(np.spacing(max(abs(axis.lower), abs(axis.upper))))) for axis in axes]
 
 
 def halves(axes: Sequence[Axis], bounds: Bounds, reach: float, rule: Sampling) -> tuple[float, ...]:
-    """Half the width, per axis, of what stands for a cell beside a shape that grows by a distance.
-
-    Parameters
-    ----------
-    axes : sequence of Axis
-        The grid.
-    bounds : pair of tuple of float
-        Lower and upper corner of the shape.
-    reach : float
-        The distance.
-    rule : {"conservative", "centre"}
-        What stands for a cell.
-
-    Returns
-    -------
-    tuple of float
-        The centre has no width.  The interior leaves out the rim, so that a solid may end on a border.  A shape
-        thinner than two rims has no inside that could tell one side of a border from the other: beside it the rim
-        counts as well, the neighbour's too.
-    """
+    """Half the width, per axis, of what stands for a cell beside a shape that grows by a distance."""
     if rule == "centre":
         return (0.0,) * len(axes)
     thin = [high - low + 2 * reach <= 2 * rim for low, high, rim in zip(*bounds, rims(axes), strict=True)]

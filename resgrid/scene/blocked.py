@@ -17,18 +17,7 @@ from resgrid.scene.scene import Scene
 def remedy(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -> str:
     """Where the nearest free place is; of a grey picture also why the cell is an obstacle.
 
-    Parameters
-    ----------
-    scene : Scene
-    blocked : ndarray of bool, shape of the grid
-        Obstacle cells.
-    cell : tuple of int
-        One of them.
-
-    Returns
-    -------
-    str
-        For the end of an error message.
+    Shapes: `blocked` as the grid.
     """
     free = np.argwhere(~blocked)
     if not len(free):

@@ -34,32 +34,7 @@ def build_scene(
     lines: dict[KeyPath, int] | None = None,
     known: MapData | None = None,
 ) -> Scene:
-    """Check a document and make the scene it describes.
-
-    Parameters
-    ----------
-    raw : mapping
-        The document.
-    source : str
-        File name, for messages.
-    folder : Path
-        Where relative file names start.
-    lines : dict, optional
-        From `toml_lines.key_lines`.
-    known : MapData, optional
-        The map, if it has been read already.
-
-    Returns
-    -------
-    Scene
-
-    Raises
-    ------
-    InputError
-        If anything is wrong; one message lists it all.
-    BudgetError
-        If the map would not fit in memory.
-    """
+    """Check a document and make the scene it describes."""
     raw = with_robot_axes(raw)
     document = validate(raw, source, lines, len(known.axes) if known else None)
     if document.map is None:
@@ -74,58 +49,18 @@ def build_scene(
 
 
 def rebuilt(scene: Scene) -> Scene:
-    """The same scene, checked like a file.
-
-    Parameters
-    ----------
-    scene : Scene
-        A scene that may hold anything.
-
-    Returns
-    -------
-    Scene
-
-    Raises
-    ------
-    InputError
-        If a value does not fit.
-    """
+    """The same scene, checked like a file."""
     build_scene(document_of(scene), scene.source or "scene", Path(), known=map_data(scene))
     return scene
 
 
 def map_data(scene: Scene) -> MapData | None:
-    """What a map's reader gave, taken from the scene made of it.
-
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    MapData or None
-        None where the scene has no map.
-    """
+    """What a map's reader gave, taken from the scene made of it."""
     return None if scene.map is None else MapData(scene.axes, scene.frame, scene.map.cell)
 
 
 def document_of(scene: Scene) -> dict[str, Any]:
-    """The document that describes a scene; the inverse of `build_scene`.
-
-    Parameters
-    ----------
-    scene : Scene
-
-    Returns
-    -------
-    dict
-        Plain values, as tomllib would give them.
-
-    Raises
-    ------
-    InputError
-        If the robot is of a kind that scenes cannot describe.
-    """
+    """The document that describes a scene; the inverse of `build_scene`."""
     document: dict[str, Any] = {"schema": 1}
     document |= {key: getattr(scene, key) for key in PLAIN if getattr(scene, key) is not None}
     document |= {"edge": list(scene.edge), "k": list(scene.k)}

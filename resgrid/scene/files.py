@@ -14,24 +14,7 @@ MAX_TEXT_BYTES = 1 << 28
 
 
 def read_bytes(path: Path, limit: int | None = None) -> bytes:
-    """All bytes of a file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    limit : int, optional
-        Refuse a larger file, in bytes.
-
-    Returns
-    -------
-    bytes
-
-    Raises
-    ------
-    InputError
-        If there is no such file, it is a directory or too large, or it may not be read.
-    """
+    """All bytes of a file."""
     try:
         status = path.stat()
         if stat.S_ISDIR(status.st_mode):
@@ -50,44 +33,12 @@ def read_bytes(path: Path, limit: int | None = None) -> bytes:
 
 
 def read_text(path: Path) -> str:
-    """All text of a UTF-8 file, line ends turned into newlines.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    InputError
-        As `read_bytes`, or if it is not UTF-8.
-    """
+    """All text of a UTF-8 file, line ends turned into newlines."""
     return decode(read_bytes(path, MAX_TEXT_BYTES), path)
 
 
 def decode(data: bytes, path: Path) -> str:
-    """UTF-8 text of some bytes, a byte order mark dropped, line ends turned into newlines.
-
-    Parameters
-    ----------
-    data : bytes
-        The content of the file.
-    path : Path
-        Its name, for the message.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    InputError
-        If it is not UTF-8; the message names the line.
-    """
+    """UTF-8 text of some bytes, a byte order mark dropped, line ends turned into newlines."""
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -97,21 +48,6 @@ def decode(data: bytes, path: Path) -> str:
 
 
 def require_memory(shape: tuple[int, ...], what: str, bytes_per_cell: int = BYTES_PER_CELL) -> None:
-    """Refuse a grid that would not fit in memory, before anything is allocated.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Number of cells along each axis.
-    what : str
-        What asks for it: a file, a key.
-    bytes_per_cell : int
-        Estimate of the memory each cell takes while the grid is made.
-
-    Raises
-    ------
-    BudgetError
-        If the estimate exceeds the memory that is free.
-    """
+    """Refuse a grid that would not fit in memory, before anything is allocated."""
     size = " x ".join(map(str, shape))
     require_bytes(prod(shape) * bytes_per_cell, f"{what}: {size} = {prod(shape):.3g} cells", "take fewer, larger cells")

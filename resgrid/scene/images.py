@@ -28,12 +28,8 @@ DEEP = ("I;16", "I;16B", "I;16L", "I;16N", "I")
 class Raster:
     """A picture.
 
-    Attributes
-    ----------
-    values : ndarray of uint16, shape (height, width, channels)
-        The top row first; 1 (grey), 2 (grey, alpha), 3 (red, green, blue) or 4 channels.
-    maxval : int
-        The value of white, and of opaque.
+    `values` (height, width, channels): the top row first; 1 (grey), 2 (grey, alpha), 3 (red, green, blue) or 4
+    channels; `maxval`: the value of white, and of opaque.
     """
 
     values: NDArray[np.uint16]
@@ -62,26 +58,7 @@ class Raster:
 
 
 def read_raster(path: Path, bytes_per_pixel: int = BYTES_PER_PIXEL) -> Raster:
-    """Read a picture file: PGM by our own reader, every other format that Pillow knows by Pillow.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    bytes_per_pixel : int
-        Memory that what is made of it takes.
-
-    Returns
-    -------
-    Raster
-
-    Raises
-    ------
-    InputError
-        If it is no picture, is damaged, has no pixels, or holds numbers that are not grey values.
-    BudgetError
-        If it would not fit in memory.
-    """
+    """Read a picture file: PGM by our own reader, every other format that Pillow knows by Pillow."""
     data = read_bytes(path)
     if not data:
         raise InputError(f"{path}: the file is empty")

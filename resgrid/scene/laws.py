@@ -15,19 +15,7 @@ CELLS = ("cell", "joints", "joints_lower", "joints_upper")
 
 
 def broken_laws(raw: Mapping[str, Any], ndim: int | None = None) -> list[Problem]:
-    """Everything in a document that does not fit together.
-
-    Parameters
-    ----------
-    raw : mapping
-        The document; whatever has the wrong type is left to the schema.
-    ndim : int, optional
-        Number of axes, where a map decides it.
-
-    Returns
-    -------
-    list of (key path, message)
-    """
+    """Everything in a document that does not fit together."""
     axes = _axes(raw)
     count = ndim if axes is None else len(axes)
     return [

@@ -16,14 +16,8 @@ from resgrid.space import Axis
 class MapData:
     """What a map file says.
 
-    Attributes
-    ----------
-    axes : tuple of Axis
-        The grid, in the map's own coordinates.
-    frame : Frame
-        From those to the world's.
-    cell : ndarray of uint8
-        `resgrid.space.Cell` codes on the grid.
+    `axes`: the grid, in the map's own coordinates; `frame`: from those to the world's; `cell`: `resgrid.space.Cell`
+    codes on the grid.
     """
 
     axes: tuple[Axis, ...]
@@ -34,13 +28,7 @@ class MapData:
 def cells_from_rows(rows: NDArray[np.uint8]) -> NDArray[np.uint8]:
     """Picture rows, the top one first, turned into cells with x first and y upwards.
 
-    Parameters
-    ----------
-    rows : ndarray of uint8, shape (height, width)
-
-    Returns
-    -------
-    ndarray of uint8, shape (width, height)
+    Shapes: `rows` (height, width); returns (width, height).
     """
     return np.ascontiguousarray(rows[::-1].T)
 
@@ -51,28 +39,7 @@ def placed_axes(
     origin: list[float] | None = None,
     unit: str | None = None,
 ) -> tuple[Axis, ...]:
-    """Axes of a map that does not say where it lies.
-
-    Parameters
-    ----------
-    shape : tuple of int
-        Number of cells along each axis.
-    spacing : float
-        Width of a cell, in ``unit``.
-    origin : list of float, optional
-        Lower corner; 0 by default.
-    unit : str, optional
-        ``"cell"`` by default, ``"m"`` where a spacing other than 1 is given.
-
-    Returns
-    -------
-    tuple of Axis
-
-    Raises
-    ------
-    InputError
-        If the origin has another number of coordinates.
-    """
+    """Axes of a map that does not say where it lies."""
     corner = [0.0] * len(shape) if origin is None else origin
     if len(corner) != len(shape):
         raise InputError(f"map.origin: needs {len(shape)} coordinates, one for each axis, got {len(corner)}")

@@ -16,25 +16,7 @@ _ROS_OPTIONS = ("dialect", "lethal")
 
 
 def describe_map(scene: Scene) -> dict[str, Any]:
-    """How the map of a scene was read.
-
-    Parameters
-    ----------
-    scene : Scene
-        With a map.
-
-    Returns
-    -------
-    dict
-        ``file``, ``format``; of a picture ``greys``, triples of the first and last grey value (0 is black, 255 white)
-        and what they mean; of a ROS map ``unknown_cells`` and what they are taken for, ``unknown_as``; of a MovingAI
-        map the letters that are ``passable``.
-
-    Raises
-    ------
-    InputError
-        If the file is no longer there.
-    """
+    """How the map of a scene was read."""
     assert scene.map is not None
     table = scene.map.table
     file = Path(table["file"])

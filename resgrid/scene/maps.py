@@ -46,26 +46,7 @@ _MAGIC = (
 
 
 def read_map(path: Path, table: Mapping[str, Any]) -> MapData:
-    """Read a map file.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    table : mapping
-        ``format`` (or ``"auto"``) and the options of that format; others are refused.
-
-    Returns
-    -------
-    MapData
-
-    Raises
-    ------
-    InputError
-        If the file or an option is wrong.
-    BudgetError
-        If the grid would not fit in memory.
-    """
+    """Read a map file."""
     name = table.get("format", "auto")
     name = guess_format(path) if name == "auto" else name
     options = {key: value for key, value in table.items() if key not in ("file", "format")}
@@ -79,23 +60,7 @@ def read_map(path: Path, table: Mapping[str, Any]) -> MapData:
 
 
 def guess_format(path: Path) -> str:
-    """The format of a map file, by the end of its name or else by its first bytes.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-
-    Returns
-    -------
-    str
-        A key of `FORMATS`.
-
-    Raises
-    ------
-    InputError
-        If neither is known.
-    """
+    """The format of a map file, by the end of its name or else by its first bytes."""
     for name, entry in FORMATS.items():
         if path.suffix.lower() in entry.suffixes:
             return name

@@ -53,27 +53,7 @@ class Query:
 
 
 def read_movingai(path: Path, passable: str = PASSABLE) -> MapData:
-    """Read a MovingAI map; a cell is 1 x 1, in units of ``cell``.
-
-    Parameters
-    ----------
-    path : Path
-        The ``.map`` file.
-    passable : str
-        The terrain letters that are free; among ``.G@OTSW`` (by default ``.``, ``G`` and swamp ``S``).
-
-    Returns
-    -------
-    MapData
-        Map column ``c``, row ``r`` (row 0 on top) is cell ``(c, height - 1 - r)``.
-
-    Raises
-    ------
-    InputError
-        If the header, a row or a letter is wrong; the message names the line.
-    BudgetError
-        If the map would not fit in memory.
-    """
+    """Read a MovingAI map; a cell is 1 x 1, in units of ``cell``."""
     unknown = sorted(set(passable) - set(TERRAIN))
     if unknown:
         raise InputError(f"map.passable: {''.join(unknown)!r} is no terrain; the letters are {TERRAIN}")

@@ -65,15 +65,6 @@ def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
 def parse_value(text: str) -> Any:
     """The value that a text from a command line stands for.
 
-    Parameters
-    ----------
-    text : str
-        TOML (``4.5``, ``true``, ``[0, 1]``, ``"text"``), numbers separated by commas, or plain text.
-
-    Returns
-    -------
-    object
-
     Examples
     --------
     >>> parse_value("0.5, 2"), parse_value("4k7"), parse_value("false")

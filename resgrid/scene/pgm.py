@@ -27,28 +27,7 @@ def read_pgm(data: bytes, path: Path, bytes_per_pixel: int = BYTES_PER_CELL) -> 
     Blanks, tabs, line ends and comments (from ``#`` to the end of the line) may stand between the numbers of the
     header; one blank character ends it.  Values above 255 take two bytes, the higher first.
 
-    Parameters
-    ----------
-    data : bytes
-        The whole file.
-    path : Path
-        Its name, for messages.
-    bytes_per_pixel : int
-        Memory that a pixel takes until it is a cell.
-
-    Returns
-    -------
-    values : ndarray of uint16, shape (height, width)
-        The top row first.
-    maxval : int
-        The value of white, 1 to 65535.
-
-    Raises
-    ------
-    InputError
-        If the file is no PGM, has no pixels, is cut short, or holds a value above white.
-    BudgetError
-        If the picture would not fit in memory.
+    Returns `values` (height, width).
     """
     magic = data[:2]
     if magic not in (b"P2", b"P5"):

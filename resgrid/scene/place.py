@@ -14,30 +14,7 @@ from resgrid.space import Axis, split_points
 
 
 def located(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -> tuple[tuple[int, ...], Point]:
-    """Cell that a point of the world lies in, and the point in the coordinates of the space.
-
-    Parameters
-    ----------
-    axes : tuple of Axis
-        The grid.
-    frame : Frame
-        From space to world coordinates.
-    point : tuple of float
-        World coordinates.
-    key : str
-        What the point is, for the message.
-
-    Returns
-    -------
-    cell : tuple of int
-    point : tuple of float
-        In axis units; within the cell, wrapped where an axis is periodic.
-
-    Raises
-    ------
-    InputError
-        If the point lies outside the grid.
-    """
+    """Cell that a point of the world lies in, and the point in the coordinates of the space."""
     inside = frame.from_world(point)
     try:
         cell, local = split_points(axes, inside)
@@ -53,25 +30,7 @@ def located(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -> tup
 
 
 def to_space(shape: Shape, frame: Frame) -> Shape:
-    """A shape of the world in the coordinates of the space.
-
-    Parameters
-    ----------
-    shape : Shape
-        In world coordinates.
-    frame : Frame
-        From space to world coordinates.
-
-    Returns
-    -------
-    Shape
-        The same point set; a rectangle becomes a polygon where the frame is turned, a line one of hardly any width.
-
-    Raises
-    ------
-    InputError
-        If the frame is turned and the shape is not one of the plane.
-    """
+    """A shape of the world in the coordinates of the space."""
     if frame.is_world:
         return shape
     match shape:

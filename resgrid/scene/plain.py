@@ -24,28 +24,7 @@ HEADER_READERS = {(1, 0): "read_array_header_1_0", (2, 0): "read_array_header_2_
 
 
 def read_grey(path: Path, threshold: int = THRESHOLD, **placing: Any) -> MapData:
-    """Read a picture in which dark is an obstacle.
-
-    Parameters
-    ----------
-    path : Path
-        PNG, PGM or any other picture; pixel column ``c``, row ``r`` (row 0 on top) is cell ``(c, height - 1 - r)``.
-    threshold : int
-        Brightness, 0 to 256, below which a pixel is an obstacle; colours count by their luma, opacity is ignored.
-    **placing
-        ``spacing``, ``origin`` and ``unit``, as in `maps.placed_axes`.
-
-    Returns
-    -------
-    MapData
-
-    Raises
-    ------
-    InputError
-        If the file or the origin is wrong.
-    BudgetError
-        If the picture would not fit in memory.
-    """
+    """Read a picture in which dark is an obstacle."""
     grey = read_raster(path).grey
     rows = np.where(grey < threshold, Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
     return _placed(cells_from_rows(rows), placing)
@@ -56,24 +35,6 @@ def read_epic(path: Path, **placing: Any) -> MapData:
 
     Colours are turned to grey by their rounded luma, opacity is ignored (K. Wray, D. Ruiken, R. Grupen and
     S. Zilberstein, "Log-space harmonic function path planning", IROS 2016; OpenCV's ``IMREAD_GRAYSCALE``).
-
-    Parameters
-    ----------
-    path : Path
-        The picture.
-    **placing
-        ``spacing``, ``origin`` and ``unit``, as in `maps.placed_axes`.
-
-    Returns
-    -------
-    MapData
-
-    Raises
-    ------
-    InputError
-        If the file or the origin is wrong.
-    BudgetError
-        If the picture would not fit in memory.
     """
     grey = read_raster(path).grey
     rows = np.where(grey == 0, Cell.OBSTACLE, np.where(grey == 255, Cell.GOAL, Cell.FREE)).astype(np.uint8)
@@ -81,26 +42,7 @@ def read_epic(path: Path, **placing: Any) -> MapData:
 
 
 def read_npy(path: Path, **placing: Any) -> MapData:
-    """Read a NumPy array of cell codes (0 free, 1 obstacle, 2 goal) or truth values (true is an obstacle).
-
-    Parameters
-    ----------
-    path : Path
-        An ``.npy`` file with one to four dimensions; the first index is the first axis, as in `ConfigurationSpace`.
-    **placing
-        ``spacing``, ``origin`` and ``unit``, as in `maps.placed_axes`.
-
-    Returns
-    -------
-    MapData
-
-    Raises
-    ------
-    InputError
-        If the file is no such array, is cut short, or holds other numbers.
-    BudgetError
-        If the array would not fit in memory.
-    """
+    """Read a NumPy array of cell codes (0 free, 1 obstacle, 2 goal) or truth values (true is an obstacle)."""
     data = read_bytes(path)
     _check_npy(data, path)
     try:

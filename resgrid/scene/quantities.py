@@ -67,20 +67,6 @@ def parse_quantity(value: object) -> float:
 def parse_share(value: object) -> float:
     """Read a share of a whole: a percentage such as ``"10 %"``, or a plain number or quantity such as 0.1.
 
-    Parameters
-    ----------
-    value : str, int or float
-        What was written.
-
-    Returns
-    -------
-    float
-
-    Raises
-    ------
-    InputError
-        If it is anything else.
-
     Examples
     --------
     >>> parse_share("10 %"), parse_share("2.5%"), parse_share(0.1)

@@ -15,18 +15,7 @@ WORKSPACE_ROBOTS = ("arm", "polygon")
 
 
 def with_robot_axes(raw: Mapping[str, Any]) -> Mapping[str, Any]:
-    """A document whose axes say everything that its robot, and ``grid.cells``, imply.
-
-    Parameters
-    ----------
-    raw : mapping
-        The document; whatever has the wrong type is left to the schema.
-
-    Returns
-    -------
-    mapping
-        The same document, or a copy with fuller axes.
-    """
+    """A document whose axes say everything that its robot, and ``grid.cells``, imply."""
     grid, robot = raw.get("grid"), raw.get("robot")
     if not isinstance(grid, Mapping):
         return raw
@@ -45,36 +34,13 @@ def with_robot_axes(raw: Mapping[str, Any]) -> Mapping[str, Any]:
 
 
 def robot_kind(raw: Mapping[str, Any]) -> str:
-    """Type of the robot of a document; ``"point"`` where it does not say.
-
-    Parameters
-    ----------
-    raw : mapping
-
-    Returns
-    -------
-    str
-    """
+    """Type of the robot of a document; ``"point"`` where it does not say."""
     robot = raw.get("robot")
     return str(robot.get("type", "point")) if isinstance(robot, Mapping) else "point"
 
 
 def robot_table(robot: Robot) -> dict[str, Any]:
-    """The ``[robot]`` table of a robot.
-
-    Parameters
-    ----------
-    robot : Robot
-
-    Returns
-    -------
-    dict
-
-    Raises
-    ------
-    InputError
-        If scenes cannot describe it.
-    """
+    """The ``[robot]`` table of a robot."""
     match robot:
         case PointRobot(radius):
             return {"type": "point", "radius": radius}

@@ -51,20 +51,9 @@ BYTES_PER_PIXEL = 96
 class RosHeader:
     """What a ``map.yaml`` says.
 
-    Attributes
-    ----------
-    image : Path
-        The picture.
-    resolution : float
-        Width of a pixel, in metres.
-    origin : tuple of float
-        Pose of the lower-left corner of the lower-left pixel: x and y in metres, yaw in radians, anticlockwise.
-    negate : bool
-        Whether light means occupied.
-    occupied_thresh, free_thresh : float
-        Thresholds of the darkness, 0 to 1.
-    mode : {"trinary", "scale", "raw"}
-        What a grey value means.
+    `image`: the picture; `resolution`: width of a pixel, in metres; `origin`: pose of the lower-left corner of the
+    lower-left pixel: x and y in metres, yaw in radians, anticlockwise; `negate`: whether light means occupied;
+    `occupied_thresh, free_thresh`: thresholds of the darkness, 0 to 1; `mode`: what a grey value means.
     """
 
     image: Path
@@ -81,30 +70,6 @@ def read_ros(path: Path, dialect: str = "nav2", unknown: str = "obstacle", letha
 
     A cell is an obstacle if its occupancy is at least `lethal`, and free below; negative occupancies follow `unknown`.
     Where a ROS 1 raw map holds bytes above 127, they count as costmap_2d reads them: 255 is unknown, others occupied.
-
-    Parameters
-    ----------
-    path : Path
-        The ``map.yaml``.
-    dialect : {"nav2", "ros1"}
-        Whose reader is meant.
-    unknown : {"obstacle", "free"}
-        What unknown cells are.
-    lethal : int, optional
-        Occupancy, 1 to 100, from which a cell is an obstacle; by default 100 times the map's ``occupied_thresh``,
-        rounded up.  Trinary maps do not care.
-
-    Returns
-    -------
-    MapData
-        x first, y upwards.  With yaw 0 the axes start at the map's origin; otherwise at 0, in the map's own frame.
-
-    Raises
-    ------
-    InputError
-        If a file, key or option is wrong.
-    BudgetError
-        If the picture would not fit in memory.
     """
     header = read_header(path, dialect)
     occupancy = _occupancy(header, dialect)
@@ -115,25 +80,7 @@ def read_ros(path: Path, dialect: str = "nav2", unknown: str = "obstacle", letha
 
 
 def ros_greys(path: Path, dialect: str = "nav2", lethal: int | None = None) -> list[str]:
-    """What each grey value of an opaque picture means in a ROS map.
-
-    Parameters
-    ----------
-    path : Path
-        The ``map.yaml``.
-    dialect, lethal
-        As in `read_ros`.
-
-    Returns
-    -------
-    list of str
-        256 entries, ``"obstacle"``, ``"free"`` or ``"unknown"``, by the grey value from 0, black, to 255.
-
-    Raises
-    ------
-    InputError
-        If the file or a key is wrong.
-    """
+    """What each grey value of an opaque picture means in a ROS map."""
     header = read_header(path, dialect)
     occupancy = _CONVERTERS[dialect](Raster(np.arange(256, dtype=np.uint16).reshape(1, 256, 1), 255), header)
     words = np.where(_is_occupied(occupancy, header, lethal), "obstacle", "free")
@@ -172,24 +119,7 @@ def occupancy_grid(path: str | os.PathLike[str], dialect: str = "nav2") -> NDArr
 
 
 def read_header(path: Path, dialect: str = "nav2") -> RosHeader:
-    """Read a ``map.yaml``; keys that neither reader knows are ignored, as they do.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    dialect : {"nav2", "ros1"}
-        Whose reader is meant.
-
-    Returns
-    -------
-    RosHeader
-
-    Raises
-    ------
-    InputError
-        If the file is no YAML mapping, or a key is missing or wrong.
-    """
+    """Read a ``map.yaml``; keys that neither reader knows are ignored, as they do."""
     if dialect not in DIALECTS:
         raise InputError(f"dialect = {dialect!r} is unknown; it may be one of {', '.join(DIALECTS)}")
     table = _load_yaml(path)

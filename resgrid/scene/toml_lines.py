@@ -8,36 +8,12 @@ Path = tuple[str | int, ...]
 
 
 def key_lines(text: str) -> dict[Path, int]:
-    r"""Line of every table, key and array element of a TOML document.
-
-    Parameters
-    ----------
-    text : str
-        A document that tomllib accepts, with ``"\n"`` line ends.
-
-    Returns
-    -------
-    dict of tuple to int
-        From key path (array elements and tables of an array by number) to line number, from 1.
-    """
+    r"""Line of every table, key and array element of a TOML document."""
     return _Scanner(text).run()
 
 
 def line_of(lines: dict[Path, int], path: Path) -> int | None:
-    """Line of a key path, or of the nearest thing around it.
-
-    Parameters
-    ----------
-    lines : dict of tuple to int
-        From `key_lines`.
-    path : tuple of str and int
-        The key path; need not exist.
-
-    Returns
-    -------
-    int or None
-        None if nothing around it has a line of its own.
-    """
+    """Line of a key path, or of the nearest thing around it."""
     for length in range(len(path), 0, -1):
         if path[:length] in lines:
             return lines[path[:length]]

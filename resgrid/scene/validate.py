@@ -24,28 +24,7 @@ _KINDS = ("obstacle", "hidden", "goal", "start", "area", "robot")
 def validate(
     raw: Mapping[str, Any], source: str, lines: dict[Path, int] | None = None, ndim: int | None = None
 ) -> SceneDocument:
-    """Check a document and give its typed form.
-
-    Parameters
-    ----------
-    raw : mapping
-        The document as read.
-    source : str
-        File name for the message.
-    lines : dict, optional
-        From `toml_lines.key_lines`.
-    ndim : int, optional
-        Number of axes, where a map decides it.
-
-    Returns
-    -------
-    SceneDocument
-
-    Raises
-    ------
-    InputError
-        One message that lists all problems.
-    """
+    """Check a document and give its typed form."""
     from pydantic import ValidationError
 
     from resgrid.scene.document import SceneDocument
@@ -64,16 +43,7 @@ def validate(
 
 
 def key_path(path: Path) -> str:
-    """A key path as people write it, such as ``obstacle[2].radius`` (elements from 0).
-
-    Parameters
-    ----------
-    path : tuple of str and int
-
-    Returns
-    -------
-    str
-    """
+    """A key path as people write it, such as ``obstacle[2].radius`` (elements from 0)."""
     text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)
     return text.removeprefix(".") or "the scene"
 

@@ -180,23 +180,7 @@ class Run:
 def check_read_deck(
     deck: ParsedDeck, point: OperatingPoint, data: bytes, run: Run, root: str | os.PathLike[str] | None = None
 ) -> Agreement:
-    """Hold a simulator against our solution of somebody's deck; the places of the worst nodes are told.
-
-    Parameters
-    ----------
-    deck : ParsedDeck
-    point : OperatingPoint
-        Of ``deck.netlist()``.
-    data : bytes
-        The content of the deck's file.
-    run : Run
-    root : path-like, optional
-        The folder that its includes were not allowed to leave.
-
-    Returns
-    -------
-    Agreement
-    """
+    """Hold a simulator against our solution of somebody's deck; the places of the worst nodes are told."""
     from resgrid.spice.foreign import expected_of, places_of, runnable
 
     job = runnable(deck, data, root=None if root is None else Path(root), engine=run.engine)

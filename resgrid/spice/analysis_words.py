@@ -18,26 +18,14 @@ from typing import Any
 class AnalysisWords:
     """How one simulator is asked for analyses; templates for `str.format`, a line each.
 
-    Attributes
-    ----------
-    first, last : tuple of str
-        Lines in front of all others, and behind them.
-    deck_first : bool
-        Whether the deck is included before the statements, not after them.
-    operating, transient, noise, temperature, mismatch : tuple of str
-        The analyses; ``temperatures`` is a list with blanks, and so is ``numbers``, of the runs.
-    run : tuple of str
-        What starts the other analyses where one of them is a control block.
-    one_a_run : bool
-        Whether the simulator runs one analysis only.
-    print_all : str
-        What must be there for anything to be printed; ``kind`` is the analysis.
-    probe, probe_voltage, probe_current : str
-        What is kept, a statement with ``what``, and how a voltage and a current stand in it; ``kind`` is the analysis.
-    maximum, minimum, value, crossing : str
-        The measurements, by `Measure.what`.
-    measure_first, measure_last : tuple of str
-        Lines around the measurements.
+    `first, last`: lines in front of all others, and behind them; `deck_first`: whether the deck is included before
+    the statements, not after them; `operating, transient, noise, temperature, mismatch`: the analyses;
+    ``temperatures`` is a list with blanks, and so is ``numbers``, of the runs; `run`: what starts the other analyses
+    where one of them is a control block; `one_a_run`: whether the simulator runs one analysis only; `print_all`: what
+    must be there for anything to be printed; ``kind`` is the analysis; `probe, probe_voltage, probe_current`: what is
+    kept, a statement with ``what``, and how a voltage and a current stand in it; ``kind`` is the analysis; `maximum,
+    minimum, value, crossing`: the measurements, by `Measure.what`; `measure_first, measure_last`: lines around the
+    measurements.
     """
 
     first: tuple[str, ...]

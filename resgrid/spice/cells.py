@@ -33,18 +33,9 @@ _FREE = "(1-{0})*(2-{0})*(3-{0})/6"
 class CellDeck:
     """A deck of tiles.
 
-    Attributes
-    ----------
-    flat : FlatDeck
-        The flat deck of the expanded netlist, whose node names the tiles share.
-    text : str
-        The deck; it includes the two other files.
-    chip, pattern : str
-        Their content.
-    resistors : Texts
-        Names of all resistors as ngspice expands them, ``r.x_3_4.r_link_0``.
-    resistor_value : ndarray of float64, shape (resistors,)
-        What they should come to, in ohms.
+    `flat`: the flat deck of the expanded netlist, whose node names the tiles share; `text`: the deck; it includes the
+    two other files; `chip, pattern`: their content; `resistors`: names of all resistors as ngspice expands them,
+    ``r.x_3_4.r_link_0``; `resistor_value` (resistors,): what they should come to, in ohms.
     """
 
     flat: FlatDeck
@@ -66,31 +57,7 @@ def tile_deck(
     mismatch: MismatchAnalysis | None = None,
     suffix: Mapping[int, str] | None = None,
 ) -> CellDeck:
-    """Write a compiled netlist in tile form.
-
-    Parameters
-    ----------
-    netlist : Netlist
-        From `compile_space`.
-    tile : Tile
-    dialect : str
-    title : str, optional
-    chip_file, pattern_file : str
-        What the deck calls the files it includes.
-    mismatch : MismatchAnalysis, optional
-        How far the resistors between cells are off, drawn here or by the simulator.
-    suffix : mapping of int to str, optional
-        What is added to the lines of the obstacle's (0) and the goal's supply (1).
-
-    Returns
-    -------
-    CellDeck
-
-    Raises
-    ------
-    InputError
-        If the netlist has no cells, or the dialect is unknown.
-    """
+    """Write a compiled netlist in tile form."""
     rules = dialect_named(dialect)
     array, pattern = tile_array(netlist, tile, mismatch), pattern_of(netlist)
     spread = mismatch.sigma if mismatch is not None and mismatch.runs else 0.0

@@ -41,28 +41,7 @@ def format_companion(
     *,
     tolerance: float = TOLERANCE,
 ) -> str:
-    """Write the companion of an ngspice deck.
-
-    Parameters
-    ----------
-    deck : str
-        Name of the deck's file.
-    expected : Expected
-        Voltages and source currents.
-    resistors : Texts
-        Names of the deck's resistors, as ngspice knows them.
-    values : ndarray of float64, shape (resistors,)
-        Their resistances, in ohms.
-    sha256 : str
-        Hash of the deck, told in the file.
-    tolerance : float
-        Largest relative error that passes.
-
-    Returns
-    -------
-    str
-        The file; ``ngspice -n -b FILE`` runs it, and exits with 0 for PASS and 1 for FAIL.
-    """
+    """Write the companion of an ngspice deck.  Shapes: `values` (resistors,)."""
     groups = [group for group in _groups(expected, resistors, values) if len(group.errors)]
     lines = [
         f"* verify {deck}: prints PASS or FAIL",

@@ -70,23 +70,7 @@ def compare(
     reference: Reference = "solve",
     findings: Sequence[str] = (),
 ) -> Agreement:
-    """Compare what a simulator said with what is expected.
-
-    Parameters
-    ----------
-    expected : Expected
-    simulation : Simulation
-    tolerance : float
-        Of voltages, relative to the supply; of source currents, relative to the largest.
-    reference : {"sidecar", "scene", "solve"}
-        Where the expectation comes from.
-    findings : sequence of str
-        What was found before.
-
-    Returns
-    -------
-    Agreement
-    """
+    """Compare what a simulator said with what is expected."""
     shared = [name for name in expected.voltage if name in simulation.voltage]
     # NaN is larger than every difference
     error = {name: _distance(expected.voltage[name], simulation.voltage[name]) for name in shared}
@@ -123,18 +107,7 @@ def _remark(simulation: Simulation) -> str:
 
 
 def unverified(found: Agreement, why: str) -> Agreement:
-    """What a comparison with what was read of a deck, written anew, says of the deck itself: nothing good.
-
-    Parameters
-    ----------
-    found : Agreement
-    why : str
-        Why the deck itself was not run.
-
-    Returns
-    -------
-    Agreement
-    """
+    """What a comparison with what was read of a deck, written anew, says of the deck itself: nothing good."""
     return replace(
         found,
         agrees=None if found.agrees else False,

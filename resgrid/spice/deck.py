@@ -30,30 +30,13 @@ _MAX_TITLE = 200
 class FlatDeck:
     """A deck's text, and what ties its names to the netlist.
 
-    Attributes
-    ----------
-    netlist : Netlist
-        What was written.
-    text : str
-        The deck, LF line ends.
-    dialect : Dialect
-        Whose rules it keeps.
-    title : str
-        Its title, one line of ASCII.
-    nodes : ndarray of int64, shape (n,)
-        Nodes of the netlist that the deck holds, ascending, without ground.
-    node_texts : Texts
-        Their names in the deck; `node_names` as strings.
-    sources : ndarray of int64, shape (s,)
-        Voltage sources of the netlist that the deck holds, in its order.
-    source_texts : Texts
-        Their names in the deck; `source_names` as strings.
-    left_out : list of str
-        Names (the netlist's) of the nodes that float and are left out.
-    renamed_nodes, renamed_elements : mapping of str to str
-        Name in the deck to name in the netlist, where they differ.
-    resistors : Texts
-        Names of the resistors in the deck, in its order; `resistor_value` in ohms goes with them.
+    `netlist`: what was written; `text`: the deck, LF line ends; `dialect`: whose rules it keeps; `title`: its title,
+    one line of ASCII; `nodes` (n,): nodes of the netlist that the deck holds, ascending, without ground;
+    `node_texts`: their names in the deck; `node_names` as strings; `sources` (s,): voltage sources of the netlist
+    that the deck holds, in its order; `source_texts`: their names in the deck; `source_names` as strings; `left_out`:
+    names (the netlist's) of the nodes that float and are left out; `renamed_nodes, renamed_elements`: name in the
+    deck to name in the netlist, where they differ; `resistors`: names of the resistors in the deck, in its order;
+    `resistor_value` in ohms goes with them.
     """
 
     netlist: Netlist
@@ -85,12 +68,8 @@ class FlatDeck:
 class Additions:
     """What analyses ask of the lines of a deck.
 
-    Attributes
-    ----------
-    suffix : mapping of str to mapping of int to str
-        Per kind of source, what is added to the line of which of the netlist's elements (a waveform).
-    spread : float
-        Standard deviation of the resistances, relative, to be drawn by the simulator; 0 for none.
+    `suffix`: per kind of source, what is added to the line of which of the netlist's elements (a waveform); `spread`:
+    standard deviation of the resistances, relative, to be drawn by the simulator; 0 for none.
     """
 
     suffix: Mapping[str, Mapping[int, str]] = field(default_factory=dict)
@@ -131,25 +110,7 @@ def format_deck(netlist: Netlist, *, dialect: str = "ngspice", title: str | None
 def flatten(
     netlist: Netlist, *, dialect: str = "ngspice", title: str | None = None, additions: Additions = _NOTHING
 ) -> FlatDeck:
-    """Write a netlist as a flat deck; as `format_deck`, with the names that were used.
-
-    Parameters
-    ----------
-    netlist : Netlist
-    dialect : str
-    title : str, optional
-    additions : Additions
-        What analyses ask of it.
-
-    Returns
-    -------
-    FlatDeck
-
-    Raises
-    ------
-    InputError, CircuitError
-        As `format_deck`.
-    """
+    """Write a netlist as a flat deck; as `format_deck`, with the names that were used."""
     rules = dialect_named(dialect)
     held = held_nodes(netlist)
     nodes = name_nodes(netlist, rules, held)
@@ -199,15 +160,7 @@ def resistances(conductance: NDArray[np.float64]) -> NDArray[np.float64]:
     Of the candidates within one unit in the last place of ``1 / conductance``, and that value rounded to 12 digits
     (which gives 3300.0 back where 3300.0 was meant), the first whose reciprocal is exact is taken.
 
-    Parameters
-    ----------
-    conductance : ndarray of float64, shape (m,)
-        In siemens.
-
-    Returns
-    -------
-    ndarray of float64, shape (m,)
-        In ohms.
+    Shapes: `conductance` (m,); returns (m,).
     """
     nearest = 1 / conductance
     with np.errstate(all="ignore"):

@@ -73,55 +73,23 @@ class Dialect:
 
     Templates are for `str.format`; their fields are ``name``, ``a`` and ``b`` (nodes), ``value``, and what is named.
 
-    Attributes
-    ----------
-    name : str
-        What the user calls it.
-    ground : str
-        Name of the reference node.
-    reserved : frozenset of str
-        Legal words that mean something else as a node name.
-    comment : str
-        What a full-line comment begins with.
-    preamble : tuple of str
-        Lines that every deck begins with, behind its title.
-    resistor, voltage_source, current_source, capacitor : str
-        A line of each kind; values in SI units.
-    nonlinear_resistor : str
-        The same for ``I = current * tanh(V / voltage)``.
-    behavioural_current : str
-        A source of the current ``value``, an expression.
-    spread_resistor : str
-        A resistor whose value the simulator draws: normal, ``sigma`` times the value its standard deviation.
-    spread_preamble : tuple of str
-        What that needs in front, for ``sigma``.
-    temperature_coefficients : str
-        What is added to a resistor's line, for ``tc1`` in 1/K and ``tc2`` in 1/K^2.
-    piecewise : str
-        What is added to a source's line to make it move in time: ``points``, pairs of time and value.
-    small_signal : str
-        What is added to the line of a source of 1 V in a small-signal analysis.
-    voltage : str
-        The voltage between ``a`` and ``b`` in an expression.
-    expression : str
-        How an expression ``value`` stands where a number would.
-    parameter : str
-        Definition of the parameter ``name``.
-    subcircuit, parameters, instance, end_subcircuit : str
-        First line of a subcircuit (``name``, ``nodes``, ``defaults``), how its parameters are introduced (in the body
-        or in that line, see `parameters_in_body`), an instance (``name``, ``nodes``, ``master``, ``values``), and the
-        last line.
-    parameters_in_body : bool
-        Whether the parameters of a subcircuit stand in a line of their own.
-    include : str
-        The statement that includes ``file``.
-    precise : str
-        The options that make Newton's method agree to 1e-9 where there are nonlinear resistors.
-    end : str
-        Last line of a deck; may be empty.
-    commands : str
-        The second file, that includes the deck and asks for its operating point: ``deck``, and ``source``, the name of
-        a voltage source, with its ``volts``.
+    `name`: what the user calls it; `ground`: name of the reference node; `reserved`: legal words that mean something
+    else as a node name; `comment`: what a full-line comment begins with; `preamble`: lines that every deck begins
+    with, behind its title; `resistor, voltage_source, current_source, capacitor`: A line of each kind; values in SI
+    units; `nonlinear_resistor`: the same for ``I = current * tanh(V / voltage)``; `behavioural_current`: A source of
+    the current ``value``, an expression; `spread_resistor`: A resistor whose value the simulator draws: normal,
+    ``sigma`` times the value its standard deviation; `spread_preamble`: what that needs in front, for ``sigma``;
+    `temperature_coefficients`: what is added to a resistor's line, for ``tc1`` in 1/K and ``tc2`` in 1/K^2;
+    `piecewise`: what is added to a source's line to make it move in time: ``points``, pairs of time and value;
+    `small_signal`: what is added to the line of a source of 1 V in a small-signal analysis; `voltage`: the voltage
+    between ``a`` and ``b`` in an expression; `expression`: how an expression ``value`` stands where a number would;
+    `parameter`: definition of the parameter ``name``; `subcircuit, parameters, instance, end_subcircuit`: first line
+    of a subcircuit (``name``, ``nodes``, ``defaults``), how its parameters are introduced (in the body or in that
+    line, see `parameters_in_body`), an instance (``name``, ``nodes``, ``master``, ``values``), and the last line;
+    `parameters_in_body`: whether the parameters of a subcircuit stand in a line of their own; `include`: the
+    statement that includes ``file``; `precise`: the options that make Newton's method agree to 1e-9 where there are
+    nonlinear resistors; `end`: last line of a deck; may be empty; `commands`: the second file, that includes the deck
+    and asks for its operating point: ``deck``, and ``source``, the name of a voltage source, with its ``volts``.
     """
 
     name: str
@@ -296,22 +264,7 @@ DIALECTS = {dialect.name: dialect for dialect in (_NGSPICE, _LTSPICE, _XYCE, _HS
 
 
 def dialect_named(name: str) -> Dialect:
-    """Look a dialect up.
-
-    Parameters
-    ----------
-    name : str
-        One of `DIALECTS`.
-
-    Returns
-    -------
-    Dialect
-
-    Raises
-    ------
-    InputError
-        If there is no such dialect; the message lists them.
-    """
+    """Look a dialect up."""
     if name not in DIALECTS:
         raise InputError(f"there is no SPICE dialect {name!r}; choose one of {', '.join(sorted(DIALECTS))}")
     return DIALECTS[name]

@@ -39,34 +39,7 @@ def simulate_eecircuit(
     executable: str | os.PathLike[str] | None = None,
     direct: bool = False,
 ) -> Simulation:
-    """Find the operating point of a deck's content with ``eecircuit-engine``; as `resgrid.spice.ngspice.simulate`.
-
-    Parameters
-    ----------
-    data : bytes
-        The deck.
-    source : str
-        What to call it in messages.
-    timeout : float
-        In seconds.
-    executable : path-like, optional
-        Node; by default what ``RESGRID_NODE`` names, otherwise ``node``.
-    direct : bool
-        The deck has its own analysis, and may hold models.
-
-    Returns
-    -------
-    Simulation
-
-    Raises
-    ------
-    InputError
-        If the deck could run commands.
-    ToolMissingError
-        If Node or the package is not installed.
-    BudgetError
-        If it does not end in time.
-    """
+    """Find the operating point of a deck's content with ``eecircuit-engine``; as `resgrid.spice.ngspice.simulate`."""
     node, module = _find_node(executable), find_module()
     refuse_commands(data, source, models=direct)
     with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
@@ -86,19 +59,7 @@ def simulate_eecircuit(
 
 
 def find_module() -> Path:
-    """The package's ES module.
-
-    Returns
-    -------
-    Path
-        In the folder that ``RESGRID_EECIRCUIT`` names, in one of ``NODE_PATH``, in ``node_modules`` here or above, or
-        where ``npm install -g`` puts it.
-
-    Raises
-    ------
-    ToolMissingError
-        If it is in none of these.
-    """
+    """The package's ES module."""
     for folder in _folders():
         manifest = folder / "package.json"
         try:

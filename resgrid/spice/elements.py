@@ -36,14 +36,9 @@ INITIALS = MappingProxyType(
 class NodeNames:
     """Names of a deck's nodes.
 
-    Attributes
-    ----------
-    nodes : ndarray of int64, shape (n,)
-        The nodes that the deck holds, ascending, without ground.
-    texts : Texts
-        Name of every node of the netlist, empty where the deck does not hold it.
-    labels : Texts
-        The same as part of an element's name: the place alone, empty for ground.
+    `nodes` (n,): the nodes that the deck holds, ascending, without ground; `texts`: name of every node of the
+    netlist, empty where the deck does not hold it; `labels`: the same as part of an element's name: the place alone,
+    empty for ground.
     """
 
     nodes: NDArray[np.int64]
@@ -52,15 +47,7 @@ class NodeNames:
 
 
 def held_nodes(netlist: Netlist) -> NDArray[np.bool_]:
-    """Which nodes a deck can hold: those that resistors and voltage sources join to ground; shape (node_count,).
-
-    Raises
-    ------
-    CircuitError
-        If a current source feeds a floating part.
-    InputError
-        If nothing is left.
-    """
+    """Which nodes a deck can hold: those that resistors and voltage sources join to ground; shape (node_count,)."""
     part = connected_parts(netlist)
     trapped = trapped_current_sources(netlist, part)
     if trapped.size:
@@ -76,15 +63,7 @@ def held_nodes(netlist: Netlist) -> NDArray[np.bool_]:
 
 
 def choose_elements(netlist: Netlist, held: NDArray[np.bool_]) -> dict[str, NDArray[np.int64]]:
-    """Numbers of the elements that the deck holds, per kind, in the order of their nodes and values.
-
-    Raises
-    ------
-    InputError
-        If a resistance is beyond the largest number.
-    CircuitError
-        If voltage sources contradict each other.
-    """
+    """Numbers of the elements that the deck holds, per kind, in the order of their nodes and values."""
     from resgrid.nodal.sources import tie_sources
 
     with np.errstate(over="ignore"):
@@ -121,18 +100,7 @@ def _sorted(
 
 
 def name_nodes(netlist: Netlist, rules: Dialect, held: NDArray[np.bool_]) -> NodeNames:
-    """Name the nodes that a deck holds.
-
-    Parameters
-    ----------
-    netlist : Netlist
-    rules : Dialect
-    held : ndarray of bool, shape (node_count,)
-
-    Returns
-    -------
-    NodeNames
-    """
+    """Name the nodes that a deck holds.  Shapes: `held` (node_count,)."""
     nodes = np.flatnonzero(held)
     nodes = nodes[nodes != GROUND]
     if netlist.node_names is None:
@@ -175,22 +143,7 @@ def _only(texts: Texts, keep: NDArray[np.bool_]) -> Texts:
 
 
 def name_elements(netlist: Netlist, kind: str, numbers: NDArray[np.int64], nodes: NodeNames) -> Texts:
-    """Names of elements: the file's where there are any, otherwise from the place.
-
-    Parameters
-    ----------
-    netlist : Netlist
-    kind : str
-        A key of `ENDS`.
-    numbers : ndarray of int64, shape (n,)
-        Which of them.
-    nodes : NodeNames
-
-    Returns
-    -------
-    Texts
-        One a number, unlike each other.
-    """
+    """Names of elements: the file's where there are any, otherwise from the place.  Shapes: `numbers` (n,)."""
     initial = INITIALS[kind]
     given = (netlist.element_names or {}).get(kind)
     if given is not None:

@@ -21,22 +21,7 @@ ENGINES: dict[str, Engine] = {"ngspice": simulate, "eecircuit": simulate_eecircu
 
 
 def engine_named(name: str) -> Engine:
-    """Look an engine up.
-
-    Parameters
-    ----------
-    name : str
-        One of `ENGINES`.
-
-    Returns
-    -------
-    Engine
-
-    Raises
-    ------
-    InputError
-        If there is no such engine; the message lists them.
-    """
+    """Look an engine up."""
     if name not in ENGINES:
         raise InputError(f"there is no engine {name!r}; choose one of {', '.join(ENGINES)}")
     return ENGINES[name]

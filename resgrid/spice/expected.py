@@ -16,21 +16,13 @@ from resgrid.spice.deck import FlatDeck
 class Expected:
     """Voltages and source currents that a deck should have.
 
-    Attributes
-    ----------
-    voltage : mapping of str to float
-        Per node of the deck, ground excluded, in volts.
-    source_current : mapping of str to float or None
-        Into the plus terminal of every voltage source of the deck, in amperes; None where it is undetermined.
-    supply : float
-        Largest voltage difference in the circuit, in volts: what tolerances are relative to.  With two rails it is the
-        difference of the rails, by the maximum principle.
-    current_scale : float
-        What tolerances of currents are relative to, in amperes: the largest source current, or a thousandth of what the
-        largest conductance carries at the supply, if that is more.
-    kcl_residual : float
-        What the voltages are worth: largest violation of Kirchhoff's current law, relative to the current through the
-        same node.
+    `voltage`: per node of the deck, ground excluded, in volts; `source_current`: into the plus terminal of every
+    voltage source of the deck, in amperes; None where it is undetermined; `supply`: largest voltage difference in the
+    circuit, in volts: what tolerances are relative to. With two rails it is the difference of the rails, by the
+    maximum principle; `current_scale`: what tolerances of currents are relative to, in amperes: the largest source
+    current, or a thousandth of what the largest conductance carries at the supply, if that is more; `kcl_residual`:
+    what the voltages are worth: largest violation of Kirchhoff's current law, relative to the current through the
+    same node.
     """
 
     voltage: Mapping[str, float]
@@ -41,22 +33,7 @@ class Expected:
 
 
 def expect(deck: FlatDeck, point: OperatingPoint) -> Expected:
-    """Tie an operating point to the names of a deck of the same netlist.
-
-    Parameters
-    ----------
-    deck : FlatDeck
-    point : OperatingPoint
-
-    Returns
-    -------
-    Expected
-
-    Raises
-    ------
-    InputError
-        If the operating point belongs to another netlist, or lacks a voltage that the deck needs.
-    """
+    """Tie an operating point to the names of a deck of the same netlist."""
     if not point.is_of(deck.netlist):
         raise InputError("the operating point belongs to another netlist; solve this one first")
     voltage = point.voltage[deck.nodes]

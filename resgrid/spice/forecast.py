@@ -30,18 +30,9 @@ _RANDOM_WIDTH = 0.117
 class Costs:
     """What was measured of one engine.
 
-    Attributes
-    ----------
-    start : float
-        Seconds before it begins.
-    element : float
-        Seconds an element.
-    core : float
-        Seconds for a core of one node, one wide.
-    width_power, size_power : float
-        Powers of the core's width and of its size.
-    start_bytes, element_bytes, fill_bytes : float
-        Memory at its start, an element, and an entry of ``size * width``.
+    `start`: seconds before it begins; `element`: seconds an element; `core`: seconds for a core of one node, one
+    wide; `width_power, size_power`: powers of the core's width and of its size; `start_bytes, element_bytes,
+    fill_bytes`: memory at its start, an element, and an entry of ``size * width``.
     """
 
     start: float
@@ -104,19 +95,7 @@ _FIRST_WITH_KLU = 42
 
 
 def costs_named(engine: str, version: str) -> str:
-    """Key of `COSTS` for an engine: ngspice is another from version 42 on, the first with KLU.
-
-    Parameters
-    ----------
-    engine : str
-        One of `resgrid.spice.engines.ENGINES`.
-    version : str
-        Of ngspice, such as ``"39"`` or ``"44.2"``; an unknown one is taken for old.
-
-    Returns
-    -------
-    str
-    """
+    """Key of `COSTS` for an engine: ngspice is another from version 42 on, the first with KLU."""
     major = version.partition(".")[0].rstrip("+")
     has_klu = engine == "ngspice" and major.isdecimal() and int(major) >= _FIRST_WITH_KLU
     return "ngspice-klu" if has_klu else engine
@@ -152,19 +131,7 @@ def forecast_run(circuit: Netlist | ParsedDeck, engine: str = "ngspice") -> Fore
 
 
 def require_time(expected: Forecast, timeout: float) -> None:
-    """Refuse a run that will not end in time.
-
-    Parameters
-    ----------
-    expected : Forecast
-    timeout : float
-        In seconds.
-
-    Raises
-    ------
-    BudgetError
-        If the forecast exceeds it; the message holds both.
-    """
+    """Refuse a run that will not end in time."""
     if expected.seconds > timeout:
         other = "" if expected.engine != "ngspice" else ", take the faster engine (--engine eecircuit)"
         more = f"allow more (--timeout {max(expected.seconds * 3, 1):.0f})"
@@ -172,19 +139,7 @@ def require_time(expected: Forecast, timeout: float) -> None:
 
 
 def core_of(subject: Subject) -> tuple[int, float]:
-    """Size and width of what remains of a network without its loose ends and its nodes of known voltage.
-
-    Parameters
-    ----------
-    subject : Subject
-
-    Returns
-    -------
-    size : int
-        Nodes of the largest connected core with three neighbours or more.
-    width : float
-        Nodes of the core a level of a breadth-first search from its far end.
-    """
+    """Size and width of what remains of a network without its loose ends and its nodes of known voltage."""
     from scipy.sparse import coo_array
 
     from resgrid.spice.kernels import strip_leaves, sweep_levels

@@ -28,18 +28,9 @@ _ANALYSIS = re.compile(
 class Runnable:
     """What a simulator is given for someone else's deck.
 
-    Attributes
-    ----------
-    data : bytes
-        With one analysis, the operating point.
-    as_written : bool
-        Whether it is the deck itself; otherwise it is what was read, written anew and flat.
-    why : str
-        Why not, empty if it is.
-    files : mapping of str to bytes
-        What it includes, by places in the folder it is run in.
-    place : str
-        Its own place there.
+    `data`: with one analysis, the operating point; `as_written`: whether it is the deck itself; otherwise it is what
+    was read, written anew and flat; `why`: why not, empty if it is; `files`: what it includes, by places in the
+    folder it is run in; `place`: its own place there.
     """
 
     data: bytes
@@ -54,20 +45,6 @@ def runnable(deck: ParsedDeck, data: bytes, *, root: Path | None = None, engine:
 
     Only the lines of its analyses and outputs are taken out; everything else is run byte for byte, in the files that
     hold it.
-
-    Parameters
-    ----------
-    deck : ParsedDeck
-    data : bytes
-        The content of its file.
-    root : Path, optional
-        The folder that its includes were not allowed to leave, and that it is run in; by default its own.
-    engine : str
-        Which simulator.
-
-    Returns
-    -------
-    Runnable
     """
     path = Path(deck.path).resolve()
     root = path.parent if root is None else root.resolve()
@@ -90,13 +67,7 @@ def rewritten(deck: ParsedDeck, why: str) -> Runnable:
 
 
 def _safe_files(deck: ParsedDeck, path: Path, data: bytes, root: Path, engine: str) -> dict[str, bytes]:
-    """What a deck includes.
-
-    Raises
-    ------
-    InputError
-        If it cannot be run as it stands; the message says why.
-    """
+    """What a deck includes."""
     if deck.dialect != "ngspice":
         raise InputError(f"it is written for {deck.dialect}, and only ngspice is run here")
     refuse_commands(data, deck.path, models=True, includes=len(deck.files) > 1)
@@ -127,21 +98,7 @@ def _without_analyses(rows: Iterable[bytes]) -> Iterator[bytes]:
 
 
 def expected_of(deck: ParsedDeck, point: OperatingPoint, *, as_written: bool) -> Expected:
-    """What a simulator should find in a deck, by the names it gives; as `expect` otherwise.
-
-    Parameters
-    ----------
-    deck : ParsedDeck
-    point : OperatingPoint
-        Of ``deck.netlist()``.
-    as_written : bool
-        Whether the simulator is given the deck itself.
-
-    Returns
-    -------
-    Expected
-        Nodes that float are left out.
-    """
+    """What a simulator should find in a deck, by the names it gives; as `expect` otherwise."""
     from resgrid.spice.deck import flatten
     from resgrid.spice.expected import expect
 

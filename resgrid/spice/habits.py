@@ -33,27 +33,12 @@ Basis = Literal["measured", "documented"]
 class Habits:
     """What one simulator does.
 
-    Attributes
-    ----------
-    name : str
-    basis : {"measured", "documented"}
-        How this is known.
-    smallest_resistance : float or None
-        In ohms: what smaller resistances are raised to, 0 included; None where that is not known.
-    raises_zero_only : bool
-        Positive values are kept.
-    floating : {"everywhere", "there", "unknown"}
-        Where a conductance is added when a part floats: at every node, at the floating nodes, or nobody knows.
-    gmin : float
-        That conductance, in siemens.
-    gmin_options : tuple of str
-        Options that change it, those that count before others first.
-    shunt_options : mapping of str to {"ohms", "siemens"}
-        Options that tie every node to ground.
-    duplicates : {"fails", "unknown"}
-        What a second element of the same name leads to.
-    loops : {"fail", "fail at ground"}
-        Which loops of voltage sources leave no answer; other loops, and those of inductors, leave it to a transient.
+    `basis`: how this is known; `smallest_resistance`: in ohms: what smaller resistances are raised to, 0 included;
+    None where that is not known; `raises_zero_only`: positive values are kept; `floating`: where a conductance is
+    added when a part floats: at every node, at the floating nodes, or nobody knows; `gmin`: that conductance, in
+    siemens; `gmin_options`: options that change it, those that count before others first; `shunt_options`: options
+    that tie every node to ground; `duplicates`: what a second element of the same name leads to; `loops`: which loops
+    of voltage sources leave no answer; other loops, and those of inductors, leave it to a transient.
     """
 
     name: str

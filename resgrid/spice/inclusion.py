@@ -23,27 +23,7 @@ _WORD = re.compile(r"[\w.+,@=#%-][\w.+,@=#% -]*")
 
 
 def gather_includes(deck: Path, data: bytes, root: Path) -> dict[str, bytes]:
-    """Every file that a simulator may read for a deck, by its place below the root; the deck itself is left out.
-
-    Parameters
-    ----------
-    deck : Path
-        Resolved.
-    data : bytes
-        Its content.
-    root : Path
-        Resolved.
-
-    Returns
-    -------
-    dict of str to bytes
-
-    Raises
-    ------
-    InputError
-        If one lies outside the root, is no regular file, is reached by a link, or could run commands; or if the name of
-        one is not plain.
-    """
+    """Every file that a simulator may read for a deck, by its place below the root; the deck itself is left out."""
     found: dict[str, bytes] = {}
     todo = [(deck, data)]
     while todo:

@@ -11,18 +11,7 @@ from numpy.typing import NDArray
 def left_over(ends: NDArray[np.int64], volts: NDArray[np.float64], count: int) -> NDArray[np.float64]:
     """Voltage by which each source contradicts those before it: a union-find whose links carry voltages.
 
-    Parameters
-    ----------
-    ends : ndarray of int64, shape (s, 2)
-        Plus and minus node of every source.
-    volts : ndarray of float64, shape (s,)
-    count : int
-        Number of nodes.
-
-    Returns
-    -------
-    ndarray of float64, shape (s,)
-        In volts; NaN for sources that close no loop.
+    Shapes: `ends` (s, 2), `volts` (s,); returns (s,).
     """
     parent = np.arange(count)
     above = np.zeros(count)

@@ -48,19 +48,6 @@ def inspect_deck(data: bytes, expected: Expected, tolerance: float) -> list[str]
 
     Kirchhoff's current law is evaluated at every node with the deck's own values and the expected voltages; this sees
     a changed element even where the voltages hardly move.
-
-    Parameters
-    ----------
-    data : bytes
-        A flat deck as resgrid writes it.
-    expected : Expected
-    tolerance : float
-        Of the current through a node (or of the supply, at a source); never finer than the voltages are worth.
-
-    Returns
-    -------
-    list of str
-        One line each, the worst first; empty if nothing was found.
     """
     elements, problems = _parse(data, expected.voltage)
     if elements is None:

@@ -17,20 +17,6 @@ def legal_names(wanted: Sequence[str], initial: str, reserved: Iterable[str] = (
     A name that is legal keeps itself, its first bearer going first; of the others, capitals are folded, foreign
     characters become ``_``, and a number is added where the result is taken.
 
-    Parameters
-    ----------
-    wanted : sequence of str
-        One name per node or element.
-    initial : str
-        The letter to put in front of a name that does not begin with one.
-    reserved : iterable of str
-        Legal names that may not be used.
-
-    Returns
-    -------
-    list of str
-        In the same order.
-
     Examples
     --------
     >>> legal_names(["a", "A", "b 1", "7", "gnd"], "n", reserved=["gnd"])

@@ -32,18 +32,7 @@ _PLAIN = re.compile(r"(?!\d+\.0*$)[^\s,;#%]+")
 
 
 def write_network(netlist: Netlist, path: str | os.PathLike[str]) -> None:
-    """Write a netlist as the end of the file's name says, one of `NETWORK_SUFFIXES`.
-
-    Parameters
-    ----------
-    netlist : Netlist
-    path : path-like
-
-    Raises
-    ------
-    InputError
-        If the file cannot be written or is of no known kind, or an edge list cannot hold the names of the nodes.
-    """
+    """Write a netlist as the end of the file's name says, one of `NETWORK_SUFFIXES`."""
     writers = {".txt": _write_edges, ".graphml": _write_graphml, ".json": _write_json, ".npz": _write_arrays}
     write = writers.get(Path(path).suffix.lower())
     if write is None:
@@ -53,21 +42,7 @@ def write_network(netlist: Netlist, path: str | os.PathLike[str]) -> None:
 
 
 def read_graph(path: str | os.PathLike[str]) -> Netlist:
-    """Read a netlist from GraphML, node-link JSON or arrays, by the end of the file's name.
-
-    Parameters
-    ----------
-    path : path-like
-
-    Returns
-    -------
-    Netlist
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or holds no netlist.
-    """
+    """Read a netlist from GraphML, node-link JSON or arrays, by the end of the file's name."""
     file = Path(path)
     readers = {".graphml": _read_graphml, ".json": _read_json, ".npz": _read_arrays}
     try:

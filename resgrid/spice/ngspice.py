@@ -105,13 +105,7 @@ def run_ngspice(
 
 
 def read_deck(path: Path) -> bytes:
-    """Content of a deck's file.
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or is a device, which may never end.
-    """
+    """Content of a deck's file."""
     try:
         if path.is_char_device() or path.is_block_device():
             raise InputError(f"cannot read the deck {str(path)!r}: it is a device; name a deck file")
@@ -131,33 +125,7 @@ def simulate(
     files: Mapping[str, bytes] = MappingProxyType({}),
     place: str = _DECK,
 ) -> Simulation:
-    """Find the operating point of a deck's content; as `run_ngspice`.
-
-    Parameters
-    ----------
-    data : bytes
-        The deck.
-    source : str
-        What to call it in messages.
-    timeout : float
-        In seconds.
-    executable : path-like, optional
-    direct : bool
-        Run the deck itself, with its own title and analysis, instead of a file that includes it; models are allowed.
-    files : mapping of str to bytes
-        Further files that it includes, by their places in the folder it is run in; found to be safe already.
-    place : str
-        Its own place in that folder.
-
-    Returns
-    -------
-    Simulation
-
-    Raises
-    ------
-    InputError, ToolMissingError, BudgetError
-        As `run_ngspice`.
-    """
+    """Find the operating point of a deck's content; as `run_ngspice`."""
     program = _find(executable)
     refuse_commands(data, source, models=direct, includes=bool(files))
     with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
@@ -181,13 +149,7 @@ def simulate(
 
 
 def ngspice_version(executable: str | os.PathLike[str] | None = None) -> str:
-    """Version of the installed ngspice, e.g. ``"39"``; ``"unknown"`` if it does not tell.
-
-    Raises
-    ------
-    ToolMissingError
-        If ngspice is not installed.
-    """
+    """Version of the installed ngspice, e.g. ``"39"``; ``"unknown"`` if it does not tell."""
     program = _find(executable)
     with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
         return _version(program, Path(name))
@@ -205,24 +167,7 @@ def _find(executable: str | os.PathLike[str] | None) -> str:
 
 
 def refuse_commands(data: bytes, source: str, *, models: bool = False, includes: bool = False) -> None:
-    """Refuse a deck that could run commands or read other files.
-
-    Parameters
-    ----------
-    data : bytes
-    source : str
-        What to call it in messages.
-    models : bool
-        Whether ``.model`` and ``.func`` are allowed: they were read, and hold nothing but resistors.  What no reader
-        has seen, behind ``.end`` say, may then hold code models, which are not.
-    includes : bool
-        Whether other files may be read: they lie in a folder made for the run.
-
-    Raises
-    ------
-    InputError
-        The message names the line.
-    """
+    """Refuse a deck that could run commands or read other files."""
     words = _COMMANDS + (b"" if includes else _FILES) + (_CODE_MODELS if models else _MODELS)
     forbidden = re.compile(rb"^\s*(" + words + rb")", re.IGNORECASE | re.MULTILINE)
     data = data.removeprefix(_BOM)
@@ -257,13 +202,6 @@ def run_quietly(
     """Run a simulator in a folder, its output in a log there; its exit status, of which nothing follows.
 
     With ``cwd`` it runs in another folder than that of the log.
-
-    Raises
-    ------
-    ToolMissingError
-        If it cannot be run.
-    BudgetError
-        If it does not end in time.
     """
     environment = {key: value for key, value in os.environ.items() if not key.startswith(("SPICE", "NGSPICE"))}
     with (folder / _LOG).open("wb") as log:
@@ -312,13 +250,7 @@ def log_complaints(folder: Path, name: str = "ngspice") -> tuple[str, ...]:
 
 
 def operating_point(path: Path) -> RawFile:
-    """The raw file of an operating point.
-
-    Raises
-    ------
-    InputError
-        If it is absent, damaged or something else.
-    """
+    """The raw file of an operating point."""
     if not path.is_file():
         raise InputError("ngspice left no raw file")
     raw = read_rawfile(path.read_bytes(), "ngspice's raw file")

@@ -65,10 +65,7 @@ class Note:
 class LateNames(Mapping[str, tuple[str, ...]]):
     """Names of elements per kind, made when they are first asked for.
 
-    Parameters
-    ----------
-    makers : mapping of str to callable
-        What makes the names of each kind.
+    `makers`: what makes the names of each kind.
     """
 
     def __init__(self, makers: Mapping[str, Callable[[], Sequence[str]]]) -> None:
@@ -254,19 +251,7 @@ def rebase(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64] | None, NDArray[np.float64] | None]:
     """Count temperature from another point: ``R (1 + tc1 d + tc2 d^2)`` expanded about ``d = heating``.
 
-    Parameters
-    ----------
-    resistance : ndarray of float64, shape (m,)
-        In ohms.
-    tc1, tc2 : ndarray of float64, shape (m,), or None
-        In 1/K and 1/K^2.
-    heating : float or ndarray of float64, shape (m,)
-        In kelvin.
-
-    Returns
-    -------
-    resistance, tc1, tc2
-        The same polynomial about the new point.
+    Shapes: `resistance` (m,), `tc1, tc2` (m,), `heating` (m,).
     """
     if np.all(heating == 0) or (tc1 is None and tc2 is None):
         return resistance, tc1, tc2
@@ -287,15 +272,6 @@ def rebase(
 
 def ngspice_name(name: str) -> str:
     """How ngspice spells the name of an element: ``r1``, but ``r.x1.r1`` for one inside a subcircuit.
-
-    Parameters
-    ----------
-    name : str
-        As in `ParsedDeck.element_names`.
-
-    Returns
-    -------
-    str
 
     Examples
     --------

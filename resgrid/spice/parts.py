@@ -10,28 +10,7 @@ from resgrid.spice.dialects import Dialect
 
 
 def with_parts(path: Path, data: bytes, parts: Iterable[str], rules: Dialect) -> bytes:
-    """Put the parts of a deck in the place of the lines that include them.
-
-    Parameters
-    ----------
-    path : Path
-        The deck.
-    data : bytes
-        Its content.
-    parts : iterable of str
-        Files beside the deck.
-    rules : Dialect
-        Of the deck.
-
-    Returns
-    -------
-    bytes
-
-    Raises
-    ------
-    InputError
-        If a part cannot be read.
-    """
+    """Put the parts of a deck in the place of the lines that include them."""
     for name in parts:
         part = path.with_name(Path(name).name)
         try:

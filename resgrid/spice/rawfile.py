@@ -18,16 +18,8 @@ _COUNTED = ("no. variables", "no. points")
 class RawFile:
     """One plot of a raw file.
 
-    Attributes
-    ----------
-    plot : str
-        What was computed, e.g. ``"Operating Point"``.
-    names : tuple of str
-        One per variable, e.g. ``v(n_0_0)`` or ``i(v_obstacle)``.
-    kinds : tuple of str
-        ``"voltage"``, ``"current"``, ...
-    values : ndarray of float64 or complex128, shape (points, variables)
-        In SI units.
+    `plot`: what was computed, e.g. ``"Operating Point"``; `names`: one per variable, e.g. ``v(n_0_0)`` or
+    ``i(v_obstacle)``; `kinds`: ``"voltage"``, ``"current"``, ; `values` (points, variables): in SI units.
     """
 
     plot: str
@@ -37,24 +29,7 @@ class RawFile:
 
 
 def read_rawfile(data: bytes, source: str = "raw file") -> RawFile:
-    """Read a binary raw file that holds one plot.
-
-    Parameters
-    ----------
-    data : bytes
-        The file's content: header lines, the word ``Binary:``, little-endian doubles point by point.
-    source : str
-        What to call it in messages.
-
-    Returns
-    -------
-    RawFile
-
-    Raises
-    ------
-    InputError
-        If it is truncated, damaged, in text form, or holds several plots.
-    """
+    """Read a binary raw file that holds one plot."""
     head, found, body = data.partition(_BINARY)
     if not found:
         if b"\nValues:\n" in data:

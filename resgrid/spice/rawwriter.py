@@ -23,14 +23,8 @@ FORMS = ("binary", "ascii")
 class RawVectors:
     """What one plot of a raw file holds.
 
-    Attributes
-    ----------
-    names : tuple of str
-        Such as ``v(out)`` or ``i(v1)``.
-    kinds : tuple of str
-        ``"voltage"`` or ``"current"``.
-    values : ndarray of float64, shape (points, variables)
-        In volts and amperes.
+    `names`: such as ``v(out)`` or ``i(v1)``; `kinds`: ``"voltage"`` or ``"current"``; `values` (points, variables):
+    in volts and amperes.
     """
 
     names: Sequence[str]
@@ -68,17 +62,7 @@ def write_raw(
 
 
 def raw_vectors(point: OperatingPoint) -> RawVectors:
-    """Voltages and source currents of an operating point, with ngspice's names.
-
-    Parameters
-    ----------
-    point : OperatingPoint
-
-    Returns
-    -------
-    RawVectors
-        One point.
-    """
+    """Voltages and source currents of an operating point, with ngspice's names."""
     netlist = point.netlist
     nodes = np.flatnonzero(np.isfinite(point.voltage))
     nodes = nodes[nodes != GROUND]
@@ -94,25 +78,7 @@ def raw_vectors(point: OperatingPoint) -> RawVectors:
 def format_raw(
     vectors: RawVectors, *, title: str = "resistor network", plot: str = "Operating Point", form: str = "binary"
 ) -> bytes:
-    """One plot as the content of a raw file.
-
-    Parameters
-    ----------
-    vectors : RawVectors
-    title, plot : str
-        What the header says.
-    form : {"binary", "ascii"}
-
-    Returns
-    -------
-    bytes
-        Without a date: the same values give the same bytes.
-
-    Raises
-    ------
-    InputError
-        If the form is unknown.
-    """
+    """One plot as the content of a raw file."""
     if form not in FORMS:
         raise InputError(f"a raw file cannot be {form!r}; it may be {' or '.join(FORMS)}")
     points, variables = vectors.values.shape

@@ -37,13 +37,7 @@ _SAME = ("node_count", "resistor_nodes", "source_nodes", "capacitor_nodes", "cap
 
 
 def only_one(analyses: Sequence[Analysis], kind: type[Analysis]) -> Any:
-    """The one analysis of a kind, or None.
-
-    Raises
-    ------
-    InputError
-        If there are more.
-    """
+    """The one analysis of a kind, or None."""
     found = [analysis for analysis in analyses if isinstance(analysis, kind)]
     if len(found) > 1:
         raise InputError(
@@ -53,26 +47,7 @@ def only_one(analyses: Sequence[Analysis], kind: type[Analysis]) -> Any:
 
 
 def additions(analyses: Sequence[Analysis], netlist: Netlist, rules: Dialect, after: Netlist | None) -> Additions:
-    """What analyses add to the lines of the deck itself.
-
-    Parameters
-    ----------
-    analyses : sequence of Analysis
-    netlist : Netlist
-        What is written, the scene before a change.
-    rules : Dialect
-    after : Netlist or None
-        The scene after it.
-
-    Returns
-    -------
-    Additions
-
-    Raises
-    ------
-    InputError
-        If the scenes do not fit each other, or noise has no source to refer to.
-    """
+    """What analyses add to the lines of the deck itself."""
     suffix: dict[int, str] = {}
     transient: TransientAnalysis | None = only_one(analyses, TransientAnalysis)
     if after is not None and transient is not None:
@@ -101,28 +76,7 @@ def _check_alike(before: Netlist, after: Netlist) -> None:
 def format_analyses(
     name: str, deck: FlatDeck, analyses: Sequence[Analysis], after: Netlist | None, references: Sequence[str] = ()
 ) -> str:
-    """Write the file that includes a deck and asks for analyses.
-
-    Parameters
-    ----------
-    name : str
-        Of the deck's file.
-    deck : FlatDeck
-    analyses : sequence of Analysis
-    after : Netlist or None
-        The scene after a change, as `additions`.
-    references : sequence of str
-        Names of nodes and sources that analyses may name beside the deck's own.
-
-    Returns
-    -------
-    str
-
-    Raises
-    ------
-    InputError
-        If an analysis names a node or source that the deck does not hold.
-    """
+    """Write the file that includes a deck and asks for analyses."""
     rules, words = deck.dialect, ANALYSIS_WORDS[deck.dialect.name]
     _check_names(deck, analyses, references)
     _check_number(words, deck.dialect.name, analyses)

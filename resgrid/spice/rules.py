@@ -56,14 +56,7 @@ def check_rules(circuit: Netlist | ParsedDeck) -> tuple[Finding, ...]:
 def connected_parts(netlist: Netlist) -> NDArray[np.int64]:
     """Number of the part each node belongs to: nodes joined by resistors and voltage sources.
 
-    Parameters
-    ----------
-    netlist : Netlist
-
-    Returns
-    -------
-    ndarray of int64, shape (node_count,)
-        Nodes whose number differs from ground's float.
+    Returns (node_count,).
     """
     return subject_of(netlist).part
 
@@ -71,16 +64,7 @@ def connected_parts(netlist: Netlist) -> NDArray[np.int64]:
 def trapped_current_sources(netlist: Netlist, part: NDArray[np.int64]) -> NDArray[np.int64]:
     """Current sources that drive a floating part from outside of it, so that their current cannot return.
 
-    Parameters
-    ----------
-    netlist : Netlist
-    part : ndarray of int64, shape (node_count,)
-        From `connected_parts`.
-
-    Returns
-    -------
-    ndarray of int64
-        Numbers of the current sources.
+    Shapes: `part` (node_count,).
     """
     return rules_connection.trapped_sources(netlist.current_nodes, netlist.current_amps, part)
 

@@ -95,12 +95,8 @@ def trapped_sources(ends: NDArray[np.int32], amps: NDArray[np.float64], part: ND
 class Loops:
     """Elements that close loops of voltage sources; of those in a loop, inductors and then resistors of 0 ohm close it.
 
-    Attributes
-    ----------
-    sources, inductors, shorts : ndarray of int64
-        Numbers of the voltage sources (inductors apart) and resistors that close consistent loops.
-    contradictions : tuple of (str, int, float)
-        Kind and number of those that contradict the others, and by how many volts.
+    `sources, inductors, shorts`: numbers of the voltage sources (inductors apart) and resistors that close consistent
+    loops; `contradictions`: kind and number of those that contradict the others, and by how many volts.
     """
 
     sources: NDArray[np.int64]
@@ -110,16 +106,7 @@ class Loops:
 
 
 def loops_of(subject: Subject) -> Loops:
-    """Find the loops of voltage sources; resistors of 0 ohm count as sources of 0 V.
-
-    Parameters
-    ----------
-    subject : Subject
-
-    Returns
-    -------
-    Loops
-    """
+    """Find the loops of voltage sources; resistors of 0 ohm count as sources of 0 V."""
     from resgrid.spice.kernels import left_over
 
     zero = np.flatnonzero(subject.resistance == 0)

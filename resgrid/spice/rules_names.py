@@ -15,14 +15,8 @@ from resgrid.spice.subject import LISTED, SHOWN, Subject
 class Trap:
     """Names that a simulator misreads.
 
-    Attributes
-    ----------
-    pattern : str
-        Regular expression that such a name matches, within one line.
-    severity : {"warning", "info"}
-        In a netlist that is to be written; names are mapped there, so nothing worse.
-    message, remedy : str
-        What happens, and what to do.
+    `pattern`: regular expression that such a name matches, within one line; `severity`: in a netlist that is to be
+    written; names are mapped there, so nothing worse; `message, remedy`: what happens, and what to do.
     """
 
     pattern: str

@@ -37,26 +37,10 @@ _OWN = re.compile(rb'(?<="own_sha256": ")[0-9a-f]{64}(?=")')
 class Sidecar:
     """What was read from a sidecar.
 
-    Attributes
-    ----------
-    path : Path
-        Where it lies.
-    sha256 : str
-        Hash of the deck, hexadecimal.
-    block_lines : int
-        Number of lines per block.
-    blocks : tuple of str
-        Beginning of the hash of every block of lines.
-    dialect : str
-        Of the deck.
-    expected : Expected
-        What the simulator should find.
-    parts : mapping of str to str
-        Files that the deck includes, and their hashes; empty for a flat one.
-    companions : mapping of str to str
-        Files that include the deck, and their hashes.
-    intact : bool
-        Whether the sidecar is, to the byte, what was written.
+    `path`: where it lies; `sha256`: hash of the deck, hexadecimal; `block_lines`: number of lines per block;
+    `blocks`: beginning of the hash of every block of lines; `dialect`: of the deck; `expected`: what the simulator
+    should find; `parts`: files that the deck includes, and their hashes; empty for a flat one; `companions`: files
+    that include the deck, and their hashes; `intact`: whether the sidecar is, to the byte, what was written.
     """
 
     path: Path
@@ -85,24 +69,7 @@ def format_sidecar(
     text: str | None = None,
     more: Mapping[str, Any] | None = None,
 ) -> str:
-    """Write a sidecar's JSON, one node a line.
-
-    Parameters
-    ----------
-    deck_name : str
-        Name of the deck's file.
-    deck : FlatDeck
-    expected : Expected
-    text : str, optional
-        The deck's text, if it is another than the flat one.
-    more : mapping of str to object, optional
-        Further keys: the form, other files and their hashes, the scene's hash, analyses and what they should find.
-
-    Returns
-    -------
-    str
-        Without NaN or infinity; the same input gives the same text.
-    """
+    """Write a sidecar's JSON, one node a line."""
     data = (deck.text if text is None else text).encode("utf-8")
     head = {
         "schema": SCHEMA,
@@ -128,22 +95,7 @@ def format_sidecar(
 
 
 def read_sidecar(deck: Path) -> Sidecar:
-    """Read the sidecar of a deck.
-
-    Parameters
-    ----------
-    deck : Path
-        The deck, not the sidecar.
-
-    Returns
-    -------
-    Sidecar
-
-    Raises
-    ------
-    InputError
-        If there is none, or it is not what resgrid writes; the message names the file and the key.
-    """
+    """Read the sidecar of a deck."""
     path = sidecar_path(deck)
     data, content = _read_json(path)
     blocks = _entry(path, content, "blocks", dict)
@@ -179,17 +131,7 @@ def read_sidecar(deck: Path) -> Sidecar:
 
 
 def block_hashes(data: bytes, lines: int) -> list[str]:
-    """Beginnings of the SHA-256 of every ``lines`` lines of a text.
-
-    Parameters
-    ----------
-    data : bytes
-    lines : int
-
-    Returns
-    -------
-    list of str
-    """
+    """Beginnings of the SHA-256 of every ``lines`` lines of a text."""
     rows = data.split(b"\n")
     return [
         hashlib.sha256(b"\n".join(rows[start : start + lines])).hexdigest()[:_BLOCK_DIGITS]
@@ -198,19 +140,7 @@ def block_hashes(data: bytes, lines: int) -> list[str]:
 
 
 def altered_lines(data: bytes, sidecar: Sidecar) -> list[tuple[int, int]]:
-    """Ranges of lines, first and last, counted from 1, that differ from the deck that was written.
-
-    Parameters
-    ----------
-    data : bytes
-        The deck as it is now.
-    sidecar : Sidecar
-
-    Returns
-    -------
-    list of (int, int)
-        Neighbouring blocks are joined.
-    """
+    """Ranges of lines, first and last, counted from 1, that differ from the deck that was written."""
     size = sidecar.block_lines
     now = block_hashes(data, size)
     longest = max(len(now), len(sidecar.blocks))

@@ -24,19 +24,9 @@ LISTED = 1000
 class Subject:
     """A circuit under examination.
 
-    Attributes
-    ----------
-    node_count : int
-        Ground included.
-    ends : mapping of str to ndarray of int32, shape (elements, 2)
-        Nodes of every element, per kind.
-    resistance : ndarray of float64, shape (resistors,)
-        In ohms, as written in a deck: zero and negative values included.
-    volts, amps : ndarray of float64
-        Of the voltage and the current sources.
-    netlist : Netlist or None
-    deck : ParsedDeck or None
-        Where it comes from; one of the two.
+    `node_count`: ground included; `ends` (elements, 2): nodes of every element, per kind; `resistance` (resistors,):
+    in ohms, as written in a deck: zero and negative values included; `volts, amps`: of the voltage and the current
+    sources; `deck`: where it comes from; one of the two.
     """
 
     node_count: int
@@ -127,16 +117,7 @@ class Subject:
 
 
 def subject_of(circuit: Netlist | ParsedDeck) -> Subject:
-    """Bring a netlist or a deck into the form that the rules look at.
-
-    Parameters
-    ----------
-    circuit : Netlist or ParsedDeck
-
-    Returns
-    -------
-    Subject
-    """
+    """Bring a netlist or a deck into the form that the rules look at."""
     ends = {
         "resistor": circuit.resistor_nodes,
         "voltage source": circuit.source_nodes,
@@ -154,18 +135,7 @@ def subject_of(circuit: Netlist | ParsedDeck) -> Subject:
 
 
 def connected_parts_of(joined: NDArray[np.int32], node_count: int) -> NDArray[np.int64]:
-    """Number of the part each node belongs to.
-
-    Parameters
-    ----------
-    joined : ndarray of int32, shape (n, 2)
-        Pairs of nodes that belong together.
-    node_count : int
-
-    Returns
-    -------
-    ndarray of int64, shape (node_count,)
-    """
+    """Number of the part each node belongs to.  Shapes: `joined` (n, 2); returns (node_count,)."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

@@ -94,34 +94,14 @@ class Tile:
 class TileArray:
     """An array of tiles without a scene.
 
-    Attributes
-    ----------
-    shape : tuple of int
-        Cells along each axis.
-    tile : Tile
-        Values, complete.
-    boundary, drive : str
-        What a blocked tile does, and whether free ones are fed (as `Layout`).
-    internodal : bool
-        Whether there are internodal switches.
-    wall_resistance : float
-        In series with every contact of a blocked tile with one that is not, and with the edge, in ohms; 0 without.
-    link_wall, edge_wall : ndarray of float64, shapes (l,), (e,)
-        The same with the mismatch of the resistor before it, in ohms.
-    link_cells : ndarray of int64, shape (l, 2)
-        The cell whose tile holds the resistor, and the next one.
-    link_axis, link_face : ndarray of int64, shape (l,)
-        Along which axis it lies, and which face it crosses.
-    link_resistance : ndarray of float64, shape (l,)
-        In ohms.
-    edge_cell, edge_face : ndarray of int64, shape (e,)
-        Cells on the border, which a resistor ties to the obstacle rail.
-    edge_upward : ndarray of bool, shape (e,)
-        Whether that is the upper border.
-    edge_resistance : ndarray of float64, shape (e,)
-        In ohms, without the wall.
-    high, low : float
-        Voltages of the obstacle and the goal rail, the same where currents drive the chip.
+    `shape`: cells along each axis; `tile`: values, complete; `boundary, drive`: what a blocked tile does, and whether
+    free ones are fed (as `Layout`); `internodal`: whether there are internodal switches; `wall_resistance`: in series
+    with every contact of a blocked tile with one that is not, and with the edge, in ohms; 0 without; `link_wall,
+    edge_wall`: the same with the mismatch of the resistor before it, in ohms; `link_cells` (l, 2): the cell whose
+    tile holds the resistor, and the next one; `link_axis, link_face` (l,): along which axis it lies, and which face
+    it crosses; `link_resistance` (l,): in ohms; `edge_cell, edge_face` (e,): cells on the border, which a resistor
+    ties to the obstacle rail; `edge_upward` (e,): whether that is the upper border; `edge_resistance` (e,): in ohms,
+    without the wall; `high, low`: voltages of the obstacle and the goal rail, the same where currents drive the chip.
     """
 
     shape: tuple[int, ...]
@@ -148,12 +128,8 @@ class TileArray:
 class Pattern:
     """A scene, as tiles see it.
 
-    Attributes
-    ----------
-    state : ndarray of uint8, shape (cells,)
-        `State` of every tile, in C order of the cells.
-    amps : float
-        Current into every free tile, in amperes; 0 without a uniform drive.
+    `state` (cells,): `State` of every tile, in C order of the cells; `amps`: current into every free tile, in
+    amperes; 0 without a uniform drive.
     """
 
     state: NDArray[np.uint8]
@@ -165,23 +141,6 @@ def tile_array(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAnalysis
 
     With a cost map, the resistors beside obstacles and goals follow the flat netlist's rule (the free cell's
     conductivity counts alone), so the array belongs to its scene; without one it serves every scene of its grid.
-
-    Parameters
-    ----------
-    netlist : Netlist
-        From `compile_space`, whatever its rails.
-    tile : Tile
-    mismatch : MismatchAnalysis, optional
-        How far the resistors between cells are off, unless the simulator is to draw it.
-
-    Returns
-    -------
-    TileArray
-
-    Raises
-    ------
-    InputError
-        If the netlist was not compiled from a space.
     """
     from resgrid.compiler import compile_space
     from resgrid.spice.deck import resistances
@@ -236,19 +195,6 @@ def pattern_of(netlist: Netlist) -> Pattern:
     """The switch settings of a compiled netlist's scene.
 
     With open obstacles, free cells that no goal serves count as blocked: they would float.
-
-    Parameters
-    ----------
-    netlist : Netlist
-
-    Returns
-    -------
-    Pattern
-
-    Raises
-    ------
-    InputError
-        If the netlist was not compiled from a space, or is fed unevenly.
     """
     layout = layout_of(netlist)
     space = layout.space
@@ -357,13 +303,7 @@ def rail_resistance(array: TileArray, pattern: Pattern) -> tuple[NDArray[np.floa
 
 
 def layout_of(netlist: Netlist) -> Layout:
-    """The layout of a netlist that must have one.
-
-    Raises
-    ------
-    InputError
-        If it has none.
-    """
+    """The layout of a netlist that must have one."""
     if netlist.layout is None:
         raise InputError(
             "this netlist was not compiled from a space, so it has no cells to make tiles of; write it flat"

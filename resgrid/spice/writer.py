@@ -37,20 +37,11 @@ _USUAL = Tile()
 class WrittenDeck:
     """The files of one deck.
 
-    Attributes
-    ----------
-    path : Path
-        The portable deck, without commands.
-    commands : Path
-        The file that includes it and asks the simulator for its operating point, or for other analyses.
-    sidecar : Path
-        Hashes, cells, expected voltages and versions, as JSON.
-    sha256 : str
-        Hash of the deck.
-    companion : Path or None
-        The file that makes ngspice print PASS or FAIL; None for other dialects, and where values are random.
-    chip, pattern : Path or None
-        In tile form, the array of tiles and the scene, which the deck includes.
+    `path`: the portable deck, without commands; `commands`: the file that includes it and asks the simulator for its
+    operating point, or for other analyses; `sidecar`: hashes, cells, expected voltages and versions, as JSON;
+    `sha256`: hash of the deck; `companion`: the file that makes ngspice print PASS or FAIL; None for other dialects,
+    and where values are random; `chip, pattern`: in tile form, the array of tiles and the scene, which the deck
+    includes.
     """
 
     path: Path

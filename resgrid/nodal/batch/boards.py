@@ -24,17 +24,8 @@ _ROUNDING = 16 * 2.0**-52
 class BoardBatch:
     """A grid made ready for other conductances.
 
-    Attributes
-    ----------
-    pattern : Pattern
-    hierarchy : Hierarchy
-        Of the nominal chip.
-    grid : GridLevels
-        Its boards.
-    face : ndarray of int64, shape (entries,)
-        Where the entries of red rows belong on the board, as `kernels.refill` takes it.
-    start : ndarray of float64, shape (n,)
-        Where the iteration begins, in volts.
+    `hierarchy`: of the nominal chip; `grid`: its boards; `face` (entries,): where the entries of red rows belong on
+    the board, as `kernels.refill` takes it; `start` (n,): where the iteration begins, in volts.
     """
 
     pattern: Pattern
@@ -47,20 +38,7 @@ class BoardBatch:
     def solve(self, conductance: NDArray[np.float64], rtol: float) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """Solve for some chips.
 
-        Parameters
-        ----------
-        conductance : ndarray of float64, shape (chips, resistors)
-            In siemens.
-        rtol : float
-            Bound on the residual norm relative to that of the right-hand side, of which nodes that are tied more
-            stiffly than any of the nominal chip count as those.
-
-        Returns
-        -------
-        solution : ndarray of float64, shape (chips, n)
-            Voltages of the rows, in volts.
-        reached : ndarray of bool, shape (chips,)
-            Whether the residual is as small, or as rounding leaves it in a circuit as stiff as the nominal one.
+        Shapes: `conductance` (chips, resistors); returns `solution` (chips, n), `reached` (chips,).
         """
         from resgrid.nodal.batch import kernels
 

@@ -22,11 +22,7 @@ _ROUNDING = 1e-9
 class FactoredBatch:
     """A circuit made ready for other conductances.
 
-    Attributes
-    ----------
-    pattern : Pattern
-    start : ndarray of float64, shape (n,)
-        Where the iteration begins, in volts.
+    `start` (n,): where the iteration begins, in volts.
     """
 
     pattern: Pattern

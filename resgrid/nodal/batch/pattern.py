@@ -20,13 +20,7 @@ _FEW = 1000
 class Terms:
     """Sums of conductances: term ``k`` adds ``weight[k] * conductance[resistor[k]]`` to entry ``entry[k]``.
 
-    Attributes
-    ----------
-    count : int
-        Number of entries.
-    entry, resistor : ndarray of int64, shape (k,)
-    weight : ndarray of float64, shape (k,), or None
-        None where all are 1.
+    `count`: number of entries; `entry, resistor` (k,); `weight` (k,): none where all are 1.
     """
 
     count: int
@@ -46,18 +40,10 @@ class Terms:
 class Pattern:
     """What conductances are to a nodal system: all of its parts are linear in them.
 
-    Attributes
-    ----------
-    system : NodalSystem
-        Of the nominal conductances; rows and entries stay where they are.
-    source : ndarray of int64, shape (entries,), or None
-        The resistor behind every entry of its `coupling`; None where resistors are in parallel, and ``entries`` tells.
-    entries : Terms
-        Of the coupling's entries.
-    excess, feed : Terms
-        Of the system's parts of these names.
-    node : ndarray of int64, shape (k,)
-        Nodes that are solved for.
+    `system`: of the nominal conductances; rows and entries stay where they are; `source` (entries,): the resistor
+    behind every entry of its `coupling`; None where resistors are in parallel, and ``entries`` tells; `entries`: of
+    the coupling's entries; `excess, feed`: of the system's parts of these names; `node` (k,): nodes that are solved
+    for.
     """
 
     system: NodalSystem

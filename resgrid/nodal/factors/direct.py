@@ -38,11 +38,7 @@ EXACT_ROWS = 20_000
 class DirectFactor(Factor):
     """A nodal system and its factors ``L D L^T``.
 
-    Attributes
-    ----------
-    system, change
-        As of every `Factor`.
-    factors : NarrowFactors or SparseFactors
+    `system, change`: as of every `Factor`.
     """
 
     factors: NarrowFactors | SparseFactors
@@ -79,13 +75,7 @@ class DirectFactor(Factor):
 
 
 def factor_direct(system: NodalSystem) -> DirectFactor:
-    """Factor a nodal system.
-
-    Raises
-    ------
-    AccuracyError
-        If a pivot vanishes in double precision.
-    """
+    """Factor a nodal system."""
     narrow = narrow_order(system)
     if narrow is not None:
         return DirectFactor(system, factor_narrow(narrow))

@@ -30,12 +30,8 @@ _MOST_PASSES = 4
 class Factor(ABC):
     """A nodal system made ready for many right-hand sides.
 
-    Attributes
-    ----------
-    system : NodalSystem
-        The system.
-    change : Change or None
-        What updates have changed since the netlist was compiled; its ``reason`` says why not all could be kept.
+    `system`: the system; `change`: what updates have changed since the netlist was compiled; its ``reason`` says why
+    not all could be kept.
     """
 
     system: NodalSystem
@@ -54,33 +50,7 @@ class Factor(ABC):
         guess: ArrayLike | None = None,
         watch: Watch | None = None,
     ) -> NDArray[np.float64]:
-        """Solve to a normwise backward error.
-
-        Parameters
-        ----------
-        rhs : array_like of float, shape (n,)
-            Currents into the rows of the system, in amperes.
-        rtol : float
-            Bound on ``|b - A x| / (|A| |x| + |b|)``: in the maximum norm by the direct method and by elimination; by
-            multigrid in the Euclidean norm, with twice the largest diagonal entry for ``|A|``.
-        guess : array_like of float, shape (n,), optional
-            Where an iteration begins, in volts; it then also ends where it estimates the error of every voltage to be
-            at most ``rtol`` of the largest one.  The direct method needs none.
-        watch : Watch, optional
-            Told every step of an iteration, and the backward error.
-
-        Returns
-        -------
-        ndarray of float64, shape (n,)
-            Voltages of the rows, in volts.
-
-        Raises
-        ------
-        InputError
-            If there is not one finite number per row, or ``rtol`` is out of range.
-        AccuracyError
-            If ``rtol`` cannot be reached; it carries the best answer.
-        """
+        """Solve to a normwise backward error.  Shapes: `rhs` (n,), `guess` (n,); returns (n,)."""
         check_rtol(rtol)
         begin = None if guess is None else self._one_per_row("guess", guess)
         return self._solve(self._one_per_row("rhs", rhs), rtol, begin, watch)
@@ -88,24 +58,7 @@ class Factor(ABC):
     def solve_nonnegative(self, rhs: ArrayLike | Scaled, *, watch: Watch | None = None) -> tuple[Scaled, float]:
         """Solve for a right-hand side without negative entries, entry by entry.
 
-        Parameters
-        ----------
-        rhs : array_like of float or Scaled, shape (n,)
-            Currents into the rows, in amperes, none negative; of scaled ones ``lo`` is not used.
-        watch : Watch, optional
-            Told every step of an iteration, the backward error, and a bound on the errors of entries.
-
-        Returns
-        -------
-        solution : Scaled, shape (n,)
-            Voltages in volts.
-        error : float
-            Its componentwise backward error: up to 1, and infinite, where entries are not right; nothing is raised.
-
-        Raises
-        ------
-        InputError
-            If there is not one finite number per row, or one is negative.
+        Shapes: `rhs` (n,); returns `solution` (n,).
         """
         currents = self._one_per_row("rhs", rhs.hi if isinstance(rhs, Scaled) else rhs)
         if currents.min(initial=0.0) < 0.0:
@@ -164,24 +117,7 @@ class Factor(ABC):
         stagnate, the first solution that does makes them anew.  The new right-hand side is
         ``system.drive`` of the new factor, whose netlist is still the one before.
 
-        Parameters
-        ----------
-        cells : array_like of int, shape (k, ndim)
-            Cell indices.
-        to : Cell
-            ``Cell.OBSTACLE`` or ``Cell.GOAL``.
-
-        Returns
-        -------
-        Factor
-            Of the same rows; its ``change`` says what was done.
-
-        Raises
-        ------
-        InputError
-            If a cell is not free, or the netlist does not come from a space with merged rails.
-        CircuitError
-            If nothing is driven any more.
+        Shapes: `cells` (k, ndim).
         """
         from resgrid.nodal.update.change import change_cells
 
@@ -208,23 +144,7 @@ def refine_normwise(
 ) -> tuple[NDArray[np.float64], float]:
     """Correct a solution until its backward error is small enough, or a few times (Higham 2002, section 12.1).
 
-    Parameters
-    ----------
-    system : NodalSystem
-    rhs : ndarray of float64, shape (n,)
-        Currents into its rows, in amperes.
-    correction : callable
-        Solves the system for a residual, more or less.
-    x : ndarray of float64, shape (n,)
-        A first solution, in volts.
-    rtol : float
-        Backward error that is wanted.
-
-    Returns
-    -------
-    x : ndarray of float64, shape (n,)
-    error : float
-        ``|b - A x| / (|A| |x| + |b|)`` in the maximum norm.
+    Shapes: `rhs` (n,), `x` (n,); returns `x` (n,).
     """
     degree, coupling = system.degree, system.coupling
     norm, drive = 2.0 * float(degree.max(initial=0.0)), float(np.abs(rhs).max(initial=0.0))
@@ -246,12 +166,7 @@ def factor_anew(make: Callable[[NodalSystem], Factor], system: NodalSystem, chan
 
 
 def check_rtol(rtol: float) -> None:
-    """Refuse a backward error that is none.
-
-    Raises
-    ------
-    InputError
-    """
+    """Refuse a backward error that is none."""
     check_number("rtol", rtol, "a number between 0 and 1", above=0.0, below=1.0)
 
 

@@ -34,14 +34,8 @@ REFINED = 1e-26
 class MultigridFactor(Factor):
     """A nodal system and the hierarchy that preconditions it.
 
-    Attributes
-    ----------
-    system, change
-        As of every `Factor`.
-    patched : Hierarchy or None
-        Its levels, where an update has patched them.
-    windows : tuple of Window
-        The surroundings of what the last update has changed.
+    `system, change`: as of every `Factor`; `patched`: its levels, where an update has patched them; `windows`: the
+    surroundings of what the last update has changed.
     """
 
     patched: Hierarchy | None = None

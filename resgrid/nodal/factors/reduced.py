@@ -31,15 +31,8 @@ NOISE = 2.0**-96
 class ReducedFactor(Factor):
     """A reduced nodal system with a factor of its core.
 
-    Attributes
-    ----------
-    system, change
-        As of every `Factor`.
-    reduction : Reduction
-    inner : Factor or None
-        Solves the core; None where nothing is left.
-    factor : callable
-        Makes a system ready that an update has changed.
+    `system, change`: as of every `Factor`; `inner`: solves the core; None where nothing is left; `factor`: makes a
+    system ready that an update has changed.
     """
 
     reduction: Reduction

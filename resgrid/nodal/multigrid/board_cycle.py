@@ -29,31 +29,15 @@ class Boards(NamedTuple):
     Places of level ``l`` stand at ``places[l] ... places[l + 1]``, its links and faces at the corresponding
     stretches of their arrays; arrays over both colours have room for twice as many.
 
-    Attributes
-    ----------
-    size : int
-        Nodes of the first level below the board that it preconditions: places of both colours, or a graph's nodes.
-    nodes : int
-        Nodes of the graph below the boards.
-    places, first_link : ndarray of int64, shape (levels + 1,)
-    margin, block : ndarray of int64, shape (levels,)
-    distance : ndarray of int64, shape (levels, 2 ndim)
-    faces, links : ndarray of float32
-    link_red, link_black : ndarray of int32
-    red_inverse, black_inverse, black_degree : ndarray of float32
-    aggregate : ndarray of int32
-        Node of the next level that a black place belongs to; graph nodes count from 1.
-    weight : ndarray of float32
-        What it takes from there; empty where that is all (`resgrid.nodal.multigrid.graded`).
-    b, x : ndarray of float32
-        Currents and voltages of both colours, and of the graph's nodes behind them.
-    f, z, v, c, red : ndarray of float32
-        Work space over places: right-hand side and answer of the black nodes, products, first direction, red values.
-        All work space, from ``b`` on, is empty but where a solve has given the boards its own.
-    visits : ndarray of int64, shape (levels + 2,)
-        How often every level has been visited, and where an interrupted cycle goes on.
-    energy, alpha : ndarray of float64, shape (levels + 1,)
-        Products of the first steps.
+    `size`: nodes of the first level below the board that it preconditions: places of both colours, or a graph's
+    nodes; `nodes`: nodes of the graph below the boards; `places, first_link` (levels + 1,); `margin, block`
+    (levels,); `distance` (levels, 2 ndim); `aggregate`: node of the next level that a black place belongs to; graph
+    nodes count from 1; `weight`: what it takes from there; empty where that is all
+    (`resgrid.nodal.multigrid.graded`); `b, x`: currents and voltages of both colours, and of the graph's nodes behind
+    them; `f, z, v, c, red`: work space over places: right-hand side and answer of the black nodes, products, first
+    direction, red values. All work space, from ``b`` on, is empty but where a solve has given the boards its own;
+    `visits` (levels + 2,): how often every level has been visited, and where an interrupted cycle goes on; `energy,
+    alpha` (levels + 1,): products of the first steps.
     """
 
     size: int

@@ -29,20 +29,11 @@ class Board(NamedTuple):
 
     Arrays over places have shape (places,), with unused margins before and behind.
 
-    Attributes
-    ----------
-    faces : ndarray of float, shape (2 ndim, places)
-        Conductance from a red cell to the black one at ``distance``; 0 for none.
-    distance : ndarray of int64, shape (2 ndim,)
-        From a red place to the black place across each face.
-    margin, block : int
-        Places before the first cell; how many a pass takes at a time.
-    link_red, link_black : ndarray of int32
-        Places that links join, in the order of their red places.
-    links : ndarray of float
-        Their conductances.
-    red_inverse, black_inverse, black_degree : ndarray of float
-        Reciprocals of the diagonal at red and at black cells, and the latter; 0 where there is no unknown.
+    `faces` (2 ndim, places): conductance from a red cell to the black one at ``distance``; 0 for none; `distance` (2
+    ndim,): from a red place to the black place across each face; `margin, block`: places before the first cell; how
+    many a pass takes at a time; `link_red, link_black`: places that links join, in the order of their red places;
+    `links`: their conductances; `red_inverse, black_inverse, black_degree`: reciprocals of the diagonal at red and at
+    black cells, and the latter; 0 where there is no unknown.
     """
 
     faces: Reals

@@ -22,24 +22,11 @@ WEAK = 0.1
 class Level:
     """A board on the way from one level to the next, with leaks and with the links' axes.
 
-    Attributes
-    ----------
-    lattice : Lattice
-    faces : ndarray of float64, shape (2 ndim, places)
-    leak : ndarray of float64, shape (2, places)
-        Conductance to the rails, of red and of black places.
-    degree : ndarray of float64, shape (2, places)
-        All conductances at a place, summed.
-    mean : ndarray of float64, shape (ndim,)
-        Mean conductance along every axis, 0 where there is none.
-    uneven : bool
-        Whether some conductances are weak beside others.
-    ends : ndarray of int32, shape (2, links)
-        Red and black places of the links, in the order of both.
-    axis : ndarray of int32, shape (links,)
-    links : ndarray of float64, shape (links,)
-    extra_cell : tuple of two ndarrays of int64
-        Flat index of the cell that an extra red or black node belongs to.
+    `faces` (2 ndim, places); `leak` (2, places): conductance to the rails, of red and of black places; `degree` (2,
+    places): all conductances at a place, summed; `mean` (ndim,): mean conductance along every axis, 0 where there is
+    none; `uneven`: whether some conductances are weak beside others; `ends` (2, links): red and black places of the
+    links, in the order of both; `axis` (links,); `links` (links,); `extra_cell`: flat index of the cell that an extra
+    red or black node belongs to.
     """
 
     lattice: Lattice
@@ -69,28 +56,8 @@ def lay_out(
 ) -> tuple[Level, NDArray[np.int32]] | None:
     """Colour a grid and bring the conductances of its faces in order.
 
-    Parameters
-    ----------
-    pairs : ndarray of int32, shape (m, 2)
-        Nodes that conductances join.
-    conductance : ndarray of float64, shape (m,)
-        In siemens.
-    row : ndarray of int32, shape (nodes,)
-        Number of the unknown at every node; -1 for none.
-    node : ndarray of int32, shape of the grid
-        Node of every cell, -1 for none.
-    excess : ndarray of float64, shape (n,)
-        Conductance from every unknown to the rails, in siemens.
-    unit : float
-        Conductance that counts as 1, in siemens.
-
-    Returns
-    -------
-    level : Level
-    place : ndarray of int32, shape (n,)
-        Place of every unknown, red ones first, black ones behind.
-    None
-        Where unknowns are not the cells of a grid of two colours.
+    Shapes: `pairs` (m, 2), `conductance` (m,), `row` (nodes,), `node` as the grid, `excess` (n,); returns `place`
+    (n,).
     """
     if node.ndim < 2:
         return None
@@ -194,18 +161,7 @@ def compensated(level: Level, single: Board) -> Board:
 
 
 def to_graph(level: Level) -> tuple[Graph, NDArray[np.int32]]:
-    """A level as a graph of conductances, red nodes first.
-
-    Parameters
-    ----------
-    level : Level
-
-    Returns
-    -------
-    graph : Graph
-    number : ndarray of int32, shape (2 places,)
-        Number of the node at every place, red ones first; -1 for none.
-    """
+    """A level as a graph of conductances, red nodes first.  Returns `number` (2 places,)."""
     from scipy import sparse
 
     lattice, places = level.lattice, level.lattice.places

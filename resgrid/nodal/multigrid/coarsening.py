@@ -16,17 +16,10 @@ from resgrid.nodal.multigrid.lattice import Lattice
 class Coarsened:
     """A level and the way to it.
 
-    Attributes
-    ----------
-    level : Level
-    target : ndarray of int32, shape (places,)
-        Place there, red ones first, of the aggregate that every black place before belongs to; 0 for unused places.
-    whole_target : ndarray of int32, shape (2, places)
-        The same of both colours; empty, as what follows, where it was not asked for.
-    stretch : ndarray of float32, shape (2 ndim, places)
-        What length has left of the conductance across every face.
-    link_stretch : ndarray of float32, shape (links,)
-        The same of every link.
+    `target` (places,): place there, red ones first, of the aggregate that every black place before belongs to; 0 for
+    unused places; `whole_target` (2, places): the same of both colours; empty, as what follows, where it was not
+    asked for; `stretch` (2 ndim, places): what length has left of the conductance across every face; `link_stretch`
+    (links,): the same of every link.
     """
 
     level: Level
@@ -41,19 +34,6 @@ def coarsen(level: Level, *, split: bool, keep: bool = False) -> Coarsened | Non
 
     A block that falls apart, without its weak conductances, keeps one part on the grid; the others become extra nodes
     beside it, reached by links.
-
-    Parameters
-    ----------
-    level : Level
-    split : bool
-        Whether weak conductances beside strong ones do not join.
-    keep : bool
-        Whether the same blocks are to be summed once more (`resgrid.nodal.multigrid.graded`).
-
-    Returns
-    -------
-    Coarsened or None
-        None if parts of one block are joined by weak conductances: they have one colour.
     """
     shift = (level.mean > WEAK * level.mean.max()).astype(np.int64)
     lattice = Lattice(tuple((n - 1 >> s) + 1 for n, s in zip(level.lattice.shape, shift.tolist(), strict=True)))

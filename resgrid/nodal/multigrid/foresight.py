@@ -27,24 +27,7 @@ _SWEEPS = 3
 
 
 def foresee(levels: Gradable, currents: NDArray[np.float64]) -> NDArray[np.float64]:
-    """About what the potential will be.
-
-    Parameters
-    ----------
-    levels : Gradable
-    currents : ndarray of float64, shape (2, places)
-        Into the places of the first level, none negative.
-
-    Returns
-    -------
-    ndarray of float64, shape (2, places)
-        Positive wherever there is an unknown.
-
-    Raises
-    ------
-    AccuracyError
-        If rounding leaves no pivot on the small level.
-    """
+    """About what the potential will be.  Shapes: `currents` (2, places); returns (2, places)."""
     steps, into = levels.steps, [_into_blocks(levels.steps[0], currents)]
     while steps[len(into) - 1].level.size > _SMALL and len(into) < len(steps):
         into.append(_into_blocks(steps[len(into)], into[-1]))

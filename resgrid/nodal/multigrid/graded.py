@@ -50,20 +50,9 @@ _LEAST_REST = 0.01
 class Gradable:
     """A grid's levels, coarsened and ready to be graded by one height after another.
 
-    Attributes
-    ----------
-    level : Level
-        The first one.
-    steps : list of Coarsened
-        The others, down to one that is small, and the ways to them.
-    first : tuple of three Board
-        The first level, in the precisions of `GridLevels`.
-    place : ndarray of int32, shape (n,)
-        Place of every unknown, red ones first.
-    unit : float
-        Conductance that counts as 1 on all levels, in siemens.
-    box : tuple of slice
-        As of `Hierarchy`.
+    `level`: the first one; `steps`: the others, down to one that is small, and the ways to them; `first`: the first
+    level, in the precisions of `GridLevels`; `place` (n,): place of every unknown, red ones first; `unit`:
+    conductance that counts as 1 on all levels, in siemens; `box`: as of `Hierarchy`.
     """
 
     level: Level
@@ -80,17 +69,7 @@ class Gradable:
         return np.stack([board.red_inverse > 0.0, board.black_degree > 0.0])
 
     def grade(self, height: NDArray[np.float64]) -> Hierarchy:
-        """Levels in proportion to a height that is nearly the solution.
-
-        Parameters
-        ----------
-        height : ndarray of float64, shape (2, places)
-            By colour; what falls by more decades than doubles' squares span is cut off.
-
-        Returns
-        -------
-        Hierarchy
-        """
+        """Levels in proportion to a height that is nearly the solution.  Shapes: `height` (2, places)."""
         height = cut_off(height, self.unknown)
         levels, scales = [transformed(self.level, self.first[0], height)], [height]
         for step in self.steps:

@@ -23,20 +23,7 @@ def graded_approximation(
 ) -> Approximation | None:
     """What refines a solution on levels that are graded by it; None where nothing can be foreseen.
 
-    Parameters
-    ----------
-    system : NodalSystem
-    levels : Gradable
-        Its own.
-    currents : ndarray of float64, shape (n,)
-        Into the rows, in amperes, none negative.
-    watch : Watch or None
-        Told every step.
-
-    Returns
-    -------
-    callable or None
-        As `resgrid.nodal.refine.refine` takes it.
+    Shapes: `currents` (n,).
     """
     try:
         height = foresee(levels, at_places(levels, currents))

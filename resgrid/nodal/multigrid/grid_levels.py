@@ -31,19 +31,11 @@ _MOST_EXTRAS, _MOST_EXTRAS_KEPT = 0.1, 0.5
 class GridLevels:
     """A grid's first level by colour, and all that preconditions it.
 
-    Attributes
-    ----------
-    true, board, exact : Board
-        The first level in double precision, in single, and in single but for the black diagonal, which makes up for
-        that (`resgrid.nodal.multigrid.boards.compensated`).
-    place : ndarray of int32, shape (n,)
-        Place of every unknown, red ones first, black ones behind.
-    aggregate : ndarray of int32, shape (places,)
-        Node of the next level that a black place belongs to.
-    boards : Boards
-        The coarse boards; there may be none.
-    weight : ndarray of float32, shape (places,)
-        What a black place takes from its node; empty where that is all (`resgrid.nodal.multigrid.graded`).
+    `true, board, exact`: the first level in double precision, in single, and in single but for the black diagonal,
+    which makes up for that (`resgrid.nodal.multigrid.boards.compensated`); `place` (n,): place of every unknown, red
+    ones first, black ones behind; `aggregate` (places,): node of the next level that a black place belongs to;
+    `boards`: the coarse boards; there may be none; `weight` (places,): what a black place takes from its node; empty
+    where that is all (`resgrid.nodal.multigrid.graded`).
     """
 
     true: Board
@@ -62,37 +54,14 @@ class GridLevels:
 
 
 def coarsen_grid(level: Level, place: NDArray[np.int32]) -> tuple[GridLevels, Stack] | None:
-    """Coarsen a grid's first level down to a graph whose matrix can be inverted.
-
-    Parameters
-    ----------
-    level : Level
-    place : ndarray of int32, shape (n,)
-        Place of every unknown, red ones first.
-
-    Returns
-    -------
-    grid : GridLevels
-    stack : Stack
-        The graphs below the boards.
-    None
-        Where the grid does not shrink.
-    """
+    """Coarsen a grid's first level down to a graph whose matrix can be inverted.  Shapes: `place` (n,)."""
     return lay_levels(*coarsen_boards(level), place)
 
 
 def coarsen_boards(
     level: Level, most: int = 64, small: int = _SMALL, *, keep: bool = False
 ) -> tuple[list[Level], list[Coarsened]]:
-    """Coarsen a board by blocks until it falls apart or has less than ``small`` nodes, at most ``most`` times.
-
-    Returns
-    -------
-    levels : list of Level
-        From the given one on.
-    steps : list of Coarsened
-        The ways to all but the first.
-    """
+    """Coarsen a board by blocks until it falls apart or has less than ``small`` nodes, at most ``most`` times."""
     levels: list[Level] = [level]
     steps: list[Coarsened] = []
     while len(steps) < most:

@@ -24,16 +24,9 @@ _WHOLE = 32
 class Hierarchy:
     """What preconditions the conjugate gradients.
 
-    Attributes
-    ----------
-    stack : Stack
-        The levels that are graphs: all of them, or those below the boards.
-    grid : GridLevels or None
-        The boards, where the circuit is a grid of two colours.
-    unit : float
-        Conductance that counts as 1 on all levels, in siemens.
-    box : tuple of slice
-        The range of cells along every axis that the boards cover.
+    `stack`: the levels that are graphs: all of them, or those below the boards; `grid`: the boards, where the circuit
+    is a grid of two colours; `unit`: conductance that counts as 1 on all levels, in siemens; `box`: the range of
+    cells along every axis that the boards cover.
     """
 
     stack: Stack
@@ -49,16 +42,7 @@ class Hierarchy:
 
 
 def build_hierarchy(system: NodalSystem) -> Hierarchy:
-    """Coarsen a nodal system until it is small, and invert what is left.
-
-    Parameters
-    ----------
-    system : NodalSystem
-
-    Returns
-    -------
-    Hierarchy
-    """
+    """Coarsen a nodal system until it is small, and invert what is left."""
     found = lay_out_system(system)
     if found is not None:
         level, place, unit, box = found

@@ -25,24 +25,7 @@ def iterate(
     From a guess on, an error of at most ``rtol`` in every voltage, relative to the largest one, is enough too, as the
     steps tell it (after Hestenes & Stiefel 1952; Strakos & Tichy 2002).
 
-    Parameters
-    ----------
-    system : NodalSystem
-    hierarchy : Hierarchy
-    b : ndarray of float64, shape (n,)
-        Currents in amperes.
-    rtol : float
-    guess : ndarray of float64, shape (n,), optional
-        Where to begin, in volts.
-    watch : Watch, optional
-        Told every step.
-
-    Returns
-    -------
-    x : ndarray of float64, shape (n,)
-        Voltages in volts.
-    residual : float
-        Norm of the true residual, in amperes.
+    Shapes: `b` (n,), `guess` (n,); returns `x` (n,).
     """
     watch = Watch() if watch is None else watch
     if hierarchy.grid is None:

@@ -28,34 +28,16 @@ _ONE, _TWO, _THREE, _FOUR, _FIVE = (np.uint32(k) for k in range(1, 6))
 class Stack(NamedTuple):
     """All levels of a hierarchy; nodes of level ``l`` stand at ``first[l] ... first[l + 1]``.
 
-    Attributes
-    ----------
-    first : ndarray of int64, shape (levels + 1,)
-    red : ndarray of int64, shape (levels,)
-        Where a level's first nodes and its others have no neighbours among themselves: behind the last of the first;
-        elsewhere -1.
-    indptr : ndarray of uint32, shape (nodes + 1,)
-        Row starts, in the entries of all levels.
-    middle : ndarray of uint32, shape (nodes,)
-        Where in a row the nodes begin that come after it.
-    indices : ndarray of uint32
-        Neighbours, counted in all levels.
-    conductance, inverse, diagonal : ndarray of float32
-        Of entries, and of the diagonal with its reciprocal.
-    aggregate : ndarray of uint32, shape (nodes,)
-        Node of the next level that a node belongs to, counted in all levels.
-    eliminated : ndarray of int64, shape (levels + 1,)
-        Where a level's entries in ``removed`` begin; a level that has some is left by elimination, not aggregation.
-    removed : ndarray of int64, shape (eliminated, 3)
-        Eliminated nodes in their order, and their neighbours, counted in all levels; -1 for none.
-    share : ndarray of float32, shape (eliminated, 3)
-        Shares of the two neighbours, and the reciprocal of the diagonal.
-    coarsest : ndarray of float32
-        Inverse of the last level's matrix; empty where its diagonal must do.
-    order : ndarray of int32, shape (first[1],)
-        Node of the given graph that stands at each place of the first level.
-    b, x, c, v, w, kept : ndarray of float32, shape (nodes,)
-        Work space.
+    `first` (levels + 1,); `red` (levels,): where a level's first nodes and its others have no neighbours among
+    themselves: behind the last of the first; elsewhere -1; `indptr` (nodes + 1,): row starts, in the entries of all
+    levels; `middle` (nodes,): where in a row the nodes begin that come after it; `indices`: neighbours, counted in
+    all levels; `conductance, inverse, diagonal`: of entries, and of the diagonal with its reciprocal; `aggregate`
+    (nodes,): node of the next level that a node belongs to, counted in all levels; `eliminated` (levels + 1,): where
+    a level's entries in ``removed`` begin; a level that has some is left by elimination, not aggregation; `removed`
+    (eliminated, 3): eliminated nodes in their order, and their neighbours, counted in all levels; -1 for none;
+    `share` (eliminated, 3): shares of the two neighbours, and the reciprocal of the diagonal; `coarsest`: inverse of
+    the last level's matrix; empty where its diagonal must do; `order` (first[1],): node of the given graph that
+    stands at each place of the first level; `b, x, c, v, w, kept` (nodes,): work space.
     """
 
     first: Integers

@@ -21,12 +21,7 @@ _PADDING = 16
 class Lattice:
     """The places of a grid's cells.
 
-    Attributes
-    ----------
-    shape : tuple of int
-        Of the grid, of two axes or more.
-    extras : int
-        Places of either colour behind the grid, for nodes beside it.
+    `shape`: of the grid, of two axes or more; `extras`: places of either colour behind the grid, for nodes beside it.
     """
 
     shape: tuple[int, ...]

@@ -53,14 +53,9 @@ class Graph:
 class Step:
     """The way from a level to the next.
 
-    Attributes
-    ----------
-    target : ndarray of int32, shape (n,)
-        Node of the next level that a node belongs to; without meaning where it is eliminated.
-    rows : ndarray of int32, shape (eliminated, 3)
-        The eliminated nodes in their order, and their neighbours (-1 for none); empty where nodes are aggregated.
-    weights : ndarray of float64, shape (eliminated, 3)
-        Shares of the neighbours, and the reciprocal of the diagonal.
+    `target` (n,): node of the next level that a node belongs to; without meaning where it is eliminated; `rows`
+    (eliminated, 3): the eliminated nodes in their order, and their neighbours (-1 for none); empty where nodes are
+    aggregated; `weights` (eliminated, 3): shares of the neighbours, and the reciprocal of the diagonal.
     """
 
     target: NDArray[np.int32]

@@ -45,14 +45,9 @@ class PocketsDirectly:
 
     Corrections in the open do not die out: where a direct pass leaves many of the rows, the next one is a whole one.
 
-    Parameters
-    ----------
-    system : NodalSystem
-    whole : callable
-        The approximate inverse of all rows.
-    in_slit : bool
-        Whether the currents flow into a slit.  Its surroundings have the first turn then, and not the whole: a pass
-        over all rows would gain the decades along the slit, and few beyond.
+    `whole`: the approximate inverse of all rows; `in_slit`: whether the currents flow into a slit. Its surroundings
+    have the first turn then, and not the whole: a pass over all rows would gain the decades along the slit, and few
+    beyond.
     """
 
     def __init__(self, system: NodalSystem, whole: Approximation, in_slit: bool = False) -> None:
@@ -88,16 +83,8 @@ class PocketsDirectly:
 class _Part:
     """The equations of some rows.
 
-    Attributes
-    ----------
-    rows : ndarray of int64, shape (n,)
-        In ascending order.
-    inside, outside : ndarray of int64, shape (edges,)
-        Conductances that lead out: from which of the rows, counted, to which one.
-    conductance : ndarray of float64, shape (edges,)
-    coupling : scipy.sparse.csr_array, shape (n, n)
-        Conductances among the rows.
-    factors : scipy.sparse.linalg.SuperLU
+    `rows` (n,): in ascending order; `inside, outside` (edges,): conductances that lead out: from which of the rows,
+    counted, to which one; `conductance` (edges,); `coupling` (n, n): conductances among the rows.
     """
 
     rows: NDArray[np.int64]

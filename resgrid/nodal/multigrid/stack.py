@@ -22,17 +22,7 @@ _LARGEST_INVERSE = 2000
 
 
 def stack_graph(graph: Graph) -> Stack:
-    """Coarsen a graph that is no grid, and lay out its levels.
-
-    Parameters
-    ----------
-    graph : Graph
-
-    Returns
-    -------
-    Stack
-        Whose ``order`` says where the graph's nodes stand.
-    """
+    """Coarsen a graph that is no grid, and lay out its levels."""
     rows = (graph.indptr, graph.indices, graph.conductance, graph.leak)
     if graph.size < _LARGE or not numbering.far_share(*rows[:2]) > _FAR:
         return stack_levels(*coarsen_down(graph), free=True)
@@ -42,19 +32,7 @@ def stack_graph(graph: Graph) -> Stack:
 
 
 def stack_levels(graphs: list[Graph], steps: list[Step], *, free: bool = False) -> Stack:
-    """Lay graphs, and the steps between them, one behind the other; the last one is inverted.
-
-    Parameters
-    ----------
-    graphs, steps : list
-        As of `coarsen_down`.
-    free : bool
-        Whether the first level may be renumbered, too.
-
-    Returns
-    -------
-    Stack
-    """
+    """Lay graphs, and the steps between them, one behind the other; the last one is inverted."""
     first = np.cumsum([0, *(graph.size for graph in graphs)])
     entry = np.cumsum([0, *(len(graph.indices) for graph in graphs)])
     red = np.array([_red_end(graph) for graph in graphs])

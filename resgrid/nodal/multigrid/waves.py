@@ -36,17 +36,10 @@ _ROOM = 4
 class _Wave(NamedTuple):
     """The red values around the places that a wave has come to.
 
-    Attributes
-    ----------
-    red : ndarray of float
-    linked : ndarray of float
-        What links draw into red cells; behind the wave, the red values where they begin.
-    at : ndarray of int64, shape (3,)
-        Place of the first of the red values, the next link to draw, and the next to note a red value of.
-    kept : int
-        How many values behind a block may still be asked for.
-    ahead : int
-        How many blocks red cells go ahead of black ones, so that all neighbours of these are there.
+    `linked`: what links draw into red cells; behind the wave, the red values where they begin; `at` (3,): place of
+    the first of the red values, the next link to draw, and the next to note a red value of; `kept`: how many values
+    behind a block may still be asked for; `ahead`: how many blocks red cells go ahead of black ones, so that all
+    neighbours of these are there.
     """
 
     red: Reals

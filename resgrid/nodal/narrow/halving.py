@@ -20,18 +20,10 @@ from resgrid.nodal.system import NodalSystem
 class Halves:
     """A nodal system of which some rows have been eliminated, in positive numbers alone.
 
-    Attributes
-    ----------
-    whole : scipy.sparse.csr_array, shape (n, n)
-        Conductances between all rows, in siemens.
-    number : ndarray of int32, shape (n,)
-        Of the rows kept; -1 for the others.
-    pivot : ndarray of float64, shape (n,)
-        All conductances at the rows eliminated, summed, in siemens; 0 for the others.
-    coupling : scipy.sparse.csr_array, shape (kept, kept)
-        Conductances between the rows kept, in siemens, in any order; no diagonal.
-    excess : ndarray of float64, shape (kept,)
-        Conductances from the rows kept to the rails, in siemens.
+    `whole` (n, n): conductances between all rows, in siemens; `number` (n,): of the rows kept; -1 for the others;
+    `pivot` (n,): all conductances at the rows eliminated, summed, in siemens; 0 for the others; `coupling` (kept,
+    kept): conductances between the rows kept, in siemens, in any order; no diagonal; `excess` (kept,): conductances
+    from the rows kept to the rails, in siemens.
     """
 
     whole: sparse.csr_array
@@ -62,18 +54,7 @@ class Halves:
 
 
 def halve(system: NodalSystem, order: NDArray[np.int32]) -> Halves:
-    """Eliminate every other row of a system.
-
-    Parameters
-    ----------
-    system : NodalSystem
-    order : ndarray of int32, shape (n,)
-        Its rows breadth first, backwards: those kept are numbered as they come.
-
-    Returns
-    -------
-    Halves
-    """
+    """Eliminate every other row of a system.  Shapes: `order` (n,)."""
     from resgrid.nodal.narrow import halving_kernels as kernels
 
     rows = system.coupling.indptr, system.coupling.indices

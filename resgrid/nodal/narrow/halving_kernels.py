@@ -59,18 +59,7 @@ def join_kept(
 ) -> None:  # fmt: skip
     """Eliminate all rows that are not kept, in sums, products and quotients of positive numbers alone.
 
-    Parameters
-    ----------
-    indptr, indices, data, excess : ndarray
-        Conductances between rows and to the rails, in siemens.
-    number : ndarray of int32, shape (n,)
-        Of the rows kept; -1 for the others.
-    kept : ndarray of int32
-        The rows kept.
-    pivot : ndarray of float64, shape (n,)
-        Receives all conductances at the rows that are not kept, summed.
-    kept_indptr, kept_indices, kept_data, kept_excess : ndarray
-        Receive what joins the rows kept, in their numbers.
+    Shapes: `number` (n,), `pivot` (n,).
     """
     for i in range(len(number)):
         if number[i] < 0:

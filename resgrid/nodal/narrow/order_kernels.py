@@ -73,22 +73,7 @@ def list_panels(
     A column has entries in the rows that it is joined to, and in those of the panels whose first row behind their own
     it is (Liu 1990).  It goes with the panel before where that fills few rows of the others with zeros.
 
-    Parameters
-    ----------
-    indptr, indices : ndarray of int32
-        Neighbours of the rows.
-    order, rank : ndarray of int32, shape (n,)
-    most : int
-        Entries that all panels may have.
-    first, start : ndarray of int32, shape (n + 1,)
-    rows : ndarray of int32
-        Filled as far as there are panels, columns or rows.
-
-    Returns
-    -------
-    int
-        Number of panels; -1 where there is no room for all, or where there will not be, to judge by more than an eighth
-        of the rows.
+    Shapes: `order, rank` (n,), `first, start` (n + 1,).
     """
     n = len(order)
     seen, branch, sibling = np.full(n, -1, np.int32), np.full(n, -1, np.int32), np.empty(n, np.int32)

@@ -25,16 +25,9 @@ Indices = NDArray[np.int32]
 class Panels(NamedTuple):
     """Panels of a unit lower triangular matrix.
 
-    Attributes
-    ----------
-    first : ndarray of int32, shape (panels + 1,)
-        Their first columns, and ``n``.
-    start : ndarray of int32, shape (panels + 1,)
-        Where their rows begin in ``rows``.
-    rows : ndarray of int32
-        Their rows, ascending: first those of their own columns.
-    offset : ndarray of int64, shape (panels + 1,)
-        Where their entries begin among the values: column by column, all as long as there are rows.
+    `first` (panels + 1,): their first columns, and ``n``; `start` (panels + 1,): where their rows begin in ``rows``;
+    `rows`: their rows, ascending: first those of their own columns; `offset` (panels + 1,): where their entries begin
+    among the values: column by column, all as long as there are rows.
     """
 
     first: Indices
@@ -46,14 +39,8 @@ class Panels(NamedTuple):
 class Matrix(NamedTuple):
     """A nodal system in the order of its elimination.
 
-    Attributes
-    ----------
-    indptr, indices, data : ndarray
-        Conductances between rows by rows, in siemens.
-    excess : ndarray of float64, shape (n,)
-        Conductances to the rails, in siemens.
-    order, rank : ndarray of int32, shape (n,)
-        Row of every number, and number of every row.
+    `indptr, indices, data`: conductances between rows by rows, in siemens; `excess` (n,): conductances to the rails,
+    in siemens; `order, rank` (n,): row of every number, and number of every row.
     """
 
     indptr: Indices
@@ -67,13 +54,8 @@ class Matrix(NamedTuple):
 class Entries(NamedTuple):
     """The entries of the factors; a share is that of a conductance in its pivot.
 
-    Attributes
-    ----------
-    values : ndarray of float64
-        The entries of ``-L`` below the diagonal, panel by panel: shares that go to later rows.  What stands above the
-        diagonal is 0.
-    pivot, to_rails : ndarray of float64, shape (n,)
-        ``D`` in siemens, and the shares that go to the rails.
+    `values`: the entries of ``-L`` below the diagonal, panel by panel: shares that go to later rows. What stands
+    above the diagonal is 0; `pivot, to_rails` (n,): ``D`` in siemens, and the shares that go to the rails.
     """
 
     values: Floats
@@ -84,20 +66,10 @@ class Entries(NamedTuple):
 class Bench(NamedTuple):
     """Where elimination keeps what it is at.
 
-    Attributes
-    ----------
-    panel_of : ndarray of int32, shape (n,)
-    waiting, following : ndarray of int32, shape (panels,)
-        Lists of the panels that are next to be added to a panel: the first, and the one after each; -1 at the end.
-    after : ndarray of int32, shape (panels,)
-        Which of their rows that panel begins at.
-    place : ndarray of int32, shape (n,)
-        Places of the rows of the panel that is being eliminated.
-    column : ndarray of float64
-        As long as the longest panel.
-    weight : ndarray of float64, shape (columns,)
-    weights : ndarray of float64, shape (columns, 4)
-        As long as the widest panel.
+    `panel_of` (n,); `waiting, following` (panels,): lists of the panels that are next to be added to a panel: the
+    first, and the one after each; -1 at the end; `after` (panels,): which of their rows that panel begins at; `place`
+    (n,): places of the rows of the panel that is being eliminated; `column`: as long as the longest panel; `weight`
+    (columns,); `weights` (columns, 4): as long as the widest panel.
     """
 
     panel_of: Indices
@@ -117,22 +89,6 @@ def eliminate(matrix: Matrix, panels: Panels, entries: Entries, bench: Bench, be
     A row that is eliminated joins those it was joined to, and the rails, by ``c_i c_j / d``; its pivot ``d`` is the sum
     of its conductances to later rows and to the rails, never a difference (Grassmann, Taksar & Heyman 1985).  So every
     entry is right to some roundings, whatever the conductances.
-
-    Parameters
-    ----------
-    matrix : Matrix
-    panels : Panels
-    entries : Entries
-        Filled.
-    bench : Bench
-        ``waiting`` filled with -1 before the first panel.
-    begin, end : int
-        The panels, from ... to before ...; those before have been eliminated.
-
-    Returns
-    -------
-    bool
-        Whether all pivots are positive and finite.
     """
     for panel in range(begin, end):
         _lay_out(matrix, panels, entries, bench, panel)

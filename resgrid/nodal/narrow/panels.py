@@ -39,14 +39,8 @@ _STRETCH = 2_000
 class NarrowOrder:
     """An order of half of the rows in which factors fill little.
 
-    Attributes
-    ----------
-    halves : Halves
-        What is left where the other half is eliminated.
-    order, rank : ndarray of int32, shape (kept,)
-        Row kept of every number, and number of every row kept.
-    panels : Panels
-        Columns of the factor that are kept together, and their rows.
+    `halves`: what is left where the other half is eliminated; `order, rank` (kept,): row kept of every number, and
+    number of every row kept; `panels`: columns of the factor that are kept together, and their rows.
     """
 
     halves: Halves
@@ -84,13 +78,7 @@ class NarrowOrder:
 class NarrowFactors:
     """Factors ``L D L^T`` in such an order.
 
-    Attributes
-    ----------
-    narrow : NarrowOrder
-    values : ndarray of float64
-        The entries of ``-L`` below the diagonal, panel by panel.
-    pivot : ndarray of float64, shape (kept,)
-        ``D``, in siemens.
+    `values`: the entries of ``-L`` below the diagonal, panel by panel; `pivot` (kept,): ``D``, in siemens.
     """
 
     narrow: NarrowOrder
@@ -150,21 +138,7 @@ def narrow_memory(system: NodalSystem, narrow: NarrowOrder) -> float:
 
 
 def factor_narrow(narrow: NarrowOrder) -> NarrowFactors:
-    """Factor a system in such an order.
-
-    Parameters
-    ----------
-    narrow : NarrowOrder
-
-    Returns
-    -------
-    NarrowFactors
-
-    Raises
-    ------
-    AccuracyError
-        If a pivot leaves the range of doubles.
-    """
+    """Factor a system in such an order."""
     from resgrid.nodal.narrow.panel_kernels import Bench, Entries, Matrix, eliminate
 
     halves, count = narrow.halves, len(narrow.widths)

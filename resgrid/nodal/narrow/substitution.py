@@ -28,15 +28,7 @@ def substitute_panels(panels: Panels, values: Floats, pivot: Floats, m: Floats, 
     Within a panel numbers have one exponent in common, the largest; where a sum leaves the range of doubles so, the
     panel is gone through again number by number.
 
-    Parameters
-    ----------
-    panels : Panels
-    values, pivot : ndarray of float64
-        As of `resgrid.nodal.narrow.panel_kernels.Entries`.
-    m, e : ndarray, shape (n,)
-        ``b`` in scaled numbers; ``x`` on return, to all digits where nothing in ``b`` is negative.
-    column : ndarray of float64
-        As long as the longest panel; overwritten.
+    Shapes: `m, e` (n,).
     """
     for i in range(len(m)):
         m[i], e[i] = _canonical(m[i], e[i])

@@ -33,16 +33,8 @@ _LARGEST, _SMALLEST = 2.0**300, 2.0**-300
 class Reduction:
     """What is left of a nodal system.
 
-    Attributes
-    ----------
-    core : NodalSystem or None
-        The rows that are left, as a system without a layout; None where nothing is left.
-    kept : ndarray of int64, shape (core rows,)
-        Rows of the whole that the core holds.
-    record : Record
-        How the others were eliminated.
-    count : int
-        How many were.
+    `core`: the rows that are left, as a system without a layout; None where nothing is left; `kept` (core rows,):
+    rows of the whole that the core holds; `record`: how the others were eliminated; `count`: how many were.
     """
 
     core: NodalSystem | None
@@ -67,16 +59,7 @@ def may_reduce(system: NodalSystem) -> bool:
 
 
 def reduce_system(system: NodalSystem) -> Reduction:
-    """Eliminate every row that has, or comes to have, at most two neighbours.
-
-    Parameters
-    ----------
-    system : NodalSystem
-
-    Returns
-    -------
-    Reduction
-    """
+    """Eliminate every row that has, or comes to have, at most two neighbours."""
     shrunk = eliminate_rows(system.coupling, system.excess)
     core = _core(system, shrunk) if len(shrunk.kept) else None
     return Reduction(core, shrunk.kept, shrunk.record, len(shrunk.record.rows))

@@ -31,18 +31,9 @@ Indices = NDArray[np.int32]
 class Web(NamedTuple):
     """A circuit that shrinks: conductances by rows, double-double, and what ties rows to rails.
 
-    Attributes
-    ----------
-    start, length : ndarray of int32, shape (n,)
-        First slot of every row, and how many of its slots are in use.
-    neighbour, twin : ndarray of int32, shape (slots,)
-        The other row of a slot's conductance, and the slot there.
-    g, g_low : ndarray of float64, shape (slots,)
-        Conductances, in siemens.
-    excess, excess_low : ndarray of float64, shape (n,)
-        Conductance of every row to the rails, in siemens.
-    gone : ndarray of bool, shape (n,)
-        Rows that are eliminated.
+    `start, length` (n,): first slot of every row, and how many of its slots are in use; `neighbour, twin` (slots,):
+    the other row of a slot's conductance, and the slot there; `g, g_low` (slots,): conductances, in siemens; `excess,
+    excess_low` (n,): conductance of every row to the rails, in siemens; `gone` (n,): rows that are eliminated.
     """
 
     start: Indices
@@ -59,12 +50,8 @@ class Web(NamedTuple):
 class Record(NamedTuple):
     """What elimination leaves behind, in the order of elimination.
 
-    Attributes
-    ----------
-    rows : ndarray of int32, shape (n, 3)
-        The eliminated row and its neighbours, -1 for none.
-    weights : ndarray of float64, shape (n, 6)
-        ``g1 / d``, ``g2 / d`` and ``1 / d`` (1/S), double-double.
+    `rows` (n, 3): the eliminated row and its neighbours, -1 for none; `weights` (n, 6): ``g1 / d``, ``g2 / d`` and
+    ``1 / d`` (1/S), double-double.
     """
 
     rows: Indices
@@ -228,17 +215,6 @@ def eliminate(web: Web, record: Record, count: int) -> tuple[int, int]:
     between them and ties them to the rails by ``g1 e / d`` and ``g2 e / d`` (star-mesh transformation).  Every value is
     a sum, product or quotient of positive ones, so that each keeps its relative accuracy (Grassmann, Taksar &
     Heyman 1985; O'Cinneide 1993).  A row stays where ``g1 / d`` or ``g2 / d`` would fall below 2**-200.
-
-    Parameters
-    ----------
-    web, record : Web, Record
-    count : int
-        Rows recorded before.
-
-    Returns
-    -------
-    count, doubled : int
-        Rows recorded now; conductances that may have a parallel one still.
     """
     n = len(web.start)
     leaves, pairs = np.empty(2 * n, np.int32), np.empty(n, np.int32)

@@ -19,18 +19,9 @@ _MOST_ROUNDS = 20
 class Elimination:
     """What is left of a matrix, and how the rest was eliminated.
 
-    Attributes
-    ----------
-    record : Record
-        How rows were eliminated, one entry each.
-    kept : ndarray of int64, shape (core rows,)
-        Rows that are left.
-    number : ndarray of int32, shape (n,)
-        Their number among these, -1 for the others.
-    coupling : scipy.sparse.csr_array
-        The conductances between rows that are left, in siemens.
-    excess : ndarray of float64, shape (core rows,)
-        Conductance from them to the rails, in siemens.
+    `record`: how rows were eliminated, one entry each; `kept` (core rows,): rows that are left; `number` (n,): their
+    number among these, -1 for the others; `coupling`: the conductances between rows that are left, in siemens;
+    `excess` (core rows,): conductance from them to the rails, in siemens.
     """
 
     record: Record
@@ -43,17 +34,10 @@ class Elimination:
 def eliminate_rows(coupling: sparse.csr_array, excess: NDArray[np.float64]) -> Elimination:
     """Eliminate rows of at most two neighbours until there are none.
 
-    Parameters
-    ----------
-    coupling : scipy.sparse.csr_array, shape (n, n)
-        Conductances between rows, symmetric, without diagonal, in siemens.
-    excess : ndarray of float64, shape (n,)
-        Conductance from every row to the rails, in siemens.
-
-    Notes
-    -----
     Time and memory are linear in the number of conductances.  Conductances that come to join the same two rows are
     merged at once where one of the rows is short; between two hubs they wait for a pass over all rows.
+
+    Shapes: `coupling` (n, n), `excess` (n,).
     """
     from resgrid.nodal.reduction import kernels
 

@@ -17,19 +17,7 @@ from resgrid.nodal.superlu import symmetric_factors
 def inverse_diagonal(matrix: Any) -> NDArray[Any]:
     """All diagonal entries of the inverse of a symmetric sparse matrix, real or complex.
 
-    Parameters
-    ----------
-    matrix : scipy.sparse array, shape (n, n)
-        Symmetric (complex: without conjugation) and solvable without pivoting, such as ``G + j w C``.
-
-    Returns
-    -------
-    ndarray, shape (n,)
-
-    Raises
-    ------
-    AccuracyError
-        If a pivot vanishes in double precision.
+    Shapes: `matrix` (n, n); returns (n,).
     """
     from resgrid.nodal.selected.kernels import selected_inverse
 
@@ -53,19 +41,7 @@ def estimate_diagonal(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Estimate the diagonal of a matrix from its products with random signs (Bekas, Kokiopoulou & Saad 2007).
 
-    Parameters
-    ----------
-    signs : ndarray of float64, shape (n, samples)
-        From `random_signs`; at least 2 samples.
-    products : ndarray of float64, shape (n, samples)
-        The matrix times them.
-
-    Returns
-    -------
-    estimate : ndarray of float64, shape (n,)
-        Unbiased.
-    error : ndarray of float64, shape (n,)
-        Its standard error, from the spread of the samples.
+    Shapes: `signs` (n, samples), `products` (n, samples); returns `estimate` (n,), `error` (n,).
     """
     each = signs * products
     mean: NDArray[np.float64] = each.mean(axis=1)

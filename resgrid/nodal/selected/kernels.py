@@ -19,14 +19,7 @@ def selected_inverse(starts: Indices, rows: Indices, lower: Values, pivot: Value
     ``Z_ij = -sum_k Z_ik L_kj`` for ``i > j`` and ``Z_jj = 1 / D_j - sum_k Z_kj L_kj``, column by column from the last
     one back.  All entries needed lie on the pattern, for it is closed under elimination.
 
-    Parameters
-    ----------
-    starts, rows, lower : ndarray
-        Unit lower triangular ``L`` in compressed columns, the diagonal entry first and rows ascending in each.
-    pivot : ndarray, shape (n,)
-        ``D``.
-    inverse : ndarray, the shape of ``lower``
-        Where the entries go.
+    Shapes: `pivot` (n,), `inverse` of ``lower``.
     """
     n = len(pivot)
     place = np.full(n, -1, dtype=np.int64)
@@ -52,18 +45,7 @@ def selected_inverse(starts: Indices, rows: Indices, lower: Values, pivot: Value
 
 @nb.njit(cache=True)
 def column_structure(indptr: Indices, indices: Indices) -> tuple[NDArray[np.int32], NDArray[np.int32]]:
-    """Where the factor of a symmetric matrix may have entries, by the elimination tree (Liu 1990).
-
-    Parameters
-    ----------
-    indptr, indices : ndarray
-        Compressed rows of the matrix.
-
-    Returns
-    -------
-    starts, rows : ndarray of int32
-        Compressed columns, the diagonal entry first and rows ascending in each.
-    """
+    """Where the factor of a symmetric matrix may have entries, by the elimination tree (Liu 1990)."""
     n = len(indptr) - 1
     parent, mark = np.full(n, -1, dtype=np.int64), np.full(n, -1, dtype=np.int64)
     starts = np.zeros(n + 1, dtype=np.int32)
@@ -108,16 +90,7 @@ def eliminate(
 ) -> None:
     """Factor an M-matrix ``L D L^T`` without a subtraction, column by column from those to the left of it.
 
-    Parameters
-    ----------
-    indptr, indices, coupling : ndarray
-        Compressed rows of its off-diagonals, their sign changed.
-    excess : ndarray of float64, shape (n,)
-        What its diagonal has beyond them; becomes that of the rows eliminated.
-    starts, rows : ndarray of int32
-        From `column_structure`.
-    lower, pivot : ndarray of float64
-        Where ``L`` and ``D`` go.
+    Shapes: `excess` (n,).
     """
     n = len(pivot)
     work = np.zeros(n)

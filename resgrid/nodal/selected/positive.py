@@ -21,15 +21,9 @@ from resgrid.nodal.superlu import symmetric_factors
 class PositiveFactors:
     """Factors ``P A P^T = L D L^T`` of a symmetric M-matrix.
 
-    Attributes
-    ----------
-    starts, rows : ndarray of int32
-        Compressed columns of ``L``, the diagonal entry first and rows ascending in each.
-    lower : ndarray of float64
-        Its entries; negative but for the diagonal, which is 1.
-    pivot : ndarray of float64, shape (n,)
-    order : ndarray of int64, shape (n,)
-        Row ``order[k]`` of the matrix is row ``k`` of the factors.
+    `starts, rows`: compressed columns of ``L``, the diagonal entry first and rows ascending in each; `lower`: its
+    entries; negative but for the diagonal, which is 1; `pivot` (n,); `order` (n,): row ``order[k]`` of the matrix is
+    row ``k`` of the factors.
     """
 
     starts: NDArray[np.int32]
@@ -60,19 +54,7 @@ class PositiveFactors:
 
 
 def positive_factors(coupling: sparse.csr_array, excess: NDArray[np.float64]) -> PositiveFactors:
-    """Factor a symmetric M-matrix.
-
-    Parameters
-    ----------
-    coupling : scipy.sparse.csr_array, shape (n, n)
-        Positive off-diagonals with their sign changed; no diagonal.
-    excess : ndarray of float64, shape (n,)
-        What every row has beyond them; positive somewhere in every connected part.
-
-    Returns
-    -------
-    PositiveFactors
-    """
+    """Factor a symmetric M-matrix.  Shapes: `coupling` (n, n), `excess` (n,)."""
     from resgrid.nodal.selected import kernels
 
     order = _fill_reducing(coupling)

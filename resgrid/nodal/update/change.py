@@ -27,20 +27,11 @@ from resgrid.space import Cell, ConfigurationSpace
 class Change:
     """What has changed since the netlist was compiled.
 
-    Attributes
-    ----------
-    cells : ndarray of int64, shape (changed,)
-        Flat indices (C order) of all cells that changed.
-    codes : ndarray of uint8, shape (changed,)
-        What they have become (`Cell`).
-    pinned : ndarray of int64
-        Rows that no longer take part: those of changed cells, and of parts that nothing holds any more.
-    pairs : ndarray of int64, shape (p, 2)
-        Rows that the last update has separated: one that is cut off, and its neighbour.
-    gain : float
-        By how much the last update has raised the uniform drive of the rows that are left.
-    reason : str
-        Why the factor was made anew; empty where what it had could be kept.
+    `cells` (changed,): flat indices (C order) of all cells that changed; `codes` (changed,): what they have become
+    (`Cell`); `pinned`: rows that no longer take part: those of changed cells, and of parts that nothing holds any
+    more; `pairs` (p, 2): rows that the last update has separated: one that is cut off, and its neighbour; `gain`: by
+    how much the last update has raised the uniform drive of the rows that are left; `reason`: why the factor was made
+    anew; empty where what it had could be kept.
     """
 
     cells: NDArray[np.int64]
@@ -72,35 +63,7 @@ NOTHING = Change(
 def change_cells(
     system: NodalSystem, hierarchy: Hierarchy | None, before: Change | None, cells: ArrayLike, to: int
 ) -> tuple[NodalSystem, Change]:
-    """Turn free cells into obstacles or goals.
-
-    Parameters
-    ----------
-    system : NodalSystem
-        Of a netlist compiled with merged rails.
-    hierarchy : Hierarchy or None
-        Its levels, if the first is a board: what is asked of the neighbourhood is then read there, and compressed
-        rows are not needed.
-    before : Change or None
-        What has changed in it already.
-    cells : array_like of int, shape (k, ndim)
-        Cell indices.
-    to : Cell
-        ``Cell.OBSTACLE`` or ``Cell.GOAL``.
-
-    Returns
-    -------
-    system : NodalSystem
-        With the same rows; its netlist is still the one before.
-    change : Change
-
-    Raises
-    ------
-    InputError
-        If a cell is not free, or the netlist does not come from a space with merged rails.
-    CircuitError
-        If nothing is driven any more.
-    """
+    """Turn free cells into obstacles or goals.  Shapes: `cells` (k, ndim)."""
     layout = _checked_layout(system)
     before = NOTHING if before is None else before
     code = _checked_code(to)

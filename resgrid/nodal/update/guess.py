@@ -35,23 +35,7 @@ def improve_guess(
     b: NDArray[np.float64],
     guess: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Solve windows around the last change.
-
-    Parameters
-    ----------
-    system : NodalSystem
-        After the change.
-    change : Change
-    windows : tuple of Window
-    b : ndarray of float64, shape (n,)
-        Currents in amperes; none into rows that no longer take part, which are left at 0.
-    guess : ndarray of float64, shape (n,)
-        Voltages in volts, such as those before the change.
-
-    Returns
-    -------
-    ndarray of float64, shape (n,)
-    """
+    """Solve windows around the last change.  Shapes: `b` (n,), `guess` (n,); returns (n,)."""
     x = np.multiply(guess, change.gain)
     x[change.pinned] = 0.0
     tied, fed = (_sum_outside(values, change, windows) for values in (system.excess, b))

@@ -41,25 +41,7 @@ _ROUNDING = 1e-5
 def patch_levels(
     hierarchy: Hierarchy, system: NodalSystem, change: Change, cells: NDArray[np.int64]
 ) -> tuple[Hierarchy, tuple[Window, ...]] | None:
-    """Patch the levels of a grid.
-
-    Parameters
-    ----------
-    hierarchy : Hierarchy
-        Of the circuit before, with boards.
-    system : NodalSystem
-        After the change.
-    change : Change
-    cells : ndarray of int64
-        Flat indices of the cells that the last update has changed.
-
-    Returns
-    -------
-    hierarchy : Hierarchy
-    windows : tuple of Window
-    None
-        If the changed cells are all over the grid.
-    """
+    """Patch the levels of a grid."""
     grid, layout = hierarchy.grid, system.netlist.layout
     assert grid is not None
     assert layout is not None
@@ -129,15 +111,8 @@ def _patch_board(grid: GridLevels, system: NodalSystem, unit: float, change: Cha
 class _Patch:
     """What a window's levels renew on those of the whole grid.
 
-    Attributes
-    ----------
-    box : Box
-    shape : tuple of int
-        Of the grid.
-    levels, steps : list
-        Of the window.
-    boards : Boards
-        The coarse boards, whose arrays are renewed in place.
+    `shape`: of the grid; `levels, steps`: of the window; `boards`: the coarse boards, whose arrays are renewed in
+    place.
     """
 
     box: Box

@@ -20,17 +20,8 @@ _NEAR, _NEAR_SHARE = 4096, 16
 class Neighbourhood:
     """The neighbours of rows.
 
-    Attributes
-    ----------
-    system : NodalSystem
-    board : Board or None
-        The first level, in double precision.
-    place : ndarray of int32, shape (n,)
-        Places there; empty where there is no board.
-    unit : float
-        Conductance that counts as 1 on it, in siemens.
-    node : ndarray of int32, shape of the grid
-        Node of every cell that it covers.
+    `board`: the first level, in double precision; `place` (n,): places there; empty where there is no board; `unit`:
+    conductance that counts as 1 on it, in siemens; `node` as the grid: node of every cell that it covers.
     """
 
     system: NodalSystem

@@ -80,16 +80,7 @@ def _side(shape: tuple[int, ...]) -> float:
 
 
 def boxes_around(cells: NDArray[np.int64], shape: tuple[int, ...], depth: int) -> list[Box]:
-    """Boxes around changed cells; none if these are all over the grid.
-
-    Parameters
-    ----------
-    cells : ndarray of int64, shape (k, ndim)
-    shape : tuple of int
-        Of the grid.
-    depth : int
-        How many times a box will be coarsened: its sides are pairs of whole blocks then.
-    """
+    """Boxes around changed cells; none if these are all over the grid.  Shapes: `cells` (k, ndim)."""
     end, block = np.array(shape), 2 << depth
     reach = int(max(_side(shape) / 2 - block / 2, 2))
     tile, number = np.unique(cells // block, axis=0, return_inverse=True)
@@ -113,14 +104,8 @@ def boxes_around(cells: NDArray[np.int64], shape: tuple[int, ...], depth: int) -
 class Window:
     """The equations of some rows with all others fixed.
 
-    Attributes
-    ----------
-    rows : ndarray of int64, shape (m,)
-    hierarchy : Hierarchy
-    inner, outer : ndarray of int64, shape (edges,)
-        Conductances that lead out: from which of the rows, counted in the window, to which row of the circuit.
-    conductance : ndarray of float64, shape (edges,)
-        In siemens.
+    `rows` (m,); `inner, outer` (edges,): conductances that lead out: from which of the rows, counted in the window,
+    to which row of the circuit; `conductance` (edges,): in siemens.
     """
 
     rows: NDArray[np.int64]
@@ -152,30 +137,7 @@ def open_window(
     pinned: NDArray[np.int64],
     depth: int,
 ) -> tuple[Window | None, list[Level], list[Coarsened]]:
-    """Cut a window out and coarsen it.
-
-    Parameters
-    ----------
-    system : NodalSystem
-        After the change.
-    node : ndarray of int32, shape of the grid
-        Node of every cell that the board covers.
-    board : Board
-        The same, in double precision.
-    unit : float
-    box : Box
-    pinned : ndarray of int64, shape (k,)
-        Rows that no longer take part.
-    depth : int
-        How many times to coarsen, at most.
-
-    Returns
-    -------
-    window : Window or None
-        None where a window does not shrink.
-    levels, steps : list
-        As of `coarsen_boards`.
-    """
+    """Cut a window out and coarsen it.  Shapes: `node` as the grid, `pinned` (k,)."""
     shape, lattice = node.shape, Lattice(box.shape)
     rows, place = _rows(system, node, box, lattice, pinned)
     faces, leak = np.zeros((len(board.faces), lattice.places)), np.zeros((2, lattice.places))

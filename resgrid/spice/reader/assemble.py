@@ -23,15 +23,7 @@ _BULK_KINDS = ("resistor", "voltage source", "current source", "capacitor")
 
 
 def assemble_deck(collector: Collector, source: Source, limit: int | None) -> ParsedDeck:
-    """Make the deck of everything that was collected.
-
-    Raises
-    ------
-    InputError
-        With all errors that were found.
-    BudgetError
-        If it grows too large.
-    """
+    """Make the deck of everything that was collected."""
     rules, journal = _ground_rules(collector), collector.journal
     scope = Scope(collector.top, rules)
     table = NodeTable(rules)

@@ -45,20 +45,9 @@ class Model:
 class Block:
     """The deck, or a subcircuit.
 
-    Attributes
-    ----------
-    name : str
-        Of the subcircuit; empty for the deck.
-    outer : Block or None
-        The block that it is defined in.
-    ports : list of str
-        Names of its terminals, as spelt.
-    parameters : dict of str to Definition
-        Defaults of the subcircuit and its ``.param`` lines, keys in lower case.
-    functions, models, blocks : dict
-        By name in lower case.
-    cards : list of Card
-        Its elements.
+    `name`: of the subcircuit; empty for the deck; `outer`: the block that it is defined in; `ports`: names of its
+    terminals, as spelt; `parameters`: defaults of the subcircuit and its ``.param`` lines, keys in lower case;
+    `functions, models, blocks`: by name in lower case; `cards`: its elements.
     """
 
     name: str
@@ -133,15 +122,7 @@ class Scope:
         return self._known[name]
 
     def function(self, name: str, values: list[float], lookup: Lookup) -> float | None:
-        """Value of a function that the deck defines, None if it does not; ``lookup`` knows names where it is called.
-
-        Raises
-        ------
-        CardError
-            If it has another number of arguments, calls itself, or cannot be evaluated.
-        BudgetError
-            If functions call each other too often.
-        """
+        """Value of a function that the deck defines, None if it does not; ``lookup`` knows names where it is called."""
         home = self.of(self.block.home_of_function(name))
         if home is not self:
             return home.function(name, values, lookup)
@@ -184,13 +165,7 @@ class Scope:
         return self if self.block is block or self.outer is None else self.outer.of(block)
 
     def value(self, card: Card, token: Token, lookup: Lookup | None = None) -> tuple[float, str]:
-        """Value of a token of a card, and a warning about it; ``lookup`` knows the names of what parameters are given.
-
-        Raises
-        ------
-        CardError
-            If it is no number, no parameter, or cannot be evaluated.
-        """
+        """Value of a token of a card, and a warning about it; ``lookup`` knows the names of what parameters are given."""
         computed = lookup is not None
         lookup = lookup or self.parameter
         self._outermost._calls = 0

@@ -33,26 +33,10 @@ _NO_WORD = np.frombuffer(b" ", dtype=np.uint8)
 class Bulk:
     """Plain cards of one file.
 
-    Attributes
-    ----------
-    node_names : list of str
-        As spelt first.
-    node_line : ndarray of int64, shape (nodes,)
-        Where that is.
-    short : list of int
-        Nodes whose names are short enough to be ground's.
-    kind : ndarray of uint8, shape (n,)
-        0 resistor, 1 voltage source, 2 current source, 3 capacitor.
-    text : ndarray of uint8
-        The file.
-    span : ndarray of int32, shape (n, 2)
-        Where the names of the elements stand in it.
-    nodes : ndarray of int32, shape (n, 2)
-        Index into ``node_names``.
-    value : ndarray of float64, shape (n,)
-    line : ndarray of int32, shape (n,)
-    other : ndarray of int64, shape (k, 3)
-        First and last byte and number of every line that was not plain.
+    `node_names`: as spelt first; `node_line` (nodes,): where that is; `short`: nodes whose names are short enough to
+    be ground's; `kind` (n,): 0 resistor, 1 voltage source, 2 current source, 3 capacitor; `text`: the file; `span`
+    (n, 2): where the names of the elements stand in it; `nodes` (n, 2): index into ``node_names``; `value` (n,);
+    `line` (n,); `other` (k, 3): first and last byte and number of every line that was not plain.
     """
 
     node_names: list[str]
@@ -84,21 +68,7 @@ def plain_lines(data: bytes, start: int) -> Iterator[tuple[int, str]]:
 
 
 def scan(data: bytes, start: int, rules: ReadingRules) -> Bulk | None:
-    """Cut a file into plain cards and others.
-
-    Parameters
-    ----------
-    data : bytes
-        As `resgrid.spice.reader.sources.normalise` leaves it.
-    start : int
-        Byte to begin at.
-    rules : ReadingRules
-
-    Returns
-    -------
-    Bulk or None
-        None if the file must be read line by line (conditions, sections of a library, backslashes at line ends).
-    """
+    """Cut a file into plain cards and others."""
     from resgrid.spice.reader.kernels import TOO_HARD, cut
 
     text = np.frombuffer(data, dtype=np.uint8)

@@ -31,11 +31,8 @@ _UNSUPPORTED = ("use_mask", "use_reclass_table", "use_variable_source_strengths"
 class Network:
     """A resistor network that was read.
 
-    Attributes
-    ----------
-    netlist : Netlist
-    cell_node : ndarray of int64 or None, shape (rows, columns)
-        Node of every cell of a raster, top row first, -1 where there is none; None for a plain network.
+    `cell_node` (rows, columns): node of every cell of a raster, top row first, -1 where there is none; None for a
+    plain network.
     """
 
     netlist: Netlist
@@ -78,25 +75,7 @@ class _Configuration:
 
 
 def read_circuitscape(path: str | os.PathLike[str], *, root: str | os.PathLike[str] | None = None) -> Network:
-    """Read a Circuitscape configuration in advanced mode, and the files it names.
-
-    Parameters
-    ----------
-    path : path-like
-        The ``.ini`` file.  Files that do not lie where it says are looked for beside it.
-    root : path-like, optional
-        Folder below which they must lie; by default the configuration's own.
-
-    Returns
-    -------
-    Network
-        Nodes of a raster are named ``r3_c4``, row and column from 0, top row first.
-
-    Raises
-    ------
-    InputError
-        If a file cannot be read, or asks for something else than the advanced mode.
-    """
+    """Read a Circuitscape configuration in advanced mode, and the files it names."""
     configuration = _read_configuration(path, root)
     scenario = configuration.text("scenario").strip().lower()
     if scenario != "advanced":

@@ -61,20 +61,7 @@ def _product(a: np.uint64, b: np.uint64) -> tuple[np.uint64, np.uint64]:
 
 @njit(cache=True)
 def nearest(digits: np.uint64, power: int) -> tuple[int, np.uint64]:
-    """Bits of the double nearest to ``digits * 10**power``.
-
-    Parameters
-    ----------
-    digits : uint64
-        Not zero.
-    power : int
-
-    Returns
-    -------
-    outcome : int
-        `READ` or, where this method cannot tell, `LONG`.
-    bits : uint64
-    """
+    """Bits of the double nearest to ``digits * 10**power``."""
     if power < -_LARGEST or power > _LARGEST:
         return LONG, _ZERO
     zeros = 0
@@ -106,21 +93,7 @@ def nearest(digits: np.uint64, power: int) -> tuple[int, np.uint64]:
 
 @inner
 def read_decimal(text: Bytes, start: int, stop: int) -> tuple[int, np.uint64]:
-    """Read a decimal number.
-
-    Parameters
-    ----------
-    text : ndarray of uint8
-    start, stop : int
-        Where it stands; not empty.
-
-    Returns
-    -------
-    outcome : int
-        `READ`, `LONG` or `OTHER`.
-    bits : uint64
-        Of the double, if it was read.
-    """
+    """Read a decimal number."""
     i = start
     sign = _TOP if text[i] == 45 else _ZERO
     if text[i] == 45 or text[i] == 43:

@@ -28,15 +28,7 @@ _GROUND = "ground"
 class Table:
     """Names and numbers of a file of lines ``name ... name number``.
 
-    Attributes
-    ----------
-    source : str
-        The file, as displayed.
-    names : list of tuple of str
-    values : ndarray of float64, shape (rows,)
-    lines : list of int
-    measure : str or None
-        What a heading says the numbers are.
+    `source`: the file, as displayed; `values` (rows,); `measure`: what a heading says the numbers are.
     """
 
     source: str
@@ -63,25 +55,7 @@ def is_edge_list(path: str | os.PathLike[str]) -> bool:
 
 
 def read_table(path: str | os.PathLike[str], columns: int, what: str) -> Table:
-    """Read lines of names and one number; blanks, commas and semicolons separate, ``#`` and ``%`` begin comments.
-
-    Parameters
-    ----------
-    path : path-like
-    columns : int
-        Number of names in front of the number.
-    what : str
-        What a line is, for messages.
-
-    Returns
-    -------
-    Table
-
-    Raises
-    ------
-    InputError
-        If the file cannot be read, or a line is not of that form; the message names it.
-    """
+    """Read lines of names and one number; blanks, commas and semicolons separate, ``#`` and ``%`` begin comments."""
     source = os.fspath(path)
     text = decode(normalise(read_bytes(Path(source), source), source))
     names: list[tuple[str, ...]] = []
@@ -134,13 +108,7 @@ class NetworkParts:
 
     @classmethod
     def of_edges(cls, table: Table, measure: Measure) -> NetworkParts:
-        """Begin with edges.
-
-        Raises
-        ------
-        InputError
-            If a value is not positive.
-        """
+        """Begin with edges."""
         number: dict[str, int] = {_GROUND: 0}
         pairs = [(number.setdefault(a, len(number)), number.setdefault(b, len(number))) for a, b in table.names]
         values = conductances(table, measure, shorts=False)
@@ -168,13 +136,7 @@ class NetworkParts:
 
 
 def conductances(table: Table, measure: Measure, *, shorts: bool) -> NDArray[np.float64]:
-    """Values of a table in siemens; 0 ohm is infinite where shorts are meant.
-
-    Raises
-    ------
-    InputError
-        If a value is negative, or zero where that means nothing.
-    """
+    """Values of a table in siemens; 0 ohm is infinite where shorts are meant."""
     wrong = table.values < 0 if shorts else table.values <= 0
     if wrong.any():
         row = int(np.argmax(wrong))
@@ -198,21 +160,7 @@ def grounded_netlist(
 ) -> Netlist:
     """Make a netlist of a network that is fed with currents and tied to ground.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of the nodes, ground first.
-    edges, conductance : ndarray, shapes (m, 2) and (m,)
-        Siemens.
-    amps : ndarray of float64, shape (nodes,)
-        Current into every node.
-    to_ground : ndarray of float64, shape (nodes,)
-        Conductance to ground in siemens; infinite holds the node at 0 V.
-    element_names : mapping, optional
-
-    Returns
-    -------
-    Netlist
+    Shapes: `amps` (nodes,), `to_ground` (nodes,).
     """
     held, tied, fed = np.flatnonzero(np.isinf(to_ground)), np.isfinite(to_ground) & (to_ground > 0), amps != 0
     tied_nodes, fed_nodes = np.flatnonzero(tied), np.flatnonzero(fed)

@@ -45,20 +45,7 @@ _CAPACITOR_KEYS = frozenset({"c", "tc", "tc1", "tc2", "m", "scale", "temp", "dte
 
 
 def read_element(card: Card, scope: Scope, sheet: Sheet, journal: Journal) -> None:
-    """Read one element into the sheet of its block.
-
-    Parameters
-    ----------
-    card : Card
-    scope : Scope
-    sheet : Sheet
-    journal : Journal
-
-    Raises
-    ------
-    CardError
-        If the card is not understood, or is an element that is no linear resistive one.
-    """
+    """Read one element into the sheet of its block."""
     letter = card.text[0].lower()
     reader = _READERS.get(letter)
     if reader is not None:
@@ -73,13 +60,7 @@ def read_element(card: Card, scope: Scope, sheet: Sheet, journal: Journal) -> No
 
 
 def read_nodes(card: Card, tokens: list[Token], count: int) -> tuple[list[str], list[Token]]:
-    """Take the names of the terminals, which may stand in parentheses, and return what follows them.
-
-    Raises
-    ------
-    CardError
-        If there are too few.
-    """
+    """Take the names of the terminals, which may stand in parentheses, and return what follows them."""
     names: list[str] = []
     i = 1
     while len(names) < count and i < len(tokens):
@@ -125,13 +106,7 @@ def _keyed(
 
 
 def multiplier(card: Card, value: float) -> float:
-    """Check ``m=``: how many elements lie in parallel.
-
-    Raises
-    ------
-    CardError
-        If it is not positive.
-    """
+    """Check ``m=``: how many elements lie in parallel."""
     if value <= 0:
         raise card.error(None, f"m = {value:g} must be positive: it is a number of elements in parallel")
     return value

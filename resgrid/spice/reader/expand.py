@@ -94,13 +94,7 @@ class Expander:
             _stamp(flat, calls, sheet)
 
     def check_size(self, block: Block, limit: int | None) -> None:
-        """Refuse decks that call themselves or grow beyond measure, before anything is expanded.
-
-        Raises
-        ------
-        BudgetError
-            If the deck has too many elements.
-        """
+        """Refuse decks that call themselves or grow beyond measure, before anything is expanded."""
         count = self._size(block, [])
         cards = len(self._calls) + len(block.cards)
         allowed = min(MAX_ELEMENTS, max(FREE_GROWTH, MAX_GROWTH * cards)) if limit is None else limit

@@ -72,26 +72,6 @@ class _Token:
 def evaluate(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> float:
     """Evaluate an expression.
 
-    Parameters
-    ----------
-    text : str
-        Without its braces or quotes.
-    rules : ReadingRules
-    lookup : callable
-        Value of a parameter by its name in lower case, or None.
-    call : callable
-        Value of a function that the deck defines, by its name, its arguments and ``lookup``, or None.
-
-    Returns
-    -------
-    float
-        Finite.
-
-    Raises
-    ------
-    ExpressionError
-        If it cannot be read, names something unknown or has no finite value.
-
     Examples
     --------
     >>> from resgrid.spice.reader.rules import NGSPICE

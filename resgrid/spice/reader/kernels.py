@@ -153,36 +153,7 @@ def cut(  # noqa: PLR0912, PLR0915
     line: NDArray[np.int32],
     other: NDArray[np.int64],
 ) -> tuple[int, int, int, int]:
-    """Cut a file into plain cards and other lines.
-
-    Parameters
-    ----------
-    text : ndarray of uint8
-        The file; ends in a line feed.
-    start, first_line : int
-        The byte to begin at, and the number of its line.
-    has_slashes : bool
-        Whether ``//`` occurs in it.
-    comments : ndarray of bool, shape (256,)
-        Whether a line that begins with a byte (``/``: with two of them) is a comment, ``*`` apart.
-    words : tuple of ndarray of uint8
-        ``.end .alter .subckt .macro .ends .eom .control .endc .endl .if .data dc``.
-    table : ndarray of int32, a power of two
-        Hash table of node names, all -1.
-    keys : ndarray of uint64
-        Every node's hash.
-    known : ndarray of int64, shape (.., 3)
-        Where every node's name begins and ends first, and the line.
-    kind, name, nodes, value, found, token, line : ndarray
-        One row a plain card: its kind; first and last byte of its name; its nodes; the bits of its value, what that is
-        (`READ` ...), and where it stands; its line.
-    other : ndarray of int64, shape (.., 3)
-        First and last byte and number of other lines.
-
-    Returns
-    -------
-    outcome, cards, others, nodes : int
-    """
+    """Cut a file into plain cards and other lines.  Shapes: `comments` (256,), `known` (.., 3), `other` (.., 3)."""
     end_, alter, subckt, macro, ends, eom, control, endc, endl, if_, data, dc = words
     position, number = start, first_line - 1
     cards, others, node_count = 0, 0, 0

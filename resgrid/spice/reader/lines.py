@@ -17,18 +17,8 @@ Line = tuple[int, str]
 class Card:
     """A statement: a line and those that continue it.
 
-    Attributes
-    ----------
-    text : str
-        Joined by blanks, comments stripped.
-    file : int
-        Index of its file.
-    name : str
-        The file, as displayed.
-    line : int
-        Its first line.
-    joins : tuple of (int, int, int)
-        Per piece: its offset in ``text``, its line, the column of its first character, from 1.
+    `text`: joined by blanks, comments stripped; `file`: index of its file; `name`: the file, as displayed; `line`:
+    its first line; `joins`: per piece: its offset in ``text``, its line, the column of its first character, from 1.
     """
 
     text: str
@@ -57,21 +47,7 @@ class _Pieces:
 
 
 def cards(lines: Iterable[Line], file: int, name: str, rules: ReadingRules, journal: Journal) -> Iterator[Card]:
-    """Join and strip lines into cards; blank lines and comments vanish.
-
-    Parameters
-    ----------
-    lines : iterable of (int, str)
-    file : int
-    name : str
-    rules : ReadingRules
-    journal : Journal
-        Told about continuations of nothing.
-
-    Yields
-    ------
-    Card
-    """
+    """Join and strip lines into cards; blank lines and comments vanish."""
     pieces: _Pieces | None = None
     glued = False
     for number, line in lines:

@@ -47,13 +47,7 @@ class ModelValues:
 
 
 def model_values(model: Model, scope: Scope, known: frozenset[str]) -> dict[str, float]:
-    """Evaluate the keys of a model, by the parameters of the block that it stands in.
-
-    Raises
-    ------
-    CardError
-        If one is unknown, or ignored by the simulator whose rules are followed.
-    """
+    """Evaluate the keys of a model, by the parameters of the block that it stands in."""
     values: dict[str, float] = {}
     home = scope.of(model.block)
     for setting in model.settings:
@@ -86,22 +80,7 @@ class ModelledResistor:
 def modelled_resistor(
     model: Model, scope: Scope, ohms: float | None, length: float | None, width: float | None, card: Card
 ) -> ModelledResistor:
-    """Resistance of a resistor with a model.
-
-    Parameters
-    ----------
-    model : Model
-    scope : Scope
-    ohms, length, width : float or None
-        What its own card says, in ohms and metres.
-    card : Card
-        Its own card.
-
-    Raises
-    ------
-    CardError
-        If there is neither a resistance nor a geometry.
-    """
+    """Resistance of a resistor with a model."""
     values = model_values(model, scope, _RESISTOR_KEYS)
     if ohms is None:
         ohms = _from_model(values, scope, length, width, card, model)
@@ -139,13 +118,7 @@ def _is_sheet(values: dict[str, float], rules: ReadingRules, span: float, broad:
 
 
 def modelled_switch(model: Model, scope: Scope, state: float, card: Card) -> tuple[float, float, float, float, float]:
-    """Values of a switch: ohms on and off, voltages above which it is on and below which it is off, the state between.
-
-    Raises
-    ------
-    CardError
-        If the model is not one of a switch with two definite states.
-    """
+    """Values of a switch: ohms on and off, voltages above which it is on and below which it is off, the state between."""
     values = model_values(model, scope, _SWITCH_KEYS)
     rules = scope.rules
     on, off = values.get("ron", 1.0), values.get("roff", _OFF_RESISTANCE.get(rules.name, _USUAL_OFF))

@@ -70,25 +70,7 @@ def read_network(
 
 
 def network_deck(path: str | os.PathLike[str], *, root: str | os.PathLike[str] | None = None) -> ParsedDeck:
-    """A network's file as if it were a deck.
-
-    Parameters
-    ----------
-    path : path-like
-        What `read_network` reads.
-    root : path-like, optional
-        As there.
-
-    Returns
-    -------
-    ParsedDeck
-        Its ``netlist()`` is the network itself.
-
-    Raises
-    ------
-    InputError
-        As `read_network`.
-    """
+    """A network's file as if it were a deck."""
     network = read_network(path, root=root)
     sizes = (network.conductance, network.source_volts, network.current_amps, network.capacitance)
     counts = dict(zip(KINDS, map(len, sizes), strict=True))

@@ -19,11 +19,7 @@ _NO_D = "{} does not everywhere take D for an exponent; write e"
 class Numeral:
     """A number as it was read.
 
-    Attributes
-    ----------
-    value : float
-    warning : str
-        What other readers might make of it; empty if nothing.
+    `warning`: what other readers might make of it; empty if nothing.
     """
 
     value: float
@@ -32,17 +28,6 @@ class Numeral:
 
 def parse_numeral(text: str, rules: ReadingRules, *, computed: bool = False) -> Numeral | str | None:
     """Read a number with a suffix and a unit.
-
-    Parameters
-    ----------
-    text : str
-    rules : ReadingRules
-    computed : bool
-        Whether it stands in an expression, or is the value of a parameter.
-
-    Returns
-    -------
-    Numeral, or str if it is a number that cannot be had (why), or None if it is no number
 
     Examples
     --------

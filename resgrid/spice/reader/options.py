@@ -18,12 +18,7 @@ _PLAIN_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 class Options:
     """What ``.option`` and ``.temp`` lines say.
 
-    Attributes
-    ----------
-    rules : ReadingRules
-    journal : Journal
-    values : dict of str to str
-        Options by name in lower case; a flag has the value ``""``.
+    `values`: options by name in lower case; a flag has the value ``""``.
     """
 
     rules: ReadingRules
@@ -32,13 +27,7 @@ class Options:
     _temperatures: dict[str, tuple[Card, Token]] = field(default_factory=dict)
 
     def read(self, card: Card) -> None:
-        """Take an ``.option`` line in.
-
-        Raises
-        ------
-        CardError
-            If one of its options cannot be followed.
-        """
+        """Take an ``.option`` line in."""
         tokens = tokenise(card)[1:]
         seen: set[str] = set()
         i = 0
@@ -63,13 +52,7 @@ class Options:
             self._set_temperature(key, card, value)
 
     def read_temperature(self, card: Card) -> None:
-        """Take a ``.temp`` line in.
-
-        Raises
-        ------
-        CardError
-            If it names none, or none that the simulator heeds.
-        """
+        """Take a ``.temp`` line in."""
         tokens = tokenise(card)[1:]
         if not tokens:
             raise card.error(0, ".temp needs a temperature")
@@ -89,12 +72,6 @@ class Options:
         self._temperatures[key] = (card, token)
 
     def temperature(self, key: str, scope: Scope) -> float | None:
-        """The deck's temperature (``temp``) or nominal temperature (``tnom``), in degrees Celsius, if it says one.
-
-        Raises
-        ------
-        CardError
-            If it is no number.
-        """
+        """The deck's temperature (``temp``) or nominal temperature (``tnom``), in degrees Celsius, if it says one."""
         found = self._temperatures.get(f".{key}") or self._temperatures.get(key)
         return None if found is None else scope.value(*found)[0]

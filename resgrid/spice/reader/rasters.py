@@ -23,14 +23,8 @@ _LIST = re.compile(r"\s*([-+.\deE]+[ \t,]+){2}[-+.\deE]+[ \t]*\n")
 class Raster:
     """A raster map.
 
-    Attributes
-    ----------
-    source : str
-        The file, as displayed.
-    values : ndarray of float64, shape (rows, columns)
-        Top row first.
-    present : ndarray of bool, shape (rows, columns)
-        Whether a cell has a value.
+    `source`: the file, as displayed; `values` (rows, columns): top row first; `present` (rows, columns): whether a
+    cell has a value.
     """
 
     source: str
@@ -43,21 +37,7 @@ class Raster:
 
 
 def read_raster(path: str | os.PathLike[str]) -> Raster:
-    """Read an ESRI ASCII grid.
-
-    Parameters
-    ----------
-    path : path-like
-
-    Returns
-    -------
-    Raster
-
-    Raises
-    ------
-    InputError
-        If it cannot be read, or its header and its cells do not agree.
-    """
+    """Read an ESRI ASCII grid."""
     source = os.fspath(path)
     data = read_bytes(Path(source), source)
     if data.startswith(_TIFF):

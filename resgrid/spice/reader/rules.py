@@ -29,62 +29,26 @@ from resgrid.errors import InputError
 class ReadingRules:
     """How one dialect is read.
 
-    Attributes
-    ----------
-    name : str
-        The dialect.
-    comments : tuple of str
-        Marks that end a line wherever they stand.
-    dollar_comments : bool
-        Whether ``$`` after a blank or a comma, or first in a line, ends it too.
-    suffixes : mapping of str to int
-        Power of ten of a suffix, in lower case.
-    infix_suffixes : bool
-        Whether ``4k7`` is 4700.
-    d_exponents : bool
-        Whether ``1d3`` is 1000.
-    milli_mil : bool
-        Whether ``mil`` is milli in expressions, 25.4e-6 elsewhere.
-    grounds : frozenset of str
-        Names of node 0, in lower case.
-    powers : frozenset of str
-        Operators that raise to a power.
-    functions : mapping of str to str
-        What functions in expressions are called and which of `resgrid.spice.reader.expressions.FUNCTIONS` they are.
-    model_factor : bool
-        Whether the ``r`` of a resistor's model multiplies.
-    lengths_twice : bool
-        Whether a model's ``narrow`` and ``short`` are taken off at both ends.
-    annotations : frozenset of str
-        What may be written behind an element without meaning anything to a simulation.
-    operators : mapping of str to str
-        Operators that are not what `resgrid.spice.reader.expressions` takes their symbols for.
-    narrow_parser : bool
-        Whether signs after operators and choices within choices are misread.
-    puts_in_text : bool
-        Whether functions, and what an ``X`` line gives, are put in as text: their names are looked up where they land.
-    replaces_multipliers : bool
-        Whether ``m=`` of an ``X`` line takes the place of ``m=`` within, and does not reach switches.
-    end_is_comment : bool
-        Whether what stands after ``.end`` is read.
-    first_counts : bool
-        Whether the first of several models of one name counts, and the first of several options on a line.
-    temp_command_first : bool
-        Whether ``.temp`` counts before ``.option temp``, wherever they stand.
-    braced_temperatures : bool
-        Whether a temperature must be a number, or stand in braces.
-    sheet_first : bool
-        Whether a model's ``rsh`` counts before its ``r``, even without length and width.
-    models_first : bool
-        Whether a model's name is overlooked after a value that does not begin with a digit.
-    ignored_model_keys : frozenset of str
-        Parameters of resistors' models that others obey.
-    spaced_lists : bool
-        Whether the values of ``tc=`` are parted by blanks, without parentheses.
-    refused_options : frozenset of str
-        Options that change the circuit in a way that is not followed here.
-    shunt_options : frozenset of str
-        Options that tie every node to ground, which is not done here.
+    `name`: the dialect; `comments`: marks that end a line wherever they stand; `dollar_comments`: whether ``$`` after
+    a blank or a comma, or first in a line, ends it too; `suffixes`: power of ten of a suffix, in lower case;
+    `infix_suffixes`: whether ``4k7`` is 4700; `d_exponents`: whether ``1d3`` is 1000; `milli_mil`: whether ``mil`` is
+    milli in expressions, 25.4e-6 elsewhere; `grounds`: names of node 0, in lower case; `powers`: operators that raise
+    to a power; `functions`: what functions in expressions are called and which of
+    `resgrid.spice.reader.expressions.FUNCTIONS` they are; `model_factor`: whether the ``r`` of a resistor's model
+    multiplies; `lengths_twice`: whether a model's ``narrow`` and ``short`` are taken off at both ends; `annotations`:
+    what may be written behind an element without meaning anything to a simulation; `operators`: operators that are
+    not what `resgrid.spice.reader.expressions` takes their symbols for; `narrow_parser`: whether signs after
+    operators and choices within choices are misread; `puts_in_text`: whether functions, and what an ``X`` line gives,
+    are put in as text: their names are looked up where they land; `replaces_multipliers`: whether ``m=`` of an ``X``
+    line takes the place of ``m=`` within, and does not reach switches; `end_is_comment`: whether what stands after
+    ``.end`` is read; `first_counts`: whether the first of several models of one name counts, and the first of several
+    options on a line; `temp_command_first`: whether ``.temp`` counts before ``.option temp``, wherever they stand;
+    `braced_temperatures`: whether a temperature must be a number, or stand in braces; `sheet_first`: whether a
+    model's ``rsh`` counts before its ``r``, even without length and width; `models_first`: whether a model's name is
+    overlooked after a value that does not begin with a digit; `ignored_model_keys`: parameters of resistors' models
+    that others obey; `spaced_lists`: whether the values of ``tc=`` are parted by blanks, without parentheses;
+    `refused_options`: options that change the circuit in a way that is not followed here; `shunt_options`: options
+    that tie every node to ground, which is not done here.
     """
 
     name: str
@@ -220,29 +184,13 @@ _LOOKED_AT = 65536
 
 
 def rules_named(name: str) -> ReadingRules:
-    """Look the rules of a dialect up.
-
-    Raises
-    ------
-    InputError
-        If there are none; the message lists those there are.
-    """
+    """Look the rules of a dialect up."""
     if name not in RULES:
         raise InputError(f"decks of dialect {name!r} cannot be read; those of {', '.join(RULES)} can")
     return RULES[name]
 
 
 def guess_dialect(data: bytes) -> str:
-    """Dialect that a deck shows signs of: words that only one simulator knows; ngspice without any.
-
-    Parameters
-    ----------
-    data : bytes
-        The deck; its beginning and its end are looked at.
-
-    Returns
-    -------
-    str
-    """
+    """Dialect that a deck shows signs of: words that only one simulator knows; ngspice without any."""
     text = b"\n" + (data[:_LOOKED_AT] + data[-_LOOKED_AT:] if len(data) > 2 * _LOOKED_AT else data).lower()
     return next((name for sign, name in _SIGNS if sign in text), "ngspice")

@@ -55,18 +55,7 @@ class NodeTable:
         return self._number
 
     def of(self, name: str, order: int) -> int:
-        """Number of a node, a new one where there is none yet.
-
-        Parameters
-        ----------
-        name : str
-        order : int
-            Where it is used; of several spellings the first in the deck stays.
-
-        Returns
-        -------
-        int
-        """
+        """Number of a node, a new one where there is none yet."""
         folded = name.lower()
         found = self._number.get(folded)
         if found is None:
@@ -140,17 +129,9 @@ class Names:
 class Part:
     """Elements of one kind as arrays.
 
-    Attributes
-    ----------
-    names : Names
-    nodes : ndarray of int64, shape (n, nodes)
-    values : ndarray of float64, shape (n, values)
-        Or, for resistors that have nothing else, ohms alone, shape (n, 1).
-    place : ndarray of int64, shape (n, 2)
-        File and line of the card that describes the element.
-    order : ndarray of int64, shape (n,), or None
-        File and line of the card of the deck that brings it, as one number; None if that is its own place, and the
-        elements are in order.
+    `nodes` (n, nodes); `values` (n, values): or, for resistors that have nothing else, ohms alone, shape (n, 1);
+    `place` (n, 2): file and line of the card that describes the element; `order` (n,): file and line of the card of
+    the deck that brings it, as one number; None if that is its own place, and the elements are in order.
     """
 
     names: Names

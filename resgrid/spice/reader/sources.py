@@ -19,16 +19,8 @@ _BOMS = ((codecs.BOM_UTF8, "utf-8"), (codecs.BOM_UTF16_LE, "utf-16-le"), (codecs
 class Source:
     """One file's content.
 
-    Attributes
-    ----------
-    number : int
-        Its index among the files of the deck.
-    name : str
-        As displayed.
-    path : Path or None
-        Where it lies, links resolved; None for text without a file.
-    data : bytes
-        UTF-8 (or Latin-1) without byte order mark, LF line ends, ending in one.
+    `number`: its index among the files of the deck; `name`: as displayed; `path`: where it lies, links resolved; None
+    for text without a file; `data`: UTF-8 (or Latin-1) without byte order mark, LF line ends, ending in one.
     """
 
     number: int
@@ -45,13 +37,7 @@ class Library:
     sources: list[Source] = field(default_factory=list)
 
     def add(self, name: str, path: Path | None, data: bytes) -> Source:
-        """Take up a file's content.
-
-        Raises
-        ------
-        InputError
-            If it is no text, or there are too many files.
-        """
+        """Take up a file's content."""
         if len(self.sources) >= MAX_FILES:
             raise InputError(f"{name}: more than {MAX_FILES} files are included")
         source = Source(len(self.sources), name, path, normalise(data, name))
@@ -59,25 +45,13 @@ class Library:
         return source
 
     def open(self, path: Path, name: str) -> Source:
-        """Read a file; one that was read before is not read again.
-
-        Raises
-        ------
-        InputError
-            If it is no regular file, too large or cannot be read.
-        """
+        """Read a file; one that was read before is not read again."""
         resolved = _resolve(path, name)
         known = next((source for source in self.sources if source.path == resolved), None)
         return known or self.add(name, resolved, read_bytes(resolved, name))
 
     def find(self, wanted: str, beside: Source) -> tuple[Path, str]:
-        """Where an included file lies, and how to display it.
-
-        Raises
-        ------
-        InputError
-            If nothing may be included, the file lies outside the root, or does not exist.
-        """
+        """Where an included file lies, and how to display it."""
         if self.root is None:
             raise InputError(f"{wanted!r} is included, but the deck has no folder: give the root to read below")
         folder = self.root if beside.path is None else beside.path.parent
@@ -109,13 +83,7 @@ def _resolve(path: Path, name: str) -> Path:
 
 
 def read_bytes(path: Path, name: str) -> bytes:
-    """Read a regular file whole.
-
-    Raises
-    ------
-    InputError
-        If it does not exist, is no regular file, is too large or cannot be read.
-    """
+    """Read a regular file whole."""
     try:
         if path.is_dir():
             raise InputError(f"cannot read {name}: it is a directory; name a file")
@@ -131,13 +99,7 @@ def read_bytes(path: Path, name: str) -> bytes:
 
 
 def normalise(data: bytes, name: str) -> bytes:
-    """Make text of bytes: no byte order mark, LF line ends, a final one; not decoded yet.
-
-    Raises
-    ------
-    InputError
-        If it is no text.
-    """
+    """Make text of bytes: no byte order mark, LF line ends, a final one; not decoded yet."""
     mark, coding = next(((mark, coding) for mark, coding in _BOMS if data.startswith(mark)), (b"", ""))
     data = data[len(mark) :] if mark else data
     if coding.startswith("utf-16"):

@@ -35,22 +35,6 @@ def source_value(card: Card, tokens: list[Token], scope: Scope, journal: Journal
     """Read what follows the nodes of an independent source.
 
     A value (with or without ``DC``) is the source's; failing that, the waveform's at time 0; failing that, 0.
-
-    Parameters
-    ----------
-    card : Card
-    tokens : list of Token
-    scope : Scope
-    journal : Journal
-
-    Returns
-    -------
-    value, multiplier : float
-
-    Raises
-    ------
-    CardError
-        If something is not understood.
     """
     reader = _SourceReader(card, tokens, scope, journal)
     while reader.position < len(tokens):

@@ -29,13 +29,8 @@ _KINDS: dict[str | None, Kind] = {
 class Token:
     """A piece of a card.
 
-    Attributes
-    ----------
-    kind : {"word", "mark", "expression", "string"}
-    text : str
-        Without quotes or braces.
-    offset : int
-        Of its first character within the card's text, inside quotes or braces.
+    `text`: without quotes or braces; `offset`: of its first character within the card's text, inside quotes or
+    braces.
     """
 
     kind: Kind
@@ -44,13 +39,7 @@ class Token:
 
 
 def tokenise(card: Card) -> list[Token]:
-    """Cut a card into tokens; blanks and commas separate.
-
-    Raises
-    ------
-    CardError
-        If a quote or a brace is not closed.
-    """
+    """Cut a card into tokens; blanks and commas separate."""
     tokens, wrong = _cut(card.text)
     if wrong >= 0:
         raise card.error(wrong, f"{card.text[wrong]!r} is not closed, or closes nothing")
@@ -86,21 +75,7 @@ class Setting:
 
 
 def settings(card: Card, tokens: list[Token], several: frozenset[str] = frozenset()) -> list[Setting]:
-    """Read ``key=value`` pairs; parentheses around them are ignored.
-
-    Parameters
-    ----------
-    card : Card
-    tokens : list of Token
-        Nothing but pairs.
-    several : frozenset of str
-        Keys that may have more than one value.
-
-    Raises
-    ------
-    CardError
-        If there is something else among them.
-    """
+    """Read ``key=value`` pairs; parentheses around them are ignored."""
     plain = [token for token in tokens if not (token.kind == "mark" and token.text in "()")]
     found: list[Setting] = []
     i = 0

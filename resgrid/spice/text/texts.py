@@ -17,12 +17,7 @@ from resgrid.spice.text import kernels
 class Texts:
     r"""Texts of ASCII characters, one after the other.
 
-    Attributes
-    ----------
-    data : ndarray of uint8
-        All characters.
-    offset : ndarray of int64, shape (n + 1,)
-        Where each text begins, and where the last one ends.
+    `data`: all characters; `offset` (n + 1,): where each text begins, and where the last one ends.
 
     Examples
     --------
@@ -59,32 +54,14 @@ class Chosen:
 
 
 def names(words: Sequence[str]) -> Texts:
-    """Make texts of ASCII strings.
-
-    Parameters
-    ----------
-    words : sequence of str
-
-    Returns
-    -------
-    Texts
-    """
+    """Make texts of ASCII strings."""
     lengths = np.fromiter(map(len, words), dtype=np.int64, count=len(words))
     data = np.frombuffer("".join(words).encode("ascii"), dtype=np.uint8)
     return Texts(data, np.concatenate([[0], np.cumsum(lengths)]))
 
 
 def numbers(values: NDArray[np.float64]) -> Texts:
-    """Write finite numbers as ``repr`` does.
-
-    Parameters
-    ----------
-    values : ndarray of float64, shape (n,)
-
-    Returns
-    -------
-    Texts
-    """
+    """Write finite numbers as ``repr`` does.  Shapes: `values` (n,)."""
     bits = np.ascontiguousarray(values, dtype=np.float64).view(np.uint64)
     out = np.empty(kernels.LONGEST * len(bits), dtype=np.uint8)
     offset = np.empty(len(bits) + 1, dtype=np.int64)
@@ -93,19 +70,7 @@ def numbers(values: NDArray[np.float64]) -> Texts:
 
 
 def weave(rows: int, *columns: bytes | Texts | Chosen) -> Texts:
-    """Put rows of text together from columns.
-
-    Parameters
-    ----------
-    rows : int
-    *columns : bytes, Texts or Chosen
-        The same text in every row, or one text a row.
-
-    Returns
-    -------
-    Texts
-        One text a row.
-    """
+    """Put rows of text together from columns."""
     length = np.full(rows, sum(len(column) for column in columns if isinstance(column, bytes)), dtype=np.int64)
     chosen = [_chosen(column) for column in columns]
     for column in chosen:
@@ -126,20 +91,7 @@ def _chosen(column: bytes | Texts | Chosen) -> bytes | Chosen:
 
 
 def fill(template: str, rows: int, columns: Mapping[str, bytes | Texts | Chosen]) -> Texts:
-    """Fill a `str.format` template once a row.
-
-    Parameters
-    ----------
-    template : str
-        Its fields are names of columns.
-    rows : int
-    columns : mapping of str to bytes, Texts or Chosen
-
-    Returns
-    -------
-    Texts
-        One line a row, without line end.
-    """
+    """Fill a `str.format` template once a row."""
     pieces: list[bytes | Texts | Chosen] = []
     for literal, name, _, _ in Formatter().parse(template):
         if literal:
