@@ -99,7 +99,7 @@ def _solve_scene(choice: SceneChoice, output: str | None, report: Report) -> int
 
 
 def write_field(path: Path, point: OperatingPoint) -> None:
-    """Write a scene's operating point as NumPy arrays: ``potential``, ``log_drop`` (where there is one) and ``cell``."""
+    """Write a scene's operating point as NumPy arrays: ``potential``, ``cell`` and, where it exists, ``log_drop``."""
     import numpy as np
 
     layout = point.netlist.layout

@@ -118,7 +118,7 @@ def _is_sheet(values: dict[str, float], rules: ReadingRules, span: float, broad:
 
 
 def modelled_switch(model: Model, scope: Scope, state: float, card: Card) -> tuple[float, float, float, float, float]:
-    """Values of a switch: ohms on and off, voltages above which it is on and below which it is off, the state between."""
+    """Values of a switch: ohms on and off, voltages above which it is on and below which off, the state between."""
     values = model_values(model, scope, _SWITCH_KEYS)
     rules = scope.rules
     on, off = values.get("ron", 1.0), values.get("roff", _OFF_RESISTANCE.get(rules.name, _USUAL_OFF))
