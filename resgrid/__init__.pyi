@@ -1,5 +1,37 @@
 """What `resgrid` offers, and where it lives; read at run time too, so that names are imported when first used."""
 
+from .chip.build import (
+    build_chip as build_chip,
+    compile_chip as compile_chip,
+    conductance_samples as conductance_samples,
+    mismatch_factors as mismatch_factors,
+)
+from .chip.criticality import Criticality as Criticality, analyse_criticality as analyse_criticality
+from .chip.decks import write_chip_decks as write_chip_decks
+from .chip.exploration import Exploration as Exploration, chip_with as chip_with, explore_yield as explore_yield
+from .chip.ideal import ideal_netlist as ideal_netlist
+from .chip.noise import (
+    Noise as Noise,
+    analyse_noise as analyse_noise,
+    noise_covariance as noise_covariance,
+    noise_density as noise_density,
+)
+from .chip.passes import (
+    apply_passes as apply_passes,
+    passes_from_json as passes_from_json,
+    passes_of as passes_of,
+    passes_to_json as passes_to_json,
+)
+from .chip.power import Power as Power, analyse_power as analyse_power
+from .chip.precision import Precision as Precision, analyse_precision as analyse_precision
+from .chip.proportions import Proportion as Proportion
+from .chip.sensitivity import (
+    Sensitivity as Sensitivity,
+    analyse_sensitivity as analyse_sensitivity,
+    voltage_sensitivity as voltage_sensitivity,
+)
+from .chip.settling import Settling as Settling, analyse_settling as analyse_settling
+from .chip.yields import Yield as Yield, analyse_yield as analyse_yield
 from .compiler import compile_space as compile_space
 from .control.controller import Controller as Controller, make_controller as make_controller
 from .control.equipotential import equipotential_velocity as equipotential_velocity
@@ -15,38 +47,6 @@ from .control.settling_ratio import (
     settling_sweep as settling_sweep,
 )
 from .control.simulation import Simulation as Simulation, simulation as simulation
-from .device.build import (
-    build_chip as build_chip,
-    compile_chip as compile_chip,
-    conductance_samples as conductance_samples,
-    mismatch_factors as mismatch_factors,
-)
-from .device.criticality import Criticality as Criticality, analyse_criticality as analyse_criticality
-from .device.decks import write_chip_decks as write_chip_decks
-from .device.exploration import Exploration as Exploration, chip_with as chip_with, explore_yield as explore_yield
-from .device.ideal import ideal_netlist as ideal_netlist
-from .device.noise import (
-    Noise as Noise,
-    analyse_noise as analyse_noise,
-    noise_covariance as noise_covariance,
-    noise_density as noise_density,
-)
-from .device.passes import (
-    apply_passes as apply_passes,
-    passes_from_json as passes_from_json,
-    passes_of as passes_of,
-    passes_to_json as passes_to_json,
-)
-from .device.power import Power as Power, analyse_power as analyse_power
-from .device.precision import Precision as Precision, analyse_precision as analyse_precision
-from .device.proportions import Proportion as Proportion
-from .device.sensitivity import (
-    Sensitivity as Sensitivity,
-    analyse_sensitivity as analyse_sensitivity,
-    voltage_sensitivity as voltage_sensitivity,
-)
-from .device.settling import Settling as Settling, analyse_settling as analyse_settling
-from .device.yields import Yield as Yield, analyse_yield as analyse_yield
 from .errors import (
     AccuracyError as AccuracyError,
     BudgetError as BudgetError,

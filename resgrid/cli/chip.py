@@ -121,7 +121,7 @@ def _sweep(text: str) -> tuple[str, tuple[float | int, ...]]:
 
 def _decks(study: Study, made: Path, dialect: str, report: Report) -> dict[str, str]:
     """Write the decks; what each is, by its file."""
-    from resgrid.device.decks import write_chip_decks
+    from resgrid.chip.decks import write_chip_decks
 
     with report.stage("write the decks"):
         written = write_chip_decks(

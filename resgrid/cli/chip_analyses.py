@@ -16,9 +16,9 @@ from resgrid.cli.report import Report
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
-    from resgrid.device.criticality import Criticality
-    from resgrid.device.precision import Precision
-    from resgrid.device.proportions import Proportion
+    from resgrid.chip.criticality import Criticality
+    from resgrid.chip.precision import Precision
+    from resgrid.chip.proportions import Proportion
     from resgrid.scene import Chip
 
 _BITS = (6, 8, 10, 12, 14, 16)
@@ -36,7 +36,7 @@ def run_analysis(name: str, study: Study, made: Path, report: Report) -> Section
 
 
 def _power(study: Study, made: Path, report: Report) -> Section:
-    from resgrid.device.power import analyse_power
+    from resgrid.chip.power import analyse_power
 
     with report.stage("power"):
         result = analyse_power(study.point)
@@ -53,7 +53,7 @@ def _power(study: Study, made: Path, report: Report) -> Section:
 
 
 def _settling(study: Study, made: Path, report: Report) -> Section:
-    from resgrid.device.settling import analyse_settling
+    from resgrid.chip.settling import analyse_settling
 
     if not study.netlist.capacitance.any():
         return _missing("settling", "Settling", "the chip has no capacitance; give chip.capacitance, such as 50f")
@@ -73,10 +73,10 @@ def _settling(study: Study, made: Path, report: Report) -> Section:
 
 
 def _noise(study: Study, made: Path, report: Report) -> Section:
-    from resgrid.device.decks import noise_band
-    from resgrid.device.noise import analyse_noise
-    from resgrid.device.settling import analyse_settling
-    from resgrid.device.trials import die_temperature
+    from resgrid.chip.decks import noise_band
+    from resgrid.chip.noise import analyse_noise
+    from resgrid.chip.settling import analyse_settling
+    from resgrid.chip.trials import die_temperature
 
     bandwidth = study.chip.readout.noise_bandwidth
     with report.stage("noise", seconds=1 + 2e-4 * study.netlist.node_count):
@@ -103,7 +103,7 @@ def _noise(study: Study, made: Path, report: Report) -> Section:
 
 
 def _sensitivity(study: Study, made: Path, report: Report) -> Section:
-    from resgrid.device.sensitivity import analyse_sensitivity
+    from resgrid.chip.sensitivity import analyse_sensitivity
 
     cells = _decisions(study)
     with report.stage("sensitivity", seconds=1 + 1e-6 * len(cells) * study.netlist.node_count):
@@ -171,9 +171,9 @@ def _precision(study: Study, made: Path, report: Report) -> Section:
 
 def _by_boundary(study: Study) -> dict[str, Precision]:
     """The scene's own boundary first, then the others, on chips with the same flaws."""
-    from resgrid.device.build import build_chip
-    from resgrid.device.ideal import ideal_netlist
-    from resgrid.device.precision import analyse_precision
+    from resgrid.chip.build import build_chip
+    from resgrid.chip.ideal import ideal_netlist
+    from resgrid.chip.precision import analyse_precision
     from resgrid.errors import CircuitError
     from resgrid.nodal.solve import solve
 
@@ -191,7 +191,7 @@ def _by_boundary(study: Study) -> dict[str, Precision]:
 
 
 def _yield(study: Study, made: Path, report: Report) -> Section:
-    from resgrid.device.yields import analyse_yield
+    from resgrid.chip.yields import analyse_yield
 
     limits = study.limits
     with report.stage("yield", seconds=2.0) as progress, limits.workers() as executor:
@@ -225,7 +225,7 @@ def _tried(study: Study, trials: int, *, random: bool) -> str:
 
 
 def _exploration(study: Study, made: Path, report: Report) -> Section:
-    from resgrid.device.exploration import explore_yield
+    from resgrid.chip.exploration import explore_yield
 
     first, second = study.limits.sweep or _usual_sweep(study.chip)
     with report.stage("exploration", seconds=5.0) as progress, study.limits.workers() as executor:
@@ -258,7 +258,7 @@ def _usual_sweep(chip: Chip) -> tuple[tuple[str, tuple[float, ...]], tuple[str, 
 
 
 def _defects(study: Study, made: Path, report: Report) -> Section:
-    from resgrid.device.criticality import analyse_criticality
+    from resgrid.chip.criticality import analyse_criticality
 
     with report.stage("defects", seconds=study.limits.seconds) as progress:
         result = analyse_criticality(

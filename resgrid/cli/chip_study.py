@@ -19,7 +19,7 @@ from resgrid.cli.report import Report
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
-    from resgrid.device.precision import Precision
+    from resgrid.chip.precision import Precision
     from resgrid.netlist import Netlist
     from resgrid.nodal.operating_point import OperatingPoint
     from resgrid.scene import Chip
@@ -116,7 +116,7 @@ class Study:
     @cached_property
     def precision(self) -> Precision:
         """Bits that its cells need."""
-        from resgrid.device.precision import analyse_precision
+        from resgrid.chip.precision import analyse_precision
 
         return analyse_precision(self.point, span=self.span)
 
@@ -150,8 +150,8 @@ class Study:
 
 def open_study(choice: SceneChoice, report: Report, limits: Limits) -> Study:
     """Read a scene, build its chip and find the operating point."""
-    from resgrid.device.build import build_chip
-    from resgrid.device.ideal import ideal_netlist
+    from resgrid.chip.build import build_chip
+    from resgrid.chip.ideal import ideal_netlist
     from resgrid.nodal.solve import solve
 
     job = open_job(choice, report)

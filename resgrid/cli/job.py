@@ -131,9 +131,9 @@ def solve_chip(
 
 def compile_chip(job: Job, report: Report, boundary: str, start: int | None = None, *, ideal: bool = False) -> Netlist:
     """Compile one circuit of a scene; as `solve_chip` otherwise, but the drive of an ideal one is not yet scaled."""
+    from resgrid.chip.build import build_chip
+    from resgrid.chip.ideal import ideal_netlist
     from resgrid.compiler import compile_space
-    from resgrid.device.build import build_chip
-    from resgrid.device.ideal import ideal_netlist
 
     space, chip, rules = job.space, job.scene.chip, compile_options(job, boundary, start)
     with report.stage(f"compile the {boundary} chip", seconds=4e-8 * space.cell.size * space.ndim):
@@ -152,7 +152,7 @@ def compile_options(job: Job, boundary: str, start: int | None) -> dict[str, Any
 
 def is_ideal(job: Job) -> bool:
     """Whether a scene's chip is nothing but its resistors and ideal rails."""
-    from resgrid.device.passes import passes_of
+    from resgrid.chip.passes import passes_of
 
     return not passes_of(job.scene.chip)
 

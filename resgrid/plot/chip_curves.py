@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
-from resgrid.device.precision import Precision
-from resgrid.device.settling import Settling
+from resgrid.chip.precision import Precision
+from resgrid.chip.settling import Settling
 from resgrid.errors import InputError
 from resgrid.plot.chips import plot_precision
 from resgrid.plot.figures import axes_or_new, new_figure, panel_height

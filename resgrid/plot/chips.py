@@ -12,11 +12,11 @@ from matplotlib.colors import LogNorm, Normalize
 from matplotlib.ticker import EngFormatter, FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
-from resgrid.device.noise import Noise
-from resgrid.device.power import Power
-from resgrid.device.precision import Precision
-from resgrid.device.sensitivity import Sensitivity
-from resgrid.device.settling import Settling
+from resgrid.chip.noise import Noise
+from resgrid.chip.power import Power
+from resgrid.chip.precision import Precision
+from resgrid.chip.sensitivity import Sensitivity
+from resgrid.chip.settling import Settling
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.plot.fields import add_colour_bar

@@ -9,9 +9,9 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from numpy.typing import NDArray
 
-from resgrid.device.criticality import Criticality
-from resgrid.device.exploration import Exploration
-from resgrid.device.yields import Yield
+from resgrid.chip.criticality import Criticality
+from resgrid.chip.exploration import Exploration
+from resgrid.chip.yields import Yield
 from resgrid.errors import InputError
 from resgrid.plot.chips import draw_map, draw_resistors, plain_ticks, space_of
 from resgrid.plot.fields import add_colour_bar

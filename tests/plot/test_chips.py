@@ -6,11 +6,11 @@ from dynamics import small_scene, with_capacitors
 from spaces import space_of
 
 import resgrid as rg
-from resgrid.device.noise import Noise, analyse_noise
-from resgrid.device.power import Power, analyse_power
-from resgrid.device.precision import Precision, analyse_precision
-from resgrid.device.sensitivity import analyse_sensitivity
-from resgrid.device.settling import Settling, analyse_settling
+from resgrid.chip.noise import Noise, analyse_noise
+from resgrid.chip.power import Power, analyse_power
+from resgrid.chip.precision import Precision, analyse_precision
+from resgrid.chip.sensitivity import analyse_sensitivity
+from resgrid.chip.settling import Settling, analyse_settling
 from resgrid.plot import (
     plot_bits_histogram,
     plot_noise,

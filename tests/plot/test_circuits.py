@@ -191,7 +191,7 @@ def test_a_scene_page_of_a_small_scene_has_no_overlapping_text(field) -> None:
 
 
 def test_a_real_chip_is_drawn_without_what_is_not_on_its_grid() -> None:
-    from resgrid.device.build import compile_chip
+    from resgrid.chip.build import compile_chip
     from resgrid.scene import Chip
 
     chip = compile_chip(space_of(SMALL), Chip(goal_switch_on=50.0, rail_resistance=1.0))

@@ -165,7 +165,7 @@ class Scope:
         return self if self.block is block or self.outer is None else self.outer.of(block)
 
     def value(self, card: Card, token: Token, lookup: Lookup | None = None) -> tuple[float, str]:
-        """Value of a token of a card, and a warning about it; ``lookup`` knows what the names of parameters stand for."""
+        """Value of a token of a card, and a warning about it; ``lookup`` knows the names in formulas."""
         computed = lookup is not None
         lookup = lookup or self.parameter
         self._outermost._calls = 0

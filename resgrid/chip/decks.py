@@ -1,0 +1,222 @@
+"""Decks of a chip, each with the question it asks the simulator and the answer that is expected.
+
+``op``: the operating point.  ``transient``: the supplies are switched on, in one time step, on a chip at rest.
+``noise``: the noise voltage at the noisiest cell.  ``temperature``: operating points at several temperatures.
+Nonlinear chips stand in the middle two as their small-signal circuit at the operating point.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.chip.build import build_chip
+from resgrid.chip.noise import ROOM, Noise, analyse_noise
+from resgrid.chip.resistors import Temperature
+from resgrid.chip.settling import Settling, analyse_settling
+from resgrid.errors import InputError
+from resgrid.netlist import Netlist
+from resgrid.nodal.operating_point import OperatingPoint, Readings
+from resgrid.nodal.secant import small_signal
+from resgrid.nodal.solve import solve
+from resgrid.nodal.transient import transient
+from resgrid.scene.chip import Chip
+from resgrid.spice.analyses import Analysis, NoiseAnalysis, Probe, TemperatureAnalysis, TransientAnalysis
+from resgrid.spice.writer import WrittenDeck, write_spice
+
+CELSIUS = (-40.0, 27.0, 85.0, 125.0)
+BAND = 100.0
+"""Upper limit of the noise band, in reciprocals of the fastest time constant (as angular frequency)."""
+
+_POINTS = 20
+_STEPS = 400
+_MOMENTS = 10
+_MOST_PROBES = 1000
+_FEW_PROBES = 64
+
+
+def write_chip_decks(
+    netlist: Netlist,
+    chip: Chip,
+    folder: str | os.PathLike[str],
+    *,
+    title: str | None = None,
+    dialect: str = "ngspice",
+    point: OperatingPoint | None = None,
+    settling: Settling | None = None,
+) -> dict[str, WrittenDeck]:
+    """Write a chip's decks into a folder, each with its expected answer in the sidecar.
+
+    Parameters
+    ----------
+    netlist : Netlist
+        The ideal one, as for `build_chip`.
+    chip : Chip
+    folder : path-like
+        It must exist.
+    title : str, optional
+        First line of the decks.
+    dialect : str
+        One of `resgrid.spice.dialects.DIALECTS`.
+    point : OperatingPoint, optional
+        Of the built chip, if it has been solved already.
+    settling : Settling, optional
+        Of the built chip (its small-signal circuit if nonlinear), if it is known already.
+
+    Returns
+    -------
+    dict of str to WrittenDeck
+        By ``"op"``, ``"transient"`` and ``"noise"`` (chips with capacitance) and ``"temperature"``.
+
+    Raises
+    ------
+    InputError
+        If the dialect is unknown or a file cannot be written.
+    """
+    built = build_chip(netlist, chip)
+    point = solve(built) if point is None else point
+    linear = small_signal(point) if built.nonlinear_nodes.size else built
+    words = {"dialect": dialect, "title": title}
+    where = Path(folder)
+    decks = {"op": write_spice(built, where / "op.cir", operating_point=point, **words)}  # type: ignore[arg-type]
+    if built.capacitance.any():
+        settling = analyse_settling(linear) if settling is None else settling
+        decks["transient"] = _transient(linear, settling, where / "transient.cir", words)
+        decks["noise"] = _noise(linear, settling, where / "noise.cir", words)
+    decks["temperature"] = _temperature(netlist, chip, where / "temperature.cir", words)
+    return decks
+
+
+def _transient(netlist: Netlist, settling: Settling, path: Path, words: dict[str, Any]) -> WrittenDeck:
+    """Switch the supplies on; the middle of the simulator's step is time 0 of our answer."""
+    tau = float(settling.time_constants[0])
+    stop = float(f"{max(1.1 * settling.settle_time, 6.0 * tau):.3g}")
+    step = stop / _STEPS
+    times = np.geomspace(stop / 50.0, stop, _MOMENTS)
+    found = transient(netlist, times - 0.5 * step)
+    off = netlist.replace(
+        source_volts=np.zeros(len(netlist.source_volts)), current_amps=np.zeros(len(netlist.current_amps))
+    )
+    nodes = _probed(netlist, settling.final)
+    names = netlist.names_of(nodes)
+    held = np.bincount(netlist.capacitor_nodes[:, 0], netlist.capacitance, netlist.node_count)
+    weight = held * np.nan_to_num(settling.mode) / held.max()
+    expected = {
+        "definition": "voltages in volts at these times in seconds, counted from the beginning of the first time step, "
+        "in which the supplies rise; final ones in volts; the slowest time constant in seconds: with these weights the "
+        "sum of all distances from the final voltages falls as exp(-t / slowest_time_constant) exactly, where all "
+        "cells are listed",
+        "times": times.tolist(),
+        "voltage": {name: found.voltage[:, node].tolist() for name, node in zip(names, nodes, strict=True)},
+        "final": {name: float(settling.final[node]) for name, node in zip(names, nodes, strict=True)},
+        "slowest_time_constant": tau,
+        "weight": {name: float(weight[node]) for name, node in zip(names, nodes, strict=True)},
+    }
+    asked: list[Analysis] = [TransientAnalysis(stop, step, netlist), *_probe(netlist, nodes)]
+    return write_spice(
+        off, path, operating_point=_at_rest(off), analyses=asked, expected=expected, verify=False, **words
+    )
+
+
+def _noise(netlist: Netlist, settling: Settling, path: Path, words: dict[str, Any]) -> WrittenDeck:
+    band = noise_band(settling)
+    noise = analyse_noise(netlist, band=band)
+    node = noisiest(noise)
+    assert noise.total is not None
+    limit = float(noise.limit[node])
+    expected = {
+        "definition": "root mean square of the noise voltage in volts at the node, from the first to the last "
+        "frequency of the band in hertz, at the simulator's 27 degrees Celsius; density is that at low frequency in "
+        "V/sqrt(Hz), limit the noise over all frequencies, sqrt(k T (C^-1)_ii) in volts (null where unbounded)",
+        "node": netlist.node_name(node),
+        "band": list(band),
+        "temperature": ROOM,
+        "total": float(noise.total[node]),
+        "density": float(np.sqrt(noise.density[node])),
+        "limit": limit if np.isfinite(limit) else None,
+    }
+    asked = [NoiseAnalysis(netlist.node_name(node), *band, points=_POINTS)]
+    return write_spice(netlist, path, analyses=asked, expected=expected, **words)
+
+
+def noise_band(settling: Settling) -> tuple[float, float]:
+    """From a hundredth of the lowest corner frequency to a hundred times the highest one, in hertz.
+
+    The upper limit is one of the simulator's frequencies, which it would otherwise stop short of.
+    """
+    low = float(f"{0.01 / (2.0 * np.pi * float(settling.time_constants[0])):.3g}")
+    points = int(np.ceil(_POINTS * np.log10(BAND / (2.0 * np.pi * settling.fastest * low))))
+    return low, low * 10.0 ** (points / _POINTS)
+
+
+def noisiest(noise: Noise) -> int:
+    """The node of a free cell with the largest noise in the band."""
+    assert noise.total is not None
+    layout = noise.netlist.layout
+    total = np.nan_to_num(noise.total)
+    if layout is None:
+        return int(np.argmax(total))
+    return int(layout.free_node[np.argmax(total[layout.free_node])])
+
+
+def _temperature(ideal: Netlist, chip: Chip, path: Path, words: dict[str, Any]) -> WrittenDeck:
+    cold = build_chip(ideal, dataclasses.replace(chip, temperature=None))
+    nodes = _probed(cold, solve(cold).voltage)
+    wanted = sorted({*CELSIUS, *(() if chip.temperature is None else (chip.temperature,))})
+    voltages: dict[str, dict[str, float]] = {}
+    for celsius in wanted:
+        try:
+            heated = Temperature(celsius).apply(cold)
+        except InputError:  # the coefficients do not reach so far
+            continue
+        volts = solve(heated).voltage
+        voltages[repr(celsius)] = dict(zip(cold.names_of(nodes), volts[nodes].tolist(), strict=True))
+    expected = {
+        "definition": "voltages in volts by temperature in degrees Celsius; only resistors of the grid have "
+        "temperature coefficients",
+        "voltage": voltages,
+    }
+    asked: list[Analysis] = [TemperatureAnalysis(tuple(map(float, voltages))), *_probe(cold, nodes)]
+    return write_spice(cold, path, analyses=asked, expected=expected, **words)
+
+
+def _probed(netlist: Netlist, volts: NDArray[np.float64]) -> NDArray[np.int32]:
+    """Nodes of cells whose voltages are kept: all that have one, or some spread evenly over a large grid."""
+    layout = netlist.layout
+    assert layout is not None
+    nodes = np.unique(layout.node[layout.node >= 0])
+    nodes = nodes[np.isfinite(volts[nodes])]
+    if len(nodes) <= _MOST_PROBES:
+        return nodes
+    return nodes[np.linspace(0, len(nodes) - 1, _FEW_PROBES).astype(np.int64)]
+
+
+def _probe(netlist: Netlist, nodes: NDArray[np.int32]) -> list[Analysis]:
+    return [Probe(tuple(netlist.names_of(nodes)))] if netlist.node_count > _MOST_PROBES else []
+
+
+def _at_rest(netlist: Netlist) -> OperatingPoint:
+    """The operating point of a chip whose supplies are 0: nothing flows, and nothing need be solved."""
+    m = len(netlist.conductance)
+    return OperatingPoint(
+        netlist=netlist,
+        voltage=np.zeros(netlist.node_count),
+        log_drop=None,
+        potential=None,
+        ammeters=Readings(
+            resistor_current=np.zeros(m),
+            resistor_direction=np.zeros(m, dtype=np.int8),
+            source_current=np.zeros(len(netlist.source_volts)),
+            power=0.0,
+            kcl_residual=0.0,
+        ),
+        floating=np.empty(0, dtype=np.int64),
+        undriven=np.empty(0, dtype=np.int64),
+        method="none",
+        seconds={},
+    )

@@ -1,0 +1,348 @@
+"""Thermal noise of a chip: every resistor adds current noise of density ``4 k T / R`` (Johnson 1928; Nyquist 1928).
+
+The spot density of a node's voltage is ``4 k T Re Z(f)``, ``Z`` being the impedance from the node to the rails: the
+diagonal of ``(G + 2 pi j f C)^-1``.  At frequencies below the slowest time constant that is ``4 k T R_eff``.  Over all
+frequencies it integrates to ``k T (C^-1)_ii`` whatever the resistors are, and to infinity at a node that no capacitor
+ties to a rail.  All resistors have the temperature given; sources, switches' drivers and capacitors are silent.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+
+from resgrid.arguments import check_number, check_whole, is_number
+from resgrid.chip.impedance import impedance_of
+from resgrid.chip.noise_integrals import estimate, find_exactly
+from resgrid.chip.reading import Reading, json_form
+from resgrid.errors import InputError
+from resgrid.netlist import Netlist
+from resgrid.nodal.dynamics import (
+    Dynamics,
+    charge_basis,
+    dynamics_of,
+    require_grounded,
+)
+from resgrid.nodal.selected.diagonal import random_signs
+from resgrid.nodal.selected.positive import PositiveFactors, positive_factors
+
+BOLTZMANN = 1.380649e-23
+"""In J/K, exact."""
+
+ROOM = 300.15
+"""27 degrees Celsius, in kelvin: the nominal temperature of SPICE."""
+
+METHODS = ("auto", "exact", "estimate")
+_HIGHEST = 1e300
+_EXACT_PLANE, _EXACT_VOLUME = 300_000, 15_000
+
+
+@dataclass(frozen=True, eq=False)
+class Noise:
+    """Thermal noise of every node's voltage; 0 on rails, NaN where a node floats.
+
+    Attributes
+    ----------
+    netlist : Netlist
+        The chip.
+    temperature : float
+        Of all resistors, in kelvin.
+    resistance : ndarray of float64, shape (nodes,)
+        Effective resistance from every node to the rails at low frequency, in ohms.
+    resistance_error : ndarray of float64, shape (nodes,)
+        Its standard error, in ohms; 0 where nothing was estimated: every digit but the last few is then right.
+    limit : ndarray of float64, shape (nodes,)
+        Root mean square noise from 0 Hz to infinity, ``sqrt(k T (C^-1)_ii)``, in volts; infinite at a node that no
+        capacitor ties to a rail.
+    band : tuple of float, or None
+        Limits of the integral, in hertz.
+    total : ndarray of float64, shape (nodes,), or None
+        Root mean square noise within the band, in volts.
+    total_error : ndarray of float64, shape (nodes,), or None
+        Its standard error, in volts; where nothing was estimated, what rounding may have done to it.
+    exact : bool
+        Whether nothing was estimated from samples.
+    """
+
+    netlist: Netlist
+    temperature: float
+    resistance: NDArray[np.float64]
+    resistance_error: NDArray[np.float64]
+    limit: NDArray[np.float64]
+    band: tuple[float, float] | None
+    total: NDArray[np.float64] | None
+    total_error: NDArray[np.float64] | None
+    exact: bool
+
+    def __post_init__(self) -> None:
+        for array in (self.resistance, self.resistance_error, self.limit, self.total, self.total_error):
+            if array is not None:
+                array.flags.writeable = False
+
+    @property
+    def density(self) -> NDArray[np.float64]:
+        """Density ``4 k T R_eff`` at low frequency, shape (nodes,), in V^2/Hz."""
+        return 4.0 * BOLTZMANN * self.temperature * self.resistance
+
+    @property
+    def readings(self) -> Mapping[str, Reading]:
+        """The figures of the noisiest node, with units and definitions."""
+        at = f"at {self.temperature:.6g} K"
+        limit = float(np.nanmax(self.limit))
+        result = {
+            "largest_effective_resistance": Reading(
+                float(np.nanmax(self.resistance)), "ohm", "largest resistance from a node to the rails at low frequency"
+            ),
+            "largest_noise_density": Reading(
+                float(np.sqrt(np.nanmax(self.density))),
+                "V/sqrt(Hz)",
+                f"thermal noise of the noisiest node at low frequency, sqrt(4 k T R_eff), {at}",
+            ),
+            "largest_noise_limit": Reading(
+                limit if np.isfinite(limit) else None,
+                "V",
+                f"rms thermal noise of the noisiest node from 0 Hz to infinity, sqrt(k T (C^-1)_ii), {at}; undefined "
+                "where a node has no capacitance",
+            ),
+        }
+        if self.band is not None and self.total is not None:
+            result["largest_noise"] = Reading(
+                float(np.nanmax(self.total)),
+                "V",
+                f"rms thermal noise of the noisiest node from {self.band[0]:g} Hz to {self.band[1]:g} Hz, {at}",
+            )
+        return result
+
+    def to_json(self) -> dict[str, Any]:
+        """The readings, the limits of the integral and how it was found, as plain values."""
+        return {
+            **json_form(self.readings),
+            "temperature": self.temperature,
+            "band": None if self.band is None else list(self.band),
+            "exact": self.exact,
+        }
+
+
+def analyse_noise(
+    netlist: Netlist,
+    *,
+    band: tuple[float, float] | None = None,
+    temperature: float = ROOM,
+    method: str = "auto",
+    samples: int = 64,
+    seed: int = 0,
+) -> Noise:
+    """Find the thermal noise of every node's voltage.
+
+    Parameters
+    ----------
+    netlist : Netlist
+    band : tuple of float, optional
+        Lower and upper limit of the integral, in hertz: a read-out of noise bandwidth ``B`` takes ``(0, B)``.
+    temperature : float
+        In kelvin.
+    method : {"auto", "exact", "estimate"}
+        Exact: the diagonal of the inverse from the factors.  Estimate: from products with random signs, for grids of
+        three or more dimensions whose factors are large.
+    samples : int
+        Of an estimate.
+    seed : int
+        Of its random signs.
+
+    Returns
+    -------
+    Noise
+
+    Raises
+    ------
+    InputError
+        If an argument is not admissible.
+    CircuitError
+        If a node is tied to no rail by resistors.
+    AccuracyError
+        If conductances span so many decades that rounding may be more than 1e-3 of a density within the band, or a
+        tenth of what is estimated.
+    """
+    _check(band, temperature, method, samples, seed)
+    dynamics = dynamics_of(netlist)
+    require_grounded(dynamics)
+    exact = method == "exact" or (method == "auto" and _is_small(dynamics)) or not dynamics.size
+    found = (
+        find_exactly(dynamics, band) if exact else estimate(dynamics, band, random_signs(dynamics.size, samples, seed))
+    )
+    scale = BOLTZMANN * temperature
+    total = total_error = None
+    if band is not None:
+        total = np.sqrt(4.0 * scale * np.maximum(found.area, 0.0))
+        with np.errstate(divide="ignore", invalid="ignore"):
+            total_error = np.nan_to_num(2.0 * scale * found.area_error / total)
+    return Noise(
+        netlist=netlist,
+        temperature=float(temperature),
+        resistance=dynamics.at_nodes(found.resistance),
+        resistance_error=dynamics.at_nodes(found.resistance_error),
+        limit=dynamics.at_nodes(np.sqrt(scale * _elastance(dynamics))),
+        band=None if band is None else (float(band[0]), float(band[1])),
+        total=None if total is None else dynamics.at_nodes(total),
+        total_error=None if total_error is None else dynamics.at_nodes(total_error),
+        exact=exact,
+    )
+
+
+def noise_density(
+    netlist: Netlist, nodes: ArrayLike, frequencies: ArrayLike, *, temperature: float = ROOM
+) -> NDArray[np.float64]:
+    """Spot density of thermal noise, ``4 k T Re Z(f)``.
+
+    Parameters
+    ----------
+    netlist : Netlist
+    nodes : array_like of int, shape (k,)
+    frequencies : array_like of float, shape (f,)
+        In hertz, at least 0.
+    temperature : float
+        In kelvin.
+
+    Returns
+    -------
+    ndarray of float64, shape (f, k)
+        In V^2/Hz; 0 on rails, NaN where a node floats.
+
+    Raises
+    ------
+    InputError
+        If an argument is not admissible.
+    CircuitError
+        If a frequency is 0, and resistors tie some part to no rail.
+    AccuracyError
+        If a density may be off by more than 1e-6 of itself.
+    """
+    wanted = _checked_nodes(netlist, nodes)
+    when = _checked_frequencies(frequencies)
+    _check(None, temperature, "auto", 2, 0)
+    dynamics = dynamics_of(netlist)
+    rows = dynamics.row[wanted]
+    density = np.zeros((len(when), len(wanted)))
+    density[:, np.isnan(dynamics.fixed[wanted])] = np.nan
+    inside = np.flatnonzero(rows >= 0)
+    if len(inside) and len(when):
+        if not when.all():
+            require_grounded(dynamics)
+        impedance = impedance_of(dynamics)
+        for number, frequency in enumerate(when.tolist()):
+            density[number, inside] = impedance.resistive(rows[inside], frequency)
+    return 4.0 * BOLTZMANN * temperature * density
+
+
+def noise_covariance(netlist: Netlist, nodes: ArrayLike, *, temperature: float = ROOM) -> NDArray[np.float64]:
+    """Covariance ``k T C^-1`` of node voltages over all frequencies, 0 Hz to infinity.
+
+    Parameters
+    ----------
+    netlist : Netlist
+        With capacitance that ties each of the nodes to a rail.
+    nodes : array_like of int, shape (k,)
+    temperature : float
+        In kelvin.
+
+    Returns
+    -------
+    ndarray of float64, shape (k, k)
+        In V^2; 0 for rails, NaN where a node floats.
+
+    Raises
+    ------
+    InputError
+        If an argument is not admissible, or no capacitor ties a node to a rail: its noise is unbounded.
+    """
+    _check(None, temperature, "auto", 2, 0)
+    wanted = _checked_nodes(netlist, nodes)
+    dynamics = dynamics_of(netlist)
+    tied = _tied_by_capacitors(dynamics)
+    rows = dynamics.row[wanted]
+    inside = np.flatnonzero(rows >= 0)
+    loose = inside[~tied[rows[inside]]]
+    if len(loose):
+        node = netlist.node_name(int(wanted[loose[0]]))
+        raise InputError(f"no capacitor ties node {node} to a rail: its noise over all frequencies is unbounded")
+    covariance = np.zeros((len(wanted), len(wanted)))
+    if len(inside):
+        place = (np.cumsum(tied) - 1)[rows[inside]]
+        factors = _elastance_factors(dynamics, tied)
+        for column, own in zip(inside.tolist(), place.tolist(), strict=True):
+            unit = np.zeros(int(tied.sum()))
+            unit[own] = 1.0
+            covariance[inside, column] = factors.solve_nonnegative(unit)[place]
+    floating = np.isnan(dynamics.fixed[wanted])
+    covariance[floating] = covariance[:, floating] = np.nan
+    return BOLTZMANN * temperature * covariance
+
+
+def _tied_by_capacitors(dynamics: Dynamics) -> NDArray[np.bool_]:
+    return np.asarray(np.diff(charge_basis(dynamics).spread.indptr) == 0)
+
+
+def _elastance_factors(dynamics: Dynamics, tied: NDArray[np.bool_]) -> PositiveFactors:
+    C = dynamics.capacitance
+    return positive_factors(sparse.csr_array(C.coupling[tied][:, tied]), C.excess[tied])
+
+
+def _elastance(dynamics: Dynamics) -> NDArray[np.float64]:
+    """Diagonal of ``C^-1`` in 1/F, infinite in parts that no capacitor ties to a rail."""
+    tied = _tied_by_capacitors(dynamics)
+    elastance = np.full(dynamics.size, np.inf)
+    C = dynamics.capacitance
+    if C.coupling.nnz == 0:
+        elastance[tied] = 1.0 / C.excess[tied]
+    elif tied.any():
+        elastance[tied] = _elastance_factors(dynamics, tied).inverse_diagonal()
+    return elastance
+
+
+def _is_small(dynamics: Dynamics) -> bool:
+    coupling = dynamics.conductance.coupling
+    plane = coupling.nnz <= 4.2 * max(dynamics.size, 1)
+    return dynamics.size <= (_EXACT_PLANE if plane else _EXACT_VOLUME)
+
+
+def _checked_nodes(netlist: Netlist, nodes: ArrayLike) -> NDArray[np.int64]:
+    try:
+        wanted = np.atleast_1d(np.asarray(nodes))
+    except ValueError:
+        wanted = np.empty(0)
+    if wanted.dtype.kind not in "iu" or wanted.ndim != 1 or np.any((wanted < 0) | (wanted >= netlist.node_count)):
+        raise InputError(f"nodes must be node numbers from 0 to {netlist.node_count - 1}")
+    return wanted.astype(np.int64)
+
+
+def _checked_frequencies(frequencies: ArrayLike) -> NDArray[np.float64]:
+    try:
+        wanted = np.atleast_1d(np.asarray(frequencies))
+    except ValueError:
+        wanted = np.empty(0, dtype=np.bool_)
+    if wanted.dtype.kind == "f":
+        wanted = wanted.astype(np.float64)
+    if wanted.dtype.kind not in "iuf" or wanted.ndim != 1 or not np.all((wanted >= 0) & (wanted < _HIGHEST)):
+        raise InputError(f"frequencies must be finite (below {_HIGHEST:g}) and at least 0, in hertz")
+    return wanted.astype(np.float64)
+
+
+def _check(band: tuple[float, float] | None, temperature: float, method: str, samples: int, seed: int) -> None:
+    if method not in METHODS:
+        raise InputError(f"method = {method!r} is unknown; it may be one of {', '.join(METHODS)}")
+    check_number("temperature", temperature, "positive and finite, in kelvin", above=0.0)
+    if samples == 1:
+        raise InputError("samples = 1, but an error bar needs at least 2")
+    check_whole("samples", samples, 2)
+    check_whole("seed", seed, 0)
+    if band is not None and not (_are_two(band) and 0 <= band[0] < band[1]):
+        raise InputError(f"band = {band} must be two frequencies in hertz, the lower first (for all of them see limit)")
+
+
+def _are_two(band: Any) -> bool:
+    return isinstance(band, tuple | list | np.ndarray) and len(band) == 2 and all(is_number(limit) for limit in band)

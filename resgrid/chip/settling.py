@@ -1,0 +1,250 @@
+"""How long a chip takes to plan, and what a plan costs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.arguments import check_optional, check_whole, is_whole
+from resgrid.chip.approach import FINENESS, follow_approach, rows_to_follow, settling_bound
+from resgrid.chip.motion import motions
+from resgrid.chip.reading import Reading, json_form
+from resgrid.chip.roots import Solver, accurate_solver, entrywise_solution
+from resgrid.chip.spectrum import find_spectrum, require_charge
+from resgrid.errors import AccuracyError, InputError
+from resgrid.netlist import Netlist
+from resgrid.nodal.dynamics import Dynamics, dynamics_of, factor_resolvent
+from resgrid.nodal.energy import EnergyMeter
+from resgrid.nodal.initial import initial_state
+from resgrid.nodal.operating_point import OperatingPoint
+
+
+@dataclass(frozen=True, eq=False)
+class Settling:
+    """How the node voltages approach the operating point after the sources are switched at time 0.
+
+    Attributes
+    ----------
+    netlist : Netlist
+        The chip.
+    bits : int
+        Settled means: no node is further from its final voltage than half a step of a converter of so many bits,
+        ``span / 2**(bits + 1)``, and none leaves that band again.
+    span : float
+        Range of the converter, in volts.
+    time_constants : ndarray of float64, shape (k,)
+        Slowest time constants of the circuit, slowest first, in seconds: eigenvalues of ``C v = tau G v``, each as
+        often as it occurs.  In circuits of more than 200 rows those below 1e-12 of the slowest are left out, since
+        rounding would decide them.
+    mode : ndarray of float64, shape (nodes,)
+        Shape of the slowest mode: voltages that fall everywhere as ``exp(-t / tau)``; largest magnitude 1; 0 on rails,
+        NaN where a node floats.
+    fastest : float
+        Shortest time constant, in seconds.
+    node_time : ndarray of float64, shape (nodes,)
+        When every node has settled, in seconds; 0 on rails, NaN where a node floats.  It holds for a band that is
+        right to 0.5 %, or better where the circuit has no more than 200 rows.
+    bound : float
+        Time by which the slowest time constant alone guarantees that all have settled, in seconds
+        (`resgrid.chip.approach.settling_bound`).
+    energy : float
+        Energy that all sources deliver until all nodes have settled, in joules.
+    power : float
+        Power that they deliver from then on, in watts.
+    final : ndarray of float64, shape (nodes,)
+        Final voltages, in volts; NaN where a node floats.
+    times : ndarray of float64, shape (t,)
+        In seconds: 0, then by equal ratios until the last node has settled, or later.
+    distance : ndarray of float64, shape (t,)
+        Largest distance of a node from its final voltage at those times, in volts.
+    """
+
+    netlist: Netlist
+    bits: int
+    span: float
+    time_constants: NDArray[np.float64]
+    mode: NDArray[np.float64]
+    fastest: float
+    node_time: NDArray[np.float64]
+    bound: float
+    energy: float
+    power: float
+    final: NDArray[np.float64]
+    times: NDArray[np.float64]
+    distance: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for array in (self.time_constants, self.mode, self.node_time, self.final, self.times, self.distance):
+            array.flags.writeable = False
+
+    @property
+    def settle_time(self) -> float:
+        """When the last node has settled, in seconds."""
+        return float(np.nanmax(self.node_time))
+
+    @property
+    def readings(self) -> Mapping[str, Reading]:
+        """The figures, with units and definitions."""
+        half = f"half a step of a {self.bits}-bit converter ({self.span / 2 ** (self.bits + 1):.3g} V)"
+        return {
+            "slowest_time_constant": Reading(
+                float(self.time_constants[0]), "s", "largest eigenvalue of C v = tau G v: the last thing to settle"
+            ),
+            "fastest_time_constant": Reading(self.fastest, "s", "smallest eigenvalue of C v = tau G v other than 0"),
+            "settle_time": Reading(
+                self.settle_time, "s", f"time after switching from which every node stays within {half} of its end"
+            ),
+            "settle_bound": Reading(
+                self.bound,
+                "s",
+                "time by which the slowest time constant guarantees the same for this change of the scene",
+            ),
+            "energy_per_plan": Reading(
+                self.energy, "J", "energy that all sources deliver from switching until every node has settled"
+            ),
+            "power": Reading(self.power, "W", "power that all sources deliver once the grid has settled"),
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """The readings and the slowest time constants, as plain values."""
+        return {**json_form(self.readings), "bits": self.bits, "time_constants": self.time_constants.tolist()}
+
+
+def analyse_settling(
+    netlist: Netlist,
+    *,
+    bits: int = 10,
+    initial: OperatingPoint | ArrayLike | None = None,
+    modes: int = 6,
+    span: float | None = None,
+    method: str = "auto",
+) -> Settling:
+    """Find out how long a netlist with capacitors takes to settle.
+
+    Parameters
+    ----------
+    netlist : Netlist
+        With capacitors and an operating point.
+    bits : int
+        How well, 1 to 24.
+    initial : OperatingPoint or array_like of float, shape (nodes,), optional
+        Before the switch, as in `resgrid.transient`; None: all capacitors discharged.
+    modes : int
+        How many slow time constants to find, at least 1.
+    span : float, optional
+        Range of the converter, in volts; by default the largest difference of final voltages.
+    method : {"auto", "direct", "multigrid"}
+        As in `resgrid.solve`.
+
+    Returns
+    -------
+    Settling
+
+    Raises
+    ------
+    InputError
+        If an argument is not admissible or there is no capacitance.
+    CircuitError
+        If a part of the circuit never settles.
+    AccuracyError
+        If the conductances span so many decades that rounding decides the slowest time constant, if an iteration does
+        not converge, or if a figure is beyond what doubles hold.
+    """
+    _check(bits, modes, span)
+    dynamics = dynamics_of(netlist)
+    require_charge(dynamics)
+    factors = factor_resolvent(dynamics, 0.0, method)
+    solve = accurate_solver(factors, dynamics.capacitance)
+    spectrum = find_spectrum(dynamics, modes, solve)
+    final = entrywise_solution(factors, dynamics.drive)
+    settled = dynamics.voltage(final)
+    reach = _reach(settled) if span is None else float(span)
+    start = initial_state(dynamics, initial)
+    deviation = start - final
+    unit = _magnitude(deviation)
+    band = reach / 2.0 ** (bits + 1) / unit
+    if band == 0.0:
+        raise InputError(f"span = {reach} V is nothing beside voltages that move by {unit:.1e} V; give a larger one")
+    bound = settling_bound(dynamics, solve, deviation / unit, float(spectrum.tau[0]), band)
+    charging = dynamics.imbalance(start) / unit
+    approach = follow_approach(
+        deviation / unit,
+        rows_to_follow(dynamics, solve, charging, deviation / unit, band),
+        motions(dynamics, spectrum.modes, deviation / unit, FINENESS * band, method),
+        bound,
+        spectrum.fastest,
+        band,
+    )
+    mode = spectrum.mode[:, 0]
+    return Settling(
+        netlist=netlist,
+        bits=bits,
+        span=reach,
+        time_constants=spectrum.tau,
+        mode=dynamics.at_nodes(mode / mode[np.argmax(np.abs(mode))]),
+        fastest=spectrum.fastest,
+        node_time=dynamics.at_nodes(approach.row_time),
+        bound=bound,
+        energy=_energy(dynamics, solve, final, deviation, unit * approach.end, approach.last),
+        power=_power(netlist, settled),
+        final=settled,
+        times=approach.times,
+        distance=unit * approach.distance,
+    )
+
+
+def _check(bits: int, modes: int, span: float | None) -> None:
+    if not (is_whole(bits) and 1 <= bits <= 24):
+        raise InputError(f"bits = {bits!r}, but settling is judged at a whole number of bits, 1 to 24")
+    check_whole("modes", modes, 1)
+    check_optional("span", span, "a number, positive and finite, in volts", above=0.0)
+
+
+def _reach(settled: NDArray[np.float64]) -> float:
+    """Largest difference of final voltages."""
+    with np.errstate(over="ignore"):
+        reach = float(np.nanmax(settled) - np.nanmin(settled))
+    if not np.isfinite(reach):
+        raise AccuracyError("the span of the final voltages is beyond what doubles hold; give smaller voltages")
+    if reach == 0.0:
+        raise InputError("every node ends at the same voltage: there is no span to settle within; give span in volts")
+    return reach
+
+
+def _magnitude(deviation: NDArray[np.float64]) -> float:
+    """A power of two near the largest deviation: in these units no square runs out of range."""
+    return float(2.0 ** np.floor(np.log2(np.abs(deviation).max(initial=0.0) or 1.0)))
+
+
+def _energy(
+    dynamics: Dynamics,
+    solve: Solver,
+    final: NDArray[np.float64],
+    start: NDArray[np.float64],
+    end: NDArray[np.float64],
+    time: float,
+) -> float:
+    """Energy that the sources deliver while the deviation goes from start to end: its integral is G^-1 C of the way."""
+    if time == 0.0:
+        return 0.0
+    integral = final * time + solve(dynamics.capacitance.matrix @ (start - end))
+    with np.errstate(over="ignore", invalid="ignore"):
+        return _within_range("energy", EnergyMeter(dynamics).delivered(time, end - start, integral))
+
+
+def _power(netlist: Netlist, voltage: NDArray[np.float64]) -> float:
+    across = np.subtract(*voltage[netlist.resistor_nodes.T])
+    with np.errstate(over="ignore"):
+        return _within_range("power", float(np.nansum(netlist.conductance * across * across)))
+
+
+def _within_range(name: str, value: float) -> float:
+    if not np.isfinite(value):
+        raise AccuracyError(
+            f"the {name} is beyond what doubles hold; give voltages and conductances in smaller numbers"
+        )
+    return value

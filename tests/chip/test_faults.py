@@ -1,0 +1,62 @@
+"""Shorts and opens: as dense as asked, and what is left of the chip."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from spaces import space_of
+
+import resgrid as rg
+from resgrid.chip.faults import Faults
+from resgrid.chip.resistors import Saturation
+from resgrid.space import Cell
+
+
+def room(boundary: str = "dirichlet") -> rg.Netlist:
+    cell = np.zeros((8, 10), dtype=np.uint8)
+    cell[2:5, 6], cell[6, 1] = Cell.OBSTACLE, Cell.GOAL
+    return rg.compile_space(space_of(cell), boundary=boundary, rails="cells")
+
+
+def test_faults_are_nested_and_as_dense_as_asked() -> None:
+    netlist = rg.compile_space(space_of(np.pad([[2]], 60)), rails="cells")
+    few, many = Faults(0.01, 0.02, 1.0, 7).places(netlist), Faults(0.05, 0.1, 1.0, 7).places(netlist)
+    for a, b, share in ((few[0], many[0], 0.05), (few[1], many[1], 0.1)):
+        assert np.all(b[a])
+        assert b.mean() == pytest.approx(share, rel=0.1)
+    made = Faults(0.05, 0.1, 2.0, 7).apply(netlist)
+    face = netlist.layout.resistor_face
+    assert len(made.conductance) == len(face) - many[0][face].sum()
+    assert (made.conductance == 0.5).sum() == many[1][face].sum()
+
+
+def test_everything_open_leaves_nodes_without_a_voltage() -> None:
+    netlist = room("neumann")
+    cut = Faults(open_density=1.0).apply(netlist)
+    assert not cut.conductance.size
+    assert not cut.current_nodes.size
+    partly = Faults(open_density=0.55, seed=2).apply(netlist)
+    point = rg.solve(partly)
+    assert point.floating.size
+    assert {
+        str(rg.streamline(rg.field(point), cell=c).outcome) for c in np.argwhere(netlist.layout.space.cell == 0)
+    } == {
+        "reached",
+        "no_current",
+    }
+
+
+def test_a_shorted_saturating_resistor_is_linear() -> None:
+    netlist = Faults(0.1, 0.2, 3.0, 1).apply(Saturation(0.2).apply(room()))
+    assert np.all(netlist.conductance == 1 / 3.0)
+    assert len(netlist.conductance) + len(netlist.nonlinear_current) < len(room().conductance)
+    linear = Faults(0.1, 0.2, 3.0, 1).apply(room())
+    shorts = {tuple(sorted(pair)) for pair in linear.resistor_nodes[linear.conductance > 0.1].tolist()}
+    assert shorts == {tuple(sorted(pair)) for pair in netlist.resistor_nodes.tolist()}
+
+
+def test_a_cell_that_opens_cut_off_is_still_fed_where_a_load_ties_it_to_ground() -> None:
+    chip = rg.Chip(readout=rg.Readout(input_resistance=5e5), defects=rg.Defects(open_density=1.0))
+    netlist = rg.compile_chip(space_of([2, 0, 0]), chip, boundary="neumann")
+    volts = rg.solve(netlist).voltage[netlist.layout.node]
+    np.testing.assert_allclose(volts, [0.0, 5e5 * 1.0 / 10e3 / 2, 5e5 * 1.0 / 10e3 / 2], rtol=1e-12)

@@ -1,0 +1,253 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from circuits import dense_solution, random_grid
+from dynamics import small_scene
+from hypothesis import given, settings, strategies as st
+from scipy.linalg import solveh_banded
+from spaces import space_of, spaces
+
+import resgrid as rg
+from resgrid.chip.sensitivity import analyse_sensitivity, voltage_sensitivity
+from resgrid.space import Cell
+
+
+def differences(netlist: rg.Netlist, weights: np.ndarray, step: float = 1e-4) -> np.ndarray:
+    """Central differences of a weighted sum of voltages in the logarithms of resistances, by a dense solver.
+
+    Fourth order, so that neither truncation nor rounding spoils the sixth digit.
+    """
+    result = []
+    for k in range(len(netlist.conductance)):
+        value = []
+        for shift in (2, 1, -1, -2):
+            g = netlist.conductance.copy()
+            g[k] *= np.exp(-shift * step * 10)
+            value.append(weights @ dense_solution(netlist.replace(conductance=g)).voltage)
+        result.append((-value[0] + 8 * value[1] - 8 * value[2] + value[3]) / (12 * step * 10))
+    return np.array(result)
+
+
+@settings(max_examples=10)
+@given(seed=st.integers(0, 10**6), drive=st.booleans())
+def test_derivatives_equal_central_differences(seed: int, drive: bool) -> None:
+    netlist = random_grid(seed, side=4, drive=drive)
+    weights = np.zeros(netlist.node_count)
+    rng = np.random.default_rng(seed)
+    weights[rng.choice(np.arange(4, netlist.node_count), 2, replace=False)] = 1.0, -1.0
+    found = voltage_sensitivity(rg.solve(netlist), weights)
+    wanted = differences(netlist, weights)
+    assert np.abs(found - wanted).max() < 1e-6 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+def test_derivatives_of_a_scene_equal_central_differences(boundary: str) -> None:
+    netlist = small_scene(boundary=boundary)
+    free = netlist.layout.node[8, 12]
+    weights = np.zeros(netlist.node_count)
+    weights[free] = 1.0
+    found = voltage_sensitivity(rg.solve(netlist), weights)
+    some = np.append(np.argsort(-np.abs(found))[:8], [5, 50, 200])
+    for k in some.tolist():
+        value = []
+        for shift in (1e-4, -1e-4):
+            g = netlist.conductance.copy()
+            g[k] *= np.exp(-shift)
+            value.append(rg.solve(netlist.replace(conductance=g)).voltage[free])
+        assert found[k] == pytest.approx((value[0] - value[1]) / 2e-4, abs=1e-6 * np.abs(found).max())
+
+
+def test_scaling_all_resistances_together_moves_nothing() -> None:
+    netlist = small_scene()
+    weights = np.zeros(netlist.node_count)
+    weights[netlist.layout.node[3, 3]] = 1.0
+    found = voltage_sensitivity(rg.solve(netlist), weights)
+    assert abs(found.sum()) < 1e-12 < np.abs(found).max()
+
+
+def next_step(op: rg.OperatingPoint, cell: tuple[int, int]) -> int:
+    """Flat index of the lowest of a cell and its free or goal neighbours, by plain voltages."""
+    layout = op.netlist.layout
+    code = layout.space.cell
+    places = [cell]
+    for axis in (0, 1):
+        for side in (-1, 1):
+            place = list(cell)
+            place[axis] += side
+            if 0 <= place[axis] < code.shape[axis] and code[tuple(place)] != Cell.OBSTACLE:
+                places.append(tuple(place))
+    volts = [op.voltage[layout.node[place]] for place in places]
+    return int(np.ravel_multi_index(places[int(np.argmin(volts))], code.shape))
+
+
+def test_a_drift_beyond_the_margin_changes_the_step() -> None:
+    """On the diagonal of a square with the goal in its corner only mismatch decides."""
+    cell = np.zeros((8, 8), dtype=np.uint8)
+    cell[0, 0] = 2
+    netlist = rg.compile_space(space_of(cell))
+    spread = 1.0 + 0.01 * np.random.default_rng(5).standard_normal(len(netlist.conductance))
+    netlist = netlist.replace(conductance=netlist.conductance * spread)
+    op = rg.solve(netlist)
+    node = netlist.layout.node.ravel()
+    checked = 0
+    for cell in [(i, i) for i in range(1, 8)]:
+        result = analyse_sensitivity(op, cell)
+        weights = np.zeros(netlist.node_count)
+        weights[node[result.runner_up[0]]], weights[node[result.best[0]]] = 1.0, -1.0
+        slope = voltage_sensitivity(op, weights)
+        assert result.margin[0] == pytest.approx(weights @ op.voltage, abs=1e-12)
+        weakest = int(np.argmin(result.flip_drift))
+        drift = result.flip_drift[weakest]
+        assert drift == pytest.approx(result.margin[0] / abs(slope[weakest]), abs=1e-9)
+        if not 1e-4 < drift < 0.05:
+            continue
+        for share, same in ((0.9, True), (1.1, False)):
+            g = netlist.conductance.copy()
+            g[weakest] /= 1.0 - np.sign(slope[weakest]) * share * drift
+            changed = next_step(rg.solve(netlist.replace(conductance=g)), cell)
+            assert (changed == result.best[0]) == same
+        checked += 1
+    assert checked >= 4
+
+
+def test_a_path_is_as_firm_as_its_weakest_step() -> None:
+    op = rg.solve(small_scene())
+    path = rg.streamline(rg.field(op), start=(8.5, 12.5))
+    whole = analyse_sensitivity(op, path.cells)
+    each = [analyse_sensitivity(op, cell).flip_drift for cell in path.cells[:-1]]
+    assert whole.flip_drift == pytest.approx(np.min(each, axis=0))
+    assert (whole.decision == np.argmin(each, axis=0)).all()
+    flips = whole.flips(0.5)
+    assert len(flips) == np.count_nonzero(whole.flip_drift <= 0.5)
+    assert (np.diff(whole.flip_drift[flips]) >= 0).all()
+
+
+def test_deep_in_a_corridor_steps_are_still_decided() -> None:
+    cell = np.zeros((120, 3), dtype=np.uint8)
+    cell[0] = 2
+    result = analyse_sensitivity(rg.solve(rg.compile_space(space_of(cell))), (115, 1))
+    assert result.best[0] == np.ravel_multi_index((114, 1), cell.shape)
+    assert 0 < result.margin[0] < 1e-30
+    assert np.isfinite(result.flip_drift.min())
+
+
+def banded_corridor(netlist: rg.Netlist, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Nodal matrix of an open corridor in upper banded form, and the conductances to the goal; rows are its nodes.
+
+    Cholesky factors of such a matrix hold no sum of mixed signs in their substitution: far entries keep their digits.
+    """
+    node = netlist.layout.node
+    free = node[netlist.layout.space.cell == Cell.FREE]
+    row = np.full(netlist.node_count, -1)
+    row[free] = np.arange(len(free))
+    ends = row[netlist.resistor_nodes]
+    band, to_goal = np.zeros((width + 1, len(free))), np.zeros(len(free))
+    for side in (0, 1):
+        inside = ends[:, side] >= 0
+        np.add.at(band[width], ends[inside, side], netlist.conductance[inside])
+    a, b = np.sort(ends, axis=1).T
+    inner = a >= 0
+    band[width - (b - a)[inner], b[inner]] -= netlist.conductance[inner]
+    goal = np.isin(netlist.resistor_nodes, netlist.layout.goal_nodes).any(axis=1) & (b >= 0)
+    np.add.at(to_goal, b[goal], netlist.conductance[goal])
+    return band, to_goal
+
+
+def test_what_is_far_from_a_decision_flips_nothing_whatever_the_method() -> None:
+    """Along this corridor currents grow by 45 decades as the adjoint falls by as many."""
+    width = 30
+    cell = np.zeros((1000, width), dtype=np.uint8)
+    cell[0] = 2
+    netlist = rg.compile_space(space_of(cell))
+    op = rg.solve(netlist)
+    place, lower, aside = (netlist.layout.node[at] for at in ((980, 15), (979, 15), (980, 14)))
+    band, to_goal = banded_corridor(netlist, width)
+    row = np.full(netlist.node_count, -1)
+    row[netlist.layout.node[cell == 0]] = np.arange(len(to_goal))
+    rhs = np.zeros((len(to_goal), 2))
+    rhs[row[[lower, aside]], [0, 1]] = 1.0
+    drop, to_lower, to_aside = np.append(solveh_banded(band, np.column_stack([to_goal, rhs])), [[0.0] * 3], axis=0).T
+    first, second = row[netlist.resistor_nodes].T
+    # The goal lies a whole volt below the other rail.
+    low = np.isin(netlist.resistor_nodes, netlist.layout.goal_nodes)
+    volts = np.stack([np.where(low[:, end], 1.0, drop[at]) for end, at in enumerate((first, second))])
+    amps = netlist.conductance * (volts[1] - volts[0])
+    rising, falling = to_aside[first] - to_aside[second], to_lower[first] - to_lower[second]
+    for method in ("multigrid", "direct"):
+        weights = np.zeros(netlist.node_count)
+        weights[[aside, lower]] = 1.0, -1.0
+        found = voltage_sensitivity(op, weights, factors=rg.factor(netlist, method=method))
+        assert found == pytest.approx(amps * (rising - falling), abs=2e-5 * np.abs(amps * (rising - falling)).max())
+    result = analyse_sensitivity(op, (980, 15))
+    assert result.best[0] == np.ravel_multi_index((979, 15), cell.shape)
+    margin = abs(drop[row[lower]] - max(drop[row[place]], drop[row[aside]]))
+    assert result.margin[0] == pytest.approx(margin, rel=1e-6)
+    assert result.flip_drift.min() > 0.5
+
+
+def test_where_the_rails_hold_every_node_nothing_is_sensitive() -> None:
+    op = rg.solve(rg.Netlist(3, [[1, 0], [2, 1]], [1.0, 1.0], [[1, 0], [2, 0]], [1.0, 2.0]))
+    assert not voltage_sensitivity(op, [0.0, 1.0, 0.0]).any()
+
+
+@settings(max_examples=20)
+@given(space=spaces(max_cells=6))
+def test_any_space_gives_the_steepest_neighbour(space: rg.ConfigurationSpace) -> None:
+    try:
+        op = rg.solve(rg.compile_space(space))
+    except rg.CircuitError:
+        return
+    where = np.argwhere(space.goal_connected)
+    if not len(where):
+        return
+    cell = where[len(where) // 2]
+    node = op.netlist.layout.node
+    try:
+        result = analyse_sensitivity(op, cell)
+    except rg.InputError:
+        return
+    best = node.ravel()[result.best[0]]
+    assert op.voltage[best] <= op.voltage[node[tuple(cell)]]
+    assert result.margin[0] >= 0
+
+
+def test_nonlinear_resistors_are_seen_by_small_signals() -> None:
+    netlist = rg.Netlist(
+        3, [[2, 0]], [1e-4], source_nodes=[[1, 0]], source_volts=[1.0],
+        nonlinear_nodes=[[1, 2]], nonlinear_current=[1e-4], nonlinear_voltage=[0.5],
+    )  # fmt: skip
+    found = voltage_sensitivity(rg.solve(netlist), [0.0, 0.0, 1.0])
+
+    def volts(linear: float, bent: float) -> float:
+        changed = netlist.replace(conductance=[1e-4 / linear], nonlinear_current=[1e-4 / bent])
+        return float(rg.solve(changed).voltage[2])
+
+    up, down = np.exp(1e-4), np.exp(-1e-4)
+    assert found[0] == pytest.approx((volts(up, 1) - volts(down, 1)) / 2e-4, rel=1e-6)
+    assert found[1] == pytest.approx((volts(1, up) - volts(1, down)) / 2e-4, rel=1e-6)
+
+
+def test_readings_name_the_weakest_resistors() -> None:
+    data = analyse_sensitivity(rg.solve(small_scene()), (5, 3)).to_json()
+    assert data["smallest_margin"]["unit"] == "V"
+    assert len(data["weakest"]) == 10
+    assert data["weakest"][0]["cell"] == [5, 3]
+    assert data["weakest"][0]["drift"] == data["smallest_flip_drift"]["value"]
+
+
+@pytest.mark.parametrize(
+    ("cells", "word"),
+    [((99, 0), "outside"), ((4, 7), "free"), ((11, 2), "free"), (3, "2 integers"), ([0.5, 1], "integers")],
+)
+def test_bad_cells_are_named(cells: object, word: str) -> None:
+    with pytest.raises(rg.InputError, match=word):
+        analyse_sensitivity(rg.solve(small_scene()), cells)
+
+
+def test_bad_weights_are_named() -> None:
+    op = rg.solve(small_scene())
+    with pytest.raises(rg.InputError, match="one per node"):
+        voltage_sensitivity(op, [1.0])
+    with pytest.raises(rg.InputError, match="one number per node"):
+        voltage_sensitivity(op, "all")

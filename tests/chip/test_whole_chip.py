@@ -1,0 +1,122 @@
+"""Every analysis on one chip with all its flaws, against ngspice and its own laws."""
+
+from __future__ import annotations
+
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from dynamics import run_analysis, small_scene
+
+import resgrid as rg
+from resgrid.chip.build import compile_chip
+from resgrid.chip.noise import analyse_noise, noise_density
+from resgrid.chip.power import analyse_power
+from resgrid.chip.precision import analyse_precision
+from resgrid.chip.sensitivity import analyse_sensitivity
+from resgrid.chip.settling import analyse_settling
+from resgrid.scene.chip import Chip
+from resgrid.spice.rawfile import read_rawfile
+
+CHIP = Chip(
+    capacitance=1e-12,
+    mismatch=0.05,
+    goal_switch_on=200.0,
+    goal_switch_off=1e9,
+    obstacle_switch_on=500.0,
+    obstacle_switch_off=1e9,
+    internodal_switch_on=300.0,
+    rail_resistance=2.0,
+    seed=3,
+)
+
+
+@pytest.fixture(scope="module")
+def netlist() -> rg.Netlist:
+    return compile_chip(small_scene().layout.space, CHIP)
+
+
+@pytest.fixture(scope="module")
+def op(netlist: rg.Netlist) -> rg.OperatingPoint:
+    return rg.solve(netlist)
+
+
+def test_it_moves_as_ngspice_says_and_ends_in_its_operating_point(
+    netlist: rg.Netlist, op: rg.OperatingPoint, tmp_path: Path
+) -> None:
+    slowest = float(analyse_settling(netlist).time_constants[0])
+    times = slowest * np.linspace(0.2, 3.0, 10)
+    statements = f".options method=trap reltol=1e-5\n.tran {slowest / 150} {times[-1]} 0 {slowest / 150} uic"
+    raw = run_analysis(rg.format_deck(netlist), statements, tmp_path)
+    clock = raw.values[:, raw.names.index("time")]
+    found = rg.transient(netlist, [*times, 1e3 * slowest])
+    free = netlist.layout.free_node
+    for node, name in zip(free.tolist(), netlist.names_of(free), strict=True):
+        theirs = np.interp(times, clock, raw.values[:, raw.names.index(f"v({name})")])
+        assert np.abs(theirs - found.voltage[:-1, node]).max() < 1e-3
+    assert np.abs(found.voltage[-1] - op.voltage).max() < 1e-9
+
+
+def test_its_noise_is_that_of_ngspice(netlist: rg.Netlist, tmp_path: Path) -> None:
+    """By the spectrum: ngspice's own integral is NaN once a resistor contributes nothing at all."""
+    band = (1e3, 100 / (2 * np.pi * analyse_settling(netlist).fastest))
+    node = int(netlist.layout.node[3, 4])
+    deck = re.sub(r"(?m)^(v_obstacle .*)$", r"\1 ac 1", rg.format_deck(netlist))
+    control = f"noise v(n_3_4) v_obstacle dec 40 {band[0]!r} {band[1]!r}\nsetplot noise1\nwrite out.raw onoise_spectrum"
+    (tmp_path / "noise.cir").write_text(deck.replace("\n.end\n", f"\n.control\n{control}\n.endc\n.end\n"))
+    program = [shutil.which("ngspice"), "-n", "-b", "noise.cir"]
+    subprocess.run(program, check=False, cwd=tmp_path, capture_output=True, timeout=120)
+    frequency, density = read_rawfile((tmp_path / "out.raw").read_bytes()).values.T
+    power = density**2 * frequency
+    theirs = np.sqrt(np.sum((power[1:] + power[:-1]) / 2 * np.diff(np.log(frequency))))
+    assert analyse_noise(netlist, band=band).total[node] == pytest.approx(theirs, rel=1e-4)
+    assert noise_density(netlist, [node], frequency)[:, 0] == pytest.approx(density**2, rel=1e-5)
+
+
+def test_its_power_balances_and_its_rails_droop(op: rg.OperatingPoint) -> None:
+    power = analyse_power(op)
+    assert sum(rail.watts for rail in power.rails) == pytest.approx(power.total, rel=1e-9)
+    assert {rail.name for rail in power.rails} == {"obstacle", "goal_0"}
+    assert 0.001 < power.largest_droop < 0.2
+    layout = op.netlist.layout
+    goal = layout.node[11, 2]
+    assert power.droop[goal] == pytest.approx(op.voltage[goal])
+
+
+def test_its_robot_takes_the_steps_that_its_voltages_show(op: rg.OperatingPoint) -> None:
+    layout = op.netlist.layout
+    volts = op.voltage[layout.node]
+    code = layout.space.cell
+    result = analyse_precision(op)
+    for cell in map(tuple, np.argwhere(layout.space.goal_connected).tolist()):
+        around = [(cell[0] + a, cell[1] + b) for a, b in ((-1, 0), (1, 0), (0, -1), (0, 1))]
+        around = [p for p in around if min(p) >= 0 and max(p) < 16 and code[p] != 1]
+        lowest = min(around, key=lambda p: volts[p])
+        assert result.following[cell] == np.ravel_multi_index(lowest, code.shape)
+        assert result.cell_bits[cell] == pytest.approx(np.log2(1 / (volts[cell] - volts[lowest])), abs=1e-6)
+
+
+def test_switches_count_among_the_resistors_that_decide(op: rg.OperatingPoint) -> None:
+    result = analyse_sensitivity(op, (8, 12))
+    assert len(result.flip_drift) == len(op.netlist.conductance)
+    switches = op.netlist.layout.resistor_face < 0
+    assert np.isfinite(result.flip_drift[switches]).any()
+
+
+def test_saturating_resistors_are_judged_by_small_signals() -> None:
+    chip = Chip(capacitance=1e-12, saturation_voltage=0.3)
+    netlist = compile_chip(small_scene().layout.space, chip)
+    op = rg.solve(netlist)
+    assert np.isfinite(analyse_precision(op).starts).all()
+    assert analyse_power(op).total == pytest.approx(op.power)
+    assert np.isfinite(analyse_sensitivity(op, (8, 12)).flip_drift).any()
+    for analysis in (analyse_settling, analyse_noise):
+        with pytest.raises(rg.InputError, match="small_signal"):
+            analysis(netlist)
+    small = rg.small_signal(op)
+    assert not len(small.nonlinear_current)
+    assert analyse_noise(small).resistance.max() > analyse_noise(small_scene()).resistance.max()
+    assert analyse_settling(small).time_constants[0] > analyse_settling(small_scene()).time_constants[0]

@@ -1,0 +1,351 @@
+"""Robots that see the read-out only, against a robot walked by hand; runs that are killed, shared and resumed."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from spaces import space_of, spaces
+
+import resgrid as rg
+from resgrid.chip.proportions import effective_trials, wilson
+from resgrid.chip.trials import prepare, run_trials
+from resgrid.chip.walks import eyes_of, floor_of, walk
+from resgrid.randomness import NOISE, OFFSET, generator
+
+
+def room(side: int = 12, seed: int = 0, density: float = 0.1) -> rg.ConfigurationSpace:
+    rng = np.random.default_rng(seed)
+    cell = (rng.random((side, side)) < density).astype(np.uint8)
+    cell[side // 3, side // 2] = 2
+    return space_of(cell)
+
+
+def robot(
+    netlist: rg.Netlist, volts: np.ndarray, readout: rg.Readout, start: tuple[int, ...], offset: np.ndarray,
+    blur: np.ndarray,
+) -> bool:  # fmt: skip
+    """One robot, cell by cell, by the rules in words."""
+    layout = netlist.layout
+    space = layout.space
+    rails = sorted((layout.goal_voltage, layout.goal_voltage + layout.supply))
+    low, high = readout.range or rails
+    turned = -1 if layout.supply < 0 else 1
+
+    def measure(cell: tuple[int, ...], error: float) -> float:
+        seen = volts[layout.node[cell]] + offset[cell] + error
+        if readout.bits is None:
+            return turned * seen
+        step = np.floor((seen - low) / (high - low) * 2**readout.bits)
+        return turned * float(np.clip(step, 0, 2**readout.bits - 1))
+
+    here, been = start, set()
+    while space.cell[here] != 2:
+        if here in been:
+            return False
+        been.add(here)
+        best, lowest = None, measure(here, blur[(*here, -1)])
+        for axis in range(space.ndim):
+            for side, step in enumerate((-1, 1)):
+                there = list(here)
+                there[axis] += step
+                if space.axes[axis].periodic:
+                    there[axis] %= space.shape[axis]
+                elif not 0 <= there[axis] < space.shape[axis]:
+                    continue
+                if space.cell[tuple(there)] == 1:
+                    continue
+                reading = measure(tuple(there), blur[(*here, 2 * axis + side)])
+                if reading < lowest:
+                    best, lowest = tuple(there), reading
+        if best is None:
+            return False
+        here = best
+    return True
+
+
+@settings(max_examples=25)
+@given(spaces(max_cells=6, conductive=False), st.integers(0, 1000), st.sampled_from([1.0, -2.5]))
+def test_robots_walk_by_the_rules(space: rg.ConfigurationSpace, seed: int, supply: float) -> None:
+    try:
+        netlist = rg.ideal_netlist(space, rg.Chip(supply=supply))
+        volts = rg.solve(netlist).voltage
+    except rg.CircuitError:  # nothing is driven
+        return
+    rng = np.random.default_rng(seed)
+    readout = rg.Readout(
+        bits=[None, 3, 6, 10][rng.integers(4)],
+        offset=[None, 0.01][rng.integers(2)],
+        noise_bandwidth=[None, 1.0][rng.integers(2)],
+        range=[None, (-0.1, 0.8)][rng.integers(2)],
+    )
+    sigma = np.full(space.cell.size, 0.02 if readout.noise_bandwidth else 0.0)
+    eyes = eyes_of(readout, netlist.layout, sigma)
+    ways = 2 * space.ndim + 1
+    offset, blur = np.zeros(space.shape), np.zeros((*space.shape, ways))
+    if readout.offset:
+        offset = 0.01 * generator((seed, 0), OFFSET).standard_normal(space.shape)
+    if readout.noise_bandwidth:
+        blur = 0.02 * generator((seed, 0), NOISE).standard_normal((*space.shape, ways))
+    found = walk(volts, floor_of(netlist.layout), eyes, (seed, 0)).reshape(space.shape)
+    for start in map(tuple, np.argwhere(space.goal_connected).tolist()):
+        assert found[start] == robot(netlist, volts, readout, start, offset, blur)
+
+
+@settings(max_examples=15)
+@given(spaces(max_cells=7), st.sampled_from(["dirichlet", "neumann"]), st.sampled_from([None, 0.2]))
+def test_through_an_ideal_readout_every_start_with_a_path_is_served(
+    space: rg.ConfigurationSpace, boundary: str, mismatch: float | None
+) -> None:
+    chip = rg.Chip(mismatch=mismatch)
+    try:
+        netlist = rg.ideal_netlist(space, chip, boundary=boundary)
+        result = rg.analyse_yield(netlist, chip, most=3, batch=3)
+    except rg.CircuitError:
+        return
+    except rg.InputError as error:
+        assert "no start" in str(error)
+        return
+    driven = ~np.isin(netlist.layout.node, rg.solve(netlist).undriven)
+    assert np.all(result.probability[space.goal_connected & driven] == 1.0)
+    if driven[space.goal_connected].all():
+        assert result.overall.value == result.perfect.value == 1.0
+    if mismatch is None:
+        assert (result.trials, result.overall.low) == (1, result.overall.value)
+
+
+def test_bits_taken_away_never_raise_the_yield() -> None:
+    bits = range(20, 0, -1)
+    for seed in range(40):
+        space = room(int(np.random.default_rng(seed).integers(4, 16)), seed, (seed % 4) / 10)
+        if not space.goal_connected.any():
+            continue
+        for boundary in ("dirichlet", "neumann"):
+            chip = rg.Chip(mismatch=0.05)
+            netlist = rg.ideal_netlist(space, chip, boundary=boundary)
+            experiment = prepare(netlist, chip, [rg.Readout(bits=b) for b in bits])
+            served = run_trials(experiment, range(2)).reached.sum(axis=1)
+            assert np.all(np.diff(served) <= 0)
+            assert served[0] > served[-1] or served[0] == 2 * experiment.starts.sum()
+
+
+def test_leaks_make_starts_of_even_an_ideal_readout_lose_their_way() -> None:
+    """A load on every node lets voltages have minima of their own, which robots get stuck in."""
+    chip = rg.Chip(readout=rg.Readout(input_resistance=50e3))
+    cell = np.zeros((16, 16), dtype=np.uint8)
+    cell[1, 1] = 2
+    netlist = rg.ideal_netlist(space_of(cell), chip)
+    result = rg.analyse_yield(netlist, chip)
+    assert 0.0 < result.overall.value < 1.0
+
+
+def test_opens_cost_starts_and_shorts_break_chips() -> None:
+    chip = rg.Chip(defects=rg.Defects(open_density=0.3), seed=4)
+    netlist = rg.ideal_netlist(room(), chip)
+    result = rg.analyse_yield(netlist, chip, most=20, batch=20)
+    assert 0.3 < result.overall.value < 1.0
+    assert result.perfect.value < result.overall.value
+    reached = np.zeros(result.space.shape)
+    for trial in range(20):
+        point = rg.solve(rg.build_chip(netlist, chip, (4, trial)))
+        volts = point.voltage[netlist.layout.node]
+        zero = np.zeros(result.space.shape)
+        for start in map(tuple, np.argwhere(result.starts).tolist()):
+            blur = np.zeros((*result.space.shape, 5))
+            reached[start] += not np.isnan(volts[start]) and robot(
+                netlist, point.voltage, rg.Readout(), start, zero, blur
+            )
+    assert np.abs(reached - result.reached).sum() <= 0.01 * result.reached.sum()
+
+
+def test_the_interval_is_wilsons_and_counts_chips_as_clusters() -> None:
+    low, high = wilson(0.5, 100, 0.95)
+    assert (low, high) == pytest.approx((0.40383, 0.59617), abs=1e-5)  # Wilson 1927; tables of Newcombe 1998
+    assert wilson(1.0, 10, 0.95)[0] == pytest.approx(1 / (1 + 1.959964**2 / 10))
+    rng = np.random.default_rng(1)
+    inside = 0
+    for _ in range(300):
+        shares = rng.beta(8, 2, 40)  # chips differ
+        counts = rng.binomial(50, shares)
+        n = effective_trials(int(counts.sum()), int((counts**2).sum()), 40, 50)
+        low, high = wilson(counts.sum() / 2000, n, 0.95)
+        inside += low <= 0.8 <= high
+    assert 0.92 <= inside / 300 <= 0.98
+    assert effective_trials(500, 6250, 40, 50) == 40
+    assert effective_trials(7, 49, 1, 50) == 1
+
+
+CHIP = rg.Chip(
+    mismatch=0.03, goal_switch_on=500.0, readout=rg.Readout(bits=8, offset=1e-3, noise_bandwidth=1e9), seed=7
+)
+
+
+def numbers(result: rg.Yield) -> tuple[object, ...]:
+    return (result.trials, result.reached.tolist(), result.complete, result.squares)
+
+
+def test_trials_are_their_own_chips_whoever_does_them(tmp_path: Path) -> None:
+    netlist = rg.ideal_netlist(room(), CHIP)
+    alone = rg.analyse_yield(netlist, CHIP, most=70, batch=35, half_width=1e-4)
+    assert alone.trials == 70
+    with ThreadPoolExecutor(2) as threads:
+        assert numbers(
+            rg.analyse_yield(netlist, CHIP, most=70, batch=35, half_width=1e-4, executor=threads)
+        ) == numbers(alone)
+    with ProcessPoolExecutor(1) as processes:
+        assert numbers(
+            rg.analyse_yield(netlist, CHIP, most=70, batch=35, half_width=1e-4, executor=processes)
+        ) == numbers(alone)
+    other = rg.analyse_yield(netlist, CHIP, most=70, batch=35, half_width=1e-4, seed=8)
+    assert numbers(other) != numbers(alone)
+    one = rg.build_chip(netlist, CHIP, (7, 3))
+    experiment = prepare(netlist, CHIP, [CHIP.readout])
+    by_hand = walk(rg.solve(one).voltage, experiment.floor, experiment.eyes[0], (7, 3)) & experiment.starts
+    np.testing.assert_array_equal(run_trials(experiment, [3]).reached[0], by_hand)
+
+
+def test_trials_stop_at_the_first_batch_that_suffices() -> None:
+    netlist = rg.ideal_netlist(room(), CHIP)
+    told = []
+    result = rg.analyse_yield(
+        netlist, CHIP, half_width=0.006, batch=16, progress=lambda done, total, share: told.append((done, total, share))
+    )
+    assert [done for done, _, _ in told] == list(range(16, result.trials + 1, 16))
+    assert all(share.half_width > 0.006 for _, _, share in told[:-1])
+    assert told[-1][2].half_width <= 0.006
+    assert told[-1][2] == result.overall
+    assert all(done <= total for done, total, _ in told)
+    assert result.trials < 10_000
+
+
+_SCRIPT = """
+import sys, time
+sys.path.insert(0, {tests!r})
+import resgrid as rg
+from test_yields import CHIP, numbers, room
+netlist = rg.ideal_netlist(room(), CHIP)
+result = rg.analyse_yield(netlist, CHIP, most=400, batch=10, half_width=1e-4, checkpoint={checkpoint!r},
+                          progress=lambda *_: time.sleep({pause}))
+print(numbers(result))
+"""
+
+
+def test_a_run_that_is_killed_and_started_again_ends_in_the_same_numbers(tmp_path: Path) -> None:
+    here = Path(__file__).parent
+    checkpoint = tmp_path / "yield.npz"
+    words = {"tests": str(here), "checkpoint": str(checkpoint)}
+    environment = {**os.environ, "PYTHONPATH": f"{here.parent}{os.pathsep}{os.environ.get('PYTHONPATH', '')}"}
+    sizes = []
+    for moment in (0.0, 0.07):
+        slow = subprocess.Popen(
+            [sys.executable, "-c", _SCRIPT.format(**words, pause=0.02)],
+            env=environment,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+        )
+        before = checkpoint.stat().st_mtime_ns if checkpoint.exists() else 0
+        end = time.monotonic() + 60
+        while slow.poll() is None and time.monotonic() < end:
+            if checkpoint.exists() and checkpoint.stat().st_mtime_ns != before:
+                break
+            time.sleep(0.005)
+        time.sleep(moment)
+        slow.send_signal(signal.SIGKILL)
+        _, errors = slow.communicate()
+        assert checkpoint.exists(), errors.decode()
+        with np.load(checkpoint) as data:
+            sizes.append(int(data["trials"]))
+    assert 0 < sizes[0] < sizes[1] < 400
+    netlist = rg.ideal_netlist(room(), CHIP)
+    resumed = rg.analyse_yield(netlist, CHIP, most=400, batch=10, half_width=1e-4, checkpoint=checkpoint)
+    whole = rg.analyse_yield(netlist, CHIP, most=400, batch=10, half_width=1e-4)
+    assert numbers(resumed) == numbers(whole)
+    assert numbers(rg.analyse_yield(netlist, CHIP, most=400, batch=10, half_width=1e-4, checkpoint=checkpoint)) == (
+        numbers(whole)
+    )
+
+
+def test_a_run_that_ended_within_a_batch_is_taken_up_at_its_end(tmp_path: Path) -> None:
+    netlist = rg.ideal_netlist(room(), CHIP)
+    checkpoint = tmp_path / "yield.npz"
+    rule = {"batch": 7, "half_width": 0.02}
+    once = rg.analyse_yield(netlist, CHIP, most=200, **rule)
+    assert 10 < once.trials < 200
+    for most in (3, 10):
+        assert rg.analyse_yield(netlist, CHIP, most=most, checkpoint=checkpoint, **rule).trials == most
+    resumed = rg.analyse_yield(netlist, CHIP, most=200, checkpoint=checkpoint, **rule)
+    assert numbers(resumed) == numbers(once)
+    with pytest.raises(rg.InputError, match=f"holds {once.trials} trials, more than most = 5"):
+        rg.analyse_yield(netlist, CHIP, most=5, checkpoint=checkpoint, **rule)
+
+
+def test_checkpoints_of_other_runs_and_damaged_ones_are_refused(tmp_path: Path) -> None:
+    netlist = rg.ideal_netlist(room(), CHIP)
+    file = tmp_path / "yield.npz"
+    rg.analyse_yield(netlist, CHIP, most=10, batch=10, checkpoint=file)
+    with pytest.raises(rg.InputError, match="belongs to another run"):
+        rg.analyse_yield(netlist, CHIP, most=10, batch=5, checkpoint=file)
+    with pytest.raises(rg.InputError, match="belongs to another run"):
+        rg.analyse_yield(netlist, CHIP, most=10, batch=10, seed=3, checkpoint=file)
+    data = file.read_bytes()
+    for damaged in (data[: len(data) // 2], b"", b"no archive"):
+        file.write_bytes(damaged)
+        with pytest.raises(rg.InputError, match="cannot read the checkpoint"):
+            rg.analyse_yield(netlist, CHIP, most=10, batch=10, checkpoint=file)
+    with pytest.raises(rg.InputError, match="cannot read the checkpoint"):
+        rg.analyse_yield(netlist, CHIP, most=10, batch=10, checkpoint=tmp_path)
+    with pytest.raises(rg.InputError, match="there is no folder"):
+        rg.analyse_yield(netlist, CHIP, most=10, batch=10, checkpoint=tmp_path / "none" / "yield.npz")
+
+
+def test_wrong_arguments_have_one_message_each() -> None:
+    netlist = rg.ideal_netlist(room(), CHIP)
+    for options, message in (
+        ({"half_width": 0.0}, "half_width"),
+        ({"confidence": 1.0}, "confidence"),
+        *(({"most": value}, "most = ") for value in (0, np.nan, np.inf, 2.5, "x", None, True)),
+        *(({"batch": value}, "batch = ") for value in (0, np.inf, 2.5, "x", None)),
+        *(({"half_width": value}, "half_width = ") for value in (np.nan, "x", None, 0.5)),
+        *(({"confidence": value}, "confidence = ") for value in (np.nan, "x", None)),
+        ({"seed": -1}, "seed"),
+        ({"starts": [True]}, "starts must be"),
+        ({"starts": np.zeros((12, 12), dtype=bool)}, "no start"),
+    ):
+        with pytest.raises(rg.InputError, match=message):
+            rg.analyse_yield(netlist, CHIP, **options)  # type: ignore[arg-type]
+    with pytest.raises(rg.InputError, match="one node per cell"):
+        rg.analyse_yield(rg.compile_space(room()), CHIP)
+
+
+def test_readings_have_units_and_definitions() -> None:
+    netlist = rg.ideal_netlist(room(), CHIP)
+    result = rg.analyse_yield(netlist, CHIP, most=32, batch=32)
+    data = result.to_json()
+    assert data["yield"]["value"] == pytest.approx(np.nanmean(result.probability))
+    assert all(entry["definition"] for entry in data.values() if isinstance(entry, dict))
+    low, high = result.interval
+    inside = result.starts
+    assert np.all(low[inside] <= result.probability[inside] + 1e-12)
+    assert np.all(high[inside] >= result.probability[inside] - 1e-12)
+    assert np.isnan(low[~inside]).all()
+
+
+@pytest.mark.parametrize("bits", [1, 8, 32])
+@pytest.mark.parametrize("volts", [1.0, 1e10, 1e300, np.inf])
+def test_a_voltage_above_the_range_reads_full_scale_however_high(bits: int, volts: float) -> None:
+    netlist = rg.compile_space(
+        space_of(np.array([[2], [0]], dtype=np.uint8)), rails="cells", edge="open", boundary="neumann"
+    )
+    high = np.zeros(netlist.node_count)
+    high[netlist.layout.node[1, 0]] = volts
+    floor, eyes = floor_of(netlist.layout), eyes_of(rg.Readout(bits=bits), netlist.layout, None)
+    assert walk(high, floor, eyes).all()
+    assert not walk(-high, floor, eyes)[1]
