@@ -16,17 +16,17 @@ from resgrid.slabs import face_counts
 
 def identities(netlist: Netlist) -> int:
     """How many resistors a chip of this kind may have: the faces of its grid, or else the resistors of its netlist."""
-    if netlist.layout is None:
+    if netlist.cell_map is None:
         return len(netlist.conductance) + len(netlist.nonlinear_current)
-    return sum(face_counts(netlist.layout.space.shape))
+    return sum(face_counts(netlist.cells.space.shape))
 
 
 def identity(netlist: Netlist) -> tuple[NDArray[np.integer[Any]], NDArray[np.int64]]:
     """What resistors and nonlinear resistors are on the die, whatever passes did: their faces, -1 for extra ones."""
-    if netlist.layout is None:
+    if netlist.cell_map is None:
         m = len(netlist.conductance)
         return np.arange(m), np.arange(m, m + len(netlist.nonlinear_current))
-    return netlist.layout.resistor_face, netlist.layout.nonlinear_face
+    return netlist.cells.resistor_face, netlist.cells.nonlinear_face
 
 
 def on_grid(netlist: Netlist) -> NDArray[np.bool_]:

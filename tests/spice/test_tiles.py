@@ -41,9 +41,9 @@ def room(conductive: bool = False) -> rg.ConfigurationSpace:
 
 def difference(flat: rg.Netlist, tiled: rg.Netlist) -> float:
     """Largest difference of a free cell's voltage."""
-    cells = np.isin(flat.layout.node, flat.layout.free_node)
+    cells = np.isin(flat.cells.node, flat.cells.free_node)
     a, b = rg.solve(flat), rg.solve(tiled)
-    return float(np.abs(a.voltage[flat.layout.node[cells]] - b.voltage[tiled.layout.node[cells]]).max())
+    return float(np.abs(a.voltage[flat.cells.node[cells]] - b.voltage[tiled.cells.node[cells]]).max())
 
 
 @pytest.mark.parametrize("options", BOUNDARIES, ids=str)
