@@ -41,7 +41,7 @@ def count_connections(system: NodalSystem) -> Connections:
     from resgrid.nodal import assembly
 
     netlist = system.netlist
-    if system.derived is None and _is_simple(netlist.cells):
+    if system.derived is None and _is_simple(netlist.cell_map):
         neighbours = np.zeros(system.size, dtype=np.int8)
         graph = netlist.resistor_nodes, netlist.conductance, system.unknown
         inner, smallest, largest, half = assembly.count_neighbours(*graph, neighbours)

@@ -75,7 +75,7 @@ def _wall(system: NodalSystem, rails: Rails) -> float:
 
 def _places(system: NodalSystem, rails: Rails) -> Places:
     """The rows as a graph, or, where most cells of a grid are rows, as its cells: these need no compressed rows."""
-    low, high, cell_map = rails.to_low > 0, rails.to_high > 0, system.netlist.cells
+    low, high, cell_map = rails.to_low > 0, rails.to_high > 0, system.netlist.cell_map
     whole = system.derived is None and system.separated is None
     if cell_map is None or not whole or cell_map.space.periodic.any() or cell_map.node.size > _SPARSE * system.size:
         return _of_graph(system.rows, low, high)
