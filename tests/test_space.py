@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from scipy import ndimage
-from spaces import space_of
+from support.spaces import space_of
 
 from resgrid.errors import InputError
 from resgrid.frame import Frame

@@ -6,7 +6,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from spaces import space_of
+from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.chip import faces

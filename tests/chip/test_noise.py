@@ -8,8 +8,8 @@ from pathlib import Path
 import mpmath as mp
 import numpy as np
 import pytest
-from dynamics import ExactMotion, random_dynamics, run_analysis, small_scene
 from hypothesis import given, settings, strategies as st
+from support.dynamics import ExactMotion, random_dynamics, run_analysis, small_scene
 
 import resgrid as rg
 from resgrid.chip.noise import BOLTZMANN, ROOM, analyse_noise, noise_covariance, noise_density

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from spaces import space_of
+from support.spaces import space_of
 
 import resgrid as rg
 

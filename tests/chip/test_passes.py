@@ -7,9 +7,9 @@ import json
 
 import numpy as np
 import pytest
-from circuits import dense_solution
 from hypothesis import given, settings, strategies as st
-from spaces import space_of, spaces
+from support.circuits import dense_solution
+from support.spaces import space_of, spaces
 
 import resgrid as rg
 from resgrid.chip.faults import Faults

@@ -2,9 +2,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from circuits import ladder, random_grid
-from dynamics import small_scene
 from hypothesis import given, settings, strategies as st
+from support.circuits import ladder, random_grid
+from support.dynamics import small_scene
 
 import resgrid as rg
 from resgrid.chip.power import analyse_power

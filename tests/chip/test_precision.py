@@ -5,8 +5,8 @@ import json
 import mpmath
 import numpy as np
 import pytest
-from dynamics import small_scene
-from spaces import space_of
+from support.dynamics import small_scene
+from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.chip.precision import analyse_precision

@@ -2,11 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from circuits import dense_solution, random_grid
-from dynamics import small_scene
 from hypothesis import given, settings, strategies as st
 from scipy.linalg import solveh_banded
-from spaces import space_of, spaces
+from support.circuits import dense_solution, random_grid
+from support.dynamics import small_scene
+from support.spaces import space_of, spaces
 
 import resgrid as rg
 from resgrid.chip.sensitivity import analyse_sensitivity, voltage_sensitivity

@@ -5,10 +5,10 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
-from dynamics import with_capacitors
 from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 from scipy.linalg import eigh, eigvalsh
+from support.dynamics import with_capacitors
 
 import resgrid as rg
 from resgrid.chip.settling import analyse_settling

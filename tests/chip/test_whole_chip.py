@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from dynamics import run_analysis, small_scene
+from support.dynamics import run_analysis, small_scene
 
 import resgrid as rg
 from resgrid.chip.build import compile_chip

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from spaces import space_of, spaces
+from support.spaces import space_of, spaces
 
 import resgrid as rg
 from resgrid.chip.proportions import effective_trials, wilson

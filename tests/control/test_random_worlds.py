@@ -7,7 +7,7 @@ import os
 import numpy as np
 import pytest
 import shapely
-from hidden import hiding
+from support.hidden import hiding
 
 from resgrid.control.log import Ending
 from resgrid.regions import label_regions

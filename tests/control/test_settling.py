@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hidden import hiding, square
 from hypothesis import assume, example, given, settings, strategies as st
+from support.hidden import hiding, square
 
 from resgrid.compiler import compile_space
 from resgrid.control.fronts import wavefront

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hidden import hiding
 from hypothesis import given, settings, strategies as st
+from support.hidden import hiding
 
 from resgrid.control.log import Ending, Mode, Run
 from resgrid.control.pushes import Push, random_pushes

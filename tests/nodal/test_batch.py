@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 from scipy.sparse.linalg import spsolve
-from spaces import space_of
+from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.nodal.many import prepare_batch

@@ -4,9 +4,9 @@ import networkx as nx
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from levels import matrix_of
 from numpy.typing import NDArray
-from spaces import space_of, spaces
+from support.levels import matrix_of
+from support.spaces import space_of, spaces
 
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError

@@ -6,7 +6,7 @@ import networkx as nx
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from spaces import serpentine, space_of, spaces
+from support.spaces import serpentine, space_of, spaces
 
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError

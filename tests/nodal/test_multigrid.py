@@ -3,7 +3,7 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings, strategies as st
-from spaces import serpentine, space_of, spaces
+from support.spaces import serpentine, space_of, spaces
 
 from resgrid.compiler import compile_space
 from resgrid.errors import AccuracyError, BudgetError, CircuitError, InputError

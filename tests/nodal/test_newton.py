@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from circuits import random_grid
 from hypothesis import given, settings, strategies as st
 from scipy.optimize import root
-from spaces import serpentine, space_of, spaces
+from support.circuits import random_grid
+from support.spaces import serpentine, space_of, spaces
 
 import resgrid as rg
 from resgrid.nodal.newton import newton

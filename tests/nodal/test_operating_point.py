@@ -7,11 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from support.circuits import dense_solution, ladder, random_grid
 
 import resgrid as rg
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import Ammeters
-from tests.circuits import dense_solution, ladder, random_grid
 
 
 @pytest.mark.parametrize("netlist", [ladder(), random_grid(1), random_grid(2, drive=False)])

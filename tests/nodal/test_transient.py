@@ -4,9 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from dynamics import ExactMotion, random_dynamics, run_analysis, small_scene, with_capacitors
 from hypothesis import given, settings, strategies as st
-from spaces import space_of
+from support.dynamics import ExactMotion, random_dynamics, run_analysis, small_scene, with_capacitors
+from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.nodal.stepping import METHODS

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
-from spaces import serpentine, space_of, spaces
+from support.spaces import serpentine, space_of, spaces
 
 from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError, InputError

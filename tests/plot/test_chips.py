@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from dynamics import small_scene, with_capacitors
-from spaces import space_of
+from support.dynamics import small_scene, with_capacitors
+from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.chip.noise import Noise, analyse_noise

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
-from spaces import space_of
+from support.spaces import space_of
 
 import resgrid as rg
 

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from circuits import ladder
-from grammar import strangers
-from simulators import run, verdict, waves
-from spaces import space_of
+from support.circuits import ladder
+from support.grammar import strangers
+from support.simulators import run, verdict, waves
+from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.spice.tiles import Tile, expanded_netlist

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, assume, given, settings, strategies as st
-from simulators import run, verdict, waves
-from spaces import space_of, spaces
+from support.simulators import run, verdict, waves
+from support.spaces import space_of, spaces
 
 import resgrid as rg
 from resgrid.spice.reader import read_spice

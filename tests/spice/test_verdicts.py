@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from circuits import random_grid
 from hypothesis import given, settings, strategies as st
+from support.circuits import random_grid
 
 from resgrid.spice.deck import format_deck
 from resgrid.spice.ngspice import ngspice_version, simulate

@@ -11,14 +11,14 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
-from circuits import random_grid
 from numpy.typing import NDArray
 from scipy.linalg import eigh
-from spaces import space_of
 
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
 from resgrid.spice.rawfile import RawFile, read_rawfile
+from support.circuits import random_grid
+from support.spaces import space_of
 
 
 def with_capacitors(netlist: Netlist, farads: float) -> Netlist:
