@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from resgrid.budget import require_memory
 from resgrid.conductances import behind_wall, has_wall, in_series, of_face
 from resgrid.errors import CircuitError, InputError
+from resgrid.grids import face_counts, faces_ahead, places_in_slab, slab
 from resgrid.netlist import GROUND, MOST_NODES, CellMap, Netlist
-from resgrid.slabs import face_counts, faces_ahead, places_in_slab, slab
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring, wiring_of
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
+from resgrid.graphs import ELEMENTS, fields_of, graph_of
 
 if TYPE_CHECKING:
     import networkx as nx
@@ -78,13 +79,8 @@ def face_shape(shape: tuple[int, ...], axis: int) -> tuple[int, ...]:
     return (*shape[:axis], shape[axis] + 1, *shape[axis + 1 :])
 
 
-_KINDS = {
-    "resistor": ("resistor_nodes", "conductance", "tc1", "tc2"),
-    "voltage source": ("source_nodes", "source_volts"),
-    "current source": ("current_nodes", "current_amps"),
-    "capacitor": ("capacitor_nodes", "capacitance"),
-    "nonlinear resistor": ("nonlinear_nodes", "nonlinear_current", "nonlinear_voltage"),
-}
+_KINDS = {kind: (nodes, *columns.values()) for kind, (nodes, columns) in ELEMENTS.items()}
+"""Per kind of element the array of its nodes and those of its values."""
 
 
 def _no_pairs() -> NDArray[np.int32]:
@@ -245,8 +241,6 @@ class Netlist:
             ``capacitance``, or ``current`` and ``voltage`` in SI units, ``tc1``, ``tc2`` and ``name`` where there are
             such, the ordered pair of their ``nodes``, and their ``number`` among those of their kind.
         """
-        from resgrid.graphs import graph_of
-
         return graph_of(self)
 
     @staticmethod
@@ -271,8 +265,6 @@ class Netlist:
         InputError
             If an edge lacks its value or has an unknown kind.
         """
-        from resgrid.graphs import fields_of
-
         return Netlist(**fields_of(graph, ground))
 
     def replace(self, **changes: Any) -> Netlist:

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.frame import Frame
-from resgrid.regions import box_around, label_regions
+from resgrid.grids import box_around, label_regions
 
 MAX_DIMENSIONS = 4
 

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from resgrid.conductances import has_wall
 from resgrid.errors import InputError
+from resgrid.grids import face_counts
 from resgrid.netlist import GROUND, CellMap, Netlist
-from resgrid.slabs import face_counts
 from resgrid.space import Cell
 from resgrid.spice.analyses import MismatchAnalysis
 
