@@ -57,7 +57,7 @@ from .errors import (
     ToolMissingError as ToolMissingError,
 )
 from .frame import Frame as Frame
-from .netlist import Layout as Layout, Netlist as Netlist
+from .netlist import CellMap as CellMap, Netlist as Netlist
 from .nodal.drive import scale_drive as scale_drive
 from .nodal.many import solve_many as solve_many
 from .nodal.operating_point import OperatingPoint as OperatingPoint
@@ -198,5 +198,6 @@ from .spice.rules import check_rules as check_rules
 from .spice.tiles import Tile as Tile, expanded_netlist as expanded_netlist
 from .spice.verdicts import Verdict as Verdict, predict_simulators as predict_simulators
 from .spice.writer import write_spice as write_spice
+from .wiring import Wiring as Wiring
 
 __version__: str

@@ -23,8 +23,7 @@ from support.spaces import space_of
 
 def with_capacitors(netlist: Netlist, farads: float) -> Netlist:
     """A compiled netlist with the same capacitor from every free cell to ground."""
-    assert netlist.layout is not None
-    free = netlist.layout.free_node
+    free = netlist.cells.free_node
     pairs = np.stack([free, np.zeros_like(free)], axis=1)
     return netlist.replace(capacitor_nodes=pairs, capacitance=np.full(len(free), farads))
 
