@@ -18,10 +18,9 @@ from resgrid.cli.decks import (
     solve_deck,
 )
 from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
-from resgrid.cli.heeded import tell_unheeded
-from resgrid.cli.job import Chip, compile_chip, only_boundary, open_job, solve_chip
-from resgrid.cli.options import SceneChoice, with_report, with_scene
-from resgrid.cli.report import Report
+from resgrid.cli.scenes import tell_unheeded
+from resgrid.cli.scenes import Chip, compile_chip, only_boundary, open_job, solve_chip
+from resgrid.cli.options import Source, with_report, with_scene
 from resgrid.cli.rules import finding_lines, rules_data, rules_lines
 from resgrid.errors import InputError, ResgridError, ToolMissingError
 
@@ -42,7 +41,7 @@ PATIENCE = 30.0
 
 
 @click.command("check", short_help="Check rules, and ask the circuit simulator whether it agrees.")
-@with_scene(metavar="SCENE|DECK")
+@with_source("SCENE|DECK")
 @click.option("--rules", is_flag=True, help="Check the electrical rules only; errors exit with 1.")
 @click.option("--deck", metavar="FILE", type=click.Path(), help="Simulate this deck, and compare it with SCENE.")
 @click.option("--tolerance", metavar="T", default=1e-9, show_default=True, help="Largest error, over the supply.")
@@ -50,19 +49,13 @@ PATIENCE = 30.0
 @click.option(
     "--engine", metavar="NAME", default="ngspice", show_default=True, help="ngspice, or eecircuit (for large decks)."
 )
-@read_as_option
-@root_option
-@with_report
 def command(
-    choice: SceneChoice,
+    source: Source,
     rules: bool,
     deck: str | None,
     tolerance: float,
     timeout: float,
     engine: str,
-    read_as: str,
-    root: str | None,
-    report: Report,
 ) -> int:
     """Simulate a deck and compare every node.
 
@@ -85,20 +78,20 @@ def command(
     if not 0 < timeout < float("inf"):
         raise InputError(f"--timeout {timeout}: it must be a positive number of seconds")
     told: dict[str, list[str]] = {}
-    given = is_deck(choice.source)
+    given = is_deck(source.file)
     if given and deck is not None:
-        raise InputError(f"{choice.source} is a deck already; --deck goes with a scene")
+        raise InputError(f"{source.file} is a deck already; --deck goes with a scene")
     if rules:
-        return _check_rules(choice, deck, given, read_as, root, report)
+        return _check_rules(source, deck, given)
     if given:
-        agreement = _check_deck(choice, read_as, root, run, report)
+        agreement = _check_deck(source, run)
     else:
-        job = open_job(choice, report)
-        told = tell_unheeded(job, "circuit", report)
-        chip = solve_chip(job, report, *only_boundary(job))
-        _foretell(chip.netlist, run, report)
-        agreement = _simulated(chip, deck, run, report)
-    report.finish(agreement_data(agreement) | told, agreement_lines(agreement))
+        job = open_job(source)
+        told = tell_unheeded(job, "circuit")
+        chip = solve_chip(job, *only_boundary(job))
+        _foretell(chip.netlist, run)
+        agreement = _simulated(chip, deck, run)
+    finish(agreement_data(agreement) | told, agreement_lines(agreement))
     return _code(agreement)
 
 
@@ -107,7 +100,7 @@ def _code(agreement: Agreement) -> int:
 
 
 def _check_rules(
-    choice: SceneChoice, deck: str | None, given: bool, read_as: str, root: str | None, report: Report
+    source: Source, deck: str | None, given: bool
 ) -> int:
     from resgrid.spice.rules import check_rules
     from resgrid.spice.verdicts import predict_simulators
@@ -117,57 +110,57 @@ def _check_rules(
     circuit: Netlist | ParsedDeck
     told: dict[str, list[str]] = {}
     if given:
-        read = open_deck(choice, read_as, root, report)
+        read = open_deck(source)
         circuit = read if read.given is None else read.given
     else:
-        job = open_job(choice, report)
-        told = tell_unheeded(job, "circuit", report)
-        circuit = compile_chip(job, report, *only_boundary(job))
-    with report.stage("check the rules"):
+        job = open_job(source)
+        told = tell_unheeded(job, "circuit")
+        circuit = compile_chip(job, *only_boundary(job))
+    with stage("check the rules"):
         findings = check_rules(circuit)
-    with report.stage("ask what simulators would make of it"):
+    with stage("ask what simulators would make of it"):
         verdicts = predict_simulators(circuit, findings)
-    report.finish(rules_data(findings, verdicts) | told, rules_lines(findings, verdicts))
+    finish(rules_data(findings, verdicts) | told, rules_lines(findings, verdicts))
     return NEGATIVE if any(finding.severity == "error" for finding in findings) else 0
 
 
-def _check_deck(choice: SceneChoice, read_as: str, root: str | None, run: Run, report: Report) -> Agreement:
+def _check_deck(source: Source, run: Run) -> Agreement:
     """A deck with a sidecar is held against that, any other against its own solution."""
     from resgrid.spice.agreement import check_deck, check_read_deck
     from resgrid.spice.ngspice import read_deck
     from resgrid.spice.rules import check_rules
     from resgrid.spice.sidecar import sidecar_path
 
-    refuse_scene_options(choice)
-    path = Path(choice.source)
-    if is_network(choice.source):
+    refuse_scene_options(source)
+    path = Path(source.file)
+    if is_network(source.file):
         raise InputError(
             f"{path}: no simulator reads this; make a deck of it (resgrid convert {path} -o FILE.cir) and check that"
         )
     data = read_deck(path)
     if sidecar_path(path).exists():
-        _foretell(_readable(choice, read_as, root, report), run, report)
-        with report.stage("simulate"):
+        _foretell(_readable(source), run)
+        with stage("simulate"):
             return check_deck(path, tolerance=run.tolerance, engine=run.engine, timeout=run.timeout)
-    deck = open_deck(choice, read_as, root, report)
+    deck = open_deck(source)
     findings = check_rules(deck)
     for line in finding_lines([finding for finding in findings if finding.rule != "reading"], least="warning"):
-        report.say(line)
-    solved = solve_deck(deck, report)
-    _foretell(deck, run, report)
-    with report.stage("simulate"):
+        say(line)
+    solved = solve_deck(deck)
+    _foretell(deck, run)
+    with stage("simulate"):
         return check_read_deck(deck, solved.point, data, run, root)
 
 
-def _readable(choice: SceneChoice, read_as: str, root: str | None, report: Report) -> ParsedDeck | None:
+def _readable(source: Source) -> ParsedDeck | None:
     """A deck of our own, unless it was changed so that it cannot be read: the comparison will say where."""
     try:
-        return open_deck(choice, read_as, root, report)
+        return open_deck(source)
     except ResgridError:
         return None
 
 
-def _foretell(circuit: Netlist | ParsedDeck | None, run: Run, report: Report) -> None:
+def _foretell(circuit: Netlist | ParsedDeck | None, run: Run) -> None:
     """Say what the simulator will take, and refuse what will not end in time."""
     from resgrid.spice.forecast import costs_named, forecast_run, require_time
     from resgrid.spice.ngspice import ngspice_version
@@ -181,17 +174,17 @@ def _foretell(circuit: Netlist | ParsedDeck | None, run: Run, report: Report) ->
     tell(str(expected))
 
 
-def _simulated(chip: Chip, deck: str | None, run: Run, report: Report) -> Agreement:
+def _simulated(chip: Chip, deck: str | None, run: Run) -> Agreement:
     from resgrid.spice.agreement import check_deck, check_spice
 
     limits: dict[str, Any] = {"tolerance": run.tolerance, "timeout": run.timeout, "engine": run.engine}
-    with report.stage("simulate"):
+    with stage("simulate"):
         if deck is not None:
             return check_deck(deck, reference=chip.point, **limits)
         return check_spice(chip.netlist, chip.point, **limits)
 
 
-def check_unasked(deck: Path, netlist: Netlist, wanted: bool | None, folder: Path, report: Report) -> Agreement | str:
+def check_unasked(deck: Path, netlist: Netlist, wanted: bool | None, folder: Path) -> Agreement | str:
     """The simulator's verdict on a deck that was just written, or why there is none."""
     from resgrid.spice.agreement import check_deck
     from resgrid.spice.forecast import costs_named, forecast_run
@@ -204,7 +197,7 @@ def check_unasked(deck: Path, netlist: Netlist, wanted: bool | None, folder: Pat
         if wanted is None and expected.seconds > PATIENCE:
             timeout = f" --timeout {3 * expected.seconds:.0f}" if 3 * expected.seconds > TIMEOUT else ""
             return f"not simulated, for {expected}; 'resgrid check {folder / deck.name}{timeout}' does it"
-        with report.stage(f"simulate {deck.name}", seconds=expected.seconds):
+        with stage(f"simulate {deck.name}", seconds=expected.seconds):
             return check_deck(deck, timeout=max(TIMEOUT, 10 * expected.seconds))
     except ToolMissingError as error:
         if wanted:

@@ -11,7 +11,7 @@ import numpy as np
 from resgrid.cli.chip_parameters import MEANING, written
 from resgrid.cli.chip_report import Section, shown
 from resgrid.cli.chip_study import Study
-from resgrid.cli.job import start_cell
+from resgrid.cli.scenes import start_cell
 from resgrid.cli.report import Report
 from resgrid.errors import InputError
 

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from resgrid.cli.heeded import require_tiles, tell_assumed, tell_unheeded
-from resgrid.cli.job import Chip, Job, compile_chip, is_ideal, only_boundary, open_job, solve_chip
-from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
-from resgrid.cli.report import Report
+from resgrid.cli.scenes import require_tiles, tell_assumed, tell_unheeded
+from resgrid.cli.scenes import Chip, Job, compile_chip, is_ideal, only_boundary, open_job, solve_chip
+from resgrid.cli.options import Source, output_option, with_report, with_scene
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -30,15 +29,14 @@ form_option = click.option(
 
 
 @click.command("compile", short_help="Write a scene's chip as a SPICE deck.")
-@with_scene()
+@with_source()
 @output_option(
     "The deck; beside it FILE.json (expected voltages), FILE.DIALECT (commands), for ngspice FILE.verify (prints PASS "
     "or FAIL), and with --form cells FILE.chip and FILE.pattern."
 )
 @dialect_option
 @form_option
-@with_report
-def command(choice: SceneChoice, output: str | None, dialect: str, form: Form, report: Report) -> int:
+def command(source: Source, output: str | None, dialect: str, form: Form) -> int:
     """Compile SCENE into a resistor netlist and write it as a SPICE deck.
 
     The flat deck is that of the chip as its [chip] table describes it; tiles hold its switches, capacitors and
@@ -51,32 +49,32 @@ def command(choice: SceneChoice, output: str | None, dialect: str, form: Form, r
         raise InputError("--form cells makes three files (deck, chip and pattern); name the deck with -o FILE")
     if output == "-" and report.json:
         raise InputError("-o - and --json both want standard output; write the deck to a file")
-    job = open_job(choice, report)
+    job = open_job(source)
     if form == "cells":
         require_tiles(job.scene.chip)
     boundary, start = only_boundary(job)
-    told = tell_unheeded(job, "circuit" if form == "flat" else "tiles", report)
+    told = tell_unheeded(job, "circuit" if form == "flat" else "tiles")
     if printed and not report.json:
-        click.echo(_deck_text(job, boundary, start, dialect, report), nl=False)
+        click.echo(_deck_text(job, boundary, start, dialect), nl=False)
         return 0
-    chip = solve_chip(job, report, boundary, start, ideal=form == "cells")
+    chip = solve_chip(job, boundary, start, ideal=form == "cells")
     data: dict[str, Any] = {"chip": chip.name, "dialect": dialect, **_counts(chip), **told}
     if output is not None:
-        written = write_deck(output, job, chip, dialect, report, form)
+        written = write_deck(output, job, chip, dialect, form)
         data |= {"form": form, "deck": written.path, "sidecar": written.sidecar, "commands": written.commands}
         more = {"companion": written.companion, "chip": written.chip, "pattern": written.pattern}
         data |= {f"{key}_file" if key in data else key: path for key, path in more.items() if path is not None}
         data["sha256"] = written.sha256
         if form == "cells":
-            data |= tell_assumed(job.scene.chip, chip, report)
+            data |= tell_assumed(job.scene.chip, chip)
         others = [path for path in (written.sidecar, written.commands, *more.values()) if path is not None]
-        report.say(f"wrote {written.path} ({data['resistors']:,} resistors), {', '.join(map(str, others))}")
-    report.finish(data, ())
+        say(f"wrote {written.path} ({data['resistors']:,} resistors), {', '.join(map(str, others))}")
+    finish(data, ())
     return 0
 
 
 def write_deck(
-    target: str | Path, job: Job, chip: Chip, dialect: str, report: Report, form: Form = "flat"
+    target: str | Path, job: Job, chip: Chip, dialect: str, form: Form = "flat"
 ) -> WrittenDeck:
     """Write a chip's deck with its sidecar, commands and companion."""
     from resgrid.spice.analyses import MismatchAnalysis
@@ -85,7 +83,7 @@ def write_deck(
 
     told = job.scene.chip
     drawn = [MismatchAnalysis(told.mismatch, told.seed)] if form == "cells" and told.mismatch else []
-    with report.stage("write the deck", seconds=5e-6 * len(chip.netlist.conductance)):
+    with stage("write the deck", seconds=5e-6 * len(chip.netlist.conductance)):
         return write_spice(
             chip.netlist,
             target,
@@ -105,12 +103,12 @@ def _scene_hash(job: Job) -> str | None:
     return sha256(source.read_bytes()).hexdigest() if source.is_file() else None
 
 
-def _deck_text(job: Job, boundary: str, start: int | None, dialect: str, report: Report) -> str:
+def _deck_text(job: Job, boundary: str, start: int | None, dialect: str) -> str:
     from resgrid.spice.deck import format_deck
 
-    netlist = compile_chip(job, report, boundary, start)
+    netlist = compile_chip(job, boundary, start)
     if netlist.current_nodes.size and is_ideal(job):
-        netlist = solve_chip(job, report, boundary, start).netlist
+        netlist = solve_chip(job, boundary, start).netlist
     return format_deck(netlist, dialect=dialect, title=_title(job, boundary))
 
 

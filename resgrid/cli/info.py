@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from resgrid.cli.decks import deck_data, is_deck, open_deck, read_as_option, root_option
-from resgrid.cli.heeded import several_k, tell_unheeded
-from resgrid.cli.job import Job, compile_chip, only_boundary, open_job, size_of
-from resgrid.cli.options import SceneChoice, with_report, with_scene
-from resgrid.cli.report import Report
+from resgrid.cli.scenes import several_k, tell_unheeded
+from resgrid.cli.scenes import Job, compile_chip, only_boundary, open_job, size_of
+from resgrid.cli.options import Source, with_report, with_scene
 from resgrid.errors import CircuitError, InputError, ToolMissingError
 
 if TYPE_CHECKING:
@@ -24,14 +23,11 @@ PACKAGES = ("numpy", "scipy", "numba", "networkx", "shapely", "matplotlib", "pyd
 
 
 @click.command("info", short_help="Describe a scene, the scene format, or the installation.")
-@with_scene(required=False, metavar="[SCENE|DECK]")
+@with_source(required=False, "[SCENE|DECK]")
 @click.option("--schema", is_flag=True, help="Print the JSON Schema of scene files.")
 @click.option("--versions", is_flag=True, help="Print the versions of resgrid and what it uses.")
-@read_as_option
-@root_option
-@with_report
 def command(
-    choice: SceneChoice | None, schema: bool, versions: bool, read_as: str, root: str | None, report: Report
+    source: Source | None, schema: bool, versions: bool
 ) -> int:
     """Describe SCENE: a sketch, its cells, goals and starts, what cannot be reached, the memory a solution takes.
 
@@ -39,7 +35,7 @@ def command(
 
     Of a DECK: its elements, values and supplies, what its reader noted, and the time that ngspice would take.
     """
-    if (choice is not None) + schema + versions != 1:
+    if (source is not None) + schema + versions != 1:
         raise InputError("give a SCENE, or --schema, or --versions (one of them)")
     if schema:
         from resgrid.scene import scene_schema
@@ -47,18 +43,18 @@ def command(
         click.echo(json.dumps(scene_schema(), indent=2))
     elif versions:
         data = installed_versions()
-        report.finish({"versions": data}, (f"{name:12} {version or 'not installed'}" for name, version in data.items()))
-    elif choice is not None and is_deck(choice.source):
-        data = describe_deck(open_deck(choice, read_as, root, report))
-        report.finish(data, _deck_lines(data))
-    elif choice is not None:
-        job = open_job(choice, report, require_goal=False)
-        data = describe(job, report) | tell_unheeded(job, "grid", report, k=several_k(job))
-        report.finish(data, _lines(data))
+        finish({"versions": data}, (f"{name:12} {version or 'not installed'}" for name, version in data.items()))
+    elif source is not None and is_deck(source.file):
+        data = describe_deck(open_deck(source))
+        finish(data, _deck_lines(data))
+    elif source is not None:
+        job = open_job(source, require_goal=False)
+        data = describe(job) | tell_unheeded(job, "grid", k=several_k(job))
+        finish(data, _lines(data))
     return 0
 
 
-def describe(job: Job, report: Report) -> dict[str, Any]:
+def describe(job: Job) -> dict[str, Any]:
     """What there is in a scene, as ``--json`` gives it."""
     from resgrid.cli.sketch import sketch
     from resgrid.scene.map_words import describe_map
@@ -97,11 +93,11 @@ def describe(job: Job, report: Report) -> dict[str, Any]:
         "drive": scene.drive,
         "edge": list(scene.edge),
         "k": list(scene.k),
-        **_cost(job, report),
+        **_cost(job),
     }
 
 
-def _cost(job: Job, report: Report) -> dict[str, Any]:
+def _cost(job: Job) -> dict[str, Any]:
     """Size of the circuit and memory of its solution; nothing where the scene has no circuit yet."""
     from resgrid.nodal.methods import choose_method, estimate_memory
     from resgrid.nodal.system import assemble
@@ -109,7 +105,7 @@ def _cost(job: Job, report: Report) -> dict[str, Any]:
     if not job.space.goal_count:
         return {"nodes": None, "resistors": None, "memory_bytes": None, "no_circuit": "no goal yet: say --goal X,Y"}
     try:
-        netlist = compile_chip(job, report, *only_boundary(job), ideal=True)
+        netlist = compile_chip(job, *only_boundary(job), ideal=True)
         system = assemble(netlist)
         memory = estimate_memory(system, choose_method(system))
     except (CircuitError, InputError) as error:

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from resgrid.cli.job import Chip, Job, blend_fields, place_of, solve_chip, start_cell
-from resgrid.cli.report import Report
+from resgrid.cli.scenes import Chip, Job, blend_fields, place_of, solve_chip, start_cell
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -62,16 +61,16 @@ class Plan:
         return all(route.reached for route in self.routes)
 
 
-def plan_routes(job: Job, report: Report) -> Plan:
+def plan_routes(job: Job) -> Plan:
     """Follow the current from every start, in every field that the scene asks for; each route is certified."""
     scene = job.scene
     chips: dict[str, Chip] = {}
     if scene.drive == "start":
         _check_start_drive(scene)
-        return _start_driven(job, report, chips)
-    fields = blend_fields(job, chips, report)
+        return _start_driven(job, chips)
+    fields = blend_fields(job, chips)
     routes = []
-    with report.stage("follow the current", steps=len(fields) * len(scene.starts)) as progress:
+    with stage("follow the current", steps=len(fields) * len(scene.starts)) as progress:
         for index in range(len(fields)):
             for number in range(len(scene.starts)):
                 routes.append(_route(job, fields, index, number))
@@ -87,7 +86,7 @@ def _check_start_drive(scene: Scene) -> None:
         )
 
 
-def _start_driven(job: Job, report: Report, chips: dict[str, Chip]) -> Plan:
+def _start_driven(job: Job, chips: dict[str, Chip]) -> Plan:
     """Each start is tied to the supply in turn, by a chip of its own."""
     from resgrid.planning.field import field_of
     from resgrid.planning.trace import undriven
@@ -101,7 +100,7 @@ def _start_driven(job: Job, report: Report, chips: dict[str, Chip]) -> Plan:
             path = undriven(job.space, job.scene.starts[number], job.scene.edge)
             routes.append(_placed(job, number, path, None, 0.0))
             continue
-        chip = solve_chip(job, report, "neumann", number, ideal=True)
+        chip = solve_chip(job, "neumann", number, ideal=True)
         chips[chip.name] = chip
         fields.append(field_of(chip.point))
         routes.append(_route(job, fields, -1, number))

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from resgrid.cli.job import Job
+from resgrid.cli.scenes import Job
 from resgrid.cli.paths import Plan
 from resgrid.errors import InputError
 

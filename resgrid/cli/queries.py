@@ -6,9 +6,8 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from resgrid.cli.failures import NEGATIVE
-from resgrid.cli.job import Job, blend_fields, size_of
-from resgrid.cli.output import emit_text, json_text
-from resgrid.cli.report import Report
+from resgrid.cli.scenes import Job, blend_fields, size_of
+
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -16,7 +15,7 @@ if TYPE_CHECKING:
 
 
 def answer_queries(
-    job: Job, file: str, limit: int | None, output: str | None, report: Report, told: dict[str, list[str]]
+    job: Job, file: str, limit: int | None, output: str | None, told: dict[str, list[str]]
 ) -> int:
     """Answer the queries of a MovingAI scenario file on one map."""
     from resgrid.scene import read_queries
@@ -26,7 +25,7 @@ def answer_queries(
     queries = list(islice(read_queries(file), limit))
     quiet = Report(quiet=True)
     answers = []
-    with report.stage(f"answer {len(queries)} queries", steps=len(queries)) as progress:
+    with stage(f"answer {len(queries)} queries", steps=len(queries)) as progress:
         for query in queries:
             answers.extend(_answer(job, query, file, quiet))
             progress.advance()
@@ -35,7 +34,7 @@ def answer_queries(
         emit_text(output, json_text(data) + "\n")
     reached = sum(answer["outcome"] == "reached" for answer in answers)
     if output != "-":
-        report.finish(data, [f"{reached} of {len(answers)} paths reach their goal"])
+        finish(data, [f"{reached} of {len(answers)} paths reach their goal"])
     return 0 if reached == len(answers) else NEGATIVE
 
 

@@ -9,8 +9,8 @@ from math import inf
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from resgrid.cli.job import Job
-from resgrid.cli.output import emit_file, emit_text, json_text
+from resgrid.cli.scenes import Job
+
 from resgrid.cli.paths import Plan, Route, route_data
 from resgrid.errors import InputError
 

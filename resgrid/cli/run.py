@@ -13,13 +13,12 @@ from resgrid.cli.check import agreement_data, agreement_lines, check_unasked
 from resgrid.cli.compile import dialect_option, write_deck
 from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
 from resgrid.cli.folder import SUMMARY, whole_folder
-from resgrid.cli.heeded import tell_unheeded
-from resgrid.cli.job import Chip, Job, is_ideal, open_job, size_of, solution_summary, solve_chip
-from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
-from resgrid.cli.output import json_text
+from resgrid.cli.scenes import tell_unheeded
+from resgrid.cli.scenes import Chip, Job, is_ideal, open_job, size_of, solution_summary, solve_chip
+from resgrid.cli.options import Source, output_option, with_report, with_scene
+
 from resgrid.cli.paths import Plan, plan_routes, route_data, route_line, unit_of
 from resgrid.cli.pictures import draw_all
-from resgrid.cli.report import Report
 from resgrid.cli.route_files import write_routes
 from resgrid.cli.solve import write_field
 from resgrid.errors import InputError
@@ -29,14 +28,13 @@ if TYPE_CHECKING:
 
 
 @click.command("run", short_help="Do it all: paths, pictures, and decks checked in SPICE.")
-@with_scene()
+@with_source()
 @output_option("Folder for the results.  [default: out/SCENE]", metavar="DIR")
 @click.option(
     "--check/--no-check", "wanted", default=None, help="Simulate the decks, however long it takes; or do not."
 )
 @dialect_option
-@with_report
-def command(choice: SceneChoice, output: str | None, wanted: bool | None, dialect: str, report: Report) -> int:
+def command(source: Source, output: str | None, wanted: bool | None, dialect: str) -> int:
     """Take SCENE the whole way: compile, solve, follow the current, draw, write decks and have them simulated.
 
     Everything goes into one folder, which is there when the work is done and not before; a folder that exists keeps
@@ -45,20 +43,20 @@ def command(choice: SceneChoice, output: str | None, wanted: bool | None, dialec
     """
     if output == "-":
         raise InputError("-o -: the results are many files; name a folder")
-    folder = Path(output or Path("out") / _stem(choice.source))
+    folder = Path(output or Path("out") / _stem(source.file))
     with whole_folder(folder) as made:
-        job = open_job(choice, report)
-        told = tell_unheeded(job, "grid", report)
-        plan = plan_routes(job, report)
-        circuits = {name: _real(job, chip, report) for name, chip in plan.chips.items()}
-        files = _write_all(made, job, plan, circuits, dialect, report)
+        job = open_job(source)
+        told = tell_unheeded(job, "grid")
+        plan = plan_routes(job)
+        circuits = {name: _real(job, chip) for name, chip in plan.chips.items()}
+        files = _write_all(made, job, plan, circuits, dialect)
         checks = {
-            name: check_unasked(made / f"{name}.cir", chip.netlist, wanted, folder, report)
+            name: check_unasked(made / f"{name}.cir", chip.netlist, wanted, folder)
             for name, chip in circuits.items()
         }
         data = _summary(job, plan, circuits, files, checks) | told
         (made / SUMMARY).write_text(json_text(data) + "\n", encoding="utf-8")
-    report.finish({"folder": folder, **data}, _lines(job, plan, folder, files, checks))
+    finish({"folder": folder, **data}, _lines(job, plan, folder, files, checks))
     verdicts = [check.agrees for check in checks.values() if not isinstance(check, str)]
     if not plan.complete or False in verdicts:
         return NEGATIVE
@@ -70,24 +68,24 @@ def _stem(source: str) -> str:
     return re.sub(r"[^\w.-]+", "_", name).strip(".") or "scene"
 
 
-def _real(job: Job, chip: Chip, report: Report) -> Chip:
+def _real(job: Job, chip: Chip) -> Chip:
     """The chip that the scene describes, of which decks are written, in the place of its ideal grid."""
-    return chip if is_ideal(job) else solve_chip(job, report, chip.boundary, chip.start)
+    return chip if is_ideal(job) else solve_chip(job, chip.boundary, chip.start)
 
 
 def _write_all(
-    made: Path, job: Job, plan: Plan, circuits: Mapping[str, Chip], dialect: str, report: Report
+    made: Path, job: Job, plan: Plan, circuits: Mapping[str, Chip], dialect: str
 ) -> dict[str, str]:
     """Write everything but the summary; what each file is, by its name."""
     files: dict[str, str] = {}
-    with report.stage("draw the pictures"):
+    with stage("draw the pictures"):
         files |= draw_all(made, job, plan)
     if plan.routes:
         write_routes(str(made / "paths.csv"), plan.routes, job)
         write_routes(str(made / "paths.json"), plan.routes, job)
         files |= {"paths.csv": "points of the paths, world coordinates", "paths.json": "the paths with all figures"}
     for name, chip in circuits.items():
-        deck = write_deck(made / f"{name}.cir", job, chip, dialect, report)
+        deck = write_deck(made / f"{name}.cir", job, chip, dialect)
         files[deck.path.name] = f"the {name.replace('_', ' ')} chip as a SPICE deck"
         files[deck.sidecar.name] = "its nodes, cells and expected voltages"
         files[deck.commands.name] = "commands for the simulator"
