@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from resgrid import die
 from resgrid.arguments import check_number, check_optional
-from resgrid.chip import faces
+from resgrid.chip.passes import editing
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, CellMap, Netlist
 from resgrid.space import Cell
@@ -34,8 +34,8 @@ def _on_rail(cell_map: CellMap, rail: str) -> NDArray[np.bool_]:
 
 def _rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
     """The pin of a rail; the obstacle rail of a chip that currents drive lies at the goal's voltage."""
-    cell_map = faces.tiled_layout(netlist, "rails")
-    return faces.supply_node(netlist, "goal" if cell_map.wiring.drive == "uniform" else rail)
+    cell_map = editing.tiled_layout(netlist, "rails")
+    return editing.supply_node(netlist, "goal" if cell_map.wiring.drive == "uniform" else rail)
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class InternodalSwitches:
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with these switches."""
-        cell_map = faces.tiled_layout(netlist, "internodal switches")
+        cell_map = editing.tiled_layout(netlist, "internodal switches")
         if netlist.nonlinear_nodes.size:
             raise InputError("internodal switches come before saturation in a list of passes")
         if self.off is not None and cell_map.wiring.boundary == "neumann":
@@ -90,7 +90,7 @@ def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
     cell_map = netlist.cells
     netlist = _in_series(netlist, die.on_grid(netlist), on)
     missing = cell_map.node < 0
-    netlist, nodes = faces.add_nodes(netlist, int(missing.sum()))
+    netlist, nodes = editing.add_nodes(netlist, int(missing.sum()))
     node = cell_map.node.copy()
     node[missing] = nodes
     edge = ["open" if rule == "obstacle" else rule for rule in cell_map.wiring.edge]
@@ -98,7 +98,7 @@ def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
     cells = full.cell_of_node()[full.resistor_nodes]
     new = ~np.isin(full.cells.resistor_face, cell_map.resistor_face)
     netlist = netlist.replace(cell_map=dataclasses.replace(netlist.cells, node=node))
-    return faces.add_resistors(netlist, node.ravel()[cells[new]], 1 / (1 / full.conductance[new] + off))
+    return editing.add_resistors(netlist, node.ravel()[cells[new]], 1 / (1 / full.conductance[new] + off))
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ class RailSwitches:
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with these switches."""
-        cell_map = faces.tiled_layout(netlist, "switches to the rails")
+        cell_map = editing.tiled_layout(netlist, "switches to the rails")
         for rail, on, off in (
             ("obstacle", self.obstacle_on, self.obstacle_off),
             ("goal", self.goal_on, self.goal_off),
@@ -136,7 +136,7 @@ class RailSwitches:
                 netlist = _tie(netlist, cell_map.node[tied & (cell_map.node >= 0)], pin, on)
             if off is not None:
                 nodes = cell_map.node[~tied & (cell_map.node >= 0)]
-                netlist = faces.add_resistors(netlist, _to(nodes, pin), np.full(len(nodes), 1 / off))
+                netlist = editing.add_resistors(netlist, _to(nodes, pin), np.full(len(nodes), 1 / off))
         return netlist
 
 
@@ -150,7 +150,7 @@ def _tie(netlist: Netlist, nodes: NDArray[np.int32], pin: int, resistance: float
     freed = netlist.replace(
         source_nodes=netlist.source_nodes[kept], source_volts=netlist.source_volts[kept], element_names=None
     )
-    return faces.add_resistors(freed, _to(nodes, pin), np.full(len(nodes), 1 / resistance))
+    return editing.add_resistors(freed, _to(nodes, pin), np.full(len(nodes), 1 / resistance))
 
 
 @dataclass(frozen=True)
@@ -171,7 +171,7 @@ class RailResistance:
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with these rails."""
-        cell_map = faces.tiled_layout(netlist, "rails")
+        cell_map = editing.tiled_layout(netlist, "rails")
         if self.ohms == 0:
             return netlist
         for rail in ("obstacle", "goal"):
@@ -187,7 +187,7 @@ def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
     cells = cell_map.node[own & _on_rail(cell_map, rail)]
     wired = np.isin(netlist.source_nodes[:, 0], cells) & (netlist.source_nodes[:, 1] == GROUND)
     on_rail = np.isin(cell_map.node, netlist.source_nodes[wired, 0])
-    netlist, numbers = faces.add_nodes(netlist, int((~on_rail).sum()))
+    netlist, numbers = editing.add_nodes(netlist, int((~on_rail).sum()))
     mesh = cell_map.node.copy()
     mesh[~on_rail] = numbers
     local = np.full(netlist.node_count, -1, dtype=np.int64)
@@ -202,7 +202,7 @@ def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
         element_names=None,
     )
     segments = _mesh_segments(mesh, pin)
-    return faces.add_resistors(netlist, segments, np.full(len(segments), 1 / ohms))
+    return editing.add_resistors(netlist, segments, np.full(len(segments), 1 / ohms))
 
 
 def _mesh_segments(mesh: NDArray[np.int32], pin: int) -> NDArray[np.int32]:
@@ -229,7 +229,7 @@ class Capacitance:
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with these capacitors."""
-        cell_map = faces.tiled_layout(netlist, "capacitors")
+        cell_map = editing.tiled_layout(netlist, "capacitors")
         nodes = cell_map.node[cell_map.node >= 0]
         return netlist.replace(
             capacitor_nodes=np.concatenate([netlist.capacitor_nodes, _to(nodes, GROUND)]),
@@ -252,6 +252,6 @@ class ReadoutLoad:
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with these loads."""
-        cell_map = faces.tiled_layout(netlist, "loads of the read-out")
+        cell_map = editing.tiled_layout(netlist, "loads of the read-out")
         nodes = cell_map.node[cell_map.node >= 0]
-        return faces.add_resistors(netlist, _to(nodes, GROUND), np.full(len(nodes), 1 / self.ohms))
+        return editing.add_resistors(netlist, _to(nodes, GROUND), np.full(len(nodes), 1 / self.ohms))

@@ -10,20 +10,12 @@ from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any, Protocol
 
-from resgrid.chip.faults import Faults
-from resgrid.chip.resistors import (
-    Gradient,
-    Mismatch,
-    PreferredValues,
-    Saturation,
-    SheetResistors,
-    Temperature,
-    TemperatureCoefficients,
-)
-from resgrid.chip.switches import Capacitance, InternodalSwitches, RailResistance, RailSwitches, ReadoutLoad
+from resgrid.chip.passes.spread import Faults, Gradient, Mismatch
+from resgrid.chip.passes.switches import Capacitance, InternodalSwitches, RailResistance, RailSwitches, ReadoutLoad
+from resgrid.chip.passes.values import PreferredValues, Saturation, SheetResistors, Temperature, TemperatureCoefficients
+from resgrid.die import Seed, seed_of
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.randomness import Seed, seed_of
 from resgrid.scene.chip import Chip
 
 

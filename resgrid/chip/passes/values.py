@@ -1,7 +1,4 @@
-"""Passes over the grid's resistors: which values there are, and what fabrication and heat make of them.
-
-A pass is a frozen value with ``apply(netlist) -> netlist``.  Switches, rails and loads keep their values.
-"""
+"""Passes over the values of the grid's resistors: preferred and drawn ones, heat and saturation."""
 
 from __future__ import annotations
 
@@ -13,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid import die
-from resgrid.arguments import check_number, check_optional, is_number
-from resgrid.chip import faces
+from resgrid.arguments import check_number
+from resgrid.chip.passes import editing
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.randomness import Seed, mismatch_factors, mismatch_terms, seed_of
 from resgrid.scene.chip import ABSOLUTE_ZERO
 
 NOMINAL_CELSIUS = 27.0
@@ -112,89 +108,6 @@ def _with_resistances(netlist: Netlist, drawn: Callable[[NDArray[np.float64]], N
 
 
 @dataclass(frozen=True)
-class Gradient:
-    """Let the resistance grow linearly across the die; its middle keeps the nominal value.
-
-    `shares`: growth from end to end along each axis (missing ones: 0), as a share of the nominal resistance.
-    """
-
-    shares: tuple[float, ...]
-
-    def __post_init__(self) -> None:
-        if not (isinstance(self.shares, tuple | list) and all(is_number(share) for share in self.shares)):
-            raise InputError(f"gradient = {self.shares!r} must be several finite numbers, one for each axis")
-        if sum(abs(share) for share in self.shares) >= 2:
-            raise InputError(f"gradient = {list(self.shares)} takes a resistance below 0 in a corner of the die")
-
-    def apply(self, netlist: Netlist) -> Netlist:
-        """The same netlist with graded resistances."""
-        cell_map = faces.layout_of(netlist, "gradients")
-        ndim = cell_map.space.ndim
-        if len(self.shares) > ndim:
-            raise InputError(f"gradient has {len(self.shares)} entries, but the space has {ndim} axes")
-        share = np.zeros(ndim)
-        share[: len(self.shares)] = self.shares
-        return die.scaled(netlist, 1 + (faces.face_places(cell_map) - 0.5) @ share)
-
-
-@dataclass(frozen=True)
-class Mismatch:
-    """Let every resistor of the grid differ from its mean, independently and log-normally.
-
-    `sigma`: standard deviation as a share of the mean; `pelgrom`: instead: ``A_R`` in % µm, for ``sigma = A_R /
-    sqrt(W L)`` (Pelgrom, Duinmaijer & Welbers 1989); `width`: ``W``, in metres; `length`: ``L``, in metres; or
-    instead; `sheet_resistance`: in ohms per square, for ``L = R W / Rs``; `seed`: the chip.
-    """
-
-    sigma: float | None = None
-    pelgrom: float | None = None
-    width: float | None = None
-    length: float | None = None
-    sheet_resistance: float | None = None
-    seed: Seed = 0
-
-    def __post_init__(self) -> None:
-        if (self.sigma is None) == (self.pelgrom is None):
-            raise InputError("mismatch needs either sigma or pelgrom")
-        if self.sigma is not None:
-            check_number("sigma", self.sigma, "at least 0 and below 1", least=0.0, below=1.0)
-        check_optional("pelgrom", self.pelgrom, "finite and at least 0, in % µm", least=0.0)
-        for name in ("width", "length"):
-            check_optional(name, getattr(self, name), "positive and finite, in metres", above=0.0)
-        check_optional("sheet_resistance", self.sheet_resistance, "positive and finite, in ohms per square", above=0.0)
-        seed_of(self.seed)
-        if self.pelgrom is not None and (
-            self.width is None or (self.length is None) == (self.sheet_resistance is None)
-        ):
-            raise InputError("pelgrom needs width and either length or sheet_resistance")
-
-    def deviations(self, netlist: Netlist) -> NDArray[np.float64]:
-        """Standard deviation of every resistor that could be, as a share of its mean; shape (identities,)."""
-        count = die.identities(netlist)
-        if self.sigma is not None:
-            return np.full(count, self.sigma)
-        assert self.pelgrom is not None
-        assert self.width is not None
-        metres = np.full(count, self.length if self.length is not None else np.inf)
-        if self.sheet_resistance is not None:
-            linear, nonlinear = die.identity(netlist)
-            own = linear >= 0
-            resistance = np.full(count, np.inf)
-            resistance[linear[own]] = 1 / netlist.conductance[own]
-            resistance[nonlinear] = netlist.nonlinear_voltage / netlist.nonlinear_current
-            metres = resistance * self.width / self.sheet_resistance
-        return np.asarray(1e-8 * self.pelgrom / np.sqrt(self.width * metres))
-
-    def factors(self, netlist: Netlist) -> NDArray[np.float64]:
-        """What every resistance is multiplied by: mean 1; shape (identities,)."""
-        return mismatch_factors(*mismatch_terms(self.deviations(netlist)), self.seed)
-
-    def apply(self, netlist: Netlist) -> Netlist:
-        """One chip of this seed."""
-        return die.scaled(netlist, self.factors(netlist))
-
-
-@dataclass(frozen=True)
 class TemperatureCoefficients:
     """Give the grid's resistors temperature coefficients, which a deck hands on to the simulator.
 
@@ -270,4 +183,4 @@ class Saturation:
             element_names=None,
             cell_map=cell_map,
         )
-        return faces.keep_resistors(saturating, ~own)
+        return editing.keep_resistors(saturating, ~own)

@@ -1,7 +1,8 @@
-"""Shares of trials and how well they are known: score intervals (Wilson 1927)."""
+"""Figures of merit: numbers with unit and definition, and shares of trials with score intervals (Wilson 1927)."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from statistics import NormalDist
 from typing import Any
@@ -10,6 +11,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.arguments import check_number
+
+
+@dataclass(frozen=True)
+class Reading:
+    """One figure of a chip.
+
+    `value`: none where it is not defined; `unit`: SI unit, ``""`` for a pure number; `definition`: what it is, in one
+    sentence.
+    """
+
+    value: float | int | str | None
+    unit: str
+    definition: str
+
+
+def json_form(readings: Mapping[str, Reading]) -> dict[str, Any]:
+    """Readings as plain tables, for JSON."""
+    return {
+        name: {"value": reading.value, "unit": reading.unit, "definition": reading.definition}
+        for name, reading in readings.items()
+    }
 
 
 @dataclass(frozen=True)

@@ -1,29 +1,179 @@
-"""Time constants: the eigenvalues ``tau`` of ``C v = tau G v``.
+"""Square roots of Laplacians, and solutions that weak ties do not spoil.
 
-They are the reciprocals of the eigenvalues of ``C^-1 G``, in a form that also holds where nodes lack capacitance (their
-``tau`` is 0).  Small circuits are resolved whole (`resgrid.chip.modal`).  In others, with ``C = F^T F``, the slowest
-ones come from Lanczos iteration on ``F G^-1 F^T`` (ARPACK; Lehoucq, Sorensen & Yang 1998), and again on what is left
-once the modes found are projected out, until nothing slower appears: an iteration from one vector sees one copy only of
-a multiple eigenvalue (Parlett 1998, section 12.4), and symmetric grids have many.  The fastest one comes from Lanczos
-iteration on ``C^-1 G``, in which no ``G`` is solved.
+A Laplacian is ``F^T F``, where ``F`` has a row for every element: the root of its conductance (or capacitance) times
+the difference of its two voltages.  Differences come first there, so that what ties a stiffly joined island to a rail
+is never rounded away in a summed diagonal.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.chip.modal import Modes, all_modes, check_modes
-from resgrid.chip.roots import Solver, accurate_solver, laplacian_root
 from resgrid.errors import AccuracyError, InputError
-from resgrid.nodal.dynamics import Dynamics, charge_basis, factor_resolvent
+from resgrid.nodal.dynamics import Dynamics, Laplacian, charge_basis, factor_resolvent
+from resgrid.nodal.factors.factor import Factor
+from resgrid.nodal.scaled import BITS
 from resgrid.nodal.superlu import symmetric_factors
+from resgrid.nodal.watch import Watch
 
 Floats = NDArray[np.float64]
+Solver = Callable[[Floats], Floats]
+
+_SOLVE_RTOL = 1e-11
+_SPOILT = 1e-9
+"""Relative difference of two solutions from which rounding of the diagonal, or of pivots, is felt."""
+
+_PROVED = 1e-3
+"""Bound on the relative error of delays, a pessimistic one, above which they are refused."""
+
+_ENTRYWISE = 1e-10
+"""Componentwise backward error above which a solution is refused."""
+
+
+def laplacian_root(laplacian: Laplacian) -> sparse.csr_array:
+    """The root of a Laplacian, an element a row.  Returns (m, n)."""
+    incidence, value = laplacian.elements
+    return sparse.csr_array(sparse.diags_array(np.sqrt(value)) @ incidence)
+
+
+def accurate_solver(factors: Factor, capacitance: Laplacian) -> Solver:
+    """How to solve with a factor without loss.
+
+    Elmore delays, the solution for all capacitances, are dominated by the slowest parts, which are also what rounding
+    spoils first.  Where those of the plain solution differ from those found entry by entry, every solution is found
+    entry by entry.
+    """
+
+    def plain(b: Floats) -> Floats:
+        return factors.solve(np.ravel(b), rtol=_SOLVE_RTOL)
+
+    charge, watch = capacitance.diagonal, Watch()
+    charge = np.where(charge > 0.0, charge, charge[charge > 0.0].min(initial=np.inf))
+    delay = entrywise_solution(factors, charge, watch)
+    if not watch.bound <= _PROVED:
+        raise AccuracyError(
+            "the conductances span too many decades to tell how slowly weakly tied parts settle; join the nodes that "
+            "very large ones connect, or leave very small ones out"
+        )
+    try:
+        spoilt = np.abs(plain(charge) - delay).max(initial=0.0) > _SPOILT * delay.max(initial=0.0)
+    except AccuracyError:
+        spoilt = True
+    return partial(entrywise_solution, factors) if spoilt else plain
+
+
+def entrywise_solution(factors: Factor, b: Floats, watch: Watch | None = None) -> Floats:
+    """Solve for positive and for negative currents apart, each right entry by entry, and subtract.
+
+    Shapes: `b` (n,); returns (n,).
+    """
+    x, low = np.zeros(len(b)), np.zeros(len(b))
+    for sign in (1.0, -1.0):
+        currents = np.maximum(sign * b, 0.0)
+        if not currents.any():
+            continue
+        part, error = factors.solve_nonnegative(currents, watch=watch)
+        if not error <= _ENTRYWISE:
+            raise AccuracyError(
+                f"voltages are right to a componentwise backward error of {error:.1e} only: the conductances span too "
+                "many decades, or lie beyond what is reckoned with; join the nodes that very large ones connect"
+            )
+        power = BITS * part.exponent
+        x += sign * np.ldexp(part.hi, power)
+        low += sign * np.ldexp(part.lo, power)
+    x += low
+    if not np.isfinite(x).all():
+        raise AccuracyError("voltages are beyond what doubles hold; give sources in smaller numbers")
+    return x
+
+
+_AGREED = 1e-8
+"""Relative difference of delays from which modes are refused."""
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Every mode of a circuit.
+
+    `tau` (k,): time constants, slowest first, in seconds; `shape` (n, k): ``shape.T @ C @ shape`` is the identity.
+    """
+
+    tau: Floats
+    shape: Floats
+
+
+def all_modes(dynamics: Dynamics) -> Modes:
+    """Find every mode by dense algebra."""
+    from scipy.linalg import solve_triangular
+    from scipy.linalg.lapack import dgejsv
+
+    basis = charge_basis(dynamics)
+    charged = np.flatnonzero(basis.charged)
+    B, F = laplacian_root(dynamics.conductance), laplacian_root(dynamics.capacitance)
+    own, follow = _eliminated(B[:, charged].toarray(), (B @ basis.spread).toarray())
+    R, order = _triangle(F[:, charged].toarray())
+    X = solve_triangular(R, own[:, order].T, trans="T").T
+    unit = 2.0 ** np.floor(np.log2(np.abs(X).max()))
+    value, _, V, work, _, info = dgejsv(X / unit, joba=2, jobu=3, jobv=0, jobr=0, jobp=0)
+    with np.errstate(all="ignore"):
+        tau = (1.0 / (value * (work[0] / work[1]) * unit))[::-1] ** 2
+    if info or not (np.isfinite(tau).all() and (tau > 0).all()):
+        raise AccuracyError("the time constants span more decades than doubles hold; leave the smallest elements out")
+    V = V[:, ::-1]
+    y = np.empty_like(V)
+    y[order] = solve_triangular(R, V)
+    shape = basis.spread @ (follow @ y)
+    shape[charged] += y
+    return Modes(tau, shape)
+
+
+def check_modes(dynamics: Dynamics, modes: Modes, solve: Solver) -> None:
+    """Refuse modes that do not add up to ``G^-1`` of some charges.
+
+    Rounding decides the slowest one where loops of very large conductances are tied very weakly.
+    """
+    F = laplacian_root(dynamics.capacitance)
+    charge = F.T @ np.linspace(1.0, 2.0, F.shape[0])
+    delay = solve(charge)
+    summed = modes.shape @ (modes.tau * (modes.shape.T @ charge))
+    if not np.abs(summed - delay).max() <= _AGREED * np.abs(delay).max():
+        raise AccuracyError(
+            "the conductances span too many decades to tell the slowest time constant; join the nodes that very large "
+            "ones connect, or leave very small ones out"
+        )
+
+
+def _eliminated(own: Floats, loose: Floats) -> tuple[Floats, Floats]:
+    """What is left of ``|own y + loose z|`` at the best ``z``, as a matrix of ``y``, and that ``z = follow @ y``."""
+    from scipy.linalg import qr, solve_triangular
+    from scipy.linalg.lapack import dormqr
+
+    count = loose.shape[1]
+    if not count:
+        return own, np.zeros((0, own.shape[1]))
+    rows = np.argsort(-np.abs(loose).max(axis=1), kind="stable")
+    (reflectors, scale), R, order = qr(loose[rows], mode="raw", pivoting=True)
+    turned, _, _ = dormqr("L", "T", reflectors, scale, own[rows], 64 * max(own.shape))
+    follow = np.empty((count, own.shape[1]))
+    follow[order] = -solve_triangular(R[:count], turned[:count])
+    return turned[count:], follow
+
+
+def _triangle(matrix: Floats) -> tuple[Floats, NDArray[np.int64]]:
+    """``R`` and the order of columns with ``R^T R`` equal to ``M^T M`` in that order."""
+    from scipy.linalg import qr
+
+    rows = np.argsort(-np.abs(matrix).max(axis=1), kind="stable")
+    R, order = qr(matrix[rows], mode="r", pivoting=True)
+    return np.asarray(R[: matrix.shape[1]], dtype=np.float64), np.asarray(order, dtype=np.int64)
+
 
 DENSE = 200
 """Rows up to which all modes are found."""

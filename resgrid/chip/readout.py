@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.die import NOISE, OFFSET, Seed, generator
 from resgrid.netlist import CellMap
-from resgrid.randomness import NOISE, OFFSET, Seed, generator
 from resgrid.scene.chip import Readout
 from resgrid.space import Cell
 
