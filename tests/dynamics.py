@@ -18,7 +18,7 @@ from spaces import space_of
 
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
-from resgrid.spice.rawfile import RawFile, read_rawfile
+from resgrid.spice.run.rawfile import RawFile, read_rawfile
 
 
 def with_capacitors(netlist: Netlist, farads: float) -> Netlist:

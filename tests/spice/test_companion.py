@@ -9,7 +9,7 @@ from circuits import ladder, random_grid
 from simulators import verdict
 
 import resgrid as rg
-from resgrid.spice.writer import write_spice
+from resgrid.spice.write.files import write_spice
 
 
 @pytest.fixture
