@@ -57,7 +57,7 @@ from .errors import (
     ToolMissingError as ToolMissingError,
 )
 from .frame import Frame as Frame
-from .netlist import Layout as Layout, Netlist as Netlist
+from .netlist import CellMap as CellMap, Netlist as Netlist
 from .nodal.drive import scale_drive as scale_drive
 from .nodal.many import solve_many as solve_many
 from .nodal.operating_point import OperatingPoint as OperatingPoint
@@ -198,5 +198,6 @@ from .spice.run.rawfile import write_raw as write_raw
 from .spice.write.files import write_spice as write_spice
 from .spice.write.flat import format_deck as format_deck
 from .spice.write.tiles import Tile as Tile, expanded_netlist as expanded_netlist
+from .wiring import Wiring as Wiring
 
 __version__: str

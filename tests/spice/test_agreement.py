@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from circuits import dense_solution, ladder, random_grid
 from hypothesis import given, settings, strategies as st
-from spaces import serpentine, space_of
+from support.circuits import dense_solution, ladder, random_grid
+from support.spaces import serpentine, space_of
 
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError, ToolMissingError

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from circuits import dense_solution, ladder, random_grid
 from hypothesis import given, strategies as st
-from spaces import space_of
+from support.circuits import dense_solution, ladder, random_grid
+from support.spaces import space_of
 
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError

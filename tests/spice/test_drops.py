@@ -2,8 +2,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from circuits import random_grid
 from hypothesis import given, settings, strategies as st
+from support.circuits import random_grid
 
 from resgrid.netlist import Netlist
 from resgrid.nodal.solve import solve

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from circuits import random_grid
+from support.circuits import random_grid
 
 from resgrid.errors import BudgetError, InputError, ToolMissingError
 from resgrid.nodal.solve import solve

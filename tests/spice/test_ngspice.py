@@ -10,7 +10,7 @@ import time
 from pathlib import Path
 
 import pytest
-from circuits import ladder
+from support.circuits import ladder
 
 from resgrid.errors import BudgetError, InputError, ToolMissingError
 from resgrid.spice.run.ngspice import run_ngspice, simulate

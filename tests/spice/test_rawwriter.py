@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from circuits import random_grid
+from support.circuits import random_grid
 
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve

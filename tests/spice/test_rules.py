@@ -1,7 +1,7 @@
 from __future__ import annotations
 
 import pytest
-from circuits import ladder, random_grid
+from support.circuits import ladder, random_grid
 
 from resgrid.netlist import Netlist
 from resgrid.spice.check.rules import check_rules

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from circuits import random_grid
 from hypothesis import given, settings, strategies as st
+from support.circuits import random_grid
 
 from resgrid.spice.check.predictions import Prediction, predict_simulators
 from resgrid.spice.parsed import ParsedDeck

@@ -76,10 +76,10 @@ def tile_deck(
 
 
 def _title(netlist: Netlist, title: str | None) -> str:
-    if title is not None or netlist.layout is None:
+    if title is not None or netlist.cell_map is None:
         return tidy_title(title or "")
-    size = " x ".join(map(str, netlist.layout.space.shape))
-    return f"array of {size} tiles, {netlist.layout.boundary} boundary"
+    size = " x ".join(map(str, netlist.cells.space.shape))
+    return f"array of {size} tiles, {netlist.cells.wiring.boundary} boundary"
 
 
 def _deck(

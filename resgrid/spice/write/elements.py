@@ -119,7 +119,7 @@ def name_nodes(netlist: Netlist, rules: Dialect, held: NDArray[np.bool_]) -> Nod
 def _places(netlist: Netlist, held: NDArray[np.bool_]) -> tuple[Texts, NDArray[np.bool_]]:
     """Place of every node: the coordinates of its cell, or its rail's name; and which nodes belong to cells."""
     count = netlist.node_count
-    if netlist.layout is None:
+    if netlist.cell_map is None:
         number = names([f"node_{node}" for node in range(count)])
         keep = held & (np.arange(count) != GROUND)
         return _only(number, keep), np.zeros(count, dtype=np.bool_)
@@ -130,7 +130,7 @@ def _places(netlist: Netlist, held: NDArray[np.bool_]) -> tuple[Texts, NDArray[n
     which = np.zeros(count, dtype=np.int64)
     which[rails] = np.arange(1, len(rails) + 1)
     columns = [names(["", *netlist.names_of(rails)]).take(which)]
-    shape = netlist.layout.space.shape
+    shape = netlist.cells.space.shape
     for axis, index in enumerate(np.unravel_index(np.maximum(cell, 0), shape)):
         table = names(["", *(f"_{i}" if axis else str(i) for i in range(shape[axis]))])
         columns.append(table.take(np.where(own, index + 1, 0)))
@@ -155,7 +155,7 @@ def name_elements(netlist: Netlist, kind: str, numbers: NDArray[np.int64], nodes
         first, second = np.where(second == GROUND, first, second), np.full(len(second), GROUND)
     joint = names(["", "_"]).take(((first != GROUND) & (second != GROUND)).astype(np.int64))
     place: list[bytes | Chosen] = [f"{initial}_".encode(), nodes.labels.take(first), joint, nodes.labels.take(second)]
-    if netlist.node_names is not None or (netlist.layout is not None and netlist.layout.space.ndim == 1):
+    if netlist.node_names is not None or (netlist.cell_map is not None and netlist.cells.space.ndim == 1):
         return names(legal_names(weave(len(numbers), *place).strings(), initial))
     grounded = (first == GROUND) | (second == GROUND)
     alike = np.where(grounded, np.maximum(first, second), first * len(nodes.texts) + second)

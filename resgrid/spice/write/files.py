@@ -26,7 +26,7 @@ from resgrid.spice.write.expected import expect
 from resgrid.spice.write.flat import FlatDeck, flatten
 from resgrid.spice.write.sidecar import format_sidecar, sidecar_path
 from resgrid.spice.write.statements import additions, format_analyses, only_one
-from resgrid.spice.write.tiles import Tile, expanded_netlist, layout_of
+from resgrid.spice.write.tiles import Tile, expanded_netlist
 
 Form = Literal["flat", "cells"]
 FORMS: tuple[Form, ...] = ("flat", "cells")
@@ -240,7 +240,7 @@ def _more(
 
 def _difference(flat: OperatingPoint, tiled: OperatingPoint) -> float:
     """Largest difference of a free cell's voltage between a flat netlist and its tiles, in volts."""
-    ideal, real = layout_of(flat.netlist), layout_of(tiled.netlist)
+    ideal, real = flat.netlist.cells, tiled.netlist.cells
     cells = np.isin(ideal.node, ideal.free_node)
     difference = np.abs(flat.voltage[ideal.node[cells]] - tiled.voltage[real.node[cells]])
     return float(np.max(difference[np.isfinite(difference)], initial=0.0))

@@ -254,10 +254,10 @@ def _left_out_line(netlist: Netlist, elements: Mapping[str, NDArray[np.int64]], 
 
 
 def _default_title(netlist: Netlist) -> str:
-    if netlist.layout is None:
+    if netlist.cell_map is None:
         return "resistor netlist"
-    cells = " x ".join(str(cells) for cells in netlist.layout.space.shape)
-    return f"resistor grid of {cells} cells, {netlist.layout.boundary} boundary"
+    cells = " x ".join(str(cells) for cells in netlist.cells.space.shape)
+    return f"resistor grid of {cells} cells, {netlist.cells.wiring.boundary} boundary"
 
 
 def tidy_title(title: str) -> str:

@@ -164,10 +164,10 @@ def _node_lines(deck: FlatDeck, expected: Expected) -> str:
 def _cells(deck: FlatDeck) -> list[Chosen]:
     """Columns that make ``[3, 7]`` of a node's cell, or ``null``."""
     none = np.zeros(len(deck.nodes), dtype=np.int64)
-    if deck.netlist.layout is None:
+    if deck.netlist.cell_map is None:
         return [names(["null"]).take(none)]
     flat = deck.netlist.cell_of_node()[deck.nodes]
-    shape = deck.netlist.layout.space.shape
+    shape = deck.netlist.cells.space.shape
     columns = []
     for axis, index in enumerate(np.unravel_index(np.maximum(flat, 0), shape)):
         first, otherwise = (", ", "") if axis else ("[", "null")

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from resgrid.conductances import has_wall
 from resgrid.errors import InputError
-from resgrid.netlist import GROUND, Layout, Netlist
-from resgrid.slabs import face_counts
+from resgrid.grids import face_counts
+from resgrid.netlist import GROUND, CellMap, Netlist
 from resgrid.space import Cell
 from resgrid.spice.analyses import MismatchAnalysis
 
@@ -95,7 +95,7 @@ class TileArray:
     """An array of tiles without a scene.
 
     `shape`: cells along each axis; `tile`: values, complete; `boundary, drive`: what a blocked tile does, and whether
-    free ones are fed (as `Layout`); `internodal`: whether there are internodal switches; `wall_resistance`: in series
+    free ones are fed (as `CellMap`); `internodal`: whether there are internodal switches; `wall_resistance`: in series
     with every contact of a blocked tile with one that is not, and with the edge, in ohms; 0 without; `link_wall,
     edge_wall`: the same with the mismatch of the resistor before it, in ohms; `link_cells` (l, 2): the cell whose
     tile holds the resistor, and the next one; `link_axis, link_face` (l,): along which axis it lies, and which face
@@ -145,26 +145,27 @@ def tile_array(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAnalysis
     from resgrid.compiler import compile_space
     from resgrid.spice.write.flat import resistances
 
-    layout = layout_of(netlist)
-    tile = complete_tile(tile, layout)
-    edge = ["open" if layout.boundary == "neumann" and rule == "obstacle" else rule for rule in layout.edge]
-    full = compile_space(layout.space, edge=edge, rails="cells", resistance=tile.resistance or layout.resistance)
-    faces = layout_of(full)
-    first = full.node_count - layout.space.cell.size
+    cell_map = netlist.cells
+    tile = complete_tile(tile, cell_map)
+    wiring = cell_map.wiring
+    edge = ["open" if wiring.is_driven and rule == "obstacle" else rule for rule in wiring.edge]
+    full = compile_space(cell_map.space, edge=edge, rails="cells", resistance=tile.resistance or wiring.resistance)
+    faces = full.cells
+    first = full.node_count - cell_map.space.cell.size
     contact = full.resistor_nodes[:, 1] == faces.obstacle_node
     cells = full.resistor_nodes - first
-    value, wall = resistances(full.conductance), np.full(len(full.conductance), layout.wall_resistance)
+    value, wall = resistances(full.conductance), np.full(len(full.conductance), cell_map.wiring.wall_resistance or 0.0)
     if mismatch is not None and not mismatch.runs:
         factor = mismatch.factors(full)[faces.resistor_face]
         value, wall = value * factor, wall * factor
-    shape = layout.space.shape
+    shape = cell_map.space.shape
     return TileArray(
         shape=shape,
         tile=tile,
-        boundary=layout.boundary,
-        drive=layout.drive,
+        boundary=cell_map.wiring.boundary,
+        drive=cell_map.wiring.drive,
         internodal=tile.internodal_switch_on is not None,
-        wall_resistance=layout.wall_resistance,
+        wall_resistance=cell_map.wiring.wall_resistance or 0.0,
         link_wall=wall[~contact],
         edge_wall=wall[contact],
         link_cells=cells[~contact],
@@ -175,17 +176,17 @@ def tile_array(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAnalysis
         edge_face=faces.resistor_face[contact],
         edge_upward=faces.resistor_upward[contact],
         edge_resistance=value[contact],
-        high=layout.goal_voltage + (0.0 if layout.drive == "uniform" else layout.supply),
-        low=layout.goal_voltage,
+        high=cell_map.wiring.goal_voltage + (0.0 if cell_map.wiring.drive == "uniform" else cell_map.wiring.supply),
+        low=cell_map.wiring.goal_voltage,
     )
 
 
-def complete_tile(tile: Tile, layout: Layout) -> Tile:
+def complete_tile(tile: Tile, cell_map: CellMap) -> Tile:
     """A tile with the resistance, and the internodal switches, that its array needs."""
-    switched = layout.boundary in ("neumann", "wall") or bool(tile.internodal_switch_on or tile.internodal_switch_off)
+    switched = cell_map.wiring.boundary != "dirichlet" or bool(tile.internodal_switch_on or tile.internodal_switch_off)
     return replace(
         tile,
-        resistance=tile.resistance or layout.resistance,
+        resistance=tile.resistance or cell_map.wiring.resistance,
         internodal_switch_on=tile.internodal_switch_on or (_INTERNODAL_ON if switched else None),
         internodal_switch_off=tile.internodal_switch_off or (_INTERNODAL_OFF if switched else None),
     )
@@ -196,14 +197,14 @@ def pattern_of(netlist: Netlist) -> Pattern:
 
     With open obstacles, free cells that no goal serves count as blocked: they would float.
     """
-    layout = layout_of(netlist)
-    space = layout.space
+    cell_map = netlist.cells
+    space = cell_map.space
     state = space.cell.astype(np.uint8).ravel()
-    if layout.boundary == "neumann":
+    if cell_map.wiring.boundary == "neumann":
         served = space.goal_connected | (space.cell == Cell.GOAL)
         state = np.where(served.ravel(), state, np.uint8(State.BLOCKED)).astype(np.uint8)
-    if layout.start is not None:
-        state[np.ravel_multi_index(layout.start, space.shape)] = State.DRIVEN
+    if cell_map.wiring.start is not None:
+        state[np.ravel_multi_index(cell_map.wiring.start, space.shape)] = State.DRIVEN
     amps = netlist.current_amps
     if amps.size and not np.allclose(amps, amps[0], rtol=1e-12, atol=0):
         raise InputError("tiles are fed the same current each, and this netlist is fed unevenly; write it flat")
@@ -225,7 +226,7 @@ def expanded_netlist(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAn
     -------
     Netlist
         One node per cell, an obstacle and a goal rail; a resistor and the internodal switch behind it are one element.
-        Its layout marks switches by face -1.
+        Its cell_map marks switches by face -1.
 
     Raises
     ------
@@ -233,7 +234,7 @@ def expanded_netlist(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAn
         As `tile_array` and `pattern_of`.
     """
     array, pattern = tile_array(netlist, tile, mismatch), pattern_of(netlist)
-    layout = layout_of(netlist)
+    cell_map = netlist.cells
     cells = len(pattern.state)
     obstacle, goal, first = GROUND + 1, GROUND + 2, GROUND + 3
     own = np.arange(first, first + cells, dtype=np.int32)
@@ -257,8 +258,8 @@ def expanded_netlist(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAn
         current_amps=np.full(len(fed), pattern.amps),
         capacitor_nodes=np.stack([stored, np.full(len(stored), GROUND)], axis=1),
         capacitance=np.full(len(stored), array.tile.capacitance),
-        layout=replace(
-            layout,
+        cell_map=replace(
+            cell_map,
             node=own.reshape(array.shape),
             resistor_face=np.concatenate([array.link_face, array.edge_face, none]),
             resistor_upward=np.concatenate(
@@ -267,8 +268,9 @@ def expanded_netlist(netlist: Netlist, tile: Tile = Tile(), mismatch: MismatchAn
             free_node=own[np.isin(pattern.state, (State.FREE, State.DRIVEN))],
             obstacle_node=obstacle,
             goal_nodes=(goal,),
-            rails="cells",
-            resistance=array.tile.resistance or layout.resistance,
+            wiring=replace(
+                cell_map.wiring, rails="cells", resistance=array.tile.resistance or cell_map.wiring.resistance
+            ),
             nonlinear_face=np.empty(0, dtype=np.int64),
             nonlinear_upward=np.empty(0, dtype=np.bool_),
         ),
@@ -300,12 +302,3 @@ def rail_resistance(array: TileArray, pattern: Pattern) -> tuple[NDArray[np.floa
         np.where(tied, tile.obstacle_switch_on, tile.obstacle_switch_off),
         np.where(state == State.GOAL, tile.goal_switch_on, tile.goal_switch_off),
     )
-
-
-def layout_of(netlist: Netlist) -> Layout:
-    """The layout of a netlist that must have one."""
-    if netlist.layout is None:
-        raise InputError(
-            "this netlist was not compiled from a space, so it has no cells to make tiles of; write it flat"
-        )
-    return netlist.layout

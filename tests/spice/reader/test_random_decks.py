@@ -5,8 +5,8 @@ import subprocess
 from pathlib import Path
 
 import numpy as np
-from decks import random_deck
 from hypothesis import given, settings, strategies as st
+from support.decks import random_deck
 
 from resgrid import solve
 from resgrid.spice.reader.read import read_with

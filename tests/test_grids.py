@@ -3,8 +3,8 @@
 import numpy as np
 from hypothesis import given, strategies as st
 
+from resgrid.grids import face_counts, faces_ahead, places_in_slab
 from resgrid.netlist import face_shape
-from resgrid.slabs import face_counts, faces_ahead, places_in_slab
 
 SHAPES = st.lists(st.integers(1, 5), min_size=1, max_size=4).map(tuple)
 

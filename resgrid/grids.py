@@ -1,6 +1,9 @@
-"""Face-connected regions of cells."""
+"""Regions and slabs of a grid: face-connected cells, and ranges of cells or faces along one axis."""
 
 from __future__ import annotations
+
+import math
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,7 +19,7 @@ def box_around(mask: NDArray[np.bool_]) -> tuple[slice, ...]:
 def label_regions(mask: NDArray[np.bool_], periodic: ArrayLike) -> NDArray[np.int32]:
     """Face-connected components of a mask, numbered from 1 in C order of their first cell; 0 outside.
 
-    Shapes: `periodic` (mask.ndim,); returns of mask.
+    Shapes: `periodic` (mask.ndim,); returns as the mask.
     """
     from scipy import ndimage
 
@@ -44,3 +47,36 @@ def _join_across_seams(labels: NDArray[np.int32], count: int, wrapped: list[int]
     new_label = rank[group]
     new_label[0] = 0
     return np.asarray(new_label[labels])
+
+
+def slab(array: NDArray[Any], axis: int, start: int, stop: int) -> NDArray[Any]:
+    """A view of a range along an axis."""
+    return array[(slice(None),) * axis + (slice(start, stop),)]
+
+
+def places_in_slab(
+    kept: NDArray[np.bool_], shape: tuple[int, ...], axis: int, ends: tuple[int, int]
+) -> NDArray[np.int64]:
+    """Flat indices (C order) of what is kept in a slab of an array of that shape."""
+    whole = np.zeros(shape, dtype=np.bool_)
+    slab(whole, axis, *ends)[...] = kept
+    return np.flatnonzero(whole)
+
+
+def faces_ahead(
+    here: NDArray[np.integer[Any]], shape: tuple[int, ...], axis: int, ahead: int
+) -> NDArray[np.integer[Any]]:
+    """Flat indices of the faces ``ahead`` faces behind the first one of every cell, among those across the axis.
+
+    Of the same type as the cells' own indices, which must have room for them.
+    """
+    inner = int(np.prod(shape[axis + 1 :]))
+    faces = here + ahead * inner
+    if axis > 0:
+        faces += here // (shape[axis] * inner) * inner
+    return faces
+
+
+def face_counts(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Number of faces across every axis, one more than the cells along it."""
+    return tuple(math.prod(shape) // cells * (cells + 1) for cells in shape)
