@@ -266,7 +266,7 @@ def test_open_obstacles_keep_the_switches_of_their_tiles(options: dict[str, obje
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann", "wall"])
 def test_switched_chips_are_those_of_the_tiles(boundary: str) -> None:
-    from resgrid.spice.tiles import Tile, expanded_netlist
+    from resgrid.spice.write.tiles import Tile, expanded_netlist
 
     values = {
         "obstacle_switch_on": 100.0, "obstacle_switch_off": 1e9, "goal_switch_on": 50.0, "goal_switch_off": 1e8,
