@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from resgrid.cli.chip_parameters import described
-from resgrid.cli.scenes import Job, compile_options, only_boundary, open_job, size_of
 from resgrid.cli.options import SceneChoice
 from resgrid.cli.report import Report
+from resgrid.cli.scenes import Job, compile_options, only_boundary, open_job, size_of
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -150,8 +150,7 @@ class Study:
 
 def open_study(choice: SceneChoice, report: Report, limits: Limits) -> Study:
     """Read a scene, build its chip and find the operating point."""
-    from resgrid.chip.build import build_chip
-    from resgrid.chip.ideal import ideal_netlist
+    from resgrid.chip.build import build_chip, ideal_netlist
     from resgrid.nodal.solve import solve
 
     job = open_job(choice)

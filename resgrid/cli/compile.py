@@ -8,34 +8,46 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from resgrid.cli.scenes import require_tiles, tell_assumed, tell_unheeded
-from resgrid.cli.scenes import Chip, Job, compile_chip, is_ideal, only_boundary, open_job, solve_chip
-from resgrid.cli.options import Source, output_option, with_report, with_scene
+from resgrid.cli.options import Source, dialect_option, output_option, verb, with_source
+from resgrid.cli.report import finish, say, stage, verbosity
+from resgrid.cli.scenes import (
+    Chip,
+    Job,
+    compile_chip,
+    element_counts,
+    is_ideal,
+    only_boundary,
+    open_job,
+    require_tiles,
+    solve_chip,
+    tell_assumed,
+    tell_unheeded,
+)
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
-    from resgrid.spice.writer import Form, WrittenDeck
+    from resgrid.spice.write.files import Form, WrittenDeck
 
-dialect_option = click.option(
-    "--dialect", default="ngspice", show_default=True, metavar="NAME", help="SPICE dialect of the deck."
+
+@verb(
+    "compile",
+    short="Write a scene's chip as a SPICE deck.",
+    examples=(
+        "resgrid compile rooms.toml -o rooms.cir",
+        "resgrid compile rooms.toml --boundary neumann --dialect xyce -o rooms.cir",
+        "resgrid compile chip.toml --form cells -o chip.cir",
+    ),
 )
-form_option = click.option(
-    "--form",
-    type=click.Choice(("flat", "cells")),
-    default="flat",
-    show_default=True,
-    help="One line per element, or an array of tiles with the scene as a pattern of switches.",
-)
-
-
-@click.command("compile", short_help="Write a scene's chip as a SPICE deck.")
 @with_source()
 @output_option(
     "The deck; beside it FILE.json (expected voltages), FILE.DIALECT (commands), for ngspice FILE.verify (prints PASS "
     "or FAIL), and with --form cells FILE.chip and FILE.pattern."
 )
-@dialect_option
-@form_option
+@dialect_option()
+@click.option(
+    "--form", type=click.Choice(("flat", "cells")), default="flat", show_default=True,
+    help="One line per element, or an array of tiles with the scene as a pattern of switches.",
+)  # fmt: skip
 def command(source: Source, output: str | None, dialect: str, form: Form) -> int:
     """Compile SCENE into a resistor netlist and write it as a SPICE deck.
 
@@ -47,42 +59,38 @@ def command(source: Source, output: str | None, dialect: str, form: Form) -> int
     printed = output in (None, "-")
     if printed and form == "cells":
         raise InputError("--form cells makes three files (deck, chip and pattern); name the deck with -o FILE")
-    if output == "-" and report.json:
-        raise InputError("-o - and --json both want standard output; write the deck to a file")
     job = open_job(source)
     if form == "cells":
         require_tiles(job.scene.chip)
     boundary, start = only_boundary(job)
-    told = tell_unheeded(job, "circuit" if form == "flat" else "tiles")
-    if printed and not report.json:
+    unheeded = tell_unheeded(job, "circuit" if form == "flat" else "tiles")
+    if printed and not verbosity().json:
         click.echo(_deck_text(job, boundary, start, dialect), nl=False)
         return 0
     chip = solve_chip(job, boundary, start, ideal=form == "cells")
-    data: dict[str, Any] = {"chip": chip.name, "dialect": dialect, **_counts(chip), **told}
+    data: dict[str, Any] = {"chip": chip.name, "dialect": dialect, **element_counts(chip.netlist), **unheeded}
     if output is not None:
         written = write_deck(output, job, chip, dialect, form)
-        data |= {"form": form, "deck": written.path, "sidecar": written.sidecar, "commands": written.commands}
         more = {"companion": written.companion, "chip": written.chip, "pattern": written.pattern}
+        data |= {"form": form, "deck": written.path, "sidecar": written.sidecar, "commands": written.commands}
         data |= {f"{key}_file" if key in data else key: path for key, path in more.items() if path is not None}
         data["sha256"] = written.sha256
         if form == "cells":
             data |= tell_assumed(job.scene.chip, chip)
         others = [path for path in (written.sidecar, written.commands, *more.values()) if path is not None]
         say(f"wrote {written.path} ({data['resistors']:,} resistors), {', '.join(map(str, others))}")
-    finish(data, ())
+    finish(data)
     return 0
 
 
-def write_deck(
-    target: str | Path, job: Job, chip: Chip, dialect: str, form: Form = "flat"
-) -> WrittenDeck:
+def write_deck(target: str | Path, job: Job, chip: Chip, dialect: str, form: Form = "flat") -> WrittenDeck:
     """Write a chip's deck with its sidecar, commands and companion."""
     from resgrid.spice.analyses import MismatchAnalysis
-    from resgrid.spice.tiles import Tile
-    from resgrid.spice.writer import write_spice
+    from resgrid.spice.write.files import write_spice
+    from resgrid.spice.write.tiles import Tile
 
-    told = job.scene.chip
-    drawn = [MismatchAnalysis(told.mismatch, told.seed)] if form == "cells" and told.mismatch else []
+    table, source = job.scene.chip, Path(job.scene.source or "-")
+    drawn = [MismatchAnalysis(table.mismatch, table.seed)] if form == "cells" and table.mismatch else []
     with stage("write the deck", seconds=5e-6 * len(chip.netlist.conductance)):
         return write_spice(
             chip.netlist,
@@ -91,20 +99,14 @@ def write_deck(
             title=_title(job, chip.name),
             operating_point=chip.point,
             form=form,
-            tile=Tile.of(vars(told)),
+            tile=Tile.of(vars(table)),
             analyses=drawn,
-            scene_sha256=_scene_hash(job),
+            scene_sha256=sha256(source.read_bytes()).hexdigest() if source.is_file() else None,
         )
 
 
-def _scene_hash(job: Job) -> str | None:
-    """SHA-256 of the scene's file, where it has one."""
-    source = Path(job.scene.source or "-")
-    return sha256(source.read_bytes()).hexdigest() if source.is_file() else None
-
-
 def _deck_text(job: Job, boundary: str, start: int | None, dialect: str) -> str:
-    from resgrid.spice.deck import format_deck
+    from resgrid.spice.write.flat import format_deck
 
     netlist = compile_chip(job, boundary, start)
     if netlist.current_nodes.size and is_ideal(job):
@@ -114,13 +116,3 @@ def _deck_text(job: Job, boundary: str, start: int | None, dialect: str) -> str:
 
 def _title(job: Job, chip: str) -> str | None:
     return f"{job.scene.title}, {chip.replace('_', ' ')}" if job.scene.title else None
-
-
-def _counts(chip: Chip) -> dict[str, int]:
-    netlist = chip.netlist
-    return {
-        "nodes": netlist.node_count,
-        "resistors": len(netlist.conductance),
-        "voltage_sources": len(netlist.source_volts),
-        "current_sources": len(netlist.current_amps),
-    }

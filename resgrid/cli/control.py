@@ -40,33 +40,74 @@ FRAMES = 120
 @click.option("--wavefront", metavar="FILE", type=click.Path(), help="With --announce: animate the potential's change.")
 @click.option("--learn/--no-learn", default=True, show_default=True, help="Mark in the map what is touched.")
 @click.option(
-    "--push", metavar="T,S,F,...", type=NUMBERS, multiple=True,
+    "--push",
+    metavar="T,S,F,...",
+    type=NUMBERS,
+    multiple=True,
     help="Push from time T for S seconds with a generalised force, one entry per axis (newtons of a point or a disc, "
     "newton metres of joints), which changes the velocity by the admittance times itself; repeatable.",
 )
 @click.option("--pushes", metavar="N", type=click.IntRange(0, 10_000), default=0, help="And N pushes at random.")
 @click.option(
-    "--push-size", metavar="F", type=click.FloatRange(0, 1e308), default=2.0, show_default=True,
+    "--push-size",
+    metavar="F",
+    type=click.FloatRange(0, 1e308),
+    default=2.0,
+    show_default=True,
     help="Force of random pushes.",
 )
-@click.option("--bias", metavar="B,...", type=NUMBERS, default="0", help="Offset of the believed configuration: one "
-              "for all axes, or one each.")
-@click.option("--noise", metavar="N,...", type=NUMBERS, default="0",
-              help="Largest random error of the believed configuration, anew each step.")
+@click.option(
+    "--bias",
+    metavar="B,...",
+    type=NUMBERS,
+    default="0",
+    help="Offset of the believed configuration: one for all axes, or one each.",
+)
+@click.option(
+    "--noise",
+    metavar="N,...",
+    type=NUMBERS,
+    default="0",
+    help="Largest random error of the believed configuration, anew each step.",
+)
 @click.option("--seed", metavar="N", type=click.IntRange(0), default=0, show_default=True, help="Of all randomness.")
-@click.option("--steps", metavar="N", type=click.IntRange(1, 10_000_000), default=50_000, show_default=True,
-              help="Give up after so many.")
+@click.option(
+    "--steps",
+    metavar="N",
+    type=click.IntRange(1, 10_000_000),
+    default=50_000,
+    show_default=True,
+    help="Give up after so many.",
+)
 @click.option("--speed", metavar="V", type=float, help="Nominal speed.  [default: a 20th of the longest axis a second]")
 @click.option("--speed-limits", metavar="V,...", type=NUMBERS, help="Largest speed of each axis.  [default: none]")
-@click.option("--admittance", metavar="A,...", type=NUMBERS,
-              help="One number, a diagonal, or a matrix row by row.  [default: speed]")
-@click.option("--response", type=click.Choice(("equipotential", "admittance")), default="equipotential",
-              show_default=True, help="Whether a contact force turns the robot along the equipotential, or pushes it.")
+@click.option(
+    "--admittance",
+    metavar="A,...",
+    type=NUMBERS,
+    help="One number, a diagonal, or a matrix row by row.  [default: speed]",
+)
+@click.option(
+    "--response",
+    type=click.Choice(("equipotential", "admittance")),
+    default="equipotential",
+    show_default=True,
+    help="Whether a contact force turns the robot along the equipotential, or pushes it.",
+)
 @click.option("--friction", metavar="MU", type=float, default=0.2, show_default=True, help="Of all contacts.")
-@click.option("--settle", type=click.Choice(("chip", "jacobi", "sor")),
-              help="The grid settles meanwhile: as a chip, or by sweeps.")
-@click.option("--pace", metavar="P", type=float, default=10.0, show_default=True,
-              help="Sweeps, or units RC of a chip, while the robot crosses a cell.")
+@click.option(
+    "--settle",
+    type=click.Choice(("chip", "jacobi", "sor")),
+    help="The grid settles meanwhile: as a chip, or by sweeps.",
+)
+@click.option(
+    "--pace",
+    metavar="P",
+    type=float,
+    default=10.0,
+    show_default=True,
+    help="Sweeps, or units RC of a chip, while the robot crosses a cell.",
+)
 @click.option("--announce", is_flag=True, help="At time 0 hidden obstacles are put on the map, and the grid settles.")
 def command(
     source: Source, output: str | None, animate: str | None, wavefront: str | None, push: Sequence[tuple[float, ...]],

@@ -72,9 +72,7 @@ def command(source: Source, output: str, dialect: str | None, bare: bool) -> int
     return 0
 
 
-def _circuit(
-    source: Source, *, solve: bool
-) -> tuple[Netlist, str | None, OperatingPoint | None, dict[str, list[str]]]:
+def _circuit(source: Source, *, solve: bool) -> tuple[Netlist, str | None, OperatingPoint | None, dict[str, list[str]]]:
     """The netlist, its title, where it is asked for its solution, and what was not heeded of a scene."""
     if not is_deck(source.file):
         job = open_job(source)
@@ -92,12 +90,12 @@ def _write_deck(
     """Write a deck with its sidecar, or without a solution the deck alone."""
     if op is None:
         from resgrid.files import write_text
-        from resgrid.spice.deck import format_deck
+        from resgrid.spice.write.flat import format_deck
 
         text = format_deck(netlist, dialect=dialect, title=title)
         click.echo(text, nl=False) if output == "-" else write_text(output, text)
         return {}
-    from resgrid.spice.writer import write_spice
+    from resgrid.spice.write.files import write_spice
 
     written = write_spice(netlist, output, dialect, title=title, operating_point=op)
     return {"sidecar": written.sidecar, "commands": written.commands, "sha256": written.sha256}

@@ -19,6 +19,7 @@ _READ_SECONDS, _SOLVE_SECONDS = 3e-8, 6e-6
 
 _NOTES = 20
 
+
 def is_deck(source: str) -> bool:
     """Whether a file is a circuit and no scene: by the end of its name, or by the sidecar beside it."""
     path = Path(source)
@@ -77,12 +78,14 @@ def _say_notes(deck: ParsedDeck) -> None:
 def solve_deck(deck: ParsedDeck) -> OperatingPoint:
     """Solve a deck; as `resgrid.solve`, but where there is no answer the message names the lines at fault."""
     from resgrid.nodal.solve import solve
-    from resgrid.spice.rules import check_rules
+    from resgrid.spice.check.rules import check_rules
 
     try:
         with stage("assemble it"):
             netlist = deck.netlist()
-        return compute("solve the deck", lambda _: solve(netlist), seconds=0.5 + _SOLVE_SECONDS * len(netlist.conductance))
+        return compute(
+            "solve the deck", lambda _: solve(netlist), seconds=0.5 + _SOLVE_SECONDS * len(netlist.conductance)
+        )
     except CircuitError as error:
         errors = [finding for finding in check_rules(deck) if finding.severity == "error"]
         lines = (f"{finding.place}: {finding.message}; {finding.remedy}" for finding in errors[:_NOTES])

@@ -22,6 +22,7 @@ from resgrid.cli.report import is_computing
 VERBS = ("run", "compile", "solve", "path", "plot", "check", "chip", "control", "convert", "info", "completion")
 """Every verb is the ``command`` of the module of its name."""
 
+
 class Verbs(click.Group):
     """The verbs, each imported only when it is asked for."""
 

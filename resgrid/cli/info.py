@@ -8,10 +8,11 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from resgrid.cli.decks import deck_data, is_deck, open_deck, read_as_option, root_option
-from resgrid.cli.scenes import several_k, tell_unheeded
-from resgrid.cli.scenes import Job, compile_chip, only_boundary, open_job, size_of
-from resgrid.cli.options import Source, with_report, with_scene
+from resgrid.cli.decks import deck_data, is_deck, open_deck
+from resgrid.cli.options import Source, verb, with_source
+from resgrid.cli.report import finish
+from resgrid.cli.scenes import Job, compile_chip, only_boundary, open_job, several_k, size_of, tell_unheeded
+from resgrid.cli.sketch import KEY, sketch
 from resgrid.errors import CircuitError, InputError, ToolMissingError
 
 if TYPE_CHECKING:
@@ -22,13 +23,15 @@ if TYPE_CHECKING:
 PACKAGES = ("numpy", "scipy", "numba", "networkx", "shapely", "matplotlib", "pydantic", "click", "rich")
 
 
-@click.command("info", short_help="Describe a scene, the scene format, or the installation.")
-@with_source(required=False, "[SCENE|DECK]")
+@verb(
+    "info",
+    short="Describe a scene, the scene format, or the installation.",
+    examples=("resgrid info map.yaml", "resgrid info theirs.sp --json", "resgrid info --schema"),
+)
+@with_source("[SCENE|DECK]", required=False)
 @click.option("--schema", is_flag=True, help="Print the JSON Schema of scene files.")
 @click.option("--versions", is_flag=True, help="Print the versions of resgrid and what it uses.")
-def command(
-    source: Source | None, schema: bool, versions: bool
-) -> int:
+def command(source: Source | None, schema: bool, versions: bool) -> int:
     """Describe SCENE: a sketch, its cells, goals and starts, what cannot be reached, the memory a solution takes.
 
     Of a map: how it was read, such as which grey values are free; it needs no goal yet.
@@ -56,7 +59,6 @@ def command(
 
 def describe(job: Job) -> dict[str, Any]:
     """What there is in a scene, as ``--json`` gives it."""
-    from resgrid.cli.sketch import sketch
     from resgrid.scene.map_words import describe_map
     from resgrid.space import Cell
 
@@ -68,18 +70,10 @@ def describe(job: Job) -> dict[str, Any]:
         "source": scene.source,
         "shape": list(space.shape),
         "axes": [
-            {
-                "name": axis.name,
-                "lower": axis.lower,
-                "upper": axis.upper,
-                "cells": axis.cells,
-                "spacing": axis.spacing,
-                "periodic": axis.periodic,
-                "unit": axis.unit,
-            }
+            {key: getattr(axis, key) for key in ("name", "lower", "upper", "cells", "spacing", "periodic", "unit")}
             for axis in space.axes
         ],
-        "frame": {"x": scene.frame.x, "y": scene.frame.y, "yaw": scene.frame.yaw},
+        "frame": vars(scene.frame),
         "map": None if scene.map is None else describe_map(scene),
         "sketch": sketch(space, starts) if space.ndim == 2 else None,
         "cells": space.cell.size,
@@ -117,12 +111,12 @@ def describe_deck(deck: ParsedDeck) -> dict[str, Any]:
     """What there is in a deck, as ``--json`` gives it."""
     import numpy as np
 
-    from resgrid.spice.forecast import forecast_run
+    from resgrid.spice.run.forecast import forecast_run
     from resgrid.spice.subject import subject_of
 
     part = subject_of(deck).part
     ohms = deck.resistance[deck.resistance > 0]
-    foretold = forecast_run(deck)
+    forecast = forecast_run(deck)
     return {
         **deck_data(deck),
         "smallest_resistance": float(ohms.min()) if ohms.size else None,
@@ -130,8 +124,8 @@ def describe_deck(deck: ParsedDeck) -> dict[str, Any]:
         "shorts": int((deck.resistance == 0).sum() + (deck.source_volts == 0).sum()),
         "supply_volts": np.unique(deck.source_volts[deck.source_volts != 0])[:100].tolist(),
         "floating_nodes": int((part != part[0]).sum()),
-        "ngspice_seconds": foretold.seconds,
-        "ngspice_memory_bytes": foretold.memory,
+        "ngspice_seconds": forecast.seconds,
+        "ngspice_memory_bytes": forecast.memory,
     }
 
 
@@ -162,7 +156,7 @@ def installed_versions() -> dict[str, str | None]:
     versions: dict[str, str | None] = {"resgrid": metadata.version("resgrid"), "python": platform.python_version()}
     versions |= {name: metadata.version(name) for name in PACKAGES}
     try:
-        from resgrid.spice import ngspice_version
+        from resgrid.spice.run.ngspice import ngspice_version
 
         versions["ngspice"] = ngspice_version()
     except ToolMissingError:
@@ -172,19 +166,17 @@ def installed_versions() -> dict[str, str | None]:
 
 def _map_lines(data: dict[str, Any]) -> Iterable[str]:
     """How a map was read, and a sketch of it."""
-    from resgrid.cli.sketch import KEY
-
-    told = data["map"] or {}
-    if told:
-        rows = ", its top row at the largest y" if told["format"] != "npy" else ", its first index along x"
-        yield f"  map           {told['format']}{rows}: y points up"
-    if "greys" in told:
-        option = " (--threshold)" if told["format"] == "image" else ""
-        yield "  grey          " + ", ".join(f"{low} to {high} {kind}" for low, high, kind in told["greys"]) + option
-    if "unknown_cells" in told:
-        yield f"  unknown       {told['unknown_cells']:,} cells, taken as {told['unknown_as']} (--unknown)"
-    if "passable" in told:
-        yield f"  passable      {told['passable']} (--passable)"
+    words = data["map"] or {}
+    if words:
+        rows = ", its top row at the largest y" if words["format"] != "npy" else ", its first index along x"
+        yield f"  map           {words['format']}{rows}: y points up"
+    if "greys" in words:
+        option = " (--threshold)" if words["format"] == "image" else ""
+        yield "  grey          " + ", ".join(f"{low} to {high} {kind}" for low, high, kind in words["greys"]) + option
+    if "unknown_cells" in words:
+        yield f"  unknown       {words['unknown_cells']:,} cells, taken as {words['unknown_as']} (--unknown)"
+    if "passable" in words:
+        yield f"  passable      {words['passable']} (--passable)"
     frame = data["frame"]
     if any(frame.values()):
         yield f"  frame         origin at ({frame['x']:g}, {frame['y']:g}), turned by {frame['yaw']:g} rad"

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import functools
+import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import click
@@ -160,9 +162,7 @@ def verb(name: str, *, examples: Sequence[str], short: str) -> Decorator:
     def decorate(function: Callable[..., Any]) -> click.Command:
         @functools.wraps(function)
         @click.pass_context
-        def reporting(
-            ctx: click.Context, as_json: bool, quiet: bool, verbose: bool, debug: bool, **values: Any
-        ) -> Any:
+        def reporting(ctx: click.Context, as_json: bool, quiet: bool, verbose: bool, debug: bool, **values: Any) -> Any:
             del debug  # read by the group, where errors end
             ctx.obj = Verbosity(json=as_json, quiet=quiet, verbose=verbose)
             require_one_output(values.get("output"))
@@ -204,6 +204,15 @@ def _not_empty(_context: click.Context, _option: click.Parameter, value: str | N
     if value is not None and not value.strip():
         raise InputError("-o: the name is empty; name a file, or - for standard output")
     return value
+
+
+def folder_of(output: str | None, source: Source, end: str = "") -> Path:
+    """The folder that many results go to: the one that is named, or one after the source."""
+    if output == "-":
+        raise InputError("-o -: the results are many files; name a folder")
+    stem = "scene" if source.file == "-" else Path(source.file).stem
+    name = re.sub(r"[^\w.-]+", "_", stem).strip(".") or "scene"
+    return Path(output) if output else Path("out") / f"{name}{end}"
 
 
 def dialect_option(default: str | None = "ngspice") -> Decorator:

@@ -7,8 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from resgrid.cli.scenes import Job
 from resgrid.cli.paths import Plan
+from resgrid.cli.scenes import Job
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ def _page(job: Job, plan: Plan, field: Field | None) -> Figure:
     from resgrid.plot import plot_scene_page
 
     assert field is not None
-    own = [route for route in plan.routes if route.field is None or plan.fields[route.field] is field]
+    own = [route for route in plan.routes if route.field is None or route.field is field]
     return plot_scene_page(field, [route.streamline for route in own], title=_title(job, plan, field))
 
 

@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, nullcontext
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
@@ -42,6 +42,17 @@ def verbosity() -> Verbosity:
     """How the running command reports."""
     context = click.get_current_context(silent=True)
     return (context.find_object(Verbosity) if context else None) or Verbosity()
+
+
+@contextmanager
+def quietly() -> Iterator[None]:
+    """Report nothing of many small jobs."""
+    context = click.get_current_context()
+    before, context.obj = context.obj, replace(verbosity(), quiet=True)
+    try:
+        yield
+    finally:
+        context.obj = before
 
 
 def say(message: str) -> None:
@@ -124,7 +135,11 @@ class Stage:
             return f"{self._note}{elapsed:.0f} s so far"
         left = elapsed * (1 - fraction) / fraction
         late = self._seconds is not None and not self._steps and elapsed > self._seconds
-        return f"{self._note}{elapsed:.0f} s so far, longer than expected" if late else f"{self._note}about {left:.0f} s left"
+        return (
+            f"{self._note}{elapsed:.0f} s so far, longer than expected"
+            if late
+            else f"{self._note}about {left:.0f} s left"
+        )
 
 
 @contextmanager

@@ -11,13 +11,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import resgrid
-
 from resgrid.cli.options import Source
 from resgrid.cli.report import compute, say, stage
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
-    from resgrid.chip.held import Form
+    from resgrid.chip.build import Form
     from resgrid.netlist import Netlist
     from resgrid.nodal.operating_point import OperatingPoint
     from resgrid.planning.field import Field
@@ -80,9 +79,7 @@ def load_scene(source: Source) -> Scene:
     from resgrid.scene import apply_overrides, read_scene
 
     if Path(source.file).suffix.lower() in DECK_SUFFIXES:
-        raise InputError(
-            f"{source.file}: this is a deck, and a scene or a map is needed; decks go to 'resgrid check'"
-        )
+        raise InputError(f"{source.file}: this is a deck, and a scene or a map is needed; decks go to 'resgrid check'")
     scene = _piped_scene(source) if source.file == "-" else read_scene(source.file, **source.map_options)
     return apply_overrides(scene, source.changes) if source.changes else scene
 
@@ -110,9 +107,7 @@ def _is_toml(data: bytes) -> bool:
     return not data.startswith(magic)
 
 
-def solve_chip(
-    job: Job, boundary: str | None = None, start: int | None = None, *, ideal: bool = False
-) -> Chip:
+def solve_chip(job: Job, boundary: str | None = None, start: int | None = None, *, ideal: bool = False) -> Chip:
     """Compile one circuit of a scene and solve it."""
     from resgrid.nodal.drive import scale_drive
 
@@ -136,8 +131,7 @@ def _solved(name: str, netlist: Netlist, threads: int) -> OperatingPoint:
 
 def compile_chip(job: Job, boundary: str, start: int | None = None, *, ideal: bool = False) -> Netlist:
     """Compile one circuit of a scene; as `solve_chip` otherwise, but the drive of an ideal one is not yet scaled."""
-    from resgrid.chip.build import build_chip
-    from resgrid.chip.ideal import ideal_netlist
+    from resgrid.chip.build import build_chip, ideal_netlist
     from resgrid.compiler import compile_space
 
     space, chip, rules = job.space, job.scene.chip, compile_options(job, boundary, start)
@@ -269,11 +263,9 @@ _WHY = {
 }
 
 
-def tell_unheeded(
-    job: Job, form: Form | Literal["chip"], *, k: Sequence[float] = ()
-) -> dict[str, list[str]]:
+def tell_unheeded(job: Job, form: Form | Literal["chip"], *, k: Sequence[float] = ()) -> dict[str, list[str]]:
     """Say which keys of a scene make no difference to what a verb makes of it."""
-    from resgrid.chip.held import keys_not_held
+    from resgrid.chip.build import keys_not_held
 
     keys = [] if form == "chip" else [f"chip.{key}" for key in keys_not_held(job.scene.chip, form)]
     if keys:
@@ -304,7 +296,7 @@ def several_k(job: Job) -> tuple[float, ...]:
 
 def require_tiles(chip: ChipTable) -> None:
     """Refuse a chip that an array of tiles cannot be."""
-    from resgrid.chip.held import READING, keys_not_held
+    from resgrid.chip.build import READING, keys_not_held
 
     keys = [f"chip.{key}" for key in keys_not_held(chip, "tiles") if key not in READING]
     if keys:
@@ -315,7 +307,7 @@ def require_tiles(chip: ChipTable) -> None:
 
 def tell_assumed(told: ChipTable, circuit: Chip) -> dict[str, dict[str, Any]]:
     """Say which switches the tiles of a circuit have that its scene does not describe."""
-    from resgrid.spice.tiles import Tile, complete_tile
+    from resgrid.spice.write.tiles import Tile, complete_tile
 
     tile = complete_tile(Tile.of(vars(told)), circuit.netlist.cells)
     assumed = {
@@ -337,3 +329,10 @@ def element_counts(netlist: Netlist) -> dict[str, int]:
         "voltage_sources": len(netlist.source_volts),
         "current_sources": len(netlist.current_amps),
     }
+
+
+def require_starts(scene: Scene) -> None:
+    """Refuse a scene without a start."""
+    if not scene.starts:
+        where = scene.source or "scene"
+        raise InputError(f"{where}: there is no start; add starts = [[...]] to the scene, or say --start X,Y")

@@ -85,7 +85,11 @@ def _deck_lines(data: dict[str, Any]) -> Iterable[str]:
     )
     yield f"  KCL residual        {data['kcl_residual']:.1e} of the current through the node"
     delivered = data["power_delivered"]
-    supplied = f", {delivered:.6g} W delivered" if math.isfinite(delivered) else "; delivered in loops of sources: undetermined"
+    supplied = (
+        f", {delivered:.6g} W delivered"
+        if math.isfinite(delivered)
+        else "; delivered in loops of sources: undetermined"
+    )
     yield f"  power               {data['power']:.6g} W dissipated{supplied}"
     if data["floating_nodes"]:
         names = data["floating_nodes"]

@@ -1,68 +1,42 @@
-"""Paths as files: tables, JSON, NumPy arrays, and plans for ROS."""
+"""Paths as files: tables, records, arrays, and plans for ROS."""
 
 from __future__ import annotations
 
-import json
 import os
-from collections.abc import Collection, Mapping, Sequence
-from math import cos, isfinite, sin
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import cos, sin
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import yaml
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
-from resgrid.files import atomic_path, write_text
+from resgrid.io.tables import Views, require_names, suffix_of, write
+from resgrid.planning.field import Field
 from resgrid.planning.seams import unwrap
 from resgrid.planning.short_path import ShortPath
 from resgrid.planning.streamline import Streamline
 from resgrid.planning.trajectory import Trajectory
 from resgrid.planning.workspace import workspace_path
-from resgrid.robots import Arm, PointRobot, PolygonRobot, Robot
-from resgrid.space import Axis, ConfigurationSpace
+from resgrid.robots import Arm, PointRobot, PolygonRobot
+from resgrid.space import ConfigurationSpace
 
-SUFFIXES = (".csv", ".json", ".npz", ".yaml")
-
-_TAKEN = {".json": ("schema",), ".npz": ("file", "allow_pickle")}
-"""Names that a format keeps for itself."""
+AnyPath = Streamline | ShortPath | Trajectory | ArrayLike
 
 
-def path_columns(
-    path: Streamline | ShortPath | Trajectory | ArrayLike,
-    space: ConfigurationSpace,
-    *,
-    robot: Robot | None = None,
-) -> dict[str, NDArray[np.float64]]:
-    """A path as named columns, one entry a point.  Shapes: `path` (n, ndim); returns (n,)."""
-    points = _points(path, space)
-    require_names(space.axes, other_columns(space.axes, robot, timed=isinstance(path, Trajectory)))
-    columns = _named(space, points)
-    if isinstance(robot, Arm):
-        tip = workspace_path(points, robot, space)
-        columns |= {"tip_x": tip[:, 0], "tip_y": tip[:, 1]}
-    if isinstance(path, Trajectory):
-        columns = {"t": np.array(path.times)} | columns | _named(space, path.velocities, "_rate")
-    return columns
-
-
-def write_path(
-    target: str | os.PathLike[str],
-    path: Streamline | ShortPath | Trajectory | ArrayLike,
-    space: ConfigurationSpace,
-    *,
-    robot: Robot | None = None,
-) -> Path:
-    """Write a path, whole or not at all, as the suffix says.
+def write_path(target: str | os.PathLike[str], path: AnyPath, space: ConfigurationSpace) -> Path:
+    """Write a path, whole or not at all, as the end of the file's name says.
 
     Parameters
     ----------
     target : path-like
-        ``.csv``: a table with a header; ``.json``: one list a column; ``.npz``: one array a column; ``.yaml``: a
-        ``nav_msgs/Path`` for ROS.
+        ``.csv``, or ``-`` for standard output: a table with a header; ``.json``: one list a column; ``.npz``: one
+        array a column; ``.yaml``: a ``nav_msgs/Path`` for ROS.
     path : Streamline, ShortPath, Trajectory or array_like of float, shape (n, ndim)
     space : ConfigurationSpace
-    robot : Robot, optional
         An arm's files say where its tip is.
 
     Returns
@@ -73,56 +47,192 @@ def write_path(
     Raises
     ------
     InputError
-        If the suffix is none of these, the path does not fit, an axis has the name of another column, or the file
-        cannot be written.
+        If the name ends otherwise, the path does not fit, an axis has the name of another column, or the file cannot
+        be written.
     """
-    file = Path(target)
-    suffix = file.suffix.lower()
-    if suffix not in SUFFIXES:
-        raise InputError(f"cannot write a path as {str(target)!r}: its suffix must be one of {', '.join(SUFFIXES)}")
-    if suffix == ".yaml":
-        return write_text(file, ros_plan(path, space, robot=robot))
-    columns = path_columns(path, space, robot=robot)
-    require_names(space.axes, _TAKEN.get(suffix, ()))
-    if suffix == ".npz":
-        with atomic_path(file) as temporary, temporary.open("wb") as stream:
-            np.savez(stream, **columns)  # type: ignore[arg-type]
-        return file
-    return write_text(file, csv_table(columns) if suffix == ".csv" else _json(columns))
+    suffix = suffix_of(target, _VIEWS, "a path")
+    if suffix == ".json":
+        require_names(space.axes, ["schema", *(axis.name for axis in space.axes)])
+
+    def columns() -> dict[str, NDArray[np.float64]]:
+        return path_columns(path, space)
+
+    views: Views = {
+        "table": columns,
+        "record": columns,
+        "arrays": columns,
+        "message": lambda: ros_plan(path, space),
+    }
+    return write(target, views, "a path")
 
 
-def other_columns(axes: Sequence[Axis], robot: Robot | None, *, timed: bool) -> set[str]:
-    """Names of the columns that a path has beside those of its axes."""
-    tip = {"tip_x", "tip_y"} if isinstance(robot, Arm) else set()
-    return tip | ({"t", *(f"{axis.name}_rate" for axis in axes)} if timed else set())
+_VIEWS = ("table", "record", "arrays", "message")
 
 
-def require_names(axes: Sequence[Axis], others: Collection[str]) -> None:
-    """Refuse a file in which the column of an axis would have the name of another one."""
-    for axis in axes:
-        if axis.name in others:
-            raise InputError(
-                f"axis {axis.name!r} has a name that this file needs for something else; rename the axis, or write "
-                "another format"
-            )
+def path_columns(path: AnyPath, space: ConfigurationSpace) -> dict[str, NDArray[np.float64]]:
+    """A path as named columns, one entry a point, in world coordinates that are continuous across periodic seams.
+
+    Shapes: `path` (n, ndim); returns (n,).
+    """
+    points = _points(path, space)
+    timed = isinstance(path, Trajectory)
+    names = column_names(space, timed=timed)
+    require_names(space.axes, names)
+    columns = [*points.T]
+    if timed:
+        columns.insert(0, path.times)
+    if isinstance(space.robot, Arm):
+        columns += [*workspace_path(points, space.robot, space).T]
+    if timed:
+        columns += [*path.velocities.T]
+    return dict(zip(names, columns, strict=True))
 
 
-def _points(path: Streamline | ShortPath | Trajectory | ArrayLike, space: ConfigurationSpace) -> NDArray[np.float64]:
-    """Points of the world, continuous across periodic seams."""
+def column_names(space: ConfigurationSpace, *, timed: bool) -> list[str]:
+    """Names of the columns of a path."""
+    axes = [axis.name for axis in space.axes]
+    tip = ["tip_x", "tip_y"] if isinstance(space.robot, Arm) else []
+    return ["t", *axes, *tip, *(f"{name}_rate" for name in axes)] if timed else [*axes, *tip]
+
+
+def _points(path: AnyPath, space: ConfigurationSpace) -> NDArray[np.float64]:
     return unwrap(path.positions if isinstance(path, Trajectory) else path, space)
 
 
-def csv_table(columns: Mapping[str, ArrayLike]) -> str:
-    """Named columns as comma-separated text with a header; numbers so that they are read back the same."""
-    rows = zip(*(np.asarray(column).tolist() for column in columns.values()), strict=True)
-    return "\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)]) + "\n"
+@dataclass(frozen=True, eq=False)
+class Route:
+    """The way from a start: a streamline, and what was made of it.
+
+    `start`: as it was asked for, in world coordinates; `field`: None where there was none to trace; `k`: of that field;
+    `short`: its shortcut; `motion`: when it is where.
+    """
+
+    streamline: Streamline
+    start: tuple[float, ...]
+    field: Field | None
+    k: float
+    short: ShortPath | None = None
+    motion: Trajectory | None = None
+
+    @property
+    def reached(self) -> bool:
+        """Whether it ends in a goal."""
+        return self.streamline.outcome == "reached"
+
+    @property
+    def final(self) -> Streamline | ShortPath | Trajectory:
+        """What the robot is to follow."""
+        return self.motion or self.short or self.streamline
+
+
+ADVICE = {
+    "no_path": "obstacles part it from every goal: open a way, make the robot smaller, or refine the grid",
+    "no_current": "the current here is too small to tell a direction: use --drive uniform",
+    "start_blocked": "the start lies in an obstacle: move it, make the robot smaller, or refine the grid",
+    "goal_blocked": "no free cell touches a goal: move the goal or open a way to it",
+}
+"""What to do about every outcome but success."""
+
+
+def write_routes(target: str | os.PathLike[str], routes: Sequence[Route], space: ConfigurationSpace) -> Path:
+    """Write routes, whole or not at all: a table or a record of all, arrays with numbers, a document for ROS each."""
+    views: Views = {
+        "table": lambda: _routes_table(routes, space),
+        "record": lambda: {"paths": [_with_columns(route, space) for route in routes]},
+        "arrays": lambda: _routes_arrays(routes, space),
+        "message": lambda: _documents(routes, space),
+    }
+    return write(target, views, "paths")
+
+
+def check_routes_file(target: str, space: ConfigurationSpace | None = None, *, timed: bool = False) -> None:
+    """Refuse a file that routes cannot be written to."""
+    suffix = suffix_of(target, _VIEWS, "paths")
+    if space is not None and suffix != ".yaml":
+        own = {".csv": ["path", "k", "outcome"], ".npz": ["points", "cells"]}.get(suffix, [])
+        require_names(space.axes, [*own, *column_names(space, timed=timed)])
+
+
+def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
+    """What is known of a route; points in world coordinates."""
+    path = route.streamline
+    record: dict[str, Any] = {
+        "outcome": str(path.outcome),
+        "goal": path.goal,
+        "length": path.length,
+        "clearance": path.clearance,
+        "log_duration": path.log_duration,
+        "start": list(route.start),
+        "k": route.k,
+        "certified": route.field is not None,
+    }
+    if not route.reached:
+        record["message"] = ADVICE[path.outcome]
+    if points:
+        record |= {"points": path.points, "cells": path.cells}
+    if route.short is not None:
+        record["short"] = {"length": route.short.length, "clearance": route.short.clearance}
+    if route.motion is not None:
+        record["duration"] = route.motion.duration
+    return record
+
+
+def _routes_table(routes: Sequence[Route], space: ConfigurationSpace) -> dict[str, list[Any]]:
+    """One row a point, route after route."""
+    table: dict[str, list[Any]] = {name: [] for name in ("path", "k", "outcome")}
+    for number, route in enumerate(routes):
+        columns = _columns(route, space)
+        count = len(next(iter(columns.values())))
+        head = {"path": [number] * count, "k": [route.k] * count, "outcome": [str(route.streamline.outcome)] * count}
+        for name, column in (head | columns).items():
+            table.setdefault(name, []).extend(column if name in head else column.tolist())
+    return table
+
+
+def _columns(route: Route, space: ConfigurationSpace) -> dict[str, NDArray[np.float64]]:
+    """A streamline's points as they are; shortened or timed ones continuous across seams."""
+    columns = path_columns(route.final, space)
+    if route.final is route.streamline:
+        columns |= {axis.name: route.streamline.points[:, number] for number, axis in enumerate(space.axes)}
+    return columns
+
+
+def _with_columns(route: Route, space: ConfigurationSpace) -> dict[str, Any]:
+    """A route's record, with the columns that its points do not hold."""
+    columns = _columns(route, space)
+    if route.final is route.streamline:
+        columns = {name: column for name, column in columns.items() if name.startswith("tip_")}
+    return route_record(route) | ({"columns": columns} if columns else {})
+
+
+def _routes_arrays(routes: Sequence[Route], space: ConfigurationSpace) -> dict[str, Any]:
+    paths = [route.streamline for route in routes]
+    arrays: dict[str, Any] = {
+        "outcome": [str(path.outcome) for path in paths],
+        "goal": [-1 if path.goal is None else path.goal for path in paths],
+        "length": [path.length for path in paths],
+        "clearance": [path.clearance for path in paths],
+        "k": [route.k for route in routes],
+        "start": [route.start for route in routes],
+    }
+    for number, route in enumerate(routes):
+        columns = {"points": route.streamline.points, "cells": route.streamline.cells, **_columns(route, space)}
+        arrays |= {f"{name}_{number}": column for name, column in columns.items()}
+    return arrays
+
+
+def _documents(routes: Sequence[Route], space: ConfigurationSpace) -> str:
+    """A message for each route; one that reaches no goal has no poses."""
+    _require_plane(space)
+    return "---\n".join(
+        ros_plan(route.final, space) if route.reached else _message([], [], [], "map") for route in routes
+    )
 
 
 def ros_plan(
-    path: Streamline | ShortPath | Trajectory | ArrayLike,
+    path: AnyPath,
     space: ConfigurationSpace,
     *,
-    robot: Robot | None = None,
     frame_id: str = "map",
 ) -> str:
     """A path as the text of a ``nav_msgs/Path`` message, which ``ros2 topic pub`` takes.
@@ -135,8 +245,6 @@ def ros_plan(
     path : Streamline, ShortPath, Trajectory or array_like of float, shape (n, ndim)
     space : ConfigurationSpace
         Of two axes with one unit, or of a turning polygon.
-    robot : Robot, optional
-        A point by default.
     frame_id : str
         The frame that the poses are given in.
 
@@ -150,16 +258,32 @@ def ros_plan(
         If the robot does not move in the plane.
     """
     points = _points(path, space)
-    require_plan(space, robot)
-    place = points[:, :2]
-    yaw = points[:, 2] / robot.turning_length if isinstance(robot, PolygonRobot) else headings(place)
+    _require_plane(space)
+    places, robot = points[:, :2], space.robot
+    yaws = points[:, 2] / robot.turning_length if isinstance(robot, PolygonRobot) else headings(places)
     times = path.times if isinstance(path, Trajectory) else np.zeros(len(points))
-    head = f"header:\n{_stamp(0.0, frame_id, '  ')}poses:"
-    return "\n".join([head, *map(_pose, times, place, yaw, [frame_id] * len(place))]) + "\n"
+    return _message(times.tolist(), places.tolist(), yaws.tolist(), frame_id)
 
 
-def require_plan(space: ConfigurationSpace, robot: Robot | None) -> None:
+def _message(times: Sequence[float], places: Sequence[Sequence[float]], yaws: Sequence[float], frame_id: str) -> str:
+    """A ``nav_msgs/Path`` as YAML."""
+
+    def header(time: float) -> dict[str, Any]:
+        seconds, nanoseconds = divmod(round(time * 1e9), 10**9)
+        return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame_id}
+
+    def pose(place: Sequence[float], yaw: float) -> dict[str, Any]:
+        position = {"x": place[0], "y": place[1], "z": 0.0}
+        return {"position": position, "orientation": {"x": 0.0, "y": 0.0, "z": sin(yaw / 2), "w": cos(yaw / 2)}}
+
+    poses = [{"header": header(time), "pose": pose(*where)} for time, *where in zip(times, places, yaws, strict=True)]
+    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+    return yaml.dump({"header": header(0.0), "poses": poses}, Dumper=dumper, sort_keys=False, default_flow_style=None)
+
+
+def _require_plane(space: ConfigurationSpace) -> None:
     """Refuse a plan for ROS of what does not move in the plane."""
+    robot = space.robot
     flat = space.ndim == 2 and space.axes[0].unit == space.axes[1].unit and not isinstance(robot, Arm)
     if not flat and not isinstance(robot, PolygonRobot):
         what = f"a {type(robot or PointRobot()).__name__} with axes {', '.join(axis.name for axis in space.axes)}"
@@ -174,35 +298,3 @@ def headings(place: NDArray[np.float64]) -> NDArray[np.float64]:
         return np.zeros(len(place))
     angle = np.arctan2(step[moved, 1], step[moved, 0])
     return np.asarray(angle[np.minimum(np.searchsorted(moved, np.arange(len(place))), len(moved) - 1)])
-
-
-def _named(space: ConfigurationSpace, values: NDArray[np.float64], end: str = "") -> dict[str, NDArray[np.float64]]:
-    return {f"{axis.name}{end}": values[:, number] for number, axis in enumerate(space.axes)}
-
-
-def _json(columns: Mapping[str, NDArray[np.float64]]) -> str:
-    data: dict[str, Any] = {"schema": 1}
-    data |= {name: [x if isfinite(x) else None for x in column.tolist()] for name, column in columns.items()}
-    return json.dumps(data, allow_nan=False, indent=2) + "\n"
-
-
-def _pose(time: float, place: Sequence[float], yaw: float, frame_id: str) -> str:
-    x, y = (_number(value) for value in place)
-    z, w = _number(sin(yaw / 2)), _number(cos(yaw / 2))
-    return (
-        f"- header:\n{_stamp(time, frame_id, '    ')}"
-        f"  pose:\n    position: {{x: {x}, y: {y}, z: 0.0}}\n    orientation: {{x: 0.0, y: 0.0, z: {z}, w: {w}}}"
-    )
-
-
-def _stamp(time: float, frame_id: str, indent: str) -> str:
-    seconds, nanoseconds = divmod(round(time * 1e9), 10**9)
-    quoted = json.dumps(frame_id)
-    return f"{indent}stamp: {{sec: {seconds}, nanosec: {nanoseconds}}}\n{indent}frame_id: {quoted}\n"
-
-
-def _number(value: float) -> str:
-    """A number that every reader of YAML takes for one: 1e-05 is text in YAML 1.1."""
-    text = repr(float(value))
-    head, power, tail = text.partition("e")
-    return f"{head}.0e{tail}" if power and "." not in head else text

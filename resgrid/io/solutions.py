@@ -15,8 +15,8 @@ from resgrid.io.tables import Views, suffix_of, write
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.spice.balance import power_balance
-from resgrid.spice.drops import supply_drops
-from resgrid.spice.rawwriter import format_raw, raw_vectors
+from resgrid.spice.ir_drop import ir_drop
+from resgrid.spice.run.rawfile import format_raw, raw_vectors
 
 
 class _Elements(NamedTuple):
@@ -75,7 +75,7 @@ def check_solution_file(file: str | os.PathLike[str], *, of_space: bool) -> None
 def solution_record(op: OperatingPoint, worst: int = 10) -> dict[str, Any]:
     """What the meters of a circuit read, with its worst drops from the supply and the sources that deliver most."""
     netlist = op.netlist
-    drops, balance = supply_drops(op), power_balance(op)
+    drops, balance = ir_drop(op), power_balance(op)
     lowest = drops.worst(worst)
     return {
         "kcl_residual": op.kcl_residual,
@@ -101,7 +101,7 @@ def _supplies(op: OperatingPoint, count: int) -> list[dict[str, Any]]:
 
 
 def _views(op: OperatingPoint, title: str, form: str, about: Mapping[str, Any]) -> Views:
-    if op.netlist.layout is not None:
+    if op.netlist.cell_map is not None:
         return {"arrays": lambda: _field_arrays(op)}
     return {
         "table": lambda: _table(op),
@@ -112,16 +112,16 @@ def _views(op: OperatingPoint, title: str, form: str, about: Mapping[str, Any]) 
 
 
 def _field_arrays(op: OperatingPoint) -> dict[str, NDArray[Any]]:
-    layout = op.netlist.layout
-    if layout is None or op.potential is None:
+    cell_map = op.netlist.cell_map
+    if cell_map is None or op.potential is None:
         raise InputError("this circuit has more rails or drives than a potential is defined for; write it as a deck")
     per_node = {"potential": op.potential, "log_drop": op.log_drop}
     per_cell = {
-        name: np.where(layout.node >= 0, value[layout.node], np.nan)
+        name: np.where(cell_map.node >= 0, value[cell_map.node], np.nan)
         for name, value in per_node.items()
         if value is not None
     }
-    return {**per_cell, "cell": layout.space.cell}
+    return {**per_cell, "cell": cell_map.space.cell}
 
 
 def _table(op: OperatingPoint) -> dict[str, list[Any]]:
