@@ -35,11 +35,7 @@ PATIENCE = 30.0
 @verb(
     "check",
     short="Check rules, and ask the circuit simulator whether it agrees.",
-    examples=(
-        "resgrid check rooms.cir",
-        "resgrid check rooms.toml --deck theirs.cir",
-        "resgrid check --rules theirs.sp",
-    ),
+    examples=("resgrid check rooms.cir", "resgrid check rooms.toml --deck ours.cir", "resgrid check --rules theirs.sp"),
 )
 @with_source("SCENE|DECK")
 @click.option("--rules", is_flag=True, help="Check the electrical rules only; errors exit with 1.")
@@ -79,10 +75,11 @@ def command(source: Source, rules: bool, deck: str | None, tolerance: float, tim
     if rules:
         return _check_rules(source, given)
     if given:
-        agreement, unheeded = _check_deck(source, run), {}
+        agreement = _check_deck(source, run)
+        finish(agreement_data(agreement), agreement_lines(agreement))
     else:
         agreement, unheeded = _check_scene(source, deck, run)
-    finish(agreement_data(agreement) | unheeded, agreement_lines(agreement))
+        finish(agreement_data(agreement) | unheeded, agreement_lines(agreement))
     return NOT_VERIFIED if agreement.agrees is None else 0 if agreement.agrees else NEGATIVE
 
 

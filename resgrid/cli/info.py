@@ -12,7 +12,6 @@ from resgrid.cli.decks import deck_data, is_deck, open_deck
 from resgrid.cli.options import Source, verb, with_source
 from resgrid.cli.report import finish
 from resgrid.cli.scenes import Job, compile_chip, only_boundary, open_job, several_k, size_of, tell_unheeded
-from resgrid.cli.sketch import KEY, sketch
 from resgrid.errors import CircuitError, InputError, ToolMissingError
 
 if TYPE_CHECKING:
@@ -59,6 +58,7 @@ def command(source: Source | None, schema: bool, versions: bool) -> int:
 
 def describe(job: Job) -> dict[str, Any]:
     """What there is in a scene, as ``--json`` gives it."""
+    from resgrid.cli.sketch import sketch
     from resgrid.scene.map_words import describe_map
     from resgrid.space import Cell
 
@@ -166,6 +166,8 @@ def installed_versions() -> dict[str, str | None]:
 
 def _map_lines(data: dict[str, Any]) -> Iterable[str]:
     """How a map was read, and a sketch of it."""
+    from resgrid.cli.sketch import KEY
+
     words = data["map"] or {}
     if words:
         rows = ", its top row at the largest y" if words["format"] != "npy" else ", its first index along x"

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 from click.shell_completion import CompletionItem
@@ -15,10 +15,15 @@ from click.shell_completion import CompletionItem
 from resgrid.cli.report import Verbosity, require_one_output
 from resgrid.errors import InputError
 
+if TYPE_CHECKING:
+    _Type = click.ParamType[Any]
+else:
+    _Type = click.ParamType
+
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
 
-class Numbers(click.ParamType):
+class Numbers(_Type):
     """Finite numbers with commas; one number is a list of one."""
 
     name = "numbers"
@@ -37,7 +42,7 @@ class Numbers(click.ParamType):
         return numbers
 
 
-class Suggested(click.ParamType):
+class Suggested(_Type):
     """A word that the scene's schema knows better than the command line; usual ones are completed."""
 
     def __init__(self, name: str, *words: str) -> None:
@@ -58,11 +63,11 @@ class Verb(click.Command):
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write options group by group."""
         groups: dict[str, list[tuple[str, str]]] = {title: [] for title in ("Options", *_GROUPS)}
-        for parameter in self.get_params(ctx):
-            record = parameter.get_help_record(ctx)
+        for parameter in sorted(self.get_params(ctx), key=lambda parameter: parameter.name != "output"):
+            record = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
             if record is not None:
-                title = next((title for title, names in _GROUPS.items() if parameter.name in names), "Options")
-                groups[title].append(record)
+                name = parameter.opts[-1]
+                groups[next((title for title, names in _GROUPS.items() if name in names), "Options")].append(record)
         for title, records in groups.items():
             if records:
                 with formatter.section(title):
@@ -74,7 +79,7 @@ class Verb(click.Command):
         if self.examples:
             with formatter.section("Examples" if len(self.examples) > 1 else "Example"):
                 for example in self.examples:
-                    formatter.write_text(example)
+                    formatter.write(f"  {example}\n")
 
 
 SOURCE = click.Path(path_type=str, allow_dash=True)
@@ -106,7 +111,7 @@ _MAP_OPTIONS: tuple[Decorator, ...] = (
     click.option("--format", type=Suggested("name", "ros", "movingai", "image", "epic", "npy"),
                  help="ros, movingai, image, epic or npy, where the name hides it."),
     click.option("--map-dialect", type=Suggested("name", "nav2", "ros1"), help="Read a ROS map as nav2 or as ros1."),
-    click.option("--unknown", type=Suggested("policy", "obstacle", "free"), help="Unknown ROS cells: obstacle or free."),
+    click.option("--unknown", type=Suggested("policy", "obstacle", "free"), help="Unseen ROS cells: obstacle or free."),
     click.option("--lethal", metavar="N", type=int, help="ROS occupancy (1 to 100) from which a cell is an obstacle."),
     click.option("--passable", metavar="LETTERS", help="MovingAI terrain that is free, such as '.GS'."),
     click.option("--threshold", metavar="N", type=int, help="Grey values of a picture from here on are free."),
@@ -133,11 +138,14 @@ _DECK_OPTIONS: tuple[Decorator, ...] = (
 _KEYS = ("boundary", "drive", "edge", "resistance", "goal", "start", "cells", "robot_radius", "k", "settings")
 _MAP_KEYS = ("format", "map_dialect", "unknown", "lethal", "passable", "threshold", "spacing", "origin", "unit")
 _GROUPS: dict[str, tuple[str, ...]] = {
-    "Output": ("output", "as_json", "quiet", "verbose", "debug", "help"),
-    "In place of the scene's keys": (*_KEYS, "threads"),
-    "Of a map": _MAP_KEYS,
-    "Of a deck": ("read_as", "root"),
-}
+    "Output": ("--output", "--json", "--quiet", "--verbose", "--debug", "--help"),
+    "In place of the scene's keys": (
+        "--boundary", "--drive", "--edge", "--resistance", "--goal", "--start", "--cells", "--robot-radius", "--k",
+        "--set", "--threads",
+    ),
+    "Of a map": tuple(f"--{key.replace('_', '-')}" for key in _MAP_KEYS),
+    "Of a deck": ("--read-as", "--root"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -162,7 +170,9 @@ def verb(name: str, *, examples: Sequence[str], short: str) -> Decorator:
     def decorate(function: Callable[..., Any]) -> click.Command:
         @functools.wraps(function)
         @click.pass_context
-        def reporting(ctx: click.Context, as_json: bool, quiet: bool, verbose: bool, debug: bool, **values: Any) -> Any:
+        def reporting(
+            ctx: click.Context, /, as_json: bool, quiet: bool, verbose: bool, debug: bool, **values: Any
+        ) -> Any:
             del debug  # read by the group, where errors end
             ctx.obj = Verbosity(json=as_json, quiet=quiet, verbose=verbose)
             require_one_output(values.get("output"))
@@ -173,7 +183,7 @@ def verb(name: str, *, examples: Sequence[str], short: str) -> Decorator:
         )
         return made
 
-    return decorate  # type: ignore[return-value]
+    return decorate
 
 
 def with_source(metavar: str = "SCENE", *, required: bool = True) -> Decorator:

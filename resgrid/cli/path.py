@@ -67,7 +67,7 @@ class Motion:
             route = dataclasses.replace(route, short=short)
         if self.speed:
             timed = time_path(
-                route.final, space, velocity_limits=_one_or_each(self.speed),
+                route.short or route.streamline, space, velocity_limits=_one_or_each(self.speed),
                 acceleration_limits=_one_or_each(self.acceleration) if self.acceleration else None, robot=space.robot,
             )  # fmt: skip
             route = dataclasses.replace(route, motion=timed if self.rate is None else timed.resampled(self.rate))

@@ -37,12 +37,10 @@ def command(source: Source, output: str, what: str) -> int:
     unheeded = tell_unheeded(job, "grid", k=() if what == "space" else job.scene.k[1:])
     plan = Plan({}, [], []) if what == "space" else plan_routes(job)
     with stage("draw the picture"):
-        from resgrid.plot import render_figure, save_figure
+        from resgrid.io.tables import emit
+        from resgrid.plot.figures import render_figure
 
-        figure = draw_picture(what, job, plan)
-        if output == "-":
-            click.get_binary_stream("stdout").write(render_figure(figure, "png"))
-        else:
-            save_figure(figure, output)
+        suffix = ".png" if output == "-" else Path(output).suffix.lower()
+        emit(output, render_figure(draw_picture(what, job, plan), suffix.lstrip(".")))
     finish({"file": output, "what": what, **unheeded}, written=output)
     return 0

@@ -67,8 +67,11 @@ def detail(message: str) -> None:
         say(message)
 
 
-def finish(data: Mapping[str, Any], lines: Iterable[str] = (), *, written: object = None) -> None:
-    """The result: one JSON object, or lines; nothing of it where standard output, or a file and ``-q``, has the data."""
+def finish(data: Mapping[str, Any], lines: Iterable[str] = (), *, written: object = None, more: bool = False) -> None:
+    """The result: one JSON object, or lines; nothing where standard output has the data.
+
+    `written`: the file with the result, beside which ``-q`` prints no lines, unless they say `more` than it does.
+    """
     if written == "-":
         return
     if written is not None:
@@ -77,7 +80,7 @@ def finish(data: Mapping[str, Any], lines: Iterable[str] = (), *, written: objec
         from resgrid.io.tables import json_text
 
         click.echo(json_text(data))
-    elif written is None or not verbosity().quiet:
+    elif more or written is None or not verbosity().quiet:
         for line in lines:
             click.echo(line)
 

@@ -59,7 +59,7 @@ def command(source: Source, output: str | None, worst: int, raw: str) -> int:
         with stage("write the solution"):
             write_solution(op, output, title=title, form=raw, about=about)
         data["file"] = output
-    finish(data, lines, written=output)
+    finish(data, lines, written=output, more=True)
     return 0
 
 
@@ -85,11 +85,8 @@ def _deck_lines(data: dict[str, Any]) -> Iterable[str]:
     )
     yield f"  KCL residual        {data['kcl_residual']:.1e} of the current through the node"
     delivered = data["power_delivered"]
-    supplied = (
-        f", {delivered:.6g} W delivered"
-        if math.isfinite(delivered)
-        else "; delivered in loops of sources: undetermined"
-    )
+    undetermined = "; delivered in loops of sources: undetermined"
+    supplied = f", {delivered:.6g} W delivered" if math.isfinite(delivered) else undetermined
     yield f"  power               {data['power']:.6g} W dissipated{supplied}"
     if data["floating_nodes"]:
         names = data["floating_nodes"]

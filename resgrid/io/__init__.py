@@ -1,1 +1,1 @@
-"""Paths, runs, solutions and networks as files: what each is in a table, a record or arrays, and one encoder a format."""
+"""Paths, runs and solutions as files: a table, a record or arrays of each, one encoder a format."""

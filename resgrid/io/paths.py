@@ -75,16 +75,13 @@ def path_columns(path: AnyPath, space: ConfigurationSpace) -> dict[str, NDArray[
     Shapes: `path` (n, ndim); returns (n,).
     """
     points = _points(path, space)
-    timed = isinstance(path, Trajectory)
-    names = column_names(space, timed=timed)
+    names = column_names(space, timed=isinstance(path, Trajectory))
     require_names(space.axes, names)
     columns = [*points.T]
-    if timed:
-        columns.insert(0, path.times)
     if isinstance(space.robot, Arm):
         columns += [*workspace_path(points, space.robot, space).T]
-    if timed:
-        columns += [*path.velocities.T]
+    if isinstance(path, Trajectory):
+        columns = [path.times, *columns, *path.velocities.T]
     return dict(zip(names, columns, strict=True))
 
 
@@ -181,11 +178,15 @@ def _routes_table(routes: Sequence[Route], space: ConfigurationSpace) -> dict[st
     """One row a point, route after route."""
     table: dict[str, list[Any]] = {name: [] for name in ("path", "k", "outcome")}
     for number, route in enumerate(routes):
-        columns = _columns(route, space)
+        columns: dict[str, list[Any]] = {name: column.tolist() for name, column in _columns(route, space).items()}
         count = len(next(iter(columns.values())))
-        head = {"path": [number] * count, "k": [route.k] * count, "outcome": [str(route.streamline.outcome)] * count}
+        head: dict[str, list[Any]] = {
+            "path": [number] * count,
+            "k": [route.k] * count,
+            "outcome": [str(route.streamline.outcome)] * count,
+        }
         for name, column in (head | columns).items():
-            table.setdefault(name, []).extend(column if name in head else column.tolist())
+            table.setdefault(name, []).extend(column)
     return table
 
 
@@ -276,7 +277,8 @@ def _message(times: Sequence[float], places: Sequence[Sequence[float]], yaws: Se
         position = {"x": place[0], "y": place[1], "z": 0.0}
         return {"position": position, "orientation": {"x": 0.0, "y": 0.0, "z": sin(yaw / 2), "w": cos(yaw / 2)}}
 
-    poses = [{"header": header(time), "pose": pose(*where)} for time, *where in zip(times, places, yaws, strict=True)]
+    rows = zip(times, places, yaws, strict=True)
+    poses = [{"header": header(time), "pose": pose(place, yaw)} for time, place, yaw in rows]
     dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
     return yaml.dump({"header": header(0.0), "poses": poses}, Dumper=dumper, sort_keys=False, default_flow_style=None)
 

@@ -104,7 +104,11 @@ def suffix_of(target: str | os.PathLike[str], views: Collection[str], kind: str)
 def write(target: str | os.PathLike[str], views: Views, kind: str) -> Path:
     """Write a value, whole or not at all, as the end of the file's name says; ``-`` is standard output."""
     form = FORMATS[suffix_of(target, views, kind)]
-    data = form.encode(views[form.view]())
+    return emit(target, form.encode(views[form.view]()))
+
+
+def emit(target: str | os.PathLike[str], data: bytes) -> Path:
+    """Write bytes to a file, whole or not at all; ``-`` is standard output."""
     if os.fspath(target) == "-":
         sys.stdout.flush()
         sys.stdout.buffer.write(data)

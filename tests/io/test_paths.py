@@ -9,11 +9,11 @@ from math import atan2, pi, sqrt
 import numpy as np
 import pytest
 import yaml
-from resgrid.planning.export import headings, path_columns, ros_plan, write_path
 from support.spaces import space_of
 
 from resgrid.errors import InputError
 from resgrid.frame import Frame
+from resgrid.io.paths import headings, path_columns, ros_plan, write_path
 from resgrid.planning.timing import time_path
 from resgrid.robots import Arm, PolygonRobot
 from resgrid.space import Axis, ConfigurationSpace

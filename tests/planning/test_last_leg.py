@@ -14,9 +14,9 @@ from support.spaces import space_of, spaces
 
 from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError, InputError
+from resgrid.io.paths import path_columns, write_path
 from resgrid.nodal.solve import solve
 from resgrid.planning.certify import certify
-from resgrid.planning.export import path_columns, write_path
 from resgrid.planning.field import Field, field_of
 from resgrid.planning.free_way import certify_free
 from resgrid.planning.seams import length_of, unwrap
