@@ -57,7 +57,7 @@ from .errors import (
     ToolMissingError as ToolMissingError,
 )
 from .frame import Frame as Frame
-from .netlist import Layout as Layout, Netlist as Netlist
+from .netlist import CellMap as CellMap, Netlist as Netlist
 from .nodal.drive import scale_drive as scale_drive
 from .nodal.many import solve_many as solve_many
 from .nodal.operating_point import OperatingPoint as OperatingPoint
@@ -174,7 +174,6 @@ from .scene import (
     scene_schema as scene_schema,
 )
 from .space import Axis as Axis, Cell as Cell, ConfigurationSpace as ConfigurationSpace
-from .spice.agreement import check_deck as check_deck, check_spice as check_spice
 from .spice.analyses import (
     Measure as Measure,
     MismatchAnalysis as MismatchAnalysis,
@@ -185,18 +184,20 @@ from .spice.analyses import (
     TransientAnalysis as TransientAnalysis,
 )
 from .spice.balance import PowerBalance as PowerBalance, power_balance as power_balance
-from .spice.comparison import Agreement as Agreement
-from .spice.deck import format_deck as format_deck
-from .spice.drops import Drops as Drops, supply_drops as supply_drops
-from .spice.finding import Finding as Finding
-from .spice.forecast import Forecast as Forecast, forecast_run as forecast_run
-from .spice.ngspice import run_ngspice as run_ngspice
+from .spice.check.agreement import check_deck as check_deck, check_spice as check_spice
+from .spice.check.comparison import Agreement as Agreement
+from .spice.check.predictions import Prediction as Prediction, predict_simulators as predict_simulators
+from .spice.check.rules import check_rules as check_rules
+from .spice.check.violation import Violation as Violation
+from .spice.ir_drop import IrDrop as IrDrop, ir_drop as ir_drop
 from .spice.parsed import Note as Note, ParsedDeck as ParsedDeck
-from .spice.rawwriter import write_raw as write_raw
 from .spice.reader import read_network as read_network, read_spice as read_spice
-from .spice.rules import check_rules as check_rules
-from .spice.tiles import Tile as Tile, expanded_netlist as expanded_netlist
-from .spice.verdicts import Verdict as Verdict, predict_simulators as predict_simulators
-from .spice.writer import write_spice as write_spice
+from .spice.run.forecast import Forecast as Forecast, forecast_run as forecast_run
+from .spice.run.ngspice import run_ngspice as run_ngspice
+from .spice.run.rawfile import write_raw as write_raw
+from .spice.write.files import write_spice as write_spice
+from .spice.write.flat import format_deck as format_deck
+from .spice.write.tiles import Tile as Tile, expanded_netlist as expanded_netlist
+from .wiring import Wiring as Wiring
 
 __version__: str

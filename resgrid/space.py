@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.frame import Frame
-from resgrid.regions import box_around, label_regions
+from resgrid.grids import box_around, label_regions
 
 MAX_DIMENSIONS = 4
 
@@ -103,6 +103,8 @@ class ConfigurationSpace:
     goal_points : array_like of float, shape (number of goal cells, ndim), optional
         For every goal cell, in C order, a configuration within it, in axis units, that solves the goal; NaN where
         the cell as a whole is the goal.
+    robot : Robot, optional
+        Who moves in it, for whatever asks how a configuration looks in the workspace; a point unless it is given.
 
     Attributes
     ----------
@@ -110,6 +112,7 @@ class ConfigurationSpace:
     conductivity : ndarray of float64 or None
     frame : Frame
     goal_points : ndarray of float64 or None
+    robot : Robot or None
 
     Raises
     ------
@@ -122,6 +125,7 @@ class ConfigurationSpace:
     conductivity: NDArray[np.float64] | None = None
     frame: Frame = field(default_factory=Frame)
     goal_points: NDArray[np.float64] | None = None
+    robot: Any = None  # a Robot, which this grid need not know
 
     def __init__(
         self,
@@ -131,11 +135,13 @@ class ConfigurationSpace:
         *,
         frame: Frame | None = None,
         goal_points: ArrayLike | None = None,
+        robot: Any = None,
     ) -> None:
         axes = tuple(axes)
         cells = _checked_cells(axes, np.asarray(cell))
         object.__setattr__(self, "axes", axes)
         object.__setattr__(self, "cell", cells)
+        object.__setattr__(self, "robot", robot)
         object.__setattr__(self, "frame", _checked_frame(axes, Frame() if frame is None else frame))
         object.__setattr__(
             self,
@@ -163,13 +169,15 @@ class ConfigurationSpace:
         InputError
             If the shape does not match or a value is out of range.
         """
-        changed = ConfigurationSpace(self.axes, cell, self.conductivity, frame=self.frame)
+        changed = ConfigurationSpace(self.axes, cell, self.conductivity, frame=self.frame, robot=self.robot)
         if self.goal_points is None:
             return changed
         points = np.full((*self.shape, self.ndim), np.nan)
         points[self.cell == Cell.GOAL] = self.goal_points
         kept = points[changed.cell == Cell.GOAL]
-        return ConfigurationSpace(self.axes, cell, self.conductivity, frame=self.frame, goal_points=kept)
+        return ConfigurationSpace(
+            self.axes, cell, self.conductivity, frame=self.frame, goal_points=kept, robot=self.robot
+        )
 
     @property
     def shape(self) -> tuple[int, ...]:

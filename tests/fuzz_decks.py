@@ -22,7 +22,7 @@ from resgrid.spice.parsed import KINDS, ParsedDeck
 from resgrid.spice.reader.read import read_with
 
 sys.path.insert(0, str(Path(__file__).parent))
-from decks import random_deck
+from support.decks import random_deck
 
 LONGEST = 1.0
 """Seconds that a deck of a few kilobytes may take."""

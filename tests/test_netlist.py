@@ -1,7 +1,7 @@
 import networkx as nx
 import numpy as np
 import pytest
-from spaces import space_of
+from support.spaces import space_of
 
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 from scipy import ndimage
-from spaces import space_of
+from support.spaces import space_of
 
 from resgrid.errors import InputError
 from resgrid.frame import Frame
-from resgrid.regions import label_regions
+from resgrid.grids import label_regions
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
 

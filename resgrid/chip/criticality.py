@@ -171,14 +171,14 @@ def analyse_criticality(
     CircuitError
         If the chip has no operating point.
     """
-    layout = faces.tiled_layout(netlist, "faults that cost starts")
+    cell_map = faces.tiled_layout(netlist, "faults that cost starts")
     check_number("short_resistance", short_resistance, "positive and finite, in ohms", above=0.0)
     if seconds is not None and not (is_number(seconds) or seconds == np.inf):
         raise InputError(f"seconds = {seconds!r} must be a number, or None for as long as it takes")
     readout = readout or Readout()
     bits = IDEAL_BITS if readout.bits is None else readout.bits
-    eyes = eyes_of(Readout(range=readout.range), layout, None)
-    sight = _Sight(netlist, floor_of(layout), _with_bits(eyes, bits), _mask(netlist, starts))
+    eyes = eyes_of(Readout(range=readout.range), cell_map, None)
+    sight = _Sight(netlist, floor_of(cell_map), _with_bits(eyes, bits), _mask(netlist, starts))
     point = solve(netlist)
     through = np.append(np.abs(point.resistor_current), np.abs(point.nonlinear_amps))
     order = np.argsort(-np.nan_to_num(through), kind="stable")
@@ -213,8 +213,7 @@ def _with_bits(eyes: Eyes, bits: int) -> Eyes:
 
 
 def _mask(netlist: Netlist, starts: ArrayLike | None) -> NDArray[np.bool_]:
-    assert netlist.layout is not None
-    way = netlist.layout.space.goal_connected
+    way = netlist.cells.space.goal_connected
     mask = way if starts is None else np.asarray(starts)
     if mask.dtype != np.bool_ or mask.shape != way.shape:
         raise InputError(f"starts must be True or False for every cell, shape {way.shape}")

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.netlist import Layout
+from resgrid.netlist import CellMap
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.space import Cell
 
@@ -30,7 +30,7 @@ class Steps:
     `log_volts` (s,): natural logarithm of the step's size, in volts.
     """
 
-    layout: Layout
+    cell_map: CellMap
     cell: NDArray[np.int64]
     neighbour: NDArray[np.int64]
     sign: NDArray[np.int8]
@@ -43,7 +43,7 @@ class Steps:
 
         Returns `neighbour` (cells,), `log_volts` (cells,).
         """
-        size = self.layout.space.cell.size
+        size = self.cell_map.space.cell.size
         down = np.where(self.sign > 0, self.log_volts, -np.inf)
         best = np.full(size, -np.inf)
         np.maximum.at(best, self.cell, down)
@@ -58,27 +58,27 @@ def steps_of(point: OperatingPoint) -> Steps:
 
     Neighbours that no element joins (a broken resistor) are compared by the voltages of their nodes.
     """
-    layout = point.netlist.layout
-    if layout is None:
+    cell_map = point.netlist.cell_map
+    if cell_map is None:
         raise InputError("this netlist was not compiled from a space, so there are no cells to step between")
-    around = _cells_of_faces(layout)
-    face, upward, flow, size = _measured(point, layout)
-    free = _open_faces(layout, around)
+    around = _cells_of_faces(cell_map)
+    face, upward, flow, size = _measured(point, cell_map)
+    free = _open_faces(cell_map, around)
     free[face] = False
     bare = np.flatnonzero(free)
-    bare_flow, bare_size = _compared(point, layout.node.ravel()[around[bare]])
+    bare_flow, bare_size = _compared(point, cell_map.node.ravel()[around[bare]])
     along = np.where(upward, 1, -1).astype(np.int8) * flow
     cell = around[np.append(face, bare)]
-    sign = np.append(along, bare_flow) * np.int8(np.sign(layout.supply))
-    return _both_ways(layout, cell, sign, np.append(size, bare_size))
+    sign = np.append(along, bare_flow) * np.int8(np.sign(cell_map.wiring.supply))
+    return _both_ways(cell_map, cell, sign, np.append(size, bare_size))
 
 
 def _measured(
-    point: OperatingPoint, layout: Layout
+    point: OperatingPoint, cell_map: CellMap
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]]:
     """Face, orientation, direction of the current and log of the voltage of every element that crosses a face."""
     netlist = point.netlist
-    linear, bent = layout.resistor_face >= 0, layout.nonlinear_face >= 0
+    linear, bent = cell_map.resistor_face >= 0, cell_map.nonlinear_face >= 0
     size = point.resistor_log_current[linear] - np.log(netlist.conductance[linear])
     share = np.abs(point.nonlinear_amps[bent]) / netlist.nonlinear_current[bent]
     with np.errstate(divide="ignore"):
@@ -87,8 +87,8 @@ def _measured(
             point.nonlinear_log_amps[bent] - np.log(netlist.nonlinear_current[bent]),
         )  # fmt: skip
     return (
-        np.append(layout.resistor_face[linear], layout.nonlinear_face[bent]),
-        np.append(layout.resistor_upward[linear], layout.nonlinear_upward[bent]),
+        np.append(cell_map.resistor_face[linear], cell_map.nonlinear_face[bent]),
+        np.append(cell_map.resistor_upward[linear], cell_map.nonlinear_upward[bent]),
         np.append(point.resistor_direction[linear], point.nonlinear_direction[bent]),
         np.append(size, across),
     )
@@ -103,33 +103,33 @@ def _compared(point: OperatingPoint, nodes: NDArray[np.int32]) -> tuple[NDArray[
     return np.sign(down).astype(np.int8), size
 
 
-def _both_ways(layout: Layout, cell: NDArray[np.int64], flow: NDArray[np.int8], size: NDArray[np.float64]) -> Steps:
+def _both_ways(cell_map: CellMap, cell: NDArray[np.int64], flow: NDArray[np.int8], size: NDArray[np.float64]) -> Steps:
     here = np.concatenate([cell[:, 0], cell[:, 1]])
     there = np.concatenate([cell[:, 1], cell[:, 0]])
     sign = np.concatenate([flow, -flow])
-    code = layout.space.cell.ravel()
+    code = cell_map.space.cell.ravel()
     keep = np.flatnonzero((here >= 0) & (there >= 0))
     keep = keep[code[here[keep]] == Cell.FREE]
     keep = keep[np.lexsort((there[keep], here[keep]))]
-    return Steps(layout, here[keep], there[keep], sign[keep], np.concatenate([size, size])[keep])
+    return Steps(cell_map, here[keep], there[keep], sign[keep], np.concatenate([size, size])[keep])
 
 
-def _cells_of_faces(layout: Layout) -> NDArray[np.int64]:
+def _cells_of_faces(cell_map: CellMap) -> NDArray[np.int64]:
     """Flat index of the cells below and above every face, -1 beyond the edge; shape (faces, 2)."""
-    shape = layout.space.shape
-    flat = np.arange(layout.space.cell.size).reshape(shape)
+    shape = cell_map.space.shape
+    flat = np.arange(cell_map.space.cell.size).reshape(shape)
     parts = []
     for axis in range(len(shape)):
         lines = np.moveaxis(flat, axis, 0)
-        beyond = lines[[-1, 0]] if layout.space.axes[axis].periodic else np.full((2, *lines.shape[1:]), -1)
+        beyond = lines[[-1, 0]] if cell_map.space.axes[axis].periodic else np.full((2, *lines.shape[1:]), -1)
         below = np.moveaxis(np.concatenate([beyond[:1], lines]), 0, axis)
         above = np.moveaxis(np.concatenate([lines, beyond[1:]]), 0, axis)
         parts.append(np.stack([below.ravel(), above.ravel()], axis=1))
     return np.concatenate(parts)
 
 
-def _open_faces(layout: Layout, around: NDArray[np.int64]) -> NDArray[np.bool_]:
+def _open_faces(cell_map: CellMap, around: NDArray[np.int64]) -> NDArray[np.bool_]:
     """Faces between two different cells that a robot may occupy and that have nodes, shape (faces,)."""
-    may = (layout.space.cell.ravel() != Cell.OBSTACLE) & (layout.node.ravel() >= 0)
+    may = (cell_map.space.cell.ravel() != Cell.OBSTACLE) & (cell_map.node.ravel() >= 0)
     inside = (around >= 0).all(axis=1) & (around[:, 0] != around[:, 1])
     return np.asarray(inside & may[around].all(axis=1))

@@ -11,27 +11,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.netlist import GROUND, Layout, Netlist
+from resgrid.netlist import GROUND, CellMap, Netlist
 
 
-def layout_of(netlist: Netlist, what: str) -> Layout:
-    """The layout of a netlist, which some effect needs."""
-    if netlist.layout is None:
+def layout_of(netlist: Netlist, what: str) -> CellMap:
+    """The map of cells of a netlist, which some effect needs."""
+    if netlist.cell_map is None:
         raise InputError(f"{what} belong to cells, and this netlist was not compiled from a space")
-    return netlist.layout
+    return netlist.cells
 
 
-def tiled_layout(netlist: Netlist, what: str) -> Layout:
-    """The layout of a netlist with one node per cell."""
-    layout = layout_of(netlist, what)
-    if layout.rails != "cells":
+def tiled_layout(netlist: Netlist, what: str) -> CellMap:
+    """The map of cells of a netlist with one node per cell."""
+    cell_map = layout_of(netlist, what)
+    if cell_map.wiring.rails != "cells":
         raise InputError(f"{what} need one node per cell; compile with rails = 'cells'")
-    return layout
+    return cell_map
 
 
-def face_places(layout: Layout) -> NDArray[np.float64]:
+def face_places(cell_map: CellMap) -> NDArray[np.float64]:
     """Where the centre of every face lies on the die.  Returns (faces, ndim)."""
-    shape = layout.space.shape
+    shape = cell_map.space.shape
     parts = []
     for axis in range(len(shape)):
         ticks = [(np.arange(n) + 0.5) / n for n in shape]
@@ -59,13 +59,13 @@ def add_resistors(
 
     Shapes: `nodes` (n, 2), `conductance` (n,), `face` (n,).
     """
-    count, layout = len(conductance), netlist.layout
-    if layout is not None:
+    count, cell_map = len(conductance), netlist.cells
+    if cell_map is not None:
         crossed = np.full(count, -1, dtype=np.int64) if face is None else face
-        layout = dataclasses.replace(
-            layout,
-            resistor_face=np.append(layout.resistor_face, crossed),
-            resistor_upward=np.append(layout.resistor_upward, np.ones(count, dtype=np.bool_)),
+        cell_map = dataclasses.replace(
+            cell_map,
+            resistor_face=np.append(cell_map.resistor_face, crossed),
+            resistor_upward=np.append(cell_map.resistor_upward, np.ones(count, dtype=np.bool_)),
         )
     return netlist.replace(
         resistor_nodes=np.concatenate([netlist.resistor_nodes, nodes]),
@@ -73,16 +73,16 @@ def add_resistors(
         tc1=None if netlist.tc1 is None else np.append(netlist.tc1, np.zeros(count)),
         tc2=None if netlist.tc2 is None else np.append(netlist.tc2, np.zeros(count)),
         element_names=None,
-        layout=layout,
+        cell_map=cell_map,
     )
 
 
 def keep_resistors(netlist: Netlist, keep: NDArray[np.bool_]) -> Netlist:
     """Leave out resistors, shape of ``keep`` (resistors,)."""
-    layout = netlist.layout
-    if layout is not None:
-        layout = dataclasses.replace(
-            layout, resistor_face=layout.resistor_face[keep], resistor_upward=layout.resistor_upward[keep]
+    cell_map = netlist.cell_map
+    if cell_map is not None:
+        cell_map = dataclasses.replace(
+            cell_map, resistor_face=cell_map.resistor_face[keep], resistor_upward=cell_map.resistor_upward[keep]
         )
     return netlist.replace(
         resistor_nodes=netlist.resistor_nodes[keep],
@@ -90,23 +90,23 @@ def keep_resistors(netlist: Netlist, keep: NDArray[np.bool_]) -> Netlist:
         tc1=None if netlist.tc1 is None else netlist.tc1[keep],
         tc2=None if netlist.tc2 is None else netlist.tc2[keep],
         element_names=None,
-        layout=layout,
+        cell_map=cell_map,
     )
 
 
 def keep_nonlinear(netlist: Netlist, keep: NDArray[np.bool_]) -> Netlist:
     """Leave out nonlinear resistors, shape of ``keep`` (nonlinear resistors,)."""
-    layout = netlist.layout
-    if layout is not None:
-        layout = dataclasses.replace(
-            layout, nonlinear_face=layout.nonlinear_face[keep], nonlinear_upward=layout.nonlinear_upward[keep]
+    cell_map = netlist.cell_map
+    if cell_map is not None:
+        cell_map = dataclasses.replace(
+            cell_map, nonlinear_face=cell_map.nonlinear_face[keep], nonlinear_upward=cell_map.nonlinear_upward[keep]
         )
     return netlist.replace(
         nonlinear_nodes=netlist.nonlinear_nodes[keep],
         nonlinear_current=netlist.nonlinear_current[keep],
         nonlinear_voltage=netlist.nonlinear_voltage[keep],
         element_names=None,
-        layout=layout,
+        cell_map=cell_map,
     )
 
 
@@ -121,12 +121,12 @@ def add_sources(netlist: Netlist, nodes: NDArray[np.int32], volts: NDArray[np.fl
 
 def supply_node(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
     """The pin of a rail, made if there is none."""
-    layout = tiled_layout(netlist, "rails")
-    known = layout.obstacle_node if rail == "obstacle" else layout.goal_nodes[0] if layout.goal_nodes else -1
+    cell_map = tiled_layout(netlist, "rails")
+    known = cell_map.obstacle_node if rail == "obstacle" else cell_map.goal_nodes[0] if cell_map.goal_nodes else -1
     if known >= 0:
         return netlist, known
     netlist, (node,) = add_nodes(netlist, 1)
-    volts = layout.goal_voltage + (layout.supply if rail == "obstacle" else 0.0)
+    volts = cell_map.wiring.goal_voltage + (cell_map.wiring.supply if rail == "obstacle" else 0.0)
     netlist = add_sources(netlist, np.array([[node, GROUND]]), np.array([volts]))
     changed: dict[str, object] = {"obstacle_node": int(node)} if rail == "obstacle" else {"goal_nodes": (int(node),)}
-    return netlist.replace(layout=dataclasses.replace(layout, **changed)), int(node)  # type: ignore[arg-type]
+    return netlist.replace(cell_map=dataclasses.replace(cell_map, **changed)), int(node)  # type: ignore[arg-type]

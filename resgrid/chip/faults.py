@@ -53,7 +53,7 @@ class Faults:
         linear, nonlinear = die.identity(netlist)
         conductance = np.where(shorted[linear], 1 / self.short_resistance, netlist.conductance)
         bridges = netlist.nonlinear_nodes[shorted[nonlinear]]
-        face = None if netlist.layout is None else nonlinear[shorted[nonlinear]]
+        face = None if netlist.cell_map is None else nonlinear[shorted[nonlinear]]
         changed = netlist.replace(
             conductance=conductance,
             tc1=None if netlist.tc1 is None else np.where(shorted[linear], 0.0, netlist.tc1),
@@ -61,7 +61,7 @@ class Faults:
         )
         faulty = faces.keep_resistors(changed, ~opened[linear])
         if bridges.size:
-            upward = None if netlist.layout is None else netlist.layout.nonlinear_upward[shorted[nonlinear]]
+            upward = None if netlist.cell_map is None else netlist.cell_map.nonlinear_upward[shorted[nonlinear]]
             bridges = bridges if upward is None else np.where(upward[:, np.newaxis], bridges, bridges[:, ::-1])
             faulty = faces.add_resistors(faulty, bridges, np.full(len(bridges), 1 / self.short_resistance), face)
         return without_stranded_currents(faces.keep_nonlinear(faulty, ~(opened | shorted)[nonlinear]))

@@ -116,7 +116,7 @@ def analyse_precision(point: OperatingPoint, *, span: float | None = None) -> Pr
     Parameters
     ----------
     point : OperatingPoint
-        Of a netlist with a layout.
+        Of a netlist with a map of cells.
     span : float, optional
         Range of the converter, in volts; by default the supply or, with a uniform drive, the height of the highest
         node above the goal rail (which `resgrid.scale_drive` makes the supply).
@@ -128,12 +128,12 @@ def analyse_precision(point: OperatingPoint, *, span: float | None = None) -> Pr
     Raises
     ------
     InputError
-        If the netlist has no layout, or the range is not positive.
+        If the netlist has no map of cells, or the range is not positive.
     """
     check_optional("span", span, "positive and finite, in volts", above=0.0)
     steps = steps_of(point)
-    layout = steps.layout
-    space = layout.space
+    cell_map = steps.cell_map
+    space = cell_map.space
     reach = _span(point) if span is None else float(span)
     following, log_volts = steps.lowest()
     way = space.goal_connected.ravel()
@@ -144,16 +144,15 @@ def analyse_precision(point: OperatingPoint, *, span: float | None = None) -> Pr
         cell_bits=bits.reshape(space.shape),
         start_bits=_along_the_way(bits, following, space).reshape(space.shape),
         following=np.where(way, following, -1).reshape(space.shape),
-        boundary=layout.boundary,
+        boundary=cell_map.wiring.boundary,
     )
 
 
 def _span(point: OperatingPoint) -> float:
-    layout = point.netlist.layout
-    assert layout is not None
-    if layout.drive != "uniform":
-        return abs(layout.supply)
-    return float(np.nanmax(np.abs(point.voltage[layout.free_node] - layout.goal_voltage)))
+    cell_map = point.netlist.cells
+    if cell_map.wiring.drive != "uniform":
+        return abs(cell_map.wiring.supply)
+    return float(np.nanmax(np.abs(point.voltage[cell_map.free_node] - cell_map.wiring.goal_voltage)))
 
 
 def _along_the_way(

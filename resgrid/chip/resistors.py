@@ -128,13 +128,13 @@ class Gradient:
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with graded resistances."""
-        layout = faces.layout_of(netlist, "gradients")
-        ndim = layout.space.ndim
+        cell_map = faces.layout_of(netlist, "gradients")
+        ndim = cell_map.space.ndim
         if len(self.shares) > ndim:
             raise InputError(f"gradient has {len(self.shares)} entries, but the space has {ndim} axes")
         share = np.zeros(ndim)
         share[: len(self.shares)] = self.shares
-        return die.scaled(netlist, 1 + (faces.face_places(layout) - 0.5) @ share)
+        return die.scaled(netlist, 1 + (faces.face_places(cell_map) - 0.5) @ share)
 
 
 @dataclass(frozen=True)
@@ -256,18 +256,18 @@ class Saturation:
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with saturating resistors; their temperature coefficients are lost."""
         own = die.on_grid(netlist)
-        layout = netlist.layout
-        if layout is not None:
-            layout = dataclasses.replace(
-                layout,
-                nonlinear_face=np.append(layout.nonlinear_face, layout.resistor_face[own]),
-                nonlinear_upward=np.append(layout.nonlinear_upward, layout.resistor_upward[own]),
+        cell_map = netlist.cell_map
+        if cell_map is not None:
+            cell_map = dataclasses.replace(
+                cell_map,
+                nonlinear_face=np.append(cell_map.nonlinear_face, cell_map.resistor_face[own]),
+                nonlinear_upward=np.append(cell_map.nonlinear_upward, cell_map.resistor_upward[own]),
             )
         saturating = netlist.replace(
             nonlinear_nodes=np.concatenate([netlist.nonlinear_nodes, netlist.resistor_nodes[own]]),
             nonlinear_current=np.append(netlist.nonlinear_current, self.volts * netlist.conductance[own]),
             nonlinear_voltage=np.append(netlist.nonlinear_voltage, np.full(int(own.sum()), self.volts)),
             element_names=None,
-            layout=layout,
+            cell_map=cell_map,
         )
         return faces.keep_resistors(saturating, ~own)

@@ -16,26 +16,26 @@ from resgrid import die
 from resgrid.arguments import check_number, check_optional
 from resgrid.chip import faces
 from resgrid.errors import InputError
-from resgrid.netlist import GROUND, Layout, Netlist
+from resgrid.netlist import GROUND, CellMap, Netlist
 from resgrid.space import Cell
 
 
-def _on_rail(layout: Layout, rail: str) -> NDArray[np.bool_]:
+def _on_rail(cell_map: CellMap, rail: str) -> NDArray[np.bool_]:
     """Which cells are switched to a rail: obstacles, or a driven start where these are open, and goals."""
     if rail == "goal":
-        return np.asarray(layout.space.cell == Cell.GOAL)
-    if layout.boundary != "neumann":
-        return np.asarray(layout.space.cell == Cell.OBSTACLE)
-    mask = np.zeros(layout.space.shape, dtype=np.bool_)
-    if layout.start is not None:
-        mask[layout.start] = True
+        return np.asarray(cell_map.space.cell == Cell.GOAL)
+    if cell_map.wiring.boundary != "neumann":
+        return np.asarray(cell_map.space.cell == Cell.OBSTACLE)
+    mask = np.zeros(cell_map.space.shape, dtype=np.bool_)
+    if cell_map.wiring.start is not None:
+        mask[cell_map.wiring.start] = True
     return mask
 
 
 def _rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
     """The pin of a rail; the obstacle rail of a chip that currents drive lies at the goal's voltage."""
-    layout = faces.tiled_layout(netlist, "rails")
-    return faces.supply_node(netlist, "goal" if layout.drive == "uniform" else rail)
+    cell_map = faces.tiled_layout(netlist, "rails")
+    return faces.supply_node(netlist, "goal" if cell_map.wiring.drive == "uniform" else rail)
 
 
 @dataclass(frozen=True)
@@ -56,13 +56,13 @@ class InternodalSwitches:
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with these switches."""
-        layout = faces.tiled_layout(netlist, "internodal switches")
+        cell_map = faces.tiled_layout(netlist, "internodal switches")
         if netlist.nonlinear_nodes.size:
             raise InputError("internodal switches come before saturation in a list of passes")
-        if self.off is not None and layout.boundary == "neumann":
+        if self.off is not None and cell_map.wiring.boundary == "neumann":
             netlist = _with_open_nodes(netlist, self.on or 0.0, self.off)
         elif self.on is not None:
-            netlist = _in_series(netlist, _between_cells(netlist, layout), self.on)
+            netlist = _in_series(netlist, _between_cells(netlist, cell_map), self.on)
         return netlist
 
 
@@ -77,9 +77,9 @@ def _in_series(netlist: Netlist, which: NDArray[np.bool_], ohms: float) -> Netli
     )
 
 
-def _between_cells(netlist: Netlist, layout: Layout) -> NDArray[np.bool_]:
+def _between_cells(netlist: Netlist, cell_map: CellMap) -> NDArray[np.bool_]:
     """Grid resistors that do not lead to the rail beyond the edge."""
-    to_edge = (netlist.resistor_nodes == layout.obstacle_node).any(axis=1) & (layout.obstacle_node >= 0)
+    to_edge = (netlist.resistor_nodes == cell_map.obstacle_node).any(axis=1) & (cell_map.obstacle_node >= 0)
     return np.asarray(die.on_grid(netlist) & ~to_edge)
 
 
@@ -87,19 +87,17 @@ def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
     """Nodes for cells without one, obstacles and what no goal serves, and the links that end there: all open."""
     from resgrid.compiler import compile_space
 
-    layout = netlist.layout
-    assert layout is not None
+    cell_map = netlist.cells
     netlist = _in_series(netlist, die.on_grid(netlist), on)
-    missing = layout.node < 0
+    missing = cell_map.node < 0
     netlist, nodes = faces.add_nodes(netlist, int(missing.sum()))
-    node = layout.node.copy()
+    node = cell_map.node.copy()
     node[missing] = nodes
-    edge = ["open" if rule == "obstacle" else rule for rule in layout.edge]
-    full = compile_space(layout.space, edge=edge, rails="cells", resistance=layout.resistance)
-    assert full.layout is not None
+    edge = ["open" if rule == "obstacle" else rule for rule in cell_map.wiring.edge]
+    full = compile_space(cell_map.space, edge=edge, rails="cells", resistance=cell_map.wiring.resistance)
     cells = full.cell_of_node()[full.resistor_nodes]
-    new = ~np.isin(full.layout.resistor_face, layout.resistor_face)
-    netlist = netlist.replace(layout=dataclasses.replace(netlist.layout, node=node))  # type: ignore[type-var]
+    new = ~np.isin(full.cells.resistor_face, cell_map.resistor_face)
+    netlist = netlist.replace(cell_map=dataclasses.replace(netlist.cells, node=node))
     return faces.add_resistors(netlist, node.ravel()[cells[new]], 1 / (1 / full.conductance[new] + off))
 
 
@@ -125,19 +123,19 @@ class RailSwitches:
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with these switches."""
-        layout = faces.tiled_layout(netlist, "switches to the rails")
+        cell_map = faces.tiled_layout(netlist, "switches to the rails")
         for rail, on, off in (
             ("obstacle", self.obstacle_on, self.obstacle_off),
             ("goal", self.goal_on, self.goal_off),
         ):
-            tied = _on_rail(layout, rail)
+            tied = _on_rail(cell_map, rail)
             if (on is None or not tied.any()) and off is None:
                 continue
             netlist, pin = _rail_pin(netlist, rail)
             if on is not None:
-                netlist = _tie(netlist, layout.node[tied & (layout.node >= 0)], pin, on)
+                netlist = _tie(netlist, cell_map.node[tied & (cell_map.node >= 0)], pin, on)
             if off is not None:
-                nodes = layout.node[~tied & (layout.node >= 0)]
+                nodes = cell_map.node[~tied & (cell_map.node >= 0)]
                 netlist = faces.add_resistors(netlist, _to(nodes, pin), np.full(len(nodes), 1 / off))
         return netlist
 
@@ -173,28 +171,27 @@ class RailResistance:
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with these rails."""
-        layout = faces.tiled_layout(netlist, "rails")
+        cell_map = faces.tiled_layout(netlist, "rails")
         if self.ohms == 0:
             return netlist
         for rail in ("obstacle", "goal"):
-            if _on_rail(layout, rail).any():
+            if _on_rail(cell_map, rail).any():
                 netlist = _droop(netlist, rail, self.ohms)
         return netlist
 
 
 def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
     netlist, pin = _rail_pin(netlist, rail)
-    layout = netlist.layout
-    assert layout is not None
-    own = layout.node >= 0
-    cells = layout.node[own & _on_rail(layout, rail)]
+    cell_map = netlist.cells
+    own = cell_map.node >= 0
+    cells = cell_map.node[own & _on_rail(cell_map, rail)]
     wired = np.isin(netlist.source_nodes[:, 0], cells) & (netlist.source_nodes[:, 1] == GROUND)
-    on_rail = np.isin(layout.node, netlist.source_nodes[wired, 0])
+    on_rail = np.isin(cell_map.node, netlist.source_nodes[wired, 0])
     netlist, numbers = faces.add_nodes(netlist, int((~on_rail).sum()))
-    mesh = layout.node.copy()
+    mesh = cell_map.node.copy()
     mesh[~on_rail] = numbers
     local = np.full(netlist.node_count, -1, dtype=np.int64)
-    local[layout.node[own]] = mesh[own]
+    local[cell_map.node[own]] = mesh[own]
     resistor_nodes = netlist.resistor_nodes.copy()
     switch = ~die.on_grid(netlist) & (resistor_nodes[:, 1] == pin) & (local[resistor_nodes[:, 0]] >= 0)
     resistor_nodes[switch, 1] = local[resistor_nodes[switch, 0]]
@@ -232,8 +229,8 @@ class Capacitance:
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with these capacitors."""
-        layout = faces.tiled_layout(netlist, "capacitors")
-        nodes = layout.node[layout.node >= 0]
+        cell_map = faces.tiled_layout(netlist, "capacitors")
+        nodes = cell_map.node[cell_map.node >= 0]
         return netlist.replace(
             capacitor_nodes=np.concatenate([netlist.capacitor_nodes, _to(nodes, GROUND)]),
             capacitance=np.append(netlist.capacitance, np.full(len(nodes), self.farads)),
@@ -255,6 +252,6 @@ class ReadoutLoad:
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with these loads."""
-        layout = faces.tiled_layout(netlist, "loads of the read-out")
-        nodes = layout.node[layout.node >= 0]
+        cell_map = faces.tiled_layout(netlist, "loads of the read-out")
+        nodes = cell_map.node[cell_map.node >= 0]
         return faces.add_resistors(netlist, _to(nodes, GROUND), np.full(len(nodes), 1 / self.ohms))

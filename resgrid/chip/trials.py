@@ -89,8 +89,8 @@ def prepare(
     starts: NDArray[np.bool_] | None = None,
 ) -> Experiment:
     """Do once what all trials share.  Shapes: `starts` as the space."""
-    layout = tiled_layout(netlist, "robots that see the read-out")
-    mask = layout.space.goal_connected if starts is None else layout.space.goal_connected & starts
+    cell_map = tiled_layout(netlist, "robots that see the read-out")
+    mask = cell_map.space.goal_connected if starts is None else cell_map.space.goal_connected & starts
     blurred = not all(is_ideal(readout) for readout in readouts)
     alike = not differs(chip)
     linear = chip.saturation_voltage is None and not _is_faulty(chip)
@@ -102,10 +102,10 @@ def prepare(
         netlist=netlist,
         chip=chip,
         seed=seed_of(chip.seed if seed is None else seed),
-        floor=floor_of(layout),
+        floor=floor_of(cell_map),
         starts=mask.ravel(),
         eyes=tuple(
-            None if is_ideal(readout) else eyes_of(readout, layout, noise.get(readout.noise_bandwidth or 0.0))
+            None if is_ideal(readout) else eyes_of(readout, cell_map, noise.get(readout.noise_bandwidth or 0.0))
             for readout in readouts
         ),
         batch=prepare_batch(conductance_samples(netlist, chip, [])[0]) if blurred and linear and not alike else None,
@@ -192,6 +192,5 @@ def _noise(nominal: Netlist, point: OperatingPoint, chip: Chip, bandwidth: float
     linear = small_signal(point) if nominal.nonlinear_nodes.size else nominal
     noise = analyse_noise(linear, band=(0.0, bandwidth), temperature=die_temperature(chip))
     assert noise.total is not None
-    assert nominal.layout is not None
-    node = nominal.layout.node.ravel()
+    node = nominal.cells.node.ravel()
     return np.where(node >= 0, np.nan_to_num(noise.total)[node], 0.0)

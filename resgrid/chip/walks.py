@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.netlist import Layout
+from resgrid.netlist import CellMap
 from resgrid.randomness import NOISE, OFFSET, Seed, generator
 from resgrid.scene.chip import Readout
 from resgrid.space import Cell
@@ -32,10 +32,10 @@ class Floor:
     node: NDArray[np.int64]
 
 
-def floor_of(layout: Layout) -> Floor:
+def floor_of(cell_map: CellMap) -> Floor:
     """Lay out the cells of a netlist for a walk."""
-    space = layout.space
-    open_cell = (space.cell != Cell.OBSTACLE) & (layout.node >= 0)
+    space = cell_map.space
+    open_cell = (space.cell != Cell.OBSTACLE) & (cell_map.node >= 0)
     flat = np.where(open_cell, np.arange(space.cell.size).reshape(space.shape), -1)
     ways = []
     for axis in range(space.ndim):
@@ -47,7 +47,7 @@ def floor_of(layout: Layout) -> Floor:
     return Floor(
         around=np.stack(ways, axis=1),
         goal=(space.cell == Cell.GOAL).ravel(),
-        node=np.where(layout.node >= 0, layout.node, 0).ravel(),
+        node=np.where(cell_map.node >= 0, cell_map.node, 0).ravel(),
     )
 
 
@@ -73,14 +73,14 @@ class Eyes:
         return self.offset > 0 or bool(self.noise.any())
 
 
-def eyes_of(readout: Readout, layout: Layout, noise: NDArray[np.float64] | None) -> Eyes:
+def eyes_of(readout: Readout, cell_map: CellMap, noise: NDArray[np.float64] | None) -> Eyes:
     """Bring a read-out to shares of its range; ``noise`` in volts, shape (cells,)."""
-    rails = sorted((layout.goal_voltage, layout.goal_voltage + layout.supply))
+    rails = sorted((cell_map.wiring.goal_voltage, cell_map.wiring.goal_voltage + cell_map.wiring.supply))
     low, high = readout.range or (rails[0], rails[1])
     span = high - low
-    deviation = np.zeros(layout.space.cell.size) if noise is None else noise / span
+    deviation = np.zeros(cell_map.space.cell.size) if noise is None else noise / span
     steps = 0.0 if readout.bits is None else 2.0**readout.bits
-    return Eyes(low, span, steps, (readout.offset or 0.0) / span, deviation, float(np.sign(layout.supply)))
+    return Eyes(low, span, steps, (readout.offset or 0.0) / span, deviation, float(np.sign(cell_map.wiring.supply)))
 
 
 def walk(volts: NDArray[np.float64], floor: Floor, eyes: Eyes, seed: Seed = 0) -> NDArray[np.bool_]:

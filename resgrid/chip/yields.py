@@ -192,8 +192,7 @@ def analyse_yield(
     if not count:
         raise InputError("there is no start: no free cell has a way to a goal")
     tally = _counted(experiment, (half_width, confidence, most, batch), executor, checkpoint, progress)
-    assert netlist.layout is not None
-    space = netlist.layout.space
+    space = netlist.cells.space
     return Yield(
         space=space,
         starts=experiment.starts.reshape(space.shape),
@@ -278,7 +277,7 @@ def _check(half_width: float, confidence: float, most: int, batch: int) -> None:
 
 def _checked_starts(netlist: Netlist, starts: ArrayLike) -> NDArray[np.bool_]:
     mask = np.asarray(starts)
-    shape = None if netlist.layout is None else netlist.layout.space.shape
+    shape = None if netlist.cell_map is None else netlist.cells.space.shape
     if mask.dtype != np.bool_ or mask.shape != shape:
         raise InputError(f"starts must be True or False for every cell, shape {shape}")
     return mask

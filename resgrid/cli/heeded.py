@@ -70,9 +70,9 @@ def require_tiles(chip: Chip) -> None:
 
 def tell_assumed(told: Chip, circuit: Circuit, report: Report) -> dict[str, dict[str, Any]]:
     """Say which switches the tiles of a circuit have that its scene does not describe."""
-    from resgrid.spice.tiles import Tile, complete_tile, layout_of
+    from resgrid.spice.write.tiles import Tile, complete_tile
 
-    tile = complete_tile(Tile.of(vars(told)), layout_of(circuit.netlist))
+    tile = complete_tile(Tile.of(vars(told)), circuit.netlist.cells)
     assumed = {
         f"chip.{key}": ohms
         for key, ohms in vars(tile).items()

@@ -130,9 +130,8 @@ def plot_power(result: Power, ax: Axes | None = None, *, quantity: str = "heat")
     space = space_of(netlist)
     label, unit = _POWER[quantity]
     if quantity == "droop":
-        layout = netlist.layout
-        assert layout is not None
-        droop = np.where(layout.node >= 0, result.droop[layout.node], np.nan)
+        cell_map = netlist.cells
+        droop = np.where(cell_map.node >= 0, result.droop[cell_map.node], np.nan)
         axes = draw_map(space, np.abs(droop), ax, label, unit, rails=True)
         axes.set_title(f"largest droop {engineering(result.largest_droop, 'V')}", fontsize=TEXT)
         return axes
@@ -302,10 +301,9 @@ def draw_resistors(
 
     ``faces`` are those that the numbers stand for, by default the resistors'.
     """
-    layout = netlist.layout
-    assert layout is not None
-    crossed = layout.resistor_face if faces is None else faces
-    space = layout.space
+    cell_map = netlist.cells
+    crossed = cell_map.resistor_face if faces is None else faces
+    space = cell_map.space
     lower = np.array([axis.lower for axis in space.axes])
     upper = np.array([axis.upper for axis in space.axes])
     segments = []
@@ -330,14 +328,13 @@ def draw_resistors(
 
 def _free_cells(netlist: Netlist, value: NDArray[np.float64]) -> NDArray[np.float64]:
     """Values of nodes on the free cells, NaN elsewhere; shape of the space."""
-    layout = netlist.layout
-    assert layout is not None
-    own = (layout.space.cell == Cell.FREE) & (layout.node >= 0)
-    return np.where(own, value[layout.node], np.nan)
+    cell_map = netlist.cells
+    own = (cell_map.space.cell == Cell.FREE) & (cell_map.node >= 0)
+    return np.where(own, value[cell_map.node], np.nan)
 
 
 def space_of(netlist: Netlist) -> ConfigurationSpace:
     """The space that a netlist was compiled from, for a map."""
-    if netlist.layout is None:
+    if netlist.cell_map is None:
         raise InputError("this netlist was not compiled from a space, so there is no map to draw on")
-    return netlist.layout.space
+    return netlist.cells.space

@@ -14,7 +14,7 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.netlist import Layout, Netlist
+from resgrid.netlist import CellMap, Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.plot.figures import new_figure
 from resgrid.plot.graphs import plot_graph
@@ -36,7 +36,7 @@ def plot_circuit(netlist: Netlist, op: OperatingPoint | None = None, ax: Axes | 
     Parameters
     ----------
     netlist : Netlist
-        Compiled from a space of one or two axes with at most 10 cells a side; without a layout, at most 40 nodes.
+        Compiled from a space of one or two axes with at most 10 cells a side; without a map of cells, at most 40 nodes.
     op : OperatingPoint, optional
         Its voltages are written beside the nodes, its source currents beside the supplies.
     ax : matplotlib.axes.Axes, optional
@@ -56,25 +56,25 @@ def plot_circuit(netlist: Netlist, op: OperatingPoint | None = None, ax: Axes | 
         raise InputError("a circuit with nonlinear resistors is not drawn; use plot_potential and plot_currents")
     if op is not None and not op.is_of(netlist):
         raise InputError("the operating point belongs to another netlist; solve this one first")
-    layout = netlist.layout
-    if layout is None or len(layout.resistor_face) != len(netlist.resistor_nodes):
+    cell_map = netlist.cell_map
+    if cell_map is None or len(cell_map.resistor_face) != len(netlist.resistor_nodes):
         return plot_graph(netlist, op, ax)
-    _require_small(layout)
-    plan = schematic_of(layout)
-    supplies = supplies_of(netlist, layout, op)
+    _require_small(cell_map)
+    plan = schematic_of(cell_map)
+    supplies = supplies_of(netlist, cell_map, op)
     rows = supply_rows(supplies, plan.across)
     axes = _new_axes(plan, len(rows)) if ax is None else ax
-    _draw_rails(plan, layout, netlist, axes)
-    _draw_resistors(plan, layout, netlist, axes)
+    _draw_rails(plan, cell_map, netlist, axes)
+    _draw_resistors(plan, cell_map, netlist, axes)
     _draw_nodes(plan, netlist, op, axes)
-    _draw_drive(netlist, layout, axes)
+    _draw_drive(netlist, cell_map, axes)
     draw_supplies(axes, rows, -MARGIN - SUPPLY_GAP)
     _finish(plan, len(rows), axes)
     return axes
 
 
-def _require_small(layout: Layout) -> None:
-    shape = layout.space.shape
+def _require_small(cell_map: CellMap) -> None:
+    shape = cell_map.space.shape
     if len(shape) > 2:
         raise InputError(
             f"a circuit is drawn for one or two axes, this space has {len(shape)}; use plot_slices for its field"
@@ -92,7 +92,7 @@ def _new_axes(plan: Schematic, rows: int) -> Axes:
     return new_figure(_INCHES * (right - left), _INCHES * (top - bottom) + 0.5).add_subplot()
 
 
-def _draw_rails(plan: Schematic, layout: Layout, netlist: Netlist, axes: Axes) -> None:
+def _draw_rails(plan: Schematic, cell_map: CellMap, netlist: Netlist, axes: Axes) -> None:
     for side in plan.frame:
         axes.plot(*side.T, color=OBSTACLE, linewidth=3.0, solid_capstyle="projecting", zorder=1)
     for boxes, colour in ((plan.obstacles, OBSTACLE), (plan.goals, GOAL)):
@@ -109,14 +109,14 @@ def _draw_rails(plan: Schematic, layout: Layout, netlist: Netlist, axes: Axes) -
     add_swatch(axes, "goal rail", GOAL)
     if plan.open_cells:
         add_swatch(axes, "no node (open)", "#dddddd")
-    _name_boxes(plan.goals, layout, netlist, axes)
-    if layout.rails == "cells":
-        _name_boxes(plan.obstacles, layout, netlist, axes, "white")
+    _name_boxes(plan.goals, cell_map, netlist, axes)
+    if cell_map.wiring.rails == "cells":
+        _name_boxes(plan.obstacles, cell_map, netlist, axes, "white")
 
 
-def _name_boxes(boxes: Sequence[Box], layout: Layout, netlist: Netlist, axes: Axes, colour: str = "black") -> None:
+def _name_boxes(boxes: Sequence[Box], cell_map: CellMap, netlist: Netlist, axes: Axes, colour: str = "black") -> None:
     """Write each rail's name into its first square."""
-    node = layout.node.reshape(layout.node.shape[0], -1)
+    node = cell_map.node.reshape(cell_map.node.shape[0], -1)
     named: set[int] = set()
     for left, bottom, width, height in boxes:
         if (width, height) != (2 * HALF, 2 * HALF):
@@ -130,18 +130,18 @@ def _name_boxes(boxes: Sequence[Box], layout: Layout, netlist: Netlist, axes: Ax
             )  # fmt: skip
 
 
-def _draw_resistors(plan: Schematic, layout: Layout, netlist: Netlist, axes: Axes) -> None:
+def _draw_resistors(plan: Schematic, cell_map: CellMap, netlist: Netlist, axes: Axes) -> None:
     lines = LineCollection(list(zigzag(plan.start, plan.end)), colors=INK, linewidths=0.9, zorder=2, gid="resistors")
     axes.add_collection(lines, autolim=False)
     axes.add_line(Line2D([], [], color=INK, linewidth=0.9, label=resistor_note(netlist)))
-    _draw_seams(plan, layout, netlist, axes)
+    _draw_seams(plan, cell_map, netlist, axes)
 
 
 def resistor_note(netlist: Netlist) -> str:
     """What the resistors measure: their values if there are few, otherwise the range."""
     drawn = np.ones(len(netlist.conductance), dtype=np.bool_)
-    if netlist.layout is not None:
-        drawn = netlist.layout.resistor_face >= 0
+    if netlist.cell_map is not None:
+        drawn = netlist.cells.resistor_face >= 0
     hidden = int(np.count_nonzero(~drawn))
     rest = f"; not drawn: {hidden} of switches, rails, loads" if hidden else ""
     resistance = 1.0 / netlist.conductance[drawn]
@@ -152,12 +152,12 @@ def resistor_note(netlist: Netlist) -> str:
     return f"resistor, {', '.join(values)}{rest}"
 
 
-def _draw_seams(plan: Schematic, layout: Layout, netlist: Netlist, axes: Axes) -> None:
+def _draw_seams(plan: Schematic, cell_map: CellMap, netlist: Netlist, axes: Axes) -> None:
     """A resistor across a seam ends in a terminal; so does a wire from its other node, and each names the other."""
     names = netlist.names_of(netlist.resistor_nodes.ravel())
     for number in np.flatnonzero(plan.seam).tolist():
         first, second = names[2 * number : 2 * number + 2]
-        before, after = (first, second) if layout.resistor_upward[number] else (second, first)
+        before, after = (first, second) if cell_map.resistor_upward[number] else (second, first)
         terminal = plan.start[number]
         axis = int(np.argmax(np.abs(plan.end[number] - terminal)))
         wire = np.repeat(terminal[None], 2, axis=0)
@@ -194,11 +194,11 @@ def _draw_nodes(plan: Schematic, netlist: Netlist, op: OperatingPoint | None, ax
     axes.scatter([], [], s=20, c="#41b6c4" if op is not None else INK, edgecolor=INK, linewidth=0.7, label=label)
 
 
-def _draw_drive(netlist: Netlist, layout: Layout, axes: Axes) -> None:
+def _draw_drive(netlist: Netlist, cell_map: CellMap, axes: Axes) -> None:
     if not len(netlist.current_nodes):
         return
     cells = netlist.cell_of_node()
-    up = layout.node.size // layout.node.shape[0]
+    up = cell_map.node.size // cell_map.node.shape[0]
     for node in netlist.current_nodes[:, 1].tolist():
         x, y = (index + 0.5 for index in divmod(int(cells[node]), up))
         axes.annotate(

@@ -1,4 +1,4 @@
-"""Small circuits without a layout: placed by networkx, drawn with the same symbols."""
+"""Small circuits without a map of cells: placed by networkx, drawn with the same symbols."""
 
 from __future__ import annotations
 

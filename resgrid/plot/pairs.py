@@ -1,4 +1,4 @@
-"""The layout of Connolly & Grupen (1992): the workspace on the left, the configuration space on the right."""
+"""The map of cells of Connolly & Grupen (1992): the workspace on the left, the configuration space on the right."""
 
 from __future__ import annotations
 

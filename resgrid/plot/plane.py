@@ -16,9 +16,9 @@ from matplotlib.transforms import Affine2D
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
+from resgrid.grids import label_regions
 from resgrid.plot.blocks import block_colours, block_means, block_size
 from resgrid.plot.style import GOAL, OBSTACLE, UNREACHABLE, add_swatch, axis_label, dress
-from resgrid.regions import label_regions
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
 MOST_CELLS = 1024

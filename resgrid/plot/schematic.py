@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.netlist import Layout, face_shape
+from resgrid.netlist import CellMap, face_shape
 from resgrid.space import Cell
 
 HALF = 0.3
@@ -43,15 +43,15 @@ class Schematic:
     frame: tuple[NDArray[np.float64], ...]
 
 
-def schematic_of(layout: Layout) -> Schematic:
+def schematic_of(cell_map: CellMap) -> Schematic:
     """Lay out a netlist that was compiled from a space of one or two axes."""
-    cell = layout.space.cell if layout.space.ndim == 2 else layout.space.cell[:, np.newaxis]
-    node = layout.node.reshape(cell.shape)
+    cell = cell_map.space.cell if cell_map.space.ndim == 2 else cell_map.space.cell[:, np.newaxis]
+    node = cell_map.node.reshape(cell.shape)
     dots = np.argwhere((cell == Cell.FREE) & (node >= 0))
-    start, end, seam = _resistor_ends(layout, cell)
-    edge = (*layout.edge, "open")[:2]
-    railed = tuple(rule == "obstacle" and layout.obstacle_node >= 0 for rule in edge)
-    merged = layout.rails == "merged"
+    start, end, seam = _resistor_ends(cell_map, cell)
+    edge = (*cell_map.wiring.edge, "open")[:2]
+    railed = tuple(rule == "obstacle" and cell_map.obstacle_node >= 0 for rule in edge)
+    merged = cell_map.wiring.rails == "merged"
     return Schematic(
         across=cell.shape[0],
         up=cell.shape[1],
@@ -68,18 +68,18 @@ def schematic_of(layout: Layout) -> Schematic:
 
 
 def _resistor_ends(
-    layout: Layout, cell: NDArray[np.uint8]
+    cell_map: CellMap, cell: NDArray[np.uint8]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
     """Ends on the lower and upper side of the face that each resistor crosses."""
-    shape = layout.space.shape
-    count = len(layout.resistor_face)
+    shape = cell_map.space.shape
+    count = len(cell_map.resistor_face)
     ends = np.full((2, count, 2), 0.5)
     seam = np.zeros(count, dtype=np.bool_)
     first = 0
     for axis in range(len(shape)):
         faces = face_shape(shape, axis)
-        mine = np.flatnonzero((layout.resistor_face >= first) & (layout.resistor_face < first + np.prod(faces)))
-        index = np.array(np.unravel_index(layout.resistor_face[mine] - first, faces))
+        mine = np.flatnonzero((cell_map.resistor_face >= first) & (cell_map.resistor_face < first + np.prod(faces)))
+        index = np.array(np.unravel_index(cell_map.resistor_face[mine] - first, faces))
         first += int(np.prod(faces))
         for side, shift in enumerate((-1, 0)):
             place = index.copy()
@@ -90,7 +90,7 @@ def _resistor_ends(
             inner = np.clip(place, 0, np.array(shape)[:, None] - 1)
             boxed = cell[(*inner, 0)[:2]] != Cell.FREE
             ends[side, mine, axis] += towards * np.where(outside, 0.5 - MARGIN, np.where(boxed, HALF, 0.0))
-        if layout.edge[axis] == "periodic":
+        if cell_map.wiring.edge[axis] == "periodic":
             wrapped = mine[index[axis] == 0]
             seam[wrapped] = True
             ends[0, wrapped, axis] = shape[axis] + MARGIN

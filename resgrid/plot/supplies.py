@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 
-from resgrid.netlist import Layout, Netlist
+from resgrid.netlist import CellMap, Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.plot.style import GOAL, OBSTACLE, SMALL
 from resgrid.plot.symbols import INK, draw_ground, draw_supply, engineering
@@ -36,11 +36,11 @@ class Supply:
     count: int
 
 
-def supplies_of(netlist: Netlist, layout: Layout, op: OperatingPoint | None) -> list[Supply]:
+def supplies_of(netlist: Netlist, cell_map: CellMap, op: OperatingPoint | None) -> list[Supply]:
     """Group the voltage sources of a netlist: one for each rail, and for each kind of cell with a source of its own."""
     groups: dict[tuple[str, str, float], list[int]] = {}
     for number, (plus, volts) in enumerate(zip(netlist.source_nodes[:, 0], netlist.source_volts, strict=True)):
-        name, colour = _rail_of(int(plus), netlist, layout)
+        name, colour = _rail_of(int(plus), netlist, cell_map)
         groups.setdefault((name, colour, float(volts)), []).append(number)
     return [
         Supply(name, colour, volts, None if op is None else float(op.source_current[numbers].sum()), len(numbers))
@@ -48,13 +48,13 @@ def supplies_of(netlist: Netlist, layout: Layout, op: OperatingPoint | None) -> 
     ]
 
 
-def _rail_of(node: int, netlist: Netlist, layout: Layout) -> tuple[str, str]:
-    if node == layout.obstacle_node:
+def _rail_of(node: int, netlist: Netlist, cell_map: CellMap) -> tuple[str, str]:
+    if node == cell_map.obstacle_node:
         return "obstacle", OBSTACLE
-    if node in layout.goal_nodes:
+    if node in cell_map.goal_nodes:
         return netlist.node_name(node), GOAL
     cell = int(netlist.cell_of_node()[node])
-    code = layout.space.cell.ravel()[cell] if cell >= 0 else Cell.FREE
+    code = cell_map.space.cell.ravel()[cell] if cell >= 0 else Cell.FREE
     if code == Cell.OBSTACLE:
         return "obstacle cells", OBSTACLE
     if code == Cell.GOAL:

@@ -166,11 +166,10 @@ def plot_criticality(result: Criticality, ax: Axes | None = None, *, fault: str 
     axes = axes_or_new(ax, plane.aspect)
     draw_cells(plane, axes)
     lost = result.open if fault == "open" else result.short
-    layout = netlist.layout
-    assert layout is not None
+    cell_map = netlist.cells
     norm = LogNorm(1.0, max(float(np.nanmax(lost, initial=0.0)), 2.0))
-    bent = bool(layout.nonlinear_face.size)
-    face = layout.nonlinear_face if bent else layout.resistor_face
+    bent = bool(cell_map.nonlinear_face.size)
+    face = cell_map.nonlinear_face if bent else cell_map.resistor_face
     value = lost[len(netlist.conductance) :] if bent else lost[: len(face)]
     grid = np.flatnonzero((face >= 0) & np.isfinite(value))
     draw_resistors(netlist, grid[value[grid] == 0], axes, face).set(color=_HARMLESS, linewidth=0.8)
@@ -201,13 +200,12 @@ def plot_criticality(result: Criticality, ax: Axes | None = None, *, fault: str 
 def _switches(result: Criticality, lost: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Cells with a switch or load whose fault costs starts, and how many the worst of theirs costs."""
     netlist = result.netlist
-    layout = netlist.layout
-    assert layout is not None
+    cell_map = netlist.cells
     cell_of = netlist.cell_of_node()
-    extra = np.flatnonzero(layout.resistor_face < 0)
+    extra = np.flatnonzero(cell_map.resistor_face < 0)
     cell = cell_of[netlist.resistor_nodes[extra, 0]]
     own = (cell >= 0) & (np.nan_to_num(lost[extra]) > 0)
-    worst = np.zeros(layout.space.cell.size)
+    worst = np.zeros(cell_map.space.cell.size)
     np.maximum.at(worst, cell[own], lost[extra[own]])
     found = np.flatnonzero(worst > 0)
     return found, worst[found]

@@ -58,7 +58,14 @@ def sample(scene: Scene, *, require_goal: bool = True, progress: Progress | None
         raise InputError(f"{where}: there is no goal; add a [[goal]] to the scene, or say --goal X,Y")
     for number, start in enumerate(scene.starts):
         located(scene.axes, scene.frame, start, f"{where}: starts[{number}]")
-    return ConfigurationSpace(scene.axes, cell, _conductivity(scene), frame=scene.frame, goal_points=every.points)
+    return ConfigurationSpace(
+        scene.axes,
+        cell,
+        _conductivity(scene),
+        frame=scene.frame,
+        goal_points=every.points,
+        robot=scene.robot,
+    )
 
 
 def free_volume_lost(scene: Scene) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from spaces import space_of
+from support.spaces import space_of
 
 import resgrid as rg
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import mpmath as mp
 import numpy as np
 import pytest
-from dynamics import with_capacitors
 from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 from scipy.linalg import eigh, eigvalsh
+from support.dynamics import with_capacitors
 
 import resgrid as rg
 from resgrid.chip.settling import analyse_settling
@@ -49,7 +49,7 @@ def test_no_twin_is_missed_on_symmetric_grids(
     shape: tuple[int, ...], goal: tuple[int, ...], periodic: bool, boundary: str, modes: int
 ) -> None:
     netlist = symmetric_grid(shape, goal, periodic, boundary)
-    free = netlist.layout.free_node
+    free = netlist.cells.free_node
     G = laplacian(netlist.node_count, netlist.resistor_nodes, netlist.conductance)[np.ix_(free, free)]
     dynamics = dynamics_of(netlist)
     tau, mode = slowest_modes(dynamics, modes)
@@ -60,7 +60,7 @@ def test_no_twin_is_missed_on_symmetric_grids(
 def test_a_large_grid_with_few_capacitors() -> None:
     netlist = symmetric_grid((19, 19), (2, 5), False, "neumann")
     netlist = netlist.replace(capacitor_nodes=[[30, 0], [200, 0], [30, 200]], capacitance=[1e-12, 3e-12, 2e-12])
-    free = netlist.layout.free_node
+    free = netlist.cells.free_node
     G, C = (
         laplacian(netlist.node_count, nodes, values)[np.ix_(free, free)]
         for nodes, values in (

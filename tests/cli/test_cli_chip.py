@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from simulators import run, verdict, waves
+from support.simulators import run, verdict, waves
 
 from resgrid.cli import main
 

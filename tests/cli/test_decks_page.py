@@ -7,8 +7,8 @@ import shlex
 from pathlib import Path
 
 import numpy as np
-from simulators import verdict
-from spaces import space_of
+from support.simulators import verdict
+from support.spaces import space_of
 
 PROJECT = Path(__file__).resolve().parents[2]
 PAGE = (PROJECT / "docs" / "decks.md").read_text()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from spaces import space_of, spaces
+from support.spaces import space_of, spaces
 
 from resgrid.compiler import compile_space
 from resgrid.control.controller import Controller, make_controller

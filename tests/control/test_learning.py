@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hidden import square
 from hypothesis import example, given, settings, strategies as st
+from support.hidden import square
 
 from resgrid.control.learning import INSIDE, learn, proven_cells, resolver, scene_resolver, workspace_cells
 from resgrid.control.plant import make_plant

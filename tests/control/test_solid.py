@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import shapely
-from hidden import hiding, square
 from hypothesis import assume, given, settings, strategies as st
+from support.hidden import hiding, square
 
 from resgrid.control.controller import make_controller
 from resgrid.control.learning import resolver

@@ -4,9 +4,9 @@ import networkx as nx
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from levels import matrix_of
 from numpy.typing import NDArray
-from spaces import space_of, spaces
+from support.levels import matrix_of
+from support.spaces import space_of, spaces
 
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
@@ -30,12 +30,11 @@ def laid_out(space: ConfigurationSpace, boundary: str, spread: float, seed: int)
         system = assemble(netlist.replace(conductance=netlist.conductance * factors))
     except CircuitError:
         return None
-    assert system.netlist.layout is not None
     made = lay_out(
         system.netlist.resistor_nodes,
         system.netlist.conductance,
         system.unknown,
-        system.netlist.layout.node,
+        system.netlist.cells.node,
         system.excess,
         1.0,
     )

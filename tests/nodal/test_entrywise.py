@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 from scipy.sparse.csgraph import breadth_first_order
-from spaces import serpentine, space_of
+from support.spaces import serpentine, space_of
 
 from resgrid.compiler import compile_space
 from resgrid.errors import AccuracyError, InputError

@@ -6,7 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
-from spaces import serpentine, space_of
+from support.spaces import serpentine, space_of
 
 import resgrid as rg
 from resgrid.nodal import methods

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from levels import matrix_of
 from numpy.typing import NDArray
-from spaces import serpentine, space_of, spaces
+from support.levels import matrix_of
+from support.spaces import serpentine, space_of, spaces
 
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError

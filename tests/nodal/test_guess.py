@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from spaces import space_of
+from support.spaces import space_of
 
 from resgrid.compiler import compile_space
 from resgrid.nodal.factors.multigrid import MultigridFactor

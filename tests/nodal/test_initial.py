@@ -5,8 +5,8 @@ from __future__ import annotations
 import mpmath
 import numpy as np
 import pytest
-from dynamics import random_dynamics
 from hypothesis import given, settings, strategies as st
+from support.dynamics import random_dynamics
 
 import resgrid as rg
 

@@ -6,8 +6,8 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from circuits import eliminated
 from hypothesis import given, settings, strategies as st
+from support.circuits import eliminated
 
 from resgrid.errors import AccuracyError, CircuitError
 from resgrid.netlist import Netlist

@@ -5,10 +5,10 @@ from functools import partial
 
 import numpy as np
 import pytest
-from circuits import dense_solution, ladder, random_grid
 from hypothesis import given, settings, strategies as st
 from scipy import sparse
-from spaces import serpentine, space_of, spaces
+from support.circuits import dense_solution, ladder, random_grid
+from support.spaces import serpentine, space_of, spaces
 
 from resgrid.compiler import compile_space
 from resgrid.errors import BudgetError, CircuitError

@@ -4,9 +4,9 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from circuits import eliminated
 from hypothesis import given, settings, strategies as st
-from spaces import serpentine, space_of, spaces
+from support.circuits import eliminated
+from support.spaces import serpentine, space_of, spaces
 
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, strategies as st
 from numpy.typing import NDArray
 from scipy import sparse
-from spaces import space_of
+from support.spaces import space_of
 
 from resgrid.compiler import compile_space
 from resgrid.netlist import GROUND, Netlist

@@ -4,7 +4,7 @@ import threading
 import numpy as np
 import pytest
 from numba import njit
-from spaces import space_of
+from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.nodal.multigrid.subnormals import subnormals_as_zero

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
+from support.spaces import space_of, spaces
 
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
@@ -20,7 +21,6 @@ from resgrid.nodal.solve import solve
 from resgrid.nodal.system import NodalSystem, assemble
 from resgrid.space import ConfigurationSpace
 from resgrid.spice.reader import read_spice
-from tests.spaces import space_of, spaces
 
 RULES: tuple[dict[str, Any], ...] = (
     {},

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import sparse
 from scipy.sparse.linalg import splu
-from spaces import space_of
+from support.spaces import space_of
 
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError

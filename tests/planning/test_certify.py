@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from spaces import spaces
+from support.spaces import spaces
 
 from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError

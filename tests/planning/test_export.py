@@ -9,7 +9,7 @@ from math import atan2, pi, sqrt
 import numpy as np
 import pytest
 import yaml
-from spaces import space_of
+from support.spaces import space_of
 
 from resgrid.errors import InputError
 from resgrid.frame import Frame

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings, strategies as st
-from spaces import space_of, spaces
+from support.spaces import space_of, spaces
 
 from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError, InputError

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation
-from spaces import space_of
+from support.spaces import space_of
 
 from resgrid.errors import InputError
 from resgrid.planning.normals import octree_voxels, surface_normals

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 from hypothesis import assume, given, settings, strategies as st
-from spaces import space_of, spaces
+from support.spaces import space_of, spaces
 
 from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError, CircuitError, InputError

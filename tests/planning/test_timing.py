@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from spaces import serpentine, space_of
+from support.spaces import serpentine, space_of
 
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import shapely
 from hypothesis import given, settings, strategies as st
-from spaces import space_of
+from support.spaces import space_of
 
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError

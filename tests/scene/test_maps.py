@@ -83,7 +83,7 @@ def test_queries(tmp_path):
 
 @pytest.mark.parametrize("name", ["arena", "den312d", "random-32-32-20", "room-32-32-4", "maze-32-32-2"])
 def test_the_ends_of_every_query_are_free_and_joined(cases, name):
-    from resgrid.regions import label_regions
+    from resgrid.grids import label_regions
 
     folder = cases / "movingai"
     (queries,) = (read_queries(file) for file in folder.glob(f"{name}*.scen"))

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
-from circuits import ladder, random_grid
-from simulators import verdict
+from support.circuits import ladder, random_grid
+from support.simulators import verdict
 
 import resgrid as rg
-from resgrid.spice.writer import write_spice
+from resgrid.spice.write.files import write_spice
 
 
 @pytest.fixture

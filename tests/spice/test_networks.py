@@ -7,7 +7,7 @@ from pathlib import Path
 import networkx as nx
 import numpy as np
 import pytest
-from circuits import random_grid
+from support.circuits import random_grid
 
 import resgrid as rg
 from resgrid.spice.networks import NETWORK_SUFFIXES, write_network

@@ -1,7 +1,7 @@
 """ngspice agrees on random scenes: one to four dimensions, every boundary, rings, cost maps."""
 
 from hypothesis import HealthCheck, assume, given, settings, strategies as st
-from spaces import spaces
+from support.spaces import spaces
 
 import resgrid as rg
 

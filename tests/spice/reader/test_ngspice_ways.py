@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import given, settings, strategies as st
-from simulators import run, waves
+from support.simulators import run, waves
 
 from resgrid import read_spice, solve
 from resgrid.errors import BudgetError, InputError
