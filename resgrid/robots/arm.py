@@ -356,7 +356,11 @@ class Arm(Robot):
     def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
         """Cells that hold a configuration with the tip in a region; see `Robot.goal_cells`."""
         self.check_axes(axes)
-        return arm_goal_cells(self._links, self.shortest_reach, tuple(axes), region)
+        goal = arm_goal_cells(self._links, self.shortest_reach, tuple(axes), region)
+        if not goal.cells.any():
+            ends = "joint limits" if any(self.limits) else "axes of the grid"
+            raise InputError(f"the {ends} keep the arm's tip out of this goal; widen them, or move the goal")
+        return goal
 
     @property
     def _links(self) -> Links:

@@ -107,12 +107,15 @@ def _obstacles(number: int, shape: Shape, axes: Sequence[Axis]) -> list[Obstacle
     if core.is_empty:
         return []
     half = [(axis.upper - axis.lower) / 2 for axis in axes]
-    cores = [
-        shapely.transform(core, lambda points, by=by: points + by) if any(by) else core
-        for by in turns((core.bounds[:2], core.bounds[2:]), axes, half)
-    ]
+    cores = [_moved(core, by) for by in turns((core.bounds[:2], core.bounds[2:]), axes, half)]
     shapely.prepare(cores)
     return [Obstacle(number, copy, shape.radius if isinstance(shape, Ball) else 0.0) for copy in cores]
+
+
+def _moved(core: Any, by: tuple[float, ...]) -> Any:
+    import shapely
+
+    return shapely.transform(core, lambda points: points + by) if any(by) else core
 
 
 class ObstacleArrays(NamedTuple):

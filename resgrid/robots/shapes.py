@@ -278,13 +278,12 @@ def to_shapely(shape: Shape) -> BaseGeometry:
         case Ball(centre, radius):
             disc = shapely.Point(centre).buffer(radius, quad_segs=64)
             return shapely.Point(centre) if disc.is_empty else disc
-        case HalfSpace(normal, offset):
-            length = hypot(*normal)
-            out = np.asarray(normal) / length
-            along, foot = np.array([-out[1], out[0]]), out * (offset / length)
-            return shapely.Polygon(
-                [foot - FAR * along, foot + FAR * along, foot + FAR * (along - out), foot - FAR * (along + out)]
-            )
+    length = hypot(*shape.normal)
+    out = np.asarray(shape.normal) / length
+    along, foot = np.array([-out[1], out[0]]), out * (shape.offset / length)
+    return shapely.Polygon(
+        [foot - FAR * along, foot + FAR * along, foot + FAR * (along - out), foot - FAR * (along + out)]
+    )
 
 
 def _add(point: Point, by: Point) -> Point:
