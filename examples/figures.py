@@ -18,7 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from resgrid.regions import label_regions
+from resgrid.grids import label_regions
 
 import resgrid as rg
 from resgrid.plot import new_figure
