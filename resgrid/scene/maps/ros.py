@@ -32,10 +32,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
+from resgrid.files import read_text
 from resgrid.frame import Frame
-from resgrid.scene.files import read_text
-from resgrid.scene.images import Raster, read_raster
-from resgrid.scene.map_data import MapData
+from resgrid.scene.maps.data import MapData
+from resgrid.scene.maps.pictures import Raster, read_raster
 from resgrid.space import Axis, Cell
 
 OCCUPIED, FREE, UNKNOWN = 100, 0, -1
@@ -65,18 +65,30 @@ class RosHeader:
     mode: str
 
 
-def read_ros(path: Path, dialect: str = "nav2", unknown: str = "obstacle", lethal: int | None = None) -> MapData:
+def read_ros(
+    path: Path,
+    dialect: str = "nav2",
+    unknown: str = "obstacle",
+    lethal: int | None = None,
+    least_conductivity: float | None = None,
+) -> MapData:
     """Read a ROS map.
 
     A cell is an obstacle if its occupancy is at least `lethal`, and free below; negative occupancies follow `unknown`.
     Where a ROS 1 raw map holds bytes above 127, they count as costmap_2d reads them: 255 is unknown, others occupied.
+    With `least_conductivity` c, a free cell of occupancy p conducts ``c ** (p / lethal)``.
     """
     header = read_header(path, dialect)
     occupancy = _occupancy(header, dialect)
-    cell = np.where(_is_occupied(occupancy, header, lethal), Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
+    occupied = _is_occupied(occupancy, header, lethal)
+    cell = np.where(occupied, Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
     cell[occupancy == UNKNOWN] = Cell.OBSTACLE if unknown == "obstacle" else Cell.FREE
+    conductivity = None
+    if least_conductivity is not None:
+        share = np.clip(occupancy, 0, None) / _lethal(header, lethal)
+        conductivity = np.ascontiguousarray(np.where(occupied, 1.0, least_conductivity**share).T)
     axes, frame = _place(header, cell.shape)
-    return MapData(axes, frame, np.ascontiguousarray(cell.T))
+    return MapData(axes, frame, np.ascontiguousarray(cell.T), conductivity)
 
 
 def ros_greys(path: Path, dialect: str = "nav2", lethal: int | None = None) -> list[str]:
@@ -88,8 +100,12 @@ def ros_greys(path: Path, dialect: str = "nav2", lethal: int | None = None) -> l
 
 
 def _is_occupied(occupancy: NDArray[np.int8], header: RosHeader, lethal: int | None) -> NDArray[np.bool_]:
-    limit = max(1, int(np.ceil(100 * header.occupied_thresh))) if lethal is None else lethal
-    return occupancy.view(np.uint8) >= limit
+    return occupancy.view(np.uint8) >= _lethal(header, lethal)
+
+
+def _lethal(header: RosHeader, lethal: int | None) -> int:
+    """The least occupancy of an obstacle."""
+    return max(1, int(np.ceil(100 * header.occupied_thresh))) if lethal is None else lethal
 
 
 def occupancy_grid(path: str | os.PathLike[str], dialect: str = "nav2") -> NDArray[np.int8]:
@@ -210,11 +226,16 @@ def _place(header: RosHeader, shape: tuple[int, ...]) -> tuple[tuple[Axis, ...],
 def _load_yaml(path: Path) -> dict[Any, Any]:
     import yaml
 
-    text = read_text(path)
+    class Loader(yaml.SafeLoader):
+        def flatten_mapping(self, node: Any) -> None:
+            """Refuse ``<<``, which yaml-cpp does not know: merging aliases of aliases could fill all memory."""
+            for key, _ in node.value:
+                if key.tag.endswith(":merge"):
+                    problem = "a map merges no keys (<<); write them out"
+                    raise yaml.MarkedYAMLError(problem=problem, problem_mark=key.start_mark)
+
     try:
-        if "*" in text and any(isinstance(token, yaml.AliasToken) for token in yaml.scan(text)):
-            raise InputError(f"{path}: aliases (*name) have no place in a map's YAML; write the value out")
-        table = yaml.safe_load(text)
+        table = yaml.load(read_text(path), Loader)
     except yaml.MarkedYAMLError as error:
         line = f"line {error.problem_mark.line + 1}: " if error.problem_mark else ""
         raise InputError(f"{path}: {line}this is not YAML ({error.problem})") from None

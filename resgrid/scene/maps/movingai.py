@@ -13,10 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
+from resgrid.budget import require_grid_memory
 from resgrid.errors import InputError
+from resgrid.files import read_text
 from resgrid.frame import Frame
-from resgrid.scene.files import read_text, require_memory
-from resgrid.scene.map_data import MapData, cells_from_rows, placed_axes
+from resgrid.scene.maps.data import MapData, cells_from_rows, placed_axes
 from resgrid.space import Cell
 
 TERRAIN = ".G@OTSW"
@@ -61,7 +62,7 @@ def read_movingai(path: Path, passable: str = PASSABLE) -> MapData:
     first, width, height = _header(lines, path)
     rows = _without_blank_end(lines[first : first + height])
     _check_rows(rows, lines, path, first, width, height)
-    require_memory((width, height), str(path))
+    require_grid_memory((width, height), str(path))
     letters = np.frombuffer("".join(row.rstrip() for row in rows).encode(), dtype=np.uint8).reshape(height, width)
     free = np.zeros(256, dtype=bool)
     free[[ord(letter) for letter in passable]] = True
