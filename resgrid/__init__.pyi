@@ -190,10 +190,11 @@ from .spice.deck import format_deck as format_deck
 from .spice.drops import Drops as Drops, supply_drops as supply_drops
 from .spice.finding import Finding as Finding
 from .spice.forecast import Forecast as Forecast, forecast_run as forecast_run
+from .spice.networks.read import read_network as read_network
 from .spice.ngspice import run_ngspice as run_ngspice
 from .spice.parsed import Note as Note, ParsedDeck as ParsedDeck
 from .spice.rawwriter import write_raw as write_raw
-from .spice.reader import read_network as read_network, read_spice as read_spice
+from .spice.read.deck import read_spice as read_spice
 from .spice.rules import check_rules as check_rules
 from .spice.tiles import Tile as Tile, expanded_netlist as expanded_netlist
 from .spice.verdicts import Verdict as Verdict, predict_simulators as predict_simulators

@@ -14,7 +14,7 @@ from pathlib import Path
 
 from resgrid.errors import InputError
 from resgrid.spice.ngspice import MAX_ASCENT, refuse_commands
-from resgrid.spice.reader.sources import MAX_FILES, read_bytes
+from resgrid.spice.read.files import MAX_FILES, read_bytes
 
 _INCLUDING = re.compile(rb"^\s*\.(inc|lib)\w*", re.IGNORECASE | re.MULTILINE)
 _NAME = re.compile(rb"[ \t]+(?:\"([^\"\n]*)\"|'([^'\n]*)'|([^\s\"']+))")

@@ -12,7 +12,7 @@ from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
 from resgrid.space import Axis, ConfigurationSpace
 from resgrid.spice.kernels import left_over
-from resgrid.spice.reader import read_spice
+from resgrid.spice.read.deck import read_spice
 from resgrid.spice.rules import check_rules
 from resgrid.spice.subject import subject_of
 

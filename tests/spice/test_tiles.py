@@ -12,7 +12,7 @@ from support.simulators import run, verdict, waves
 from support.spaces import space_of, spaces
 
 import resgrid as rg
-from resgrid.spice.reader import read_spice
+from resgrid.spice.read.deck import read_spice
 from resgrid.spice.tiles import Tile, expanded_netlist
 from resgrid.spice.writer import write_spice
 

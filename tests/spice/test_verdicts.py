@@ -12,7 +12,7 @@ from support.circuits import random_grid
 from resgrid.spice.deck import format_deck
 from resgrid.spice.ngspice import ngspice_version, simulate
 from resgrid.spice.parsed import ParsedDeck
-from resgrid.spice.reader import read_spice
+from resgrid.spice.read.deck import read_spice
 from resgrid.spice.verdicts import Verdict, predict_simulators
 
 

@@ -10,7 +10,7 @@ from support.decks import random_deck
 
 from resgrid import solve
 from resgrid.spice.rawfile import read_rawfile
-from resgrid.spice.reader.read import read_with
+from resgrid.spice.read.deck import read_with
 
 COUNT = int(os.environ.get("RESGRID_RANDOM_DECKS", "100"))
 
