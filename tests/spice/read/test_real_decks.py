@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from resgrid import read_network, read_spice, solve
-from resgrid.spice.reader.circuitscape import read_circuitscape
-from resgrid.spice.reader.read import read_with
+from resgrid.spice.networks.circuitscape import read_circuitscape
+from resgrid.spice.read.deck import read_with
 
 
 def test_ground_net_of_a_chip(cases: Path) -> None:

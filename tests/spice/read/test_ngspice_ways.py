@@ -11,8 +11,8 @@ from support.simulators import run, waves
 
 from resgrid import read_spice, solve
 from resgrid.errors import BudgetError, InputError
-from resgrid.spice.reader.expressions import ExpressionError, evaluate
-from resgrid.spice.reader.rules import NGSPICE, RULES
+from resgrid.spice.read.expressions import ExpressionError, evaluate
+from resgrid.spice.read.rules import NGSPICE, RULES
 
 HEAD = ("title", "V1 in 0 10", "R0 in a 1k")
 SUBCIRCUIT = ".subckt s p q {}\nR9 p q {{r}}\n.ends"

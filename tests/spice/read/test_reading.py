@@ -267,7 +267,7 @@ def test_switches_whose_control_is_known() -> None:
 )
 @pytest.mark.parametrize("least", [0, 10**9])
 def test_first_lines(tmp_path, first: str, title: str | None, resistors: int, least: int) -> None:
-    from resgrid.spice.reader.read import read_with
+    from resgrid.spice.read.deck import read_with
 
     path = tmp_path / "deck.cir"
     path.write_text(f"{first}\nR2 b 0 1\nV1 a 0 1\n")

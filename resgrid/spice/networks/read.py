@@ -9,10 +9,10 @@ import numpy as np
 
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.spice.networks import read_graph
+from resgrid.spice.networks.circuitscape import read_circuitscape
+from resgrid.spice.networks.edges import MEASURES, Measure, NetworkParts, Table, read_table
+from resgrid.spice.networks.graphs import read_graph
 from resgrid.spice.parsed import KINDS, ParsedDeck
-from resgrid.spice.reader.circuitscape import read_circuitscape
-from resgrid.spice.reader.edges import MEASURES, Measure, NetworkParts, Table, read_table
 
 
 def read_network(

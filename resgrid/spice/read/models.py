@@ -9,9 +9,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from resgrid.spice.reader.blocks import Model, Scope
-from resgrid.spice.reader.lines import Card
-from resgrid.spice.reader.rules import ReadingRules
+from resgrid.spice.read.cards import Card
+from resgrid.spice.read.rules import ReadingRules
+from resgrid.spice.read.scopes import Model, Scope
 
 RESISTOR_KINDS = frozenset({"r", "res"})
 SWITCH_KINDS = frozenset({"sw", "vswitch"})

@@ -8,14 +8,14 @@ Numba takes seconds to import: only readers of large decks import this module.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from resgrid.jit import inner
-from resgrid.spice.reader.decimal_kernels import read_decimal
+from resgrid.spice.read.decimal_kernels import read_decimal
 
 Bytes = NDArray[np.uint8]
 
@@ -96,32 +96,47 @@ def _hash(text: Bytes, start: int) -> tuple[int, np.uint64]:
     return i, key ^ (key >> _MIX)
 
 
+class NodeHash(NamedTuple):
+    """Node names in the order of their first occurrence, found by their hash.
+
+    `slots` (power of two,): number of a name, -1 where there is none; `keys` (names,): hashes; `spans` (names, 3):
+    first and last byte of a name where it occurs first, and that line.
+    """
+
+    slots: NDArray[np.int32]
+    keys: NDArray[np.uint64]
+    spans: NDArray[np.int64]
+
+
+class CardTable(NamedTuple):
+    """Plain cards: kinds, spans of names, nodes, bits of values, how those were read, their spans, lines."""
+
+    kind: NDArray[np.uint8]
+    name: NDArray[np.int32]
+    nodes: NDArray[np.int32]
+    value: NDArray[np.uint64]
+    outcome: NDArray[np.uint8]
+    token: NDArray[np.int32]
+    line: NDArray[np.int32]
+
+
 @njit(cache=True, inline="always")
-def _node(
-    text: Bytes,
-    start: int,
-    stop: int,
-    key: np.uint64,
-    table: NDArray[np.int32],
-    keys: NDArray[np.uint64],
-    known: NDArray[np.int64],
-    count: int,
-    line: int,
-) -> Any:
+def _node(text: Bytes, start: int, stop: int, key: np.uint64, known: NodeHash, count: int, line: int) -> Any:
     """Number of a node name: that of its first occurrence (case folded), or ``count`` for a new one, then entered."""
-    mask = np.int64(len(table) - 1)
+    spans = known.spans
+    mask = np.int64(len(known.slots) - 1)
     slot = np.int64(key) & mask
     while True:
-        number = np.int64(table[slot])
+        number = np.int64(known.slots[slot])
         if number < 0:
-            table[slot] = count
-            keys[count] = key
-            known[count, 0] = start
-            known[count, 1] = stop
-            known[count, 2] = line
+            known.slots[slot] = count
+            known.keys[count] = key
+            spans[count, 0] = start
+            spans[count, 1] = stop
+            spans[count, 2] = line
             return count
-        if keys[number] == key and known[number, 1] - known[number, 0] == stop - start:
-            first = known[number, 0]
+        if known.keys[number] == key and spans[number, 1] - spans[number, 0] == stop - start:
+            first = spans[number, 0]
             same = True
             for i in range(stop - start):
                 x, y = text[first + i], text[start + i]
@@ -141,22 +156,14 @@ def cut(  # noqa: PLR0912, PLR0915
     has_slashes: bool,
     comments: NDArray[np.bool_],
     words: tuple[Bytes, ...],
-    table: NDArray[np.int32],
-    keys: NDArray[np.uint64],
-    known: NDArray[np.int64],
-    kind: NDArray[np.uint8],
-    name: NDArray[np.int32],
-    nodes: NDArray[np.int32],
-    value: NDArray[np.uint64],
-    found: NDArray[np.uint8],
-    token: NDArray[np.int32],
-    line: NDArray[np.int32],
+    known: NodeHash,
+    cards: CardTable,
     other: NDArray[np.int64],
 ) -> tuple[int, int, int, int]:
-    """Cut a file into plain cards and other lines.  Shapes: `comments` (256,), `known` (.., 3), `other` (.., 3)."""
+    """Cut a file into plain cards and other lines.  Shapes: `comments` (256,), `other` (.., 3)."""
     end_, alter, subckt, macro, ends, eom, control, endc, endl, if_, data, dc = words
     position, number = start, first_line - 1
-    cards, others, node_count = 0, 0, 0
+    card, others, node_count = 0, 0, 0
     depth = 0
     in_control = False
     last_is_plain = False
@@ -167,28 +174,11 @@ def cut(  # noqa: PLR0912, PLR0915
         i = _skip_blanks(text, begin)
         c = text[i]
         if KINDS[c] != NO_KIND and depth == 0 and not in_control:
-            stop, node_count = _card(
-                text,
-                i,
-                KINDS[c],
-                has_slashes,
-                dc,
-                table,
-                keys,
-                known,
-                node_count,
-                number,
-                cards,
-                name,
-                nodes,
-                value,
-                found,
-                token,
-            )
+            stop, node_count = _card(text, i, KINDS[c], has_slashes, dc, known, node_count, number, cards, card)
             if stop >= 0:
-                kind[cards] = KINDS[c]
-                line[cards] = number
-                cards += 1
+                cards.kind[card] = KINDS[c]
+                cards.line[card] = number
+                card += 1
                 last_is_plain = True
                 last_start, last_stop, last_number = begin, stop, number
                 position = stop + 1
@@ -202,7 +192,7 @@ def cut(  # noqa: PLR0912, PLR0915
         if _is_strange(c) or (stop - i >= 2 and text[stop - 1] == 92 and text[stop - 2] == 92):
             return TOO_HARD, 0, 0, 0
         if c == 43 and last_is_plain:
-            cards -= 1
+            card -= 1
             other[others, 0], other[others, 1], other[others, 2] = last_start, last_stop, last_number
             others += 1
         last_is_plain = False
@@ -227,7 +217,7 @@ def cut(  # noqa: PLR0912, PLR0915
             return TOO_HARD, 0, 0, 0
         elif _is(text, i, j, end_) or _is(text, i, j, alter):
             break
-    return DONE, cards, others, node_count
+    return DONE, card, others, node_count
 
 
 @njit(cache=True, inline="always")
@@ -258,17 +248,11 @@ def _card(
     kind: int,
     has_slashes: bool,
     dc: Bytes,
-    table: NDArray[np.int32],
-    keys: NDArray[np.uint64],
-    known: NDArray[np.int64],
+    known: NodeHash,
     node_count: int,
     line: int,
+    cards: CardTable,
     card: int,
-    name: NDArray[np.int32],
-    nodes: NDArray[np.int32],
-    value: NDArray[np.uint64],
-    found: NDArray[np.uint8],
-    token: NDArray[np.int32],
 ) -> tuple[int, int]:
     """Read one card; returns where its line ends, -1 if it is not plain, and how many nodes are known now."""
     name_stop = _token_end(text, start)
@@ -289,15 +273,15 @@ def _card(
         return -1, node_count
     if has_slashes and _comments_out(text, start, v_stop):
         return -1, node_count
-    found[card], value[card] = read_decimal(text, v, v_stop)
-    token[card, 0], token[card, 1] = v, v_stop
-    name[card, 0], name[card, 1] = start, name_stop
-    node = _node(text, a, a_stop, a_key, table, keys, known, node_count, line)
+    cards.outcome[card], cards.value[card] = read_decimal(text, v, v_stop)
+    cards.token[card, 0], cards.token[card, 1] = v, v_stop
+    cards.name[card, 0], cards.name[card, 1] = start, name_stop
+    node = _node(text, a, a_stop, a_key, known, node_count, line)
     node_count += node == node_count
-    nodes[card, 0] = node
-    node = _node(text, b, b_stop, b_key, table, keys, known, node_count, line)
+    cards.nodes[card, 0] = node
+    node = _node(text, b, b_stop, b_key, known, node_count, line)
     node_count += node == node_count
-    nodes[card, 1] = node
+    cards.nodes[card, 1] = node
     return stop, node_count
 
 
@@ -321,12 +305,12 @@ def gather(text: Bytes, spans: NDArray[np.int64]) -> Bytes:
 @njit(cache=True)
 def first_uses(used: NDArray[np.int64], count: int) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
     """Number nodes in the order in which they first occur: every node's number (-1 if it does not), and the order."""
-    way = np.full(count, -1, dtype=np.int32)
+    number = np.full(count, -1, dtype=np.int32)
     order = np.empty(count, dtype=np.int64)
     seen = 0
     for node in used:
-        if way[node] < 0:
-            way[node] = seen
+        if number[node] < 0:
+            number[node] = seen
             order[seen] = node
             seen += 1
-    return way, order[:seen]
+    return number, order[:seen]

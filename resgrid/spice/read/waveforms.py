@@ -7,10 +7,9 @@ from bisect import bisect_right
 from dataclasses import dataclass
 from itertools import pairwise
 
-from resgrid.spice.reader.blocks import Scope
-from resgrid.spice.reader.journal import Journal
-from resgrid.spice.reader.lines import Card
-from resgrid.spice.reader.tokens import Token
+from resgrid.spice.read.cards import Card, Token
+from resgrid.spice.read.diagnostics import Journal
+from resgrid.spice.read.scopes import Scope
 
 _DELAYS = {"pulse": (2,), "sin": (3,), "sine": (3,), "exp": (2, 4), "pwl": (), "sffm": ()}
 """Waveforms that are known here, and which of their values are delays."""

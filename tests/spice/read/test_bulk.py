@@ -6,9 +6,9 @@ import pytest
 from fuzz_decks import same
 from hypothesis import given, settings, strategies as st
 
-from resgrid.spice.reader.bulk import scan
-from resgrid.spice.reader.read import read_with
-from resgrid.spice.reader.rules import NGSPICE
+from resgrid.spice.read.deck import read_with
+from resgrid.spice.read.plain import scan
+from resgrid.spice.read.rules import NGSPICE
 
 floats = st.one_of(
     st.floats(allow_nan=False, allow_infinity=False),

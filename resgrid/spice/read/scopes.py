@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from resgrid.errors import BudgetError
-from resgrid.spice.reader.expressions import ExpressionError, Lookup, evaluate
-from resgrid.spice.reader.journal import CardError, Spot
-from resgrid.spice.reader.lines import Card
-from resgrid.spice.reader.numerals import parse_numeral
-from resgrid.spice.reader.rules import ReadingRules
-from resgrid.spice.reader.tokens import Setting, Token
+from resgrid.spice.read.cards import Card, Setting, Token
+from resgrid.spice.read.diagnostics import CardError, Spot
+from resgrid.spice.read.expressions import ExpressionError, Lookup, evaluate
+from resgrid.spice.read.numerals import parse_numeral
+from resgrid.spice.read.rules import ReadingRules
 
 MAX_CHAIN = 40
 """How deep parameters may refer to each other (in order of their lines they may do so without end)."""

@@ -6,7 +6,7 @@ import math
 import re
 from dataclasses import dataclass
 
-from resgrid.spice.reader.rules import MIL, ReadingRules
+from resgrid.spice.read.rules import MIL, ReadingRules
 
 _NUMBER = re.compile(r"([+-]?)(\d++(?:\.\d*+)?|\.\d++)(?:[eE]([+-]?\d{1,9}))?([^\W\d_]*+)")
 _D_NUMBER = re.compile(r"([+-]?)(\d++(?:\.\d*+)?|\.\d++)(?:[eEdD]([+-]?\d{1,9}))?([^\W\d_]*+)")
@@ -31,7 +31,7 @@ def parse_numeral(text: str, rules: ReadingRules, *, computed: bool = False) -> 
 
     Examples
     --------
-    >>> from resgrid.spice.reader.rules import NGSPICE
+    >>> from resgrid.spice.read.rules import NGSPICE
     >>> parse_numeral("2.2kOhm", NGSPICE)
     Numeral(value=2200.0, warning='')
     >>> parse_numeral("out", NGSPICE) is None

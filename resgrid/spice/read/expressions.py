@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 
-from resgrid.spice.reader.numerals import parse_numeral
-from resgrid.spice.reader.rules import RULES, ReadingRules
+from resgrid.spice.read.numerals import parse_numeral
+from resgrid.spice.read.rules import RULES, ReadingRules
 
 _PARENS = "write parentheses"
 
@@ -74,7 +74,7 @@ def evaluate(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> floa
 
     Examples
     --------
-    >>> from resgrid.spice.reader.rules import NGSPICE
+    >>> from resgrid.spice.read.rules import NGSPICE
     >>> evaluate("2*r + 1k", NGSPICE, {"r": 3.0}.get, lambda name, values, lookup: None)
     1006.0
     """

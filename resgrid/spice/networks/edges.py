@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.spice.reader.sources import decode, normalise, read_bytes
+from resgrid.spice.read.files import decode, normalise, read_bytes
 
 Measure = Literal["resistance", "conductance"]
 MEASURES = ("resistance", "conductance")

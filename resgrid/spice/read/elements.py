@@ -6,14 +6,13 @@ import math
 import re
 from collections.abc import Callable
 
-from resgrid.spice.reader.blocks import Model, Scope
-from resgrid.spice.reader.expressions import Lookup
-from resgrid.spice.reader.journal import Journal
-from resgrid.spice.reader.lines import Card
-from resgrid.spice.reader.models import RESISTOR_KINDS, SWITCH_KINDS, modelled_resistor, modelled_switch
-from resgrid.spice.reader.sheet import Sheet
-from resgrid.spice.reader.sources_dc import source_value
-from resgrid.spice.reader.tokens import Setting, Token, settings, split_positional, tokenise
+from resgrid.spice.read.cards import Card, Setting, Token, settings, split_positional, tokenise
+from resgrid.spice.read.diagnostics import Journal
+from resgrid.spice.read.expressions import Lookup
+from resgrid.spice.read.models import RESISTOR_KINDS, SWITCH_KINDS, modelled_resistor, modelled_switch
+from resgrid.spice.read.scopes import Model, Scope
+from resgrid.spice.read.tables import Sheet
+from resgrid.spice.read.waveforms import source_value
 
 REFUSED = {
     "d": "a diode",

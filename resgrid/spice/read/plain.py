@@ -9,23 +9,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.spice.reader.numerals import Numeral, parse_numeral
-from resgrid.spice.reader.rules import ReadingRules
-from resgrid.spice.reader.sheet import Names
-from resgrid.spice.reader.sources import decode
+from resgrid.spice.read.files import decode
+from resgrid.spice.read.numerals import Numeral, parse_numeral
+from resgrid.spice.read.rules import ReadingRules
+from resgrid.spice.read.tables import Names
 
 LEAST_BYTES = 40_000
 """Below this size the compiled loops cost more to load than they save."""
 
 _CAPACITOR = 3
 _WORDS = tuple(
-    np.frombuffer(word.encode(), dtype=np.uint8)
-    for word in (
-        *(".end", ".alter", ".subckt", ".macro", ".ends", ".eom", ".control", ".endc", ".endl", ".if", ".data", "dc"),
-    )
+    np.frombuffer(word, dtype=np.uint8)
+    for word in b".end .alter .subckt .macro .ends .eom .control .endc .endl .if .data dc".split()
 )
-
-
 _NO_WORD = np.frombuffer(b" ", dtype=np.uint8)
 
 
@@ -68,48 +64,38 @@ def plain_lines(data: bytes, start: int) -> Iterator[tuple[int, str]]:
 
 
 def scan(data: bytes, start: int, rules: ReadingRules) -> Bulk | None:
-    """Cut a file into plain cards and others."""
-    from resgrid.spice.reader.kernels import TOO_HARD, cut
+    """Cut a file into plain cards and others; None if it must be read line by line."""
+    from resgrid.spice.read.kernels import TOO_HARD, CardTable, NodeHash, cut
 
     text = np.frombuffer(data, dtype=np.uint8)
     rows = data.count(b"\n", start)
-    table = np.full(1 << max(6, (4 * rows).bit_length()), -1, dtype=np.int32)
-    keys, known = np.empty(2 * rows + 1, dtype=np.uint64), np.empty((2 * rows + 1, 3), dtype=np.int64)
-    kind, found = np.empty(rows, dtype=np.uint8), np.empty(rows, dtype=np.uint8)
+    known = NodeHash(
+        slots=np.full(1 << max(6, (4 * rows).bit_length()), -1, dtype=np.int32),
+        keys=np.empty(2 * rows + 1, dtype=np.uint64),
+        spans=np.empty((2 * rows + 1, 3), dtype=np.int64),
+    )
+    kind, outcome = np.empty(rows, dtype=np.uint8), np.empty(rows, dtype=np.uint8)
     name, nodes, token = (np.empty((rows, 2), dtype=np.int32) for _ in range(3))
     value, line = np.empty(rows), np.empty(rows, dtype=np.int32)
     other = np.empty((rows + 1, 3), dtype=np.int64)
-    outcome, cards, others, node_count = cut(
-        text,
-        start,
-        data.count(b"\n", 0, start) + 1,
-        b"//" in data,
-        _comment_starts(rules),
-        _words(rules),
-        table,
-        keys,
-        known,
-        kind,
-        name,
-        nodes,
-        value.view(np.uint64),
-        found,
-        token,
-        line,
-        other,
+    cards = CardTable(kind, name, nodes, value.view(np.uint64), outcome, token, line)
+    first_line = data.count(b"\n", 0, start) + 1
+    ended, count, others, node_count = cut(
+        text, start, first_line, b"//" in data, _comment_starts(rules), _words(rules), known, cards, other
     )
-    longest = max(map(len, rules.grounds))
-    if outcome == TOO_HARD:
+    if ended == TOO_HARD:
         return None
-    value = value[:cards]
-    plain = _read_values(text, value, found[:cards], token[:cards], rules)
-    plain &= (kind[:cards] != _CAPACITOR) | (value >= 0)
-    other = _with_demoted(other[:others], line[:cards][~plain], data)
-    keep = slice(cards) if plain.all() else np.flatnonzero(plain)
+    value = value[:count]
+    plain = _read_values(text, value, outcome[:count], token[:count], rules)
+    plain &= (kind[:count] != _CAPACITOR) | (value >= 0)
+    other = _with_demoted(other[:others], line[:count][~plain], data)
+    keep = slice(count) if plain.all() else np.flatnonzero(plain)
+    spans = known.spans[:node_count]
+    longest = max(map(len, rules.grounds))
     return Bulk(
-        node_names=_texts(text, known[:node_count, :2]),
-        node_line=known[:node_count, 2],
-        short=np.flatnonzero(known[:node_count, 1] - known[:node_count, 0] <= longest).tolist(),
+        node_names=_texts(text, spans[:, :2]),
+        node_line=spans[:, 2],
+        short=np.flatnonzero(spans[:, 1] - spans[:, 0] <= longest).tolist(),
         kind=kind[keep],
         text=text,
         span=name[keep],
@@ -135,20 +121,22 @@ def _comment_starts(rules: ReadingRules) -> NDArray[np.bool_]:
 def _read_values(
     text: NDArray[np.uint8],
     value: NDArray[np.float64],
-    found: NDArray[np.uint8],
+    outcome: NDArray[np.uint8],
     token: NDArray[np.int32],
     rules: ReadingRules,
 ) -> NDArray[np.bool_]:
     """Read the numbers that the compiled loop left; returns which cards have one without any doubt about it."""
-    from resgrid.spice.reader.decimal_kernels import LONG, OTHER
+    from resgrid.spice.read.decimal_kernels import LONG, OTHER
 
     plain = np.ones(len(value), dtype=np.bool_)
-    long = np.flatnonzero(found == LONG)
+    long = np.flatnonzero(outcome == LONG)
     if long.size:
         value[long] = list(map(float, _texts(text, token[long])))
         plain[long] = np.isfinite(value[long]) & (value[long] != 0)
     read: dict[str, float | None] = {}
-    for card, word in zip(np.flatnonzero(found == OTHER).tolist(), _texts(text, token[found == OTHER]), strict=True):
+    for card, word in zip(
+        np.flatnonzero(outcome == OTHER).tolist(), _texts(text, token[outcome == OTHER]), strict=True
+    ):
         if word not in read:
             numeral = parse_numeral(word, rules)
             read[word] = numeral.value if isinstance(numeral, Numeral) and not numeral.warning else None
@@ -171,6 +159,6 @@ def _with_demoted(other: NDArray[np.int64], lines: NDArray[np.int32], data: byte
 
 
 def _texts(text: NDArray[np.uint8], spans: NDArray[np.integer[Any]]) -> list[str]:
-    from resgrid.spice.reader.kernels import gather
+    from resgrid.spice.read.kernels import gather
 
     return gather(text, spans.astype(np.int64)).tobytes().decode("ascii").split("\n")[:-1]

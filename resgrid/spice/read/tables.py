@@ -10,7 +10,7 @@ from itertools import compress
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.spice.reader.rules import ReadingRules
+from resgrid.spice.read.rules import ReadingRules
 
 WIDTHS = {
     "resistor": (2, 6),

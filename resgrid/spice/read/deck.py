@@ -9,12 +9,12 @@ from typing import IO
 
 from resgrid.errors import InputError
 from resgrid.spice.parsed import ParsedDeck
-from resgrid.spice.reader.assemble import assemble_deck
-from resgrid.spice.reader.bulk import LEAST_BYTES
-from resgrid.spice.reader.collect import Collector
-from resgrid.spice.reader.journal import Journal
-from resgrid.spice.reader.rules import guess_dialect, rules_named
-from resgrid.spice.reader.sources import Library, Source, read_bytes
+from resgrid.spice.read.assemble import assemble_deck
+from resgrid.spice.read.collect import Collector
+from resgrid.spice.read.diagnostics import Journal
+from resgrid.spice.read.files import Library, Source, read_bytes
+from resgrid.spice.read.plain import LEAST_BYTES
+from resgrid.spice.read.rules import guess_dialect, rules_named
 
 _HEAD = 4096
 _STATED = re.compile(rb'"dialect": "([a-z]+)"')

@@ -10,13 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import BudgetError
-from resgrid.spice.reader.blocks import Block, Scope
-from resgrid.spice.reader.elements import multiplier, number, read_element
-from resgrid.spice.reader.journal import CardError, Journal
-from resgrid.spice.reader.lines import Card
-from resgrid.spice.reader.rules import ReadingRules
-from resgrid.spice.reader.sheet import RESISTIVE, WIDTHS, Names, NodeTable, Part, Sheet, order_of, widened
-from resgrid.spice.reader.tokens import Setting, settings, split_positional, tokenise
+from resgrid.spice.read.cards import Card, Setting, settings, split_positional, tokenise
+from resgrid.spice.read.diagnostics import CardError, Journal
+from resgrid.spice.read.elements import multiplier, number, read_element
+from resgrid.spice.read.rules import ReadingRules
+from resgrid.spice.read.scopes import Block, Scope
+from resgrid.spice.read.tables import RESISTIVE, WIDTHS, Names, NodeTable, Part, Sheet, order_of, widened
 
 MAX_DEPTH = 50
 MAX_ELEMENTS = 20_000_000

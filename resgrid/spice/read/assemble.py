@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
 from resgrid.spice.parsed import KINDS, NOMINAL_TEMPERATURE, LateNames, ParsedDeck, rebase
-from resgrid.spice.reader.blocks import Scope
-from resgrid.spice.reader.bulk import Bulk
-from resgrid.spice.reader.collect import Collector
-from resgrid.spice.reader.expand import Expander
-from resgrid.spice.reader.journal import CardError, Journal, Spot
-from resgrid.spice.reader.rules import ReadingRules
-from resgrid.spice.reader.sheet import WIDTHS, NodeTable, Part, Sheet, joined_parts
-from resgrid.spice.reader.sources import Source
+from resgrid.spice.read.collect import Collector
+from resgrid.spice.read.diagnostics import CardError, Journal, Spot
+from resgrid.spice.read.files import Source
+from resgrid.spice.read.plain import Bulk
+from resgrid.spice.read.rules import ReadingRules
+from resgrid.spice.read.scopes import Scope
+from resgrid.spice.read.subcircuits import Expander
+from resgrid.spice.read.tables import WIDTHS, NodeTable, Part, Sheet, joined_parts
 
 _BULK_KINDS = ("resistor", "voltage source", "current source", "capacitor")
 
@@ -232,7 +232,7 @@ def _by_first_use(
     """Renumber nodes in the order of their first use, ground first; unused ones vanish."""
     used = np.concatenate([np.zeros(1, dtype=np.int64), *(pairs.ravel() for pairs in nodes)])
     if compiled:
-        from resgrid.spice.reader.kernels import first_uses
+        from resgrid.spice.read.kernels import first_uses
 
         way, order = first_uses(used, len(names))
         return way, tuple(map(names.__getitem__, order.tolist()))

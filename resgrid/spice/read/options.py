@@ -5,11 +5,10 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 
-from resgrid.spice.reader.blocks import Scope
-from resgrid.spice.reader.journal import Journal
-from resgrid.spice.reader.lines import Card
-from resgrid.spice.reader.rules import ReadingRules
-from resgrid.spice.reader.tokens import Token, tokenise
+from resgrid.spice.read.cards import Card, Token, tokenise
+from resgrid.spice.read.diagnostics import Journal
+from resgrid.spice.read.rules import ReadingRules
+from resgrid.spice.read.scopes import Scope
 
 _PLAIN_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 

@@ -6,7 +6,7 @@ import pytest
 
 from resgrid import Netlist, read_network, solve
 from resgrid.errors import InputError
-from resgrid.spice.reader.circuitscape import read_circuitscape
+from resgrid.spice.networks.circuitscape import read_circuitscape
 
 
 def voltages(netlist: Netlist) -> dict[str, float]:

@@ -7,14 +7,13 @@ from dataclasses import dataclass, field
 from itertools import chain
 
 from resgrid.errors import BudgetError, InputError
-from resgrid.spice.reader.blocks import Block, Definition, Model
-from resgrid.spice.reader.bulk import Bulk, plain_lines, scan
-from resgrid.spice.reader.journal import CardError, Journal, Spot, TooManyErrorsError
-from resgrid.spice.reader.lines import Card, cards
-from resgrid.spice.reader.options import Options
-from resgrid.spice.reader.rules import ReadingRules
-from resgrid.spice.reader.sources import Library, Source, decode
-from resgrid.spice.reader.tokens import Token, settings, split_positional, tokenise
+from resgrid.spice.read.cards import Card, Token, cards, settings, split_positional, tokenise
+from resgrid.spice.read.diagnostics import CardError, Journal, Spot, TooManyErrorsError
+from resgrid.spice.read.files import Library, Source, decode
+from resgrid.spice.read.options import Options
+from resgrid.spice.read.plain import Bulk, plain_lines, scan
+from resgrid.spice.read.rules import ReadingRules
+from resgrid.spice.read.scopes import Block, Definition, Model
 
 MAX_INCLUDES = 20
 """How deep files may include each other."""

@@ -34,10 +34,10 @@ class ReadingRules:
     `infix_suffixes`: whether ``4k7`` is 4700; `d_exponents`: whether ``1d3`` is 1000; `milli_mil`: whether ``mil`` is
     milli in expressions, 25.4e-6 elsewhere; `grounds`: names of node 0, in lower case; `powers`: operators that raise
     to a power; `functions`: what functions in expressions are called and which of
-    `resgrid.spice.reader.expressions.FUNCTIONS` they are; `model_factor`: whether the ``r`` of a resistor's model
+    `resgrid.spice.read.expressions.FUNCTIONS` they are; `model_factor`: whether the ``r`` of a resistor's model
     multiplies; `lengths_twice`: whether a model's ``narrow`` and ``short`` are taken off at both ends; `annotations`:
     what may be written behind an element without meaning anything to a simulation; `operators`: operators that are
-    not what `resgrid.spice.reader.expressions` takes their symbols for; `narrow_parser`: whether signs after
+    not what `resgrid.spice.read.expressions` takes their symbols for; `narrow_parser`: whether signs after
     operators and choices within choices are misread; `puts_in_text`: whether functions, and what an ``X`` line gives,
     are put in as text: their names are looked up where they land; `replaces_multipliers`: whether ``m=`` of an ``X``
     line takes the place of ``m=`` within, and does not reach switches; `end_is_comment`: whether what stands after
