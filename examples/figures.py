@@ -18,9 +18,9 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from resgrid.regions import label_regions
 
 import resgrid as rg
+from resgrid.grids import label_regions
 from resgrid.plot import new_figure
 from resgrid.plot.paint import paint_cells
 from resgrid.plot.style import refresh_legend

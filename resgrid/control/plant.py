@@ -14,8 +14,8 @@ from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.robots import Ball, Box, CellSet, Pose, Robot, Shape
 from resgrid.robots.geometry import Obstacle, ObstacleArrays, obstacle_arrays, obstacles_of
-from resgrid.scene.place import along_axes
 from resgrid.scene.scene import Scene
+from resgrid.scene.world import along_axes
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
 _ROOM = 64

@@ -16,7 +16,7 @@ from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import one_start, start_cells
 from resgrid.robots import CellSet
 from resgrid.scene import MapCells, Scene, sample
-from resgrid.scene.place import to_space
+from resgrid.scene.world import to_space
 from resgrid.space import Cell, ConfigurationSpace
 
 _MOST_PARTS = 63

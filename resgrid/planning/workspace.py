@@ -15,7 +15,7 @@ from resgrid.planning.short_path import ShortPath
 from resgrid.planning.streamline import Streamline
 from resgrid.robots import Robot, Shape
 from resgrid.robots.geometry import obstacles_of
-from resgrid.scene.place import along_axes
+from resgrid.scene.world import along_axes
 from resgrid.space import ConfigurationSpace
 
 Way = Streamline | ShortPath | ArrayLike
