@@ -271,7 +271,8 @@ def to_shapely(shape: Shape) -> BaseGeometry:
         case CellSet():
             corners = np.array([(*box.lower, *box.upper) for box in shape.boxes()]).reshape(-1, 4)
             return shapely.union_all(shapely.box(*corners.T))
-        case Box((x0, y0), (x1, y1)):
+        case Box(lower, upper):
+            (x0, y0), (x1, y1) = lower, upper
             return shapely.MultiPoint(((x0, y0), (x1, y0), (x1, y1), (x0, y1))).convex_hull
         case Polygon(vertices, holes):
             return shapely.Polygon(vertices, holes)
