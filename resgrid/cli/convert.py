@@ -46,7 +46,7 @@ def command(source: Source, output: str, dialect: str | None, bare: bool) -> int
     graphs for networkx and others; FILE.npz holds the netlist's arrays. -o - prints the deck alone. All of these are
     read, too, but for Spectre, which is written only, and so are Circuitscape configurations (.ini).
     """
-    from resgrid.spice.networks import NETWORK_SUFFIXES, write_network
+    from resgrid.spice.networks.graphs import NETWORK_SUFFIXES, write_network
 
     suffix = Path(output).suffix.lower()
     known = (*DECK_SUFFIXES, SPECTRE_SUFFIX, *NETWORK_SUFFIXES)

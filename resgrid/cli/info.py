@@ -59,7 +59,7 @@ def command(source: Source | None, schema: bool, versions: bool) -> int:
 def describe(job: Job) -> dict[str, Any]:
     """What there is in a scene, as ``--json`` gives it."""
     from resgrid.cli.sketch import sketch
-    from resgrid.scene.map_words import describe_map
+    from resgrid.scene.maps.formats import describe_map
     from resgrid.space import Cell
 
     scene, space = job.scene, job.space
@@ -74,7 +74,7 @@ def describe(job: Job) -> dict[str, Any]:
             for axis in space.axes
         ],
         "frame": vars(scene.frame),
-        "map": None if scene.map is None else describe_map(scene),
+        "map": None if scene.map is None else describe_map(scene.map.table),
         "sketch": sketch(space, starts) if space.ndim == 2 else None,
         "cells": space.cell.size,
         "free_cells": int(free.sum()),

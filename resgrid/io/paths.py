@@ -21,7 +21,7 @@ from resgrid.planning.short_path import ShortPath
 from resgrid.planning.streamline import Streamline
 from resgrid.planning.trajectory import Trajectory
 from resgrid.planning.workspace import workspace_path
-from resgrid.robots import Arm, PointRobot, PolygonRobot
+from resgrid.robots import PointRobot
 from resgrid.space import ConfigurationSpace
 
 AnyPath = Streamline | ShortPath | Trajectory | ArrayLike
@@ -78,7 +78,7 @@ def path_columns(path: AnyPath, space: ConfigurationSpace) -> dict[str, NDArray[
     names = column_names(space, timed=isinstance(path, Trajectory))
     require_names(space.axes, names)
     columns = [*points.T]
-    if isinstance(space.robot, Arm):
+    if space.robot is not None and space.robot.base is not None:
         columns += [*workspace_path(points, space.robot, space).T]
     if isinstance(path, Trajectory):
         columns = [path.times, *columns, *path.velocities.T]
@@ -88,7 +88,8 @@ def path_columns(path: AnyPath, space: ConfigurationSpace) -> dict[str, NDArray[
 def column_names(space: ConfigurationSpace, *, timed: bool) -> list[str]:
     """Names of the columns of a path."""
     axes = [axis.name for axis in space.axes]
-    tip = ["tip_x", "tip_y"] if isinstance(space.robot, Arm) else []
+    mounted = space.robot is not None and space.robot.base is not None
+    tip = [f"{space.robot.reference}_{name}" for name in "xy"] if mounted else []
     return ["t", *axes, *tip, *(f"{name}_rate" for name in axes)] if timed else [*axes, *tip]
 
 
@@ -202,7 +203,8 @@ def _with_columns(route: Route, space: ConfigurationSpace) -> dict[str, Any]:
     """A route's record, with the columns that its points do not hold."""
     columns = _columns(route, space)
     if route.final is route.streamline:
-        columns = {name: column for name, column in columns.items() if name.startswith("tip_")}
+        axes = {axis.name for axis in space.axes}
+        columns = {name: column for name, column in columns.items() if name not in axes}
     return route_record(route) | ({"columns": columns} if columns else {})
 
 
@@ -260,8 +262,8 @@ def ros_plan(
     """
     points = _points(path, space)
     _require_plane(space)
-    places, robot = points[:, :2], space.robot
-    yaws = points[:, 2] / robot.turning_length if isinstance(robot, PolygonRobot) else headings(places)
+    places, own = points[:, :2], (space.robot or PointRobot()).heading(points)
+    yaws = headings(places) if own is None else own
     times = path.times if isinstance(path, Trajectory) else np.zeros(len(points))
     return _message(times.tolist(), places.tolist(), yaws.tolist(), frame_id)
 
@@ -285,10 +287,10 @@ def _message(times: Sequence[float], places: Sequence[Sequence[float]], yaws: Se
 
 def _require_plane(space: ConfigurationSpace) -> None:
     """Refuse a plan for ROS of what does not move in the plane."""
-    robot = space.robot
-    flat = space.ndim == 2 and space.axes[0].unit == space.axes[1].unit and not isinstance(robot, Arm)
-    if not flat and not isinstance(robot, PolygonRobot):
-        what = f"a {type(robot or PointRobot()).__name__} with axes {', '.join(axis.name for axis in space.axes)}"
+    robot = space.robot or PointRobot()
+    flat = space.ndim == 2 and space.axes[0].unit == space.axes[1].unit and robot.moves_in_workspace
+    if not flat and robot.heading(np.zeros((1, space.ndim))) is None:
+        what = f"a {type(robot).__name__} with axes {', '.join(axis.name for axis in space.axes)}"
         raise InputError(f"a plan for ROS holds poses in the plane, not {what}; write .csv, .json or .npz")
 
 
