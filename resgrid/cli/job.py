@@ -18,7 +18,7 @@ from resgrid.errors import InputError
 if TYPE_CHECKING:
     from resgrid.netlist import Netlist
     from resgrid.nodal.operating_point import OperatingPoint
-    from resgrid.planning.field import Field
+    from resgrid.planning.fields import Field
     from resgrid.scene import Scene
     from resgrid.space import ConfigurationSpace
 
@@ -181,7 +181,7 @@ def only_boundary(job: Job) -> tuple[str, int | None]:
 def blend_fields(job: Job, chips: dict[str, Chip], report: Report) -> list[Field]:
     """The fields that a scene asks for: of its boundary, or one for each k."""
     from resgrid.planning.blend import blend
-    from resgrid.planning.field import field_of
+    from resgrid.planning.fields import field_of
 
     scene = job.scene
     fields: dict[str, Field] = {}

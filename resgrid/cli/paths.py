@@ -10,10 +10,10 @@ from resgrid.cli.report import Report
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
-    from resgrid.planning.field import Field
-    from resgrid.planning.short_path import ShortPath
+    from resgrid.planning.fields import Field
+    from resgrid.planning.streamline import ShortPath
     from resgrid.planning.streamline import Streamline
-    from resgrid.planning.trajectory import Trajectory
+    from resgrid.planning.timing import Trajectory
     from resgrid.scene import Scene
     from resgrid.space import ConfigurationSpace
 
@@ -89,7 +89,7 @@ def _check_start_drive(scene: Scene) -> None:
 
 def _start_driven(job: Job, report: Report, chips: dict[str, Chip]) -> Plan:
     """Each start is tied to the supply in turn, by a chip of its own."""
-    from resgrid.planning.field import field_of
+    from resgrid.planning.fields import field_of
     from resgrid.planning.trace import undriven
     from resgrid.space import Cell
 

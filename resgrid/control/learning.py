@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import CircuitError, InputError
-from resgrid.planning.field import Field
+from resgrid.planning.fields import Field
 from resgrid.robots import Ball, CellSet, Robot
 from resgrid.scene.scene import Scene
 from resgrid.space import Axis, Cell, ConfigurationSpace

@@ -33,7 +33,7 @@ from resgrid.netlist import GROUND, Netlist
 from resgrid.nodal.dynamics import Dynamics, dynamics_of, factor_resolvent
 from resgrid.nodal.transient import transient_stepper
 from resgrid.planning.blend import blend
-from resgrid.planning.field import Field, face_currents
+from resgrid.planning.fields import Field, face_currents
 from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import CertificateError
-from resgrid.planning.field import Field
+from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Streamline
 from resgrid.space import rounding
 

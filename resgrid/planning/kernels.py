@@ -12,7 +12,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from resgrid.jit import inner
-from resgrid.planning.field import Flow
+from resgrid.planning.fields import Flow
 
 REACHED, NO_CURRENT, ENDLESS = 0, 1, 2
 MIXED = -2

@@ -11,9 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.arguments import check_number
 from resgrid.errors import InputError
 from resgrid.planning.bodies import bodies_of, parts_of
-from resgrid.planning.seams import axis_path, unwrap, wrap
-from resgrid.planning.short_path import ShortPath
-from resgrid.planning.streamline import Streamline
+from resgrid.planning.streamline import ShortPath, Streamline, axis_path, unwrap, wrap
 from resgrid.robots import Arm, DiscRobot, PointRobot, PolygonRobot, Robot, Shape
 from resgrid.scene.place import along_axes
 from resgrid.space import ConfigurationSpace

@@ -9,7 +9,7 @@ from matplotlib.colors import Colormap
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.planning.field import Field
+from resgrid.planning.fields import Field
 from resgrid.plot.style import height_map
 from resgrid.space import Cell
 

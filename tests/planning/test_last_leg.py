@@ -12,14 +12,15 @@ import shapely
 from hypothesis import given, settings, strategies as st
 from support.spaces import space_of, spaces
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError, InputError
 from resgrid.nodal.solve import solve
 from resgrid.planning.certify import certify
 from resgrid.planning.export import path_columns, write_path
-from resgrid.planning.field import Field, field_of
-from resgrid.planning.free_way import certify_free
-from resgrid.planning.seams import length_of, unwrap
+from resgrid.planning.fields import Field
+from resgrid.planning.certify import certify_free
+from resgrid.planning.streamline import length_of, unwrap
 from resgrid.planning.shortcut import shorten
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.timing import time_path
@@ -40,7 +41,7 @@ def aimed(space: ConfigurationSpace, rng: np.random.Generator, whole: float = 0.
 
 
 def open_field(space: ConfigurationSpace) -> Field:
-    return field_of(solve(compile_space(space, boundary="neumann")))
+    return rg.field(solve(compile_space(space, boundary="neumann")))
 
 
 def bare(space: ConfigurationSpace) -> ConfigurationSpace:
@@ -96,11 +97,11 @@ def corner_room() -> ConfigurationSpace:
 
 def test_the_clearance_counts_the_leg() -> None:
     space = corner_room()
-    field = field_of(solve(compile_space(space, edge="open")))
+    field = rg.field(solve(compile_space(space, edge="open")))
     path = streamline(field, (2.0, 2.0))
     exact = shapely.distance(shapely.LineString(path.points), shapely.box(9, 6, 10, 7))
     assert path.clearance == pytest.approx(exact) == pytest.approx(np.hypot(0.1, 0.1))
-    assert streamline(field_of(solve(compile_space(bare(space), edge="open"))), (2.0, 2.0)).clearance > 0.2
+    assert streamline(rg.field(solve(compile_space(bare(space), edge="open"))), (2.0, 2.0)).clearance > 0.2
 
 
 def test_a_certificate_asks_for_the_leg() -> None:

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 from support.spaces import space_of
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
 from resgrid.planning import planner as planner_module
-from resgrid.planning.behaviour import clearance_curve, wall_clearance_curve
+from resgrid.planning.planner import clearance_curve, wall_clearance_curve
 from resgrid.planning.blend import blend
 from resgrid.planning.certify import certify
-from resgrid.planning.completeness import check_verdicts
-from resgrid.planning.field import field_of
+from resgrid.planning.separation import check_verdicts
 from resgrid.planning.planner import plan
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import streamline
@@ -29,8 +29,8 @@ def two_goal_room() -> ConfigurationSpace:
 
 def test_a_planner_gives_what_the_stages_give() -> None:
     space = two_goal_room()
-    first = field_of(solve(compile_space(space)))
-    second = field_of(solve(compile_space(space, boundary="neumann")))
+    first = rg.field(solve(compile_space(space)))
+    second = rg.field(solve(compile_space(space, boundary="neumann")))
     planner = plan(space, k=0.5)
     assert planner.k == 0.5 and planner.space is space
     for k in (0.0, 0.3, 1.0):
