@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from resgrid.chip.build import build_chip
 from resgrid.chip.noise import ROOM, Noise, analyse_noise
-from resgrid.chip.resistors import Temperature
+from resgrid.chip.passes.values import Temperature
 from resgrid.chip.settling import Settling, analyse_settling
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
@@ -27,7 +27,7 @@ from resgrid.nodal.solve import solve
 from resgrid.nodal.transient import transient
 from resgrid.scene.chip import Chip
 from resgrid.spice.analyses import Analysis, NoiseAnalysis, Probe, TemperatureAnalysis, TransientAnalysis
-from resgrid.spice.writer import WrittenDeck, write_spice
+from resgrid.spice.write.files import WrittenDeck, write_spice
 
 CELSIUS = (-40.0, 27.0, 85.0, 125.0)
 BAND = 100.0

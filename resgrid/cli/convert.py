@@ -107,7 +107,7 @@ def _written(
         if suffix in NETWORK_SUFFIXES:
             write_network(netlist, output)
             return {"file": output, **counts}
-        from resgrid.spice.writer import write_spice
+        from resgrid.spice.write.files import write_spice
 
         written = write_spice(netlist, output, dialect, title=title, operating_point=point)
     files = {"sidecar": written.sidecar, "commands": written.commands, "sha256": written.sha256}
@@ -129,6 +129,6 @@ def _left_out(netlist: Netlist, suffix: str) -> list[str]:
 
 def _write_bare(netlist: Netlist, title: str | None, output: str, dialect: str) -> None:
     from resgrid.cli.output import emit_text
-    from resgrid.spice.deck import format_deck
+    from resgrid.spice.write.flat import format_deck
 
     emit_text(output, format_deck(netlist, dialect=dialect, title=title))

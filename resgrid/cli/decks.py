@@ -110,7 +110,7 @@ def solve_deck(deck: ParsedDeck, report: Report) -> SolvedDeck:
 
 def _lines_at_fault(deck: ParsedDeck) -> str:
     """Errors that the rules find, one a line; empty if they find none."""
-    from resgrid.spice.rules import check_rules
+    from resgrid.spice.check.rules import check_rules
 
     errors = [finding for finding in check_rules(deck) if finding.severity == "error"]
     return "\n".join(f"{finding.place}: {finding.message}; {finding.remedy}" for finding in errors[:_NOTES])
@@ -152,10 +152,10 @@ def deck_data(deck: ParsedDeck) -> dict[str, Any]:
 def solution_data(solved: SolvedDeck, count: int) -> dict[str, Any]:
     """What the meters of a solved deck read, as ``--json`` gives it."""
     from resgrid.spice.balance import power_balance
-    from resgrid.spice.drops import supply_drops
+    from resgrid.spice.ir_drop import ir_drop
 
     point, netlist = solved.point, solved.point.netlist
-    drops, balance = supply_drops(point), power_balance(point)
+    drops, balance = ir_drop(point), power_balance(point)
     worst = drops.worst(count)
     return {
         "kcl_residual": point.kcl_residual,

@@ -121,7 +121,7 @@ def describe_deck(deck: ParsedDeck) -> dict[str, Any]:
     """What there is in a deck, as ``--json`` gives it."""
     import numpy as np
 
-    from resgrid.spice.forecast import forecast_run
+    from resgrid.spice.run.forecast import forecast_run
     from resgrid.spice.subject import subject_of
 
     part = subject_of(deck).part
@@ -166,7 +166,7 @@ def installed_versions() -> dict[str, str | None]:
     versions: dict[str, str | None] = {"resgrid": metadata.version("resgrid"), "python": platform.python_version()}
     versions |= {name: metadata.version(name) for name in PACKAGES}
     try:
-        from resgrid.spice import ngspice_version
+        from resgrid.spice.run.ngspice import ngspice_version
 
         versions["ngspice"] = ngspice_version()
     except ToolMissingError:

@@ -60,7 +60,7 @@ def read_graph(path: str | os.PathLike[str]) -> Netlist:
 
 def _write_edges(netlist: Netlist, path: Path) -> None:
     """Names of the two nodes and the resistance of every resistor."""
-    from resgrid.spice.deck import resistances
+    from resgrid.spice.write.flat import resistances
 
     names = netlist.names_of(range(netlist.node_count))
     used = np.unique(netlist.resistor_nodes).tolist()

@@ -12,11 +12,10 @@ from support.circuits import dense_solution
 from support.spaces import space_of, spaces
 
 import resgrid as rg
-from resgrid.chip.faults import Faults
 from resgrid.chip.passes import PASSES
-from resgrid.chip.resistors import (
-    Gradient,
-    Mismatch,
+from resgrid.chip.passes.spread import Faults, Gradient, Mismatch
+from resgrid.chip.passes.switches import Capacitance, InternodalSwitches, RailResistance, RailSwitches, ReadoutLoad
+from resgrid.chip.passes.values import (
     PreferredValues,
     Saturation,
     SheetResistors,
@@ -24,7 +23,6 @@ from resgrid.chip.resistors import (
     TemperatureCoefficients,
     preferred_values,
 )
-from resgrid.chip.switches import Capacitance, InternodalSwitches, RailResistance, RailSwitches, ReadoutLoad
 from resgrid.space import Cell
 
 
@@ -268,7 +266,7 @@ def test_open_obstacles_keep_the_switches_of_their_tiles(options: dict[str, obje
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann", "wall"])
 def test_switched_chips_are_those_of_the_tiles(boundary: str) -> None:
-    from resgrid.spice.tiles import Tile, expanded_netlist
+    from resgrid.spice.write.tiles import Tile, expanded_netlist
 
     values = {
         "obstacle_switch_on": 100.0, "obstacle_switch_off": 1e9, "goal_switch_on": 50.0, "goal_switch_off": 1e8,

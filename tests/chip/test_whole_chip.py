@@ -19,7 +19,7 @@ from resgrid.chip.precision import analyse_precision
 from resgrid.chip.sensitivity import analyse_sensitivity
 from resgrid.chip.settling import analyse_settling
 from resgrid.scene.chip import Chip
-from resgrid.spice.rawfile import read_rawfile
+from resgrid.spice.run.rawfile import read_rawfile
 
 CHIP = Chip(
     capacitance=1e-12,

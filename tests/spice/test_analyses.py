@@ -15,8 +15,8 @@ from support.simulators import run, verdict, waves
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.spice.tiles import Tile, expanded_netlist
-from resgrid.spice.writer import write_spice
+from resgrid.spice.write.files import write_spice
+from resgrid.spice.write.tiles import Tile, expanded_netlist
 
 TILE = Tile(capacitance=1e-12)
 ALL = {

@@ -11,9 +11,9 @@ from hypothesis import given, settings, strategies as st
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
 from resgrid.space import Axis, ConfigurationSpace
+from resgrid.spice.check.rules import check_rules
 from resgrid.spice.kernels import left_over
 from resgrid.spice.reader import read_spice
-from resgrid.spice.rules import check_rules
 from resgrid.spice.subject import subject_of
 
 SOUND = "* sound\nv1 a 0 1\nr1 a b 1k\nr2 b 0 1k\n"

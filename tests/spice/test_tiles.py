@@ -13,8 +13,8 @@ from support.spaces import space_of, spaces
 
 import resgrid as rg
 from resgrid.spice.reader import read_spice
-from resgrid.spice.tiles import Tile, expanded_netlist
-from resgrid.spice.writer import write_spice
+from resgrid.spice.write.files import write_spice
+from resgrid.spice.write.tiles import Tile, expanded_netlist
 
 ROOM = [[0, 0, 0, 0, 0], [0, 1, 1, 0, 0], [0, 0, 0, 0, 2], [0, 1, 0, 0, 0]]
 BOUNDARIES = [

@@ -16,7 +16,7 @@ from scipy.linalg import eigh
 
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
-from resgrid.spice.rawfile import RawFile, read_rawfile
+from resgrid.spice.run.rawfile import RawFile, read_rawfile
 from support.circuits import random_grid
 from support.spaces import space_of
 

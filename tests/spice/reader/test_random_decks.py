@@ -9,8 +9,8 @@ from hypothesis import given, settings, strategies as st
 from support.decks import random_deck
 
 from resgrid import solve
-from resgrid.spice.rawfile import read_rawfile
 from resgrid.spice.reader.read import read_with
+from resgrid.spice.run.rawfile import read_rawfile
 
 COUNT = int(os.environ.get("RESGRID_RANDOM_DECKS", "100"))
 
