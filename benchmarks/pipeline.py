@@ -6,11 +6,11 @@ from functools import partial
 
 import numpy as np
 
+import resgrid as rg
 from benchmarks.layouts import boxes
 from benchmarks.problems import equations
 from benchmarks.rows import Row, Scale
 from benchmarks.timing import Job, alternating, repeated, scaled, spread, timed
-import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
 from resgrid.nodal.solve import solve

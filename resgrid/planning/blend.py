@@ -45,7 +45,7 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
     """
     check_share(k)
     check_pair(dirichlet, neumann)
-    if k == 1.0 and not any(direction.any() for direction in dirichlet.face_direction):
+    if k == 1.0 and not dirichlet.is_flowing:
         raise CircuitError(
             "nothing is driven at k = 1: no free cell lies between a goal and an obstacle, or an edge that counts as "
             "one; choose k below 1, or edge = 'obstacle'"

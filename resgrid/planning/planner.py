@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.errors import InputError
 from resgrid.planning.blend import blend
 from resgrid.planning.fields import Field
-from resgrid.planning.road import problem_of, solve_halves, solve_problem
+from resgrid.planning.road import problem_of, require_uniform, solve_halves, solve_problem
 from resgrid.planning.separation import Separation, separation
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.planning.trace import Traces, basins, follow, start_cells, start_points, streamline, streamlines
@@ -134,11 +134,11 @@ def plan(
     CircuitError
         If nothing can be driven.
     """
+    if isinstance(where, Scene):
+        require_uniform(where, "plan()")
     problem = problem_of(
         where, boundary=boundary, k=k, edge=edge, resistance=resistance, wall_resistance=wall_resistance
     )
-    if problem.start_driven:
-        raise InputError("a scene with drive = 'start' serves one start at a time; plan() needs drive = 'uniform'")
     if not problem.ks:
         return Planner(solve_problem(problem).fields[0], None, None, problem.starts)
     halves = solve_halves(problem)

@@ -48,8 +48,9 @@ def unobserved(_stage: str, function: Callable[..., Any], *arguments: Any, **_: 
 class Problem:
     """What is to be solved: a space, how it is wired, and for which blends and starts.
 
-    `wiring`: of the only circuit, or of k = 1; `ks`: shares of the Dirichlet field, none for the only circuit; `starts`
-    (n, ndim): in world coordinates; `start_driven`: whether starts, one by one, drive open obstacles.
+    `wiring`: of the circuit where only one is asked for; `ks`: shares of the Dirichlet field, none for that circuit's
+    own field; `starts` (n, ndim): in world coordinates; `start_driven`: whether starts, one by one, drive open
+    obstacles.
     """
 
     space: ConfigurationSpace
@@ -59,28 +60,35 @@ class Problem:
     start_driven: bool = False
 
     @property
+    def halves(self) -> dict[float, Wiring]:
+        """The circuits of k = 1, with obstacles on the rail or behind walls, and of k = 0, with open ones."""
+        return {1.0: closed(self.wiring), 0.0: self.wiring.opened()}
+
+    @property
     def wirings(self) -> dict[str, Wiring]:
-        """The circuits that the fields are blended from, by name, which is their boundary."""
+        """The circuits that the fields are made of, by name, which is their boundary."""
         if not self.ks:
             return {self.wiring.boundary: self.wiring}
-        pure = {1.0: self.wiring, 0.0: self.wiring.opened()}
-        ends = [end for k in self.ks for end in ((k,) if k in pure else (1.0, 0.0))]
-        return {pure[end].boundary: pure[end] for end in ends}
+        halves = self.halves
+        ends = [end for k in self.ks for end in ((k,) if k in halves else (1.0, 0.0))]
+        return {halves[end].boundary: halves[end] for end in ends}
 
     def only_wiring(self) -> tuple[str, Wiring]:
-        """Name and wiring of the circuit, where only one is asked for."""
-        if len(self.ks) > 1 or any(0.0 < k < 1.0 for k in self.ks):
-            raise InputError(
-                f"k = {', '.join(f'{k:g}' for k in self.ks)} blends two circuits, and this makes one: choose "
-                "boundary = 'dirichlet' or 'neumann' ('resgrid run' makes both and blends them)"
-            )
-        ((name, wiring),) = self.wirings.items()
-        if name != "neumann" or not self.start_driven:
-            return name, wiring
+        """Name and wiring of the circuit where one is asked for: of a single k, which must be 0 or 1, or its own."""
+        wiring = self.wiring
+        if len(self.ks) == 1:
+            if self.ks[0] not in self.halves:
+                raise InputError(
+                    f"k = {self.ks[0]} blends two chips, and this makes one: choose boundary = 'dirichlet' or "
+                    "'neumann' ('resgrid run' makes both and blends them)"
+                )
+            wiring = self.halves[self.ks[0]]
+        if wiring.boundary != "neumann" or not self.start_driven:
+            return wiring.boundary, wiring
         if len(self.starts) != 1:
             raise InputError(
-                f"drive = 'start' ties one start to the supply, and the scene has {len(self.starts)}; "
-                "choose one of them"
+                f"drive = 'start' ties one start to the supply, and the scene has {len(self.starts)}; choose one of "
+                "them with --start X,Y"
             )
         return self.driven_by(0)
 
@@ -121,31 +129,47 @@ def problem_of(
     `wiring`: other fields of `Wiring`, None for the scene's.
     """
     if k is not None:
-        check_share(k)
-        if boundary == "neumann":
-            raise InputError("a blend has its obstacles on the rail at k = 1: choose boundary = 'dirichlet' or 'wall'")
-    if not isinstance(where, Scene | ConfigurationSpace):
+        check_blend(k, boundary)
+    ks = () if k is None else (float(k),)
+    if isinstance(where, ConfigurationSpace):
+        given = {key: value for key, value in wiring.items() if value is not None}
+        return Problem(where, Wiring(boundary or "dirichlet", **given), ks, np.empty((0, where.ndim)))
+    if not isinstance(where, Scene):
         raise InputError(f"a configuration space or a scene is needed, not a {type(where).__name__}")
-    scene = where if isinstance(where, Scene) else None
-    ks = (float(k),) if k is not None else scene.k if scene is not None and boundary is None else ()
-    if boundary is None:
-        boundary = "dirichlet" if scene is None else scene.boundary
-        boundary = "dirichlet" if ks and boundary == "neumann" else boundary
-    given = {key: value for key, value in wiring.items() if value is not None}
-    if scene is None:
-        assert isinstance(where, ConfigurationSpace)
-        return Problem(where, Wiring(boundary, **given), ks, np.empty((0, where.ndim)))
-    chip = scene.chip
-    options = {"edge": scene.edge, "resistance": chip.resistance, "supply": chip.supply}
+    return Problem(
+        space=sample(where) if space is None else space,
+        wiring=scene_wiring(where, boundary, **wiring),
+        ks=ks or (where.k if boundary is None else ()),
+        starts=np.array(where.starts, dtype=np.float64).reshape(-1, where.ndim),
+        start_driven=where.drive == "start",
+    )
+
+
+def scene_wiring(scene: Scene, boundary: str | None = None, **given: Any) -> Wiring:
+    """How a scene is wired, or with another boundary; open obstacles with a uniform drive."""
+    boundary, chip = boundary or scene.boundary, scene.chip
+    options: dict[str, Any] = {"edge": scene.edge, "resistance": chip.resistance, "supply": chip.supply}
     if boundary == "wall":
         options["wall_resistance"] = chip.wall_resistance
-    return Problem(
-        space=sample(scene) if space is None else space,
-        wiring=Wiring(boundary, **(options | given)),
-        ks=ks,
-        starts=np.array(scene.starts, dtype=np.float64).reshape(-1, scene.ndim),
-        start_driven=scene.drive == "start",
-    )
+    return Wiring(boundary, **(options | {key: value for key, value in given.items() if value is not None}))
+
+
+def closed(wiring: Wiring) -> Wiring:
+    """What k = 1 means: obstacles are a rail, behind walls if the wiring has some."""
+    return replace(wiring, boundary="dirichlet", drive=None, start=None) if wiring.is_driven else wiring
+
+
+def check_blend(k: float, boundary: str | None) -> None:
+    """Refuse a k that is no share, or one of obstacles that are open anyway."""
+    check_share(k)
+    if boundary == "neumann":
+        raise InputError("a blend has its obstacles on the rail at k = 1: choose boundary = 'dirichlet' or 'wall'")
+
+
+def require_uniform(scene: Scene, what: str) -> None:
+    """Refuse a scene whose starts drive it one by one."""
+    if scene.drive == "start":
+        raise InputError(f"a scene with drive = 'start' serves one start at a time; {what} needs drive = 'uniform'")
 
 
 def compile_circuit(
@@ -193,15 +217,16 @@ def solve_problem(
     points, pure = _solve_wirings(problem.space, problem.wirings, run)
     if not problem.ks:
         return Solution(problem, points, tuple(pure.values()))
-    ends = pure.get(problem.wiring.boundary), pure.get("neumann")
-    return Solution(problem, points, tuple(_blended(*ends, k) for k in problem.ks))
+    obstacle, opened = (pure.get(wiring.boundary) for wiring in problem.halves.values())
+    return Solution(problem, points, tuple(_blended(obstacle, opened, k) for k in problem.ks))
 
 
 def solve_halves(problem: Problem) -> tuple[Field, Field]:
     """The fields of k = 1 and k = 0, from which every other is blended."""
-    wirings = {wiring.boundary: wiring for wiring in (problem.wiring, problem.wiring.opened())}
+    wirings = {wiring.boundary: wiring for wiring in problem.halves.values()}
     _, pure = _solve_wirings(problem.space, wirings, partial(solve_circuit, problem.space, scaled=False))
-    return pure[problem.wiring.boundary], pure["neumann"]
+    obstacle, opened = pure.values()
+    return obstacle, opened
 
 
 def solve_field(space: ConfigurationSpace, wiring: Wiring, k: float | None = None) -> Field:

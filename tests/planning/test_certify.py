@@ -13,9 +13,8 @@ import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError
 from resgrid.nodal.solve import solve
-from resgrid.planning.certify import certify
+from resgrid.planning.certify import certify, certify_free
 from resgrid.planning.fields import Field
-from resgrid.planning.certify import certify_free
 from resgrid.planning.shortcut import shorten
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.planning.trace import streamline

@@ -9,11 +9,8 @@ from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.solve import solve
-from resgrid.planning.random_walk import risk
-from resgrid.planning.random_walk import absorption
-from resgrid.planning.trace import basins
-from resgrid.planning.trace import streamline
-from resgrid.planning.random_walk import random_walk
+from resgrid.planning.random_walk import absorption, random_walk, risk
+from resgrid.planning.trace import basins, streamline
 from resgrid.space import ConfigurationSpace
 
 BOUNDARIES = [{}, {"boundary": "wall", "wall_resistance": 3.0}, {"boundary": "neumann"}, {"rails": "cells"}]

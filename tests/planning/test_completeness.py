@@ -9,9 +9,9 @@ import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.nodal.solve import solve
-from resgrid.planning.separation import check_verdicts, separation
-from resgrid.planning.fields import Field
 from resgrid.planning.barriers import label_groups
+from resgrid.planning.fields import Field
+from resgrid.planning.separation import check_verdicts, separation
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import streamline
 from resgrid.space import ConfigurationSpace

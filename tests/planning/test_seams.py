@@ -10,8 +10,8 @@ from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
 from resgrid.planning.clearance import clearance_of
-from resgrid.planning.streamline import length_of, unwrap, wrap
 from resgrid.planning.shortcut import shorten
+from resgrid.planning.streamline import length_of, unwrap, wrap
 from resgrid.planning.trace import streamline
 from resgrid.space import Cell, ConfigurationSpace
 

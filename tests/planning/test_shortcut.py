@@ -18,10 +18,10 @@ from resgrid.errors import CertificateError, InputError
 from resgrid.grids import label_regions
 from resgrid.nodal.solve import solve
 from resgrid.planning import kernels
-from resgrid.planning.fields import Field
 from resgrid.planning.certify import certify_free
-from resgrid.planning.streamline import length_of, unwrap
+from resgrid.planning.fields import Field
 from resgrid.planning.shortcut import shorten
+from resgrid.planning.streamline import length_of, unwrap
 from resgrid.planning.trace import streamline
 from resgrid.space import Cell, ConfigurationSpace
 

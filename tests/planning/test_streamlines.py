@@ -8,10 +8,9 @@ from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError, CircuitError, InputError
 from resgrid.frame import Frame
 from resgrid.nodal.solve import solve
-from resgrid.planning.blend import blend
+from resgrid.planning.blend import blend, dirichlet_share
 from resgrid.planning.certify import certify
-from resgrid.planning.fields import Field
-from resgrid.planning.blend import dirichlet_share
+from resgrid.planning.fields import Field, undriven_field
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.planning.trace import streamline, streamlines
 from resgrid.space import Cell, ConfigurationSpace
@@ -158,17 +157,7 @@ def test_a_walled_goal_is_blocked() -> None:
     cell[2, 2] = 2
     space = space_of(cell)
     # Nothing flows in such a circuit, so there is no field to read: the outcome rests on the cells alone.
-    silent = Field(
-        space,
-        np.ones(space.shape),
-        None,
-        tuple(np.zeros((8, 7) if a == 0 else (7, 8), dtype=np.int8) for a in range(2)),
-        tuple(np.full((8, 7) if a == 0 else (7, 8), -np.inf) for a in range(2)),
-        "dirichlet",
-        None,
-        ("obstacle", "obstacle"),
-        1.0,
-    )
+    silent = undriven_field(space, rg.Wiring())
     path = streamline(silent, cell=(0, 0))
     assert path.outcome is Outcome.GOAL_BLOCKED
     certify(path, silent)
@@ -231,7 +220,7 @@ def test_blends_that_do_not_go_together_are_refused() -> None:
         blend(neumann, dirichlet, 0.5)
     with pytest.raises(InputError, match="start-driven"):
         blend(dirichlet, started, 0.5)
-    assert blend(dirichlet, started, 0.5, allow_start_drive=True).drive == "start"
+    assert blend(dirichlet, started, 0.5, allow_start_drive=True).boundary == "blend"
     with pytest.raises(InputError, match="different spaces"):
         blend(dirichlet, field(space_of(np.where(space.cell == 1, 0, space.cell)), boundary="neumann"), 0.5)
     costly = ConfigurationSpace(space.axes, space.cell, np.where(space.cell == 1, 1.0, 2.0))

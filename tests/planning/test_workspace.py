@@ -15,8 +15,8 @@ from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
 from resgrid.planning.clearance import clearance_of
-from resgrid.planning.streamline import unwrap
 from resgrid.planning.shortcut import shorten
+from resgrid.planning.streamline import unwrap
 from resgrid.planning.trace import streamline
 from resgrid.planning.workspace import dense, replay, travel_bound, workspace_clearance, workspace_path
 from resgrid.robots import (

@@ -13,10 +13,9 @@ import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
-from resgrid.planning.planner import clearance_curve
-from resgrid.planning.separation import separation
 from resgrid.planning.fields import Field
-from resgrid.planning.planner import plan
+from resgrid.planning.planner import clearance_curve, plan
+from resgrid.planning.separation import separation
 from resgrid.planning.trace import streamline
 from resgrid.plot import (
     plot_clearance_curve,
