@@ -89,8 +89,8 @@ def _piped_scene(choice: SceneChoice) -> Scene:
     """A scene from standard input: TOML, or a map known by its first bytes."""
     import tempfile
 
+    from resgrid.files import decode
     from resgrid.scene import parse_scene, read_scene
-    from resgrid.scene.files import decode
 
     data = sys.stdin.buffer.read()
     if not data.strip():

@@ -8,12 +8,13 @@ from numbers import Integral, Real
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.axis import rounding
 from resgrid.errors import CertificateError, InputError
 from resgrid.planning.certify_motion import check_motion
 from resgrid.planning.clearance import clearance_of, face_shares
 from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, ShortPath, Streamline, axis_path, length_of
-from resgrid.space import Cell, ConfigurationSpace, rounding
+from resgrid.space import Cell, ConfigurationSpace
 
 Cells = set[tuple[int, ...]]
 

@@ -9,9 +9,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.axis import rounding
 from resgrid.errors import InputError
 from resgrid.frame import Frame
-from resgrid.space import ConfigurationSpace, rounding
+from resgrid.space import ConfigurationSpace
 
 
 class Outcome(StrEnum):
