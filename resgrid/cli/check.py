@@ -12,7 +12,7 @@ from resgrid.cli.decks import is_deck, is_network, open_deck, refuse_scene_optio
 from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
 from resgrid.cli.options import Source, Suggested, verb, with_source
 from resgrid.cli.report import detail, finish, say, stage
-from resgrid.cli.scenes import compile_chip, only_boundary, open_job, solve_chip, tell_unheeded
+from resgrid.cli.scenes import open_job, say_unheeded
 from resgrid.errors import InputError, ResgridError, ToolMissingError
 
 if TYPE_CHECKING:
@@ -94,8 +94,8 @@ def _check_rules(source: Source, given: bool) -> int:
         circuit = read if read.given is None else read.given
     else:
         job = open_job(source)
-        unheeded = tell_unheeded(job, "circuit")
-        circuit = compile_chip(job, *only_boundary(job))
+        unheeded = say_unheeded(job, "circuit")
+        circuit = job.compile(job.problem.only_wiring()[1], scaled=False)
     with stage("check the rules"):
         violations = check_rules(circuit)
     with stage("ask what simulators would make of it"):
@@ -115,14 +115,14 @@ def _check_scene(source: Source, deck: str | None, run: Run) -> tuple[Agreement,
     from resgrid.spice.check.agreement import check_deck, check_spice
 
     job = open_job(source)
-    unheeded = tell_unheeded(job, "circuit")
-    chip = solve_chip(job, *only_boundary(job))
-    _forecast(chip.netlist, run)
+    unheeded = say_unheeded(job, "circuit")
+    op = job.solve(job.problem.only_wiring()[1])
+    _forecast(op.netlist, run)
     limits: dict[str, Any] = vars(run)
     with stage("simulate"):
         if deck is not None:
-            return check_deck(deck, reference=chip.point, **limits), unheeded
-        return check_spice(chip.netlist, chip.point, **limits), unheeded
+            return check_deck(deck, reference=op, **limits), unheeded
+        return check_spice(op.netlist, op, **limits), unheeded
 
 
 def _check_deck(source: Source, run: Run) -> Agreement:

@@ -13,7 +13,7 @@ from resgrid.cli.chip_study import ANALYSES, Limits, Study, open_study
 from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
 from resgrid.cli.options import Source, dialect_option, folder_of, output_option, verb, with_source
 from resgrid.cli.report import Report, finish, stage
-from resgrid.cli.scenes import tell_unheeded
+from resgrid.cli.scenes import say_unheeded
 from resgrid.errors import InputError
 from resgrid.files import SUMMARY, whole_folder
 
@@ -68,7 +68,7 @@ def command(
     bounds = Limits(**limits, sweep=tuple(_sweep(text) for text in sweep), checkpoint=folder)
     with whole_folder(folder) as made:
         study = open_study(source, Report(), bounds)
-        unheeded = tell_unheeded(study.job, "chip")
+        unheeded = say_unheeded(study.job, "chip")
         sections = [run_analysis(name, study, made, Report()) for name in names]
         decks = _decks(study, made, dialect)
         agreement = check_written(made / "op.cir", study.netlist, asked, folder)

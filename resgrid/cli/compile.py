@@ -11,21 +11,17 @@ import click
 from resgrid.cli.options import Source, dialect_option, output_option, verb, with_source
 from resgrid.cli.report import finish, say, stage, verbosity
 from resgrid.cli.scenes import (
-    Chip,
     Job,
-    compile_chip,
     element_counts,
-    is_ideal,
-    only_boundary,
     open_job,
     require_tiles,
-    solve_chip,
-    tell_assumed,
-    tell_unheeded,
+    say_assumed,
+    say_unheeded,
 )
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
+    from resgrid.nodal.operating_point import OperatingPoint
     from resgrid.spice.write.files import Form, WrittenDeck
 
 
@@ -56,34 +52,39 @@ def command(source: Source, output: str | None, dialect: str, form: Form) -> int
 
     Without -o, or with -o -, the flat deck alone is printed.
     """
+    from resgrid.spice.write.flat import format_deck
+
     printed = output in (None, "-")
     if printed and form == "cells":
         raise InputError("--form cells makes three files (deck, chip and pattern); name the deck with -o FILE")
     job = open_job(source)
     if form == "cells":
         require_tiles(job.scene.chip)
-    boundary, start = only_boundary(job)
-    unheeded = tell_unheeded(job, "circuit" if form == "flat" else "tiles")
+    name, wiring = job.problem.only_wiring()
+    unheeded = say_unheeded(job, "circuit" if form == "flat" else "tiles")
     if printed and not verbosity().json:
-        click.echo(_deck_text(job, boundary, start, dialect), nl=False)
+        text = format_deck(job.compile(wiring), dialect=dialect, title=_title(job, name))
+        click.echo(text, nl=False)
         return 0
-    chip = solve_chip(job, boundary, start, ideal=form == "cells")
-    data: dict[str, Any] = {"chip": chip.name, "dialect": dialect, **element_counts(chip.netlist), **unheeded}
+    op = job.solve(wiring, ideal=form == "cells")
+    data: dict[str, Any] = {"chip": name, "dialect": dialect, **element_counts(op.netlist), **unheeded}
     if output is not None:
-        written = write_deck(output, job, chip, dialect, form)
+        written = write_deck(output, job, name, op, dialect, form)
         more = {"companion": written.companion, "chip": written.chip, "pattern": written.pattern}
         data |= {"form": form, "deck": written.path, "sidecar": written.sidecar, "commands": written.commands}
         data |= {f"{key}_file" if key in data else key: path for key, path in more.items() if path is not None}
         data["sha256"] = written.sha256
         if form == "cells":
-            data |= tell_assumed(job.scene.chip, chip)
+            data |= say_assumed(job.scene.chip, op.netlist)
         others = [path for path in (written.sidecar, written.commands, *more.values()) if path is not None]
         say(f"wrote {written.path} ({data['resistors']:,} resistors), {', '.join(map(str, others))}")
     finish(data)
     return 0
 
 
-def write_deck(target: str | Path, job: Job, chip: Chip, dialect: str, form: Form = "flat") -> WrittenDeck:
+def write_deck(
+    target: str | Path, job: Job, name: str, op: OperatingPoint, dialect: str, form: Form = "flat"
+) -> WrittenDeck:
     """Write a chip's deck with its sidecar, commands and companion."""
     from resgrid.spice.analyses import MismatchAnalysis
     from resgrid.spice.write.files import write_spice
@@ -91,13 +92,13 @@ def write_deck(target: str | Path, job: Job, chip: Chip, dialect: str, form: For
 
     table, source = job.scene.chip, Path(job.scene.source or "-")
     drawn = [MismatchAnalysis(table.mismatch, table.seed)] if form == "cells" and table.mismatch else []
-    with stage("write the deck", seconds=5e-6 * len(chip.netlist.conductance)):
+    with stage("write the deck", seconds=5e-6 * len(op.netlist.conductance)):
         return write_spice(
-            chip.netlist,
+            op.netlist,
             target,
             dialect,
-            title=_title(job, chip.name),
-            operating_point=chip.point,
+            title=_title(job, name),
+            operating_point=op,
             form=form,
             tile=Tile.of(vars(table)),
             analyses=drawn,
@@ -105,14 +106,5 @@ def write_deck(target: str | Path, job: Job, chip: Chip, dialect: str, form: For
         )
 
 
-def _deck_text(job: Job, boundary: str, start: int | None, dialect: str) -> str:
-    from resgrid.spice.write.flat import format_deck
-
-    netlist = compile_chip(job, boundary, start)
-    if netlist.current_nodes.size and is_ideal(job):
-        netlist = solve_chip(job, boundary, start).netlist
-    return format_deck(netlist, dialect=dialect, title=_title(job, boundary))
-
-
-def _title(job: Job, chip: str) -> str | None:
-    return f"{job.scene.title}, {chip.replace('_', ' ')}" if job.scene.title else None
+def _title(job: Job, name: str) -> str | None:
+    return f"{job.scene.title}, {name.replace('_', ' ')}" if job.scene.title else None

@@ -12,7 +12,7 @@ import click
 from resgrid.cli.failures import NEGATIVE
 from resgrid.cli.options import NUMBERS, Source, output_option, verb, with_source
 from resgrid.cli.report import finish, say, stage
-from resgrid.cli.scenes import open_job, place_of, require_starts, tell_unheeded
+from resgrid.cli.scenes import open_job, place_of, require_starts, say_unheeded
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -132,7 +132,7 @@ def command(
     require_starts(scene)
     motion["admittance"] = None if admittance is None else _matrix(admittance, ndim)
     shares: tuple[float | None, ...] = (scene.k if "k" in source.changes else scene.k[:1]) or (None,)
-    unheeded = tell_unheeded(job, "grid", k=scene.k[len(shares) :])
+    unheeded = say_unheeded(job, "grid", k=scene.k[len(shares) :])
     if (animate or wavefront) and len(shares) * len(scene.starts) > 1:
         say("of several runs, the first is drawn; choose one with --start X,Y and --k K")
     runs: list[tuple[Simulation, Run]] = []

@@ -14,10 +14,8 @@ from resgrid.cli.scenes import (
     DECK_SUFFIXES,
     SPECTRE_SUFFIX,
     element_counts,
-    only_boundary,
     open_job,
-    solve_chip,
-    tell_unheeded,
+    say_unheeded,
 )
 from resgrid.errors import InputError
 
@@ -76,12 +74,14 @@ def _circuit(source: Source, *, solve: bool) -> tuple[Netlist, str | None, Opera
     """The netlist, its title, where it is asked for its solution, and what was not heeded of a scene."""
     if not is_deck(source.file):
         job = open_job(source)
-        unheeded = tell_unheeded(job, "circuit")
-        chip = solve_chip(job, *only_boundary(job))
-        return chip.netlist, job.scene.title, chip.point, unheeded
+        unheeded = say_unheeded(job, "circuit")
+        op = job.solve(job.problem.only_wiring()[1])
+        return op.netlist, job.scene.title, op, unheeded
     deck = open_deck(source)
-    op = solve_deck(deck) if solve else None
-    return deck.netlist() if op is None else op.netlist, deck.title, op, {}
+    if not solve:
+        return deck.netlist(), deck.title, None, {}
+    op = solve_deck(deck)
+    return op.netlist, deck.title, op, {}
 
 
 def _write_deck(

@@ -85,7 +85,7 @@ def solve_deck(deck: ParsedDeck) -> OperatingPoint:
         with stage("assemble it"):
             netlist = deck.netlist()
         seconds = 0.5 + _SOLVE_SECONDS * len(netlist.conductance)
-        return compute("solve the deck", lambda _: solve(netlist), seconds=seconds)
+        return compute("solve the deck", solve, netlist, seconds=seconds)
     except CircuitError as error:
         errors = [finding for finding in check_rules(deck) if finding.severity == "error"]
         lines = (f"{finding.place}: {finding.message}; {finding.remedy}" for finding in errors[:_NOTES])

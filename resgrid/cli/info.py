@@ -11,7 +11,7 @@ import click
 from resgrid.cli.decks import deck_data, is_deck, open_deck
 from resgrid.cli.options import Source, verb, with_source
 from resgrid.cli.report import finish
-from resgrid.cli.scenes import Job, compile_chip, only_boundary, open_job, several_k, size_of, tell_unheeded
+from resgrid.cli.scenes import Job, open_job, say_unheeded, several_k, size_of
 from resgrid.errors import CircuitError, InputError, ToolMissingError
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def command(source: Source | None, schema: bool, versions: bool) -> int:
         finish(data, _deck_lines(data))
     elif source is not None:
         job = open_job(source, require_goal=False)
-        data = describe(job) | tell_unheeded(job, "grid", k=several_k(job))
+        data = describe(job) | say_unheeded(job, "grid", k=several_k(job.scene))
         finish(data, _lines(data))
     return 0
 
@@ -99,7 +99,7 @@ def _cost(job: Job) -> dict[str, Any]:
     if not job.space.goal_count:
         return {"nodes": None, "resistors": None, "memory_bytes": None, "no_circuit": "no goal yet: say --goal X,Y"}
     try:
-        netlist = compile_chip(job, *only_boundary(job), ideal=True)
+        netlist = job.compile(job.problem.only_wiring()[1], ideal=True, scaled=False)
         system = assemble(netlist)
         memory = estimate_memory(system, choose_method(system))
     except (CircuitError, InputError) as error:

@@ -13,7 +13,7 @@ from resgrid.cli.options import NUMBERS, Source, output_option, verb, with_sourc
 from resgrid.cli.paths import Plan, plan_routes, route_line
 from resgrid.cli.queries import answer_queries
 from resgrid.cli.report import finish
-from resgrid.cli.scenes import open_job, require_starts, tell_unheeded
+from resgrid.cli.scenes import open_job, require_starts, say_unheeded
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -63,7 +63,7 @@ class Motion:
         from resgrid.planning.timing import time_path
 
         if self.shorten and route.reached:
-            short = shorten(route.streamline, route.field or space, clearance=self.clearance)
+            short = shorten(route.streamline, route.field, clearance=self.clearance)
             route = dataclasses.replace(route, short=short)
         if self.speed:
             timed = time_path(
@@ -115,7 +115,7 @@ def command(
     if output is not None and queries is None:
         check_routes_file(output)
     job = open_job(source, require_goal=queries is None)
-    unheeded = tell_unheeded(job, "grid")
+    unheeded = say_unheeded(job, "grid")
     if queries is not None:
         if shorten or speed:
             raise InputError("--queries answers with lengths alone: leave out --shorten and --speed")

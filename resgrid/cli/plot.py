@@ -10,7 +10,7 @@ from resgrid.cli.options import Source, output_option, verb, with_source
 from resgrid.cli.paths import Plan, plan_routes
 from resgrid.cli.pictures import PICTURES, draw_picture
 from resgrid.cli.report import finish, stage
-from resgrid.cli.scenes import open_job, tell_unheeded
+from resgrid.cli.scenes import open_job, say_unheeded
 from resgrid.errors import InputError
 
 SUFFIXES = (".png", ".pdf", ".svg")
@@ -34,7 +34,7 @@ def command(source: Source, output: str, what: str) -> int:
     if output != "-" and Path(output).suffix.lower() not in SUFFIXES:
         raise InputError(f"-o {output}: a picture is written as {', '.join(SUFFIXES)}; name the file so")
     job = open_job(source, require_goal=what != "space")
-    unheeded = tell_unheeded(job, "grid", k=() if what == "space" else job.scene.k[1:])
+    unheeded = say_unheeded(job, "grid", k=() if what == "space" else job.scene.k[1:])
     plan = Plan({}, [], []) if what == "space" else plan_routes(job)
     with stage("draw the picture"):
         from resgrid.io.tables import emit

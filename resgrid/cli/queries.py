@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 from resgrid.cli.failures import NEGATIVE
 from resgrid.cli.report import finish, quietly, stage
-from resgrid.cli.scenes import Job, blend_fields, size_of
+from resgrid.cli.scenes import Job, size_of
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -52,7 +52,7 @@ def _answers(job: Job, query: Query, file: str) -> list[dict[str, Any]]:
     cell[cell == Cell.GOAL] = Cell.FREE
     cell[query.goal] = Cell.GOAL
     answers = []
-    for field in blend_fields(Job(job.scene, job.space.with_cells(cell)), {}):
+    for field in Job(job.scene, job.space.with_cells(cell)).solution().fields:
         path = streamline(field, cell=query.start)
         certify(path, field)
         figures = {"outcome": str(path.outcome), "k": field.k, "length": path.length, "clearance": path.clearance}

@@ -186,20 +186,30 @@ def _started_bar(name: str, running: Stage) -> Progress:
     return bar
 
 
-def compute(name: str, work: Callable[[Stage], Value], *, seconds: float | None = None) -> Value:
-    """A stage that is one long call of the library, which an interrupt need not wait for."""
+def compute(
+    name: str,
+    function: Callable[..., Value],
+    *arguments: Any,
+    seconds: float | None = None,
+    iterates: bool = False,
+) -> Value:
+    """A stage that is one long call of the library, which an interrupt need not wait for.
+
+    `iterates`: the function takes a ``progress`` of its iterations.
+    """
     context = click.get_current_context(silent=True)
     outcome: list[tuple[Value | None, BaseException | None]] = []
 
-    def run(running: Stage) -> None:
+    def work(options: dict[str, Any]) -> None:
         try:
             with context.scope(cleanup=False) if context else nullcontext():
-                outcome.append((work(running), None))
+                outcome.append((function(*arguments, **options), None))
         except BaseException as error:  # carried over to the thread that waits
             outcome.append((None, error))
 
     with stage(name, seconds=seconds) as running:
-        worker = threading.Thread(target=run, args=(running,), name=_WORKER, daemon=True)
+        options = {"progress": running.follow} if iterates else {}
+        worker = threading.Thread(target=work, args=(options,), name=_WORKER, daemon=True)
         worker.start()
         worker.join()
     value, error = outcome[0]
@@ -224,4 +234,4 @@ class Report:
     @staticmethod
     def compute(name: str, function: Callable[..., Value], *arguments: Any, seconds: float) -> Value:
         """As `compute`."""
-        return compute(name, lambda _: function(*arguments), seconds=seconds)
+        return compute(name, function, *arguments, seconds=seconds)

@@ -15,11 +15,15 @@ from resgrid.cli.options import Source, dialect_option, folder_of, output_option
 from resgrid.cli.paths import Plan, plan_routes, route_line
 from resgrid.cli.pictures import draw_all
 from resgrid.cli.report import finish, stage
-from resgrid.cli.scenes import Chip, Job, is_ideal, open_job, size_of, solution_summary, solve_chip, tell_unheeded
+from resgrid.cli.scenes import Job, open_job, say_unheeded, size_of, solution_summary
 from resgrid.files import SUMMARY, whole_folder
 
 if TYPE_CHECKING:
+    from resgrid.nodal.operating_point import OperatingPoint
     from resgrid.spice.check.comparison import Agreement
+
+    Circuits = Mapping[str, OperatingPoint]
+    Checks = Mapping[str, Agreement | str]
 
 
 @verb(
@@ -46,13 +50,11 @@ def command(source: Source, output: str | None, asked: bool | None, dialect: str
     folder = folder_of(output, source)
     with whole_folder(folder) as made:
         job = open_job(source)
-        unheeded = tell_unheeded(job, "grid")
+        unheeded = say_unheeded(job, "grid")
         plan = plan_routes(job)
-        circuits = {name: _described(job, chip) for name, chip in plan.chips.items()}
+        circuits = {name: _described(job, op) for name, op in plan.operating_points.items()}
         files = _write_all(made, job, plan, circuits, dialect)
-        checks = {
-            name: check_written(made / f"{name}.cir", chip.netlist, asked, folder) for name, chip in circuits.items()
-        }
+        checks = {name: check_written(made / f"{name}.cir", op.netlist, asked, folder) for name, op in circuits.items()}
         data = _summary(job, plan, circuits, files, checks) | unheeded
         (made / SUMMARY).write_text(json_text(data) + "\n", encoding="utf-8")
     finish({"folder": folder, **data}, _lines(job, plan, folder, files, checks))
@@ -62,12 +64,14 @@ def command(source: Source, output: str | None, asked: bool | None, dialect: str
     return NOT_VERIFIED if asked and None in verdicts else 0
 
 
-def _described(job: Job, chip: Chip) -> Chip:
-    """The chip that the scene describes, of which decks are written, in the place of its ideal grid."""
-    return chip if is_ideal(job) else solve_chip(job, chip.boundary, chip.start)
+def _described(job: Job, op: OperatingPoint) -> OperatingPoint:
+    """The circuit that the scene describes, of which decks are written, in place of its ideal grid."""
+    return op if job.is_ideal else job.solve(op.netlist.cells.wiring)
 
 
-def _write_all(made: Path, job: Job, plan: Plan, circuits: Mapping[str, Chip], dialect: str) -> dict[str, str]:
+def _write_all(
+    made: Path, job: Job, plan: Plan, circuits: Mapping[str, OperatingPoint], dialect: str
+) -> dict[str, str]:
     """Write everything but the summary; what each file is, by its name."""
     from resgrid.io.paths import write_routes
     from resgrid.io.solutions import write_solution
@@ -79,30 +83,34 @@ def _write_all(made: Path, job: Job, plan: Plan, circuits: Mapping[str, Chip], d
         write_routes(made / "paths.csv", plan.routes, job.space)
         write_routes(made / "paths.json", plan.routes, job.space)
         files |= {"paths.csv": "points of the paths, world coordinates", "paths.json": "the paths with all figures"}
-    for name, chip in circuits.items():
-        deck = write_deck(made / f"{name}.cir", job, chip, dialect)
+    for name, op in circuits.items():
+        deck = write_deck(made / f"{name}.cir", job, name, op, dialect)
         files[deck.path.name] = f"the {name.replace('_', ' ')} chip as a SPICE deck"
         files[deck.sidecar.name] = "its nodes, cells and expected voltages"
         files[deck.commands.name] = "commands for the simulator"
         if deck.companion is not None:
             files[deck.companion.name] = "makes ngspice print PASS or FAIL"
-        write_solution(plan.chips[name].point, made / f"{name}.npz")
-        whose = "its" if is_ideal(job) else "its ideal grid's"
+        write_solution(plan.operating_points[name], made / f"{name}.npz")
+        whose = "its" if job.is_ideal else "its ideal grid's"
         files[f"{name}.npz"] = f"{whose} potential, log_drop and cells as arrays"
     files[SUMMARY] = "this summary as JSON"
     return files
 
 
 def _summary(
-    job: Job, plan: Plan, circuits: Mapping[str, Chip], files: Mapping[str, str], checks: Mapping[str, Agreement | str]
+    job: Job,
+    plan: Plan,
+    circuits: Mapping[str, OperatingPoint],
+    files: Mapping[str, str],
+    checks: Mapping[str, Agreement | str],
 ) -> dict[str, Any]:
     from resgrid.io.paths import route_record
 
     chips = []
-    for name, chip in circuits.items():
+    for name, op in circuits.items():
         check = checks[name]
         verdict = {"agrees": None, "reason": check} if isinstance(check, str) else agreement_data(check)
-        chips.append({**solution_summary(chip, job.space), "deck": f"{name}.cir", "check": verdict})
+        chips.append({**solution_summary(name, op, job.space), "deck": f"{name}.cir", "check": verdict})
     return {
         "title": job.scene.title,
         "scene": job.scene.source,
@@ -113,9 +121,7 @@ def _summary(
     }
 
 
-def _lines(
-    job: Job, plan: Plan, folder: Path, files: Mapping[str, str], checks: Mapping[str, Agreement | str]
-) -> Iterator[str]:
+def _lines(job: Job, plan: Plan, folder: Path, files: Mapping[str, str], checks: Checks) -> Iterator[str]:
     space = job.space
     goals = "1 goal" if space.goal_count == 1 else f"{space.goal_count} goals"
     yield f"{job.scene.title or job.scene.source}: {size_of(space.shape)} cells, {goals}"

@@ -11,7 +11,7 @@ import click
 from resgrid.cli.decks import deck_data, is_deck, open_deck, solve_deck
 from resgrid.cli.options import Source, Suggested, output_option, verb, with_source
 from resgrid.cli.report import finish, stage
-from resgrid.cli.scenes import only_boundary, open_job, size_of, solution_summary, solve_chip, tell_unheeded
+from resgrid.cli.scenes import open_job, say_unheeded, size_of, solution_summary
 
 
 @verb(
@@ -50,10 +50,10 @@ def command(source: Source, output: str | None, worst: int, raw: str) -> int:
         lines = _deck_lines(data)
     else:
         job = open_job(source)
-        unheeded = tell_unheeded(job, "circuit")
-        chip = solve_chip(job, *only_boundary(job))
-        op, about, title = chip.point, {}, job.scene.title
-        data = solution_summary(chip, job.space) | unheeded
+        unheeded = say_unheeded(job, "circuit")
+        name, wiring = job.problem.only_wiring()
+        op, about, title = job.solve(wiring), {}, job.scene.title
+        data = solution_summary(name, op, job.space) | unheeded
         lines = _scene_lines(data, job.space.shape)
     if output is not None:
         with stage("write the solution"):

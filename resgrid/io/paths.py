@@ -15,11 +15,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
 from resgrid.io.tables import Views, require_names, suffix_of, write
-from resgrid.planning.field import Field
-from resgrid.planning.seams import unwrap
-from resgrid.planning.short_path import ShortPath
-from resgrid.planning.streamline import Streamline
-from resgrid.planning.trajectory import Trajectory
+from resgrid.planning.fields import Field
+from resgrid.planning.streamline import ShortPath, Streamline, unwrap
+from resgrid.planning.timing import Trajectory
 from resgrid.planning.workspace import workspace_path
 from resgrid.robots import PointRobot
 from resgrid.space import ConfigurationSpace
@@ -101,14 +99,13 @@ def _points(path: AnyPath, space: ConfigurationSpace) -> NDArray[np.float64]:
 class Route:
     """The way from a start: a streamline, and what was made of it.
 
-    `start`: as it was asked for, in world coordinates; `field`: None where there was none to trace; `k`: of that field;
-    `short`: its shortcut; `motion`: when it is where.
+    `start`: as it was asked for, in world coordinates; `field`: that it follows; `short`: its shortcut; `motion`: when
+    it is where.
     """
 
     streamline: Streamline
     start: tuple[float, ...]
-    field: Field | None
-    k: float
+    field: Field
     short: ShortPath | None = None
     motion: Trajectory | None = None
 
@@ -161,8 +158,8 @@ def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
         "clearance": path.clearance,
         "log_duration": path.log_duration,
         "start": list(route.start),
-        "k": route.k,
-        "certified": route.field is not None,
+        "k": route.field.k,
+        "certified": True,
     }
     if not route.reached:
         record["message"] = ADVICE[path.outcome]
@@ -183,7 +180,7 @@ def _routes_table(routes: Sequence[Route], space: ConfigurationSpace) -> dict[st
         count = len(next(iter(columns.values())))
         head: dict[str, list[Any]] = {
             "path": [number] * count,
-            "k": [route.k] * count,
+            "k": [route.field.k] * count,
             "outcome": [str(route.streamline.outcome)] * count,
         }
         for name, column in (head | columns).items():
@@ -215,7 +212,7 @@ def _routes_arrays(routes: Sequence[Route], space: ConfigurationSpace) -> dict[s
         "goal": [-1 if path.goal is None else path.goal for path in paths],
         "length": [path.length for path in paths],
         "clearance": [path.clearance for path in paths],
-        "k": [route.k for route in routes],
+        "k": [route.field.k for route in routes],
         "start": [route.start for route in routes],
     }
     for number, route in enumerate(routes):

@@ -105,7 +105,7 @@ def test_no_column_is_lost_to_an_axis_of_its_name(tmp_path, names, suffix, robot
 
 
 def test_what_cannot_be_written_is_refused(tmp_path) -> None:
-    with pytest.raises(InputError, match="must end in .csv, .json, .npz or .yaml"):
+    with pytest.raises(InputError, match=r"must end in \.csv, \.json, \.npz or \.yaml"):
         write_path(tmp_path / "path.txt", WAY, PLANE)
     with pytest.raises(InputError, match="Arm with axes theta_1, theta_2"):
         write_path(tmp_path / "path.yaml", WAY, TORUS)
