@@ -22,7 +22,7 @@ from resgrid.spice.analyses import (
     kind_of,
 )
 from resgrid.spice.dialects.record import Dialect, Statements
-from resgrid.spice.write.flat import Additions, FlatDeck
+from resgrid.spice.write.flat import Additions, Deck
 
 _KINDS: dict[type[Analysis], str] = {
     OperatingAnalysis: "dc",
@@ -64,16 +64,29 @@ def additions(analyses: Sequence[Analysis], netlist: Netlist, rules: Dialect, af
 
 
 def _check_alike(before: Netlist, after: Netlist) -> None:
-    for name in _SAME:
-        if not np.array_equal(getattr(before, name), getattr(after, name)):
+    for kind in ELEMENTS:
+        same = _by_nodes(before, kind).keys() == _by_nodes(after, kind).keys()
+        if not same or (kind in _UNCHANGED and _by_nodes(before, kind) != _by_nodes(after, kind)):
             raise InputError(
-                f"the scene after the change differs from the one before in {name}, not only in values: give both the "
-                "same grid, and write them in tile form (form='cells')"
+                f"the scene after the change differs from the one before in its {kind}s, not only in values: give both "
+                "the same grid, and write them in tile form (form='cells')"
             )
 
 
+def _by_nodes(netlist: Netlist, kind: str) -> dict[tuple[str, str], float]:
+    """Sum of the first values of a kind's elements, such as conductances, by the names of their nodes."""
+    nodes, columns = ELEMENTS[kind]
+    values = getattr(netlist, next(iter(columns.values())))
+    names = netlist.names_of(np.arange(netlist.node_count))
+    total: dict[tuple[str, str], float] = {}
+    for (a, b), value in zip(getattr(netlist, nodes).tolist(), values.tolist(), strict=True):
+        pair = (names[a], names[b])
+        total[pair] = total.get(pair, 0.0) + value
+    return total
+
+
 def format_analyses(
-    name: str, deck: FlatDeck, analyses: Sequence[Analysis], after: Netlist | None, references: Sequence[str] = ()
+    name: str, deck: Deck, analyses: Sequence[Analysis], after: Netlist | None, references: Sequence[str] = ()
 ) -> str:
     """Write the file that includes a deck and asks for analyses."""
     rules, words = deck.dialect, deck.dialect.statements
@@ -105,7 +118,7 @@ def _check_number(words: Statements, dialect: str, analyses: Sequence[Analysis])
         raise InputError(f"{dialect} runs one analysis per file, not {asked}; write a deck for each")
 
 
-def _check_names(deck: FlatDeck, analyses: Sequence[Analysis], references: Sequence[str]) -> None:
+def _check_names(deck: Deck, analyses: Sequence[Analysis], references: Sequence[str]) -> None:
     if only_one(analyses, TransientAnalysis) is None and any(isinstance(item, Measure) for item in analyses):
         raise InputError("measure: it measures a transient, and none is asked for; add a TransientAnalysis")
     nodes, sources = {*deck.node_names, *references}, {*deck.source_names, *references}
@@ -121,7 +134,7 @@ def _check_names(deck: FlatDeck, analyses: Sequence[Analysis], references: Seque
             )
 
 
-def _statement(words: Statements, name: str, deck: FlatDeck, analysis: Analysis) -> list[str]:
+def _statement(words: Statements, name: str, deck: Deck, analysis: Analysis) -> list[str]:
     if isinstance(analysis, Probe | Measure) or (isinstance(analysis, MismatchAnalysis) and not analysis.runs):
         return []
     values: dict[str, Any] = {"deck": name, **_plain(analysis), **_source(deck)}
@@ -140,7 +153,7 @@ def _plain(analysis: Analysis) -> dict[str, Any]:
     return {key: repr(value) if isinstance(value, float) else value for key, value in asdict(analysis).items()}
 
 
-def _source(deck: FlatDeck) -> dict[str, str]:
+def _source(deck: Deck) -> dict[str, str]:
     if not deck.source_names:
         return {"source": "", "volts": ""}
     number = int(np.argmin(deck.sources))
@@ -179,7 +192,7 @@ def _measures(words: Statements, analyses: Sequence[Analysis]) -> list[str]:
     return [*words.measure_first, *lines, *words.measure_last] if lines else []
 
 
-def _change(deck: FlatDeck, transient: TransientAnalysis | None, after: Netlist | None) -> list[str]:
+def _change(deck: Deck, transient: TransientAnalysis | None, after: Netlist | None) -> list[str]:
     """Elements that turn the deck's scene into the next one: currents that a step switches on.
 
     What a changed resistor carries more, ``(g_after - g_before) V``, is a source of that current times the step;
@@ -196,7 +209,7 @@ def _change(deck: FlatDeck, transient: TransientAnalysis | None, after: Netlist 
     return [f"{rules.comment}the change of the scene", *lines]
 
 
-def _changed_elements(deck: FlatDeck, before: Netlist, after: Netlist) -> Iterator[str]:
+def _changed_elements(deck: Deck, before: Netlist, after: Netlist) -> Iterator[str]:
     rules = deck.dialect
     names = dict(zip(deck.nodes.tolist(), deck.node_names, strict=True)) | {GROUND: rules.ground}
     step = rules.voltage.format(a="scene_step", b=rules.ground)
