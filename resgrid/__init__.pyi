@@ -4,12 +4,13 @@ from .chip.build import (
     build_chip as build_chip,
     compile_chip as compile_chip,
     conductance_samples as conductance_samples,
+    ideal_netlist as ideal_netlist,
     mismatch_factors as mismatch_factors,
 )
 from .chip.criticality import Criticality as Criticality, analyse_criticality as analyse_criticality
 from .chip.decks import write_chip_decks as write_chip_decks
 from .chip.exploration import Exploration as Exploration, chip_with as chip_with, explore_yield as explore_yield
-from .chip.ideal import ideal_netlist as ideal_netlist
+from .chip.figures import Proportion as Proportion
 from .chip.noise import (
     Noise as Noise,
     analyse_noise as analyse_noise,
@@ -24,7 +25,6 @@ from .chip.passes import (
 )
 from .chip.power import Power as Power, analyse_power as analyse_power
 from .chip.precision import Precision as Precision, analyse_precision as analyse_precision
-from .chip.proportions import Proportion as Proportion
 from .chip.sensitivity import (
     Sensitivity as Sensitivity,
     analyse_sensitivity as analyse_sensitivity,
@@ -190,8 +190,9 @@ from .spice.check.predictions import Prediction as Prediction, predict_simulator
 from .spice.check.rules import check_rules as check_rules
 from .spice.check.violation import Violation as Violation
 from .spice.ir_drop import IrDrop as IrDrop, ir_drop as ir_drop
+from .spice.networks.read import read_network as read_network
 from .spice.parsed import Note as Note, ParsedDeck as ParsedDeck
-from .spice.reader import read_network as read_network, read_spice as read_spice
+from .spice.read.deck import read_spice as read_spice
 from .spice.run.forecast import Forecast as Forecast, forecast_run as forecast_run
 from .spice.run.ngspice import run_ngspice as run_ngspice
 from .spice.run.rawfile import write_raw as write_raw

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from resgrid.chip.build import build_chip
 from resgrid.chip.noise import ROOM, Noise, analyse_noise
-from resgrid.chip.resistors import Temperature
+from resgrid.chip.passes.values import Temperature
 from resgrid.chip.settling import Settling, analyse_settling
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist

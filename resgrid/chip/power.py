@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.chip.reading import Reading, json_form
+from resgrid.chip.figures import Reading, json_form
 from resgrid.netlist import GROUND, Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.secant import nonlinear_drops

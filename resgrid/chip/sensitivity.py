@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.chip.adjoint import adjoint_of, ends_of
-from resgrid.chip.decisions import Steps, steps_of
-from resgrid.chip.reading import Reading, json_form
+from resgrid.chip.figures import Reading, json_form
+from resgrid.chip.precision import Steps, steps_of
 from resgrid.errors import InputError
 from resgrid.nodal.factors.factor import Factor
 from resgrid.nodal.operating_point import OperatingPoint

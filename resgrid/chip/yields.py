@@ -13,13 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number, check_whole
-from resgrid.chip.checkpoints import fingerprint, load_tally, save_tally
-from resgrid.chip.proportions import Proportion, effective_trials, proportion, quantile, wilson
-from resgrid.chip.reading import Reading, json_form
-from resgrid.chip.trials import Experiment, Tally, prepare, run_trials
+from resgrid.chip.figures import Proportion, Reading, effective_trials, json_form, proportion, quantile, wilson
+from resgrid.chip.trials import Experiment, Tally, fingerprint, load_tally, prepare, run_trials, save_tally
+from resgrid.die import seed_of
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.randomness import seed_of
 from resgrid.scene.chip import Chip
 from resgrid.space import ConfigurationSpace
 
@@ -140,7 +138,7 @@ def analyse_yield(
     """Fabricate chips and let robots walk on them until the yield is known well enough.
 
     A robot measures its cell and the face neighbours through the chip's read-out and steps to the lowest
-    (`resgrid.chip.walks`); through an ideal one it compares the currents through the faces.
+    (`resgrid.chip.readout`); through an ideal one it compares the currents through the faces.
 
     Parameters
     ----------

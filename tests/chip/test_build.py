@@ -9,8 +9,8 @@ import pytest
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.chip.resistors import Temperature
-from resgrid.randomness import generator, seed_of
+from resgrid.chip.passes.values import Temperature
+from resgrid.die import generator, seed_of
 from resgrid.space import Cell
 
 SWITCHES = {

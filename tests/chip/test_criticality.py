@@ -9,9 +9,9 @@ import pytest
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.chip import faces
 from resgrid.chip.criticality import _updated
-from resgrid.chip.walks import eyes_of, floor_of, walk
+from resgrid.chip.passes import editing
+from resgrid.chip.readout import eyes_of, floor_of, walk
 
 FLAWS = rg.Chip(
     mismatch=0.03,
@@ -36,10 +36,10 @@ def rebuilt(netlist: rg.Netlist, element: int, short: float | None) -> np.ndarra
     if element >= linear:
         number = element - linear
         pair = netlist.nonlinear_nodes[number : number + 1]
-        faulty = faces.keep_nonlinear(netlist, np.arange(len(netlist.nonlinear_current)) != number)
-        faulty = faulty if short is None else faces.add_resistors(faulty, pair, np.array([1 / short]))
+        faulty = editing.keep_nonlinear(netlist, np.arange(len(netlist.nonlinear_current)) != number)
+        faulty = faulty if short is None else editing.add_resistors(faulty, pair, np.array([1 / short]))
     elif short is None:
-        faulty = faces.keep_resistors(netlist, np.arange(linear) != element)
+        faulty = editing.keep_resistors(netlist, np.arange(linear) != element)
     else:
         faulty = netlist.replace(conductance=np.where(np.arange(linear) == element, 1 / short, netlist.conductance))
     return rg.solve(faulty, accuracy="normwise", rtol=1e-13).voltage

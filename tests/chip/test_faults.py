@@ -7,8 +7,8 @@ import pytest
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.chip.faults import Faults
-from resgrid.chip.resistors import Saturation
+from resgrid.chip.passes.spread import Faults
+from resgrid.chip.passes.values import Saturation
 from resgrid.space import Cell
 
 

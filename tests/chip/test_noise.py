@@ -12,8 +12,8 @@ from hypothesis import given, settings, strategies as st
 from support.dynamics import ExactMotion, random_dynamics, run_analysis, small_scene
 
 import resgrid as rg
+from resgrid.chip.modes import fastest_time_constant
 from resgrid.chip.noise import BOLTZMANN, ROOM, analyse_noise, noise_covariance, noise_density
-from resgrid.chip.spectrum import fastest_time_constant
 from resgrid.nodal.dynamics import dynamics_of
 
 

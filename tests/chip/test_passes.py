@@ -12,11 +12,10 @@ from support.circuits import dense_solution
 from support.spaces import space_of, spaces
 
 import resgrid as rg
-from resgrid.chip.faults import Faults
 from resgrid.chip.passes import PASSES
-from resgrid.chip.resistors import (
-    Gradient,
-    Mismatch,
+from resgrid.chip.passes.spread import Faults, Gradient, Mismatch
+from resgrid.chip.passes.switches import Capacitance, InternodalSwitches, RailResistance, RailSwitches, ReadoutLoad
+from resgrid.chip.passes.values import (
     PreferredValues,
     Saturation,
     SheetResistors,
@@ -24,7 +23,6 @@ from resgrid.chip.resistors import (
     TemperatureCoefficients,
     preferred_values,
 )
-from resgrid.chip.switches import Capacitance, InternodalSwitches, RailResistance, RailSwitches, ReadoutLoad
 from resgrid.space import Cell
 
 

@@ -16,10 +16,10 @@ from hypothesis import given, settings, strategies as st
 from support.spaces import space_of, spaces
 
 import resgrid as rg
-from resgrid.chip.proportions import effective_trials, wilson
+from resgrid.chip.figures import effective_trials, wilson
+from resgrid.chip.readout import eyes_of, floor_of, walk
 from resgrid.chip.trials import prepare, run_trials
-from resgrid.chip.walks import eyes_of, floor_of, walk
-from resgrid.randomness import NOISE, OFFSET, generator
+from resgrid.die import NOISE, OFFSET, generator
 
 
 def room(side: int = 12, seed: int = 0, density: float = 0.1) -> rg.ConfigurationSpace:
