@@ -197,8 +197,6 @@ from .spice.run.forecast import Forecast as Forecast, forecast_run as forecast_r
 from .spice.run.ngspice import run_ngspice as run_ngspice
 from .spice.run.rawfile import write_raw as write_raw
 from .spice.write.files import write_spice as write_spice
-from .spice.write.flat import format_deck as format_deck
-from .spice.write.tiles import Tile as Tile, expanded_netlist as expanded_netlist
 from .wiring import Wiring as Wiring
 
 __version__: str

@@ -29,9 +29,7 @@ class _Group:
     errors: list[str]
 
 
-def format_companion(
-    name: str, deck: Deck, expected: Expected, sha256: str, *, tolerance: float = TOLERANCE
-) -> str:
+def format_companion(name: str, deck: Deck, expected: Expected, sha256: str, *, tolerance: float = TOLERANCE) -> str:
     """Write the companion of a deck in a file of this name."""
     groups = [group for group in _groups(deck, expected) if group.errors]
     lines = [

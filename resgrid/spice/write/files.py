@@ -27,7 +27,6 @@ from resgrid.spice.write.statements import additions, format_analyses, only_one
 from resgrid.spice.write.tiles import difference_from_ideal, tile_values, write_tiles
 
 Form = Literal["flat", "cells"]
-FORMS: tuple[Form, ...] = ("flat", "cells")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -101,8 +100,6 @@ def write_spice(
         If the netlist has no operating point.
     """
     target = _checked_target(Path(path))
-    if form not in FORMS:
-        raise InputError(f"form = {form!r} is unknown; choose one of {', '.join(FORMS)}")
     mismatch: MismatchAnalysis | None = only_one(analyses, MismatchAnalysis)
     if mismatch is not None and not mismatch.runs:
         circuit = mismatch.apply(circuit.netlist if isinstance(circuit, OperatingPoint) else circuit)
@@ -123,9 +120,7 @@ def write_spice(
     if verify and rules.checks_itself and not added.spread and checks <= companion.LARGEST:
         text = companion.format_companion(target.name, deck, foretold, _hash(deck.text))
         texts[f"{target.name}.verify"] = text
-    more: dict[str, Any] = {
-        "companions": {name: _hash(text) for name, text in texts.items() if name not in parts}
-    }
+    more: dict[str, Any] = {"companions": {name: _hash(text) for name, text in texts.items() if name not in parts}}
     if form == "cells":
         more |= {"form": form, "tile": tile_values(op.netlist, chip), "files": parts}
     if analyses:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from itertools import zip_longest
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, ValidationError
@@ -51,6 +51,7 @@ class _Content(BaseModel):
     """What must stand in a sidecar; the other keys are for people."""
 
     model_config = ConfigDict(strict=True)
+    schema_: Literal[1] = Field(alias="schema")
     sha256: str
     dialect: str
     blocks: _Blocks
@@ -181,15 +182,14 @@ def _parse(path: Path, data: bytes) -> _Content:
         content = json.loads(data)
     except (ValueError, RecursionError) as error:
         raise InputError(f"the sidecar {path} is not JSON ({error}); write the deck again") from error
-    schema = content.get("schema") if isinstance(content, dict) else "one object"
-    if schema != SCHEMA:
-        raise InputError(f"the sidecar {path} is damaged at schema: it must be {SCHEMA}, not {schema!r}; write it again")
+    if not isinstance(content, dict):
+        raise InputError(f"the sidecar {path} is damaged: it must hold one object; write the deck again")
     try:
         return _Content.model_validate(content)
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
-        key = ".".join(map(str, first["loc"]))
-        raise InputError(f"the sidecar {path} is damaged at {key}: {first['msg']}; write the deck again") from error
+        key, what = ".".join(map(str, first["loc"])), first["msg"].partition(" or instance")[0]
+        raise InputError(f"the sidecar {path} is damaged at {key}: {what}; write the deck again") from error
 
 
 def block_hashes(data: bytes, lines: int) -> list[str]:

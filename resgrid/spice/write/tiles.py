@@ -17,13 +17,14 @@ import dataclasses
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.compiler import compile_space
 from resgrid.conductances import has_wall
-from resgrid.errors import InputError
+from resgrid.errors import CircuitError, InputError
 from resgrid.grids import face_counts
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
@@ -57,15 +58,16 @@ class State(IntEnum):
 class _Tiles:
     """A chip's circuit, tile by tile.
 
-    `state` (cells,): `State` of every tile; `link_cells` (l, 2): the cell whose tile holds a resistor, and the next
-    one; `link_axis, link_resistance, link_wall, link_switch` (l,): along which axis it lies, its ohms, those of its
-    wall where it leads to an obstacle, and those of all that is in series with it now; `edge_*` (e,): the same of the
-    resistors between border cells and the obstacle rail; `edge_upward`: whether that is the upper border; `amps`: into
-    every free tile.
+    `ohms`: of its switches, by their keys in a chip; `capacitance`: of every cell, in farads; `state` (cells,): `State`
+    of every tile; `link_cells` (l, 2): the cell whose tile holds a resistor, and the next one; `link_axis,
+    link_resistance, link_wall, link_switch` (l,): along which axis it lies, its ohms, those of its wall where it leads
+    to an obstacle, and those of all that is in series with it now; `edge_*` (e,): the same of the resistors between
+    border cells and the obstacle rail; `edge_upward`: whether that is the upper border; `amps`: into every free tile.
     """
 
     netlist: Netlist
-    chip: Chip
+    ohms: Mapping[str, float]
+    capacitance: float
     state: NDArray[np.uint8]
     link_cells: NDArray[np.int64]
     link_axis: NDArray[np.int64]
@@ -93,13 +95,14 @@ class _Tiles:
     @property
     def has_switched_links(self) -> bool:
         """Whether there are internodal switches."""
-        return self.chip.internodal_switch_on is not None
+        return "internodal_switch_on" in self.ohms
 
 
 def with_tile_switches(chip: Chip, boundary: str) -> Chip:
     """A chip with the switches that its tiles need: 10 ohm and 10 Gohm where it has none."""
     assumed = {key: _ON if key.endswith("_on") else _OFF for key in _needed(chip, boundary)}
-    return dataclasses.replace(chip, **{key: ohms for key, ohms in assumed.items() if getattr(chip, key) is None})
+    changes: dict[str, Any] = {key: ohms for key, ohms in assumed.items() if getattr(chip, key) is None}
+    return dataclasses.replace(chip, **changes)
 
 
 def _needed(chip: Chip, boundary: str) -> list[str]:
@@ -140,14 +143,18 @@ def tile_values(netlist: Netlist, chip: Chip) -> dict[str, float | None]:
     return {"resistance": netlist.cells.wiring.resistance, "capacitance": chip.capacitance or 0.0, **switches}
 
 
-def difference_from_ideal(op: OperatingPoint) -> float:
-    """Largest difference of a free cell's voltage between a chip and one of ideal rails, in volts."""
+def difference_from_ideal(op: OperatingPoint) -> float | None:
+    """Largest difference of a free cell's voltage between a chip and one of ideal rails, in volts, if it is driven."""
     cells = op.netlist.cells
     ideal = compile_space(cells.space, cells.wiring)
     if op.netlist.current_amps.size:
         ideal = ideal.replace(current_amps=op.netlist.current_amps)
     free = np.isin(ideal.cells.node, ideal.cells.free_node)
-    difference = np.abs(solve(ideal).voltage[ideal.cells.node[free]] - op.voltage[cells.node[free]])
+    try:
+        voltage = solve(ideal).voltage
+    except CircuitError:
+        return None
+    difference = np.abs(voltage[ideal.cells.node[free]] - op.voltage[cells.node[free]])
     return float(np.max(difference[np.isfinite(difference)], initial=0.0))
 
 
@@ -155,6 +162,7 @@ def _tiles_of(netlist: Netlist, chip: Chip) -> _Tiles:
     """Take a netlist apart into what its tiles hold."""
     cells = netlist.cells
     space, wiring = cells.space, cells.wiring
+    ohms = {key: getattr(chip, key) for key in _needed(chip, wiring.boundary)}
     edge = ["open" if wiring.is_driven and rule == "obstacle" else rule for rule in wiring.edge]
     full = compile_space(space, edge=edge, rails="cells", resistance=wiring.resistance)
     face = full.cells.resistor_face
@@ -167,28 +175,29 @@ def _tiles_of(netlist: Netlist, chip: Chip) -> _Tiles:
     own = cells.resistor_face >= 0
     total[cells.resistor_face[own]] = resistances(netlist.conductance[own])
     total = total[face]
-    closed = np.where(beyond, 0.0, chip.internodal_switch_on or 0.0)
+    closed = np.where(beyond, 0.0, ohms.get("internodal_switch_on", 0.0))
     wall_resistance = wiring.wall_resistance or 0.0
     nominal = resistances(full.conductance)
     factor = (total - closed) / (nominal + np.where(walled, wall_resistance, 0.0))
     factor[np.isnan(total)] = 1.0  # before an open switch
-    ohms, wall = (_tidy(value * factor, total) for value in (nominal, np.full(len(face), wall_resistance)))
+    resistance, wall = (_tidy(value * factor, total) for value in (nominal, np.full(len(face), wall_resistance)))
     switch = closed + np.where(walled, wall, 0.0)
     if wiring.is_driven:
-        switch = np.where(blocked[ends].any(axis=1), chip.internodal_switch_off, switch)
+        switch = np.where(blocked[ends].any(axis=1), ohms["internodal_switch_off"], switch)
     axis = np.searchsorted(np.cumsum(face_counts(space.shape)), face, side="right")
     tiles = _Tiles(
         netlist=netlist,
-        chip=chip,
+        ohms=ohms,
+        capacitance=chip.capacitance or 0.0,
         state=state,
         link_cells=ends[~beyond],
         link_axis=axis[~beyond],
-        link_resistance=ohms[~beyond],
+        link_resistance=resistance[~beyond],
         link_wall=wall[~beyond],
         link_switch=switch[~beyond],
         edge_cell=ends[beyond, 0],
         edge_axis=axis[beyond],
-        edge_resistance=ohms[beyond],
+        edge_resistance=resistance[beyond],
         edge_wall=wall[beyond],
         edge_switch=switch[beyond],
         edge_upward=full.cells.resistor_upward[beyond],
@@ -225,17 +234,17 @@ def _even_amps(netlist: Netlist) -> float:
 
 def _rail_switches(tiles: _Tiles) -> NDArray[np.float64]:
     """Resistances of the switches to the obstacle and to the goal rail, in ohms; shape (2, cells)."""
-    chip, tied = tiles.chip, State.DRIVEN if tiles.wiring.is_driven else State.BLOCKED
+    closed = {"obstacle": State.DRIVEN if tiles.wiring.is_driven else State.BLOCKED, "goal": State.GOAL}
     return np.array(
         [
-            np.where(tiles.state == tied, chip.obstacle_switch_on, chip.obstacle_switch_off),
-            np.where(tiles.state == State.GOAL, chip.goal_switch_on, chip.goal_switch_off),
+            np.where(tiles.state == state, *(tiles.ohms[f"{rail}_switch_{end}"] for end in _ENDS))
+            for rail, state in closed.items()
         ]
     )
 
 
 def _check_whole(tiles: _Tiles) -> None:
-    """Make sure that the tiles are the whole circuit: cells and rails are its nodes, links and switches its resistors."""
+    """Make sure that the tiles are the whole circuit: cells and rails, links and switches."""
     netlist, cells = tiles.netlist, tiles.netlist.cells
     count = len(tiles.state)
     pins = (cells.obstacle_node, *cells.goal_nodes)
@@ -328,11 +337,11 @@ def _subcircuit(rules: Dialect, tiles: _Tiles, kind: int, spread: float) -> list
         defaults |= {_state_beside(tiles, axis): 0 for axis in axes}
     defaults |= {f"resistance_{axis}": _usual_resistance(tiles, axis) for axis in axes}
     for name in (*_RAILS, *(["internodal"] if tiles.has_switched_links and axes else [])):
-        defaults |= {f"{name}_switch_{end}": getattr(tiles.chip, f"{name}_switch_{end}") for end in _ENDS}
+        defaults |= {f"{name}_switch_{end}": tiles.ohms[f"{name}_switch_{end}"] for end in _ENDS}
     if tiles.wiring.wall_resistance and axes:
         defaults |= dict.fromkeys((_wall(tiles, axis) for axis in axes), tiles.wiring.wall_resistance)
-    if tiles.chip.capacitance:
-        defaults["capacitance"] = tiles.chip.capacitance
+    if tiles.capacitance:
+        defaults["capacitance"] = tiles.capacitance
     nodes = " ".join(["n", *(f"next_{axis}" for axis in axes), *_RAILS])
     given = rules.parameters.format(values=" ".join(f"{name}={value!r}" for name, value in defaults.items()))
     master = _master(kind, len(tiles.shape))
@@ -360,7 +369,7 @@ def _elements(rules: Dialect, tiles: _Tiles, axes: Sequence[int], spread: float)
     tied = _DRIVEN if tiles.wiring.is_driven else _BLOCKED
     for rail, closed in zip(_RAILS, (tied, _GOAL), strict=True):
         yield resistor(f"r_{rail}", "n", rail, _switch(rail, closed.format("state")))
-    if tiles.chip.capacitance:
+    if tiles.capacitance:
         value = rules.expression.format(value="capacitance")
         yield rules.capacitor.format(name="c_node", a="n", b=rules.ground, value=value)
     if tiles.wiring.drive == "uniform":
