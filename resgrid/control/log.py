@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from resgrid.control.contact import Contacts
 from resgrid.control.plant import Plant
 from resgrid.frame import Frame
-from resgrid.planning.field import Field
+from resgrid.planning.fields import Field
 from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
 

@@ -19,7 +19,7 @@ from resgrid.control.plant import Plant, plant_of
 from resgrid.control.pushes import Force, Push, force_of
 from resgrid.control.relaxation import Relaxation, RelaxingGrid, check_same_grid
 from resgrid.errors import InputError
-from resgrid.planning.field import Field
+from resgrid.planning.fields import Field
 from resgrid.planning.trace import one_start
 from resgrid.scene import sample
 from resgrid.scene.scene import Scene
