@@ -12,10 +12,10 @@ from resgrid.cli.options import Source, dialect_option, output_option, verb, wit
 from resgrid.cli.report import finish, say, stage, verbosity
 from resgrid.cli.scenes import (
     Job,
+    assume_switches,
     element_counts,
     open_job,
     require_tiles,
-    say_assumed,
     say_unheeded,
 )
 from resgrid.errors import InputError
@@ -52,7 +52,7 @@ def command(source: Source, output: str | None, dialect: str, form: Form) -> int
 
     Without -o, or with -o -, the flat deck alone is printed.
     """
-    from resgrid.spice.write.flat import format_deck
+    from resgrid.spice.write.flat import flatten
 
     printed = output in (None, "-")
     if printed and form == "cells":
@@ -63,10 +63,13 @@ def command(source: Source, output: str | None, dialect: str, form: Form) -> int
     name, wiring = job.problem.only_wiring()
     unheeded = say_unheeded(job, "circuit" if form == "flat" else "tiles")
     if printed and not verbosity().json:
-        text = format_deck(job.compile(wiring), dialect=dialect, title=_title(job, name))
-        click.echo(text, nl=False)
+        deck = flatten(job.compile(wiring), dialect=dialect, title=_title(job, name))
+        click.echo(deck.text, nl=False)
         return 0
-    op = job.solve(wiring, ideal=form == "cells")
+    assumed: dict[str, float] = {}
+    if form == "cells":
+        job, assumed = assume_switches(job, wiring.boundary)
+    op = job.solve(wiring)
     data: dict[str, Any] = {"chip": name, "dialect": dialect, **element_counts(op.netlist), **unheeded}
     if output is not None:
         written = write_deck(output, job, name, op, dialect, form)
@@ -75,7 +78,7 @@ def command(source: Source, output: str | None, dialect: str, form: Form) -> int
         data |= {f"{key}_file" if key in data else key: path for key, path in more.items() if path is not None}
         data["sha256"] = written.sha256
         if form == "cells":
-            data |= say_assumed(job.scene.chip, op.netlist)
+            data["assumed"] = assumed
         others = [path for path in (written.sidecar, written.commands, *more.values()) if path is not None]
         say(f"wrote {written.path} ({data['resistors']:,} resistors), {', '.join(map(str, others))}")
     finish(data)
@@ -86,22 +89,17 @@ def write_deck(
     target: str | Path, job: Job, name: str, op: OperatingPoint, dialect: str, form: Form = "flat"
 ) -> WrittenDeck:
     """Write a chip's deck with its sidecar, commands and companion."""
-    from resgrid.spice.analyses import MismatchAnalysis
     from resgrid.spice.write.files import write_spice
-    from resgrid.spice.write.tiles import Tile
 
-    table, source = job.scene.chip, Path(job.scene.source or "-")
-    drawn = [MismatchAnalysis(table.mismatch, table.seed)] if form == "cells" and table.mismatch else []
+    source = Path(job.scene.source or "-")
     with stage("write the deck", seconds=5e-6 * len(op.netlist.conductance)):
         return write_spice(
-            op.netlist,
+            op,
             target,
             dialect,
             title=_title(job, name),
-            operating_point=op,
             form=form,
-            tile=Tile.of(vars(table)),
-            analyses=drawn,
+            chip=job.scene.chip,
             scene_sha256=sha256(source.read_bytes()).hexdigest() if source.is_file() else None,
         )
 

@@ -175,15 +175,15 @@ def _simulation(
     scene: Scene, k: float | None, settle: str | None, pace: float, announce: bool, motion: dict[str, Any]
 ) -> Simulation:
     """The scene in motion, while its grid settles if that is asked for."""
-    from resgrid.control.settling import grid_settling
-    from resgrid.control.settling_ratio import announced
+    from resgrid.control.relaxation import make_relaxation
+    from resgrid.control.relaxation_ratio import announce_hidden
     from resgrid.control.simulation import simulation
 
-    settling = None if settle is None else grid_settling(scene, method=settle, pace=pace, k=k)
+    relaxation = None if settle is None else make_relaxation(scene, method=settle, pace=pace, k=k)
     sim = simulation(scene, k=k, **motion)
-    if settling is None:
+    if relaxation is None:
         return sim
-    return announced(sim, settling) if announce else replace(sim, settling=settling)
+    return announce_hidden(sim, relaxation) if announce else replace(sim, relaxation=relaxation)
 
 
 def _push(numbers: tuple[float, ...], ndim: int) -> Push:
@@ -228,14 +228,14 @@ def _wavefront_frames(sim: Simulation, run: Run, _scene: Scene) -> Iterable[Fram
     """The change of the potential for as long as the robot was on its way."""
     import numpy as np
 
-    from resgrid.control.fronts import wavefront
+    from resgrid.control.relaxation import wavefront
     from resgrid.plot.animations import wavefront_frames
 
-    assert sim.settling is not None
+    assert sim.relaxation is not None
     assert sim.before is not None
     crossed = float(run.time[-1]) * sim.controller.speed / float(sim.space.spacing.min())
     with stage("follow the wavefront", seconds=10.0):
-        front = wavefront(sim.settling, sim.before, sim.space, np.linspace(0.0, crossed, FRAMES))
+        front = wavefront(sim.relaxation, sim.before, sim.space, np.linspace(0.0, crossed, FRAMES))
     return wavefront_frames(front, run)
 
 

@@ -90,14 +90,14 @@ def _write_deck(
     """Write a deck with its sidecar, or without a solution the deck alone."""
     if op is None:
         from resgrid.files import write_text
-        from resgrid.spice.write.flat import format_deck
+        from resgrid.spice.write.flat import flatten
 
-        text = format_deck(netlist, dialect=dialect, title=title)
+        text = flatten(netlist, dialect=dialect, title=title).text
         click.echo(text, nl=False) if output == "-" else write_text(output, text)
         return {}
     from resgrid.spice.write.files import write_spice
 
-    written = write_spice(netlist, output, dialect, title=title, operating_point=op)
+    written = write_spice(op, output, dialect, title=title)
     return {"sidecar": written.sidecar, "commands": written.commands, "sha256": written.sha256}
 
 

@@ -234,20 +234,16 @@ def require_tiles(chip: Chip) -> None:
         )
 
 
-def say_assumed(chip: Chip, netlist: Netlist) -> dict[str, dict[str, Any]]:
-    """Name the switches that the tiles of a circuit have and its scene does not describe."""
-    from resgrid.spice.write.tiles import Tile, complete_tile
+def assume_switches(job: Job, boundary: str) -> tuple[Job, dict[str, float]]:
+    """A scene whose chip has all the switches of its tiles; those that it does not describe are named, in ohms."""
+    from resgrid.spice.write.tiles import with_tile_switches
 
-    tile = complete_tile(Tile.of(vars(chip)), netlist.cells)
-    assumed = {
-        f"chip.{key}": ohms
-        for key, ohms in vars(tile).items()
-        if "_switch_" in key and ohms is not None and getattr(chip, key) is None
-    }
+    chip = with_tile_switches(job.scene.chip, boundary)
+    assumed = {f"chip.{key}": ohms for key, ohms in vars(chip).items() if ohms != getattr(job.scene.chip, key)}
     if assumed:
         values = ", ".join(f"{key} = {ohms:g}" for key, ohms in assumed.items())
         say(f"tiles have switches, and [chip] does not describe all; assumed, in ohms: {values}")
-    return {"assumed": assumed}
+    return Job(replace(job.scene, chip=chip), job.space, job.threads), assumed
 
 
 def only_boundary(job: Job) -> tuple[str, int | None]:
