@@ -19,8 +19,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from benchmarks.rows import Row, Scale, Spread
-from resgrid.chip.build import conductance_samples
-from resgrid.chip.ideal import ideal_netlist
+from resgrid.chip.build import conductance_samples, ideal_netlist
 from resgrid.netlist import Netlist
 from resgrid.nodal.many import solve_many
 from resgrid.nodal.solve import solve

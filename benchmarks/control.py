@@ -20,10 +20,10 @@ from resgrid.control.log import Ending, Run
 from resgrid.control.plant import make_plant
 from resgrid.control.pushes import random_pushes
 from resgrid.control.simulation import Simulation, simulation
+from resgrid.grids import label_regions
 from resgrid.nodal.solve import solve
 from resgrid.planning.field import field_of
 from resgrid.planning.trace import streamline
-from resgrid.regions import label_regions
 from resgrid.robots import Arm, Ball, Box, DiscRobot, PointRobot, Polygon, PolygonRobot, Robot, Shape, to_shapely
 from resgrid.scene import read_scene
 from resgrid.space import Axis, Cell, ConfigurationSpace

@@ -13,7 +13,7 @@ from benchmarks.problems import Problem
 from benchmarks.rows import RATIO, Row, Scale
 from benchmarks.timing import spread, timed
 from resgrid.nodal.solve import solve
-from resgrid.spice.deck import format_deck
+from resgrid.spice.write.flat import format_deck
 
 LARGE = 200
 """Cells a side from which ngspice runs once only."""

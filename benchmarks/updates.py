@@ -111,7 +111,6 @@ def _difference(new: Factor, x: NDArray[np.float64], other: Factor, y: NDArray[n
 
 
 def _by_cell(netlist: Netlist, unknown: NDArray[np.int64], x: NDArray[np.float64]) -> NDArray[np.float64]:
-    assert netlist.layout is not None
-    node = netlist.layout.node.ravel()
+    node = netlist.cells.node.ravel()
     row = np.where(node >= 0, unknown[node], -1)
     return np.where(row >= 0, x[row], np.nan)

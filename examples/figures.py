@@ -20,10 +20,10 @@ from pathlib import Path
 import numpy as np
 
 import resgrid as rg
+from resgrid.grids import label_regions
 from resgrid.plot import new_figure
 from resgrid.plot.paint import paint_cells
 from resgrid.plot.style import refresh_legend
-from resgrid.regions import label_regions
 from resgrid.robots.arm_cells import singular_cells
 
 SCENES = Path(__file__).resolve().parent / "scenes"

@@ -27,7 +27,7 @@ def main(folder: Path = Path("out/lesson")) -> dict[str, float]:
 
     # 4. Switch it on.  Current runs from the obstacles to the goal, and every node settles at some voltage.
     point = rg.solve(netlist)
-    node = netlist.layout.node
+    node = netlist.cells.node
     for cell in [(0, 6), (5, 3), (5, 1), (6, 2)]:
         print(f"{netlist.node_name(node[cell])} is at {point.voltage[node[cell]]:.4f} V")
 

@@ -12,7 +12,7 @@ from resgrid.errors import InputError
 if TYPE_CHECKING:
     import networkx as nx
 
-_KEYS: dict[str, tuple[str, dict[str, str]]] = {
+ELEMENTS: dict[str, tuple[str, dict[str, str]]] = {
     "resistor": ("resistor_nodes", {"conductance": "conductance", "tc1": "tc1", "tc2": "tc2"}),
     "voltage source": ("source_nodes", {"volts": "source_volts"}),
     "current source": ("current_nodes", {"amps": "current_amps"}),
@@ -31,13 +31,13 @@ def graph_of(netlist: Any) -> nx.MultiGraph[int]:
     graph: nx.MultiGraph[int] = nx.MultiGraph()
     names = netlist.names_of(np.arange(netlist.node_count))
     graph.add_nodes_from((i, {"name": name}) for i, name in enumerate(names))
-    for kind in _KEYS:
+    for kind in ELEMENTS:
         graph.add_edges_from(_edges(netlist, kind))
     return graph
 
 
 def _edges(netlist: Any, kind: str) -> Iterator[tuple[int, int, dict[str, Any]]]:
-    nodes, keys = _KEYS[kind]
+    nodes, keys = ELEMENTS[kind]
     columns: dict[str, list[Any]] = {
         key: getattr(netlist, column).tolist() for key, column in keys.items() if getattr(netlist, column) is not None
     }
@@ -52,7 +52,7 @@ def fields_of(graph: nx.Graph[Any], ground: object) -> dict[str, Any]:
     """What `Netlist.from_networkx` makes a netlist of."""
     order = [ground, *(node for node in graph if node != ground)]
     number = {node: i for i, node in enumerate(order)}
-    kinds: dict[str, list[tuple[Hashable, Hashable, Mapping[str, Any]]]] = {kind: [] for kind in _KEYS}
+    kinds: dict[str, list[tuple[Hashable, Hashable, Mapping[str, Any]]]] = {kind: [] for kind in ELEMENTS}
     for a, b, data in graph.edges(data=True):
         kind = data.get("kind", "resistor")
         if kind not in kinds:
@@ -63,7 +63,7 @@ def fields_of(graph: nx.Graph[Any], ground: object) -> dict[str, Any]:
     for kind, edges in kinds.items():
         if all("number" in data for *_, data in edges):
             edges.sort(key=lambda edge: int(edge[2]["number"]))
-        nodes, keys = _KEYS[kind]
+        nodes, keys = ELEMENTS[kind]
         pairs = [[number[node] for node in data.get("nodes", (a, b))] for a, b, data in edges]
         arrays[nodes] = np.array(pairs, np.int32).reshape(-1, 2)
         for key, column in keys.items():

@@ -1,4 +1,4 @@
-"""The netlist: resistors, sources and capacitors as arrays, and the layout that ties its nodes to cells."""
+"""The netlist: resistors, sources and capacitors as arrays, and the map that ties its nodes to cells."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
+from resgrid.graphs import ELEMENTS, fields_of, graph_of
 
 if TYPE_CHECKING:
     import networkx as nx
 
     from resgrid.space import ConfigurationSpace
+    from resgrid.wiring import Wiring
 
 GROUND = 0
 MOST_NODES = 2**31 - 1
@@ -22,13 +24,15 @@ MOST_NODES = 2**31 - 1
 
 
 @dataclass(frozen=True, eq=False)
-class Layout:
+class CellMap:
     """What ties a netlist to the cells of the configuration space that it was compiled from.
 
     Attributes
     ----------
     space : ConfigurationSpace
         The space that was compiled.
+    wiring : Wiring
+        How it was wired, with an edge for every axis.
     node : ndarray of int32, shape of the space
         Node of every cell; rail cells share their rail's node when rails are merged; -1 where a cell has none.
     resistor_face : ndarray of int32 or int64, shape (resistors,)
@@ -44,24 +48,6 @@ class Layout:
         The obstacle rail, -1 if there is none.
     goal_nodes : tuple of int
         The rail of every goal region.
-    boundary : str
-        ``"dirichlet"``, ``"neumann"`` or ``"wall"``.
-    drive : str or None
-        ``"uniform"`` or ``"start"`` where the obstacles are open, otherwise None.
-    edge : tuple of str
-        Per axis ``"periodic"``, ``"obstacle"`` or ``"open"``.
-    rails : str
-        ``"merged"`` or ``"cells"``.
-    resistance : float
-        Resistance between the cells that lie closest together, at conductivity 1, in ohms.
-    supply : float
-        Voltage of the obstacle rail (or of the driven start) above the goal rail, in volts; may be negative.
-    goal_voltage : float
-        Voltage of the goal rail, in volts.
-    start : tuple of int or None
-        The driven start cell.
-    wall_resistance : float
-        What stands in series with every obstacle contact, in ohms; 0 unless the boundary is ``"wall"``.
     nonlinear_face : ndarray of int64, shape (nonlinear resistors,)
         The cell face each nonlinear resistor crosses, numbered as those of the resistors.
     nonlinear_upward : ndarray of bool, shape (nonlinear resistors,)
@@ -69,21 +55,13 @@ class Layout:
     """
 
     space: ConfigurationSpace
+    wiring: Wiring
     node: NDArray[np.int32]
     resistor_face: NDArray[np.integer[Any]]
     resistor_upward: NDArray[np.bool_]
     free_node: NDArray[np.int32]
     obstacle_node: int
     goal_nodes: tuple[int, ...]
-    boundary: str
-    drive: str | None
-    edge: tuple[str, ...]
-    rails: str
-    resistance: float
-    supply: float
-    goal_voltage: float
-    start: tuple[int, ...] | None = None
-    wall_resistance: float = 0.0
     nonlinear_face: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
     nonlinear_upward: NDArray[np.bool_] = field(default_factory=lambda: np.empty(0, dtype=np.bool_))
 
@@ -101,13 +79,8 @@ def face_shape(shape: tuple[int, ...], axis: int) -> tuple[int, ...]:
     return (*shape[:axis], shape[axis] + 1, *shape[axis + 1 :])
 
 
-_KINDS = {
-    "resistor": ("resistor_nodes", "conductance", "tc1", "tc2"),
-    "voltage source": ("source_nodes", "source_volts"),
-    "current source": ("current_nodes", "current_amps"),
-    "capacitor": ("capacitor_nodes", "capacitance"),
-    "nonlinear resistor": ("nonlinear_nodes", "nonlinear_current", "nonlinear_voltage"),
-}
+_KINDS = {kind: (nodes, *columns.values()) for kind, (nodes, columns) in ELEMENTS.items()}
+"""Per kind of element the array of its nodes and those of its values."""
 
 
 def _no_pairs() -> NDArray[np.int32]:
@@ -142,7 +115,7 @@ class Netlist:
         Nonlinear resistors: from the first node ``a`` to the second node ``b`` flows ``I0 tanh((V_a - V_b) / V0)``,
         with ``I0 > 0`` in amperes and ``V0 > 0`` in volts (the horizontal resistor of Mead, *Analog VLSI and Neural
         Systems*, 1989, chapter 7).
-    layout : Layout, optional
+    cell_map : CellMap, optional
         What ties the nodes to the cells of a configuration space.
     node_names, element_names : optional
         Names read from a file: one string a node; per kind (``"resistor"``, ``"voltage source"``,
@@ -166,7 +139,7 @@ class Netlist:
     capacitance: NDArray[np.float64] = field(default_factory=_no_values)
     tc1: NDArray[np.float64] | None = None
     tc2: NDArray[np.float64] | None = None
-    layout: Layout | None = None
+    cell_map: CellMap | None = None
     node_names: tuple[str, ...] | None = None
     element_names: Mapping[str, tuple[str, ...]] | None = None
     nonlinear_nodes: NDArray[np.int32] = field(default_factory=_no_pairs)
@@ -212,6 +185,19 @@ class Netlist:
                     f"{name} holds a value that is not finite: {kind} {int(np.argmin(np.isfinite(value)))}"
                 )
 
+    @property
+    def cells(self) -> CellMap:
+        """What ties the nodes to the cells of the space that was compiled.
+
+        Raises
+        ------
+        InputError
+            If the netlist was not compiled from a space.
+        """
+        if self.cell_map is None:
+            raise InputError("this netlist was not compiled from a space, so its nodes belong to no cell")
+        return self.cell_map
+
     def node_name(self, node: int) -> str:
         """Name of a node: ``0`` for ground, ``n_12_7`` for a cell, ``obstacle``, ``goal_0``, otherwise ``node_5``."""
         return self.names_of(np.array([node]))[0]
@@ -230,9 +216,9 @@ class Netlist:
         wanted = np.asarray(nodes, dtype=np.int64)
         if self.node_names is not None:
             return [self.node_names[node] for node in wanted.tolist()]
-        if self.layout is None:
+        if self.cell_map is None:
             return ["0" if node == GROUND else f"node_{node}" for node in wanted.tolist()]
-        return _layout_names(self.layout, self.node_count, wanted)
+        return _cell_names(self.cell_map, self.node_count, wanted)
 
     def cell_of_node(self) -> NDArray[np.int64]:
         """Flat (C order) index of the cell behind every node, -1 for rails and ground; shape (node_count,).
@@ -240,11 +226,9 @@ class Netlist:
         Raises
         ------
         InputError
-            If the netlist has no layout.
+            If the netlist was not compiled from a space.
         """
-        if self.layout is None:
-            raise InputError("this netlist was not compiled from a space, so its nodes belong to no cell")
-        return _cell_of_node(self.layout, self.node_count)
+        return _cell_of_node(self.cells, self.node_count)
 
     def to_networkx(self) -> nx.MultiGraph[int]:
         """Return the circuit as a multigraph.
@@ -257,8 +241,6 @@ class Netlist:
             ``capacitance``, or ``current`` and ``voltage`` in SI units, ``tc1``, ``tc2`` and ``name`` where there are
             such, the ordered pair of their ``nodes``, and their ``number`` among those of their kind.
         """
-        from resgrid.graphs import graph_of
-
         return graph_of(self)
 
     @staticmethod
@@ -283,8 +265,6 @@ class Netlist:
         InputError
             If an edge lacks its value or has an unknown kind.
         """
-        from resgrid.graphs import fields_of
-
         return Netlist(**fields_of(graph, ground))
 
     def replace(self, **changes: Any) -> Netlist:
@@ -323,26 +303,26 @@ def _column(name: str, value: ArrayLike, width: int, dtype: Any) -> NDArray[Any]
     return own
 
 
-def _cell_of_node(layout: Layout, node_count: int) -> NDArray[np.int64]:
+def _cell_of_node(cells: CellMap, node_count: int) -> NDArray[np.int64]:
     from resgrid.space import Cell
 
-    node = layout.node.ravel()
+    node = cells.node.ravel()
     own = node >= 0
-    if layout.rails == "merged":
-        own &= layout.space.cell.ravel() == Cell.FREE
-    cells = np.flatnonzero(own)
+    if cells.wiring.rails == "merged":
+        own &= cells.space.cell.ravel() == Cell.FREE
+    cell = np.flatnonzero(own)
     cell_of = np.full(node_count, -1, dtype=np.int64)
-    cell_of[node[cells]] = cells
+    cell_of[node[cell]] = cell
     return cell_of
 
 
-def _layout_names(layout: Layout, node_count: int, wanted: NDArray[np.int64]) -> list[str]:
-    cell = _cell_of_node(layout, node_count)[wanted]
-    coordinates = np.unravel_index(np.maximum(cell, 0), layout.space.shape)
-    template = "n" + "_%d" * layout.space.ndim
+def _cell_names(cells: CellMap, node_count: int, wanted: NDArray[np.int64]) -> list[str]:
+    cell = _cell_of_node(cells, node_count)[wanted]
+    coordinates = np.unravel_index(np.maximum(cell, 0), cells.space.shape)
+    template = "n" + "_%d" * cells.space.ndim
     names = [template % index for index in zip(*(c.tolist() for c in coordinates), strict=True)]
-    rails = {GROUND: "0", layout.obstacle_node: "obstacle"}
-    rails.update({node: f"goal_{region}" for region, node in enumerate(layout.goal_nodes)})
+    rails = {GROUND: "0", cells.obstacle_node: "obstacle"}
+    rails.update({node: f"goal_{region}" for region, node in enumerate(cells.goal_nodes)})
     for position in np.flatnonzero(cell < 0).tolist():
         node = int(wanted[position])
         names[position] = rails.get(node, f"node_{node}")

@@ -62,8 +62,8 @@ def test_maximum_principle_and_no_local_minimum(space: ConfigurationSpace, optio
     a, b = point.netlist.resistor_nodes.T
     outflow[a[point.resistor_direction > 0]] = True
     outflow[b[point.resistor_direction < 0]] = True
-    layout = point.netlist.layout
-    driven = np.setdiff1d(layout.free_node, np.concatenate([point.undriven, point.floating]))
+    cell_map = point.netlist.cells
+    driven = np.setdiff1d(cell_map.free_node, np.concatenate([point.undriven, point.floating]))
     carries = np.zeros(len(volts), dtype=bool)
     carries[np.concatenate([a[point.resistor_direction != 0], b[point.resistor_direction != 0]])] = True
     assert np.all(outflow[driven] | ~carries[driven])
@@ -131,7 +131,7 @@ def test_networkx_resistance_distance_agrees(count: int, seed: int) -> None:
 def test_merged_and_single_rails_are_the_same_circuit(space: ConfigurationSpace, options: dict[str, object]) -> None:
     merged = solved(space, **options)
     single = solved(space, rails="cells", **options)
-    first, second = merged.netlist.layout.node, single.netlist.layout.node
+    first, second = merged.netlist.cells.node, single.netlist.cells.node
     both = (first >= 0) & (second >= 0)
     assert np.allclose(merged.voltage[first[both]], single.voltage[second[both]], atol=1e-12, equal_nan=True)
 

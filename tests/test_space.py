@@ -5,7 +5,7 @@ from support.spaces import space_of
 
 from resgrid.errors import InputError
 from resgrid.frame import Frame
-from resgrid.regions import label_regions
+from resgrid.grids import label_regions
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
 

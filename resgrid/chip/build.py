@@ -1,23 +1,81 @@
-"""From a chip's description to the netlist of one chip, or to the conductances of many."""
+"""The ideal netlist that a chip's flaws are then added to."""
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid import die, randomness
-from resgrid.chip.ideal import compile_cells
+from resgrid import die
 from resgrid.chip.passes import apply_passes, passes_of
-from resgrid.chip.resistors import Mismatch
-from resgrid.chip.switches import InternodalSwitches
+from resgrid.chip.passes.spread import Mismatch
+from resgrid.chip.passes.switches import InternodalSwitches
+from resgrid.compiler import compile_space
+from resgrid.die import Seed, seed_of
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.randomness import Seed, seed_of
+from resgrid.nodal.drive import scale_drive
+from resgrid.nodal.solve import solve
 from resgrid.scene.chip import Chip
 from resgrid.space import ConfigurationSpace
+
+
+def compile_cells(
+    space: ConfigurationSpace,
+    chip: Chip,
+    *,
+    boundary: str,
+    drive: str | None,
+    edge: str | Sequence[str],
+    start: Sequence[int] | None,
+) -> Netlist:
+    """Compile a configuration space with one node per cell and the chip's resistance, supply and wall."""
+    return compile_space(
+        space,
+        boundary=boundary,
+        drive=drive,
+        edge=edge,
+        rails="cells",
+        resistance=chip.resistance,
+        supply=chip.supply,
+        wall_resistance=chip.wall_resistance if boundary == "wall" else None,
+        start=start,
+    )
+
+
+def ideal_netlist(
+    space: ConfigurationSpace,
+    chip: Chip,
+    *,
+    boundary: str = "dirichlet",
+    drive: str | None = None,
+    edge: str | Sequence[str] = "obstacle",
+    start: Sequence[int] | None = None,
+) -> Netlist:
+    """Compile a configuration space with one node per cell, for `build_chip` and the analyses of many chips.
+
+    Parameters
+    ----------
+    space : ConfigurationSpace
+    chip : Chip
+        Its resistance, supply and wall resistance count.
+    boundary, drive, edge, start
+        As in `compile_space`.  A uniform drive is scaled so that the highest node of the ideal chip sits at the supply.
+
+    Returns
+    -------
+    Netlist
+
+    Raises
+    ------
+    InputError, CircuitError
+        As `compile_space`.
+    """
+    netlist = compile_cells(space, chip, boundary=boundary, drive=drive, edge=edge, start=start)
+    return scale_drive(netlist, solve(netlist)) if netlist.current_nodes.size else netlist
 
 
 def build_chip(netlist: Netlist, chip: Chip, seed: Any = None) -> Netlist:
@@ -110,9 +168,9 @@ def _drawn_rows(netlist: Netlist, chip: Chip, seeds: Sequence[Seed]) -> Iterator
     if model is None:
         yield from (np.ones(len(netlist.conductance)) for _ in seeds)
         return
-    terms = randomness.mismatch_terms(model.deviations(netlist))
+    terms = die.mismatch_terms(model.deviations(netlist))
     for seed in seeds:
-        yield die.per_resistor(netlist, randomness.mismatch_factors(*terms, seed))[0]
+        yield die.per_resistor(netlist, die.mismatch_factors(*terms, seed))[0]
 
 
 def conductance_samples(netlist: Netlist, chip: Chip, seeds: Iterable[Any]) -> tuple[Netlist, NDArray[np.float64]]:
@@ -165,3 +223,61 @@ def conductance_samples(netlist: Netlist, chip: Chip, seeds: Iterable[Any]) -> t
             np.divide(nominal, factors, out=row[:m])
         row[m:] = circuit.conductance[m:]
     return circuit, samples
+
+
+Form = Literal["circuit", "tiles", "grid"]
+
+READING = ("readout.offset", "readout.noise_bandwidth", "readout.bits", "readout.range")
+"""How voltages are read: what no circuit holds."""
+
+_SCALE = ("resistance", "supply", "wall_resistance")
+_HELD = {
+    "grid": (*_SCALE, "capacitance"),
+    "tiles": (
+        *_SCALE,
+        "capacitance",
+        "goal_switch_on",
+        "goal_switch_off",
+        "obstacle_switch_on",
+        "obstacle_switch_off",
+        "internodal_switch_on",
+        "internodal_switch_off",
+        "mismatch",
+        "seed",
+    ),
+}
+
+
+def chip_keys(chip: Chip) -> Iterator[tuple[str, Any]]:
+    """Every key of a chip, ``readout.bits`` for one of a table in it, and its value."""
+    for item in dataclasses.fields(chip):
+        value = getattr(chip, item.name)
+        if dataclasses.is_dataclass(value):
+            yield from ((f"{item.name}.{part.name}", getattr(value, part.name)) for part in dataclasses.fields(value))
+        else:
+            yield item.name, value
+
+
+def keys_not_held(chip: Chip, form: Form) -> tuple[str, ...]:
+    """The keys of a chip that say something about it and that a form of its circuit does not hold."""
+    usual = dict(chip_keys(Chip()))
+    return tuple(
+        key
+        for key, value in chip_keys(chip)
+        if value != usual[key] and not _holds(form, key) and _matters(chip, key, usual[key])
+    )
+
+
+def _holds(form: Form, key: str) -> bool:
+    return key not in READING if form == "circuit" else key in _HELD[form]
+
+
+def _matters(chip: Chip, key: str, usual: Any) -> bool:
+    """Whether the chip would be another one without the key."""
+    table, _, name = key.rpartition(".")
+    value = dataclasses.replace(getattr(chip, table), **{name: usual}) if table else usual
+    try:
+        other = dataclasses.replace(chip, **{table or name: value})
+    except InputError:  # other keys rest on it
+        return True
+    return key in (*_SCALE, *READING) or passes_of(other) != passes_of(chip)

@@ -19,10 +19,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number, check_whole, is_number
-from resgrid.chip import faces
-from resgrid.chip.faults import without_stranded_currents
-from resgrid.chip.reading import Reading, json_form
-from resgrid.chip.walks import Eyes, Floor, eyes_of, floor_of, walk
+from resgrid.chip.figures import Reading, json_form
+from resgrid.chip.passes import editing
+from resgrid.chip.passes.spread import without_stranded_currents
+from resgrid.chip.readout import Eyes, Floor, eyes_of, floor_of, walk
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.solve import solve
@@ -171,14 +171,14 @@ def analyse_criticality(
     CircuitError
         If the chip has no operating point.
     """
-    layout = faces.tiled_layout(netlist, "faults that cost starts")
+    cell_map = editing.tiled_layout(netlist, "faults that cost starts")
     check_number("short_resistance", short_resistance, "positive and finite, in ohms", above=0.0)
     if seconds is not None and not (is_number(seconds) or seconds == np.inf):
         raise InputError(f"seconds = {seconds!r} must be a number, or None for as long as it takes")
     readout = readout or Readout()
     bits = IDEAL_BITS if readout.bits is None else readout.bits
-    eyes = eyes_of(Readout(range=readout.range), layout, None)
-    sight = _Sight(netlist, floor_of(layout), _with_bits(eyes, bits), _mask(netlist, starts))
+    eyes = eyes_of(Readout(range=readout.range), cell_map, None)
+    sight = _Sight(netlist, floor_of(cell_map), _with_bits(eyes, bits), _mask(netlist, starts))
     point = solve(netlist)
     through = np.append(np.abs(point.resistor_current), np.abs(point.nonlinear_amps))
     order = np.argsort(-np.nan_to_num(through), kind="stable")
@@ -213,8 +213,7 @@ def _with_bits(eyes: Eyes, bits: int) -> Eyes:
 
 
 def _mask(netlist: Netlist, starts: ArrayLike | None) -> NDArray[np.bool_]:
-    assert netlist.layout is not None
-    way = netlist.layout.space.goal_connected
+    way = netlist.cells.space.goal_connected
     mask = way if starts is None else np.asarray(starts)
     if mask.dtype != np.bool_ or mask.shape != way.shape:
         raise InputError(f"starts must be True or False for every cell, shape {way.shape}")
@@ -313,9 +312,9 @@ def _solved(netlist: Netlist, count: int) -> NDArray[np.float64]:
 def _without(netlist: Netlist, element: int) -> Netlist:
     linear = len(netlist.conductance)
     if element < linear:
-        return without_stranded_currents(faces.keep_resistors(netlist, np.arange(linear) != element))
+        return without_stranded_currents(editing.keep_resistors(netlist, np.arange(linear) != element))
     keep = np.arange(len(netlist.nonlinear_current)) != element - linear
-    return without_stranded_currents(faces.keep_nonlinear(netlist, keep))
+    return without_stranded_currents(editing.keep_nonlinear(netlist, keep))
 
 
 def _shorted(netlist: Netlist, element: int, ohms: float) -> Netlist:
@@ -326,8 +325,8 @@ def _shorted(netlist: Netlist, element: int, ohms: float) -> Netlist:
         return netlist.replace(conductance=conductance)
     pair = netlist.nonlinear_nodes[element - linear : element - linear + 1]
     bare = _without_nonlinear(netlist, element - linear)
-    return faces.add_resistors(bare, pair, np.array([1.0 / ohms]))
+    return editing.add_resistors(bare, pair, np.array([1.0 / ohms]))
 
 
 def _without_nonlinear(netlist: Netlist, number: int) -> Netlist:
-    return faces.keep_nonlinear(netlist, np.arange(len(netlist.nonlinear_current)) != number)
+    return editing.keep_nonlinear(netlist, np.arange(len(netlist.nonlinear_current)) != number)

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from resgrid.chip.build import build_chip
 from resgrid.chip.noise import ROOM, Noise, analyse_noise
-from resgrid.chip.resistors import Temperature
+from resgrid.chip.passes.values import Temperature
 from resgrid.chip.settling import Settling, analyse_settling
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
@@ -27,7 +27,7 @@ from resgrid.nodal.solve import solve
 from resgrid.nodal.transient import transient
 from resgrid.scene.chip import Chip
 from resgrid.spice.analyses import Analysis, NoiseAnalysis, Probe, TemperatureAnalysis, TransientAnalysis
-from resgrid.spice.writer import WrittenDeck, write_spice
+from resgrid.spice.write.files import WrittenDeck, write_spice
 
 CELSIUS = (-40.0, 27.0, 85.0, 125.0)
 BAND = 100.0
@@ -157,11 +157,11 @@ def noise_band(settling: Settling) -> tuple[float, float]:
 def noisiest(noise: Noise) -> int:
     """The node of a free cell with the largest noise in the band."""
     assert noise.total is not None
-    layout = noise.netlist.layout
+    cell_map = noise.netlist.cell_map
     total = np.nan_to_num(noise.total)
-    if layout is None:
+    if cell_map is None:
         return int(np.argmax(total))
-    return int(layout.free_node[np.argmax(total[layout.free_node])])
+    return int(cell_map.free_node[np.argmax(total[cell_map.free_node])])
 
 
 def _temperature(ideal: Netlist, chip: Chip, path: Path, words: dict[str, Any]) -> WrittenDeck:
@@ -187,9 +187,8 @@ def _temperature(ideal: Netlist, chip: Chip, path: Path, words: dict[str, Any]) 
 
 def _probed(netlist: Netlist, volts: NDArray[np.float64]) -> NDArray[np.int32]:
     """Nodes of cells whose voltages are kept: all that have one, or some spread evenly over a large grid."""
-    layout = netlist.layout
-    assert layout is not None
-    nodes = np.unique(layout.node[layout.node >= 0])
+    cell_map = netlist.cells
+    nodes = np.unique(cell_map.node[cell_map.node >= 0])
     nodes = nodes[np.isfinite(volts[nodes])]
     if len(nodes) <= _MOST_PROBES:
         return nodes

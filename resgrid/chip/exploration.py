@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.chip.ideal import ideal_netlist
-from resgrid.chip.proportions import Proportion
-from resgrid.chip.reading import Reading, json_form
+from resgrid.chip.build import ideal_netlist
+from resgrid.chip.figures import Proportion, Reading, json_form
 from resgrid.chip.trials import Experiment, Tally, prepare, run_trials
 from resgrid.chip.yields import Progress, count_trials, overall_of
 from resgrid.errors import InputError

@@ -1,7 +1,7 @@
 """The way to the operating point without time steps: a sum of exponentials.
 
 The deviation ``y`` from the operating point obeys ``C y' = -G y``.  Of a small circuit all modes are known
-(`resgrid.chip.modal`).  In a larger one a window of times is described at a time, by Lanczos iteration started from
+(`resgrid.chip.modes`).  In a larger one a window of times is described at a time, by Lanczos iteration started from
 the deviation itself on ``(G + s C)^-1 C``, with ``1/s`` a hundredth of the window's end (shift and invert; van den
 Eshof & Hochbruck 2006): how many vectors that takes does not depend on how far apart the time constants are, for it
 comes down to a rational approximation of ``exp(-t x)`` for all positive ``x``.  Vectors are orthonormal in the inner
@@ -18,8 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.chip.modal import Modes
-from resgrid.chip.roots import Solver, accurate_solver, laplacian_root
+from resgrid.chip.modes import Modes, Solver, accurate_solver, laplacian_root
 from resgrid.errors import AccuracyError
 from resgrid.nodal.dynamics import Dynamics, factor_resolvent
 

@@ -17,9 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from resgrid.arguments import check_number, check_whole, is_number
-from resgrid.chip.impedance import impedance_of
-from resgrid.chip.noise_integrals import estimate, find_exactly
-from resgrid.chip.reading import Reading, json_form
+from resgrid.chip.figures import Reading, json_form
+from resgrid.chip.impedance import estimate, find_exactly, impedance_of
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.dynamics import (

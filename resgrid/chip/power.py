@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.chip.reading import Reading, json_form
-from resgrid.errors import InputError
-from resgrid.netlist import GROUND, Layout, Netlist
+from resgrid.chip.figures import Reading, json_form
+from resgrid.netlist import GROUND, Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.secant import nonlinear_drops
 from resgrid.space import Cell
@@ -55,7 +54,7 @@ class Power:
         Heat in the halves of resistors next to every node, in watts.
     droop : ndarray of float64, shape (nodes,)
         How far an obstacle or goal cell is from the voltage of its rail, in volts, towards the other rail; NaN at other
-        nodes, empty without a layout.
+        nodes, empty without a map of cells.
     """
 
     point: OperatingPoint
@@ -87,11 +86,11 @@ class Power:
     @property
     def cell_heat(self) -> NDArray[np.float64]:
         """Heat at every cell, shape of the space, in watts; NaN where a cell has no node of its own."""
-        layout = _layout_of(self.point.netlist)
+        cell_map = self.point.netlist.cells
         cell = self.point.netlist.cell_of_node()
-        heat = np.full(layout.space.cell.size, np.nan)
+        heat = np.full(cell_map.space.cell.size, np.nan)
         heat[cell[cell >= 0]] = self.node[cell >= 0]
-        return heat.reshape(layout.space.shape)
+        return heat.reshape(cell_map.space.shape)
 
     @property
     def readings(self) -> Mapping[str, Reading]:
@@ -181,11 +180,11 @@ def _rail_names(netlist: Netlist) -> list[str]:
     node = netlist.source_nodes[:, 0].copy()
     node[node == GROUND] = netlist.source_nodes[node == GROUND, 1]
     names = netlist.names_of(node)
-    layout = netlist.layout
-    if layout is None or layout.rails != "cells":
+    cell_map = netlist.cell_map
+    if cell_map is None or cell_map.wiring.rails != "cells":
         return names
     cell = netlist.cell_of_node()[node]
-    code, region = layout.space.cell.ravel(), layout.space.goal_region.ravel()
+    code, region = cell_map.space.cell.ravel(), cell_map.space.goal_region.ravel()
     for number, place in enumerate(cell.tolist()):
         if place >= 0 and code[place] == Cell.OBSTACLE:
             names[number] = "obstacle"
@@ -195,21 +194,15 @@ def _rail_names(netlist: Netlist) -> list[str]:
 
 
 def _droop(point: OperatingPoint) -> NDArray[np.float64]:
-    layout = point.netlist.layout
-    if layout is None:
+    cell_map = point.netlist.cell_map
+    if cell_map is None:
         return np.empty(0)
     droop = np.full(point.netlist.node_count, np.nan)
-    towards = np.sign(layout.supply)
-    code = layout.space.cell
-    if layout.boundary != "neumann":
-        high = layout.node[(code == Cell.OBSTACLE) & (layout.node >= 0)]
-        droop[high] = towards * (layout.goal_voltage + layout.supply - point.voltage[high])
-    low = layout.node[(code == Cell.GOAL) & (layout.node >= 0)]
-    droop[low] = towards * (point.voltage[low] - layout.goal_voltage)
+    towards = np.sign(cell_map.wiring.supply)
+    code = cell_map.space.cell
+    if cell_map.wiring.boundary != "neumann":
+        high = cell_map.node[(code == Cell.OBSTACLE) & (cell_map.node >= 0)]
+        droop[high] = towards * (cell_map.wiring.goal_voltage + cell_map.wiring.supply - point.voltage[high])
+    low = cell_map.node[(code == Cell.GOAL) & (cell_map.node >= 0)]
+    droop[low] = towards * (point.voltage[low] - cell_map.wiring.goal_voltage)
     return droop
-
-
-def _layout_of(netlist: Netlist) -> Layout:
-    if netlist.layout is None:
-        raise InputError("this netlist was not compiled from a space, so it has no cells to draw on")
-    return netlist.layout

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.chip.adjoint import adjoint_of, ends_of
-from resgrid.chip.decisions import Steps, steps_of
-from resgrid.chip.reading import Reading, json_form
+from resgrid.chip.figures import Reading, json_form
+from resgrid.chip.precision import Steps, steps_of
 from resgrid.errors import InputError
 from resgrid.nodal.factors.factor import Factor
 from resgrid.nodal.operating_point import OperatingPoint
@@ -160,7 +160,7 @@ def analyse_sensitivity(point: OperatingPoint, cells: ArrayLike) -> Sensitivity:
     Parameters
     ----------
     point : OperatingPoint
-        Of a netlist with a layout.
+        Of a netlist with a map of cells.
     cells : array_like of int, shape (axes,) or (k, axes)
         One cell, or all cells of a path (goal cells among them are left out); each costs one solution.
 
@@ -181,7 +181,7 @@ def analyse_sensitivity(point: OperatingPoint, cells: ArrayLike) -> Sensitivity:
     count = len(adjoint.ends)
     flip, decision = np.full(count, np.inf), np.zeros(count, dtype=np.int64)
     best, runner_up, margin = np.empty_like(flat), np.empty_like(flat), np.empty(len(flat))
-    node = steps.layout.node.ravel()
+    node = steps.cell_map.node.ravel()
     for number, cell in enumerate(flat.tolist()):
         best[number], runner_up[number], gap, scale = _decision(steps, cell)
         margin[number] = gap * np.exp(scale)
@@ -199,10 +199,10 @@ def analyse_sensitivity(point: OperatingPoint, cells: ArrayLike) -> Sensitivity:
 def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
     """The lowest neighbour, the runner-up (or the cell itself), and the distance between them: ``gap exp(scale)`` V."""
     first, last = np.searchsorted(steps.cell, [cell, cell + 1])
-    code = steps.layout.space.cell.ravel()
+    code = steps.cell_map.space.cell.ravel()
     ways = np.flatnonzero(code[steps.neighbour[first:last]] != Cell.OBSTACLE) + first
     if not np.any(steps.sign[ways] > 0):
-        place = tuple(int(i) for i in np.unravel_index(cell, steps.layout.space.shape))
+        place = tuple(int(i) for i in np.unravel_index(cell, steps.cell_map.space.shape))
         raise InputError(
             f"cell {place} has no lower neighbour: no current leaves it, so that there is no step to change"
         )
@@ -216,7 +216,7 @@ def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
 
 
 def _checked_cells(steps: Steps, cells: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    space = steps.layout.space
+    space = steps.cell_map.space
     where = np.asarray(cells)
     if where.dtype.kind not in "iu" or where.ndim not in {1, 2} or where.shape[-1] != space.ndim:
         raise InputError(f"cells must be cell indices, {space.ndim} integers each")

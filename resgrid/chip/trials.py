@@ -3,25 +3,30 @@
 from __future__ import annotations
 
 import dataclasses
+import hashlib
+import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.chip.build import build_chip, conductance_samples
-from resgrid.chip.decisions import steps_of
-from resgrid.chip.faces import tiled_layout
 from resgrid.chip.noise import ROOM, analyse_noise
-from resgrid.chip.resistors import NOMINAL_CELSIUS
-from resgrid.chip.walks import Eyes, Floor, eyes_of, floor_of, follow, walk
-from resgrid.errors import CircuitError
+from resgrid.chip.passes.editing import tiled_layout
+from resgrid.chip.passes.values import NOMINAL_CELSIUS
+from resgrid.chip.precision import steps_of
+from resgrid.chip.readout import Eyes, Floor, eyes_of, floor_of, follow, walk
+from resgrid.die import Seed, seed_of
+from resgrid.errors import CircuitError, InputError
+from resgrid.files import atomic_path
 from resgrid.netlist import Netlist
 from resgrid.nodal.many import Batch, prepare_batch, solve_batch
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.secant import small_signal
 from resgrid.nodal.solve import solve
-from resgrid.randomness import Seed, seed_of
 from resgrid.scene.chip import Chip, Readout
 
 
@@ -89,8 +94,8 @@ def prepare(
     starts: NDArray[np.bool_] | None = None,
 ) -> Experiment:
     """Do once what all trials share.  Shapes: `starts` as the space."""
-    layout = tiled_layout(netlist, "robots that see the read-out")
-    mask = layout.space.goal_connected if starts is None else layout.space.goal_connected & starts
+    cell_map = tiled_layout(netlist, "robots that see the read-out")
+    mask = cell_map.space.goal_connected if starts is None else cell_map.space.goal_connected & starts
     blurred = not all(is_ideal(readout) for readout in readouts)
     alike = not differs(chip)
     linear = chip.saturation_voltage is None and not _is_faulty(chip)
@@ -102,10 +107,10 @@ def prepare(
         netlist=netlist,
         chip=chip,
         seed=seed_of(chip.seed if seed is None else seed),
-        floor=floor_of(layout),
+        floor=floor_of(cell_map),
         starts=mask.ravel(),
         eyes=tuple(
-            None if is_ideal(readout) else eyes_of(readout, layout, noise.get(readout.noise_bandwidth or 0.0))
+            None if is_ideal(readout) else eyes_of(readout, cell_map, noise.get(readout.noise_bandwidth or 0.0))
             for readout in readouts
         ),
         batch=prepare_batch(conductance_samples(netlist, chip, [])[0]) if blurred and linear and not alike else None,
@@ -192,6 +197,53 @@ def _noise(nominal: Netlist, point: OperatingPoint, chip: Chip, bandwidth: float
     linear = small_signal(point) if nominal.nonlinear_nodes.size else nominal
     noise = analyse_noise(linear, band=(0.0, bandwidth), temperature=die_temperature(chip))
     assert noise.total is not None
-    assert nominal.layout is not None
-    node = nominal.layout.node.ravel()
+    node = nominal.cells.node.ravel()
     return np.where(node >= 0, np.nan_to_num(noise.total)[node], 0.0)
+
+
+_SCHEMA = 1
+
+
+def fingerprint(experiment: Experiment, batch: int) -> str:
+    """A hash of everything that the counts of an experiment depend on, hexadecimal."""
+    digest = hashlib.sha256(f"{_SCHEMA} {experiment.seed} {batch} {experiment.chip}".encode())
+    digest.update(experiment.starts.tobytes())
+    digest.update(experiment.floor.around.tobytes())
+    for item in dataclasses.fields(Netlist):
+        value = getattr(experiment.netlist, item.name)
+        if isinstance(value, np.ndarray):
+            digest.update(item.name.encode() + value.tobytes())
+    for eyes in experiment.eyes:
+        digest.update(repr(None if eyes is None else (eyes.low, eyes.span, eyes.steps, eyes.offset)).encode())
+    return digest.hexdigest()
+
+
+def save_tally(path: str | os.PathLike[str], tally: Tally, mark: str) -> None:
+    """Write the counts so far, whole or not at all."""
+    with atomic_path(path) as temporary, temporary.open("wb") as file:
+        np.savez_compressed(
+            file,
+            fingerprint=np.array(mark),
+            trials=np.array(tally.trials),
+            reached=tally.reached,
+            complete=tally.complete,
+            squares=tally.squares,
+        )
+
+
+def load_tally(path: str | os.PathLike[str], mark: str) -> Tally | None:
+    """Read the counts so far; None if there is no such file."""
+    try:
+        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as data:
+            found, trials = str(data["fingerprint"]), int(data["trials"])
+            counts = [data[name] for name in ("reached", "complete", "squares")]
+    except FileNotFoundError:
+        return None
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+        raise InputError(f"cannot read the checkpoint {str(path)!r}: {error}; remove it or name another") from error
+    if found != mark:
+        raise InputError(
+            f"the checkpoint {str(path)!r} belongs to another run: the scene, the chip, the seed or the batch differs; "
+            "remove it or name another"
+        )
+    return Tally(trials, *counts)

@@ -13,13 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number, check_whole
-from resgrid.chip.checkpoints import fingerprint, load_tally, save_tally
-from resgrid.chip.proportions import Proportion, effective_trials, proportion, quantile, wilson
-from resgrid.chip.reading import Reading, json_form
-from resgrid.chip.trials import Experiment, Tally, prepare, run_trials
+from resgrid.chip.figures import Proportion, Reading, effective_trials, json_form, proportion, quantile, wilson
+from resgrid.chip.trials import Experiment, Tally, fingerprint, load_tally, prepare, run_trials, save_tally
+from resgrid.die import seed_of
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.randomness import seed_of
 from resgrid.scene.chip import Chip
 from resgrid.space import ConfigurationSpace
 
@@ -140,7 +138,7 @@ def analyse_yield(
     """Fabricate chips and let robots walk on them until the yield is known well enough.
 
     A robot measures its cell and the face neighbours through the chip's read-out and steps to the lowest
-    (`resgrid.chip.walks`); through an ideal one it compares the currents through the faces.
+    (`resgrid.chip.readout`); through an ideal one it compares the currents through the faces.
 
     Parameters
     ----------
@@ -192,8 +190,7 @@ def analyse_yield(
     if not count:
         raise InputError("there is no start: no free cell has a way to a goal")
     tally = _counted(experiment, (half_width, confidence, most, batch), executor, checkpoint, progress)
-    assert netlist.layout is not None
-    space = netlist.layout.space
+    space = netlist.cells.space
     return Yield(
         space=space,
         starts=experiment.starts.reshape(space.shape),
@@ -278,7 +275,7 @@ def _check(half_width: float, confidence: float, most: int, batch: int) -> None:
 
 def _checked_starts(netlist: Netlist, starts: ArrayLike) -> NDArray[np.bool_]:
     mask = np.asarray(starts)
-    shape = None if netlist.layout is None else netlist.layout.space.shape
+    shape = None if netlist.cell_map is None else netlist.cells.space.shape
     if mask.dtype != np.bool_ or mask.shape != shape:
         raise InputError(f"starts must be True or False for every cell, shape {shape}")
     return mask

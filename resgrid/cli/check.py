@@ -29,10 +29,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from resgrid.netlist import Netlist
-    from resgrid.spice.agreement import Run
-    from resgrid.spice.comparison import Agreement
-    from resgrid.spice.forecast import Forecast
+    from resgrid.spice.check.agreement import Run
+    from resgrid.spice.check.comparison import Agreement
     from resgrid.spice.parsed import ParsedDeck
+    from resgrid.spice.run.forecast import Forecast
 
 _WORDS = {"sidecar": "the sidecar", "scene": "the scene's solution", "solve": "our solution"}
 _WORTH_TELLING = 10.0
@@ -75,8 +75,8 @@ def command(
 
     --rules checks the electrical rules instead, and says for each simulator whether it would get the answer right.
     """
-    from resgrid.spice.agreement import Run
-    from resgrid.spice.engines import engine_named
+    from resgrid.spice.check.agreement import Run
+    from resgrid.spice.run import engine_named
 
     run = Run(engine, tolerance, timeout)
     engine_named(engine)
@@ -109,8 +109,8 @@ def _code(agreement: Agreement) -> int:
 def _check_rules(
     choice: SceneChoice, deck: str | None, given: bool, read_as: str, root: str | None, report: Report
 ) -> int:
-    from resgrid.spice.rules import check_rules
-    from resgrid.spice.verdicts import predict_simulators
+    from resgrid.spice.check.predictions import predict_simulators
+    from resgrid.spice.check.rules import check_rules
 
     if deck is not None:
         raise InputError("--rules checks SCENE or DECK itself; leave --deck out")
@@ -133,10 +133,10 @@ def _check_rules(
 
 def _check_deck(choice: SceneChoice, read_as: str, root: str | None, run: Run, report: Report) -> Agreement:
     """A deck with a sidecar is held against that, any other against its own solution."""
-    from resgrid.spice.agreement import check_deck, check_read_deck
-    from resgrid.spice.ngspice import read_deck
-    from resgrid.spice.rules import check_rules
-    from resgrid.spice.sidecar import sidecar_path
+    from resgrid.spice.check.agreement import check_deck, check_read_deck
+    from resgrid.spice.check.rules import check_rules
+    from resgrid.spice.run.ngspice import read_deck
+    from resgrid.spice.write.sidecar import sidecar_path
 
     refuse_scene_options(choice)
     path = Path(choice.source)
@@ -169,8 +169,8 @@ def _readable(choice: SceneChoice, read_as: str, root: str | None, report: Repor
 
 def _foretell(circuit: Netlist | ParsedDeck | None, run: Run, report: Report) -> None:
     """Say what the simulator will take, and refuse what will not end in time."""
-    from resgrid.spice.forecast import costs_named, forecast_run, require_time
-    from resgrid.spice.ngspice import ngspice_version
+    from resgrid.spice.run.forecast import costs_named, forecast_run, require_time
+    from resgrid.spice.run.ngspice import ngspice_version
 
     if circuit is None:
         return
@@ -182,7 +182,7 @@ def _foretell(circuit: Netlist | ParsedDeck | None, run: Run, report: Report) ->
 
 
 def _simulated(chip: Chip, deck: str | None, run: Run, report: Report) -> Agreement:
-    from resgrid.spice.agreement import check_deck, check_spice
+    from resgrid.spice.check.agreement import check_deck, check_spice
 
     limits: dict[str, Any] = {"tolerance": run.tolerance, "timeout": run.timeout, "engine": run.engine}
     with report.stage("simulate"):
@@ -193,9 +193,9 @@ def _simulated(chip: Chip, deck: str | None, run: Run, report: Report) -> Agreem
 
 def check_unasked(deck: Path, netlist: Netlist, wanted: bool | None, folder: Path, report: Report) -> Agreement | str:
     """The simulator's verdict on a deck that was just written, or why there is none."""
-    from resgrid.spice.agreement import check_deck
-    from resgrid.spice.forecast import costs_named, forecast_run
-    from resgrid.spice.ngspice import ngspice_version
+    from resgrid.spice.check.agreement import check_deck
+    from resgrid.spice.run.forecast import costs_named, forecast_run
+    from resgrid.spice.run.ngspice import ngspice_version
 
     if wanted is False:
         return "not simulated: --no-check"

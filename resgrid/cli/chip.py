@@ -21,7 +21,7 @@ from resgrid.cli.report import Report
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
-    from resgrid.spice.comparison import Agreement
+    from resgrid.spice.check.comparison import Agreement
 
 
 @click.command("chip", short_help="Ask whether a real chip is good enough; a report with decks.")

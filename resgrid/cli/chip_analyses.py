@@ -17,8 +17,8 @@ from resgrid.errors import InputError
 
 if TYPE_CHECKING:
     from resgrid.chip.criticality import Criticality
+    from resgrid.chip.figures import Proportion
     from resgrid.chip.precision import Precision
-    from resgrid.chip.proportions import Proportion
     from resgrid.scene import Chip
 
 _BITS = (6, 8, 10, 12, 14, 16)
@@ -171,8 +171,7 @@ def _precision(study: Study, made: Path, report: Report) -> Section:
 
 def _by_boundary(study: Study) -> dict[str, Precision]:
     """The scene's own boundary first, then the others, on chips with the same flaws."""
-    from resgrid.chip.build import build_chip
-    from resgrid.chip.ideal import ideal_netlist
+    from resgrid.chip.build import build_chip, ideal_netlist
     from resgrid.chip.precision import analyse_precision
     from resgrid.errors import CircuitError
     from resgrid.nodal.solve import solve

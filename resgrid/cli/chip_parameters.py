@@ -48,7 +48,7 @@ MEANING: dict[str, tuple[str, str]] = {
 
 def described(chip: Chip, size: str, boundary: str) -> list[tuple[str, str, str]]:
     """What a chip is made of, key by key, without what is ideal: key, value, meaning."""
-    from resgrid.chip.held import chip_keys
+    from resgrid.chip.build import chip_keys
 
     meaning = {"dirichlet": "are a rail", "neumann": "are open", "wall": "are a rail behind a resistance"}[boundary]
     rows = [("grid", size, "one node each"), ("boundary", boundary, f"obstacles {meaning}")]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from resgrid.chip.reading import Reading
+    from resgrid.chip.figures import Reading
 
 _PREFIXES = dict(zip(range(-24, 13, 3), ("y", "z", "a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"), strict=True))
 _UNITS = {"ohm": "Ω", "V/sqrt(Hz)": "V/√Hz"}

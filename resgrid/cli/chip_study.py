@@ -150,8 +150,7 @@ class Study:
 
 def open_study(choice: SceneChoice, report: Report, limits: Limits) -> Study:
     """Read a scene, build its chip and find the operating point."""
-    from resgrid.chip.build import build_chip
-    from resgrid.chip.ideal import ideal_netlist
+    from resgrid.chip.build import build_chip, ideal_netlist
     from resgrid.nodal.solve import solve
 
     job = open_job(choice, report)

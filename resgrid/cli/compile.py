@@ -15,7 +15,7 @@ from resgrid.cli.report import Report
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
-    from resgrid.spice.writer import Form, WrittenDeck
+    from resgrid.spice.write.files import Form, WrittenDeck
 
 dialect_option = click.option(
     "--dialect", default="ngspice", show_default=True, metavar="NAME", help="SPICE dialect of the deck."
@@ -80,8 +80,8 @@ def write_deck(
 ) -> WrittenDeck:
     """Write a chip's deck with its sidecar, commands and companion."""
     from resgrid.spice.analyses import MismatchAnalysis
-    from resgrid.spice.tiles import Tile
-    from resgrid.spice.writer import write_spice
+    from resgrid.spice.write.files import write_spice
+    from resgrid.spice.write.tiles import Tile
 
     told = job.scene.chip
     drawn = [MismatchAnalysis(told.mismatch, told.seed)] if form == "cells" and told.mismatch else []
@@ -106,7 +106,7 @@ def _scene_hash(job: Job) -> str | None:
 
 
 def _deck_text(job: Job, boundary: str, start: int | None, dialect: str, report: Report) -> str:
-    from resgrid.spice.deck import format_deck
+    from resgrid.spice.write.flat import format_deck
 
     netlist = compile_chip(job, report, boundary, start)
     if netlist.current_nodes.size and is_ideal(job):

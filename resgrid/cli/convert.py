@@ -43,7 +43,7 @@ def command(
     graphs for networkx and others; FILE.npz holds the netlist's arrays. -o - prints the deck alone. All of these are
     read, too, but for Spectre, which is written only, and so are Circuitscape configurations (.ini).
     """
-    from resgrid.spice.networks import NETWORK_SUFFIXES
+    from resgrid.spice.networks.graphs import NETWORK_SUFFIXES
 
     suffix = Path(output).suffix.lower()
     known = (*DECK_SUFFIXES, SPECTRE_SUFFIX, *NETWORK_SUFFIXES)
@@ -88,7 +88,7 @@ def _circuit(
 def _written(
     netlist: Netlist, title: str | None, point: OperatingPoint | None, output: str, dialect: str, report: Report
 ) -> dict[str, Any]:
-    from resgrid.spice.networks import NETWORK_SUFFIXES, write_network
+    from resgrid.spice.networks.graphs import NETWORK_SUFFIXES, write_network
 
     counts = {
         "nodes": netlist.node_count,
@@ -107,7 +107,7 @@ def _written(
         if suffix in NETWORK_SUFFIXES:
             write_network(netlist, output)
             return {"file": output, **counts}
-        from resgrid.spice.writer import write_spice
+        from resgrid.spice.write.files import write_spice
 
         written = write_spice(netlist, output, dialect, title=title, operating_point=point)
     files = {"sidecar": written.sidecar, "commands": written.commands, "sha256": written.sha256}
@@ -129,6 +129,6 @@ def _left_out(netlist: Netlist, suffix: str) -> list[str]:
 
 def _write_bare(netlist: Netlist, title: str | None, output: str, dialect: str) -> None:
     from resgrid.cli.output import emit_text
-    from resgrid.spice.deck import format_deck
+    from resgrid.spice.write.flat import format_deck
 
     emit_text(output, format_deck(netlist, dialect=dialect, title=title))

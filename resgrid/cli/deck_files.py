@@ -93,7 +93,7 @@ def _write_npz(solved: SolvedDeck, path: Path) -> None:
 
 
 def _write_raw(solved: SolvedDeck, path: Path, form: str) -> None:
-    from resgrid.spice.rawwriter import write_raw
+    from resgrid.spice.run.rawfile import write_raw
 
     write_raw(solved.point, path, title=solved.deck.title or solved.deck.path, form=form)
 

@@ -56,8 +56,8 @@ def is_deck(source: str) -> bool:
 
 def is_network(source: str) -> bool:
     """Whether a file is a network that is no deck: a graph, arrays, a configuration, or a list of edges."""
-    from resgrid.spice.networks import NETWORK_SUFFIXES
-    from resgrid.spice.reader.edges import is_edge_list
+    from resgrid.spice.networks.edges import is_edge_list
+    from resgrid.spice.networks.graphs import NETWORK_SUFFIXES
 
     suffix = Path(source).suffix.lower()
     return is_edge_list(source) if suffix == ".txt" else suffix in (*NETWORK_SUFFIXES, ".ini")
@@ -71,7 +71,8 @@ def refuse_scene_options(choice: SceneChoice) -> None:
 
 def open_deck(choice: SceneChoice, read_as: str, root: str | None, report: Report) -> ParsedDeck:
     """Read a deck, or a network as if it were one."""
-    from resgrid.spice.reader import network_deck, read_spice
+    from resgrid.spice.networks.read import network_deck
+    from resgrid.spice.read.deck import read_spice
 
     refuse_scene_options(choice)
     path = Path(choice.source)
@@ -110,7 +111,7 @@ def solve_deck(deck: ParsedDeck, report: Report) -> SolvedDeck:
 
 def _lines_at_fault(deck: ParsedDeck) -> str:
     """Errors that the rules find, one a line; empty if they find none."""
-    from resgrid.spice.rules import check_rules
+    from resgrid.spice.check.rules import check_rules
 
     errors = [finding for finding in check_rules(deck) if finding.severity == "error"]
     return "\n".join(f"{finding.place}: {finding.message}; {finding.remedy}" for finding in errors[:_NOTES])
@@ -152,10 +153,10 @@ def deck_data(deck: ParsedDeck) -> dict[str, Any]:
 def solution_data(solved: SolvedDeck, count: int) -> dict[str, Any]:
     """What the meters of a solved deck read, as ``--json`` gives it."""
     from resgrid.spice.balance import power_balance
-    from resgrid.spice.drops import supply_drops
+    from resgrid.spice.ir_drop import ir_drop
 
     point, netlist = solved.point, solved.point.netlist
-    drops, balance = supply_drops(point), power_balance(point)
+    drops, balance = ir_drop(point), power_balance(point)
     worst = drops.worst(count)
     return {
         "kcl_residual": point.kcl_residual,

@@ -10,7 +10,7 @@ from resgrid.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from resgrid.chip.held import Form
+    from resgrid.chip.build import Form
     from resgrid.cli.job import Chip as Circuit, Job
     from resgrid.cli.report import Report
     from resgrid.scene import Chip
@@ -28,7 +28,7 @@ def tell_unheeded(
     job: Job, form: Form | Literal["chip"], report: Report, *, k: Sequence[float] = ()
 ) -> dict[str, list[str]]:
     """Say which keys of a scene make no difference to what a verb makes of it."""
-    from resgrid.chip.held import keys_not_held
+    from resgrid.chip.build import keys_not_held
 
     keys = [] if form == "chip" else [f"chip.{key}" for key in keys_not_held(job.scene.chip, form)]
     if keys:
@@ -59,7 +59,7 @@ def several_k(job: Job) -> tuple[float, ...]:
 
 def require_tiles(chip: Chip) -> None:
     """Refuse a chip that an array of tiles cannot be."""
-    from resgrid.chip.held import READING, keys_not_held
+    from resgrid.chip.build import READING, keys_not_held
 
     keys = [f"chip.{key}" for key in keys_not_held(chip, "tiles") if key not in READING]
     if keys:
@@ -70,9 +70,9 @@ def require_tiles(chip: Chip) -> None:
 
 def tell_assumed(told: Chip, circuit: Circuit, report: Report) -> dict[str, dict[str, Any]]:
     """Say which switches the tiles of a circuit have that its scene does not describe."""
-    from resgrid.spice.tiles import Tile, complete_tile, layout_of
+    from resgrid.spice.write.tiles import Tile, complete_tile
 
-    tile = complete_tile(Tile.of(vars(told)), layout_of(circuit.netlist))
+    tile = complete_tile(Tile.of(vars(told)), circuit.netlist.cells)
     assumed = {
         f"chip.{key}": ohms
         for key, ohms in vars(tile).items()

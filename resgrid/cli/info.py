@@ -61,7 +61,7 @@ def command(
 def describe(job: Job, report: Report) -> dict[str, Any]:
     """What there is in a scene, as ``--json`` gives it."""
     from resgrid.cli.sketch import sketch
-    from resgrid.scene.map_words import describe_map
+    from resgrid.scene.maps.formats import describe_map
     from resgrid.space import Cell
 
     scene, space = job.scene, job.space
@@ -84,7 +84,7 @@ def describe(job: Job, report: Report) -> dict[str, Any]:
             for axis in space.axes
         ],
         "frame": {"x": scene.frame.x, "y": scene.frame.y, "yaw": scene.frame.yaw},
-        "map": None if scene.map is None else describe_map(scene),
+        "map": None if scene.map is None else describe_map(scene.map.table),
         "sketch": sketch(space, starts) if space.ndim == 2 else None,
         "cells": space.cell.size,
         "free_cells": int(free.sum()),
@@ -121,7 +121,7 @@ def describe_deck(deck: ParsedDeck) -> dict[str, Any]:
     """What there is in a deck, as ``--json`` gives it."""
     import numpy as np
 
-    from resgrid.spice.forecast import forecast_run
+    from resgrid.spice.run.forecast import forecast_run
     from resgrid.spice.subject import subject_of
 
     part = subject_of(deck).part
@@ -166,7 +166,7 @@ def installed_versions() -> dict[str, str | None]:
     versions: dict[str, str | None] = {"resgrid": metadata.version("resgrid"), "python": platform.python_version()}
     versions |= {name: metadata.version(name) for name in PACKAGES}
     try:
-        from resgrid.spice import ngspice_version
+        from resgrid.spice.run.ngspice import ngspice_version
 
         versions["ngspice"] = ngspice_version()
     except ToolMissingError:

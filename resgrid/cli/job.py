@@ -89,8 +89,8 @@ def _piped_scene(choice: SceneChoice) -> Scene:
     """A scene from standard input: TOML, or a map known by its first bytes."""
     import tempfile
 
+    from resgrid.files import decode
     from resgrid.scene import parse_scene, read_scene
-    from resgrid.scene.files import decode
 
     data = sys.stdin.buffer.read()
     if not data.strip():
@@ -131,8 +131,7 @@ def solve_chip(
 
 def compile_chip(job: Job, report: Report, boundary: str, start: int | None = None, *, ideal: bool = False) -> Netlist:
     """Compile one circuit of a scene; as `solve_chip` otherwise, but the drive of an ideal one is not yet scaled."""
-    from resgrid.chip.build import build_chip
-    from resgrid.chip.ideal import ideal_netlist
+    from resgrid.chip.build import build_chip, ideal_netlist
     from resgrid.compiler import compile_space
 
     space, chip, rules = job.space, job.scene.chip, compile_options(job, boundary, start)

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from resgrid.spice.finding import Finding, Severity
-    from resgrid.spice.verdicts import Verdict
+    from resgrid.spice.check.predictions import Prediction
+    from resgrid.spice.check.violation import Severity, Violation
 
 
-def rules_data(findings: Sequence[Finding], verdicts: Sequence[Verdict]) -> dict[str, Any]:
+def rules_data(findings: Sequence[Violation], verdicts: Sequence[Prediction]) -> dict[str, Any]:
     """Findings and verdicts as ``--json`` gives them."""
     return {
         "passes": not any(finding.severity == "error" for finding in findings),
@@ -21,7 +21,7 @@ def rules_data(findings: Sequence[Finding], verdicts: Sequence[Verdict]) -> dict
     }
 
 
-def rules_lines(findings: Sequence[Finding], verdicts: Sequence[Verdict]) -> Iterable[str]:
+def rules_lines(findings: Sequence[Violation], verdicts: Sequence[Prediction]) -> Iterable[str]:
     """Findings and verdicts for people."""
     counts = {severity: sum(f.severity == severity for f in findings) for severity in ("error", "warning", "info")}
     yield f"electrical rules: {counts['error']} errors, {counts['warning']} warnings, {counts['info']} remarks"
@@ -30,9 +30,9 @@ def rules_lines(findings: Sequence[Finding], verdicts: Sequence[Verdict]) -> Ite
     yield from (f"  {verdict}" for verdict in verdicts)
 
 
-def finding_lines(findings: Iterable[Finding], least: Severity = "info") -> Iterable[str]:
+def finding_lines(findings: Iterable[Violation], least: Severity = "info") -> Iterable[str]:
     """One line a finding, down to a severity."""
-    from resgrid.spice.finding import SEVERITIES
+    from resgrid.spice.check.violation import SEVERITIES
 
     worst = SEVERITIES[: SEVERITIES.index(least) + 1]
     return (f"  {finding}" for finding in findings if finding.severity in worst)

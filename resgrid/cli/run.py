@@ -25,7 +25,7 @@ from resgrid.cli.solve import write_field
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
-    from resgrid.spice.comparison import Agreement
+    from resgrid.spice.check.comparison import Agreement
 
 
 @click.command("run", short_help="Do it all: paths, pictures, and decks checked in SPICE.")

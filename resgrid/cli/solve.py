@@ -102,17 +102,17 @@ def write_field(path: Path, point: OperatingPoint) -> None:
     """Write a scene's operating point as NumPy arrays: ``potential``, ``cell`` and, where it exists, ``log_drop``."""
     import numpy as np
 
-    layout = point.netlist.layout
-    if layout is None or point.potential is None:
+    cell_map = point.netlist.cell_map
+    if cell_map is None or point.potential is None:
         raise InputError("this circuit has more rails or drives than a potential is defined for; write it as a deck")
     per_cell = {"potential": point.potential, "log_drop": point.log_drop}
     arrays: dict[str, Any] = {
-        name: np.where(layout.node >= 0, value[layout.node], np.nan)
+        name: np.where(cell_map.node >= 0, value[cell_map.node], np.nan)
         for name, value in per_cell.items()
         if value is not None
     }
     with path.open("wb") as file:
-        np.savez_compressed(file, **arrays, cell=layout.space.cell)
+        np.savez_compressed(file, **arrays, cell=cell_map.space.cell)
 
 
 def _check_target(output: str | None, report: Report) -> None:

@@ -18,8 +18,8 @@ from resgrid.frame import Frame
 from resgrid.planning.workspace import travel_bound
 from resgrid.robots import Arm, Ball, Box, CellSet, DiscRobot, HalfSpace, PointRobot, Polygon, Robot, Shape
 from resgrid.robots.shapes import as_polygon
-from resgrid.scene.place import along_axes
 from resgrid.scene.scene import Scene
+from resgrid.scene.world import along_axes
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
 if TYPE_CHECKING:

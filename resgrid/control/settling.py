@@ -29,7 +29,7 @@ from resgrid.compiler import compile_space
 from resgrid.control.learning import scene_rules
 from resgrid.doors import checked
 from resgrid.errors import InputError
-from resgrid.netlist import GROUND, Layout, Netlist
+from resgrid.netlist import GROUND, Netlist
 from resgrid.nodal.dynamics import Dynamics, dynamics_of, factor_resolvent
 from resgrid.nodal.transient import transient_stepper
 from resgrid.planning.blend import blend
@@ -199,7 +199,7 @@ class _Part:
         self.boundary = boundary
         self.netlist = _compiled(settling, boundary, space)
         self._dynamics = dynamics_of(self.netlist)
-        node = _layout(self.netlist).node
+        node = self.netlist.cells.node
         volts = np.zeros(self.netlist.node_count)
         if cells is not None:
             volts[node[node >= 0]] = np.nan_to_num(cells[node >= 0])
@@ -221,7 +221,7 @@ class _Part:
 
     def per_cell(self) -> Vector:
         """Voltage of every cell, NaN where there is none."""
-        node = _layout(self.netlist).node
+        node = self.netlist.cells.node
         return np.where(node >= 0, self.voltage[node], np.nan)
 
     def settle(self) -> None:
@@ -277,38 +277,34 @@ def _compiled(settling: GridSettling, boundary: str, space: ConfigurationSpace) 
         goal_voltage=0.0 if neumann else 1.0,
         wall_resistance=settling.wall_resistance if boundary == "wall" else None,
     )
-    free = _layout(netlist).free_node
+    free = netlist.cells.free_node
     pairs = np.stack([free, np.full_like(free, GROUND)], axis=1)
     return netlist.replace(capacitor_nodes=pairs, capacitance=np.ones(len(free)))
 
 
-def _layout(netlist: Netlist) -> Layout:
-    if netlist.layout is None:
-        raise InputError("this netlist was not compiled from a space, so it has no field")
-    return netlist.layout
-
-
 def field_now(netlist: Netlist, voltage: Vector) -> Field:
     """Read a field off voltages that need not be those of an operating point.  Shapes: `voltage` (nodes,)."""
-    layout = _layout(netlist)
-    height = voltage - layout.goal_voltage
-    volts = layout.supply if layout.drive != "uniform" else float(np.nanmax(height, initial=0.0)) or 1.0
+    cell_map = netlist.cells
+    height = voltage - cell_map.wiring.goal_voltage
+    volts = (
+        cell_map.wiring.supply if cell_map.wiring.drive != "uniform" else float(np.nanmax(height, initial=0.0)) or 1.0
+    )
     a, b = netlist.resistor_nodes.T
     drop = np.nan_to_num(voltage[a] - voltage[b])
     with np.errstate(divide="ignore"):
         log_amps = np.log(np.abs(drop)) + np.log(netlist.conductance)
-    element = (layout.resistor_face, layout.resistor_upward, np.sign(drop).astype(np.int8), log_amps)
-    direction, log_current = face_currents(layout, volts, element)
+    element = (cell_map.resistor_face, cell_map.resistor_upward, np.sign(drop).astype(np.int8), log_amps)
+    direction, log_current = face_currents(cell_map, volts, element)
     return Field(
-        space=layout.space,
-        potential=np.where(layout.node >= 0, (height / volts)[layout.node], np.nan),
+        space=cell_map.space,
+        potential=np.where(cell_map.node >= 0, (height / volts)[cell_map.node], np.nan),
         log_drop=None,
         face_direction=direction,
         face_log_current=log_current,
-        boundary=layout.boundary,
-        drive=layout.drive,
-        edge=layout.edge,
-        k=0.0 if layout.boundary == "neumann" else 1.0,
+        boundary=cell_map.wiring.boundary,
+        drive=cell_map.wiring.drive,
+        edge=cell_map.wiring.edges(cell_map.space),
+        k=0.0 if cell_map.wiring.boundary == "neumann" else 1.0,
     )
 
 

@@ -88,7 +88,7 @@ class Charges:
         row = self.dynamics.row
         own = np.where(row >= 0, number[row], -1) if len(number) else row
         system = nodal_system(self.dynamics, matrix, own, np.zeros(len(matrix.excess)))
-        return factor_system(replace(system, netlist=system.netlist.replace(layout=None)), "auto")
+        return factor_system(replace(system, netlist=system.netlist.replace(cell_map=None)), "auto")
 
 
 def _entrywise(factors: Factor, drive: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from resgrid.netlist import Layout
+from resgrid.netlist import CellMap
 from resgrid.nodal.system import NodalSystem, once
 
 WEAK = 0.1
@@ -41,7 +41,7 @@ def count_connections(system: NodalSystem) -> Connections:
     from resgrid.nodal import assembly
 
     netlist = system.netlist
-    if system.derived is None and _is_simple(netlist.layout):
+    if system.derived is None and _is_simple(netlist.cell_map):
         neighbours = np.zeros(system.size, dtype=np.int8)
         graph = netlist.resistor_nodes, netlist.conductance, system.unknown
         inner, smallest, largest, half = assembly.count_neighbours(*graph, neighbours)
@@ -66,6 +66,6 @@ def count_connections(system: NodalSystem) -> Connections:
     )
 
 
-def _is_simple(layout: Layout | None) -> bool:
+def _is_simple(cell_map: CellMap | None) -> bool:
     """Whether no two resistors join the same cells."""
-    return layout is not None and not any(axis.periodic and axis.cells == 2 for axis in layout.space.axes)
+    return cell_map is not None and not any(axis.periodic and axis.cells == 2 for axis in cell_map.space.axes)

@@ -31,13 +31,13 @@ def scale_drive(netlist: Netlist, point: OperatingPoint) -> Netlist:
     InputError
         If the netlist has no uniform drive, has nonlinear resistors, or the operating point is of another netlist.
     """
-    layout = netlist.layout
-    if layout is None or layout.drive != "uniform":
+    cell_map = netlist.cell_map
+    if cell_map is None or cell_map.wiring.drive != "uniform":
         raise InputError("only a netlist compiled with drive = 'uniform' has a drive to scale")
     if netlist.nonlinear_nodes.size:
         raise InputError("the voltages of a circuit with nonlinear resistors do not scale with its drive")
     if not point.is_of(netlist):
         raise InputError("the operating point belongs to another netlist; solve this one first")
-    height = (point.voltage - layout.goal_voltage) * np.sign(layout.supply)
-    factor = abs(layout.supply) / float(np.nanmax(height[layout.free_node]))
+    height = (point.voltage - cell_map.wiring.goal_voltage) * np.sign(cell_map.wiring.supply)
+    factor = abs(cell_map.wiring.supply) / float(np.nanmax(height[cell_map.free_node]))
     return netlist.replace(current_amps=netlist.current_amps * factor)

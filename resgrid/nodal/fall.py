@@ -60,7 +60,7 @@ def foresee_decades(system: NodalSystem) -> Fall:
     from resgrid.nodal.fall_kernels import decay
 
     cross = 2.0 if count_connections(system).entries > VOLUME * system.size else 1.0
-    rounds = 1 if system.netlist.layout is not None else _ROUNDS
+    rounds = 1 if system.netlist.cell_map is not None else _ROUNDS
     wall = _wall(system, system.rails)
     rest = min(_MOST_REST, system.size // _SHARE_OF_REST)
     factors = decay(_places(system, system.rails), np.pi * np.sqrt(cross), wall / (2.0 * cross), rounds, _FIRST, rest)
@@ -75,11 +75,11 @@ def _wall(system: NodalSystem, rails: Rails) -> float:
 
 def _places(system: NodalSystem, rails: Rails) -> Places:
     """The rows as a graph, or, where most cells of a grid are rows, as its cells: these need no compressed rows."""
-    low, high, layout = rails.to_low > 0, rails.to_high > 0, system.netlist.layout
+    low, high, cell_map = rails.to_low > 0, rails.to_high > 0, system.netlist.cell_map
     whole = system.derived is None and system.separated is None
-    if layout is None or not whole or layout.space.periodic.any() or layout.node.size > _SPARSE * system.size:
+    if cell_map is None or not whole or cell_map.space.periodic.any() or cell_map.node.size > _SPARSE * system.size:
         return _of_graph(system.rows, low, high)
-    return _of_grid(layout.node, system.unknown, low, high)
+    return _of_grid(cell_map.node, system.unknown, low, high)
 
 
 def _of_graph(rows: sparse.csr_array, low: NDArray[np.bool_], high: NDArray[np.bool_]) -> Places:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
-from resgrid.netlist import Layout, Netlist
+from resgrid.netlist import CellMap, Netlist
 from resgrid.nodal.charges import Charges
 from resgrid.nodal.dynamics import Dynamics
 from resgrid.nodal.operating_point import OperatingPoint
@@ -58,7 +58,7 @@ def real_numbers(values: ArrayLike, message: str) -> NDArray[np.float64]:
 
 def _voltages(netlist: Netlist, initial: OperatingPoint | ArrayLike) -> NDArray[np.float64]:
     if isinstance(initial, OperatingPoint):
-        old, new = initial.netlist.layout, netlist.layout
+        old, new = initial.netlist.cell_map, netlist.cell_map
         if old is not None and new is not None:
             return np.nan_to_num(_carried_over(initial, old, netlist, new), nan=0.0)
         initial = np.nan_to_num(initial.voltage, nan=0.0)
@@ -71,7 +71,7 @@ def _voltages(netlist: Netlist, initial: OperatingPoint | ArrayLike) -> NDArray[
     return volts
 
 
-def _carried_over(point: OperatingPoint, old: Layout, netlist: Netlist, new: Layout) -> NDArray[np.float64]:
+def _carried_over(point: OperatingPoint, old: CellMap, netlist: Netlist, new: CellMap) -> NDArray[np.float64]:
     """Old voltages at the nodes of a new scene: cell by cell, and rail by rail."""
     if old.space.shape != new.space.shape:
         raise InputError(
@@ -79,7 +79,7 @@ def _carried_over(point: OperatingPoint, old: Layout, netlist: Netlist, new: Lay
             "it must be the operating point of the same chip with another scene"
         )
     before = np.zeros(netlist.node_count)
-    if netlist.node_count == point.netlist.node_count and old.rails == new.rails == "cells":
+    if netlist.node_count == point.netlist.node_count and old.wiring.rails == new.wiring.rails == "cells":
         before[:] = point.voltage
     had = (new.node >= 0) & (old.node >= 0)
     before[new.node[had]] = point.voltage[old.node[had]]

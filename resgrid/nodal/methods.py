@@ -155,7 +155,7 @@ def _multigrid_seconds(
 
     Levels that may be graded take half as many.
     """
-    on_grid, mazy = system.netlist.layout is not None, width < _ROOM
+    on_grid, mazy = system.netlist.cell_map is not None, width < _ROOM
     if accuracy == "normwise":
         a_row = 0.4e-6 if on_grid else 0.9e-6
     elif system.rails is None:
@@ -178,7 +178,7 @@ def estimate_memory(system: NodalSystem, method: str, accuracy: str = "direction
     """
     n = system.size
     if method == "multigrid":
-        on_nodes, on_entries = (100.0, 12.0) if system.netlist.layout is not None else (230.0, 22.0)
+        on_nodes, on_entries = (100.0, 12.0) if system.netlist.cell_map is not None else (230.0, 22.0)
         if accuracy == "direction":
             on_nodes, on_entries = on_nodes + (120.0 if is_graded(system) else 60.0), on_entries + 18.0
         return on_nodes * n + on_entries * count_connections(system).entries

@@ -98,12 +98,12 @@ def newton(netlist: Netlist, *, method: str = "auto") -> NewtonSolution:
 
 def linear_netlist(netlist: Netlist, conductance: NDArray[np.float64]) -> Netlist:
     """Put a linear resistor in the place of every nonlinear one.  Shapes: `conductance` (nonlinear resistors,)."""
-    layout = netlist.layout
-    if layout is not None:
-        layout = dataclasses.replace(
-            layout,
-            resistor_face=np.append(layout.resistor_face, layout.nonlinear_face),
-            resistor_upward=np.append(layout.resistor_upward, layout.nonlinear_upward),
+    cell_map = netlist.cell_map
+    if cell_map is not None:
+        cell_map = dataclasses.replace(
+            cell_map,
+            resistor_face=np.append(cell_map.resistor_face, cell_map.nonlinear_face),
+            resistor_upward=np.append(cell_map.resistor_upward, cell_map.nonlinear_upward),
             nonlinear_face=np.empty(0, dtype=np.int64),
             nonlinear_upward=np.empty(0, dtype=np.bool_),
         )
@@ -117,7 +117,7 @@ def linear_netlist(netlist: Netlist, conductance: NDArray[np.float64]) -> Netlis
         nonlinear_current=np.empty(0),
         nonlinear_voltage=np.empty(0),
         element_names=None,
-        layout=layout,
+        cell_map=cell_map,
     )
 
 

@@ -79,7 +79,7 @@ class OperatingPoint:
         Node voltages above ground, in volts; NaN where a node floats.
     log_drop : ndarray of float64, shape (nodes,), or None
         Natural logarithm of the drop ``u = (V_high - V) / (V_high - V_low)`` from the high rail (the obstacle rail
-        where there is a layout), right to ``entry_error`` even where ``u`` itself underflows; 0 on the low rail,
+        where there is a map of cells), right to ``entry_error`` even where ``u`` itself underflows; 0 on the low rail,
         -inf on the high one and wherever nothing arrives.  None unless the circuit has exactly two rails.
     potential : ndarray of float64, shape (nodes,), or None
         With two rails ``1 - u``, taken from whichever of both is smaller.  With one rail and currents of one sign the

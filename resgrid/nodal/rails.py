@@ -16,7 +16,7 @@ Ties = tuple[NDArray[np.float64], NDArray[np.float64]]
 class Rails:
     """The two voltages that a circuit with two rails hangs between.
 
-    `high, low`: voltages in volts; ``high`` is the obstacle rail (or the driven start) where there is a layout;
+    `high, low`: voltages in volts; ``high`` is the obstacle rail (or the driven start) where there is a map of cells;
     `ties`: returns `to_high` and `to_low`.
     """
 

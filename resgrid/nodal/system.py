@@ -235,7 +235,7 @@ def assemble(netlist: Netlist) -> NodalSystem:
         undriven=undriven,
         undriven_volts=volts,
         floating=floating,
-        dimensions=2 if netlist.layout is None else sum(size > 2 for size in netlist.layout.space.shape),
+        dimensions=2 if netlist.cell_map is None else sum(size > 2 for size in netlist.cells.space.shape),
     )
 
 
@@ -288,7 +288,7 @@ def _between_rails(netlist: Netlist, volts: NDArray[np.float64], parts: _Parts) 
     if ends.size:
         low, high = float(ends.min()), float(ends.max())
         return low, high, bool(np.all((ends == low) | (ends == high)))
-    if netlist.layout is not None:
+    if netlist.cell_map is not None:
         raise CircuitError(
             "nothing is driven: no part of the circuit touches two rails or is fed a current, so that nothing flows; "
             "add a second rail (an obstacle, an edge that counts as one), open a way to the goal, or feed every free "
@@ -307,8 +307,8 @@ def _rails(
     lowest: float,
     highest: float,
 ) -> Rails:
-    """Both rails; a layout says which of them the obstacles are on."""
-    upside_down = netlist.layout is not None and netlist.layout.supply < 0
+    """Both rails; a map of cells says which of them the obstacles are on."""
+    upside_down = netlist.cell_map is not None and netlist.cell_map.wiring.supply < 0
     high, low = (lowest, highest) if upside_down else (highest, lowest)
     return Rails(high, low, partial(_ties, netlist, contacts, unknown, forest, high))
 

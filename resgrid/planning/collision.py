@@ -72,7 +72,7 @@ def risk(circuit: Netlist | OperatingPoint | Walk) -> Risk:
         If the conductances differ by more decades than the factors can hold.
     """
     walk = random_walk(circuit)
-    second = 1.0 / walk.layout.resistance
+    second = 1.0 / walk.cell_map.wiring.resistance
     degree = walk.degree
     u = walk.solve(walk.to_goal.T @ np.ones(walk.to_goal.shape[0]))
     log_u = np.minimum(u.log, 0.0)
@@ -92,7 +92,7 @@ def _placed(
 ) -> NDArray[np.float64]:
     """Values on cells; ``cut_off`` is that of free cells without a node, from where a walk never ends."""
     out = walk.per_cell(values, obstacle=obstacle, goal=goal)
-    out[(walk.row < 0) & (walk.layout.space.cell == 0)] = cut_off
+    out[(walk.row < 0) & (walk.cell_map.space.cell == 0)] = cut_off
     return out
 
 

@@ -102,7 +102,7 @@ def absorption(circuit: Netlist | OperatingPoint | Walk) -> Absorption:
         If the answer would not fit in memory.
     """
     walk = random_walk(circuit)
-    space = walk.layout.space
+    space = walk.cell_map.space
     require_memory(
         16.0 * space.goal_count * space.cell.size,
         f"a probability for each of {space.goal_count:,} goals in every cell",

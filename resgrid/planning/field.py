@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError, CircuitError, InputError
-from resgrid.netlist import Layout, face_shape
+from resgrid.netlist import CellMap, face_shape
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -138,7 +138,7 @@ def field_of(point: OperatingPoint) -> Field:
     Parameters
     ----------
     point : OperatingPoint
-        Of a netlist with a layout.
+        Of a netlist with a map of cells.
 
     Returns
     -------
@@ -153,31 +153,31 @@ def field_of(point: OperatingPoint) -> Field:
     AccuracyError
         If the chip's switches or rails are so poor that current leaves free cells into obstacles; it carries the field.
     """
-    layout = point.netlist.layout
-    if layout is None:
+    cell_map = point.netlist.cell_map
+    if cell_map is None:
         raise InputError("this netlist was not compiled from a space, so it has no field")
     if point.potential is None or point.method == "none":
-        _check_driven(point, layout)
+        _check_driven(point, cell_map)
     if point.potential is None:
         raise InputError("this circuit has more rails or drives than a field is defined for")
     direction, log_current = face_currents(
-        layout,
-        _unit_volts(point, layout),
-        (layout.resistor_face, layout.resistor_upward, point.resistor_direction, point.resistor_log_current),
-        (layout.nonlinear_face, layout.nonlinear_upward, point.nonlinear_direction, point.nonlinear_log_amps),
+        cell_map,
+        _unit_volts(point, cell_map),
+        (cell_map.resistor_face, cell_map.resistor_upward, point.resistor_direction, point.resistor_log_current),
+        (cell_map.nonlinear_face, cell_map.nonlinear_upward, point.nonlinear_direction, point.nonlinear_log_amps),
     )
     field = Field(
-        space=layout.space,
-        potential=_per_cell(layout, point.potential),
-        log_drop=None if point.log_drop is None else _per_cell(layout, point.log_drop),
+        space=cell_map.space,
+        potential=_per_cell(cell_map, point.potential),
+        log_drop=None if point.log_drop is None else _per_cell(cell_map, point.log_drop),
         face_direction=direction,
         face_log_current=log_current,
-        boundary=layout.boundary,
-        drive=layout.drive,
-        edge=layout.edge,
-        k=0.0 if layout.boundary == "neumann" else 1.0,
+        boundary=cell_map.wiring.boundary,
+        drive=cell_map.wiring.drive,
+        edge=cell_map.wiring.edges(cell_map.space),
+        k=0.0 if cell_map.wiring.boundary == "neumann" else 1.0,
     )
-    if np.any(layout.resistor_face < 0):
+    if np.any(cell_map.resistor_face < 0):
         _check_walls(field)
     return field
 
@@ -186,10 +186,10 @@ field = field_of
 """The same by its public name, which inside is that of its result."""
 
 
-def _check_driven(point: OperatingPoint, layout: Layout) -> None:
+def _check_driven(point: OperatingPoint, cell_map: CellMap) -> None:
     """Refuse a circuit whose sources feed each other alone, as where goals beside obstacles are rails cell by cell."""
     free = np.zeros(point.netlist.node_count, dtype=np.bool_)
-    free[layout.free_node] = True
+    free[cell_map.free_node] = True
     if not point.resistor_current[free[point.netlist.resistor_nodes].any(axis=1)].any():
         raise CircuitError(
             "nothing is driven: no free cell lies between the goal and an obstacle, so that all of them are at one "
@@ -220,26 +220,26 @@ def _check_walls(field: Field) -> None:
             )
 
 
-def _unit_volts(point: OperatingPoint, layout: Layout) -> float:
+def _unit_volts(point: OperatingPoint, cell_map: CellMap) -> float:
     """Volts between potential 0 and potential 1, with their sign."""
-    if layout.drive != "uniform":
-        return layout.supply
+    if cell_map.wiring.drive != "uniform":
+        return cell_map.wiring.supply
     assert point.potential is not None
     top = int(np.nanargmax(point.potential))
-    return float(point.voltage[top] - layout.goal_voltage)
+    return float(point.voltage[top] - cell_map.wiring.goal_voltage)
 
 
-def _per_cell(layout: Layout, value: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.where(layout.node >= 0, value[layout.node], np.nan)
+def _per_cell(cell_map: CellMap, value: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.where(cell_map.node >= 0, value[cell_map.node], np.nan)
 
 
 def face_currents(
-    layout: Layout,
+    cell_map: CellMap,
     volts: float,
     *elements: tuple[NDArray[np.integer[Any]], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]],
 ) -> tuple[tuple[NDArray[np.int8], ...], tuple[NDArray[np.float64], ...]]:
     """Currents of resistors as currents through cell faces."""
-    shapes = [face_shape(layout.space.shape, axis) for axis in range(layout.space.ndim)]
+    shapes = [face_shape(cell_map.space.shape, axis) for axis in range(cell_map.space.ndim)]
     sizes = [int(np.prod(shape)) for shape in shapes]
     direction = np.zeros(sum(sizes), dtype=np.int8)
     log_current = np.full(sum(sizes), -np.inf)
@@ -247,10 +247,10 @@ def face_currents(
         crosses = face >= 0
         along = np.where(upward, 1, -1) * int(np.sign(volts))
         direction[face[crosses]] = (sign * along)[crosses]
-        log_current[face[crosses]] = log_amps[crosses] - np.log(abs(volts) / layout.resistance)
+        log_current[face[crosses]] = log_amps[crosses] - np.log(abs(volts) / cell_map.wiring.resistance)
     ends = np.cumsum([0, *sizes])
     parts = [slice(first, last) for first, last in pairwise(ends.tolist())]
-    periodic = layout.space.periodic
+    periodic = cell_map.space.periodic
     return (
         tuple(_seamless(direction[part].reshape(shapes[a]), a, periodic[a]) for a, part in enumerate(parts)),
         tuple(_seamless(log_current[part].reshape(shapes[a]), a, periodic[a]) for a, part in enumerate(parts)),

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from resgrid.errors import InputError
-from resgrid.regions import label_regions
+from resgrid.grids import label_regions
 from resgrid.space import Cell, ConfigurationSpace
 
 
@@ -100,7 +100,7 @@ def label_groups(mask: NDArray[np.bool_], periodic: ArrayLike) -> NDArray[np.int
 
     A group is connected across faces, edges and corners: the dual of `label_regions`.
 
-    Shapes: `periodic` (mask.ndim,); returns of mask.
+    Shapes: `periodic` (mask.ndim,); returns as the mask.
     """
     from scipy import ndimage
     from scipy.sparse.csgraph import connected_components

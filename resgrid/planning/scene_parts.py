@@ -18,7 +18,7 @@ from resgrid.robots.arm import Arm
 from resgrid.robots.protocol import Robot
 from resgrid.robots.shapes import CellSet
 from resgrid.scene import MapCells, Scene, sample
-from resgrid.scene.place import to_space
+from resgrid.scene.world import to_space
 from resgrid.space import Cell, ConfigurationSpace
 
 _MOST_PARTS = 63

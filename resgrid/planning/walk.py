@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.errors import AccuracyError, InputError
-from resgrid.netlist import GROUND, Layout, Netlist
+from resgrid.netlist import GROUND, CellMap, Netlist
 from resgrid.nodal.factors.factor import Factor
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.refine import is_answer
@@ -30,7 +30,7 @@ class Walk:
 
     Attributes
     ----------
-    layout : Layout
+    cell_map : CellMap
         Of the netlist.
     factors : Factor
         Of the nodal equations of every free node.
@@ -40,7 +40,7 @@ class Walk:
         Conductance from every row to every goal region, in siemens.
     """
 
-    layout: Layout
+    cell_map: CellMap
     factors: Factor
     row: NDArray[np.int64]
     to_goal: sparse.csr_array
@@ -91,7 +91,7 @@ class Walk:
         ndarray of float64, shape of the space
             NaN in free cells without a node.
         """
-        cell = self.layout.space.cell
+        cell = self.cell_map.space.cell
         out = np.full(cell.shape, np.nan)
         out[cell == Cell.OBSTACLE], out[cell == Cell.GOAL] = obstacle, goal
         solved = self.row >= 0
@@ -124,34 +124,34 @@ def random_walk(circuit: Netlist | OperatingPoint | Walk, *, method: str = "auto
     if isinstance(circuit, Walk):
         return circuit
     netlist = circuit.netlist if isinstance(circuit, OperatingPoint) else circuit
-    layout = netlist.layout
-    if layout is None:
+    cell_map = netlist.cell_map
+    if cell_map is None:
         raise InputError("this netlist was not compiled from a space, so there is no walk on its cells")
-    if layout.drive == "start":
+    if cell_map.wiring.drive == "start":
         raise InputError("a start-driven circuit absorbs walks at its start: compile it with drive = 'uniform'")
-    factors = factor(_clocked(netlist, layout), method=method)
+    factors = factor(_clocked(netlist, cell_map), method=method)
     system = factors.system
-    node_goal = _goal_of_node(netlist, layout)
+    node_goal = _goal_of_node(netlist, cell_map)
     if np.any(np.isnan(system.known[node_goal >= 0])):
         raise InputError("a goal cell is tied to its rail by more than an ideal source, so that no walk ends there")
-    row = np.where(layout.space.cell == Cell.FREE, system.unknown[layout.node], -1)
-    row[layout.node < 0] = -1
-    return Walk(layout, factors, row, _to_goal(netlist, node_goal, system.unknown, system.size))
+    row = np.where(cell_map.space.cell == Cell.FREE, system.unknown[cell_map.node], -1)
+    row[cell_map.node < 0] = -1
+    return Walk(cell_map, factors, row, _to_goal(netlist, node_goal, system.unknown, system.size))
 
 
-def _clocked(netlist: Netlist, layout: Layout) -> Netlist:
+def _clocked(netlist: Netlist, cell_map: CellMap) -> Netlist:
     """The circuit with one current into every free node: no part of it is flat, so that all of it is factored."""
-    free = layout.free_node
+    free = cell_map.free_node
     if not free.size:
         raise InputError("the space has no free cell that a walk could start from")
-    amps = np.full(free.size, 1.0 / layout.resistance)
+    amps = np.full(free.size, 1.0 / cell_map.wiring.resistance)
     return netlist.replace(current_nodes=np.stack([np.full(free.size, GROUND), free], axis=1), current_amps=amps)
 
 
-def _goal_of_node(netlist: Netlist, layout: Layout) -> NDArray[np.int64]:
+def _goal_of_node(netlist: Netlist, cell_map: CellMap) -> NDArray[np.int64]:
     goal = np.full(netlist.node_count, -1, dtype=np.int64)
-    cells = layout.space.cell == Cell.GOAL
-    goal[layout.node[cells]] = layout.space.goal_region[cells]
+    cells = cell_map.space.cell == Cell.GOAL
+    goal[cell_map.node[cells]] = cell_map.space.goal_region[cells]
     return goal
 
 

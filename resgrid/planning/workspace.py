@@ -15,7 +15,7 @@ from resgrid.planning.seams import axis_path, unwrap, wrap
 from resgrid.planning.short_path import ShortPath
 from resgrid.planning.streamline import Streamline
 from resgrid.robots import Arm, DiscRobot, PointRobot, PolygonRobot, Robot, Shape
-from resgrid.scene.place import along_axes
+from resgrid.scene.world import along_axes
 from resgrid.space import ConfigurationSpace
 
 Way = Streamline | ShortPath | ArrayLike

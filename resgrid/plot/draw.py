@@ -136,7 +136,7 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Axes | Figure
         If the value has no picture, an option does not belong to it, or the value cannot be drawn.
     """
     picture = _picture_of(value)
-    takes = [name for name in inspect.signature(picture).parameters][1:]
+    takes = list(inspect.signature(picture).parameters)[1:]
     unknown = [name for name in options if name not in takes]
     if unknown:
         allowed = ", ".join(name for name in takes if name != "ax") or "no option"

@@ -84,9 +84,10 @@ def _draw_graph(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) ->
     place = _places(netlist)
     branches = _branches(netlist, place)
     corners = np.concatenate([place[1:], *(np.array([branch.start, branch.end]) for branch in branches)])
-    (left, bottom), (right, top) = corners.min(axis=0) - (1.0, 0.4), corners.max(axis=0) + (1.1, 0.6)
-    size = np.maximum(0.8 * np.array([right - left, top - bottom]), 2.0)
-    axes = new_figure(*size).add_subplot() if ax is None else ax
+    left, bottom = np.subtract(corners.min(axis=0), (1.0, 0.4))
+    right, top = np.add(corners.max(axis=0), (1.1, 0.6))
+    width, height = max(0.8 * (right - left), 2.0), max(0.8 * (top - bottom), 2.0)
+    axes = new_figure(width, height).add_subplot() if ax is None else ax
     with symbols_on(axes) as drawing:
         for branch in branches:
             add_symbol(drawing, branch.kind, branch.start, branch.end, branch.value)
@@ -146,8 +147,8 @@ def _branches(netlist: Netlist, place: Place) -> list[Branch]:
 
 def _to_ground(kind: str, value: float, node: Place, rank: int, *, up: bool) -> Branch:
     """An element from ground up to a node, or down, beside ``rank`` others."""
-    corner = node + (_APART * rank, 0.0)
-    ground = corner - (0.0, _STUB)
+    corner = np.add(node, (_APART * rank, 0.0))
+    ground = np.subtract(corner, (0.0, _STUB))
     start, end = (ground, corner) if up else (corner, ground)
     return Branch(kind, value, start, end, ((node, corner),) if rank else (), ground)
 

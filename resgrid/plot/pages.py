@@ -1,4 +1,4 @@
-"""Pictures of whole fields, whatever their dimension: a profile, a plane, slices; and a page with paths and currents."""
+"""Pictures of fields whatever their dimension: a profile, a plane, slices; and a page with paths and currents."""
 
 from __future__ import annotations
 

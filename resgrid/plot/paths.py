@@ -1,4 +1,4 @@
-"""Pictures of paths in a configuration space of two axes, of what separates a start from the goals, and of clearance."""
+"""Pictures of paths in configuration space, of what separates a start from the goals, and of clearance."""
 
 from __future__ import annotations
 

@@ -17,8 +17,8 @@ from matplotlib.transforms import Affine2D
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
+from resgrid.grids import label_regions
 from resgrid.plot.style import GOAL, OBSTACLE, UNREACHABLE, add_swatch, axis_label, dress
-from resgrid.regions import label_regions
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
 MOST_CELLS = 1024

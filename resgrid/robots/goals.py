@@ -7,13 +7,14 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.axis import split_points
 from resgrid.errors import InputError
 from resgrid.robots.polygons import outline
 from resgrid.robots.protocol import GoalCells
 from resgrid.robots.reach import copies, mark_copy
 from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Point, Polygon, Shape
 from resgrid.robots.window import rims
-from resgrid.space import Axis, split_points
+from resgrid.space import Axis
 
 HALVINGS = 60
 """So often is the way to a region halved to find where it begins: to the last bit."""

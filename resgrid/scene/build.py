@@ -12,8 +12,8 @@ import numpy as np
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.robots import Arm, Ball, Box, HalfSpace, Polygon, PolygonRobot, Robot, Shape
-from resgrid.scene.map_data import MapData
-from resgrid.scene.maps import read_map
+from resgrid.scene.maps.data import MapData
+from resgrid.scene.maps.formats import read_map
 from resgrid.scene.robot_document import robot_table, with_robot_axes
 from resgrid.scene.scene import CostArea, Goal, GoalCell, GoalJoints, GoalPoint, MapCells, Scene
 from resgrid.scene.toml_lines import Path as KeyPath

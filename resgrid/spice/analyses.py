@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid import die
+from resgrid.die import mismatch_factors, mismatch_terms
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.randomness import mismatch_factors, mismatch_terms
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.spice.dialects import dialect_named
-from resgrid.spice.expected import Expected
+from resgrid.spice.write.expected import Expected
 
 _MAX_FINDINGS = 5
 _ROUNDING = 64 * np.finfo(np.float64).eps

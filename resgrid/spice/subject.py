@@ -92,12 +92,12 @@ class Subject:
         if self.deck is not None:
             return self._line_of_nodes(nodes)
         assert self.netlist is not None
-        if self.netlist.layout is None:
+        if self.netlist.cell_map is None:
             return self.told(nodes)
         cell = self.netlist.cell_of_node()[nodes]
         if (cell < 0).all():
             return self.told(nodes)
-        cells = np.transpose(np.unravel_index(cell[cell >= 0], self.netlist.layout.space.shape))
+        cells = np.transpose(np.unravel_index(cell[cell >= 0], self.netlist.cells.space.shape))
         shown = ", ".join("(" + ", ".join(map(str, place)) + ")" for place in cells[:SHOWN].tolist())
         more = f" and {len(cells) - SHOWN:,} more" if len(cells) > SHOWN else ""
         return f"cell{'s' if len(cells) > 1 else ''} {shown}{more}"

@@ -9,8 +9,8 @@ import pytest
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.chip.resistors import Temperature
-from resgrid.randomness import generator, seed_of
+from resgrid.chip.passes.values import Temperature
+from resgrid.die import generator, seed_of
 from resgrid.space import Cell
 
 SWITCHES = {
@@ -134,7 +134,7 @@ def test_the_chip_of_a_scene_is_built_as_its_table_says() -> None:
     """
     found = rg.parse_scene(text, "chip.toml")
     netlist = rg.compile_chip(rg.sample(found), found.chip)
-    assert netlist.layout.supply == 3.3
+    assert netlist.cells.wiring.supply == 3.3
     ratio = 1 / (netlist.conductance * 20e3)
     assert 0.03 < ratio.std() < 0.07
     np.testing.assert_array_equal(

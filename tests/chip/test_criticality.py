@@ -9,9 +9,9 @@ import pytest
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.chip import faces
 from resgrid.chip.criticality import _updated
-from resgrid.chip.walks import eyes_of, floor_of, walk
+from resgrid.chip.passes import editing
+from resgrid.chip.readout import eyes_of, floor_of, walk
 
 FLAWS = rg.Chip(
     mismatch=0.03,
@@ -36,10 +36,10 @@ def rebuilt(netlist: rg.Netlist, element: int, short: float | None) -> np.ndarra
     if element >= linear:
         number = element - linear
         pair = netlist.nonlinear_nodes[number : number + 1]
-        faulty = faces.keep_nonlinear(netlist, np.arange(len(netlist.nonlinear_current)) != number)
-        faulty = faulty if short is None else faces.add_resistors(faulty, pair, np.array([1 / short]))
+        faulty = editing.keep_nonlinear(netlist, np.arange(len(netlist.nonlinear_current)) != number)
+        faulty = faulty if short is None else editing.add_resistors(faulty, pair, np.array([1 / short]))
     elif short is None:
-        faulty = faces.keep_resistors(netlist, np.arange(linear) != element)
+        faulty = editing.keep_resistors(netlist, np.arange(linear) != element)
     else:
         faulty = netlist.replace(conductance=np.where(np.arange(linear) == element, 1 / short, netlist.conductance))
     return rg.solve(faulty, accuracy="normwise", rtol=1e-13).voltage
@@ -50,7 +50,7 @@ def test_starts_lost_are_those_of_the_faulty_chip(chip: rg.Chip) -> None:
     netlist = rg.build_chip(rg.ideal_netlist(cells(), chip), chip)
     readout = rg.Readout(bits=7)
     result = rg.analyse_criticality(netlist, readout, short_resistance=5.0)
-    floor, eyes = floor_of(netlist.layout), eyes_of(readout, netlist.layout, None)
+    floor, eyes = floor_of(netlist.cells), eyes_of(readout, netlist.cells, None)
     starts = cells().goal_connected.ravel()
     healthy = walk(rg.solve(netlist).voltage, floor, eyes) & starts
     assert result.served == healthy.sum() > 0
@@ -68,7 +68,7 @@ def test_bridges_cut_off_what_lies_behind_them() -> None:
     netlist = rg.ideal_netlist(space_of(cell), rg.Chip(), edge="open")
     result = rg.analyse_criticality(netlist)
     assert result.served == 6
-    by_face = {int(face): lost for face, lost in zip(netlist.layout.resistor_face, result.open, strict=True)}
+    by_face = {int(face): lost for face, lost in zip(netlist.cells.resistor_face, result.open, strict=True)}
     lost = [by_face[face] for face in sorted(by_face)]
     # Both sides of an open sit at their rails' voltages, flat; only the cell beside the goal still sees it lie lower.
     assert lost == [5.0] + [6.0] * 6
@@ -79,7 +79,7 @@ def test_driven_grids_lose_the_currents_behind_a_bridge() -> None:
     cell[0, 0] = 2
     netlist = rg.ideal_netlist(space_of(cell), rg.Chip(), boundary="neumann")
     result = rg.analyse_criticality(netlist)
-    by_face = {int(face): lost for face, lost in zip(netlist.layout.resistor_face, result.open, strict=True)}
+    by_face = {int(face): lost for face, lost in zip(netlist.cells.resistor_face, result.open, strict=True)}
     assert [by_face[face] for face in sorted(by_face)] == [7, 6, 5, 4, 3, 2, 1]
 
 

@@ -7,8 +7,8 @@ import pytest
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.chip.faults import Faults
-from resgrid.chip.resistors import Saturation
+from resgrid.chip.passes.spread import Faults
+from resgrid.chip.passes.values import Saturation
 from resgrid.space import Cell
 
 
@@ -25,7 +25,7 @@ def test_faults_are_nested_and_as_dense_as_asked() -> None:
         assert np.all(b[a])
         assert b.mean() == pytest.approx(share, rel=0.1)
     made = Faults(0.05, 0.1, 2.0, 7).apply(netlist)
-    face = netlist.layout.resistor_face
+    face = netlist.cells.resistor_face
     assert len(made.conductance) == len(face) - many[0][face].sum()
     assert (made.conductance == 0.5).sum() == many[1][face].sum()
 
@@ -39,7 +39,7 @@ def test_everything_open_leaves_nodes_without_a_voltage() -> None:
     point = rg.solve(partly)
     assert point.floating.size
     assert {
-        str(rg.streamline(rg.field(point), cell=c).outcome) for c in np.argwhere(netlist.layout.space.cell == 0)
+        str(rg.streamline(rg.field(point), cell=c).outcome) for c in np.argwhere(netlist.cells.space.cell == 0)
     } == {
         "reached",
         "no_current",
@@ -58,5 +58,5 @@ def test_a_shorted_saturating_resistor_is_linear() -> None:
 def test_a_cell_that_opens_cut_off_is_still_fed_where_a_load_ties_it_to_ground() -> None:
     chip = rg.Chip(readout=rg.Readout(input_resistance=5e5), defects=rg.Defects(open_density=1.0))
     netlist = rg.compile_chip(space_of([2, 0, 0]), chip, boundary="neumann")
-    volts = rg.solve(netlist).voltage[netlist.layout.node]
+    volts = rg.solve(netlist).voltage[netlist.cells.node]
     np.testing.assert_allclose(volts, [0.0, 5e5 * 1.0 / 10e3 / 2, 5e5 * 1.0 / 10e3 / 2], rtol=1e-12)

@@ -12,8 +12,8 @@ from hypothesis import given, settings, strategies as st
 from support.dynamics import ExactMotion, random_dynamics, run_analysis, small_scene
 
 import resgrid as rg
+from resgrid.chip.modes import fastest_time_constant
 from resgrid.chip.noise import BOLTZMANN, ROOM, analyse_noise, noise_covariance, noise_density
-from resgrid.chip.spectrum import fastest_time_constant
 from resgrid.nodal.dynamics import dynamics_of
 
 
@@ -41,7 +41,7 @@ def test_noise_of_random_circuits_within_a_band(seed: int, low: float, decades: 
 
 def test_a_picofarad_gives_64_microvolt() -> None:
     netlist = small_scene()
-    free = netlist.layout.free_node
+    free = netlist.cells.free_node
     band = (0.0, 100 / (2 * np.pi * fastest_time_constant(dynamics_of(netlist))))
     result = analyse_noise(netlist, band=band)
     assert result.limit[free] == pytest.approx(6.437e-5, rel=1e-3)
@@ -53,7 +53,7 @@ def test_a_picofarad_gives_64_microvolt() -> None:
 
 def test_ngspice_integrates_the_same_noise(tmp_path: Path) -> None:
     netlist = small_scene()
-    node = int(netlist.layout.node[3, 4])
+    node = int(netlist.cells.node[3, 4])
     low, high = 1e3, 100 / (2 * np.pi * fastest_time_constant(dynamics_of(netlist)))
     control = f".control\nnoise v(n_3_4) v_obstacle dec 40 {low!r} {high!r}\nsetplot noise2\nprint onoise_total\n.endc"
     deck = rg.format_deck(netlist).replace("\n.end\n", f"\n{control}\n.end\n")
@@ -83,7 +83,7 @@ def test_ngspice_shows_the_same_spot_density(tmp_path: Path) -> None:
 
 def test_an_estimate_lies_within_its_error_bars() -> None:
     netlist = small_scene()
-    free = netlist.layout.free_node
+    free = netlist.cells.free_node
     band = (0.0, 1e8)
     exact, found = (analyse_noise(netlist, band=band, method=name, samples=100) for name in ("exact", "estimate"))
     assert not found.exact

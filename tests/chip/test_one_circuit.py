@@ -117,8 +117,7 @@ def dense(space: rg.ConfigurationSpace, options: dict[str, Any], switches: dict[
 
 def agree(netlist: rg.Netlist, space: rg.ConfigurationSpace, expected: tuple[Any, float]) -> None:
     point, (volts, power) = rg.solve(netlist), expected
-    assert netlist.layout is not None
-    node = netlist.layout.node
+    node = netlist.cells.node
     has_node = node >= 0
     scale = max(VOLTS, float(np.nanmax(np.abs(volts))))
     np.testing.assert_allclose(point.voltage[node[has_node]], volts[has_node], rtol=0, atol=1e-9 * scale)
@@ -142,7 +141,7 @@ def test_a_seed_draws_the_same_mismatch_in_every_form(way: str, tmp_path: Path) 
             rg.compile_chip(space, rg.Chip(**vars(chip) | SWITCHES | {"internodal_switch_off": 1e13}), **options),
             rg.expanded_netlist(flat, rg.Tile(**SWITCHES | {"internodal_switch_off": 1e13}), drawn),
         )
-        one, other = (rg.solve(netlist).voltage[netlist.layout.node] for netlist in (switched, tiled))
+        one, other = (rg.solve(netlist).voltage[netlist.cells.node] for netlist in (switched, tiled))
         open_cells = (space.cell == 1) | ~(space.goal_connected | (space.cell == 2)) if way in WAYS[2:] else False
         scale = max(VOLTS, float(np.abs(one).max()))
         np.testing.assert_allclose(np.where(open_cells, 0, one), np.where(open_cells, 0, other), atol=1e-9 * scale)

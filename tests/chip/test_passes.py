@@ -12,11 +12,10 @@ from support.circuits import dense_solution
 from support.spaces import space_of, spaces
 
 import resgrid as rg
-from resgrid.chip.faults import Faults
 from resgrid.chip.passes import PASSES
-from resgrid.chip.resistors import (
-    Gradient,
-    Mismatch,
+from resgrid.chip.passes.spread import Faults, Gradient, Mismatch
+from resgrid.chip.passes.switches import Capacitance, InternodalSwitches, RailResistance, RailSwitches, ReadoutLoad
+from resgrid.chip.passes.values import (
     PreferredValues,
     Saturation,
     SheetResistors,
@@ -24,7 +23,6 @@ from resgrid.chip.resistors import (
     TemperatureCoefficients,
     preferred_values,
 )
-from resgrid.chip.switches import Capacitance, InternodalSwitches, RailResistance, RailSwitches, ReadoutLoad
 from resgrid.space import Cell
 
 
@@ -67,9 +65,9 @@ def test_every_pass_is_pure_and_leaves_a_field(effect: rg.device.passes.Pass, bo
     once, again = effect.apply(netlist), effect.apply(netlist)
     assert same(once, again)
     assert same(netlist, before)
-    layout = once.layout
-    assert len(layout.resistor_face) == len(layout.resistor_upward) == len(once.conductance)
-    assert len(layout.nonlinear_face) == len(layout.nonlinear_upward) == len(once.nonlinear_current)
+    cell_map = once.cells
+    assert len(cell_map.resistor_face) == len(cell_map.resistor_upward) == len(once.conductance)
+    assert len(cell_map.nonlinear_face) == len(cell_map.nonlinear_upward) == len(once.nonlinear_current)
     field = rg.field(rg.solve(once))
     for cell in np.argwhere(field.space.goal_connected):
         path = rg.streamline(field, cell=cell)
@@ -108,7 +106,7 @@ def test_wrong_lists_are_refused(entry: object, message: str) -> None:
 
 
 def test_what_needs_cells_says_so() -> None:
-    merged = rg.compile_space(room().layout.space)
+    merged = rg.compile_space(room().cells.space)
     for effect in (RailSwitches(1.0), RailResistance(1.0), InternodalSwitches(1.0), Capacitance(1.0), ReadoutLoad(1.0)):
         with pytest.raises(rg.InputError, match="compile with rails = 'cells'"):
             effect.apply(merged)
@@ -176,14 +174,14 @@ def test_pelgrom_falls_with_the_root_of_the_area() -> None:
     one = Mismatch(pelgrom=3.0, width=1e-6, length=9e-6).deviations(netlist)
     assert one == pytest.approx(np.full(len(one), 0.01))
     drawn = Mismatch(pelgrom=3.0, width=1e-6, sheet_resistance=10e3 / 9).deviations(netlist)
-    assert drawn[netlist.layout.resistor_face] == pytest.approx(0.01)
+    assert drawn[netlist.cells.resistor_face] == pytest.approx(0.01)
 
 
 def test_a_seed_is_the_same_chip_whatever_else_is_done_and_whichever_scene_is_shown() -> None:
     passes = [Mismatch(0.1, seed=9), Faults(0.1, 0.1, 1.0, 9), RailSwitches(10.0, 1e9, 10.0, 1e9), RailResistance(1.0)]
 
     def at_faces(netlist: rg.Netlist) -> dict[int, float]:
-        face = netlist.layout.resistor_face
+        face = netlist.cells.resistor_face
         return dict(zip(face[face >= 0].tolist(), netlist.conductance[face >= 0].round(18).tolist(), strict=True))
 
     forward = at_faces(rg.apply_passes(room(), passes))
@@ -225,9 +223,9 @@ def test_switches_beside_resistors_share_their_heat() -> None:
 def test_open_internodal_switches_leak_into_obstacles() -> None:
     ideal = room("neumann")
     leaky = InternodalSwitches(None, 1e7).apply(ideal)
-    assert np.all(leaky.layout.node >= 0)
-    inside = rg.solve(leaky).voltage[leaky.layout.node[3, 6]]
-    around = rg.solve(leaky).voltage[leaky.layout.node[[3, 3], [5, 7]]]
+    assert np.all(leaky.cells.node >= 0)
+    inside = rg.solve(leaky).voltage[leaky.cells.node[3, 6]]
+    around = rg.solve(leaky).voltage[leaky.cells.node[[3, 3], [5, 7]]]
     assert around.min() < inside < around.max()
     worse = InternodalSwitches(None, 1e4).apply(ideal)
     apart = [np.abs(rg.solve(n).voltage[: ideal.node_count] - rg.solve(ideal).voltage).max() for n in (leaky, worse)]
@@ -236,39 +234,39 @@ def test_open_internodal_switches_leak_into_obstacles() -> None:
 
 def test_switches_to_the_rails_are_where_the_cells_say() -> None:
     netlist = RailSwitches(100.0, 1e9, 50.0, 1e8).apply(room())
-    layout, extra = netlist.layout, netlist.layout.resistor_face < 0
-    pin = {layout.obstacle_node: (Cell.OBSTACLE, 100.0, 1e9), layout.goal_nodes[0]: (Cell.GOAL, 50.0, 1e8)}
+    cell_map, extra = netlist.cell_map, netlist.cell_map.resistor_face < 0
+    pin = {cell_map.obstacle_node: (Cell.OBSTACLE, 100.0, 1e9), cell_map.goal_nodes[0]: (Cell.GOAL, 50.0, 1e8)}
     cell = netlist.cell_of_node()
     seen = set()
     for (a, b), g in zip(netlist.resistor_nodes[extra].tolist(), netlist.conductance[extra].tolist(), strict=True):
         kind, on, off = pin[b]
-        assert 1 / g == pytest.approx(on if layout.space.cell.flat[cell[a]] == kind else off)
+        assert 1 / g == pytest.approx(on if cell_map.space.cell.flat[cell[a]] == kind else off)
         seen.add((a, b))
     assert len(seen) == 2 * 80
     assert len(netlist.source_volts) == 2
     only_on = RailSwitches(100.0).apply(room())
-    assert (only_on.layout.resistor_face < 0).sum() == 3
+    assert (only_on.cells.resistor_face < 0).sum() == 3
 
 
 @pytest.mark.parametrize("options", [{}, {"drive": "start", "start": (0, 0)}])
 def test_open_obstacles_keep_the_switches_of_their_tiles(options: dict[str, object]) -> None:
     netlist = RailSwitches(100.0, 1e8, 50.0, 1e8).apply(room("neumann", **options))
     driven = "start" in options
-    layout, extra = netlist.layout, netlist.layout.resistor_face < 0
+    cell_map, extra = netlist.cells, netlist.cells.resistor_face < 0
     assert np.bincount(np.rint(1 / netlist.conductance[extra]).astype(int) // 10).nonzero()[0].size == 2 + driven
     volts = dict(zip(netlist.source_nodes[:, 0].tolist(), netlist.source_volts.tolist(), strict=True))
     assert sorted(volts.values()) == ([0.0, 1.0] if driven else [0.0])
     sources = netlist.source_nodes[:, 0]
-    assert not np.isin(sources, layout.node).any()
+    assert not np.isin(sources, cell_map.node).any()
     point = rg.solve(netlist)
     if driven:
-        assert 0.9 < point.voltage[layout.node[0, 0]] < 1
+        assert 0.9 < point.voltage[cell_map.node[0, 0]] < 1
     assert rg.streamline(rg.field(point), cell=(0, 0)).outcome == "reached"
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann", "wall"])
 def test_switched_chips_are_those_of_the_tiles(boundary: str) -> None:
-    from resgrid.spice.tiles import Tile, expanded_netlist
+    from resgrid.spice.write.tiles import Tile, expanded_netlist
 
     values = {
         "obstacle_switch_on": 100.0, "obstacle_switch_off": 1e9, "goal_switch_on": 50.0, "goal_switch_off": 1e8,
@@ -278,7 +276,7 @@ def test_switched_chips_are_those_of_the_tiles(boundary: str) -> None:
     ideal = room(boundary, **options)
     passed = rg.build_chip(ideal, rg.Chip(**values, **options))
     tiled = expanded_netlist(ideal, Tile.of(values))
-    ours, theirs = (rg.solve(n).voltage[n.layout.node] for n in (passed, tiled))
+    ours, theirs = (rg.solve(n).voltage[n.cells.node] for n in (passed, tiled))
     assert np.abs(ours - theirs).max() < 1e-12
 
 
@@ -319,7 +317,7 @@ def test_rails_droop_most_in_the_middle_of_the_die() -> None:
     cell[1:-1:2, :-1], cell[4, 4] = Cell.FREE, Cell.GOAL
     ideal = rg.compile_space(space_of(cell), rails="cells", resistance=100.0)
     netlist = RailResistance(1.0).apply(ideal)
-    volts = rg.solve(netlist).voltage[netlist.layout.node]
+    volts = rg.solve(netlist).voltage[netlist.cells.node]
     assert volts[4, 2] < 0.999
     assert volts[cell == Cell.OBSTACLE].max() < 1
     assert volts[4, 4] > 0.01
@@ -344,8 +342,8 @@ def test_loads_and_capacitors_sit_at_every_cell() -> None:
     netlist = ReadoutLoad(1e6).apply(Capacitance(2e-12).apply(room()))
     assert len(netlist.capacitance) == 80
     assert netlist.capacitance.sum() == pytest.approx(160e-12)
-    loads = netlist.resistor_nodes[netlist.layout.resistor_face < 0]
-    assert sorted(loads[:, 0]) == sorted(netlist.layout.node.ravel())
+    loads = netlist.resistor_nodes[netlist.cells.resistor_face < 0]
+    assert sorted(loads[:, 0]) == sorted(netlist.cells.node.ravel())
     assert np.all(loads[:, 1] == 0)
 
 

@@ -38,7 +38,7 @@ def test_rails_are_told_apart(rails: str) -> None:
 
 def test_a_series_resistor_makes_a_rail_droop() -> None:
     netlist = small_scene(rails="cells")
-    goal = netlist.layout.node[11, 2]
+    goal = netlist.cells.node[11, 2]
     which = int(np.flatnonzero(netlist.source_nodes[:, 0] == goal)[0])
     sources = netlist.source_nodes.copy()
     sources[which, 0] = netlist.node_count
@@ -47,17 +47,17 @@ def test_a_series_resistor_makes_a_rail_droop() -> None:
         source_nodes=sources,
         resistor_nodes=np.append(netlist.resistor_nodes, [[netlist.node_count, goal]], axis=0),
         conductance=np.append(netlist.conductance, 1e-3),
-        layout=None,
+        cell_map=None,
     )
     volts = rg.solve(drooping).voltage[goal]
     import dataclasses
 
-    layout = dataclasses.replace(
-        netlist.layout,
-        resistor_face=np.append(netlist.layout.resistor_face, -1),
-        resistor_upward=np.append(netlist.layout.resistor_upward, True),
+    cell_map = dataclasses.replace(
+        netlist.cells,
+        resistor_face=np.append(netlist.cells.resistor_face, -1),
+        resistor_upward=np.append(netlist.cells.resistor_upward, True),
     )
-    result = analyse_power(rg.solve(drooping.replace(layout=layout)))
+    result = analyse_power(rg.solve(drooping.replace(cell_map=cell_map)))
     assert volts > 0.01
     assert result.droop[goal] == pytest.approx(volts) == pytest.approx(result.largest_droop)
 
@@ -66,7 +66,7 @@ def test_heat_lies_on_cells() -> None:
     op = rg.solve(small_scene(rails="cells"))
     result = analyse_power(op)
     heat = result.cell_heat
-    edge = result.node[op.netlist.layout.obstacle_node]
+    edge = result.node[op.netlist.cells.obstacle_node]
     assert np.nansum(heat) + edge == pytest.approx(result.total)
     assert np.unravel_index(np.nanargmax(heat), heat.shape)[0] in {10, 11, 12}
 

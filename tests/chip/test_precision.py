@@ -56,12 +56,12 @@ def test_bits_go_on_where_doubles_end() -> None:
 def test_bits_follow_from_the_definition(options: dict[str, object]) -> None:
     op = rg.solve(small_scene(**options))
     result = analyse_precision(op)
-    layout = op.netlist.layout
-    volts = np.where(layout.node >= 0, op.voltage[layout.node], np.nan)
-    code = layout.space.cell
+    cell_map = op.netlist.cells
+    volts = np.where(cell_map.node >= 0, op.voltage[cell_map.node], np.nan)
+    code = cell_map.space.cell
     span = np.nanmax(volts[code == Cell.FREE]) if options.get("boundary") == "neumann" else 1.0
     assert result.span == pytest.approx(span)
-    for cell in map(tuple, np.argwhere(layout.space.goal_connected)):
+    for cell in map(tuple, np.argwhere(cell_map.space.goal_connected)):
         around = [(cell[0] + dx, cell[1] + dy) for dx, dy in ((-1, 0), (1, 0), (0, -1), (0, 1))]
         around = [p for p in around if all(0 <= i < n for i, n in zip(p, code.shape, strict=True)) and code[p] != 1]
         best = min(volts[p] for p in around)
@@ -78,14 +78,16 @@ def test_a_read_out_of_enough_bits_leads_home() -> None:
     """A robot that only sees voltages floored to 2**b steps, b one more than needed, walks to the goal."""
     op = rg.solve(small_scene())
     result = analyse_precision(op)
-    layout = op.netlist.layout
-    code = layout.space.cell
+    cell_map = op.netlist.cells
+    code = cell_map.space.cell
     bits = result.bits_for(1.0)
-    reading = np.floor(np.where(layout.node >= 0, op.voltage[layout.node], 1.0) * 2.0**bits)
-    assert (reading.ravel()[result.following[layout.space.goal_connected]] < reading[layout.space.goal_connected]).all()
-    coarse = np.floor(np.where(code == 0, op.voltage[layout.node], 1.0) * 2.0 ** (bits - 2))
-    below = coarse.ravel()[result.following[layout.space.goal_connected]]
-    assert not (below < coarse[layout.space.goal_connected]).all()
+    reading = np.floor(np.where(cell_map.node >= 0, op.voltage[cell_map.node], 1.0) * 2.0**bits)
+    assert (
+        reading.ravel()[result.following[cell_map.space.goal_connected]] < reading[cell_map.space.goal_connected]
+    ).all()
+    coarse = np.floor(np.where(code == 0, op.voltage[cell_map.node], 1.0) * 2.0 ** (bits - 2))
+    below = coarse.ravel()[result.following[cell_map.space.goal_connected]]
+    assert not (below < coarse[cell_map.space.goal_connected]).all()
 
 
 def test_the_sentence_counts_starts() -> None:
@@ -103,7 +105,7 @@ def test_the_sentence_counts_starts() -> None:
 def test_half_the_range_saves_a_bit() -> None:
     op = rg.solve(small_scene())
     whole, half = analyse_precision(op), analyse_precision(op, span=0.5)
-    free = op.netlist.layout.space.goal_connected
+    free = op.netlist.cells.space.goal_connected
     assert (whole.cell_bits - half.cell_bits)[free] == pytest.approx(1.0)
 
 
@@ -133,26 +135,26 @@ def test_readings_and_errors() -> None:
         analyse_precision(op, span=0.0)
     with pytest.raises(rg.InputError, match="share"):
         analyse_precision(op).bits_for(1.5)
-    bare = op.netlist.replace(layout=None)
+    bare = op.netlist.replace(cell_map=None)
     with pytest.raises(rg.InputError, match="not compiled"):
         analyse_precision(rg.solve(bare))
 
 
 def test_a_broken_resistor_hides_no_neighbour() -> None:
     netlist = small_scene()
-    layout = netlist.layout
-    node = layout.node
+    cell_map = netlist.cells
+    node = cell_map.node
     broken = np.flatnonzero((netlist.resistor_nodes == [node[8, 12], node[9, 12]]).all(axis=1))
     keep = np.ones(len(netlist.conductance), dtype=bool)
     keep[broken] = False
     import dataclasses
 
-    layout = dataclasses.replace(
-        layout, resistor_face=layout.resistor_face[keep], resistor_upward=layout.resistor_upward[keep]
+    cell_map = dataclasses.replace(
+        cell_map, resistor_face=cell_map.resistor_face[keep], resistor_upward=cell_map.resistor_upward[keep]
     )
     op = rg.solve(
         netlist.replace(
-            resistor_nodes=netlist.resistor_nodes[keep], conductance=netlist.conductance[keep], layout=layout
+            resistor_nodes=netlist.resistor_nodes[keep], conductance=netlist.conductance[keep], cell_map=cell_map
         )
     )
     result = analyse_precision(op)
@@ -170,7 +172,7 @@ def test_rings_close(shape: tuple[int, ...]) -> None:
     op = rg.solve(rg.compile_space(space_of(cell, periodic=(True,) * len(shape)), boundary="neumann"))
     result = analyse_precision(op)
     assert np.isfinite(result.starts).all()
-    volts = op.voltage[op.netlist.layout.node].ravel()
+    volts = op.voltage[op.netlist.cells.node].ravel()
     for here in np.flatnonzero(cell.ravel() == 0).tolist():
         index = np.array(np.unravel_index(here, shape))
         around = [

@@ -44,7 +44,7 @@ def test_derivatives_equal_central_differences(seed: int, drive: bool) -> None:
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
 def test_derivatives_of_a_scene_equal_central_differences(boundary: str) -> None:
     netlist = small_scene(boundary=boundary)
-    free = netlist.layout.node[8, 12]
+    free = netlist.cells.node[8, 12]
     weights = np.zeros(netlist.node_count)
     weights[free] = 1.0
     found = voltage_sensitivity(rg.solve(netlist), weights)
@@ -61,15 +61,15 @@ def test_derivatives_of_a_scene_equal_central_differences(boundary: str) -> None
 def test_scaling_all_resistances_together_moves_nothing() -> None:
     netlist = small_scene()
     weights = np.zeros(netlist.node_count)
-    weights[netlist.layout.node[3, 3]] = 1.0
+    weights[netlist.cells.node[3, 3]] = 1.0
     found = voltage_sensitivity(rg.solve(netlist), weights)
     assert abs(found.sum()) < 1e-12 < np.abs(found).max()
 
 
 def next_step(op: rg.OperatingPoint, cell: tuple[int, int]) -> int:
     """Flat index of the lowest of a cell and its free or goal neighbours, by plain voltages."""
-    layout = op.netlist.layout
-    code = layout.space.cell
+    cell_map = op.netlist.cells
+    code = cell_map.space.cell
     places = [cell]
     for axis in (0, 1):
         for side in (-1, 1):
@@ -77,7 +77,7 @@ def next_step(op: rg.OperatingPoint, cell: tuple[int, int]) -> int:
             place[axis] += side
             if 0 <= place[axis] < code.shape[axis] and code[tuple(place)] != Cell.OBSTACLE:
                 places.append(tuple(place))
-    volts = [op.voltage[layout.node[place]] for place in places]
+    volts = [op.voltage[cell_map.node[place]] for place in places]
     return int(np.ravel_multi_index(places[int(np.argmin(volts))], code.shape))
 
 
@@ -89,7 +89,7 @@ def test_a_drift_beyond_the_margin_changes_the_step() -> None:
     spread = 1.0 + 0.01 * np.random.default_rng(5).standard_normal(len(netlist.conductance))
     netlist = netlist.replace(conductance=netlist.conductance * spread)
     op = rg.solve(netlist)
-    node = netlist.layout.node.ravel()
+    node = netlist.cells.node.ravel()
     checked = 0
     for cell in [(i, i) for i in range(1, 8)]:
         result = analyse_sensitivity(op, cell)
@@ -137,8 +137,8 @@ def banded_corridor(netlist: rg.Netlist, width: int) -> tuple[np.ndarray, np.nda
 
     Cholesky factors of such a matrix hold no sum of mixed signs in their substitution: far entries keep their digits.
     """
-    node = netlist.layout.node
-    free = node[netlist.layout.space.cell == Cell.FREE]
+    node = netlist.cells.node
+    free = node[netlist.cells.space.cell == Cell.FREE]
     row = np.full(netlist.node_count, -1)
     row[free] = np.arange(len(free))
     ends = row[netlist.resistor_nodes]
@@ -149,7 +149,7 @@ def banded_corridor(netlist: rg.Netlist, width: int) -> tuple[np.ndarray, np.nda
     a, b = np.sort(ends, axis=1).T
     inner = a >= 0
     band[width - (b - a)[inner], b[inner]] -= netlist.conductance[inner]
-    goal = np.isin(netlist.resistor_nodes, netlist.layout.goal_nodes).any(axis=1) & (b >= 0)
+    goal = np.isin(netlist.resistor_nodes, netlist.cells.goal_nodes).any(axis=1) & (b >= 0)
     np.add.at(to_goal, b[goal], netlist.conductance[goal])
     return band, to_goal
 
@@ -161,16 +161,16 @@ def test_what_is_far_from_a_decision_flips_nothing_whatever_the_method() -> None
     cell[0] = 2
     netlist = rg.compile_space(space_of(cell))
     op = rg.solve(netlist)
-    place, lower, aside = (netlist.layout.node[at] for at in ((980, 15), (979, 15), (980, 14)))
+    place, lower, aside = (netlist.cells.node[at] for at in ((980, 15), (979, 15), (980, 14)))
     band, to_goal = banded_corridor(netlist, width)
     row = np.full(netlist.node_count, -1)
-    row[netlist.layout.node[cell == 0]] = np.arange(len(to_goal))
+    row[netlist.cells.node[cell == 0]] = np.arange(len(to_goal))
     rhs = np.zeros((len(to_goal), 2))
     rhs[row[[lower, aside]], [0, 1]] = 1.0
     drop, to_lower, to_aside = np.append(solveh_banded(band, np.column_stack([to_goal, rhs])), [[0.0] * 3], axis=0).T
     first, second = row[netlist.resistor_nodes].T
     # The goal lies a whole volt below the other rail.
-    low = np.isin(netlist.resistor_nodes, netlist.layout.goal_nodes)
+    low = np.isin(netlist.resistor_nodes, netlist.cells.goal_nodes)
     volts = np.stack([np.where(low[:, end], 1.0, drop[at]) for end, at in enumerate((first, second))])
     amps = netlist.conductance * (volts[1] - volts[0])
     rising, falling = to_aside[first] - to_aside[second], to_lower[first] - to_lower[second]
@@ -202,7 +202,7 @@ def test_any_space_gives_the_steepest_neighbour(space: rg.ConfigurationSpace) ->
     if not len(where):
         return
     cell = where[len(where) // 2]
-    node = op.netlist.layout.node
+    node = op.netlist.cells.node
     try:
         result = analyse_sensitivity(op, cell)
     except rg.InputError:

@@ -9,8 +9,8 @@ from support.dynamics import ExactMotion, random_dynamics, run_analysis, small_s
 from support.spaces import space_of
 
 import resgrid as rg
+from resgrid.chip.modes import fastest_time_constant, slowest_modes
 from resgrid.chip.settling import analyse_settling
-from resgrid.chip.spectrum import fastest_time_constant, slowest_modes
 from resgrid.nodal.dynamics import dynamics_of
 
 R, C = 10e3, 1e-12
@@ -60,7 +60,7 @@ def test_time_constants_of_random_circuits(seed: int) -> None:
 def test_iteration_and_dense_algebra_agree_where_nodes_lack_capacitance(monkeypatch: pytest.MonkeyPatch) -> None:
     dynamics = dynamics_of(random_dynamics(11, side=8))
     dense = slowest_modes(dynamics, 3)[0], fastest_time_constant(dynamics)
-    monkeypatch.setattr("resgrid.chip.spectrum.DENSE", 0)
+    monkeypatch.setattr("resgrid.chip.modes.DENSE", 0)
     assert slowest_modes(dynamics, 3)[0] == pytest.approx(dense[0], rel=1e-8)
     assert fastest_time_constant(dynamics) == pytest.approx(dense[1], rel=3e-3)
 
@@ -86,7 +86,7 @@ def test_the_last_node_settles_when_the_exact_motion_says(boundary: str) -> None
 
 def test_a_change_of_scene_settles_sooner_than_a_cold_start() -> None:
     netlist = small_scene()
-    other = netlist.layout.space.cell.copy()
+    other = netlist.cells.space.cell.copy()
     other[4, 7] = 0
     before = rg.solve(rg.compile_space(space_of(other)))
     assert analyse_settling(netlist, initial=before).settle_time < analyse_settling(netlist).settle_time
@@ -105,7 +105,7 @@ def test_ngspice_shows_the_same_slowest_time_constant(tmp_path: Path) -> None:
     raw = run_analysis(rg.format_deck(netlist), statements, tmp_path)
     clock = raw.values[:, raw.names.index("time")]
     volts = raw.values[:, raw.names.index("v(n_15_15)")]
-    final = rg.solve(netlist).voltage[netlist.layout.node[15, 15]]
+    final = rg.solve(netlist).voltage[netlist.cells.node[15, 15]]
     early, late = np.interp([2 * tau, 4 * tau], clock, final - volts)
     assert 2 * tau / np.log(early / late) == pytest.approx(tau, rel=0.01)
 
@@ -124,7 +124,7 @@ def test_readings_have_units_and_definitions() -> None:
         (small_scene(), {"bits": 0}, rg.InputError, "bits"),
         (small_scene(), {"modes": 0}, rg.InputError, "modes"),
         (small_scene(), {"span": -1.0}, rg.InputError, "span"),
-        (rg.compile_space(small_scene().layout.space), {}, rg.InputError, "no capacitance"),
+        (rg.compile_space(small_scene().cells.space), {}, rg.InputError, "no capacitance"),
         (held_square(3), {}, rg.InputError, "same voltage"),
         (
             rg.Netlist(

@@ -11,8 +11,8 @@ from scipy.linalg import eigh, eigvalsh
 from support.dynamics import with_capacitors
 
 import resgrid as rg
+from resgrid.chip.modes import fastest_time_constant, slowest_modes
 from resgrid.chip.settling import analyse_settling
-from resgrid.chip.spectrum import fastest_time_constant, slowest_modes
 from resgrid.nodal.dynamics import dynamics_of
 
 Floats = NDArray[np.float64]
@@ -49,7 +49,7 @@ def test_no_twin_is_missed_on_symmetric_grids(
     shape: tuple[int, ...], goal: tuple[int, ...], periodic: bool, boundary: str, modes: int
 ) -> None:
     netlist = symmetric_grid(shape, goal, periodic, boundary)
-    free = netlist.layout.free_node
+    free = netlist.cells.free_node
     G = laplacian(netlist.node_count, netlist.resistor_nodes, netlist.conductance)[np.ix_(free, free)]
     dynamics = dynamics_of(netlist)
     tau, mode = slowest_modes(dynamics, modes)
@@ -60,7 +60,7 @@ def test_no_twin_is_missed_on_symmetric_grids(
 def test_a_large_grid_with_few_capacitors() -> None:
     netlist = symmetric_grid((19, 19), (2, 5), False, "neumann")
     netlist = netlist.replace(capacitor_nodes=[[30, 0], [200, 0], [30, 200]], capacitance=[1e-12, 3e-12, 2e-12])
-    free = netlist.layout.free_node
+    free = netlist.cells.free_node
     G, C = (
         laplacian(netlist.node_count, nodes, values)[np.ix_(free, free)]
         for nodes, values in (
@@ -213,7 +213,7 @@ def test_every_node_settles_when_its_exponentials_say(seed: int, iterated: bool)
     exact = ExactLags(G[1:, 1:], capacitance, start)
     with pytest.MonkeyPatch.context() as patch:
         if iterated:
-            patch.setattr("resgrid.chip.spectrum.DENSE", 0)
+            patch.setattr("resgrid.chip.modes.DENSE", 0)
         result = analyse_settling(netlist, initial=np.append(0.0, start), span=1.0, modes=1)
     wanted = exact.settled(2.0**-11)
     assert result.node_time[1:] == pytest.approx(wanted, rel=2e-3, abs=1e-6 / exact.rate.max())

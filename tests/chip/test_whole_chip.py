@@ -19,7 +19,7 @@ from resgrid.chip.precision import analyse_precision
 from resgrid.chip.sensitivity import analyse_sensitivity
 from resgrid.chip.settling import analyse_settling
 from resgrid.scene.chip import Chip
-from resgrid.spice.rawfile import read_rawfile
+from resgrid.spice.run.rawfile import read_rawfile
 
 CHIP = Chip(
     capacitance=1e-12,
@@ -36,7 +36,7 @@ CHIP = Chip(
 
 @pytest.fixture(scope="module")
 def netlist() -> rg.Netlist:
-    return compile_chip(small_scene().layout.space, CHIP)
+    return compile_chip(small_scene().cells.space, CHIP)
 
 
 @pytest.fixture(scope="module")
@@ -53,7 +53,7 @@ def test_it_moves_as_ngspice_says_and_ends_in_its_operating_point(
     raw = run_analysis(rg.format_deck(netlist), statements, tmp_path)
     clock = raw.values[:, raw.names.index("time")]
     found = rg.transient(netlist, [*times, 1e3 * slowest])
-    free = netlist.layout.free_node
+    free = netlist.cells.free_node
     for node, name in zip(free.tolist(), netlist.names_of(free), strict=True):
         theirs = np.interp(times, clock, raw.values[:, raw.names.index(f"v({name})")])
         assert np.abs(theirs - found.voltage[:-1, node]).max() < 1e-3
@@ -63,7 +63,7 @@ def test_it_moves_as_ngspice_says_and_ends_in_its_operating_point(
 def test_its_noise_is_that_of_ngspice(netlist: rg.Netlist, tmp_path: Path) -> None:
     """By the spectrum: ngspice's own integral is NaN once a resistor contributes nothing at all."""
     band = (1e3, 100 / (2 * np.pi * analyse_settling(netlist).fastest))
-    node = int(netlist.layout.node[3, 4])
+    node = int(netlist.cells.node[3, 4])
     deck = re.sub(r"(?m)^(v_obstacle .*)$", r"\1 ac 1", rg.format_deck(netlist))
     control = f"noise v(n_3_4) v_obstacle dec 40 {band[0]!r} {band[1]!r}\nsetplot noise1\nwrite out.raw onoise_spectrum"
     (tmp_path / "noise.cir").write_text(deck.replace("\n.end\n", f"\n.control\n{control}\n.endc\n.end\n"))
@@ -81,17 +81,17 @@ def test_its_power_balances_and_its_rails_droop(op: rg.OperatingPoint) -> None:
     assert sum(rail.watts for rail in power.rails) == pytest.approx(power.total, rel=1e-9)
     assert {rail.name for rail in power.rails} == {"obstacle", "goal_0"}
     assert 0.001 < power.largest_droop < 0.2
-    layout = op.netlist.layout
-    goal = layout.node[11, 2]
+    cell_map = op.netlist.cells
+    goal = cell_map.node[11, 2]
     assert power.droop[goal] == pytest.approx(op.voltage[goal])
 
 
 def test_its_robot_takes_the_steps_that_its_voltages_show(op: rg.OperatingPoint) -> None:
-    layout = op.netlist.layout
-    volts = op.voltage[layout.node]
-    code = layout.space.cell
+    cell_map = op.netlist.cells
+    volts = op.voltage[cell_map.node]
+    code = cell_map.space.cell
     result = analyse_precision(op)
-    for cell in map(tuple, np.argwhere(layout.space.goal_connected).tolist()):
+    for cell in map(tuple, np.argwhere(cell_map.space.goal_connected).tolist()):
         around = [(cell[0] + a, cell[1] + b) for a, b in ((-1, 0), (1, 0), (0, -1), (0, 1))]
         around = [p for p in around if min(p) >= 0 and max(p) < 16 and code[p] != 1]
         lowest = min(around, key=lambda p: volts[p])
@@ -102,13 +102,13 @@ def test_its_robot_takes_the_steps_that_its_voltages_show(op: rg.OperatingPoint)
 def test_switches_count_among_the_resistors_that_decide(op: rg.OperatingPoint) -> None:
     result = analyse_sensitivity(op, (8, 12))
     assert len(result.flip_drift) == len(op.netlist.conductance)
-    switches = op.netlist.layout.resistor_face < 0
+    switches = op.netlist.cells.resistor_face < 0
     assert np.isfinite(result.flip_drift[switches]).any()
 
 
 def test_saturating_resistors_are_judged_by_small_signals() -> None:
     chip = Chip(capacitance=1e-12, saturation_voltage=0.3)
-    netlist = compile_chip(small_scene().layout.space, chip)
+    netlist = compile_chip(small_scene().cells.space, chip)
     op = rg.solve(netlist)
     assert np.isfinite(analyse_precision(op).starts).all()
     assert analyse_power(op).total == pytest.approx(op.power)

@@ -16,10 +16,10 @@ from hypothesis import given, settings, strategies as st
 from support.spaces import space_of, spaces
 
 import resgrid as rg
-from resgrid.chip.proportions import effective_trials, wilson
+from resgrid.chip.figures import effective_trials, wilson
+from resgrid.chip.readout import eyes_of, floor_of, walk
 from resgrid.chip.trials import prepare, run_trials
-from resgrid.chip.walks import eyes_of, floor_of, walk
-from resgrid.randomness import NOISE, OFFSET, generator
+from resgrid.die import NOISE, OFFSET, generator
 
 
 def room(side: int = 12, seed: int = 0, density: float = 0.1) -> rg.ConfigurationSpace:
@@ -34,14 +34,14 @@ def robot(
     blur: np.ndarray,
 ) -> bool:  # fmt: skip
     """One robot, cell by cell, by the rules in words."""
-    layout = netlist.layout
-    space = layout.space
-    rails = sorted((layout.goal_voltage, layout.goal_voltage + layout.supply))
+    cell_map = netlist.cell_map
+    space = cell_map.space
+    rails = sorted((cell_map.wiring.goal_voltage, cell_map.wiring.goal_voltage + cell_map.wiring.supply))
     low, high = readout.range or rails
-    turned = -1 if layout.supply < 0 else 1
+    turned = -1 if cell_map.wiring.supply < 0 else 1
 
     def measure(cell: tuple[int, ...], error: float) -> float:
-        seen = volts[layout.node[cell]] + offset[cell] + error
+        seen = volts[cell_map.node[cell]] + offset[cell] + error
         if readout.bits is None:
             return turned * seen
         step = np.floor((seen - low) / (high - low) * 2**readout.bits)
@@ -88,14 +88,14 @@ def test_robots_walk_by_the_rules(space: rg.ConfigurationSpace, seed: int, suppl
         range=[None, (-0.1, 0.8)][rng.integers(2)],
     )
     sigma = np.full(space.cell.size, 0.02 if readout.noise_bandwidth else 0.0)
-    eyes = eyes_of(readout, netlist.layout, sigma)
+    eyes = eyes_of(readout, netlist.cells, sigma)
     ways = 2 * space.ndim + 1
     offset, blur = np.zeros(space.shape), np.zeros((*space.shape, ways))
     if readout.offset:
         offset = 0.01 * generator((seed, 0), OFFSET).standard_normal(space.shape)
     if readout.noise_bandwidth:
         blur = 0.02 * generator((seed, 0), NOISE).standard_normal((*space.shape, ways))
-    found = walk(volts, floor_of(netlist.layout), eyes, (seed, 0)).reshape(space.shape)
+    found = walk(volts, floor_of(netlist.cells), eyes, (seed, 0)).reshape(space.shape)
     for start in map(tuple, np.argwhere(space.goal_connected).tolist()):
         assert found[start] == robot(netlist, volts, readout, start, offset, blur)
 
@@ -114,7 +114,7 @@ def test_through_an_ideal_readout_every_start_with_a_path_is_served(
     except rg.InputError as error:
         assert "no start" in str(error)
         return
-    driven = ~np.isin(netlist.layout.node, rg.solve(netlist).undriven)
+    driven = ~np.isin(netlist.cell_map.node, rg.solve(netlist).undriven)
     assert np.all(result.probability[space.goal_connected & driven] == 1.0)
     if driven[space.goal_connected].all():
         assert result.overall.value == result.perfect.value == 1.0
@@ -156,7 +156,7 @@ def test_opens_cost_starts_and_shorts_break_chips() -> None:
     reached = np.zeros(result.space.shape)
     for trial in range(20):
         point = rg.solve(rg.build_chip(netlist, chip, (4, trial)))
-        volts = point.voltage[netlist.layout.node]
+        volts = point.voltage[netlist.cells.node]
         zero = np.zeros(result.space.shape)
         for start in map(tuple, np.argwhere(result.starts).tolist()):
             blur = np.zeros((*result.space.shape, 5))
@@ -345,7 +345,7 @@ def test_a_voltage_above_the_range_reads_full_scale_however_high(bits: int, volt
         space_of(np.array([[2], [0]], dtype=np.uint8)), rails="cells", edge="open", boundary="neumann"
     )
     high = np.zeros(netlist.node_count)
-    high[netlist.layout.node[1, 0]] = volts
-    floor, eyes = floor_of(netlist.layout), eyes_of(rg.Readout(bits=bits), netlist.layout, None)
+    high[netlist.cells.node[1, 0]] = volts
+    floor, eyes = floor_of(netlist.cells), eyes_of(rg.Readout(bits=bits), netlist.cells, None)
     assert walk(high, floor, eyes).all()
     assert not walk(-high, floor, eyes)[1]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import resgrid as rg
-from resgrid.chip.held import READING, chip_keys
+from resgrid.chip.build import READING, chip_keys
 from resgrid.scene.chip_tables import ChipTable, DefectsTable, ReadoutTable
 from resgrid.spice.dialects import DIALECTS
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 import resgrid as rg
-from resgrid.spice.rawfile import read_rawfile
+from resgrid.spice.run.rawfile import read_rawfile
 
 DECK = """Designer's deck: a divider in a subcircuit
 .param rr=1k

@@ -10,7 +10,7 @@ import shapely
 from support.hidden import hiding
 
 from resgrid.control.log import Ending
-from resgrid.regions import label_regions
+from resgrid.grids import label_regions
 from resgrid.robots import Ball, Box, DiscRobot, PointRobot, Shape, to_shapely
 from resgrid.space import Cell
 

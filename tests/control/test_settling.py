@@ -56,7 +56,7 @@ def test_the_live_chip_is_the_transient_of_the_netlist() -> None:
     chips = []
     for space in (before, after):
         netlist = compile_space(space, resistance=resistance)
-        free = netlist.layout.free_node
+        free = netlist.cells.free_node
         pairs = np.stack([free, np.full_like(free, GROUND)], axis=1)
         chips.append(netlist.replace(capacitor_nodes=pairs, capacitance=np.full(len(free), capacitance)))
     times = np.array([1.0, 4.0, 16.0])
@@ -67,7 +67,7 @@ def test_the_live_chip_is_the_transient_of_the_netlist() -> None:
     for row, time in enumerate(times):
         grid.advance((time - now) / 0.05)
         now = time
-        node = chips[1].layout.node
+        node = chips[1].cells.node
         np.testing.assert_allclose(grid.field.potential, fine.voltage[row][node], atol=1e-3)
 
 
@@ -119,7 +119,7 @@ def test_a_settled_grid_is_the_field_of_its_operating_point() -> None:
     for axis in range(2):
         np.testing.assert_allclose(shown.face_current(axis), true.face_current(axis), rtol=1e-6, atol=1e-12)
     with pytest.raises(InputError, match="not compiled from a space"):
-        field_now(netlist.replace(layout=None), point.voltage)
+        field_now(netlist.replace(cell_map=None), point.voltage)
 
 
 def test_a_fast_robot_waits_and_a_faster_one_gives_up() -> None:

@@ -11,8 +11,8 @@ from resgrid.control.log import Ending, Mode, Run
 from resgrid.control.pushes import Push, random_pushes
 from resgrid.control.simulation import Simulation, simulation
 from resgrid.errors import InputError
+from resgrid.grids import label_regions
 from resgrid.planning.trace import streamline
-from resgrid.regions import label_regions
 from resgrid.robots import Ball, Box, PointRobot, Polygon
 from resgrid.scene import parse_scene, read_scene
 from resgrid.space import Cell, ConfigurationSpace

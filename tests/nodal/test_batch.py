@@ -157,7 +157,7 @@ def test_shorts_hide_nothing(shape: tuple[int, int], where: str, times: float) -
     """What stiff contacts drive in is so much that residuals beside it seem small."""
     netlist = open_grid(shape)
     (chip,) = samples(netlist, 1)
-    contact = np.flatnonzero((netlist.resistor_nodes == netlist.layout.obstacle_node).any(axis=1))
+    contact = np.flatnonzero((netlist.resistor_nodes == netlist.cells.obstacle_node).any(axis=1))
     inside = np.setdiff1d(np.arange(len(chip)), contact)
     chip[{"contact": contact[:1], "inside": inside[len(inside) // 2 :][:1], "contacts": contact}[where]] *= times
     (volts,) = rg.solve_many(netlist, [chip])

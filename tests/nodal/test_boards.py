@@ -30,12 +30,11 @@ def laid_out(space: ConfigurationSpace, boundary: str, spread: float, seed: int)
         system = assemble(netlist.replace(conductance=netlist.conductance * factors))
     except CircuitError:
         return None
-    assert system.netlist.layout is not None
     made = lay_out(
         system.netlist.resistor_nodes,
         system.netlist.conductance,
         system.unknown,
-        system.netlist.layout.node,
+        system.netlist.cells.node,
         system.excess,
         1.0,
     )

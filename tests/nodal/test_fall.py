@@ -37,7 +37,7 @@ def test_cells_tell_what_the_graph_tells(space, boundary, first, rest):
     if system is None:
         return
     low, high = system.rails.to_low > 0, system.rails.to_high > 0
-    on_grid = _of_grid(system.netlist.layout.node, system.unknown, low, high)
+    on_grid = _of_grid(system.netlist.cells.node, system.unknown, low, high)
     on_graph = _of_graph(system.coupling, low, high)
     assert decay(on_grid, RATE, WALL, 1, first, rest) == decay(on_graph, RATE, WALL, system.size, first, rest)
 

@@ -26,7 +26,7 @@ def boxes(shape: tuple[int, ...]) -> ConfigurationSpace:
 
 def without_layout(netlist: Netlist) -> Netlist:
     """The same circuit as a netlist that comes from no space."""
-    return netlist.replace(layout=None)
+    return netlist.replace(cell_map=None)
 
 
 @pytest.mark.parametrize("shape", [(12, 3000), (1500, 5, 5)])

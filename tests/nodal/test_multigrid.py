@@ -115,9 +115,9 @@ def test_aggregates_never_join_across_a_wall() -> None:
     wall[0, 0] = 2
     system = assemble(compile_space(space_of(np.repeat(wall, 3, axis=0)), boundary="neumann"))
     coupling = system.coupling
-    layout = system.netlist.layout
-    cell = np.flatnonzero(layout.space.cell.ravel() == 0)
-    coordinate = np.stack(np.unravel_index(cell, layout.space.shape), axis=1).astype(np.int32)
+    cell_map = system.netlist.cells
+    cell = np.flatnonzero(cell_map.space.cell.ravel() == 0)
+    coordinate = np.stack(np.unravel_index(cell, cell_map.space.shape), axis=1).astype(np.int32)
     group_of, count = aggregation.aggregate_blocks(
         coupling.indptr, coupling.indices, coupling.data, coordinate, np.ones(2, dtype=np.int64), 0.1
     )
@@ -238,7 +238,7 @@ def test_leaks_that_outweigh_the_grid_are_no_harder(boundary: str, leak: float) 
     cell = np.zeros((64, 64), dtype=np.uint8)
     cell[16:32, 21], cell[61, 2] = 1, 2
     netlist = compile_space(space_of(cell), boundary=boundary)
-    nodes = netlist.layout.free_node
+    nodes = netlist.cells.free_node
     dynamics = dynamics_of(
         netlist.replace(
             capacitor_nodes=np.stack([nodes, np.zeros_like(nodes)], axis=1), capacitance=np.full(len(nodes), 1e-12)

@@ -21,14 +21,14 @@ from resgrid.space import Cell
 
 def saturating(netlist: rg.Netlist, volts: float | np.ndarray) -> rg.Netlist:
     """All resistors replaced by nonlinear ones of the same small-signal resistance."""
-    layout, m = netlist.layout, len(netlist.conductance)
-    if layout is not None:
-        layout = dataclasses.replace(
-            layout,
+    cell_map, m = netlist.cell_map, len(netlist.conductance)
+    if cell_map is not None:
+        cell_map = dataclasses.replace(
+            cell_map,
             resistor_face=np.empty(0, dtype=np.int64),
             resistor_upward=np.empty(0, dtype=np.bool_),
-            nonlinear_face=layout.resistor_face,
-            nonlinear_upward=layout.resistor_upward,
+            nonlinear_face=cell_map.resistor_face,
+            nonlinear_upward=cell_map.resistor_upward,
         )
     voltage = np.broadcast_to(volts, m)
     return netlist.replace(
@@ -37,7 +37,7 @@ def saturating(netlist: rg.Netlist, volts: float | np.ndarray) -> rg.Netlist:
         nonlinear_nodes=netlist.resistor_nodes,
         nonlinear_current=netlist.conductance * voltage,
         nonlinear_voltage=voltage,
-        layout=layout,
+        cell_map=cell_map,
     )
 
 
@@ -149,7 +149,7 @@ def test_more_than_a_cut_can_carry_has_no_operating_point(amps: float) -> None:
 
 def test_the_overloaded_cut_is_named() -> None:
     linear = rg.compile_space(wide_open(), boundary="neumann", drive="uniform")
-    goal_ring = np.isin(linear.resistor_nodes, linear.layout.goal_nodes).any(axis=1)
+    goal_ring = np.isin(linear.resistor_nodes, linear.cells.goal_nodes).any(axis=1)
     netlist = saturating(linear, np.where(goal_ring, 0.1, 10.0))
     with pytest.raises(rg.CircuitError, match=r"drive 0.0001 A through the 4 nonlinear resistors around 137 nodes"):
         rg.solve(netlist)
@@ -188,7 +188,7 @@ def test_extreme_circuits_are_solved_or_shown_to_be_overloaded(seed: int) -> Non
 def test_small_signals_see_the_slope() -> None:
     netlist = saturating(rg.compile_space(wide_open(), boundary="neumann"), 0.5)
     point = rg.solve(netlist)
-    row = int(netlist.layout.free_node[20])
+    row = int(netlist.cells.free_node[20])
     nudge = 1e-4 * netlist.current_amps[0]
 
     def fed(amps: float) -> np.ndarray:

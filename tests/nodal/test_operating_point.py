@@ -66,7 +66,7 @@ def test_a_start_beside_the_goal_leaves_nothing_to_solve_and_still_has_a_field(
             rg.compile_space(space, boundary="neumann", drive="start", start=start, edge="open"), accuracy=accuracy
         )
         assert point.method == "none" and point.potential is not None
-        node = point.netlist.layout.node
+        node = point.netlist.cells.node
         assert point.potential[node[start]] == 1.0 and np.all(point.potential[node[cell == 2]] == 0.0)
         assert point.log_drop is None or point.log_drop[node[cell == 2]].max() == 0.0
         assert rg.streamline(rg.field(point), (0.5, start[1] + 0.5)).outcome == "reached"

@@ -50,11 +50,10 @@ def system_of(space: ConfigurationSpace) -> NodalSystem:
 def after_a_first_pass() -> tuple[NodalSystem, NDArray[np.int64], Whole, PocketsDirectly]:
     """The rooms' system, one row in every room, and passes of which the first has been made."""
     system, whole = system_of(rooms_on_a_corridor()), Whole()
-    layout = system.netlist.layout
-    assert layout is not None
+    cell_map = system.netlist.cells
     passes = PocketsDirectly(system, whole)
     passes(np.zeros(system.size), NONE, 0.0)
-    return system, np.asarray(system.unknown[layout.node[9, 10::20]], dtype=np.int64), whole, passes
+    return system, np.asarray(system.unknown[cell_map.node[9, 10::20]], dtype=np.int64), whole, passes
 
 
 def test_the_first_pass_and_those_that_many_rows_need_are_whole() -> None:
@@ -162,13 +161,12 @@ def test_what_lies_along_a_slit_is_found_from_what_flows_in(length: int) -> None
     cell[1:-1, 1:115] = cell[6, 115:-1] = cell[20, 115 : 115 + length // 2] = Cell.FREE
     cell[6, 4] = Cell.GOAL
     system = system_of(space_of(cell))
-    layout = system.netlist.layout
-    assert layout is not None
+    cell_map = system.netlist.cells
     assert system.rails is not None
     current = system.rails.to_low, np.zeros(system.size, dtype=np.int64)
     exact, _ = factor_system(system, "direct", reduce=False).solve_nonnegative(system.rails.to_low)
     wrong, exponent = exact.hi.copy(), exact.exponent.copy()
-    rows = system.unknown[layout.node[6, 118:-1]].astype(np.int64)
+    rows = system.unknown[cell_map.node[6, 118:-1]].astype(np.int64)
     wrong[rows], exponent[rows] = -1e-13, 0
     left = np.zeros(system.size)
     left[np.random.default_rng(1).choice(rows, len(rows) // 2, replace=False)] = 1.0

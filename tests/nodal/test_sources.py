@@ -77,7 +77,7 @@ def test_a_space_in_which_nothing_is_driven_is_an_error_that_says_what_to_do() -
     netlist = compile_space(space_of(cell), edge="open")
     with pytest.raises(CircuitError, match="second rail"):
         solve(netlist)
-    assert not solve(netlist.replace(layout=None)).voltage.any()
+    assert not solve(netlist.replace(cell_map=None)).voltage.any()
 
 
 def test_a_part_with_one_rail_is_flat_and_reported() -> None:

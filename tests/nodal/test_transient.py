@@ -64,7 +64,7 @@ def test_ngspice_follows_the_same_curve(boundary: str, tmp_path: Path) -> None:
     statements = f".options method=trap reltol=1e-6\n.tran {step} {times[-1]} 0 {step} uic"
     raw = run_analysis(rg.format_deck(netlist), statements, tmp_path)
     found = rg.transient(netlist, times, tolerance=1e-6)
-    free = netlist.layout.free_node
+    free = netlist.cells.free_node
     clock = raw.values[:, raw.names.index("time")]
     supply = np.ptp(found.voltage)
     for node, name in zip(free.tolist(), netlist.names_of(free), strict=True):
@@ -157,11 +157,11 @@ def scene(x: int, rails: str) -> rg.Netlist:
 def test_the_old_scene_is_where_the_new_one_begins(rails: str) -> None:
     old, new = rg.solve(scene(2, rails)), scene(3, rails)
     found = rg.transient(new, [0.0, 1e-4], initial=old)
-    layout, before = new.layout, old.netlist.layout
-    both = (layout.space.cell == 0) & (before.space.cell == 0)
-    assert found.voltage[0][layout.node[both]] == pytest.approx(old.voltage[before.node[both]], abs=1e-12)
-    freed = (layout.space.cell == 0) & (before.space.cell == 1)
-    assert found.voltage[0][layout.node[freed]] == pytest.approx(1.0)
+    cell_map, before = new.cells, old.netlist.cells
+    both = (cell_map.space.cell == 0) & (before.space.cell == 0)
+    assert found.voltage[0][cell_map.node[both]] == pytest.approx(old.voltage[before.node[both]], abs=1e-12)
+    freed = (cell_map.space.cell == 0) & (before.space.cell == 1)
+    assert found.voltage[0][cell_map.node[freed]] == pytest.approx(1.0)
     assert found.voltage[-1] == pytest.approx(rg.solve(new).voltage, abs=1e-9)
 
 

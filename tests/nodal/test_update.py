@@ -60,7 +60,7 @@ def assert_compensated(grid: GridLevels) -> None:
 
 def voltage_by_cell(system: object, x: np.ndarray) -> np.ndarray:
     """Voltages of the cells that have a row, NaN elsewhere."""
-    node = system.netlist.layout.node.ravel()
+    node = system.netlist.cells.node.ravel()
     row = np.where(node >= 0, system.unknown[node], -1)
     return np.where(row >= 0, x[row] + system.reference, np.nan)
 
@@ -77,7 +77,7 @@ def assert_same_as_fresh(factors: object, space: ConfigurationSpace, options: di
     system = factors.system
     x = factors.solve(system.feed + system.injected, rtol=1e-12)
     found = voltage_by_cell(system, x)
-    node = netlist.layout.node.ravel()
+    node = netlist.cells.node.ravel()
     expected = np.where(node >= 0, fresh.voltage[node], np.nan)
     both = np.isfinite(found) & np.isfinite(expected) & (space.cell.ravel() == Cell.FREE)
     assert both.any()
@@ -277,7 +277,7 @@ def test_a_part_that_is_cut_off_is_told_and_solved(options: dict[str, object]) -
     netlist = compile_space(after, **options)
     fresh = solve(netlist)
     found = voltage_by_cell(system, updated.solve(system.feed + system.injected, rtol=1e-12)).reshape(cell.shape)
-    np.testing.assert_allclose(found[:20][cell[:20] == 0], fresh.voltage[netlist.layout.node[:20][cell[:20] == 0]])
+    np.testing.assert_allclose(found[:20][cell[:20] == 0], fresh.voltage[netlist.cells.node[:20][cell[:20] == 0]])
     with pytest.raises(CircuitError, match="nothing is driven any more"):
         updated.update([[4, 5], [6, 5], [5, 4], [5, 6]])
 

@@ -34,7 +34,7 @@ def transitions(netlist: Netlist) -> tuple[np.ndarray, np.ndarray]:
     for (i, j), g in zip(netlist.resistor_nodes, netlist.conductance, strict=True):
         W[i, j] += g
         W[j, i] += g
-    return W, netlist.layout.free_node
+    return W, netlist.cells.free_node
 
 
 @settings(max_examples=80)
@@ -48,9 +48,9 @@ def test_an_absorbing_markov_chain_agrees(space: ConfigurationSpace, options: di
     fundamental = np.linalg.inv(np.eye(len(free)) - P)
     node_goal = {int(space.goal_region[c]): [] for c in map(tuple, np.argwhere(space.cell == 2))}
     for c in map(tuple, np.argwhere(space.cell == 2)):
-        node_goal[int(space.goal_region[c])].append(int(netlist.layout.node[c]))
+        node_goal[int(space.goal_region[c])].append(int(netlist.cells.node[c]))
     found, absorbed = risk(netlist), absorption(netlist)
-    at = tuple(np.argwhere((space.cell == 0) & (netlist.layout.node >= 0)).T)
+    at = tuple(np.argwhere((space.cell == 0) & (netlist.cells.node >= 0)).T)
     u = np.zeros(len(free))
     for goal, nodes in node_goal.items():
         reach = fundamental @ (W[np.ix_(free, sorted(set(nodes)))].sum(axis=1) / degree)
@@ -92,19 +92,19 @@ def test_a_walk_that_is_simulated_agrees() -> None:
     cumulative = np.cumsum(W / np.maximum(W.sum(axis=1), 1e-300)[:, None], axis=1)
     rng = np.random.default_rng(5)
     start, walks = (5, 1), 40_000
-    node, steps = np.full(walks, netlist.layout.node[start]), np.zeros(walks)
-    free = np.isin(np.arange(netlist.node_count), netlist.layout.free_node)
+    node, steps = np.full(walks, netlist.cells.node[start]), np.zeros(walks)
+    free = np.isin(np.arange(netlist.node_count), netlist.cells.free_node)
     while free[node].any():
         going = np.flatnonzero(free[node])
         draw = rng.random(len(going))
         node[going] = np.minimum((cumulative[node[going]] < draw[:, None]).sum(axis=1), netlist.node_count - 1)
         steps[going] += 1
     found, absorbed = risk(netlist), absorption(netlist)
-    won = np.isin(node, netlist.layout.goal_nodes)
+    won = np.isin(node, netlist.cells.goal_nodes)
     assert abs(won.mean() - found.success[start]) < 4 * np.sqrt(0.25 / walks)
     assert abs(steps.mean() - found.steps[start]) < 4 * steps.std() / np.sqrt(walks)
     assert abs(steps[won].mean() - found.steps_given_success[start]) < 4 * steps[won].std() / np.sqrt(won.sum())
-    for goal, goal_node in enumerate(netlist.layout.goal_nodes):
+    for goal, goal_node in enumerate(netlist.cells.goal_nodes):
         assert abs((node == goal_node).mean() - absorbed.probability[goal][start]) < 4 * np.sqrt(0.25 / walks)
 
 

@@ -51,7 +51,7 @@ def test_a_planner_gives_what_the_stages_give() -> None:
 def test_blends_share_two_solves(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
     monkeypatch.setattr(
-        planner_module, "solve", lambda netlist: calls.append(netlist.layout.boundary) or solve(netlist)
+        planner_module, "solve", lambda netlist: calls.append(netlist.cells.wiring.boundary) or solve(netlist)
     )
     planner = plan(two_goal_room(), k=1.0)
     planner.paths([(1.0, 14.0), (8.0, 7.0)])

@@ -14,6 +14,7 @@ from support.spaces import serpentine, space_of, spaces
 
 from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError, InputError
+from resgrid.grids import label_regions
 from resgrid.nodal.solve import solve
 from resgrid.planning import kernels
 from resgrid.planning.field import Field, field_of
@@ -21,7 +22,6 @@ from resgrid.planning.free_way import certify_free
 from resgrid.planning.seams import length_of, unwrap
 from resgrid.planning.shortcut import shorten
 from resgrid.planning.trace import streamline
-from resgrid.regions import label_regions
 from resgrid.space import Cell, ConfigurationSpace
 
 

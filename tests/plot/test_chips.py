@@ -57,10 +57,10 @@ def pixels(axes) -> np.ndarray:
 
 def test_a_map_shows_when_each_cell_settles(settled: Settling) -> None:
     axes = plot_settling(settled)
-    layout = settled.netlist.layout
+    cell_map = settled.netlist.cells
     shown = pixels(axes)
-    free = layout.space.cell == 0
-    assert shown[free] == pytest.approx(1e9 * settled.node_time[layout.node[free]])
+    free = cell_map.space.cell == 0
+    assert shown[free] == pytest.approx(1e9 * settled.node_time[cell_map.node[free]])
     assert np.isnan(shown[~free]).all()
     assert "settles in" in axes.get_title()
     assert "(ns)" in axes.child_axes[0].get_ylabel()
@@ -78,9 +78,9 @@ def test_the_curve_crosses_the_band_where_it_has_settled(settled: Settling) -> N
 @pytest.mark.parametrize("quantity", ["total", "limit", "resistance"])
 def test_a_map_shows_the_noise(noise: Noise, quantity: str) -> None:
     axes = plot_noise(noise, quantity=quantity)
-    layout = noise.netlist.layout
-    shown, free = pixels(axes), layout.space.cell == 0
-    ratio = shown[free] / getattr(noise, quantity)[layout.node[free]]
+    cell_map = noise.netlist.cells
+    shown, free = pixels(axes), cell_map.space.cell == 0
+    ratio = shown[free] / getattr(noise, quantity)[cell_map.node[free]]
     assert np.ptp(ratio) < 1e-9 * ratio.max()
     assert round(np.log10(ratio[0])) % 3 == 0
 
@@ -99,8 +99,8 @@ def test_droop_lies_on_rail_cells() -> None:
     power = analyse_power(rg.solve(netlist))
     axes = plot_power(power, quantity="droop")
     shown = pixels(axes)
-    assert np.isfinite(shown[netlist.layout.space.cell != 0]).all()
-    assert np.isnan(shown[netlist.layout.space.cell == 0]).all()
+    assert np.isfinite(shown[netlist.cells.space.cell != 0]).all()
+    assert np.isnan(shown[netlist.cells.space.cell == 0]).all()
 
 
 def test_resistors_that_decide_are_drawn_where_they_are(op: rg.OperatingPoint) -> None:
@@ -173,4 +173,4 @@ def test_what_cannot_be_drawn_is_refused(noise: Noise, power: Power) -> None:
     with pytest.raises(rg.InputError, match="two axes"):
         plot_settling(analyse_settling(solid))
     with pytest.raises(rg.InputError, match="not compiled"):
-        plot_noise(analyse_noise(small_scene().replace(layout=None)))
+        plot_noise(analyse_noise(small_scene().replace(cell_map=None)))

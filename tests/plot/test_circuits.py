@@ -48,7 +48,7 @@ def test_every_resistor_is_drawn_once_between_its_nodes(options: dict, periodic:
     axes = plot_circuit(netlist, solve(netlist))
     drawn = zigzags(axes)
     assert len(drawn) == len(netlist.conductance)
-    plan = schematic_of(netlist.layout)
+    plan = schematic_of(netlist.cells)
     cell_of = netlist.cell_of_node()
     for number, (a, b) in enumerate(netlist.resistor_nodes.tolist()):
         for node in (a, b):
@@ -66,11 +66,11 @@ def test_voltages_and_names_are_written_beside_their_nodes() -> None:
     netlist = compile_space(space_of(SMALL))
     point = solve(netlist)
     axes = plot_circuit(netlist, point)
-    node = int(netlist.layout.node[2, 0])
+    node = int(netlist.cells.node[2, 0])
     places = {text.get_text(): text.get_position() for text in axes.texts}
     assert np.allclose(places["n_2_0"], (2.5, 0.5), atol=0.2)
     volts = [text for text in axes.texts if text.get_gid() == "volts"]
-    assert len(volts) == len(netlist.layout.free_node)
+    assert len(volts) == len(netlist.cells.free_node)
     mine = min(volts, key=lambda text: np.hypot(text.get_position()[0] - 2.5, text.get_position()[1] - 0.5))
     assert float(mine.get_text()) == pytest.approx(point.voltage[node], abs=5e-5)
     assert any(text.startswith("obstacle\n1 V\ngives") for text in texts(axes))
@@ -107,10 +107,10 @@ def test_uniform_drive_is_drawn_as_arrows() -> None:
 
 
 def test_the_rail_is_drawn_around_an_obstacle_edge_only() -> None:
-    closed, opened = (schematic_of(compile_space(space_of(SMALL), edge=edge).layout) for edge in ("obstacle", "open"))
+    closed, opened = (schematic_of(compile_space(space_of(SMALL), edge=edge).cells) for edge in ("obstacle", "open"))
     assert len(closed.frame) == 4
     assert not opened.frame
-    ring = schematic_of(compile_space(space_of(SMALL, periodic=True)).layout)
+    ring = schematic_of(compile_space(space_of(SMALL, periodic=True)).cells)
     assert len(ring.frame) == 2
     assert ring.seam.sum() == 3
     assert closed.start.min() == pytest.approx(-MARGIN) or closed.end.min() == pytest.approx(-MARGIN)
@@ -173,7 +173,7 @@ def test_zigzags_start_and_end_where_they_should() -> None:
 )
 def test_voltages_have_a_fitting_unit(largest: float, text: str, unit: str) -> None:
     netlist = compile_space(space_of([0, 2, 0]), supply=largest)
-    assert voltage_texts(solve(netlist), np.array([netlist.layout.obstacle_node])) == ([text], unit)
+    assert voltage_texts(solve(netlist), np.array([netlist.cells.obstacle_node])) == ([text], unit)
 
 
 def test_engineering_prefixes() -> None:
@@ -196,7 +196,7 @@ def test_a_real_chip_is_drawn_without_what_is_not_on_its_grid() -> None:
 
     chip = compile_chip(space_of(SMALL), Chip(goal_switch_on=50.0, rail_resistance=1.0))
     notes = [text.get_text() for text in plot_circuit(chip, solve(chip)).get_legend().get_texts()]
-    hidden = int((chip.layout.resistor_face < 0).sum())
+    hidden = int((chip.cells.resistor_face < 0).sum())
     assert f"resistor, 10 kΩ; not drawn: {hidden} of switches, rails, loads" in notes
     with pytest.raises(InputError, match="nonlinear resistors is not drawn"):
         plot_circuit(compile_chip(space_of(SMALL), Chip(saturation_voltage=0.1)))

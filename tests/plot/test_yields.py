@@ -49,9 +49,9 @@ def test_criticality_draws_the_elements_that_cost_starts(chip: rg.Chip) -> None:
         axes = rg.plot_criticality(result, fault=fault)
         drawn = [lines.get_array() for lines in axes.collections if isinstance(lines, LineCollection)]
         values = np.concatenate([array for array in drawn if array is not None])
-        bent = bool(netlist.layout.nonlinear_face.size)
+        bent = bool(netlist.cell_map.nonlinear_face.size)
         lost = getattr(result, fault)[len(netlist.conductance) if bent else 0 :]
-        face = netlist.layout.nonlinear_face if bent else netlist.layout.resistor_face
+        face = netlist.cells.nonlinear_face if bent else netlist.cells.resistor_face
         assert sorted(values) == sorted(lost[(lost > 0) & (face[: len(lost)] >= 0)])
     with pytest.raises(rg.InputError, match="fault"):
         rg.plot_criticality(result, fault="bent")

@@ -9,7 +9,7 @@ from hypothesis import given, settings, strategies as st
 from scipy.optimize import least_squares
 
 from resgrid.errors import InputError
-from resgrid.regions import label_regions
+from resgrid.grids import label_regions
 from resgrid.robots import Arm, Ball, Box, HalfSpace, Polygon, Robot, to_shapely
 from resgrid.robots.arm_cells import arm_travel, singular_cells
 from resgrid.space import Axis

@@ -5,7 +5,7 @@ import pytest
 
 import resgrid as rg
 from resgrid.errors import InputError
-from resgrid.regions import label_regions
+from resgrid.grids import label_regions
 from resgrid.robots import Arm, Box, DiscRobot, PolygonRobot
 from resgrid.scene import GoalJoints, apply_overrides, free_volume_lost, parse_scene, read_scene, sample
 from resgrid.scene.build import build_scene, document_of

@@ -14,14 +14,14 @@ from support.spaces import serpentine, space_of
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.nodal.solve import solve
-from resgrid.spice.agreement import check_deck, check_spice
-from resgrid.spice.comparison import compare
-from resgrid.spice.deck import flatten
-from resgrid.spice.expected import expect
+from resgrid.spice.check.agreement import check_deck, check_spice
+from resgrid.spice.check.comparison import compare
 from resgrid.spice.locate import inspect_deck
-from resgrid.spice.ngspice import Simulation
-from resgrid.spice.sidecar import altered_lines, read_sidecar
-from resgrid.spice.writer import write_spice
+from resgrid.spice.run.ngspice import Simulation
+from resgrid.spice.write.expected import expect
+from resgrid.spice.write.files import write_spice
+from resgrid.spice.write.flat import flatten
+from resgrid.spice.write.sidecar import altered_lines, read_sidecar
 
 
 @pytest.fixture(scope="module")

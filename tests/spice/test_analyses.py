@@ -15,8 +15,8 @@ from support.simulators import run, verdict, waves
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.spice.tiles import Tile, expanded_netlist
-from resgrid.spice.writer import write_spice
+from resgrid.spice.write.files import write_spice
+from resgrid.spice.write.tiles import Tile, expanded_netlist
 
 TILE = Tile(capacitance=1e-12)
 ALL = {
@@ -86,7 +86,7 @@ def test_ngspice_measures_what_its_waves_show(tmp_path: Path) -> None:
     asked = [rg.OperatingAnalysis(), *ALL["transient"], rg.TemperatureAnalysis((27.0, 85.0))]
     asked[1] = rg.TransientAnalysis(2e-6, 4e-9, scene((1, 1), supply=2.0))
     ends = [rg.solve(expanded_netlist(netlist, TILE)) for netlist in (scene(), asked[1].after)]
-    middle = float(np.mean([point.voltage[point.netlist.layout.node[0, 1]] for point in ends]))
+    middle = float(np.mean([point.voltage[point.netlist.cells.node[0, 1]] for point in ends]))
     asked[5] = rg.Measure("passed", "n_0_1", "crossing", middle)
     written = write_spice(scene(), tmp_path / "a.cir", form="cells", tile=TILE, analyses=asked)
     command = written.commands.read_text().splitlines()[1].removeprefix("* ").split()
@@ -107,7 +107,7 @@ def test_drives_step_too(tmp_path: Path) -> None:
     written = write_spice(before, tmp_path / "a.cir", form="cells", tile=TILE, analyses=asked)
     run(written.commands)
     found, tiled = waves(tmp_path / "out.raw"), expanded_netlist(after, TILE)
-    voltage, blocked = rg.solve(tiled).voltage, int(tiled.layout.node[1, 1])
+    voltage, blocked = rg.solve(tiled).voltage, int(tiled.cells.node[1, 1])
     for node in set(range(1, tiled.node_count)) - {blocked}:  # that one discharges through open switches
         assert found[tiled.node_name(node)][-1] == pytest.approx(voltage[node], rel=1e-3, abs=1e-3)
 
@@ -117,7 +117,7 @@ def test_noise_is_that_of_the_resistance_seen(tmp_path: Path) -> None:
     run(written.commands)
     density = waves(tmp_path / "out.raw")["onoise_spectrum"][0]
     netlist = scene()
-    node = int(netlist.layout.node[2, 2])
+    node = int(netlist.cells.node[2, 2])
     probe = netlist.replace(
         source_volts=np.zeros(len(netlist.source_volts)), current_nodes=[[0, node]], current_amps=[1.0]
     )
@@ -136,7 +136,7 @@ def test_temperatures_are_swept(tmp_path: Path) -> None:
     for celsius, scale in (("27.0", 1.0), ("87.0", factor)):
         found = waves(tmp_path / f"celsius.raw.{celsius}")
         voltage = rg.solve(netlist.replace(conductance=netlist.conductance / scale)).voltage
-        assert found["n_4_3"][0] == pytest.approx(voltage[netlist.layout.node[4, 3]], rel=0, abs=1e-9)
+        assert found["n_4_3"][0] == pytest.approx(voltage[netlist.cells.node[4, 3]], rel=0, abs=1e-9)
 
 
 @pytest.mark.parametrize("form", ["flat", "cells"])
@@ -166,7 +166,7 @@ def test_ngspice_draws_mismatch(tmp_path: Path, form: str) -> None:
         found.append([waves(tmp_path / f"run.raw.{i}")["n_4_3"][0] for i in range(1, 5)])
     assert found[0] == found[1]
     assert len(set(found[0])) == 4
-    assert np.allclose(found[0], rg.solve(scene()).voltage[scene().layout.node[4, 3]], rtol=0.1)
+    assert np.allclose(found[0], rg.solve(scene()).voltage[scene().cells.node[4, 3]], rtol=0.1)
 
 
 def test_a_saturating_resistor_is_a_behavioural_source(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from support.circuits import ladder, random_grid
 from support.simulators import verdict
 
 import resgrid as rg
-from resgrid.spice.writer import write_spice
+from resgrid.spice.write.files import write_spice
 
 
 @pytest.fixture

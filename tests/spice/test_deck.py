@@ -15,8 +15,8 @@ from support.spaces import space_of
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Netlist
-from resgrid.spice.deck import flatten, format_deck, resistances
-from resgrid.spice.writer import write_spice
+from resgrid.spice.write.files import write_spice
+from resgrid.spice.write.flat import flatten, format_deck, resistances
 
 
 def test_a_ladder_is_written_as_by_hand() -> None:

@@ -11,9 +11,9 @@ from hypothesis import given, settings, strategies as st
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
 from resgrid.space import Axis, ConfigurationSpace
+from resgrid.spice.check.rules import check_rules
 from resgrid.spice.kernels import left_over
-from resgrid.spice.reader import read_spice
-from resgrid.spice.rules import check_rules
+from resgrid.spice.read.deck import read_spice
 from resgrid.spice.subject import subject_of
 
 SOUND = "* sound\nv1 a 0 1\nr1 a b 1k\nr2 b 0 1k\n"
@@ -98,8 +98,7 @@ def test_places_in_a_scene_are_cells() -> None:
     cell[2], cell[0, 0] = 1, 2
     space = ConfigurationSpace([Axis("x", 0, 5, 5), Axis("y", 0, 3, 3)], cell)
     netlist = compile_space(space)
-    assert netlist.layout is not None
-    corner, middle = netlist.layout.node[3, 0], netlist.layout.node[0, 2]
+    corner, middle = netlist.cells.node[3, 0], netlist.cells.node[0, 2]
     subject = subject_of(netlist)
     assert subject.place_of_nodes(np.array([corner])) == "cell (3, 0)"
     assert subject.place_of_nodes(np.array([corner, middle])) == "cells (3, 0), (0, 2)"

@@ -8,7 +8,7 @@ from support.circuits import random_grid
 from resgrid.netlist import Netlist
 from resgrid.nodal.solve import solve
 from resgrid.spice.balance import power_balance
-from resgrid.spice.drops import supply_drops
+from resgrid.spice.ir_drop import ir_drop
 
 
 def test_each_net_has_its_own_supply() -> None:
@@ -22,7 +22,7 @@ def test_each_net_has_its_own_supply() -> None:
         current_nodes=[[2, 3], [6, 2]],
         current_amps=[1.0, 0.5],
     )
-    drops = supply_drops(solve(netlist))
+    drops = ir_drop(solve(netlist))
     np.testing.assert_allclose(drops.supply[1:], [1.8, 1.8, 0.0, 0.0, 3.3, 3.3])
     np.testing.assert_allclose(drops.drop[1:], [0.0, 0.5, -1.0, 0.0, 0.0, 0.5], atol=1e-15)
     assert drops.worst(2).tolist() == [3, 2]
@@ -32,7 +32,7 @@ def test_each_net_has_its_own_supply() -> None:
 
 def test_nodes_that_float_have_no_drop() -> None:
     netlist = Netlist(4, [[1, 0]], [1.0], source_nodes=[[1, 0]], source_volts=[1.0])
-    drops = supply_drops(solve(netlist))
+    drops = ir_drop(solve(netlist))
     assert np.isnan(drops.drop[2:]).all() and drops.worst(10).tolist() == [1]
 
 
@@ -43,7 +43,7 @@ def test_power_delivered_is_power_dissipated(seed: int, drive: bool) -> None:
     balance = power_balance(point)
     assert balance.imbalance < 1e-12
     assert balance.dissipated == pytest.approx(point.power, rel=1e-12)
-    drops = supply_drops(point)
+    drops = ir_drop(point)
     assert drops.supply[1] == 1.0 and np.all(drops.supply[4:] == 1.0)
 
 

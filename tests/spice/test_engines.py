@@ -11,9 +11,9 @@ from support.circuits import random_grid
 
 from resgrid.errors import BudgetError, InputError, ToolMissingError
 from resgrid.nodal.solve import solve
-from resgrid.spice.agreement import check_spice
-from resgrid.spice.eecircuit import find_module, simulate_eecircuit
-from resgrid.spice.engines import engine_named
+from resgrid.spice.check.agreement import check_spice
+from resgrid.spice.run import engine_named
+from resgrid.spice.run.eecircuit import find_module, simulate_eecircuit
 
 FAKE = """#!{python}
 import pathlib, subprocess, sys

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import BudgetError, InputError
 from resgrid.netlist import Netlist
-from resgrid.spice.forecast import core_of, costs_named, forecast_run, require_time
+from resgrid.spice.run.forecast import core_of, costs_named, forecast_run, require_time
 from resgrid.spice.subject import subject_of
 
 

@@ -4,7 +4,7 @@ import re
 
 from hypothesis import given, strategies as st
 
-from resgrid.spice.names import legal_names
+from resgrid.spice.write.names import legal_names
 
 
 @given(st.lists(st.text(max_size=6) | st.sampled_from(["a", "A", "a_2", "gnd", "GND", "0", ""])))

@@ -13,8 +13,8 @@ import pytest
 from support.circuits import ladder
 
 from resgrid.errors import BudgetError, InputError, ToolMissingError
-from resgrid.spice.deck import format_deck
-from resgrid.spice.ngspice import run_ngspice, simulate
+from resgrid.spice.run.ngspice import run_ngspice, simulate
+from resgrid.spice.write.flat import format_deck
 
 FLOATING = b"* floating\nv_a a 0 1.0\nr_a_b a b 1e8\nr_b b 0 1e8\nr_x_y x y 1e8\n.end\n"
 

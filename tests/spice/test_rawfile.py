@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from resgrid.errors import InputError
-from resgrid.spice.rawfile import read_rawfile
+from resgrid.spice.run.rawfile import read_rawfile
 
 HEAD = (
     b"Title: * Binary: a: b\nDate: today\nPlotname: Operating Point\nFlags: real\n"

@@ -11,8 +11,7 @@ from support.circuits import random_grid
 
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
-from resgrid.spice.rawfile import read_rawfile
-from resgrid.spice.rawwriter import FORMS, RawVectors, format_raw, raw_vectors, write_raw
+from resgrid.spice.run.rawfile import FORMS, RawVectors, format_raw, raw_vectors, read_rawfile, write_raw
 
 
 @pytest.mark.parametrize("form", FORMS)

@@ -4,7 +4,7 @@ import pytest
 from support.circuits import ladder, random_grid
 
 from resgrid.netlist import Netlist
-from resgrid.spice.rules import check_rules
+from resgrid.spice.check.rules import check_rules
 
 BASE = ladder(3)  # nodes 0 to 4
 

@@ -12,9 +12,9 @@ from support.simulators import run, verdict, waves
 from support.spaces import space_of, spaces
 
 import resgrid as rg
-from resgrid.spice.reader import read_spice
-from resgrid.spice.tiles import Tile, expanded_netlist
-from resgrid.spice.writer import write_spice
+from resgrid.spice.read.deck import read_spice
+from resgrid.spice.write.files import write_spice
+from resgrid.spice.write.tiles import Tile, expanded_netlist
 
 ROOM = [[0, 0, 0, 0, 0], [0, 1, 1, 0, 0], [0, 0, 0, 0, 2], [0, 1, 0, 0, 0]]
 BOUNDARIES = [
@@ -41,9 +41,9 @@ def room(conductive: bool = False) -> rg.ConfigurationSpace:
 
 def difference(flat: rg.Netlist, tiled: rg.Netlist) -> float:
     """Largest difference of a free cell's voltage."""
-    cells = np.isin(flat.layout.node, flat.layout.free_node)
+    cells = np.isin(flat.cells.node, flat.cells.free_node)
     a, b = rg.solve(flat), rg.solve(tiled)
-    return float(np.abs(a.voltage[flat.layout.node[cells]] - b.voltage[tiled.layout.node[cells]]).max())
+    return float(np.abs(a.voltage[flat.cells.node[cells]] - b.voltage[tiled.cells.node[cells]]).max())
 
 
 @pytest.mark.parametrize("options", BOUNDARIES, ids=str)
@@ -142,7 +142,7 @@ def test_a_tile_that_cannot_be_is_refused(values: dict[str, float], message: str
 
 def test_a_netlist_without_cells_has_no_tiles(tmp_path: Path) -> None:
     bare = rg.Netlist(2, [[0, 1]], [1.0], source_nodes=[[1, 0]], source_volts=[1.0])
-    with pytest.raises(rg.InputError, match="no cells"):
+    with pytest.raises(rg.InputError, match="not compiled from a space"):
         write_spice(bare, tmp_path / "a.cir", form="cells")
     with pytest.raises(rg.InputError, match="choose one of flat, cells"):
         write_spice(bare, tmp_path / "a.cir", form="tiles")

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from support.circuits import random_grid
 
-from resgrid.spice.deck import format_deck
-from resgrid.spice.ngspice import ngspice_version, simulate
+from resgrid.spice.check.predictions import Prediction, predict_simulators
 from resgrid.spice.parsed import ParsedDeck
-from resgrid.spice.reader import read_spice
-from resgrid.spice.verdicts import Verdict, predict_simulators
+from resgrid.spice.read.deck import read_spice
+from resgrid.spice.run.ngspice import ngspice_version, simulate
+from resgrid.spice.write.flat import format_deck
 
 
 def deck_of(folder: Path, text: str) -> ParsedDeck:
@@ -22,7 +22,7 @@ def deck_of(folder: Path, text: str) -> ParsedDeck:
     return read_spice(path)
 
 
-def verdict_of(circuit: object, simulator: str = "ngspice") -> Verdict:
+def verdict_of(circuit: object, simulator: str = "ngspice") -> Prediction:
     return next(v for v in predict_simulators(circuit) if v.simulator == simulator)  # type: ignore[arg-type]
 
 

@@ -16,15 +16,14 @@ from scipy.linalg import eigh
 
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
-from resgrid.spice.rawfile import RawFile, read_rawfile
+from resgrid.spice.run.rawfile import RawFile, read_rawfile
 from support.circuits import random_grid
 from support.spaces import space_of
 
 
 def with_capacitors(netlist: Netlist, farads: float) -> Netlist:
     """A compiled netlist with the same capacitor from every free cell to ground."""
-    assert netlist.layout is not None
-    free = netlist.layout.free_node
+    free = netlist.cells.free_node
     pairs = np.stack([free, np.zeros_like(free)], axis=1)
     return netlist.replace(capacitor_nodes=pairs, capacitance=np.full(len(free), farads))
 

@@ -6,7 +6,7 @@ import os
 import subprocess
 from pathlib import Path
 
-from resgrid.spice.rawfile import RawFile, read_rawfile
+from resgrid.spice.run.rawfile import RawFile, read_rawfile
 
 MODES = {"ngspice": "none", "ltspice": "lt", "hspice": "hs"}
 

@@ -28,7 +28,7 @@ def may_be_graded(system: NodalSystem) -> bool:
 
 def is_graded(system: NodalSystem) -> bool:
     """Whether levels are graded for the potential: it may be done, and saves more time than it takes."""
-    if system.rails is None or system.netlist.layout is None or system.dimensions not in (2, 3):
+    if system.rails is None or system.netlist.cell_map is None or system.dimensions not in (2, 3):
         return False
     far = _FAR_IN_VOLUMES if system.dimensions > 2 else _FAR + _FIXED / system.size
     return may_be_graded(system) and foresee_decades(system).most - decades_in_slit(system) >= far

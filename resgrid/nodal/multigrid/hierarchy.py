@@ -49,8 +49,8 @@ def build_hierarchy(system: NodalSystem) -> Hierarchy:
         made = coarsen_grid(level, place)
         if made is not None:
             return Hierarchy(made[1], made[0], unit, box)
-    cell, layout = _cells(system), system.netlist.layout
-    where = None if cell is None or layout is None else coordinates(cell, np.array(layout.node.shape))
+    cell, cell_map = _cells(system), system.netlist.cell_map
+    where = None if cell is None or cell_map is None else coordinates(cell, np.array(cell_map.node.shape))
     rows = system.rows if where is None else system.coupling
     unit = float(rows.data.mean()) if rows.nnz else float(system.excess.mean())
     finest = Graph(rows.indptr, rows.indices, rows.data / unit, system.excess / unit, where)
@@ -60,10 +60,10 @@ def build_hierarchy(system: NodalSystem) -> Hierarchy:
 
 def lay_out_system(system: NodalSystem) -> tuple[Level, NDArray[np.int32], float, tuple[slice, ...]] | None:
     """Lay a system out by colour; the level, places, unit and box, or None where it is no grid of two colours."""
-    layout = system.netlist.layout
-    if layout is None:
+    cell_map = system.netlist.cell_map
+    if cell_map is None:
         return None
-    pairs, conductance, row, node = _resistors(system, layout.node)
+    pairs, conductance, row, node = _resistors(system, cell_map.node)
     if not conductance.size:
         return None
     unit = float(conductance.mean())
@@ -112,7 +112,7 @@ def _resistors(
 
 def _cells(system: NodalSystem) -> NDArray[np.int64] | None:
     """Flat cell index of every row, where each row is the node of one cell."""
-    if system.netlist.layout is None:
+    if system.netlist.cell_map is None:
         return None
     cell_of = system.netlist.cell_of_node()
     nodes = np.flatnonzero(system.unknown >= 0)

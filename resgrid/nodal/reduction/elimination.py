@@ -33,7 +33,7 @@ _LARGEST, _SMALLEST = 2.0**300, 2.0**-300
 class Reduction:
     """What is left of a nodal system.
 
-    `core`: the rows that are left, as a system without a layout; None where nothing is left; `kept` (core rows,):
+    `core`: the rows that are left, as a system without a map of cells; None where nothing is left; `kept` (core rows,):
     rows of the whole that the core holds; `record`: how the others were eliminated; `count`: how many were.
     """
 
@@ -75,7 +75,7 @@ def _core(system: NodalSystem, shrunk: Elimination) -> NodalSystem:
     return system.derive(
         shrunk.coupling,
         shrunk.excess,
-        netlist=system.netlist.replace(layout=None),
+        netlist=system.netlist.replace(cell_map=None),
         unknown=unknown,
         feed=passed_on(system.feed),
         injected=passed_on(system.injected),

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.conductances import in_series, of_obstacle
 from resgrid.errors import CircuitError, InputError
-from resgrid.netlist import Layout
+from resgrid.netlist import CellMap
 from resgrid.nodal.multigrid.hierarchy import Hierarchy
 from resgrid.nodal.rails import Rails, Ties
 from resgrid.nodal.system import NodalSystem
@@ -64,17 +64,17 @@ def change_cells(
     system: NodalSystem, hierarchy: Hierarchy | None, before: Change | None, cells: ArrayLike, to: int
 ) -> tuple[NodalSystem, Change]:
     """Turn free cells into obstacles or goals.  Shapes: `cells` (k, ndim)."""
-    layout = _checked_layout(system)
+    cell_map = _checked_cells(system)
     before = NOTHING if before is None else before
     code = _checked_code(to)
-    flat = _fresh_cells(layout, before, cells, code)
-    row = _rows_of(system, layout, flat, code)
+    flat = _fresh_cells(cell_map, before, cells, code)
+    row = _rows_of(system, cell_map, flat, code)
     flat_rows, rows = flat[row >= 0], row[row >= 0]
     if not len(rows):
         return system, before.with_cells(flat, code)
     around = neighbourhood(system, hierarchy)
-    contacts = _contacts(system, layout, around, flat_rows, rows, code)
-    changed = _cut_off(system, layout, around, rows, contacts, code)
+    contacts = _contacts(system, cell_map, around, flat_rows, rows, code)
+    changed = _cut_off(system, cell_map, around, rows, contacts, code)
     lost, reason = _lost(system, changed, around, rows, contacts, before)
     pinned = np.concatenate([before.pinned, rows, lost])
     changed, gain = _driven_again(_cut_loose(changed, lost), pinned)
@@ -82,14 +82,14 @@ def change_cells(
     return changed, replace(before.with_cells(flat, code), pinned=pinned, pairs=pairs, gain=gain, reason=reason)
 
 
-def _checked_layout(system: NodalSystem) -> Layout:
-    layout = system.netlist.layout
-    if layout is None or layout.rails != "merged":
+def _checked_cells(system: NodalSystem) -> CellMap:
+    cell_map = system.netlist.cell_map
+    if cell_map is None or cell_map.wiring.rails != "merged":
         raise InputError(
             "cells can only be updated in a circuit compiled from a space with rails = 'merged'; change the space or "
             "the netlist, and factor it anew"
         )
-    return layout
+    return cell_map
 
 
 def _checked_code(to: int) -> Cell:
@@ -101,9 +101,9 @@ def _checked_code(to: int) -> Cell:
     return Cell(to)
 
 
-def _fresh_cells(layout: Layout, before: Change, cells: ArrayLike, code: Cell) -> NDArray[np.int64]:
+def _fresh_cells(cell_map: CellMap, before: Change, cells: ArrayLike, code: Cell) -> NDArray[np.int64]:
     """Flat indices of the cells that are to change and have not yet."""
-    shape = layout.space.shape
+    shape = cell_map.space.shape
     try:
         index = np.asarray(cells)
     except ValueError:
@@ -115,7 +115,7 @@ def _fresh_cells(layout: Layout, before: Change, cells: ArrayLike, code: Cell) -
     if outside.size:
         raise InputError(f"the cell {tuple(index[outside[0]].tolist())} is not in the grid of {shape} cells")
     flat = np.unique(np.ravel_multi_index(tuple(index.astype(np.int64).T), shape))
-    now = layout.space.cell.ravel()[flat].copy()
+    now = cell_map.space.cell.ravel()[flat].copy()
     there, here = np.nonzero(before.cells[:, None] == flat[None, :]) if len(before.cells) else (flat[:0], flat[:0])
     now[here] = before.codes[there]
     taken = np.flatnonzero((now != Cell.FREE) & (now != code))
@@ -128,25 +128,27 @@ def _fresh_cells(layout: Layout, before: Change, cells: ArrayLike, code: Cell) -
     return np.asarray(flat[now == Cell.FREE], dtype=np.int64)
 
 
-def _rows_of(system: NodalSystem, layout: Layout, flat: NDArray[np.int64], code: Cell) -> NDArray[np.int64]:
+def _rows_of(system: NodalSystem, cell_map: CellMap, flat: NDArray[np.int64], code: Cell) -> NDArray[np.int64]:
     """Rows of cells; -1 where nothing flows and a change makes no difference."""
-    node = layout.node.ravel()[flat]
+    node = cell_map.node.ravel()[flat]
     row = np.where(node >= 0, system.unknown[node], -1)
-    if layout.start is not None and np.any(flat == np.ravel_multi_index(layout.start, layout.space.shape)):
-        raise InputError(f"the cell {layout.start} is the driven start; compile the space with another start")
+    if cell_map.wiring.start is not None and np.any(
+        flat == np.ravel_multi_index(cell_map.wiring.start, cell_map.space.shape)
+    ):
+        raise InputError(f"the cell {cell_map.wiring.start} is the driven start; compile the space with another start")
     resting = np.flatnonzero(row < 0)
-    changes = resting[_would_feed(system, layout, node[resting], code)] if resting.size else resting
+    changes = resting[_would_feed(system, cell_map, node[resting], code)] if resting.size else resting
     if changes.size:
-        cell = tuple(int(i) for i in np.unravel_index(flat[changes[0]], layout.space.shape))
+        cell = tuple(int(i) for i in np.unravel_index(flat[changes[0]], cell_map.space.shape))
         raise InputError(f"the cell {cell} is in a part that carries no current yet; factor the changed space anew")
     return np.asarray(row, dtype=np.int64)
 
 
-def _would_feed(system: NodalSystem, layout: Layout, node: NDArray[np.int32], code: Cell) -> NDArray[np.bool_]:
+def _would_feed(system: NodalSystem, cell_map: CellMap, node: NDArray[np.int32], code: Cell) -> NDArray[np.bool_]:
     """Which nodes of parts where nothing flows a new rail would feed: those that are not at its voltage."""
-    if code == Cell.OBSTACLE and layout.boundary == "neumann":
+    if code == Cell.OBSTACLE and cell_map.wiring.boundary == "neumann":
         return np.zeros(len(node), dtype=np.bool_)
-    volts = layout.goal_voltage + (layout.supply if code == Cell.OBSTACLE else 0.0)
+    volts = cell_map.wiring.goal_voltage + (cell_map.wiring.supply if code == Cell.OBSTACLE else 0.0)
     return np.asarray((node < 0) | (system.known[node] != volts))
 
 
@@ -161,15 +163,15 @@ class _Contacts:
 
 def _contacts(
     system: NodalSystem,
-    layout: Layout,
+    cell_map: CellMap,
     around: Neighbourhood,
     flat: NDArray[np.int64],
     rows: NDArray[np.int64],
     code: Cell,
 ) -> _Contacts:
-    space = layout.space
+    space = cell_map.space
     here, there = _neighbours(space, flat)
-    node = layout.node.ravel()[there]
+    node = cell_map.node.ravel()[there]
     row = rows[here]
     other = np.where(node >= 0, system.unknown[node], -1)
     pairs, first, times = np.unique(
@@ -187,7 +189,7 @@ def _contacts(
         ours, theirs = c[inner[present]], c[outer[present]]
         single = single * (in_series(ours, theirs, False, True) / in_series(ours, theirs, True, True))
     if code == Cell.OBSTACLE:
-        single = of_obstacle(single, layout.boundary, layout.wall_resistance)
+        single = of_obstacle(single, cell_map.wiring.boundary, cell_map.wiring.wall_resistance)
     return _Contacts(pairs[:, 0], pairs[:, 1], single * times)
 
 
@@ -209,7 +211,7 @@ def _neighbours(space: ConfigurationSpace, flat: NDArray[np.int64]) -> tuple[NDA
 
 def _cut_off(
     system: NodalSystem,
-    layout: Layout,
+    cell_map: CellMap,
     around: Neighbourhood,
     rows: NDArray[np.int64],
     contacts: _Contacts,
@@ -217,8 +219,12 @@ def _cut_off(
 ) -> NodalSystem:
     """Move resistors to the rail, and pin the rows there."""
     rails = system.rails
-    low, high = (layout.goal_voltage, layout.goal_voltage + layout.supply) if rails is None else (rails.low, rails.high)
-    at_high = code == Cell.OBSTACLE and layout.boundary != "neumann"
+    low, high = (
+        (cell_map.wiring.goal_voltage, cell_map.wiring.goal_voltage + cell_map.wiring.supply)
+        if rails is None
+        else (rails.low, rails.high)
+    )
+    at_high = code == Cell.OBSTACLE and cell_map.wiring.boundary != "neumann"
     volts = (high if at_high else low) - system.reference
     stays = ~np.isin(contacts.neighbour, rows)
     tie = _Tie(contacts.neighbour[stays], contacts.conductance[stays], rows, system.degree[rows])
@@ -322,8 +328,8 @@ def _driven_again(system: NodalSystem, rows: NDArray[np.int64]) -> tuple[NodalSy
     """Feed nothing into rows that no longer take part; a uniform drive goes into the others, raised by a factor."""
     if not system.injected.any():
         return system, 1.0
-    gain, layout = 1.0, system.netlist.layout
-    if layout is not None and layout.drive == "uniform":
+    gain, cell_map = 1.0, system.netlist.cells
+    if cell_map is not None and cell_map.wiring.drive == "uniform":
         count = np.count_nonzero(system.injected)
         gain = count / (count - np.count_nonzero(system.injected[rows]))
     injected = gain * system.injected

@@ -42,13 +42,12 @@ def patch_levels(
     hierarchy: Hierarchy, system: NodalSystem, change: Change, cells: NDArray[np.int64]
 ) -> tuple[Hierarchy, tuple[Window, ...]] | None:
     """Patch the levels of a grid."""
-    grid, layout = hierarchy.grid, system.netlist.layout
+    grid, cell_map = hierarchy.grid, system.netlist.cells
     assert grid is not None
-    assert layout is not None
-    node, count = layout.node[hierarchy.box], len(grid.boards.margin)
+    node, count = cell_map.node[hierarchy.box], len(grid.boards.margin)
     shape = node.shape
     depth = window_depth(shape, count + 1)
-    boxes = boxes_around(_within(hierarchy.box, cells, layout.node.shape), shape, depth)
+    boxes = boxes_around(_within(hierarchy.box, cells, cell_map.node.shape), shape, depth)
     if not boxes:
         return None
     true, board, exact = _patch_board(grid, system, hierarchy.unit, change)

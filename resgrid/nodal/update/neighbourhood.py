@@ -89,8 +89,8 @@ class Neighbourhood:
 
 def neighbourhood(system: NodalSystem, hierarchy: Hierarchy | None) -> Neighbourhood:
     """Of a system, and of its hierarchy if the first level is a board."""
-    grid, layout = None if hierarchy is None else hierarchy.grid, system.netlist.layout
+    grid, cell_map = None if hierarchy is None else hierarchy.grid, system.netlist.cell_map
     none = np.empty(0, dtype=np.int32)
-    if hierarchy is None or grid is None or layout is None:
+    if hierarchy is None or grid is None or cell_map is None:
         return Neighbourhood(system, None, none, 1.0, none)
-    return Neighbourhood(system, grid.true, grid.place, hierarchy.unit, layout.node[hierarchy.box])
+    return Neighbourhood(system, grid.true, grid.place, hierarchy.unit, cell_map.node[hierarchy.box])

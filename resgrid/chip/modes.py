@@ -1,0 +1,344 @@
+"""Square roots of Laplacians, and solutions that weak ties do not spoil.
+
+A Laplacian is ``F^T F``, where ``F`` has a row for every element: the root of its conductance (or capacitance) times
+the difference of its two voltages.  Differences come first there, so that what ties a stiffly joined island to a rail
+is never rounded away in a summed diagonal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from resgrid.errors import AccuracyError, InputError
+from resgrid.nodal.dynamics import Dynamics, Laplacian, charge_basis, factor_resolvent
+from resgrid.nodal.factors.factor import Factor
+from resgrid.nodal.scaled import BITS
+from resgrid.nodal.superlu import symmetric_factors
+from resgrid.nodal.watch import Watch
+
+Floats = NDArray[np.float64]
+Solver = Callable[[Floats], Floats]
+
+_SOLVE_RTOL = 1e-11
+_SPOILT = 1e-9
+"""Relative difference of two solutions from which rounding of the diagonal, or of pivots, is felt."""
+
+_PROVED = 1e-3
+"""Bound on the relative error of delays, a pessimistic one, above which they are refused."""
+
+_ENTRYWISE = 1e-10
+"""Componentwise backward error above which a solution is refused."""
+
+
+def laplacian_root(laplacian: Laplacian) -> sparse.csr_array:
+    """The root of a Laplacian, an element a row.  Returns (m, n)."""
+    incidence, value = laplacian.elements
+    return sparse.csr_array(sparse.diags_array(np.sqrt(value)) @ incidence)
+
+
+def accurate_solver(factors: Factor, capacitance: Laplacian) -> Solver:
+    """How to solve with a factor without loss.
+
+    Elmore delays, the solution for all capacitances, are dominated by the slowest parts, which are also what rounding
+    spoils first.  Where those of the plain solution differ from those found entry by entry, every solution is found
+    entry by entry.
+    """
+
+    def plain(b: Floats) -> Floats:
+        return factors.solve(np.ravel(b), rtol=_SOLVE_RTOL)
+
+    charge, watch = capacitance.diagonal, Watch()
+    charge = np.where(charge > 0.0, charge, charge[charge > 0.0].min(initial=np.inf))
+    delay = entrywise_solution(factors, charge, watch)
+    if not watch.bound <= _PROVED:
+        raise AccuracyError(
+            "the conductances span too many decades to tell how slowly weakly tied parts settle; join the nodes that "
+            "very large ones connect, or leave very small ones out"
+        )
+    try:
+        spoilt = np.abs(plain(charge) - delay).max(initial=0.0) > _SPOILT * delay.max(initial=0.0)
+    except AccuracyError:
+        spoilt = True
+    return partial(entrywise_solution, factors) if spoilt else plain
+
+
+def entrywise_solution(factors: Factor, b: Floats, watch: Watch | None = None) -> Floats:
+    """Solve for positive and for negative currents apart, each right entry by entry, and subtract.
+
+    Shapes: `b` (n,); returns (n,).
+    """
+    x, low = np.zeros(len(b)), np.zeros(len(b))
+    for sign in (1.0, -1.0):
+        currents = np.maximum(sign * b, 0.0)
+        if not currents.any():
+            continue
+        part, error = factors.solve_nonnegative(currents, watch=watch)
+        if not error <= _ENTRYWISE:
+            raise AccuracyError(
+                f"voltages are right to a componentwise backward error of {error:.1e} only: the conductances span too "
+                "many decades, or lie beyond what is reckoned with; join the nodes that very large ones connect"
+            )
+        power = BITS * part.exponent
+        x += sign * np.ldexp(part.hi, power)
+        low += sign * np.ldexp(part.lo, power)
+    x += low
+    if not np.isfinite(x).all():
+        raise AccuracyError("voltages are beyond what doubles hold; give sources in smaller numbers")
+    return x
+
+
+_AGREED = 1e-8
+"""Relative difference of delays from which modes are refused."""
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Every mode of a circuit.
+
+    `tau` (k,): time constants, slowest first, in seconds; `shape` (n, k): ``shape.T @ C @ shape`` is the identity.
+    """
+
+    tau: Floats
+    shape: Floats
+
+
+def all_modes(dynamics: Dynamics) -> Modes:
+    """Find every mode by dense algebra."""
+    from scipy.linalg import solve_triangular
+    from scipy.linalg.lapack import dgejsv
+
+    basis = charge_basis(dynamics)
+    charged = np.flatnonzero(basis.charged)
+    B, F = laplacian_root(dynamics.conductance), laplacian_root(dynamics.capacitance)
+    own, follow = _eliminated(B[:, charged].toarray(), (B @ basis.spread).toarray())
+    R, order = _triangle(F[:, charged].toarray())
+    X = solve_triangular(R, own[:, order].T, trans="T").T
+    unit = 2.0 ** np.floor(np.log2(np.abs(X).max()))
+    value, _, V, work, _, info = dgejsv(X / unit, joba=2, jobu=3, jobv=0, jobr=0, jobp=0)
+    with np.errstate(all="ignore"):
+        tau = (1.0 / (value * (work[0] / work[1]) * unit))[::-1] ** 2
+    if info or not (np.isfinite(tau).all() and (tau > 0).all()):
+        raise AccuracyError("the time constants span more decades than doubles hold; leave the smallest elements out")
+    V = V[:, ::-1]
+    y = np.empty_like(V)
+    y[order] = solve_triangular(R, V)
+    shape = basis.spread @ (follow @ y)
+    shape[charged] += y
+    return Modes(tau, shape)
+
+
+def check_modes(dynamics: Dynamics, modes: Modes, solve: Solver) -> None:
+    """Refuse modes that do not add up to ``G^-1`` of some charges.
+
+    Rounding decides the slowest one where loops of very large conductances are tied very weakly.
+    """
+    F = laplacian_root(dynamics.capacitance)
+    charge = F.T @ np.linspace(1.0, 2.0, F.shape[0])
+    delay = solve(charge)
+    summed = modes.shape @ (modes.tau * (modes.shape.T @ charge))
+    if not np.abs(summed - delay).max() <= _AGREED * np.abs(delay).max():
+        raise AccuracyError(
+            "the conductances span too many decades to tell the slowest time constant; join the nodes that very large "
+            "ones connect, or leave very small ones out"
+        )
+
+
+def _eliminated(own: Floats, loose: Floats) -> tuple[Floats, Floats]:
+    """What is left of ``|own y + loose z|`` at the best ``z``, as a matrix of ``y``, and that ``z = follow @ y``."""
+    from scipy.linalg import qr, solve_triangular
+    from scipy.linalg.lapack import dormqr
+
+    count = loose.shape[1]
+    if not count:
+        return own, np.zeros((0, own.shape[1]))
+    rows = np.argsort(-np.abs(loose).max(axis=1), kind="stable")
+    (reflectors, scale), R, order = qr(loose[rows], mode="raw", pivoting=True)
+    turned, _, _ = dormqr("L", "T", reflectors, scale, own[rows], 64 * max(own.shape))
+    follow = np.empty((count, own.shape[1]))
+    follow[order] = -solve_triangular(R[:count], turned[:count])
+    return turned[count:], follow
+
+
+def _triangle(matrix: Floats) -> tuple[Floats, NDArray[np.int64]]:
+    """``R`` and the order of columns with ``R^T R`` equal to ``M^T M`` in that order."""
+    from scipy.linalg import qr
+
+    rows = np.argsort(-np.abs(matrix).max(axis=1), kind="stable")
+    R, order = qr(matrix[rows], mode="r", pivoting=True)
+    return np.asarray(R[: matrix.shape[1]], dtype=np.float64), np.asarray(order, dtype=np.int64)
+
+
+DENSE = 200
+"""Rows up to which all modes are found."""
+
+_RTOL = 1e-12
+_PROBE_RTOL = 1e-3
+_FASTEST_RTOL = 5e-3
+"""Residuals at which the iterations stop: all but rounding for the slow ones, loose for one that only tells whether
+anything slower is left, and for the fastest, whose error is of the order of the square."""
+
+_NOISE = 1e-12
+"""Iterated time constants, relative to the slowest one, that rounding decides."""
+
+_KRYLOV, _PROBE_KRYLOV = 20, 10
+"""Least vectors that an iteration keeps, and those of the loose one."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Time constants of a circuit.
+
+    `tau` (k,): the slowest ones, slowest first, in seconds; `mode` (n, k): ``mode.T @ G @ mode`` is the identity, in
+    siemens; `fastest`: the shortest one, to 1 % or better, in seconds; `modes`: all of them, where the circuit is
+    small.
+    """
+
+    tau: Floats
+    mode: Floats
+    fastest: float
+    modes: Modes | None
+
+
+def find_spectrum(dynamics: Dynamics, count: int, solve: Solver) -> Spectrum:
+    """Slowest time constants with their modes, and the fastest one."""
+    live = require_charge(dynamics)
+    if dynamics.size <= max(DENSE, 2 * count):
+        modes = all_modes(dynamics)
+        check_modes(dynamics, modes, solve)
+        slow = modes.tau[:count]
+        return Spectrum(slow, modes.shape[:, :count] * np.sqrt(slow), float(modes.tau[-1]), modes)
+    tau, mode = _slowest(dynamics, count, live, solve)
+    return Spectrum(tau, mode, fastest_time_constant(dynamics), None)
+
+
+def slowest_modes(dynamics: Dynamics, count: int, method: str = "auto") -> tuple[Floats, Floats]:
+    """Slowest time constants and their modes.  Returns `time_constant` (k,), `mode` (n, k)."""
+    if count < 1:
+        raise InputError(f"{count} modes were asked for; at least 1 makes sense")
+    live = require_charge(dynamics)
+    solve = accurate_solver(factor_resolvent(dynamics, 0.0, method), dynamics.capacitance)
+    if dynamics.size <= max(DENSE, 2 * count):
+        modes = all_modes(dynamics)
+        check_modes(dynamics, modes, solve)
+        slow = modes.tau[:count]
+        return slow, modes.shape[:, :count] * np.sqrt(slow)
+    return _slowest(dynamics, count, live, solve)
+
+
+def fastest_time_constant(dynamics: Dynamics) -> float:
+    """The shortest time constant, to 1 % or better, in seconds.
+
+    Nodes without capacitance are eliminated first, for they follow at once.
+    """
+    require_charge(dynamics)
+    if dynamics.size <= DENSE:
+        return float(all_modes(dynamics).tau[-1])
+    basis = charge_basis(dynamics)
+    charged = basis.charged
+    G = dynamics.conductance.matrix
+    own, across = G[charged][:, charged], (G @ basis.spread)[charged]
+    capacitance = dynamics.capacitance.matrix[charged][:, charged]
+    return _iterated(own, across, sparse.csc_matrix(basis.spread.T @ G @ basis.spread), capacitance)
+
+
+def require_charge(dynamics: Dynamics) -> int:
+    """Refuse a circuit without modes; how many there are."""
+    live = int(charge_basis(dynamics).charged.sum())
+    if not live:
+        raise InputError("the netlist has no capacitance that could charge, so it has no time constants")
+    return live
+
+
+def _slowest(dynamics: Dynamics, count: int, live: int, solve: Solver) -> tuple[Floats, Floats]:
+    """Iterate on ``K = F G^-1 F^T``, whose eigenvectors are orthonormal, until nothing slower is left."""
+    F = laplacian_root(dynamics.capacitance)
+    count = min(count, live)
+
+    def apply(u: Floats) -> Floats:
+        return np.asarray(F @ solve(F.T @ np.ravel(u)))
+
+    random = np.random.default_rng(0)
+    tau, U = _top(apply, F @ random.uniform(0.5, 1.5, dynamics.size), count, _RTOL, _KRYLOV)
+    while len(tau) < live:
+        rest, start = _without(U, apply), _orthogonal(U, F @ random.uniform(0.5, 1.5, dynamics.size))
+        if _top(rest, start, 1, _PROBE_RTOL, _PROBE_KRYLOV)[0][0] * (1.0 + 2.0 * _PROBE_RTOL) < tau[count - 1]:
+            break
+        more, u = _top(rest, start, 1, _RTOL, _KRYLOV)
+        tau, U = _sorted(np.append(tau, more), np.hstack([U, u]))
+        if more[0] <= tau[count - 1]:
+            break
+    slow = tau[:count] > _NOISE * tau[0]
+    tau, U = tau[:count][slow], U[:, :count][:, slow]
+    return tau, np.stack([solve(F.T @ u) for u in U.T], axis=1) / np.sqrt(tau)
+
+
+def _top(apply: Any, start: Floats, count: int, rtol: float, least: int) -> tuple[Floats, Floats]:
+    """Largest eigenvalues, largest first, and their eigenvectors."""
+    from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
+
+    n, vectors = len(start), max(2 * count + 1, least)
+    if n <= vectors:
+        tau, U = np.linalg.eigh(np.stack([apply(u) for u in np.eye(n)]))
+        return _sorted(tau[-count:], U[:, -count:])
+    operator = LinearOperator((n, n), matvec=apply, dtype=np.float64)
+    try:
+        tau, U = eigsh(operator, count, which="LA", v0=start, tol=rtol, ncv=vectors)
+    except ArpackError as error:
+        raise AccuracyError(f"the time constants did not converge: {error}") from error
+    return _sorted(tau, U)
+
+
+def _sorted(tau: Floats, U: Floats) -> tuple[Floats, Floats]:
+    order = np.argsort(-tau, kind="stable")
+    return tau[order], U[:, order]
+
+
+def _orthogonal(U: Floats, u: Floats) -> Floats:
+    return np.asarray(u - U @ (U.T @ u))
+
+
+def _without(U: Floats, apply: Any) -> Any:
+    """The operator on what is orthogonal to some of its eigenvectors."""
+    return lambda u: _orthogonal(U, apply(_orthogonal(U, np.ravel(u))))
+
+
+def _iterated(
+    own: sparse.csr_array, across: sparse.csr_array, loose: sparse.csc_matrix, capacitance: sparse.csr_array
+) -> float:
+    from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
+
+    inner = symmetric_factors(loose) if loose.shape[0] else None
+
+    def reduced(x: Floats) -> Floats:
+        x = np.ravel(x)
+        followed = 0.0 if inner is None else across @ inner.solve(across.T @ x)
+        return np.asarray(own @ x - followed)
+
+    n = own.shape[0]
+    if n <= DENSE:
+        from scipy.linalg import eigh
+
+        held = np.stack([reduced(x) for x in np.eye(n)])
+        return float(1.0 / eigh(held, capacitance.toarray(), eigvals_only=True, subset_by_index=[n - 1, n - 1])[0])
+    charge = symmetric_factors(capacitance)
+    try:
+        rate = eigsh(
+            LinearOperator((n, n), matvec=reduced, dtype=np.float64),
+            1,
+            M=capacitance,
+            Minv=LinearOperator((n, n), matvec=lambda b: charge.solve(np.ravel(b)), dtype=np.float64),
+            which="LA",
+            v0=np.random.default_rng(0).uniform(0.5, 1.5, n),
+            tol=_FASTEST_RTOL,
+            return_eigenvectors=False,
+        )
+    except ArpackError as error:
+        raise AccuracyError(f"the fastest time constant did not converge: {error}") from error
+    return float(1.0 / rate[0])

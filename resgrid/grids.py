@@ -1,0 +1,82 @@
+"""Regions and slabs of a grid: face-connected cells, and ranges of cells or faces along one axis."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+def box_around(mask: NDArray[np.bool_]) -> tuple[slice, ...]:
+    """The smallest box that holds all of a mask."""
+    axes = range(mask.ndim)
+    lines = [np.flatnonzero(mask.any(axis=tuple(other for other in axes if other != axis))) for axis in axes]
+    return tuple(slice(int(line[0]), int(line[-1]) + 1) if len(line) else slice(0, 0) for line in lines)
+
+
+def label_regions(mask: NDArray[np.bool_], periodic: ArrayLike) -> NDArray[np.int32]:
+    """Face-connected components of a mask, numbered from 1 in C order of their first cell; 0 outside.
+
+    Shapes: `periodic` (mask.ndim,); returns as the mask.
+    """
+    from scipy import ndimage
+
+    labels = np.empty(mask.shape, dtype=np.int32)
+    count = ndimage.label(mask, output=labels)
+    wrapped = [axis for axis, ring in enumerate(np.asarray(periodic)) if ring]
+    if not wrapped or count < 2:
+        return labels
+    return _join_across_seams(labels, count, wrapped)
+
+
+def _join_across_seams(labels: NDArray[np.int32], count: int, wrapped: list[int]) -> NDArray[np.int32]:
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    pairs = [np.stack([labels.take(0, axis).ravel(), labels.take(-1, axis).ravel()]) for axis in wrapped]
+    first, last = np.concatenate(pairs, axis=1)
+    both = (first > 0) & (last > 0)
+    graph = coo_array((np.ones(both.sum()), (first[both], last[both])), shape=(count + 1, count + 1))
+    _, group = connected_components(graph, directed=False)
+    # Old labels come in C order of first cells, so a group's smallest label orders the groups.
+    _, order = np.unique(group[1:], return_index=True)
+    rank = np.zeros(group.max() + 1, dtype=np.int32)
+    rank[group[1:][np.sort(order)]] = np.arange(1, len(order) + 1, dtype=np.int32)
+    new_label = rank[group]
+    new_label[0] = 0
+    return np.asarray(new_label[labels])
+
+
+def slab(array: NDArray[Any], axis: int, start: int, stop: int) -> NDArray[Any]:
+    """A view of a range along an axis."""
+    return array[(slice(None),) * axis + (slice(start, stop),)]
+
+
+def places_in_slab(
+    kept: NDArray[np.bool_], shape: tuple[int, ...], axis: int, ends: tuple[int, int]
+) -> NDArray[np.int64]:
+    """Flat indices (C order) of what is kept in a slab of an array of that shape."""
+    whole = np.zeros(shape, dtype=np.bool_)
+    slab(whole, axis, *ends)[...] = kept
+    return np.flatnonzero(whole)
+
+
+def faces_ahead(
+    here: NDArray[np.integer[Any]], shape: tuple[int, ...], axis: int, ahead: int
+) -> NDArray[np.integer[Any]]:
+    """Flat indices of the faces ``ahead`` faces behind the first one of every cell, among those across the axis.
+
+    Of the same type as the cells' own indices, which must have room for them.
+    """
+    inner = int(np.prod(shape[axis + 1 :]))
+    faces = here + ahead * inner
+    if axis > 0:
+        faces += here // (shape[axis] * inner) * inner
+    return faces
+
+
+def face_counts(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """Number of faces across every axis, one more than the cells along it."""
+    return tuple(math.prod(shape) // cells * (cells + 1) for cells in shape)

@@ -1,0 +1,1 @@
+"""Checking circuits: electrical rules, what simulators would make of them, and what they did."""

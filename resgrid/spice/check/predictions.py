@@ -1,0 +1,345 @@
+"""Will your simulator get it right?  The circuit as each simulator understands it, solved and compared.
+
+Where a simulator changes a circuit (a shunt at every node, 1 milliohm for 0 ohm, a device taken for the title), the
+changed circuit is solved too, and the largest difference is the error to expect.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import ResgridError
+from resgrid.netlist import GROUND, Netlist
+from resgrid.spice.check.connection import Loops, loops_of
+from resgrid.spice.check.rules import check_rules
+from resgrid.spice.check.violation import Violation
+from resgrid.spice.dialects import DIALECTS
+from resgrid.spice.dialects.record import Basis, Quirks
+from resgrid.spice.parsed import ParsedDeck, rebase
+from resgrid.spice.subject import Subject, connected_parts_of, subject_of
+
+Outcome = Literal["right", "wrong", "fails", "unsure"]
+_Foretold = tuple[Outcome, float | None, str | None, tuple[str, ...]]
+
+TOLERANCE = 1e-9
+"""Largest error of an answer that counts as right, relative to the largest voltage."""
+
+_LARGEST = 300_000
+_SAFE_SPREAD = 1e12
+_ROUNDING = 2.0**-52
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Whether one simulator will find a deck's operating point.
+
+    Attributes
+    ----------
+    simulator : str
+    outcome : {"right", "wrong", "fails", "unsure"}
+        ``"wrong"``: it answers, without an error, something else; ``"fails"``: it gives no answer.
+    max_error : float or None
+        Largest error of a node's voltage to expect, in volts; None where it was not computed.
+    worst_node : str or None
+        Where it occurs.
+    reasons : tuple of str
+        Why.
+    basis : {"measured", "documented"}
+        Whether the simulator was asked, or its manual.
+    """
+
+    simulator: str
+    outcome: Outcome
+    max_error: float | None
+    worst_node: str | None
+    reasons: tuple[str, ...]
+    basis: Basis
+
+    def __str__(self) -> str:
+        size = f" by {self.max_error:.3g} V at {self.worst_node}" if self.max_error else ""
+        why = f": {'; '.join(self.reasons)}" if self.reasons else ""
+        known = "" if self.basis == "measured" else " (from its documentation, not run)"
+        return f"{self.simulator}: {self.outcome}{size if self.outcome == 'wrong' else ''}{why}{known}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """A deck, what the rules say about it, and its right answer (None where there is none, or it was too large)."""
+
+    deck: ParsedDeck
+    subject: Subject
+    findings: tuple[Violation, ...]
+    loops: Loops
+    floating: NDArray[np.int64]
+    voltage: NDArray[np.float64] | None
+
+
+def predict_simulators(
+    circuit: Netlist | ParsedDeck, findings: tuple[Violation, ...] | None = None
+) -> tuple[Prediction, ...]:
+    """Say for every simulator whether it will find the right operating point.
+
+    Parameters
+    ----------
+    circuit : Netlist or ParsedDeck
+        A deck is judged as it was written, a netlist as the deck that resgrid writes of it.
+    findings : tuple of Violation, optional
+        From `check_rules`, if they are known.
+
+    Returns
+    -------
+    tuple of Prediction
+        One a simulator.  Errors are computed for up to 300,000 nodes; beyond, reasons are given without a number.
+    """
+    findings = check_rules(circuit) if findings is None else findings
+    if isinstance(circuit, Netlist):
+        foretold = [_of_netlist(dialect.quirks, circuit, findings) for dialect in DIALECTS.values()]
+    else:
+        case = _case_of(circuit, findings)
+        foretold = [_of_deck(dialect.quirks, case) for dialect in DIALECTS.values()]
+    return tuple(
+        Prediction(dialect.name, *what, dialect.quirks.basis)
+        for dialect, what in zip(DIALECTS.values(), foretold, strict=True)
+    )
+
+
+def _case_of(deck: ParsedDeck, findings: tuple[Violation, ...]) -> _Case:
+    subject = subject_of(deck)
+    floating = np.flatnonzero(subject.part != subject.part[GROUND])
+    return _Case(deck, subject, findings, loops_of(subject), floating, _right_answer(deck))
+
+
+def _of_netlist(quirks: Quirks, netlist: Netlist, findings: tuple[Violation, ...]) -> _Foretold:
+    """Our own decks leave out what simulators stumble over."""
+    errors = tuple(finding.message for finding in findings if finding.severity == "error")
+    if errors:
+        return "fails", None, None, (f"there is no deck to run: {errors[0]}",)
+    doubts = _spread_doubts(1 / netlist.conductance)
+    small = netlist.conductance.size and float(1 / netlist.conductance.max())
+    if quirks.smallest_resistance and not quirks.raises_zero_only and small and small < quirks.smallest_resistance:
+        doubts += (f"it raises resistances to {quirks.smallest_resistance:g} ohm (RESMIN)",)
+    return "unsure" if doubts else "right", None, None, doubts
+
+
+def _of_deck(quirks: Quirks, case: _Case) -> _Foretold:
+    fatal = _fatal(quirks, case)
+    if fatal:
+        return "fails", None, None, fatal
+    changed = _Changed(case.deck)
+    reasons = [*changed.lose_title(), *changed.raise_resistances(quirks), *changed.shunt(quirks, case.floating)]
+    doubts = _doubts(quirks, case, changed.resistance)
+    if not reasons:
+        return "unsure" if doubts else "right", None, None, doubts
+    error = _error(changed, case)
+    if error is None:
+        return "wrong", None, None, (*reasons, *doubts)
+    if error.lost:
+        reasons.append(f"node {error.lost} is cut off")
+    harmless = error.volts <= TOLERANCE * error.scale and not error.lost
+    outcome: Outcome = "wrong" if not harmless else "unsure" if doubts else "right"
+    return outcome, error.volts, error.node, (*reasons, *doubts)
+
+
+def _fatal(quirks: Quirks, case: _Case) -> tuple[str, ...]:
+    twice = [f for f in case.findings if f.rule == "names" and f.severity == "error"]
+    reasons = [
+        f"a loop of voltage sources leaves no answer ({case.subject.place_of_element('voltage source', number)})"
+        for number in _failing_loops(quirks, case)[:1]
+    ]
+    if quirks.duplicates == "fails":
+        reasons += [f"a name is given twice ({f.place})" for f in twice[:1]]
+    return tuple(reasons)
+
+
+def _failing_loops(quirks: Quirks, case: _Case) -> list[int]:
+    """Voltage sources that close a loop which leaves no answer."""
+    ends = case.subject.ends["voltage source"]
+    closing = [int(number) for number in case.loops.sources]
+    inductive = case.subject.is_inductor
+    closing += [i for kind, i, _ in case.loops.contradictions if kind == "voltage source" and not inductive[i]]
+    if quirks.loops == "fail at ground":
+        tree = connected_parts_of(ends, case.subject.node_count)
+        closing = [i for i in closing if tree[ends[i, 0]] == tree[GROUND] or ends[i, 0] == ends[i, 1]]
+    return closing
+
+
+def _doubts(quirks: Quirks, case: _Case, resistance: NDArray[np.float64]) -> tuple[str, ...]:
+    """What speaks against an answer to a deck whose resistances a simulator takes so."""
+    doubts = _spread_doubts(np.abs(case.deck.resistance)) or _drowned(case.deck, np.abs(resistance))
+    answered = quirks.loops == "fail at ground"
+    for kind, numbers in (("inductors", case.loops.inductors), ("voltage sources", case.loops.sources)):
+        if not numbers.size:
+            continue
+        place = case.subject.place_of_element("voltage source", int(numbers[0]))
+        what = "the answer is what a transient comes to, and may be anything" if answered else "it may fail"
+        doubts += (f"a loop of {kind} ({place}): {what}",)
+    if case.floating.size and quirks.floating == "unknown":
+        doubts += ("it is not known here what it makes of floating nodes",)
+    if quirks.smallest_resistance is None and (case.deck.resistance == 0).any():
+        doubts += ("it is not known here what it makes of 0 ohm",)
+    if (case.deck.resistance < 0).any():
+        doubts += ("negative resistances cannot be checked here",)
+    if quirks.duplicates == "unknown" and any(f.rule == "names" and f.severity == "error" for f in case.findings):
+        doubts += ("it is not known here which of two elements of one name it keeps",)
+    return doubts
+
+
+def _drowned(deck: ParsedDeck, size: NDArray[np.float64]) -> tuple[str, ...]:
+    """Whether conductances drown in those beside them: groups of nodes tied together far more firmly than to the rest.
+
+    The conductances that leave such a group are what is left of the sums on the diagonal of the matrix when those
+    within it cancel, so that they are known to the rounding of the latter.
+    """
+    usable = (size > 0) & np.isfinite(size)
+    size, ends = size[usable], deck.resistor_nodes[usable]
+    if not size.size or size.max() <= size.min() * TOLERANCE / _ROUNDING:
+        return ()
+    worst = 0.0
+    for decade in np.unique(np.ceil(np.log10(size))).tolist()[:-1]:
+        firm = size <= 10.0**decade
+        group = connected_parts_of(np.concatenate([ends[firm], deck.source_nodes]), len(deck.node_names))
+        leaves = ~firm & (group[ends[:, 0]] != group[ends[:, 1]])
+        leaving = np.bincount(group[ends[leaves]].ravel(), np.repeat(1 / size[leaves], 2), len(deck.node_names))
+        within = np.zeros(len(deck.node_names))
+        np.maximum.at(within, group[ends[firm, 0]], 1 / size[firm])
+        held = leaving > 0
+        held[group[GROUND]] = False
+        worst = max(worst, float(np.max(within[held] / leaving[held], initial=0.0)))
+    if worst * _ROUNDING <= TOLERANCE:
+        return ()
+    return (f"the smallest resistances drown the others: about {worst * _ROUNDING:.0e} of the voltage is lost",)
+
+
+def _spread_doubts(resistance: NDArray[np.float64]) -> tuple[str, ...]:
+    size = resistance[(resistance > 0) & np.isfinite(resistance)]
+    if not size.size or size.max() <= _SAFE_SPREAD * size.min():
+        return ()
+    decades = np.log10(size.max() / size.min())
+    return (f"resistances span {decades:.0f} decades, and double precision holds 16",)
+
+
+class _Changed:
+    """A deck's elements as a simulator takes them; each method changes them and says so."""
+
+    def __init__(self, deck: ParsedDeck) -> None:
+        self.deck = deck
+        self.resistance, _, _ = rebase(deck.resistance, deck.tc1, deck.tc2, deck.heating)
+        self.keeps = {kind: np.ones(len(place), dtype=np.bool_) for kind, place in deck.place.items()}
+        self.siemens = 0.0
+        self.shunted = np.arange(1, len(deck.node_names))
+
+    def lose_title(self) -> list[str]:
+        """The first line is the title, even where it is an element."""
+        if self.deck.title is not None:
+            return []
+        lost = []
+        for kind, place in self.deck.place.items():
+            first = (place == [0, 1]).all(axis=1)
+            self.keeps[kind] &= ~first
+            lost += [self.deck.element_names[kind][i] for i in np.flatnonzero(first).tolist()]
+        return [f"the first line is taken for the title, so {lost[0]} is lost"] if lost else []
+
+    def raise_resistances(self, quirks: Quirks) -> list[str]:
+        """Resistances that are too small are raised."""
+        least = quirks.smallest_resistance
+        if least is None:
+            return []
+        size = np.abs(self.resistance)
+        low = size == 0 if quirks.raises_zero_only else size < least
+        if not low.any():
+            return []
+        self.resistance = np.where(low, least, self.resistance)
+        return [
+            f"{int(low.sum()):,} resistances ({'0' if quirks.raises_zero_only else 'below'} ohm) become {least:g} ohm"
+        ]
+
+    def shunt(self, quirks: Quirks, floating: NDArray[np.int64]) -> list[str]:
+        """Conductances are added from nodes to ground."""
+        reasons = []
+        for option, unit in quirks.shunt_options.items():
+            value = _option(self.deck, option)
+            if value:
+                self.siemens += 1 / value if unit == "ohms" else value
+                reasons.append(f".option {option}={value:g} ties every node to ground")
+        if floating.size and quirks.floating == "everywhere":
+            wanted = (_option(self.deck, option) for option in quirks.gmin_options)
+            gmin = next((value for value in wanted if value), quirks.gmin)
+            self.siemens += gmin
+            reasons.append(
+                f"{floating.size:,} floating nodes: the answer comes, with exit status 0, as if {gmin:g} S led from "
+                "every node to ground"
+            )
+        return reasons
+
+    def netlist(self) -> Netlist:
+        """What the simulator solves."""
+        deck, keeps = self.deck, self.keeps
+        own = keeps["resistor"] & (self.resistance != 0)
+        short = keeps["resistor"] & (self.resistance == 0)
+        ties = np.stack([self.shunted, np.zeros_like(self.shunted)], axis=1) if self.siemens else np.empty((0, 2), int)
+        sources = keeps["voltage source"]
+        return Netlist(
+            len(deck.node_names),
+            np.concatenate([deck.resistor_nodes[own], ties]),
+            np.concatenate([1 / self.resistance[own], np.full(len(ties), self.siemens)]),
+            source_nodes=np.concatenate([deck.source_nodes[sources], deck.resistor_nodes[short]]),
+            source_volts=np.concatenate([deck.source_volts[sources], np.zeros(int(short.sum()))]),
+            current_nodes=deck.current_nodes[keeps["current source"]],
+            current_amps=deck.current_amps[keeps["current source"]],
+        )
+
+
+def _option(deck: ParsedDeck, name: str) -> float:
+    """Value of an option, 0 where it is not set or no positive number."""
+    from resgrid.spice.read.numerals import Numeral, parse_numeral
+    from resgrid.spice.read.rules import rules_named
+
+    number = parse_numeral(deck.options.get(name, "0"), rules_named(deck.dialect))
+    return number.value if isinstance(number, Numeral) and number.value > 0 else 0.0
+
+
+def _right_answer(deck: ParsedDeck) -> NDArray[np.float64] | None:
+    if len(deck.node_names) > _LARGEST:
+        return None
+    try:
+        return _voltages(deck.netlist())
+    except ResgridError:
+        return None
+
+
+def _voltages(netlist: Netlist) -> NDArray[np.float64]:
+    from resgrid.nodal.solve import solve
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # currents in loops of shorts are of no interest here
+        return solve(netlist, accuracy="normwise", rtol=1e-12).voltage
+
+
+@dataclass(frozen=True)
+class _Error:
+    """Largest difference to the right answer and the largest right voltage, in volts; a node that has none any more."""
+
+    volts: float
+    node: str
+    scale: float
+    lost: str
+
+
+def _error(changed: _Changed, case: _Case) -> _Error | None:
+    if case.voltage is None:
+        return None
+    try:
+        got = _voltages(changed.netlist())
+    except ResgridError:
+        return None
+    names = case.deck.node_names
+    lost = np.flatnonzero(np.isnan(got) & ~np.isnan(case.voltage))
+    difference = np.nan_to_num(np.abs(got - case.voltage), nan=0.0)
+    worst = int(np.argmax(difference))
+    scale = float(np.nanmax(np.abs(case.voltage), initial=0.0))
+    return _Error(float(difference[worst]), names[worst], scale, names[lost[0]] if lost.size else "")

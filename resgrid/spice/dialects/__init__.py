@@ -1,0 +1,27 @@
+"""Simulators as data: one page each, in a table.
+
+All of them read elements by the first letter, nodes by name, and numbers; everything else has its traps, told on their
+pages.  Sources, where nothing else is said: ngspice manual, chapter "Analyses and Output Control"; LTspice help, "Dot
+Commands"; Xyce Reference Guide, chapter "Netlist Commands"; HSPICE Command Reference; Spectre Circuit Simulator
+Reference, chapter "Analysis Statements"; for quirks also their mailing lists.  Only ngspice was run.
+"""
+
+from __future__ import annotations
+
+from resgrid.errors import InputError
+from resgrid.spice.dialects.hspice import HSPICE
+from resgrid.spice.dialects.ltspice import LTSPICE
+from resgrid.spice.dialects.ngspice import NGSPICE
+from resgrid.spice.dialects.record import Dialect
+from resgrid.spice.dialects.spectre import SPECTRE
+from resgrid.spice.dialects.xyce import XYCE
+
+DIALECTS = {dialect.name: dialect for dialect in (NGSPICE, LTSPICE, XYCE, HSPICE, SPECTRE)}
+"""Every simulator by its name."""
+
+
+def dialect_named(name: str) -> Dialect:
+    """Look a dialect up."""
+    if name not in DIALECTS:
+        raise InputError(f"there is no SPICE dialect {name!r}; choose one of {', '.join(sorted(DIALECTS))}")
+    return DIALECTS[name]

@@ -1,0 +1,50 @@
+"""HSPICE, told from its references.
+
+- ``$`` begins a comment anywhere; expressions go in single quotes; ``gnd``, ``gnd!`` and ``ground`` are node ``0``.
+- The nominal temperature is 25 degrees Celsius, not 27: decks say ``.option tnom=27``, and ``.temp 27``.
+- A behavioural current is a G element, ``cur='...'``; it has no B element.
+- ``.end`` ends a simulation, and what follows is the next one: decks are included last.
+- ``gauss(nominal, relative variation, sigma)`` and ``agauss`` draw anew wherever an element refers to them.
+- Resistances are raised to ``RESMIN`` (1e-5 ohm); ``gmin`` is put at the floating nodes only, and it says so.
+"""
+
+from __future__ import annotations
+
+from resgrid.spice.dialects.record import Dialect, Quirks, Statements
+
+HSPICE = Dialect(
+    name="hspice",
+    label="HSPICE",
+    reserved=frozenset({"gnd", "ground"}),
+    preamble=(".option tnom=27", ".temp 27"),
+    nominal_temperature=25.0,
+    nonlinear_resistor="g{name} {a} {b} cur='{current}*tanh(v({a},{b})/{voltage})'",
+    behavioural_current="g{name} {a} {b} cur='{value}'",
+    spread_resistor="{name} {a} {b} 'gauss({value},{sigma},1)'",
+    expression="'{value}'",
+    precise=".option reli=1e-12 absi=1e-18 absv=1e-12 relv=1e-12",
+    commands=(
+        "* operating point of {deck}\n"
+        "* hspice {deck}.hspice\n"
+        ".option post=1 numdgt=10 ingold=2\n"
+        ".op\n"
+        ".print dc v(*)\n"
+        '.include "{deck}"\n'
+        ".end\n"
+    ),
+    statements=Statements(
+        first=("* hspice {deck}.hspice", ".option post=1 numdgt=10 ingold=2"),
+        operating=(".op",),
+        transient=(".option delmax={step}", ".tran {step} {stop}"),
+        noise=(".ac dec {points} {start} {stop}", ".noise v({node}) {source} {points}", ".print noise onoise"),
+        temperature=(".dc temp poi {count} {temperatures}",),
+        mismatch=(".option seed={seed}", ".dc monte={runs}"),
+        probe=".probe {kind} {what}",
+    ),
+    quirks=Quirks(
+        smallest_resistance=1e-5,
+        floating="there",
+        shunt_options={"gshunt": "siemens"},
+        misread_nodes=frozenset({"ground", "dollar"}),
+    ),
+)

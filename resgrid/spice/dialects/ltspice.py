@@ -1,0 +1,38 @@
+"""LTspice, told from its help.
+
+- ``M`` is milli and ``Meg`` mega, as in SPICE; ``1F`` is a femto, and so is the ``F`` of a unit.
+- Temperature coefficients are a list, ``tc=tc1, tc2`` (LTspice help, "R. Resistor"); of a blank before the second one
+  ngspice in its compatibility mode is fond, too.
+- Raw files hold voltages in single precision unless ``.options numdgt=15`` says otherwise.
+- ``;`` begins a comment anywhere in a line, ``*`` at its start.
+- ``gauss(sigma)`` and ``mc(value, tolerance)`` take new values for every element and step, but the same ones in every
+  run unless its control panel says otherwise; there is no seed statement.
+"""
+
+from __future__ import annotations
+
+from resgrid.spice.dialects.record import Dialect, Quirks, Statements
+
+LTSPICE = Dialect(
+    name="ltspice",
+    label="LTspice",
+    reserved=frozenset({"gnd"}),
+    spread_resistor="{name} {a} {b} {{{value}*(1+gauss({sigma}))}}",
+    temperature_coefficients=" tc={tc1}, {tc2}",
+    parameters=" params: {values}",
+    instance_parameters=" params:",
+    commands=(
+        '* operating point of {deck}\n* LTspice -b {deck}.ltspice\n.options numdgt=15\n.op\n.include "{deck}"\n.end\n'
+    ),
+    statements=Statements(
+        first=("* LTspice -b {deck}.ltspice", ".options numdgt=15"),
+        one_a_run=True,
+        operating=(".op",),
+        transient=(".tran {step} {stop} 0.0 {step}",),
+        noise=(".noise v({node}) {source} dec {points} {start} {stop}",),
+        temperature=(".op", ".step temp list {temperatures}"),
+        mismatch=(".op", ".step param run 1 {runs} 1"),
+        probe=".save {what}",
+    ),
+    quirks=Quirks(shunt_options={"gshunt": "siemens"}, duplicates="fails", misread_nodes=frozenset({"ground"})),
+)

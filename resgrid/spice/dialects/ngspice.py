@@ -1,0 +1,104 @@
+"""ngspice: what its decks must respect, each learnt by experiment with version 39, and tried with 46.
+
+- The first line of a file it is given is a title, whatever it says; in an included file it is not.  A full-line
+  comment in front serves both.  A line that begins with ``*#`` is a command, not a comment.
+- ``1M`` is a milliohm and ``1F`` a femto-anything: numbers are written plain.  They are read digit by digit, so a
+  number of 17 digits arrives with an error of up to 2 units in the last place.
+- Case is folded, and ``gnd`` is another name of node ``0``.
+- A node that floats, if only behind a capacitor, makes the matrix singular.  ngspice then steps gmin and supplies,
+  ends in a pseudo-transient, and reports, with exit status 0, the answer of a circuit with ``gmin`` (``.option
+  gshunt`` or else ``.option gmin``, 1e-12 S without) from *every* node to ground.
+- 0 ohm silently becomes 1 milliohm; smaller but positive values are kept.  Version 46 says that it is 1e-12 ohm, and
+  loses nine digits to it.
+- A second device of the same name, or a loop of voltage sources that ground is tied to, ends the run without an
+  answer; a loop elsewhere is mostly answered rightly, but not always.
+- A loop of inductors, or of inductors and sources, makes the matrix singular: the answer is what a transient comes to,
+  which depends on their inductances and may be anything.
+- Where a resistance is far smaller than everything else that holds its nodes, their difference drowns in its
+  conductance: 1e-9 ohm behind 5 ohm costs a millionth of the voltage.
+- A linear operating point is solved directly: ``gmin``, ``reltol``, ``abstol``, ``vntol``, ``pivtol`` and ``pivrel``
+  change nothing (agreement is 1e-14 on uniform grids, 1e-10 where conductances span ten decades), ``rshunt=R``, which
+  puts ``R`` from every node to ground, ruins it (1e-6), ``noopiter`` goes the way of the floating node.  So no option
+  is set but ``klu``, the faster matrix package of newer versions, which older ones ignore; their own takes 0.4 s for
+  64 x 64 cells, 11 s for 128 x 128.
+- Printed numbers are cut to ``numdgt`` digits: only the binary raw file holds the voltages as they are.
+  ``SPICE_ASCIIRAWFILE`` in the environment and a ``.spiceinit`` in the home folder can change what is written.
+- In batch mode with a control block it may exit with status 1 after a perfect run: neither status says anything.
+- A control block may run any shell command: no deck from elsewhere is simulated with one.
+- No ``.meas`` is computed in a batch that writes a raw file, so that it is asked in a control block.
+
+Engines: up to version 41 it orders its matrix by Markowitz's rule with linear searches; from version 42 on it has KLU,
+as has ``eecircuit``, its WebAssembly.
+"""
+
+from __future__ import annotations
+
+from resgrid.spice.dialects.record import Costs, Dialect, Quirks, Statements
+
+_STATEMENTS = Statements(
+    first=("* ngspice -n -b -r analyses.raw {deck}.ngspice",),
+    deck_first=True,
+    operating=(".op",),
+    transient=(".tran {step} {stop} 0.0 {step}",),
+    noise=(".noise v({node}) {source} dec {points} {start} {stop}",),
+    temperature=(
+        ".control",
+        "foreach celsius {temperatures}",
+        "  set temp = $celsius",
+        "  op",
+        "  write celsius.raw.$celsius",
+        "end",
+        "set temp = 27.0",
+        ".endc",
+    ),
+    mismatch=(
+        ".control",
+        "setseed {seed}",
+        "foreach run {numbers}",
+        "  mc_source",
+        "  op",
+        "  write run.raw.$run",
+        "end",
+        ".endc",
+    ),
+    run=(".control", "run", "write analyses.raw", ".endc"),
+    probe=".save {what}",
+    measure_first=(".control", "run", "setplot tran1"),
+    maximum="meas tran {name} max v({node})",
+    minimum="meas tran {name} min v({node})",
+    value="meas tran {name} find v({node}) at={at}",
+    crossing="meas tran {name} when v({node})={at} cross=1",
+    measure_last=(".endc",),
+)
+
+NGSPICE = Dialect(
+    name="ngspice",
+    label="ngspice",
+    reserved=frozenset({"gnd"}),
+    commands=(
+        "* operating point of {deck}\n"
+        "* ngspice -n -b -r operating_point.raw {deck}.ngspice\n"
+        '.include "{deck}"\n'
+        ".options klu\n"
+        ".op\n"
+        ".end\n"
+    ),
+    statements=_STATEMENTS,
+    quirks=Quirks(
+        basis="measured",
+        smallest_resistance=1e-3,
+        raises_zero_only=True,
+        floating="everywhere",
+        shunt_options={"rshunt": "ohms"},
+        duplicates="fails",
+        gmin_options=("gshunt", "gmin"),
+        loops="fail at ground",
+        misread_nodes=frozenset({"ground", "dollar"}),
+    ),
+    engines={
+        "ngspice": Costs(0.02, 2.5e-6, 1.33e-8, 3.5, 0.6, 12e6, 1.2e3),
+        "eecircuit": Costs(1.0, 2.5e-5, 1.0e-8, 2.0, 0.5, 300e6, 2.0e3),
+        "ngspice-klu": Costs(0.02, 2.0e-5, 1.0e-8, 2.0, 0.5, 12e6, 1.5e3),
+    },
+    checks_itself=True,
+)

@@ -1,0 +1,91 @@
+"""Spectre, told from its references.
+
+- Its own language: ``name (nodes) master parameter=value``, ``//`` comments, and a line ``simulator lang=spectre``.
+- Case matters; ``M`` is mega and ``m`` milli, unlike in every SPICE; ``1meg`` is not a number.
+- Subcircuit parameters stand in the body, behind ``parameters``; mismatch varies per subcircuit instance, so that
+  every resistor becomes one.
+- It has no end statement and no measurements of its own (those belong to MDL): decks hold analyses only.
+- ``gmin`` is put at the floating nodes only, and it says so.
+"""
+
+from __future__ import annotations
+
+from resgrid.spice.dialects.record import Dialect, Quirks, Statements
+
+_RESERVED = frozenset(
+    """
+    gnd ground and correlate else end ends export for function global ic if inline library local march model
+    nodeset or parameters paramset plot print protect pwr real return save section sens simulator statistics
+    subckt to truncate unprotect vary info altergroup ahdl_include include
+    """.split()  # noqa: SIM905
+)
+
+SPECTRE = Dialect(
+    name="spectre",
+    label="Spectre",
+    reserved=_RESERVED,
+    comment="// ",
+    preamble=("simulator lang=spectre", "global 0"),
+    resistor="{name} ({a} {b}) resistor r={value}",
+    voltage_source="{name} ({a} {b}) vsource dc={value}",
+    current_source="{name} ({a} {b}) isource dc={value}",
+    capacitor="{name} ({a} {b}) capacitor c={value}",
+    nonlinear_resistor="{name} ({a} {b}) bsource i={current}*tanh(v({a},{b})/{voltage})",
+    behavioural_current="{name} ({a} {b}) bsource i={value}",
+    spread_resistor="{name} ({a} {b}) spread_resistor r={value}",
+    spread_preamble=(
+        "parameters spread=1",
+        "statistics {{",
+        "  mismatch {{",
+        "    vary spread dist=gauss std={sigma}",
+        "  }}",
+        "}}",
+        "subckt spread_resistor (a b)",
+        "parameters r=1{defaults}",
+        "r_1 (a b) resistor r=r*spread{passed}",
+        "ends",
+    ),
+    piecewise=" type=pwl wave=[{points}]",
+    small_signal=" mag=1",
+    expression="{value}",
+    parameter="parameters {name}={value}",
+    subcircuit="subckt {name} ({nodes}){defaults}",
+    parameters="parameters {values}",
+    instance="{name} ({nodes}) {master}{values}",
+    end_subcircuit="ends",
+    parameters_in_body=True,
+    include='include "{file}"',
+    precise="precise options reltol=1e-12 vabstol=1e-12 iabstol=1e-18",
+    end="",
+    commands=(
+        "// operating point of {deck}\n"
+        "// spectre {deck}.spectre\n"
+        "simulator lang=spectre\n"
+        'include "{deck}"\n'
+        "operating_point dc oppoint=rawfile\n"
+    ),
+    statements=Statements(
+        first=("// spectre {deck}.spectre", "simulator lang=spectre"),
+        last=(),
+        deck_first=True,
+        operating=("operating_point dc oppoint=rawfile",),
+        transient=("transient tran stop={stop} maxstep={step}",),
+        noise=("noise_at_node ({node} 0) noise start={start} stop={stop} dec={points} iprobe={source}",),
+        temperature=(
+            "temperatures sweep param=temp values=[{temperatures}] {{",
+            "  temperature_point dc oppoint=rawfile",
+            "}}",
+        ),
+        mismatch=(
+            "mismatches montecarlo numruns={runs} seed={seed} variations=mismatch savefamilyplots=yes {{",
+            "  mismatch_point dc oppoint=rawfile",
+            "}}",
+        ),
+        probe="save {what}",
+        probe_voltage="{name}",
+        probe_current="{name}:p",
+        measure_first=("simulator lang=spice",),
+        measure_last=("simulator lang=spectre",),
+    ),
+    quirks=Quirks(floating="there", misread_nodes=frozenset({"digit"})),
+)

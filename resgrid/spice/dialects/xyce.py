@@ -1,0 +1,44 @@
+"""Xyce, told from its guides.
+
+- Expressions go in braces, subcircuit parameters behind ``PARAMS:``, in the definition and in every instance.
+- Nothing is printed but what ``.PRINT`` asks for; an operating point is a ``.DC`` sweep of one step.
+- ``gnd`` is a node like any other, unless ``.PREPROCESS REPLACEGROUND TRUE`` is there.
+- A random function in an expression is a new draw for every element under ``.SAMPLING`` with ``useExpr=true``.
+"""
+
+from __future__ import annotations
+
+from resgrid.spice.dialects.record import Dialect, Quirks, Statements
+
+_SWEEP = ".dc {source} {volts} {volts} 1.0"
+
+XYCE = Dialect(
+    name="xyce",
+    label="Xyce",
+    reserved=frozenset({"gnd"}),
+    nonlinear_resistor="{name} {a} {b} i={{{current}*tanh(v({a},{b})/{voltage})}}",
+    behavioural_current="{name} {a} {b} i={{{value}}}",
+    parameters=" params: {values}",
+    instance_parameters=" params:",
+    precise=".options nonlin reltol=1e-12 abstol=1e-15",
+    commands=(
+        "* operating point of {deck}\n"
+        "* Xyce {deck}.xyce\n"
+        f"{_SWEEP}\n"
+        ".print dc format=csv precision=16 v(*)\n"
+        '.include "{deck}"\n'
+        ".end\n"
+    ),
+    statements=Statements(
+        first=("* Xyce {deck}.xyce",),
+        one_a_run=True,
+        operating=(_SWEEP,),
+        transient=(".tran {step} {stop} 0.0 {step}",),
+        noise=(".noise v({node}) {source} dec {points} {start} {stop}", ".print noise format=csv onoise inoise"),
+        temperature=(_SWEEP, ".step temp list {temperatures}"),
+        mismatch=(_SWEEP, ".sampling useexpr=true", ".options samples numsamples={runs} seed={seed}"),
+        probe=".print {kind} format=csv precision=16 {what}",
+        print_all=".print {kind} format=csv precision=16 v(*)",
+    ),
+    quirks=Quirks(),
+)

@@ -1,0 +1,102 @@
+"""The optional engine for large decks: the npm package ``eecircuit-engine``, ngspice as WebAssembly with KLU.
+
+KLU orders sparse matrices well: 256 x 256 cells take seconds where ngspice 39 takes minutes.  The package is no part of
+resgrid: ``npm install eecircuit-engine`` in the folder you work in, or anywhere that ``NODE_PATH`` names.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator
+from pathlib import Path
+
+from resgrid.errors import InputError, ToolMissingError
+from resgrid.spice.run.ngspice import (
+    Simulation,
+    log_complaints,
+    operating_point,
+    readings,
+    refuse_commands,
+    run_quietly,
+    simulated_version,
+)
+
+NODE_VARIABLE, MODULE_VARIABLE = "RESGRID_NODE", "RESGRID_EECIRCUIT"
+PACKAGE = "eecircuit-engine"
+_SCRIPT = Path(__file__).with_name("eecircuit.mjs")
+_END = re.compile(rb"^[ \t]*\.end[ \t\r]*$.*", re.IGNORECASE | re.MULTILINE | re.DOTALL)
+
+
+def simulate_eecircuit(
+    data: bytes,
+    *,
+    source: str = "deck",
+    timeout: float = 600.0,
+    executable: str | os.PathLike[str] | None = None,
+    direct: bool = False,
+) -> Simulation:
+    """Find the operating point of a deck's content with ``eecircuit-engine``; as `ngspice.simulate`."""
+    node, module = _find_node(executable), find_module()
+    refuse_commands(data, source, models=direct)
+    with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
+        folder = Path(name)
+        analysis = b"" if direct else b"\n.options klu\n.op"
+        (folder / "deck.cir").write_bytes(_END.sub(b"", data) + analysis + b"\n.end\n")
+        words = [node, str(_SCRIPT), str(module), "deck.cir", "operating_point.raw"]
+        status = run_quietly(words, folder, timeout, source, PACKAGE)
+        complaints = log_complaints(folder, PACKAGE)
+        version = simulated_version(folder)
+        try:
+            raw = operating_point(folder / "operating_point.raw")
+        except InputError as error:
+            return Simulation({}, {}, PACKAGE, version, (f"{error} (exit status {status})", *complaints))
+    voltage, current = readings(raw)
+    return Simulation(voltage, current, PACKAGE, version, complaints)
+
+
+def find_module() -> Path:
+    """The package's ES module."""
+    for folder in _folders():
+        manifest = folder / "package.json"
+        try:
+            content = json.loads(manifest.read_text(encoding="utf-8"))
+            module = folder / str(content["module"])
+        except (OSError, ValueError, KeyError, TypeError):
+            continue
+        if module.is_file():
+            return module.resolve()
+    raise ToolMissingError(
+        f"the engine {PACKAGE} is not installed: 'npm install {PACKAGE}' here, or name its folder in {MODULE_VARIABLE} "
+        "or the folder above it in NODE_PATH"
+    )
+
+
+def _folders() -> Iterator[Path]:
+    named = os.environ.get(MODULE_VARIABLE)
+    if named:
+        yield Path(named)
+        return
+    for entry in os.environ.get("NODE_PATH", "").split(os.pathsep):
+        if entry:
+            yield Path(entry) / PACKAGE
+    here = Path.cwd()
+    for folder in (here, *here.parents):
+        yield folder / "node_modules" / PACKAGE
+    node = shutil.which(os.environ.get(NODE_VARIABLE) or "node")
+    if node is not None:
+        yield Path(node).resolve().parents[1] / "lib" / "node_modules" / PACKAGE
+
+
+def _find_node(executable: str | os.PathLike[str] | None) -> str:
+    wanted = os.fspath(executable) if executable is not None else os.environ.get(NODE_VARIABLE) or "node"
+    found = shutil.which(wanted)
+    if found is None:
+        raise ToolMissingError(
+            f"Node ({wanted!r}), which runs the engine {PACKAGE}, is not installed: 'sudo apt-get install nodejs npm' "
+            f"(Debian, Ubuntu), 'brew install node' (macOS), or set {NODE_VARIABLE} to the program"
+        )
+    return str(Path(found).absolute())

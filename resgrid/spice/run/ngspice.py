@@ -1,0 +1,280 @@
+"""Running ngspice on a deck, and believing neither its exit status nor its silence."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import tempfile
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+
+import numpy as np
+
+from resgrid.errors import BudgetError, InputError, ToolMissingError
+from resgrid.spice.dialects import dialect_named
+from resgrid.spice.run.rawfile import RawFile, read_rawfile
+
+EXECUTABLE_VARIABLE = "RESGRID_NGSPICE"
+_DECK, _RAW, _LOG = "deck.cir", "operating_point.raw", "log.txt"
+_PLOT = "Operating Point"
+_MAX_LOG = 2**20
+_MAX_COMPLAINTS = 10
+MAX_ASCENT = 8
+"""How many ``..`` the name of an included file may hold: so deep lies the folder that such a deck is run in."""
+_VERSION = re.compile(r"ngspice-(\d[\w.+-]*)")
+_COMPLAINT = re.compile(
+    r"warning|error|fatal|singular|gmin|source step|transient op|no convergence|timestep|abort|fail|unable|cannot|"
+    r"can't|could not|not found|unknown|unrecognized|undefined|missing|floating|short|too (few|many|low|small)|"
+    r"already exists|not parsed|illegal|invalid|ignored|set to",
+    re.IGNORECASE,
+)
+_HARMLESS = re.compile(
+    r"no compatibility mode|initialization file spinit|spinit|no \"\.plot\"|direct linear solver|klu|"
+    r"no resource usage|no active circuit|^trying gmin|^supplies reduced|further gmin|^note: one successful",
+    re.IGNORECASE,
+)
+# ngspice goes by how a word begins, drops carriage returns wherever they stand, and takes a file for a script whose
+# title says so; its code models (elements A) open files and run programs.
+_BOM = b"\xef\xbb\xbf"
+_COMMANDS = rb"\*#|\*ng_script|\.(?:control|exec|csparam)\w*"
+_FILES, _MODELS, _CODE_MODELS = rb"|\.(?:inc|lib)\w*", rb"|\.(?:model|func)\w*", rb"|(?<=\n)[ \t\v\f]*a\S*"
+VERSIONS = ("39", "46")
+"""Those that resgrid is tried with: Debian 12's own and that of its backports."""
+
+
+@dataclass(frozen=True, eq=False)
+class Simulation:
+    """What the simulator said.
+
+    Attributes
+    ----------
+    voltage : mapping of str to float
+        Per node, in volts; empty if there is no operating point.
+    source_current : mapping of str to float
+        Into the plus terminal of every voltage source, in amperes.
+    simulator : str
+        ``"ngspice"``.
+    version : str
+        Its version, ``"unknown"`` if it does not tell.
+    complaints : tuple of str
+        What is wrong with the run, if only by its own messages; empty if it can be trusted.
+    """
+
+    voltage: Mapping[str, float]
+    source_current: Mapping[str, float]
+    simulator: str
+    version: str
+    complaints: tuple[str, ...]
+
+
+def run_ngspice(
+    deck: str | os.PathLike[str], *, timeout: float = 600.0, executable: str | os.PathLike[str] | None = None
+) -> Simulation:
+    """Find the operating point of a deck with ngspice.
+
+    The deck is copied into a private folder first.  A deck at fault is not an exception: see ``complaints``.
+
+    Parameters
+    ----------
+    deck : path-like
+        A portable deck: no control block, no further files.
+    timeout : float
+        How long to wait, in seconds (64 x 64 cells take 0.4 s, 128 x 128 11 s, 256 x 256 4 min).
+    executable : path-like, optional
+        Program to run; by default what the environment variable ``RESGRID_NGSPICE`` names, otherwise ``ngspice``.
+
+    Returns
+    -------
+    Simulation
+
+    Raises
+    ------
+    InputError
+        If the deck cannot be read, or could run commands.
+    ToolMissingError
+        If ngspice is not installed.
+    BudgetError
+        If it does not end in time.
+    """
+    return simulate(read_deck(Path(deck)), source=str(deck), timeout=timeout, executable=executable)
+
+
+def read_deck(path: Path) -> bytes:
+    """Content of a deck's file."""
+    try:
+        if path.is_char_device() or path.is_block_device():
+            raise InputError(f"cannot read the deck {str(path)!r}: it is a device; name a deck file")
+        return path.read_bytes()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise InputError(f"cannot read the deck {str(path)!r}: {reason}; name a deck file") from error
+
+
+def simulate(
+    data: bytes,
+    *,
+    source: str = "deck",
+    timeout: float = 600.0,
+    executable: str | os.PathLike[str] | None = None,
+    direct: bool = False,
+    files: Mapping[str, bytes] = MappingProxyType({}),
+    place: str = _DECK,
+) -> Simulation:
+    """Find the operating point of a deck's content; as `run_ngspice`."""
+    program = _find(executable)
+    refuse_commands(data, source, models=direct, includes=bool(files))
+    with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
+        folder = Path(name)
+        version = _version(program, folder)
+        own = folder.joinpath(*["_"] * MAX_ASCENT) if files else folder
+        for where, content in {place: data, **files}.items():
+            (own / where).parent.mkdir(parents=True, exist_ok=True)
+            (own / where).write_bytes(content)
+        if not direct:
+            (folder / "run.cir").write_text(dialect_named("ngspice").commands.format(deck=place), encoding="ascii")
+        words = [program, "-n", "-b", "-r", str(folder / _RAW), place if direct else "run.cir"]
+        status = run_quietly(words, folder, timeout, source, cwd=own)
+        complaints = log_complaints(folder)
+        try:
+            raw = operating_point(folder / _RAW)
+        except InputError as error:
+            return Simulation({}, {}, "ngspice", version, (f"{error} (exit status {status})", *complaints))
+    voltage, current = readings(raw)
+    return Simulation(voltage, current, "ngspice", version, complaints)
+
+
+def ngspice_version(executable: str | os.PathLike[str] | None = None) -> str:
+    """Version of the installed ngspice, e.g. ``"39"``; ``"unknown"`` if it does not tell."""
+    program = _find(executable)
+    with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
+        return _version(program, Path(name))
+
+
+def _find(executable: str | os.PathLike[str] | None) -> str:
+    wanted = os.fspath(executable) if executable is not None else os.environ.get(EXECUTABLE_VARIABLE) or "ngspice"
+    found = shutil.which(wanted)
+    if found is None:
+        raise ToolMissingError(
+            f"the circuit simulator {wanted!r} is not installed: 'sudo apt-get install ngspice' (Debian, Ubuntu), "
+            f"'brew install ngspice' (macOS), or set {EXECUTABLE_VARIABLE} to the program"
+        )
+    return str(Path(found).absolute())
+
+
+def refuse_commands(data: bytes, source: str, *, models: bool = False, includes: bool = False) -> None:
+    """Refuse a deck that could run commands or read other files."""
+    words = _COMMANDS + (b"" if includes else _FILES) + (_CODE_MODELS if models else _MODELS)
+    forbidden = re.compile(rb"^\s*(" + words + rb")", re.IGNORECASE | re.MULTILINE)
+    data = data.removeprefix(_BOM)
+    for text in (data.replace(b"\r", b"\n"), data.replace(b"\r", b"")) if b"\r" in data else (data,):
+        match = forbidden.search(text)
+        if match:
+            line = text.count(b"\n", 0, match.start(1)) + 1
+            word = match.group(1).decode("ascii", "replace").strip()
+            raise InputError(
+                f"{source}, line {line}: {word!r} is not simulated, for it could run commands or read other files; "
+                "remove it"
+            )
+
+
+def _version(program: str, folder: Path) -> str:
+    try:
+        run_quietly([program, "--version"], folder, 10.0, "--version")
+    except BudgetError:
+        return "unknown"
+    return simulated_version(folder)
+
+
+def simulated_version(folder: Path) -> str:
+    """Version of ngspice that the log in a folder tells of."""
+    match = _VERSION.search(_read_log(folder))
+    return match.group(1) if match else "unknown"
+
+
+def run_quietly(
+    command: list[str], folder: Path, timeout: float, source: str, name: str = "ngspice", cwd: Path | None = None
+) -> int:
+    """Run a simulator in a folder, its output in a log there; its exit status, of which nothing follows.
+
+    With ``cwd`` it runs in another folder than that of the log.
+    """
+    environment = {key: value for key, value in os.environ.items() if not key.startswith(("SPICE", "NGSPICE"))}
+    with (folder / _LOG).open("wb") as log:
+        try:
+            process = subprocess.Popen(
+                command,
+                cwd=cwd or folder,
+                env={**environment, "LC_ALL": "C"},
+                stdin=subprocess.DEVNULL,
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                start_new_session=True,
+            )
+        except OSError as error:
+            raise ToolMissingError(f"cannot run {command[0]}: {error.strerror}; install {name} anew") from error
+        try:
+            return process.wait(timeout)
+        except subprocess.TimeoutExpired as error:
+            raise BudgetError(
+                f"{name} did not finish {source} within {timeout:g} s; allow more time or check a smaller grid"
+            ) from error
+        finally:  # a time-out and Ctrl-C alike leave no process behind
+            if process.poll() is None:
+                _kill(process)
+                process.wait()
+
+
+def _kill(process: subprocess.Popen[bytes]) -> None:
+    """End a program, with all that it started where the platform knows groups of processes."""
+    if hasattr(os, "killpg"):
+        os.killpg(process.pid, signal.SIGKILL)
+    else:  # Windows
+        process.kill()
+
+
+def _read_log(folder: Path) -> str:
+    with (folder / _LOG).open("rb") as log:
+        return log.read(_MAX_LOG).decode("utf-8", "replace")
+
+
+def log_complaints(folder: Path, name: str = "ngspice") -> tuple[str, ...]:
+    """What a simulator complains about in its log."""
+    lines = (re.sub(r"\s+", " ", line).strip() for line in re.split(r"[\r\n]+", _read_log(folder)))
+    bad = dict.fromkeys(line for line in lines if _COMPLAINT.search(line) and not _HARMLESS.search(line))
+    return tuple(f"{name} says: {line[:200]}" for line in list(bad)[:_MAX_COMPLAINTS])
+
+
+def operating_point(path: Path) -> RawFile:
+    """The raw file of an operating point."""
+    if not path.is_file():
+        raise InputError("ngspice left no raw file")
+    raw = read_rawfile(path.read_bytes(), "ngspice's raw file")
+    if raw.plot != _PLOT:
+        raise InputError(f"ngspice computed {raw.plot!r} instead of an operating point")
+    if raw.values.shape[0] != 1 or np.iscomplexobj(raw.values):
+        raise InputError(
+            f"ngspice left {raw.values.shape[0]} points of kind {raw.values.dtype}, not one of real numbers"
+        )
+    if "voltage" not in raw.kinds:
+        raise InputError("ngspice found no node in the deck")
+    return raw
+
+
+def readings(raw: RawFile) -> tuple[Mapping[str, float], Mapping[str, float]]:
+    """Voltage of every node and current of every source, by name."""
+    found: dict[str, dict[str, float]] = {"voltage": {}, "current": {}}
+    for name, kind, value in zip(raw.names, raw.kinds, raw.values[0].tolist(), strict=True):
+        if kind in found:
+            found[kind][_bare(name)] = value
+    return MappingProxyType(found["voltage"]), MappingProxyType(found["current"])
+
+
+def _bare(name: str) -> str:
+    """``n_0_0`` from ``v(n_0_0)``, ``v_obstacle`` from ``i(v_obstacle)`` or ``v_obstacle#branch``."""
+    inner = name[2:-1] if name[1:2] == "(" and name.endswith(")") else name
+    return inner.removesuffix("#branch")

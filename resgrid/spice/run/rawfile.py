@@ -1,0 +1,165 @@
+"""Raw files, the binary format in which ngspice leaves its results and that waveform viewers open."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.files import write_bytes
+from resgrid.netlist import GROUND
+from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.spice.parsed import ngspice_name
+
+_BINARY = b"Binary:\n"
+_COUNTED = ("no. variables", "no. points")
+FORMS = ("binary", "ascii")
+
+
+@dataclass(frozen=True, eq=False)
+class RawFile:
+    """One plot of a raw file.
+
+    `plot`: what was computed, e.g. ``"Operating Point"``; `names`: one per variable, e.g. ``v(n_0_0)`` or
+    ``i(v_obstacle)``; `kinds`: ``"voltage"``, ``"current"``, ; `values` (points, variables): in SI units.
+    """
+
+    plot: str
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    values: NDArray[np.float64] | NDArray[np.complex128]
+
+
+def read_rawfile(data: bytes, source: str = "raw file") -> RawFile:
+    """Read a binary raw file that holds one plot."""
+    head, found, body = data.partition(_BINARY)
+    if not found:
+        if b"\nValues:\n" in data:
+            raise InputError(f"{source} is a text raw file, which rounds its numbers; ask for a binary one")
+        raise InputError(f"{source} ends before its data ({len(data)} bytes)")
+    lines = head.decode("utf-8", "replace").split("\n")
+    fields = dict(_fields(lines))
+    variables, points = (_count(fields, key, source) for key in _COUNTED)
+    complex_numbers = "complex" in fields.get("flags", "").lower()
+    dtype = np.dtype("<c16" if complex_numbers else "<f8")
+    needed = variables * points * dtype.itemsize
+    if len(body) != needed:
+        problem = "ends too early" if len(body) < needed else "holds more than one plot"
+        raise InputError(f"{source} {problem}: {len(body)} bytes of data where {needed} were announced")
+    names, kinds = _variables(lines, variables, source)
+    values = np.frombuffer(body, dtype=dtype).reshape(points, variables)
+    return RawFile(fields.get("plotname", ""), names, kinds, values)
+
+
+def _fields(lines: list[str]) -> Iterator[tuple[str, str]]:
+    for line in lines:
+        key, colon, value = line.partition(":")
+        if colon and not line.startswith("\t"):
+            yield key.strip().lower(), value.strip()
+
+
+def _count(fields: Mapping[str, str], key: str, source: str) -> int:
+    text = fields.get(key, "")
+    if not (text.isascii() and text.isdigit() and len(text) < 12):
+        raise InputError(f"{source} is damaged: {key!r} is {text!r}, not a number")
+    return int(text)
+
+
+def _variables(lines: list[str], count: int, source: str) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    rows = [line.split() for line in lines if line.startswith("\t")]
+    if len(rows) != count or any(len(row) < 3 or row[0] != str(i) for i, row in enumerate(rows)):
+        raise InputError(f"{source} is damaged: its list of {count} variables has {len(rows)} lines or is out of order")
+    return tuple(row[1] for row in rows), tuple(row[2] for row in rows)
+
+
+@dataclass(frozen=True, eq=False)
+class RawVectors:
+    """What one plot of a raw file holds.
+
+    `names`: such as ``v(out)`` or ``i(v1)``; `kinds`: ``"voltage"`` or ``"current"``; `values` (points, variables):
+    in volts and amperes.
+    """
+
+    names: Sequence[str]
+    kinds: Sequence[str]
+    values: NDArray[np.float64]
+
+
+def write_raw(
+    point: OperatingPoint, path: str | os.PathLike[str], *, title: str = "resistor network", form: str = "binary"
+) -> Path:
+    """Write an operating point as ngspice would: every node's voltage, every voltage source's current.
+
+    Names are spelt as ngspice spells them, in lower case; nodes that float (no voltage) are left out, as are currents
+    that are undetermined.
+
+    Parameters
+    ----------
+    point : OperatingPoint
+    path : path-like
+    title : str
+        First line of the file.
+    form : {"binary", "ascii"}
+        Binary keeps every bit; text keeps 17 digits, the same.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        If the form is unknown or the file cannot be written.
+    """
+    return write_bytes(path, format_raw(raw_vectors(point), title=title, form=form))
+
+
+def raw_vectors(point: OperatingPoint) -> RawVectors:
+    """Voltages and source currents of an operating point, with ngspice's names."""
+    netlist = point.netlist
+    nodes = np.flatnonzero(np.isfinite(point.voltage))
+    nodes = nodes[nodes != GROUND]
+    sources = np.flatnonzero(np.isfinite(point.source_current))
+    given = (netlist.element_names or {}).get("voltage source")
+    labels = [given[i] if given else f"v{i + 1}" for i in sources.tolist()]
+    names = [f"v({name.lower()})" for name in netlist.names_of(nodes)]
+    names += [f"i({ngspice_name(label)})" for label in labels]
+    kinds = ["voltage"] * len(nodes) + ["current"] * len(sources)
+    return RawVectors(names, kinds, np.concatenate([point.voltage[nodes], point.source_current[sources]])[np.newaxis])
+
+
+def format_raw(
+    vectors: RawVectors, *, title: str = "resistor network", plot: str = "Operating Point", form: str = "binary"
+) -> bytes:
+    """One plot as the content of a raw file."""
+    if form not in FORMS:
+        raise InputError(f"a raw file cannot be {form!r}; it may be {' or '.join(FORMS)}")
+    points, variables = vectors.values.shape
+    spaceless = ("".join(name.split()) for name in vectors.names)
+    rows = (f"\t{i}\t{name}\t{kind}" for i, (name, kind) in enumerate(zip(spaceless, vectors.kinds, strict=True)))
+    head = [
+        f"Title: {' '.join(title.split())}",
+        "Date: ",
+        f"Plotname: {plot}",
+        "Flags: real",
+        f"No. Variables: {variables}",
+        f"No. Points: {points}",
+        "Variables:",
+        *rows,
+    ]
+    if form == "binary":
+        text = "\n".join([*head, "Binary:", ""])
+        return text.encode("utf-8") + np.ascontiguousarray(vectors.values, dtype="<f8").tobytes()
+    return "\n".join([*head, "Values:", *_rows(vectors.values), ""]).encode("utf-8")
+
+
+def _rows(values: NDArray[np.float64]) -> Iterable[str]:
+    for number, row in enumerate(values.tolist()):
+        first, *rest = map(repr, row) if row else ("",)
+        yield f" {number}\t{first}"
+        yield from (f"\t{value}" for value in rest)

@@ -1,0 +1,221 @@
+"""What analyses make of a deck: waveforms on its sources, elements that change its scene, and statements."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from typing import Any
+
+import numpy as np
+
+from resgrid.errors import InputError
+from resgrid.netlist import GROUND, Netlist
+from resgrid.spice.analyses import (
+    Analysis,
+    Measure,
+    MismatchAnalysis,
+    NoiseAnalysis,
+    OperatingAnalysis,
+    Probe,
+    TemperatureAnalysis,
+    TransientAnalysis,
+    kind_of,
+)
+from resgrid.spice.dialects.record import Dialect, Statements
+from resgrid.spice.write.flat import Additions, FlatDeck
+
+_KINDS: dict[type[Analysis], str] = {
+    OperatingAnalysis: "dc",
+    TransientAnalysis: "tran",
+    NoiseAnalysis: "",
+    TemperatureAnalysis: "dc",
+    MismatchAnalysis: "dc",
+}
+_SAME = ("node_count", "resistor_nodes", "source_nodes", "capacitor_nodes", "capacitance", "nonlinear_nodes",
+         "nonlinear_current", "nonlinear_voltage")  # fmt: skip
+
+
+def only_one(analyses: Sequence[Analysis], kind: type[Analysis]) -> Any:
+    """The one analysis of a kind, or None."""
+    found = [analysis for analysis in analyses if isinstance(analysis, kind)]
+    if len(found) > 1:
+        raise InputError(
+            f"{len(found)} analyses of the kind {kind.__name__} are asked for, and a deck holds one of each"
+        )
+    return found[0] if found else None
+
+
+def additions(analyses: Sequence[Analysis], netlist: Netlist, rules: Dialect, after: Netlist | None) -> Additions:
+    """What analyses add to the lines of the deck itself."""
+    suffix: dict[int, str] = {}
+    transient: TransientAnalysis | None = only_one(analyses, TransientAnalysis)
+    if after is not None and transient is not None:
+        _check_alike(netlist, after)
+        for source in np.flatnonzero(after.source_volts != netlist.source_volts).tolist():
+            low, high = float(netlist.source_volts[source]), float(after.source_volts[source])
+            suffix[source] = rules.piecewise.format(points=f"0.0 {low!r} {transient.step!r} {high!r}")
+    if only_one(analyses, NoiseAnalysis) is not None:
+        if not len(netlist.source_volts):
+            raise InputError("noise is referred to a voltage source, and there is none")
+        suffix[0] = suffix.get(0, "") + rules.small_signal
+    mismatch: MismatchAnalysis | None = only_one(analyses, MismatchAnalysis)
+    drawn = mismatch.sigma if mismatch is not None and mismatch.runs else 0.0
+    return Additions({"voltage source": suffix} if suffix else {}, drawn)
+
+
+def _check_alike(before: Netlist, after: Netlist) -> None:
+    for name in _SAME:
+        if not np.array_equal(getattr(before, name), getattr(after, name)):
+            raise InputError(
+                f"the scene after the change differs from the one before in {name}, not only in values: give both the "
+                "same grid, and write them in tile form (form='cells')"
+            )
+
+
+def format_analyses(
+    name: str, deck: FlatDeck, analyses: Sequence[Analysis], after: Netlist | None, references: Sequence[str] = ()
+) -> str:
+    """Write the file that includes a deck and asks for analyses."""
+    rules, words = deck.dialect, deck.dialect.statements
+    _check_names(deck, analyses, references)
+    _check_number(words, deck.dialect.name, analyses)
+    include = [rules.include.format(file=name)]
+    change = _change(deck, only_one(analyses, TransientAnalysis), after)
+    statements = [line for analysis in analyses for line in _statement(words, name, deck, analysis)]
+    lines = [
+        f"{rules.comment}analyses of {name}",
+        *(line.format(deck=name) for line in words.first),
+        *(include if words.deck_first else []),
+        *change,
+        *_probes(words, analyses),
+        *_started(words, name, statements),
+        *_measures(words, analyses),
+        *([] if words.deck_first else include),
+        *words.last,
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _check_number(words: Statements, dialect: str, analyses: Sequence[Analysis]) -> None:
+    runs = [
+        item for item in analyses if type(item) in _KINDS and not (isinstance(item, MismatchAnalysis) and not item.runs)
+    ]
+    if words.one_a_run and len(runs) > 1:
+        asked = " and ".join(kind_of(item) for item in runs)
+        raise InputError(f"{dialect} runs one analysis per file, not {asked}; write a deck for each")
+
+
+def _check_names(deck: FlatDeck, analyses: Sequence[Analysis], references: Sequence[str]) -> None:
+    if only_one(analyses, TransientAnalysis) is None and any(isinstance(item, Measure) for item in analyses):
+        raise InputError("measure: it measures a transient, and none is asked for; add a TransientAnalysis")
+    nodes, sources = {*deck.node_names, *references}, {*deck.source_names, *references}
+    for analysis in analyses:
+        wanted = [analysis.node] if isinstance(analysis, NoiseAnalysis | Measure) else []
+        wanted += list(analysis.nodes) if isinstance(analysis, Probe) else []
+        missing = [node for node in wanted if node not in nodes]
+        missing += [name for name in (analysis.sources if isinstance(analysis, Probe) else ()) if name not in sources]
+        if missing:
+            raise InputError(
+                f"{kind_of(analysis)}: the deck has no node or voltage source {missing[0]!r}; "
+                f"it has such as {', '.join([*deck.node_names[:3], *deck.source_names[:3]])}"
+            )
+
+
+def _statement(words: Statements, name: str, deck: FlatDeck, analysis: Analysis) -> list[str]:
+    if isinstance(analysis, Probe | Measure) or (isinstance(analysis, MismatchAnalysis) and not analysis.runs):
+        return []
+    values: dict[str, Any] = {"deck": name, **_plain(analysis), **_source(deck)}
+    if isinstance(analysis, TemperatureAnalysis):
+        values["temperatures"] = " ".join(repr(float(value)) for value in analysis.celsius)
+        values["count"] = len(analysis.celsius)
+    if isinstance(analysis, MismatchAnalysis):
+        values["numbers"] = " ".join(map(str, range(1, analysis.runs + 1)))
+    templates: tuple[str, ...] = getattr(words, kind_of(analysis))
+    return [template.format(**values) for template in templates]
+
+
+def _plain(analysis: Analysis) -> dict[str, Any]:
+    if isinstance(analysis, TransientAnalysis):
+        return {"stop": repr(float(analysis.stop)), "step": repr(float(analysis.step))}
+    return {key: repr(value) if isinstance(value, float) else value for key, value in asdict(analysis).items()}
+
+
+def _source(deck: FlatDeck) -> dict[str, str]:
+    if not deck.source_names:
+        return {"source": "", "volts": ""}
+    number = int(np.argmin(deck.sources))
+    volts = float(deck.netlist.source_volts[deck.sources[number]])
+    return {"source": deck.source_names[number], "volts": repr(volts)}
+
+
+def _started(words: Statements, name: str, statements: list[str]) -> list[str]:
+    """With a control block ngspice runs nothing by itself: the other analyses are started in one, too."""
+    if ".control" not in statements or not words.run or not any(line.startswith(".o") for line in statements):
+        return statements
+    return [*statements, *(line.format(deck=name) for line in words.run)]
+
+
+def _probes(words: Statements, analyses: Sequence[Analysis]) -> list[str]:
+    kinds = list(dict.fromkeys(kind for item in analyses if (kind := _KINDS.get(type(item), ""))))
+    what = [
+        template.format(name=name)
+        for probe in analyses
+        if isinstance(probe, Probe)
+        for template, wanted in ((words.probe_voltage, probe.nodes), (words.probe_current, probe.sources))
+        for name in wanted
+    ]
+    if not what:
+        return [words.print_all.format(kind=kind) for kind in kinds if words.print_all]
+    statements = dict.fromkeys(words.probe.format(kind=kind, what=" ".join(what)) for kind in kinds or ["dc"])
+    return list(statements)
+
+
+def _measures(words: Statements, analyses: Sequence[Analysis]) -> list[str]:
+    lines = [
+        getattr(words, item.what).format(name=item.name, node=item.node, at=None if item.at is None else float(item.at))
+        for item in analyses
+        if isinstance(item, Measure)
+    ]
+    return [*words.measure_first, *lines, *words.measure_last] if lines else []
+
+
+def _change(deck: FlatDeck, transient: TransientAnalysis | None, after: Netlist | None) -> list[str]:
+    """Elements that turn the deck's scene into the next one: currents that a step switches on.
+
+    What a changed resistor carries more, ``(g_after - g_before) V``, is a source of that current times the step;
+    what its sources feed in more is one that follows it, too.
+    """
+    if transient is None or after is None:
+        return []
+    rules, before = deck.dialect, deck.netlist
+    wave = rules.piecewise.format(points=f"0.0 0.0 {transient.step!r} 1.0")
+    lines = [
+        rules.voltage_source.format(name="v_scene_step", a="scene_step", b=rules.ground, value="0.0") + wave,
+        *_changed_elements(deck, before, after),
+    ]
+    return [f"{rules.comment}the change of the scene", *lines]
+
+
+def _changed_elements(deck: FlatDeck, before: Netlist, after: Netlist) -> Iterator[str]:
+    rules = deck.dialect
+    names = dict(zip(deck.nodes.tolist(), deck.node_names, strict=True)) | {GROUND: rules.ground}
+    step = rules.voltage.format(a="scene_step", b=rules.ground)
+    difference = after.conductance - before.conductance
+    for number in np.flatnonzero(difference).tolist():
+        a, b = (names.get(node) for node in before.resistor_nodes[number].tolist())
+        if a is not None and b is not None:
+            value = f"({float(difference[number])!r})*{rules.voltage.format(a=a, b=b)}*{step}"
+            yield rules.behavioural_current.format(name=f"b_scene_{number}", a=a, b=b, value=value)
+    fed = _fed(after) - _fed(before)
+    for node in np.flatnonzero(fed).tolist():
+        if node in names and node != GROUND:
+            value = f"({float(fed[node])!r})*{step}"
+            yield rules.behavioural_current.format(
+                name=f"b_drive_{names[node]}", a=rules.ground, b=names[node], value=value
+            )
+
+
+def _fed(netlist: Netlist) -> Any:
+    count = netlist.node_count
+    into, out = (np.bincount(netlist.current_nodes[:, end], netlist.current_amps, count) for end in (1, 0))
+    return into - out
