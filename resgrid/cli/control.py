@@ -84,7 +84,7 @@ def command(
     ]  # fmt: skip
     _write(job, motions, output, report)
     if animate is not None:
-        _draw_run(animate, motions[0], job, report)
+        _draw_run(animate, motions[0], report)
     if wavefront is not None:
         _draw_wavefront(wavefront, motions[0], job, report)
     if output != "-":
@@ -129,7 +129,7 @@ def _check_films(films: dict[str, str | None], announce: bool) -> None:
     """Refuse animations that cannot be made, before anything is computed."""
     for file in films.values():
         if file is not None:
-            from resgrid.plot.films import check_animation
+            from resgrid.plot.animate import check_animation
 
             check_animation(file)
     if films["--wavefront"] is not None and not announce:
@@ -143,14 +143,12 @@ def _write(job: Job, motions: list[Motion], output: str | None, report: Report) 
             report.say(f"wrote {output}")
 
 
-def _draw_run(file: str, motion: Motion, job: Job, report: Report) -> None:
-    from resgrid.plot.animations import run_frames
-    from resgrid.plot.films import save_animation
+def _draw_run(file: str, motion: Motion, report: Report) -> None:
+    from resgrid.plot import animate
 
     report.say(f"drawing {FRAMES} frames for {file}")
     with report.stage(f"draw {Path(file).name}", steps=FRAMES) as progress:
-        frames = run_frames(motion.run, job.scene, count=FRAMES)
-        save_animation(frames, file, progress=lambda _: progress.advance())
+        animate(motion.run, file, count=FRAMES, progress=lambda _: progress.advance())
     report.say(f"wrote {file}")
 
 
@@ -159,8 +157,7 @@ def _draw_wavefront(file: str, motion: Motion, job: Job, report: Report) -> None
     import numpy as np
 
     from resgrid.control.fronts import wavefront
-    from resgrid.plot.animations import wavefront_frames
-    from resgrid.plot.films import save_animation
+    from resgrid.plot import animate
 
     sim = motion.simulation
     assert sim.settling is not None
@@ -169,7 +166,7 @@ def _draw_wavefront(file: str, motion: Motion, job: Job, report: Report) -> None
     with report.stage("follow the wavefront", seconds=10.0):
         front = wavefront(sim.settling, job.space, sim.space, np.linspace(0.0, crossed, FRAMES))
     with report.stage(f"draw {Path(file).name}", steps=FRAMES) as progress:
-        save_animation(wavefront_frames(front, motion.run), file, rate=10.0, progress=lambda _: progress.advance())
+        animate(front, file, run=motion.run, rate=10.0, progress=lambda _: progress.advance())
     report.say(f"wrote {file}")
 
 

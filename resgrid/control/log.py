@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.planning.field import Field
+from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
 
 
@@ -120,6 +121,8 @@ class Run:
     penetration : float
         Deepest entry of the robot into an obstacle, in any row and on the straight lines between rows, under exact
         geometry, in metres; a run with any has the ending ``"entered"``, whatever else it came to.
+    scene : Scene or None
+        The one that was set in motion, if there was one.
     """
 
     ending: Ending
@@ -137,6 +140,7 @@ class Run:
     space: ConfigurationSpace
     field: Field
     penetration: float
+    scene: Scene | None = None
 
     def __post_init__(self) -> None:
         for array in (

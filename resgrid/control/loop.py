@@ -355,7 +355,8 @@ class Loop:
         mode = Mode.ARRIVED if arrived else self.recorder.last_mode
         self.recorder.add(self.time, self.configuration, believed, none, mode, None, none)
         goal = int(self.space.goal_region[tuple(self.space.split(believed)[0])]) if arrived else None
-        return self.recorder.run(self.ending, goal, tuple(self.lessons), self.space, self.controller.field, self.plant)
+        lessons, scene = tuple(self.lessons), self.simulation.scene
+        return self.recorder.run(self.ending, goal, lessons, self.space, self.controller.field, self.plant, scene)
 
 
 def _leads_on(velocity: Vector, chosen: Vector) -> bool:

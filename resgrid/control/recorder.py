@@ -10,6 +10,7 @@ from resgrid.control.log import ContactLog, Ending, Lesson, Mode, Run
 from resgrid.control.plant import Plant
 from resgrid.frame import Frame
 from resgrid.planning.field import Field
+from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
 
 Vector = NDArray[np.float64]
@@ -49,7 +50,7 @@ class Recorder:
 
     def run(
         self, ending: tuple[Ending, str], goal: int | None, lessons: tuple[Lesson, ...], space: ConfigurationSpace,
-        field: Field, plant: Plant,
+        field: Field, plant: Plant, scene: Scene | None,
     ) -> Run:  # fmt: skip
         """The log of all rows, in the world."""
         frame = space.frame
@@ -74,6 +75,7 @@ class Recorder:
             space=space,
             field=field,
             penetration=penetration,
+            scene=scene,
         )
 
     def _contacts(self, frame: Frame) -> ContactLog:

@@ -45,6 +45,8 @@ class Simulation:
         How the grid settles while the robot follows it; None: at once.
     before : ConfigurationSpace or None
         Then, the map that the grid had settled to at time 0; None: the same one.
+    scene : Scene or None
+        The one that is set in motion, for pictures.
     """
 
     controller: Controller
@@ -55,6 +57,7 @@ class Simulation:
     step: float = 0.2
     settling: GridSettling | None = None
     before: ConfigurationSpace | None = None
+    scene: Scene | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.friction < np.inf:
@@ -184,7 +187,7 @@ def simulation(
         resolve(sample(scene)) if field is None else field,
         speed=speed, admittance=admittance, speed_limits=speed_limits, response=response,
     )  # fmt: skip
-    return Simulation(controller, plant, resolve, friction, learn, step)
+    return Simulation(controller, plant, resolve, friction, learn, step, scene=scene)
 
 
 def believed_offsets(value: ArrayLike, ndim: int, what: str) -> NDArray[np.float64]:

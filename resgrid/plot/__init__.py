@@ -3,19 +3,22 @@
 from resgrid.plot.animate import animate
 from resgrid.plot.diagrams import draw_dirichlet_share, draw_velocities
 from resgrid.plot.draw import draw
-from resgrid.plot.figures import new_figure, render_figure, save_figure
-from resgrid.plot.pages import draw_page
+from resgrid.plot.figures import add_title, figure_of, new_figure, render_figure, save_figure
+from resgrid.plot.pages import draw_page, draw_slices
 from resgrid.plot.workspace import draw_pair, draw_robot, draw_tips
 
 __all__ = [
+    "add_title",
     "animate",
     "draw",
     "draw_dirichlet_share",
     "draw_page",
     "draw_pair",
     "draw_robot",
+    "draw_slices",
     "draw_tips",
     "draw_velocities",
+    "figure_of",
     "new_figure",
     "render_figure",
     "save_figure",

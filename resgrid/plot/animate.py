@@ -28,6 +28,7 @@ from resgrid.plot.control import (
     draw_lessons,
     force_scale,
     panel_aspect,
+    scene_of,
 )  # fmt: skip
 from resgrid.plot.diagrams import add_change_bar, draw_change, draw_moment
 from resgrid.plot.figures import new_figure, panel_height
@@ -127,10 +128,10 @@ def _writer(path: str | os.PathLike[str], rate: float) -> AbstractMovieWriter:
     if suffix not in SUFFIXES:
         raise InputError(f"cannot write an animation as {str(path)!r}: its suffix must be {' or '.join(SUFFIXES)}")
     if suffix == ".gif":
-        return _GifWriter(fps=rate)
+        return _GifWriter(fps=rate)  # type: ignore[arg-type]
     if not FFMpegWriter.isAvailable():
         raise ToolMissingError("MP4 needs ffmpeg, which is not installed; install it, or name the file .gif")
-    return FFMpegWriter(fps=rate, codec="h264")
+    return FFMpegWriter(fps=rate, codec="h264")  # type: ignore[arg-type]
 
 
 class _GifWriter(PillowWriter):
@@ -221,8 +222,9 @@ class _Workspace:
 
     def __init__(self, run: Run, axes: Axes) -> None:
         self._run, self._axes = run, axes
-        draw_robot(run.configuration[:1], run.scene, axes, ghosts=1)
-        self._tips = workspace_path(run.configuration, run.scene.robot, run.space)
+        self._scene = scene_of(run)
+        draw_robot(run.configuration[:1], self._scene, axes, ghosts=1)
+        self._tips = workspace_path(run.configuration, self._scene.robot, run.space)
         (self._path,) = axes.plot([], [], color=ROBOT, linewidth=1.0, alpha=0.7, zorder=4)
         mark_start(self._tips[:1], axes)
         axes.plot([], [], color=ROBOT, linewidth=0, marker="o", label="robot")
@@ -235,7 +237,7 @@ class _Workspace:
 
     def show(self, row: int) -> None:
         """Draw the robot, and what it touches, at a row of the log."""
-        axes, robot, pose = self._axes, self._run.scene.robot, self._run.configuration[row]
+        axes, robot, pose = self._axes, self._scene.robot, self._run.configuration[row]
         for artist in self._moving:
             artist.remove()
         self._path.set_data(*self._tips[: row + 1].T)

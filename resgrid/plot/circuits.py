@@ -120,8 +120,9 @@ def _draw_rails(plan: Schematic, netlist: Netlist, axes: Axes) -> None:
     for code, colour in named:  # each rail's name in its first square
         places = np.argwhere(cells.space.cell == code)
         nodes, first = np.unique(cells.node[tuple(places.T)], return_index=True)
-        for name, (x, *y) in zip(netlist.names_of(nodes), places[first] + 0.5, strict=True):
-            axes.text(x, *(y or [0.5]), name, ha="center", va="center", fontsize=SMALL, color=colour, zorder=6)
+        for name, place in zip(netlist.names_of(nodes), places[first] + 0.5, strict=True):
+            x, y = (*place, 0.5)[:2]
+            axes.text(x, y, name, ha="center", va="center", fontsize=SMALL, color=colour, zorder=6)
 
 
 def resistor_note(netlist: Netlist) -> str:

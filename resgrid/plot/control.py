@@ -22,6 +22,7 @@ from resgrid.plot.plane import paint_cells, plane_of, seam_shifts, wrapped
 from resgrid.plot.style import FAILURE, PATHS, TEXT, mark_goal, mark_start, refresh_legend
 from resgrid.plot.workspace import draw_robot
 from resgrid.robots import Arm
+from resgrid.scene.scene import Scene
 from resgrid.space import Cell
 
 MODES: dict[Mode, tuple[str, Any]] = {
@@ -56,7 +57,7 @@ def draw_run(run: Run, *, title: str = "", caption: str = "") -> Figure:
     height = panel_height(PAGE / 2 - 0.6, panel_aspect(run)) + 0.4 + caption_height(caption)
     figure = new_figure(PAGE, height)
     left = figure.add_subplot(1, 2, 1) if flat else figure.add_subplot()
-    draw_robot(without_rests(run.configuration), run.scene, left)
+    draw_robot(without_rests(run.configuration), scene_of(run), left)
     _draw_forces(run.contacts, left)
     refresh_legend(left)
     if flat:
@@ -69,7 +70,7 @@ def draw_runs(runs: Sequence[Run], *, title: str = "", caption: str = "") -> Fig
     """Draw the same motion at several k: paths of the reference point, and paths through configuration space."""
     figure = new_figure(PAGE, 5.0 + caption_height(caption))
     left, right = figure.subplots(1, 2)
-    scene = runs[0].scene
+    scene = scene_of(runs[0])
     draw_robot(runs[0].configuration[:1], scene, left, ghosts=1)
     draw_configurations(runs[0], right, path=False)
     for run, colour in zip(runs, PATHS, strict=False):
@@ -85,9 +86,16 @@ def draw_runs(runs: Sequence[Run], *, title: str = "", caption: str = "") -> Fig
     return figure
 
 
+def scene_of(run: Run) -> Scene:
+    """The scene that was set in motion."""
+    if run.scene is None:
+        raise InputError("this run had no scene, so that nobody knows its workspace; make it by simulation(scene)")
+    return run.scene
+
+
 def panel_aspect(run: Run) -> float:
     """Height over width of the taller panel; the workspace of an arm or of what turns is drawn as a square."""
-    same = run.space.ndim == 2 and not isinstance(run.scene.robot, Arm)
+    same = run.space.ndim == 2 and not isinstance(scene_of(run).robot, Arm)
     return plane_of(run.space).aspect if same else 1.0
 
 
@@ -114,14 +122,15 @@ def draw_configurations(run: Run, axes: Axes, *, path: bool = True) -> None:
     if run.space.ndim != 2:
         raise InputError(f"the configuration space of this motion has {run.space.ndim} axes, and a picture has two")
     learnt = run.learnt
-    plant = plant_of(run.scene)
+    scene = scene_of(run)
+    plant = plant_of(scene)
     known = run.space.with_cells(np.where(learnt, np.uint8(Cell.FREE), run.space.cell))
     obstacle = known.cell == Cell.OBSTACLE
     virtual = None
-    if isinstance(robot := run.scene.robot, Arm):
-        bare = replace(robot, singularity_cells=None, singularity_width=None)
+    if isinstance(scene.robot, Arm):
+        bare = replace(scene.robot, singularity_cells=None, singularity_width=None)
         bodies = plant.obstacles[: plant.known]
-        virtual = plant.itself & obstacle & ~bare.occupancy(run.scene.axes, bodies, "conservative")
+        virtual = plant.itself & obstacle & ~bare.occupancy(scene.axes, bodies, "conservative")
     draw_space(known, axes, virtual=virtual)
     hidden = (plant.true_space(known).cell == Cell.OBSTACLE) & ~obstacle
     paint_cells(known, hidden, _HIDDEN_CELLS, "hidden obstacle", axes)
@@ -163,7 +172,7 @@ def _draw_path(run: Run, axes: Axes) -> None:
         mark_goal(ends[1:], axes, "")
     else:
         label = str(run.ending).replace("_", " ")
-        axes.scatter(*ends[1], s=34, marker="x", color=FAILURE, linewidth=1.6, zorder=8, label=label)
+        axes.scatter(ends[1, 0], ends[1, 1], s=34, marker="x", color=FAILURE, linewidth=1.6, zorder=8, label=label)
 
 
 def _enters(points: NDArray[np.float64], run: Run) -> bool:

@@ -54,6 +54,10 @@ def _draw_operating_point(op: OperatingPoint, ax: Axes | None = None) -> Axes:
     return draw_circuit(op.netlist, ax, op=op)
 
 
+def _draw_path(path: Streamline, space: ConfigurationSpace, ax: Axes | None = None) -> Axes:
+    return draw_streamlines([path], space, ax)
+
+
 PICTURES: dict[type, Picture] = {
     ClearanceCurve: draw_clearance_curve,
     ConfigurationSpace: draw_space,
@@ -69,6 +73,7 @@ PICTURES: dict[type, Picture] = {
     Scene: draw_scene,
     Sensitivity: draw_sensitivity,
     Separation: draw_separation,
+    Streamline: _draw_path,
     Settling: draw_settled,
     Wavefront: draw_wavefront,
     Yield: draw_yield,
@@ -84,7 +89,7 @@ PICTURES_OF_MANY: dict[type, Picture] = {
 """The picture of several values together: of a sequence, of precisions a mapping from their names."""
 
 
-def draw(value: object, ax: Axes | None = None, **options: Any) -> Axes | Figure:
+def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     """Draw a value: a scene, a space, a field, paths, a circuit, a run, or what a study of a chip found.
 
     ==================  ===========================================  =================================================
@@ -143,7 +148,7 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Axes | Figure
         raise InputError(f"{unknown[0]} is no option of a picture of {_named(value)}; it takes {allowed}")
     if ax is not None and "ax" not in takes:
         raise InputError(f"a picture of {_named(value)} has several panels, and is not drawn into one ax: leave ax out")
-    return guarded("draw", picture)(value, **options, **({"ax": ax} if "ax" in takes else {}))  # type: ignore[no-any-return]
+    return guarded("draw", picture)(value, **options, **({"ax": ax} if "ax" in takes else {}))
 
 
 def _picture_of(value: object) -> Picture:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from shapely.geometry.base import BaseGeometry
 
 from resgrid.netlist import CellMap, face_shape
 from resgrid.space import Cell
@@ -38,9 +39,9 @@ class Schematic:
     start: NDArray[np.float64]
     end: NDArray[np.float64]
     seam: NDArray[np.bool_]
-    obstacles: shapely.Geometry
-    goals: shapely.Geometry
-    open_cells: shapely.Geometry
+    obstacles: BaseGeometry
+    goals: BaseGeometry
+    open_cells: BaseGeometry
 
 
 def schematic_of(cells: CellMap) -> Schematic:
@@ -113,11 +114,11 @@ def _end(cell: NDArray[np.uint8], at: NDArray[np.int64], along: NDArray[np.int64
     return np.asarray(at + 0.5 + side * along * np.where(free, 0.0, HALF)[:, None])
 
 
-def _squares(mask: NDArray[np.bool_]) -> list[shapely.Geometry]:
+def _squares(mask: NDArray[np.bool_]) -> list[BaseGeometry]:
     return [shapely.box(i, j, i + 1, j + 1) for i, j in np.argwhere(mask).tolist()]
 
 
-def _bands(shape: tuple[int, ...], railed: list[bool]) -> list[shapely.Geometry]:
+def _bands(shape: tuple[int, ...], railed: list[bool]) -> list[BaseGeometry]:
     """The rail around the grid, on the sides of the axes that have one."""
     (width, height), (x, y) = shape, (_BAND * rail for rail in railed)
     sides = [(-x, -y, 0, height + y), (width, -y, width + x, height + y)] if railed[0] else []
@@ -125,7 +126,7 @@ def _bands(shape: tuple[int, ...], railed: list[bool]) -> list[shapely.Geometry]
     return [shapely.box(*side) for side in sides]
 
 
-def _area(groups: list[list[shapely.Geometry]]) -> shapely.Geometry:
+def _area(groups: list[list[BaseGeometry]]) -> BaseGeometry:
     """Groups of touching squares, each joined and drawn thinner by the gap."""
     joined = [shapely.union_all(group).buffer(-_GAP, join_style="mitre") for group in groups if group]
     return shapely.union_all(joined)

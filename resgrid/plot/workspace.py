@@ -256,7 +256,9 @@ def _draw_surroundings(scene: Scene, ax: Axes | None) -> Axes:
 
 
 def _goal_regions(scene: Scene) -> list[Shape]:
-    return [goal for goal in scene.goals if isinstance(goal, Shape) and len(goal.bounds[0]) == 2]
+    return [
+        goal for goal in scene.goals if isinstance(goal, Shape) and not isinstance(goal, CellSet) and goal.ndim == 2
+    ]
 
 
 def goal_places(scene: Scene) -> NDArray[np.float64]:

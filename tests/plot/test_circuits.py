@@ -1,6 +1,8 @@
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
+from resgrid.plot.symbols import engineering, zigzag
+from resgrid.plot.voltages import voltage_texts
 
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
@@ -8,8 +10,6 @@ from resgrid.netlist import Netlist
 from resgrid.nodal.solve import solve
 from resgrid.plot import plot_circuit, plot_scene_page, render_figure
 from resgrid.plot.schematic import HALF, MARGIN, schematic_of
-from resgrid.plot.symbols import engineering, zigzag
-from resgrid.plot.voltages import voltage_texts
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
 

@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 from matplotlib.quiver import Quiver
 from PIL import Image
+from resgrid.plot.animations import frame_rows, run_frames, wavefront_frames
+from resgrid.plot.films import check_animation, save_animation
 
 import resgrid as rg
 from resgrid.control.fronts import Wavefront, wavefront
@@ -15,8 +17,6 @@ from resgrid.control.log import Mode, Run
 from resgrid.control.settling import GridSettling
 from resgrid.control.settling_ratio import SettlingSweep
 from resgrid.errors import InputError, ToolMissingError
-from resgrid.plot.animations import frame_rows, run_frames, wavefront_frames
-from resgrid.plot.films import check_animation, save_animation
 
 TEXT = """
 schema = 1

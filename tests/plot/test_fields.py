@@ -5,6 +5,9 @@ import pytest
 from matplotlib.contour import ContourSet
 from matplotlib.image import AxesImage
 from matplotlib.quiver import Quiver
+from resgrid.plot.arrows import current_arrows, nearest_to_middles
+from resgrid.plot.blocks import block_colours, block_means
+from resgrid.plot.ghosts import add_border, fill_open_walls
 
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
@@ -13,9 +16,6 @@ from resgrid.nodal.solve import solve
 from resgrid.planning.field import Field, field_of
 from resgrid.planning.trace import streamline
 from resgrid.plot import plot_currents, plot_path, plot_potential, plot_scene_page, plot_space
-from resgrid.plot.arrows import current_arrows, nearest_to_middles
-from resgrid.plot.blocks import block_colours, block_means
-from resgrid.plot.ghosts import add_border, fill_open_walls
 from resgrid.plot.shading import nice_step, shading_of, span
 from resgrid.space import Axis, Cell, ConfigurationSpace
 

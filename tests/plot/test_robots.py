@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
+from resgrid.plot.paint import VIRTUAL
 
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
@@ -26,7 +27,6 @@ from resgrid.plot import (
     plot_tip_ways,
     plot_workspace,
 )
-from resgrid.plot.paint import VIRTUAL
 from resgrid.plot.style import FAILURE
 from resgrid.robots import Arm, Ball, Box, DiscRobot, HalfSpace, Polygon, PolygonRobot
 from resgrid.space import Axis, Cell, ConfigurationSpace
