@@ -101,9 +101,7 @@ def _paths(job: Job, plan: Plan, _field: Field | None = None) -> Any:
 
 def _has_body(job: Job) -> bool:
     """Whether the robot's workspace is another plane than its configuration space."""
-    from resgrid.robots import Arm, PolygonRobot
-
-    return isinstance(job.scene.robot, Arm | PolygonRobot)
+    return not job.scene.robot.moves_in_workspace
 
 
 def _robot(job: Job, plan: Plan, _field: Field | None = None) -> Figure:

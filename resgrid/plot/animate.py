@@ -34,8 +34,7 @@ from resgrid.plot.diagrams import add_change_bar, draw_change, draw_moment
 from resgrid.plot.figures import new_figure, panel_height
 from resgrid.plot.plane import plane_of, seam_shifts, wrapped
 from resgrid.plot.style import TEXT, mark_start, refresh_legend
-from resgrid.plot.workspace import draw_robot, fill
-from resgrid.robots import Arm
+from resgrid.plot.workspace import draw_robot, fill, skeleton
 
 ROBOT = "#0072B2"
 MODE_TEXTS = {
@@ -243,8 +242,9 @@ class _Workspace:
         self._path.set_data(*self._tips[: row + 1].T)
         bodies = [shape for shape in robot.shapes_at(pose) if shape.area]
         self._moving = [patch for shape in bodies for patch in fill(shape, axes, color=ROBOT, alpha=0.6, zorder=7.5)]
-        if isinstance(robot, Arm):
-            self._moving += axes.plot(*robot.joints(pose).T, color=ROBOT, linewidth=3, marker="o", zorder=8)
+        joints = skeleton(robot, pose)
+        if len(joints):
+            self._moving += axes.plot(*joints.T, color=ROBOT, linewidth=3, marker="o", zorder=8)
         elif not bodies:
             self._moving += axes.plot(*self._tips[row], color=ROBOT, marker="o", markersize=7, zorder=8)
         contacts = self._run.contacts

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +20,6 @@ from resgrid.plot.figures import PAGE, add_title, caption_height, new_figure, pa
 from resgrid.plot.plane import paint_cells, plane_of, seam_shifts, wrapped
 from resgrid.plot.style import FAILURE, PATHS, TEXT, mark_goal, mark_start, refresh_legend
 from resgrid.plot.workspace import draw_robot
-from resgrid.robots import Arm
 from resgrid.scene.scene import Scene
 from resgrid.space import Cell
 
@@ -95,8 +93,8 @@ def scene_of(run: Run) -> Scene:
 
 def panel_aspect(run: Run) -> float:
     """Height over width of the taller panel; the workspace of an arm or of what turns is drawn as a square."""
-    same = run.space.ndim == 2 and not isinstance(scene_of(run).robot, Arm)
-    return plane_of(run.space).aspect if same else 1.0
+    flat = run.space.ndim == 2 and scene_of(run).robot.moves_in_workspace
+    return plane_of(run.space).aspect if flat else 1.0
 
 
 def _draw_forces(contacts: ContactLog, axes: Axes) -> None:
@@ -127,10 +125,9 @@ def draw_configurations(run: Run, axes: Axes, *, path: bool = True) -> None:
     known = run.space.with_cells(np.where(learnt, np.uint8(Cell.FREE), run.space.cell))
     obstacle = known.cell == Cell.OBSTACLE
     virtual = None
-    if isinstance(scene.robot, Arm):
-        bare = replace(scene.robot, singularity_cells=None, singularity_width=None)
-        bodies = plant.obstacles[: plant.known]
-        virtual = plant.itself & obstacle & ~bare.occupancy(scene.axes, bodies, "conservative")
+    if (bare := scene.robot.bare()) != scene.robot:
+        touched = bare.occupancy(scene.axes, plant.obstacles[: plant.known], "conservative")
+        virtual = plant.itself & obstacle & ~touched
     draw_space(known, axes, virtual=virtual)
     hidden = (plant.true_space(known).cell == Cell.OBSTACLE) & ~obstacle
     paint_cells(known, hidden, _HIDDEN_CELLS, "hidden obstacle", axes)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+import shapely
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_hex, to_rgb
@@ -14,12 +15,13 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
+from shapely.geometry.polygon import orient
 
 from resgrid.errors import InputError
 from resgrid.planning.completeness import Separation
 from resgrid.planning.seams import axis_path
 from resgrid.planning.streamline import Streamline
-from resgrid.planning.workspace import Way, dense, travel_bound, workspace_path
+from resgrid.planning.workspace import Way, dense, workspace_path
 from resgrid.plot.fields import draw_space
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, caption_height, new_figure
 from resgrid.plot.paths import draw_separation, draw_streamlines
@@ -37,7 +39,7 @@ from resgrid.plot.style import (
     mark_start,
     refresh_legend,
 )  # fmt: skip
-from resgrid.robots import Arm, CellSet, DiscRobot, HalfSpace, PointRobot, Robot, Shape, to_shapely
+from resgrid.robots import CellSet, HalfSpace, Robot, Shape, to_shapely
 from resgrid.scene.scene import Goal, GoalCell, GoalJoints, GoalPoint, Scene
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -93,11 +95,11 @@ def draw_robot(
     tip = workspace_path(poses, robot, grid)
     if len(tip) > 1:
         effects = [Stroke(linewidth=2.4, foreground="white"), Normal()]
-        label = f"path of {_point_name(robot)}"
+        label = f"path of the {robot.reference}"
         axes.plot(tip[:, 0], tip[:, 1], color=colour, linewidth=1.4, zorder=6, path_effects=effects, label=label)
         mark_start(tip[:1], axes, "")
         mark_goal(tip[-1:], axes, "")
-    if isinstance(robot, Arm):
+    if robot.base is not None:
         axes.scatter([robot.base[0]], [robot.base[1]], s=30, marker="s", facecolor="black", zorder=7, label="base")
     _frame(axes, scene, [tip, *_outlines(robot, shown)])
     refresh_legend(axes)
@@ -127,7 +129,7 @@ def draw_tips(paths: Sequence[Streamline], scene: Scene, ax: Axes | None = None)
     robot, grid = scene.robot, empty_space(scene)
     axes = _draw_surroundings(scene, ax)
     lines = [workspace_path(_dense(path, robot, grid), robot, grid) for path in paths]
-    label = f"paths of {_point_name(robot)}"
+    label = f"paths of the {robot.reference}"
     axes.add_collection(LineCollection(lines, colors=PATHS[0], linewidths=0.6, alpha=0.8, zorder=4, label=label))
     for row, size, face in ((0, 5, "white"), (-1, 4, GOAL)):
         ends = np.array([line[row] for line in lines]).reshape(-1, 2)
@@ -224,8 +226,6 @@ def mark_shapes(shapes: Sequence[Shape], axes: Axes, colour: str, label: str, or
 
 def fill(shape: Any, axes: Axes, **style: Any) -> list[PathPatch]:
     """Fill a shapely polygon, or several, holes left open."""
-    from shapely.geometry.polygon import orient
-
     patches = []
     for part in map(orient, getattr(shape, "geoms", [shape])):
         rings = [part.exterior, *part.interiors]
@@ -237,7 +237,7 @@ def fill(shape: Any, axes: Axes, **style: Any) -> list[PathPatch]:
 
 def _draw_surroundings(scene: Scene, ax: Axes | None) -> Axes:
     """Obstacles, cells of a map, hidden obstacles and goals of a scene whose robot moves in the plane."""
-    if _moves_as_drawn(scene.robot) and scene.ndim != 2:
+    if scene.robot.moves_in_workspace and scene.ndim != 2:
         raise InputError(f"the workspace of a scene with {scene.ndim} axes is not a plane: sample it, and draw fields")
     axes = axes_or_new(ax)
     if scene.map is not None:
@@ -248,7 +248,7 @@ def _draw_surroundings(scene: Scene, ax: Axes | None) -> Axes:
     mark_shapes(scene.hidden, axes, HIDDEN, "hidden obstacle", 2.4)
     mark_shapes(_goal_regions(scene), axes, GOAL, "goal", 1.5)
     mark_goal(goal_places(scene), axes)
-    unit = "m" if isinstance(scene.robot, Arm) else scene.axes[0].unit
+    unit = "m" if scene.robot.base is not None else scene.axes[0].unit
     axes.set(aspect="equal", xlabel=f"x ({unit})", ylabel=f"y ({unit})")
     axes.set_title("Workspace", fontsize=TEXT)
     dress(axes)
@@ -285,25 +285,16 @@ def _reference(configuration: Any, scene: Scene) -> NDArray[np.float64]:
     return workspace_path(np.reshape(configuration, (1, -1)), scene.robot, empty_space(scene))[0, :2]
 
 
-def _moves_as_drawn(robot: Robot) -> bool:
-    """Whether the robot's workspace is its configuration space."""
-    return isinstance(robot, PointRobot | DiscRobot)
-
-
-def _point_name(robot: Robot) -> str:
-    return "the tip" if isinstance(robot, Arm) else "the reference point"
-
-
 def _dense(path: Way, robot: Robot, space: ConfigurationSpace) -> NDArray[np.float64]:
     """Configurations in the world close enough for smooth lines, whatever the scale of the workspace."""
     corners = axis_path(path, space)
-    travel = float(travel_bound(robot, corners[:-1], corners[1:]).sum())
+    travel = float(robot.travel(corners[:-1], corners[1:]).sum())
     return space.to_world(dense(path, robot, space, travel / 400)[0] if travel else corners)
 
 
 def _evenly(poses: NDArray[np.float64], robot: Robot, count: int) -> NDArray[np.int64]:
     """Numbers of poses that are evenly spaced along what the robot's points travel."""
-    along = np.concatenate([[0.0], np.cumsum(travel_bound(robot, poses[:-1], poses[1:]))])
+    along = np.concatenate([[0.0], np.cumsum(robot.travel(poses[:-1], poses[1:]))])
     return np.unique(np.searchsorted(along, np.linspace(0.0, along[-1], count)).clip(0, len(poses) - 1))
 
 
@@ -320,18 +311,26 @@ def _draw_pose(robot: Robot, pose: NDArray[np.float64], axes: Axes, number: int,
             shape, axes, facecolor=(*colour, 0.75 if label else 0.25), edgecolor=colour,
             linewidth=1.2 if label else 0.6, zorder=order,
         )  # fmt: skip
-    if isinstance(robot, Arm):
+    joints = skeleton(robot, pose)
+    if len(joints):
         axes.plot(
-            *robot.joints(pose).T, color=colour, linewidth=2.4 if label else 1.0, marker="o",
+            *joints.T, color=colour, linewidth=2.4 if label else 1.0, marker="o",
             markersize=3.6 if label else 1.6, solid_capstyle="round", zorder=order, label=label,
         )  # fmt: skip
     elif label and bodies:
         add_swatch(axes, label, to_hex(colour))
 
 
-def _outlines(robot: Robot, poses: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    import shapely
+def skeleton(robot: Robot, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Joints of a robot whose parts are segments, one after the other, shape (n, 2); else none."""
+    cores = [part.core[0] for part in robot.parts(pose[np.newaxis])]
+    if not all(isinstance(core, shapely.LineString) for core in cores):
+        return np.empty((0, 2))
+    points = shapely.get_coordinates(cores)
+    return np.asarray(points[np.append(True, np.any(np.diff(points, axis=0) != 0, axis=1))])
 
+
+def _outlines(robot: Robot, poses: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     return [shapely.get_coordinates(shape) for pose in poses for shape in robot.shapes_at(pose)]
 
 
@@ -340,7 +339,7 @@ def _frame(axes: Axes, scene: Scene, lines: list[NDArray[np.float64]]) -> None:
     shapes = (*scene.obstacles, *scene.hidden, *_goal_regions(scene))
     corners = [np.array(shape.bounds) for shape in shapes if not isinstance(shape, HalfSpace | CellSet)]
     robot = scene.robot
-    if isinstance(robot, Arm):
+    if robot.base is not None:
         corners.append(np.add([[-robot.reach] * 2, [robot.reach] * 2], robot.base))
     elif scene.ndim == 2:
         corners.append(plane_of(empty_space(scene)).corners)
