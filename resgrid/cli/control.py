@@ -129,7 +129,7 @@ def _check_films(films: dict[str, str | None], announce: bool) -> None:
     """Refuse animations that cannot be made, before anything is computed."""
     for file in films.values():
         if file is not None:
-            from resgrid.plot.animate import check_animation
+            from resgrid.plot.animations import check_animation
 
             check_animation(file)
     if films["--wavefront"] is not None and not announce:

@@ -251,7 +251,7 @@ def draw_resistors(
     space = netlist.cells.space
     across, index = crossed_faces((netlist.cells.resistor_face if faces is None else faces)[which], space.shape)
     along = np.eye(space.ndim)[across]
-    ends = index[:, None] + 0.5 - 0.5 * along[:, None] + [[[-0.5]], [[0.5]]] * along
+    ends = index[:, None] + 0.5 - 0.5 * along[:, None] + [[-0.5], [0.5]] * along[:, None]
     segments = space.to_world(space.lower + np.clip(ends, 0.0, space.shape) * space.spacing)
     segments[across < 0] = np.nan
     lines = LineCollection(list(segments), zorder=4, capstyle="butt")

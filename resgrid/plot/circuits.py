@@ -26,15 +26,15 @@ from resgrid.space import Cell
 INK = "#202020"
 HALO = [withStroke(linewidth=1.8, foreground="white")]
 SYMBOLS = {
-    "resistor": ("Resistor", "Ω"),
-    "voltage source": ("SourceV", "V"),
-    "current source": ("SourceI", "A"),
-    "capacitor": ("Capacitor", "F"),
+    "resistor": "Resistor",
+    "voltage source": "SourceV",
+    "current source": "SourceI",
+    "capacitor": "Capacitor",
 }
-"""Symbol of schemdraw and unit of every kind of element."""
+"""What schemdraw calls every kind of element."""
 
 MOST_CELLS_A_SIDE = 10
-_BODY = 0.4
+_BODY = 0.36
 """Length of a symbol without its leads, in cells."""
 
 _INCHES = 0.8
@@ -54,17 +54,15 @@ def symbols_on(axes: Axes) -> Iterator[Any]:
     drawing.draw(show=False)
 
 
-def add_symbol(drawing: Any, kind: str, start: ArrayLike, end: ArrayLike, value: float | None = None) -> None:
-    """Add an element from one point to another, with its value beside it; from plus to minus, along the current."""
+def add_symbol(drawing: Any, kind: str, start: ArrayLike, end: ArrayLike) -> None:
+    """Add an element from one point to another: a source from plus to minus, or along its current."""
     import schemdraw.elements
 
     first, last = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
     if kind == "voltage source":  # schemdraw puts the plus at the end
         first, last = last, first
-    name, unit = SYMBOLS[kind]
     body = min(_BODY, 0.6 * float(np.linalg.norm(last - first)))
-    symbol = getattr(schemdraw.elements, name)().scale(body).endpoints(tuple(first), tuple(last))
-    drawing.add(symbol if value is None else symbol.label(format_quantity(value, unit, 3)))
+    drawing.add(getattr(schemdraw.elements, SYMBOLS[kind])().scale(body).endpoints(tuple(first), tuple(last)))
 
 
 def add_ground(drawing: Any, at: ArrayLike) -> None:
@@ -169,8 +167,8 @@ def _draw_nodes(plan: Schematic, netlist: Netlist, op: OperatingPoint | None, ax
     texts, unit = voltage_texts(op, plan.dot_node)
     style: dict[str, Any] = {"ha": "left", "fontsize": SMALL, "path_effects": HALO, "zorder": 6}
     for (x, y), name, text in zip(plan.dot, netlist.names_of(plan.dot_node), texts, strict=True):
-        axes.text(x + 0.1, y - 0.11, name, va="top", color="#666666", **style)
-        axes.text(x + 0.1, y + 0.11, text, va="bottom", gid="volts", **style)
+        axes.text(x + 0.12, y - 0.11, name, va="top", color="#666666", **style)
+        axes.text(x + 0.12, y + 0.11, text, va="bottom", gid="volts", **style)
     label = f"node: name, and voltage above it in {unit}" if op is not None else "node"
     axes.scatter([], [], s=20, c="#41b6c4" if op is not None else INK, edgecolor=INK, linewidth=0.7, label=label)
 

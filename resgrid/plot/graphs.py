@@ -23,6 +23,7 @@ from resgrid.plot.circuits import (
 )  # fmt: skip
 from resgrid.plot.figures import new_figure
 from resgrid.plot.style import SMALL
+from resgrid.scene.quantities import format_quantity
 
 MOST_NODES = 40
 _STUB = 0.9
@@ -32,11 +33,12 @@ _APART = 1.1
 """Between elements to ground of one node."""
 
 _ELEMENTS = {
-    "resistor": ("resistor_nodes", "conductance"),
-    "voltage source": ("source_nodes", "source_volts"),
-    "current source": ("current_nodes", "current_amps"),
-    "capacitor": ("capacitor_nodes", "capacitance"),
+    "resistor": ("resistor_nodes", "conductance", "Ω"),
+    "voltage source": ("source_nodes", "source_volts", "V"),
+    "current source": ("current_nodes", "current_amps", "A"),
+    "capacitor": ("capacitor_nodes", "capacitance", "F"),
 }
+"""Where a netlist keeps every kind of element, and the unit of what is written beside it."""
 
 Place = NDArray[np.float64]
 
@@ -90,7 +92,8 @@ def _draw_graph(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) ->
     axes = new_figure(width, height).add_subplot() if ax is None else ax
     with symbols_on(axes) as drawing:
         for branch in branches:
-            add_symbol(drawing, branch.kind, branch.start, branch.end, branch.value)
+            add_symbol(drawing, branch.kind, branch.start, branch.end)
+            _write_value(branch, axes)
             for wire in branch.wires:
                 axes.plot(*np.stack(wire, axis=1), color=INK, linewidth=0.9, zorder=2)
             if branch.ground is not None:
@@ -107,7 +110,7 @@ def _places(netlist: Netlist) -> Place:
 
     graph: nx.Graph[int] = nx.Graph()
     graph.add_nodes_from(range(1, netlist.node_count))
-    for nodes, _ in _ELEMENTS.values():
+    for nodes, *_ in _ELEMENTS.values():
         graph.add_edges_from((a, b) for a, b in getattr(netlist, nodes).tolist() if GROUND not in (a, b) and a != b)
     place = np.zeros((netlist.node_count, 2))
     left = 0.0
@@ -131,7 +134,7 @@ def _branches(netlist: Netlist, place: Place) -> list[Branch]:
     """Places of all elements: parallel ones side by side, those to ground fanned out below their node."""
     branches: list[Branch] = []
     ranks: dict[tuple[int, int], int] = {}
-    for kind, (nodes, values) in _ELEMENTS.items():
+    for kind, (nodes, values, _) in _ELEMENTS.items():
         value = getattr(netlist, values)
         amounts = (1.0 / value if kind == "resistor" else value).tolist()
         for (a, b), amount in zip(getattr(netlist, nodes).tolist(), amounts, strict=True):
@@ -162,6 +165,17 @@ def _between(kind: str, value: float, a: Place, b: Place, rank: int, *, forward:
     aside = 0.5 * side * np.array([-along[1], along[0]]) / max(float(np.linalg.norm(along)), 1e-9)
     start, end = a + 0.15 * along + aside, b - 0.15 * along + aside
     return Branch(kind, value, start, end, ((a, start), (end, b)))
+
+
+def _write_value(branch: Branch, axes: Axes) -> None:
+    """The value of an element: to the right of a steep one, else above it."""
+    along = np.abs(branch.end - branch.start)
+    steep = along[1] > along[0]
+    x, y = ((branch.start + branch.end) / 2 + ((0.24, 0.0) if steep else (0.0, 0.22))).tolist()
+    text = format_quantity(branch.value, _ELEMENTS[branch.kind][2], 3)
+    axes.text(
+        x, y, text, ha="left" if steep else "center", va="center", fontsize=SMALL, path_effects=HALO, zorder=6
+    )  # fmt: skip
 
 
 def _draw_nodes(netlist: Netlist, op: OperatingPoint | None, place: Place, branches: list[Branch], axes: Axes) -> None:
