@@ -7,15 +7,15 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from resgrid.cli.job import Job
 from resgrid.cli.paths import Plan
+from resgrid.cli.scenes import Job
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes  # noqa: TID251
     from matplotlib.figure import Figure  # noqa: TID251
 
-    from resgrid.planning.field import Field
+    from resgrid.planning.fields import Field
 
 PAGE_AXES = 3
 """Most axes of a space that is drawn."""
@@ -54,7 +54,7 @@ def _album(job: Job, plan: Plan) -> dict[str, tuple[str, Callable[[], Axes | Fig
         album["paths"] = "map and all paths", partial(_paths, job, plan)
     if _has_body(job) and any(route.reached for route in plan.routes):
         album["robot"] = "the robot in its workspace along its first path", partial(_robot, job, plan)
-    if job.space.ndim <= 2 and max(job.space.shape) <= CIRCUIT_CELLS and len(plan.chips) == 1:
+    if job.space.ndim <= 2 and max(job.space.shape) <= CIRCUIT_CELLS and len(plan.operating_points) == 1:
         album["circuit"] = "the chip as a circuit, with its voltages", partial(_circuit, job, plan)
     return album
 
@@ -63,7 +63,7 @@ def _page(job: Job, plan: Plan, field: Field | None) -> Figure:
     from resgrid.plot import draw_page
 
     assert field is not None
-    own = [route for route in plan.routes if route.field is None or plan.fields[route.field] is field]
+    own = [route for route in plan.routes if not route.field.is_flowing or route.field is field]
     return draw_page(field, [route.streamline for route in own], title=_title(job, plan, field))
 
 
@@ -95,7 +95,7 @@ def _paths(job: Job, plan: Plan, _field: Field | None = None) -> Any:
     from resgrid.plot import draw
 
     axes = draw(job.space)
-    lines, shares = [route.streamline for route in plan.routes], [route.k for route in plan.routes]
+    lines, shares = [route.streamline for route in plan.routes], [route.field.k for route in plan.routes]
     return draw(lines, axes, space=job.space, k=shares)
 
 
@@ -125,14 +125,14 @@ def _robot(job: Job, plan: Plan, _field: Field | None = None) -> Figure:
 def _circuit(_job: Job, plan: Plan, _field: Field | None = None) -> Any:
     from resgrid.plot import draw
 
-    return draw(next(iter(plan.chips.values())).point)
+    return draw(next(iter(plan.operating_points.values())))
 
 
 def _slices(_job: Job, plan: Plan, field: Field | None) -> Figure:
     from resgrid.plot import draw_slices
 
     assert field is not None
-    return draw_slices(field, paths=[route.streamline for route in plan.routes if route.field is not None])
+    return draw_slices(field, paths=[route.streamline for route in plan.routes if route.field.is_flowing])
 
 
 PICTURES: dict[str, Callable[..., Axes | Figure]] = {

@@ -14,7 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
-from resgrid.planning.field import Field
+from resgrid.planning.fields import Field
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.plane import (
     MOST_CELLS,

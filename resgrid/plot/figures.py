@@ -59,15 +59,15 @@ def panel_height(width: float, aspect: float) -> float:
     return min(max(width * aspect, 1.0), 2.2 * width) + 1.1
 
 
-def render_figure(figure: Figure, file_format: str, *, dpi: float = DPI) -> bytes:
-    """Render a figure as a file's content."""
+def render_figure(picture: Axes | Figure, file_format: str, *, dpi: float = DPI) -> bytes:
+    """Render a picture as a file's content."""
     if file_format not in FORMATS:
         raise InputError(f"the picture format {file_format!r} is unknown; it may be one of {', '.join(FORMATS)}")
     if not 10 <= dpi <= 2400:
         raise InputError(f"dpi = {dpi}, but a picture has 10 to 2400 dots per inch")
     buffer = io.BytesIO()
     with mpl.rc_context(_SETTINGS):
-        figure.savefig(buffer, format=file_format, dpi=dpi, metadata=_NO_METADATA[file_format])
+        figure_of(picture).savefig(buffer, format=file_format, dpi=dpi, metadata=_NO_METADATA[file_format])
     return buffer.getvalue()
 
 
@@ -104,4 +104,4 @@ def save_figure(picture: Axes | Figure, path: str | os.PathLike[str], *, dpi: fl
     if suffix not in FORMATS:
         allowed = ", ".join("." + name for name in FORMATS)
         raise InputError(f"cannot save a picture as {str(path)!r}: its suffix must be one of {allowed}")
-    return write_bytes(path, render_figure(figure_of(picture), suffix, dpi=dpi))
+    return write_bytes(path, render_figure(picture, suffix, dpi=dpi))

@@ -15,8 +15,8 @@ from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.planning.behaviour import ClearanceCurve
-from resgrid.planning.completeness import Separation
+from resgrid.planning.planner import ClearanceCurve
+from resgrid.planning.separation import Separation
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.plot.fields import draw_space
 from resgrid.plot.figures import axes_or_new

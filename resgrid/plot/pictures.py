@@ -17,16 +17,16 @@ from resgrid.chip.precision import Precision
 from resgrid.chip.sensitivity import Sensitivity
 from resgrid.chip.settling import Settling
 from resgrid.chip.yields import Yield
-from resgrid.control.fronts import Wavefront
 from resgrid.control.log import Run
-from resgrid.control.settling_ratio import SettlingSweep
+from resgrid.control.relaxation import Wavefront
+from resgrid.control.relaxation_ratio import RelaxationSweep
 from resgrid.doors import guarded
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.planning.behaviour import ClearanceCurve
-from resgrid.planning.completeness import Separation
-from resgrid.planning.field import Field
+from resgrid.planning.fields import Field
+from resgrid.planning.planner import ClearanceCurve
+from resgrid.planning.separation import Separation
 from resgrid.planning.streamline import Streamline
 from resgrid.plot.chip_curves import draw_exploration, draw_precisions, draw_settled
 from resgrid.plot.chip_maps import (
@@ -83,7 +83,7 @@ PICTURES: dict[type, Picture] = {
 PICTURES_OF_MANY: dict[type, Picture] = {
     Precision: draw_precisions,
     Run: draw_runs,
-    SettlingSweep: draw_sweeps,
+    RelaxationSweep: draw_sweeps,
     Streamline: draw_streamlines,
 }
 """The picture of several values together: of a sequence, of precisions a mapping from their names."""

@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from shapely.geometry.polygon import orient
 
 from resgrid.errors import InputError
-from resgrid.planning.completeness import Separation
-from resgrid.planning.seams import axis_path
-from resgrid.planning.streamline import Streamline
+from resgrid.planning.separation import Separation
+from resgrid.planning.streamline import Streamline, axis_path
 from resgrid.planning.workspace import Way, dense, workspace_path
 from resgrid.plot.fields import draw_space
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, caption_height, new_figure

@@ -13,10 +13,9 @@ from resgrid.plot.paint import VIRTUAL
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
-from resgrid.planning.behaviour import clearance_curve
-from resgrid.planning.completeness import separation
-from resgrid.planning.field import Field, field_of
-from resgrid.planning.planner import plan
+from resgrid.planning.fields import Field, field_of
+from resgrid.planning.planner import clearance_curve, plan
+from resgrid.planning.separation import separation
 from resgrid.planning.trace import streamline
 from resgrid.plot import (
     plot_clearance_curve,
