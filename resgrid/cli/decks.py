@@ -56,11 +56,9 @@ def is_deck(source: str) -> bool:
 
 def is_network(source: str) -> bool:
     """Whether a file is a network that is no deck: a graph, arrays, a configuration, or a list of edges."""
-    from resgrid.spice.networks.edges import is_edge_list
-    from resgrid.spice.networks.graphs import NETWORK_SUFFIXES
+    from resgrid.spice.networks.read import is_network as is_one
 
-    suffix = Path(source).suffix.lower()
-    return is_edge_list(source) if suffix == ".txt" else suffix in (*NETWORK_SUFFIXES, ".ini")
+    return is_one(source)
 
 
 def refuse_scene_options(choice: SceneChoice) -> None:
@@ -71,19 +69,12 @@ def refuse_scene_options(choice: SceneChoice) -> None:
 
 def open_deck(choice: SceneChoice, read_as: str, root: str | None, report: Report) -> ParsedDeck:
     """Read a deck, or a network as if it were one."""
-    from resgrid.spice.networks.read import network_deck
     from resgrid.spice.read.deck import read_spice
 
     refuse_scene_options(choice)
     path = Path(choice.source)
-    if path.suffix.lower() == SPECTRE_SUFFIX:
-        raise InputError(
-            f"{path}: decks for Spectre are written and not read; convert the deck or scene it was made of"
-        )
     size = path.stat().st_size if path.is_file() else 0
     with report.stage("read the deck", seconds=0.5 + _READ_SECONDS * size):
-        if is_network(choice.source):
-            return network_deck(path, root=root)
         deck = read_spice(path, dialect=read_as, root=root)
     tell_notes(deck, report)
     return deck
@@ -186,7 +177,7 @@ def _supplies(solved: SolvedDeck, count: int) -> list[dict[str, Any]]:
     point, netlist = solved.point, solved.point.netlist
     amps = np.nan_to_num(np.abs(point.source_current), nan=np.inf)
     order = np.argsort(-amps, kind="stable")[:count]
-    names = (netlist.element_names or {}).get("voltage source", ())
+    names = (netlist.element_names or solved.deck.element_names)["voltage source"]
     return [
         {"name": names[i], "volts": float(netlist.source_volts[i]), "amps": float(point.source_current[i])}
         for i in order.tolist()
