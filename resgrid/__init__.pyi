@@ -35,16 +35,20 @@ from .chip.yields import Yield as Yield, analyse_yield as analyse_yield
 from .compiler import compile_space as compile_space
 from .control.controller import Controller as Controller, make_controller as make_controller
 from .control.equipotential import equipotential_velocity as equipotential_velocity
-from .control.fronts import Wavefront as Wavefront, wavefront as wavefront
 from .control.learning import resolver as resolver
 from .control.log import Ending as Ending, Mode as Mode, Run as Run
 from .control.plant import Plant as Plant, make_plant as make_plant
 from .control.pushes import Push as Push, random_pushes as random_pushes
-from .control.settling import GridSettling as GridSettling, grid_settling as grid_settling
-from .control.settling_ratio import (
-    SettlingSweep as SettlingSweep,
-    announced as announced,
-    settling_sweep as settling_sweep,
+from .control.relaxation import (
+    Relaxation as Relaxation,
+    Wavefront as Wavefront,
+    make_relaxation as make_relaxation,
+    wavefront as wavefront,
+)
+from .control.relaxation_ratio import (
+    RelaxationSweep as RelaxationSweep,
+    announce_hidden as announce_hidden,
+    relaxation_sweep as relaxation_sweep,
 )
 from .control.simulation import Simulation as Simulation, simulation as simulation
 from .errors import (
@@ -57,6 +61,9 @@ from .errors import (
     ToolMissingError as ToolMissingError,
 )
 from .frame import Frame as Frame
+from .io.paths import ros_plan as ros_plan, write_path as write_path
+from .io.runs import write_run as write_run
+from .io.solutions import write_solution as write_solution
 from .netlist import CellMap as CellMap, Netlist as Netlist
 from .nodal.drive import scale_drive as scale_drive
 from .nodal.many import solve_many as solve_many
@@ -70,31 +77,46 @@ from .nodal.transient import (
     transient_stepper as transient_stepper,
 )
 from .nodal.watch import Watch as Watch
-from .planning.behaviour import (
+from .planning.blend import blend as blend, dirichlet_share as dirichlet_share
+from .planning.certify import certify as certify, certify_free as certify_free
+from .planning.fields import Field as Field, field as field
+from .planning.normals import octree_voxels as octree_voxels, surface_normals as surface_normals
+from .planning.planner import (
     ClearanceCurve as ClearanceCurve,
+    Planner as Planner,
     clearance_curve as clearance_curve,
+    plan as plan,
     wall_clearance_curve as wall_clearance_curve,
 )
-from .planning.blend import blend as blend
-from .planning.certify import certify as certify
-from .planning.collision import Risk as Risk, risk as risk
-from .planning.completeness import Separation as Separation, check_verdicts as check_verdicts, separation as separation
-from .planning.destinations import Absorption as Absorption, absorption as absorption, basins as basins
-from .planning.export import ros_plan as ros_plan, write_path as write_path
-from .planning.field import Field as Field, field as field
-from .planning.free_way import certify_free as certify_free
-from .planning.normals import octree_voxels as octree_voxels, surface_normals as surface_normals
-from .planning.planner import Planner as Planner, plan as plan
-from .planning.scene_parts import Blocking as Blocking, blocking as blocking
-from .planning.seams import unwrap as unwrap
-from .planning.shares import dirichlet_share as dirichlet_share
-from .planning.short_path import ShortPath as ShortPath
+from .planning.random_walk import (
+    Absorption as Absorption,
+    Risk as Risk,
+    Walk as Walk,
+    absorption as absorption,
+    random_walk as random_walk,
+    risk as risk,
+)
+from .planning.separation import (
+    Blocking as Blocking,
+    Separation as Separation,
+    blocking as blocking,
+    check_verdicts as check_verdicts,
+    separation as separation,
+)
 from .planning.shortcut import shorten as shorten
-from .planning.streamline import Outcome as Outcome, Streamline as Streamline
-from .planning.timing import time_path as time_path
-from .planning.trace import Traces as Traces, streamline as streamline, streamlines as streamlines
-from .planning.trajectory import Trajectory as Trajectory
-from .planning.walk import Walk as Walk, random_walk as random_walk
+from .planning.streamline import (
+    Outcome as Outcome,
+    ShortPath as ShortPath,
+    Streamline as Streamline,
+    unwrap as unwrap,
+)
+from .planning.timing import Trajectory as Trajectory, time_path as time_path
+from .planning.trace import (
+    Traces as Traces,
+    basins as basins,
+    streamline as streamline,
+    streamlines as streamlines,
+)
 from .planning.workspace import (
     Collision as Collision,
     replay as replay,
@@ -196,8 +218,6 @@ from .spice.run.forecast import Forecast as Forecast, forecast_run as forecast_r
 from .spice.run.ngspice import run_ngspice as run_ngspice
 from .spice.run.rawfile import write_raw as write_raw
 from .spice.write.files import write_spice as write_spice
-from .spice.write.flat import format_deck as format_deck
-from .spice.write.tiles import Tile as Tile, expanded_netlist as expanded_netlist
 from .wiring import Wiring as Wiring
 
 __version__: str

@@ -1,12 +1,14 @@
-"""Files written whole or not at all: a temporary file in the same folder, renamed when it is complete."""
+"""Files read with errors that say what is wrong; files and folders written whole or not at all."""
 
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import re
 import secrets
 import shutil
+import stat
 import tempfile
 import time
 from collections.abc import Iterator
@@ -14,8 +16,47 @@ from pathlib import Path
 
 from resgrid.errors import InputError
 
+SUMMARY = "summary.json"
+"""Lists the files of a folder of results."""
+
+MAX_TEXT_BYTES = 1 << 28
+
 _STALE = 86_400.0
 """Seconds after which what a killed process left half-written is taken for that."""
+
+
+def read_bytes(path: Path, limit: int | None = None) -> bytes:
+    """All bytes of a file."""
+    try:
+        status = path.stat()
+        if stat.S_ISDIR(status.st_mode):
+            raise InputError(f"{path}: this is a directory; give the file inside it")
+        if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode):
+            raise InputError(f"{path}: this is a device; give a file")
+        if limit is not None and status.st_size > limit:
+            raise InputError(f"{path}: {status.st_size} bytes are too many (at most {limit}); is it the right file?")
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file; check the name and the folder") from None
+    except PermissionError:
+        raise InputError(f"{path}: permission denied; make the file readable") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read ({error})") from None
+
+
+def read_text(path: Path) -> str:
+    """All text of a UTF-8 file, line ends turned into newlines."""
+    return decode(read_bytes(path, MAX_TEXT_BYTES), path)
+
+
+def decode(data: bytes, path: Path) -> str:
+    """UTF-8 text of some bytes, a byte order mark dropped, line ends turned into newlines."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise InputError(f"{path}: line {line}: this is not UTF-8 text; save the file as UTF-8") from None
+    return text.replace("\r\n", "\n")
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:
@@ -51,6 +92,64 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise _unwritable(Path(path), error) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def whole_folder(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary folder beside ``path`` whose files move there if the block succeeds.
+
+    An existing folder keeps its other files; those that its own earlier ``summary.json`` lists and that were not made
+    again are removed.  The summary is moved last.
+    """
+    target = Path(path)
+    if target.exists() and not target.is_dir():
+        raise InputError(f"-o {path}: this is a file, and the results need a folder; name another")
+    parents = _make_parents(target)
+    temporary = temporary_place(target.parent, target.name)
+    try:
+        temporary.mkdir()
+        yield temporary
+        _move_files(temporary, target)
+        parents = []
+    except OSError as error:
+        raise _unwritable(target, error) from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+        for parent in parents:
+            with contextlib.suppress(OSError):  # somebody else has put something there
+                parent.rmdir()
+
+
+def _make_parents(target: Path) -> list[Path]:
+    """Make the parents of a folder; those that were missing, the innermost first."""
+    try:
+        missing = [parent for parent in target.absolute().parents if not parent.exists()]
+        target.absolute().parent.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        raise _unwritable(target, error) from error
+    return missing
+
+
+def _move_files(temporary: Path, target: Path) -> None:
+    if not target.exists():
+        temporary.rename(target)
+        return
+    names = sorted(file.name for file in temporary.iterdir())
+    stale = _earlier_files(target) - set(names)
+    for name in sorted(names, key=lambda name: name == SUMMARY):
+        (temporary / name).replace(target / name)
+    for name in stale:
+        (target / name).unlink(missing_ok=True)
+
+
+def _earlier_files(target: Path) -> set[str]:
+    """Files that an earlier run left here, by its own summary."""
+    try:
+        listed = json.loads((target / SUMMARY).read_text(encoding="utf-8"))["files"]
+        names = {str(name) for name in listed}
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
+    return {name for name in names if Path(name).name == name and (target / name).is_file()}
 
 
 def temporary_place(folder: Path, stem: str, suffix: str = "") -> Path:

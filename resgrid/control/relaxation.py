@@ -1,0 +1,371 @@
+"""Grids that are still settling while a robot follows them (Connolly & Grupen 1992, section 7).
+
+A change of the map sets the rails of some cells at once; everything else follows as a wavefront.  Two ways are
+emulated: the paper's digital relaxation, a number of sweeps over the grid per control step, and the chip itself, with a
+capacitor at every node, by implicit steps in time.  A step of the chip is what passes between two readings of it,
+`TICK` of a cell: 2 R C at the default pace.  Backward Euler is of first order in it, and late: what decays as
+``exp(-t / tau)`` takes ``step / (2 tau)`` longer.  At that pace potentials are off by some 2 % of the supply at the
+first reading and 0.4 % at the fourth; between readings the robot sees the last one.
+
+Voltages are counted from the obstacle rail (Dirichlet, walls) or from the goal rail (Neumann).  The right-hand sides
+then hold no negative number, and neither a Jacobi sweep nor a backward Euler step subtracts: a voltage keeps its
+relative accuracy far from the goals, and lies between those of the rails at every moment.  Over-relaxation overshoots;
+it is held at the rail (projected SOR).  So no current ever runs into an obstacle, however far the grid is from settled,
+and a robot that follows the current meets none that is on the map.  But until it has settled there may be local minima:
+cells that no current leaves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from resgrid.compiler import compile_space
+from resgrid.control.learning import scene_share
+from resgrid.doors import checked
+from resgrid.errors import InputError
+from resgrid.netlist import GROUND, Netlist
+from resgrid.nodal.dynamics import Dynamics, dynamics_of, factor_resolvent
+from resgrid.nodal.transient import transient_stepper
+from resgrid.planning.blend import blend
+from resgrid.planning.fields import Field, read_field
+from resgrid.planning.road import closed, require_uniform, scene_wiring
+from resgrid.scene.scene import Scene
+from resgrid.space import ConfigurationSpace
+
+METHODS = ("jacobi", "sor", "chip")
+
+TICK = 0.2
+"""How often a chip is read: every time a robot at its nominal speed has crossed this share of a cell."""
+
+_SETTLED = 1e-6
+"""Largest relative distance of a voltage from its end at which the grid counts as settled for good."""
+
+_DIRECT = 100_000
+"""Unknowns up to which factors fit in memory and cache."""
+
+Vector = NDArray[np.float64]
+
+
+@checked
+@dataclass(frozen=True, eq=False)
+class Relaxation:
+    """How a grid settles, and how fast compared to the robot.
+
+    Attributes
+    ----------
+    method : {"jacobi", "sor", "chip"}
+        Jacobi sweeps, sweeps of successive over-relaxation, or the transient of a chip with a capacitor at every node.
+    pace : float
+        Sweeps, or for a chip units ``R C`` of time (of one resistor and one capacitor), while the robot at its nominal
+        speed crosses one cell.
+    omega : float
+        Factor of over-relaxation, in (0, 2).
+    patience : float
+        How long the robot stands still before it gives up: in cells that it might have crossed.
+    k, boundary, edge
+        As `resgrid.plan` takes them.
+    wall_resistance : float or None
+        For walls: in units of the resistance between neighbours.
+    """
+
+    method: str = "chip"
+    pace: float = 10.0
+    omega: float = 1.8
+    patience: float = 40.0
+    k: float | None = None
+    boundary: str = "dirichlet"
+    edge: str | tuple[str, ...] = "obstacle"
+    wall_resistance: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.method not in METHODS:
+            raise InputError(f"method = {self.method!r} is unknown; it may be one of {', '.join(METHODS)}")
+        if not 0 < self.pace < np.inf:
+            raise InputError(f"pace = {self.pace}, but the pace of settling is finite and above 0")
+        if not 0 < self.omega < 2:
+            raise InputError(f"omega = {self.omega}, but over-relaxation converges for factors between 0 and 2 only")
+        if not 0 < self.patience < np.inf:
+            raise InputError(f"patience = {self.patience}, but it is finite and above 0, in cells")
+        if self.k is not None and not 0 <= self.k <= 1:
+            raise InputError(f"k = {self.k}, but a blend needs 0 <= k <= 1 (1 is Dirichlet, 0 is Neumann)")
+
+    def boundaries(self) -> tuple[str, ...]:
+        """The chips it takes: one, or for a blend two."""
+        if self.k is None:
+            return (self.boundary,)
+        return (*((self.boundary,) if self.k > 0 else ()), *(("neumann",) if self.k < 1 else ()))
+
+
+def make_relaxation(
+    scene: Scene, *, method: str = "chip", pace: float = 10.0, omega: float = 1.8, patience: float = 40.0,
+    k: float | None = None,
+) -> Relaxation:  # fmt: skip
+    """How the grid of a scene settles.
+
+    Parameters
+    ----------
+    scene : Scene
+    method, pace, omega, patience
+        As in `Relaxation`.
+    k : float, optional
+        Share of the Dirichlet field; by default as the scene says.
+
+    Returns
+    -------
+    Relaxation
+
+    Raises
+    ------
+    InputError
+        If a value is impossible, or the scene is driven by its start.
+    """
+    require_uniform(scene, "control")
+    share, wiring = scene_share(scene, k), scene_wiring(scene)
+    if share is not None:
+        wiring = closed(wiring)
+    wall = None if wiring.wall_resistance is None else wiring.wall_resistance / wiring.resistance
+    return Relaxation(method, pace, omega, patience, share, wiring.boundary, scene.edge, wall)
+
+
+class RelaxingGrid:
+    """The voltages of a map that has changed, on their way from the old operating point to the new one.
+
+    `before`: the map that the grid had settled to.
+    """
+
+    def __init__(self, relaxation: Relaxation, before: ConfigurationSpace) -> None:
+        self.relaxation = relaxation
+        self._parts: list[_Part] = []
+        self._owed = 0.0
+        self.change(before)
+        for part in self._parts:
+            part.settle()
+
+    def change(self, space: ConfigurationSpace) -> None:
+        """Put another map on the rails; all other nodes keep their voltages."""
+        kept = {part.boundary: part.per_cell() for part in self._parts}
+        vars(self).pop("_end", None)
+        self._parts = [
+            _Part(self.relaxation, boundary, space, kept.get(boundary)) for boundary in self.relaxation.boundaries()
+        ]
+
+    def advance(self, cells: float) -> bool:
+        """Let it settle while the robot could cross so many cells; whether anything was due."""
+        self._owed += cells * (self.relaxation.pace if self.relaxation.method != "chip" else 1.0 / TICK)
+        due = int(self._owed * (1 + 1e-12))
+        self._owed -= due
+        moved = False
+        for part in self._parts:
+            moved |= part.advance(due)
+        return moved
+
+    @property
+    def settled(self) -> bool:
+        """Whether every voltage is at its end."""
+        return all(part.settled for part in self._parts)
+
+    @property
+    def distance(self) -> float:
+        """Largest distance of a potential, as a field shows it, from its end."""
+        apart = np.abs(self.field.potential - self._end.potential)
+        return float(np.nanmax(apart, initial=0.0))
+
+    @property
+    def field(self) -> Field:
+        """What the grid shows now: not direction-safe until it has settled."""
+        return self._shown([part.voltage for part in self._parts])
+
+    @cached_property
+    def _end(self) -> Field:
+        return self._shown([part.end_voltage for part in self._parts])
+
+    def _shown(self, voltages: list[Vector]) -> Field:
+        fields = [field_now(part.netlist, volts) for part, volts in zip(self._parts, voltages, strict=True)]
+        if len(fields) == 1:
+            return fields[0]
+        assert self.relaxation.k is not None
+        return blend(fields[0], fields[1], self.relaxation.k)
+
+
+class _Part:
+    """One chip while it settles."""
+
+    def __init__(self, relaxation: Relaxation, boundary: str, space: ConfigurationSpace, cells: Vector | None) -> None:
+        self.boundary = boundary
+        self.netlist = _compiled(relaxation, boundary, space)
+        self._dynamics = dynamics_of(self.netlist)
+        node = self.netlist.cells.node
+        volts = np.zeros(self.netlist.node_count)
+        if cells is not None:
+            volts[node[node >= 0]] = np.nan_to_num(cells[node >= 0])
+        self._x = self._dynamics.state(volts)
+        drive, solver = self._dynamics.drive, "direct" if self._dynamics.size <= _DIRECT else "auto"
+        self._end = factor_resolvent(self._dynamics, 0.0, solver).solve(drive, rtol=1e-12) if len(drive) else drive
+        self._step = _stepping(self._dynamics, relaxation, solver)
+        self.settled = False
+
+    @property
+    def voltage(self) -> Vector:
+        """Node voltages, in volts; NaN where a node floats."""
+        return self._dynamics.voltage(self._x)
+
+    @property
+    def end_voltage(self) -> Vector:
+        """Node voltages once it has settled."""
+        return self._dynamics.voltage(self._end)
+
+    def per_cell(self) -> Vector:
+        """Voltage of every cell, NaN where there is none."""
+        node = self.netlist.cells.node
+        return np.where(node >= 0, self.voltage[node], np.nan)
+
+    def settle(self) -> None:
+        """Jump to the end."""
+        self._x, self.settled = self._end.copy(), True
+
+    def advance(self, count: int) -> bool:
+        """Make so many steps, unless it has settled; whether any was made."""
+        if self.settled or not count:
+            return False
+        self._x = self._step(self._x, count)
+        self.settled = bool(np.all(np.abs(self._x - self._end) <= _SETTLED * np.abs(self._end)))
+        if self.settled:
+            self._x = self._end.copy()
+        return True
+
+
+def _stepping(dynamics: Dynamics, relaxation: Relaxation, solver: str) -> Callable[[Vector, int], Vector]:
+    """Many sweeps, or the chip for many ticks, as a function from state to state."""
+    if relaxation.method == "chip":
+        stepper = transient_stepper(dynamics.netlist, relaxation.pace * TICK, method="backward_euler", solver=solver)
+
+        def charged(x: Vector, count: int) -> Vector:
+            volts = dynamics.voltage(x)
+            for _ in range(count):
+                volts = stepper.advance(volts)
+            return dynamics.state(volts)
+
+        return charged
+    from resgrid.control import kernels
+
+    matrix = sparse.csr_array(dynamics.conductance.coupling)
+    rows = (matrix.indptr, matrix.indices, matrix.data, dynamics.conductance.diagonal, dynamics.drive)
+    omega = 0.0 if relaxation.method == "jacobi" else relaxation.omega
+
+    def relaxed(x: Vector, count: int) -> Vector:
+        after, spare = x.copy(), np.empty_like(x)
+        kernels.relax(*rows, omega, count, after, spare)
+        return after
+
+    return relaxed
+
+
+def _compiled(relaxation: Relaxation, boundary: str, space: ConfigurationSpace) -> Netlist:
+    """A chip of 1 ohm and 1 farad, so that time counts in ``R C``, with its reference rail at 0 V."""
+    neumann = boundary == "neumann"
+    netlist = compile_space(
+        space,
+        boundary=boundary,
+        edge=relaxation.edge,
+        resistance=1.0,
+        supply=1.0 if neumann else -1.0,
+        goal_voltage=0.0 if neumann else 1.0,
+        wall_resistance=relaxation.wall_resistance if boundary == "wall" else None,
+    )
+    free = netlist.cells.free_node
+    pairs = np.stack([free, np.full_like(free, GROUND)], axis=1)
+    return netlist.replace(capacitor_nodes=pairs, capacitance=np.ones(len(free)))
+
+
+def field_now(netlist: Netlist, voltage: Vector) -> Field:
+    """Read a field off voltages that need not be those of an operating point.  Shapes: `voltage` (nodes,)."""
+    cells = netlist.cells
+    height = voltage - cells.wiring.goal_voltage
+    volts = cells.wiring.supply if cells.wiring.drive != "uniform" else float(np.nanmax(height, initial=0.0)) or 1.0
+    a, b = netlist.resistor_nodes.T
+    drop = np.nan_to_num(voltage[a] - voltage[b])
+    with np.errstate(divide="ignore"):
+        log_amps = np.log(np.abs(drop)) + np.log(netlist.conductance)
+    resistors = (cells.resistor_face, cells.resistor_upward, np.sign(drop).astype(np.int8), log_amps)
+    return read_field(cells, volts, height / volts, None, resistors)
+
+
+def check_same_grid(before: ConfigurationSpace, after: ConfigurationSpace) -> None:
+    """Refuse two maps that are not of one grid."""
+    if before.axes != after.axes or before.frame != after.frame:
+        raise InputError(f"the map had {before.shape} cells and now has {after.shape}: one grid settles, give one grid")
+
+
+@dataclass(frozen=True, eq=False)
+class Wavefront:
+    """How a change of the map spreads.
+
+    Attributes
+    ----------
+    before, after : ConfigurationSpace
+        The map that the grid had settled to, and the one it is settling to.
+    cells : ndarray of float64, shape (t,)
+        When: in cells that the robot could have crossed.
+    potential : ndarray of float64, shape (t, *shape of the space)
+        At those times; NaN in cells without a node.
+    distance : ndarray of float64, shape (t,)
+        Largest distance of a potential from its end.
+    first : ndarray of float64, shape of the space
+        Potential before the change.
+    """
+
+    before: ConfigurationSpace
+    after: ConfigurationSpace
+    cells: NDArray[np.float64]
+    potential: NDArray[np.float64]
+    distance: NDArray[np.float64]
+    first: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for array in (self.cells, self.potential, self.distance, self.first):
+            array.flags.writeable = False
+
+
+def wavefront(
+    relaxation: Relaxation, before: ConfigurationSpace, after: ConfigurationSpace, cells: NDArray[np.float64]
+) -> Wavefront:
+    """Follow a change of the map through the grid.
+
+    Parameters
+    ----------
+    relaxation : Relaxation
+    before, after : ConfigurationSpace
+        Of the same axes.
+    cells : ndarray of float64, shape (t,)
+        When to look: in cells that the robot could have crossed since the change, ascending.
+
+    Returns
+    -------
+    Wavefront
+
+    Raises
+    ------
+    InputError
+        If the maps have different axes, or the times do not ascend.
+    CircuitError
+        If nothing can be driven.
+    """
+    when = np.asarray(cells, dtype=np.float64)
+    if when.ndim != 1 or not len(when) or not np.isfinite(when).all() or when[0] < 0 or np.any(when[1:] < when[:-1]):
+        raise InputError("times of a wavefront must be finite, at least 0 and ascending, in cells crossed")
+    check_same_grid(before, after)
+    grid = RelaxingGrid(relaxation, before)
+    first = grid.field.potential
+    grid.change(after)
+    frames, distance = [], []
+    for step in np.diff(when, prepend=0.0).tolist():
+        grid.advance(step)
+        frames.append(grid.field.potential)
+        distance.append(grid.distance)
+    return Wavefront(before, after, when.copy(), np.array(frames), np.array(distance), first)

@@ -1,0 +1,210 @@
+"""How fast a robot may be while its grid settles: the pace of settling at which arrival fails."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.control.log import Ending, Mode, Run
+from resgrid.control.relaxation import TICK, Relaxation, RelaxingGrid, check_same_grid
+from resgrid.control.simulation import Simulation
+from resgrid.errors import InputError
+from resgrid.space import ConfigurationSpace
+
+BITS = 10
+"""Settled means here: every potential is within half a step of a converter of so many bits of its end."""
+
+_LONGEST = 10_000_000
+_STEPS = 200
+
+
+@dataclass(frozen=True, eq=False)
+class RelaxationSweep:
+    """Runs of one robot on grids that settle at different paces.
+
+    Attributes
+    ----------
+    relaxation : Relaxation
+        What the runs share; its pace is not used.
+    settle : float
+        Sweeps, or units ``R C``, that the grid takes to settle to `BITS` bits after the change.
+    pace : ndarray of float64, shape (n,)
+        Sweeps, or units ``R C``, while the robot crosses a cell; ascending.
+    ratio : ndarray of float64, shape (n,)
+        Speed of the robot against that of settling: cells that it crosses while the grid settles, ``settle / pace``.
+    ending : tuple of Ending
+    time, waited : ndarray of float64, shape (n,)
+        How long each run took, and how long the robot stood waiting, in cells that it could have crossed.
+    instant : float
+        How long a run takes on a grid that has settled before it begins, in cells.
+    """
+
+    relaxation: Relaxation
+    settle: float
+    pace: NDArray[np.float64]
+    ratio: NDArray[np.float64]
+    ending: tuple[Ending, ...]
+    time: NDArray[np.float64]
+    waited: NDArray[np.float64]
+    instant: float
+
+    def __post_init__(self) -> None:
+        for array in (self.pace, self.ratio, self.time, self.waited):
+            array.flags.writeable = False
+
+    @property
+    def arrived(self) -> NDArray[np.bool_]:
+        """Which runs arrived, shape (n,)."""
+        return np.array([ending is Ending.ARRIVED for ending in self.ending])
+
+    @property
+    def failing_ratio(self) -> float | None:
+        """Smallest ratio at which a run did not arrive; None if all did."""
+        failed = self.ratio[~self.arrived]
+        return float(failed.min()) if len(failed) else None
+
+    @property
+    def safe_ratio(self) -> float | None:
+        """Largest ratio up to which all runs arrived; None if the slowest robot did not."""
+        limit = self.failing_ratio
+        below = self.ratio[self.arrived & (self.ratio < (np.inf if limit is None else limit))]
+        return float(below.max()) if len(below) else None
+
+
+def announce_hidden(sim: Simulation, relaxation: Relaxation) -> Simulation:
+    """The same world, but at time 0 somebody puts the hidden obstacles on the map, and the grid begins to settle.
+
+    Parameters
+    ----------
+    sim : Simulation
+    relaxation : Relaxation
+
+    Returns
+    -------
+    Simulation
+        It learns nothing, for there is nothing left to learn.
+
+    Raises
+    ------
+    InputError
+        If the hidden obstacles leave no goal.
+    """
+    truth = sim.plant.true_space(sim.space)
+    if not truth.goal_count:
+        raise InputError("the hidden obstacles cover every goal cell: move a goal, or an obstacle")
+    controller = sim.controller.with_field(sim.resolve(truth))
+    return replace(sim, controller=controller, learn=False, relaxation=relaxation, before=sim.space)
+
+
+def settling_time(relaxation: Relaxation, before: ConfigurationSpace, after: ConfigurationSpace) -> float:
+    """Sweeps, or units ``R C``, until a grid has settled after a change of its map."""
+    check_same_grid(before, after)
+    if relaxation.method == "chip":
+        step = 1.0
+        while step < _LONGEST:
+            last, spent = _watched(replace(relaxation, pace=step / TICK), before, after, TICK * np.arange(1.0, 41.0))
+            if spent > 2 * last:
+                return _finely(relaxation, before, after, max(last, step))
+            step *= 2
+    else:
+        times = np.unique(np.round(1.05 ** np.arange(1.0, 330.0))).astype(np.float64)
+        last, spent = _watched(replace(relaxation, pace=1.0), before, after, times[times < _LONGEST])
+        if spent > last:
+            return max(last, 1.0)
+    raise InputError(f"the grid has not settled after {spent:g} sweeps or units of R C")
+
+
+def _finely(relaxation: Relaxation, before: ConfigurationSpace, after: ConfigurationSpace, about: float) -> float:
+    """The same with steps of 1/200 of a settling time that is known coarsely: it is too long, as that of slow steps is.
+
+    A step h of backward Euler lets ``exp(-t / tau)`` take ``h / (2 tau)`` longer, and settling takes some 7 tau.
+    """
+    tick = about / _STEPS
+    fine = replace(relaxation, pace=tick / TICK)
+    last, _ = _watched(fine, before, after, TICK * np.arange(1.0, 1.25 * _STEPS))
+    return last + tick / 2
+
+
+def _watched(
+    relaxation: Relaxation, before: ConfigurationSpace, after: ConfigurationSpace, cells: ArrayLike
+) -> tuple[float, float]:
+    """When a grid was seen out of its final band for the last time, and until when it was watched."""
+    grid = RelaxingGrid(relaxation, before)
+    grid.change(after)
+    last, now = 0.0, 0.0
+    for time in np.asarray(cells, dtype=np.float64).tolist():
+        grid.advance(time - now)
+        now = time
+        if grid.distance > 0.5 / 2**BITS:
+            last = now
+        elif now > 2 * last + 40 * TICK:
+            break
+    return last * relaxation.pace, now * relaxation.pace
+
+
+def relaxation_sweep(
+    sim: Simulation,
+    start: ArrayLike,
+    relaxation: Relaxation,
+    ratios: Sequence[float],
+    *,
+    max_steps: int = 20_000,
+    progress: Callable[[int, int], object] | None = None,
+) -> RelaxationSweep:
+    """Let a robot go while its grid settles, at several ratios of both speeds.
+
+    Parameters
+    ----------
+    sim : Simulation
+        With hidden obstacles, which are put on the map at time 0 (`announced`).
+    start : array_like of float, shape (ndim,)
+    relaxation : Relaxation
+        Its pace is not used.
+    ratios : sequence of float
+        Cells that the robot crosses while the grid settles (`settling_time`).
+    max_steps : int
+        Of every run.
+    progress : callable, optional
+        Told how many runs are done, and of how many.
+
+    Returns
+    -------
+    RelaxationSweep
+
+    Raises
+    ------
+    InputError
+        If a ratio is not finite and above 0, or the start is impossible.
+    """
+    wanted = np.sort(np.asarray(ratios, dtype=np.float64))[::-1]
+    if wanted.ndim != 1 or not len(wanted) or not (np.isfinite(wanted).all() and wanted[-1] > 0):
+        raise InputError("ratios must be finite numbers above 0, at least one")
+    truth = sim.plant.true_space(sim.space)
+    settle = settling_time(relaxation, sim.space, truth)
+    world = announce_hidden(sim, relaxation)
+    cells = sim.controller.speed / float(sim.space.spacing.min())
+    instant = replace(world, relaxation=None, before=None).run(start, max_steps=max_steps)
+    runs: list[Run] = []
+    for number, ratio in enumerate(wanted.tolist()):
+        paced = replace(world, relaxation=replace(relaxation, pace=settle / ratio))
+        runs.append(paced.run(start, max_steps=max_steps))
+        if progress is not None:
+            progress(number + 1, len(wanted))
+    return RelaxationSweep(
+        relaxation=relaxation,
+        settle=settle,
+        pace=settle / wanted,
+        ratio=wanted.copy(),
+        ending=tuple(run.ending for run in runs),
+        time=np.array([run.time[-1] for run in runs]) * cells,
+        waited=np.array([time_in(run, Mode.WAITING) for run in runs]) * cells,
+        instant=float(instant.time[-1]) * cells,
+    )
+
+
+def time_in(run: Run, mode: Mode) -> float:
+    """How long a run was in a mode, in seconds."""
+    return float(np.diff(run.time)[run.mode[:-1] == mode].sum())

@@ -1,0 +1,249 @@
+"""Grids that settle while a robot follows them: both emulations against the operating point and the transient."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import assume, example, given, settings, strategies as st
+from support.hidden import hiding, square
+
+import resgrid as rg
+from resgrid.compiler import compile_space
+from resgrid.control.learning import resolver
+from resgrid.control.log import Ending, Mode
+from resgrid.control.relaxation import Relaxation, RelaxingGrid, field_now, make_relaxation, wavefront
+from resgrid.control.relaxation_ratio import announce_hidden, relaxation_sweep, settling_time
+from resgrid.errors import InputError
+from resgrid.netlist import GROUND
+from resgrid.nodal.solve import solve
+from resgrid.nodal.transient import transient
+from resgrid.robots import Box, PointRobot
+from resgrid.scene import read_scene
+from resgrid.space import Axis, Cell, ConfigurationSpace
+
+BLOCK = Box((2.0, 3.0), (6.5, 4.0))
+
+
+def blocked(cells: int = 16) -> ConfigurationSpace:
+    space = square(cells)
+    cell = np.array(space.cell)
+    cell[4 : cells - 3, cells // 2] = Cell.OBSTACLE
+    return ConfigurationSpace(space.axes, cell)
+
+
+@pytest.mark.parametrize(("method", "steps"), [("jacobi", 20_000), ("sor", 3000), ("chip", 60_000)])
+@pytest.mark.parametrize("k", [1.0, 0.98, 0.0])
+def test_both_emulations_end_at_the_operating_point(method: str, steps: int, k: float) -> None:
+    before, after = square(), blocked()
+    grid = RelaxingGrid(Relaxation(method, pace=steps / 10, k=k), before)
+    assert grid.distance == 0.0
+    grid.change(after)
+    assert grid.distance > 0.05
+    grid.advance(10.0)
+    shown, true = grid.field, resolver(k=k)(after)
+    np.testing.assert_allclose(shown.potential, true.potential, rtol=1e-5, atol=1e-9)
+    for axis in range(2):
+        np.testing.assert_allclose(shown.face_current(axis), true.face_current(axis), rtol=1e-4, atol=1e-8)
+
+
+def test_the_live_chip_is_the_transient_of_the_netlist() -> None:
+    """Voltages of another rail, resistance, capacitance and method: the same potentials."""
+    before, after = square(), blocked()
+    resistance, capacitance = 10e3, 1e-13
+    chips = []
+    for space in (before, after):
+        netlist = compile_space(space, resistance=resistance)
+        free = netlist.cells.free_node
+        pairs = np.stack([free, np.full_like(free, GROUND)], axis=1)
+        chips.append(netlist.replace(capacitor_nodes=pairs, capacitance=np.full(len(free), capacitance)))
+    times = np.array([1.0, 4.0, 16.0])
+    fine = transient(chips[1], times * resistance * capacitance, initial=solve(chips[0]), tolerance=1e-8)
+    grid = RelaxingGrid(Relaxation("chip", pace=0.05, k=1.0), before)
+    grid.change(after)
+    now = 0.0
+    for row, time in enumerate(times):
+        grid.advance((time - now) / 0.05)
+        now = time
+        node = chips[1].cells.node
+        np.testing.assert_allclose(grid.field.potential, fine.voltage[row][node], atol=1e-3)
+
+
+def test_a_jacobi_sweep_is_the_mean_of_the_neighbours() -> None:
+    before, after = square(10), blocked(10)
+    grid = RelaxingGrid(Relaxation("jacobi", pace=1.0, k=1.0), before)
+    phi = np.array(rg.field(solve(compile_space(before))).potential)
+    grid.change(after)
+    for _ in range(3):
+        grid.advance(1.0)
+        rails = np.where(after.cell == Cell.OBSTACLE, 1.0, np.where(after.cell == Cell.GOAL, 0.0, phi))
+        wide = np.pad(rails, 1, constant_values=1.0)
+        mean = (wide[2:, 1:-1] + wide[:-2, 1:-1] + wide[1:-1, 2:] + wide[1:-1, :-2]) / 4
+        phi = np.where(after.cell == Cell.FREE, mean, rails)
+        np.testing.assert_allclose(grid.field.potential, phi, rtol=1e-12)
+
+
+@settings(max_examples=20)
+@given(st.integers(0, 10_000), st.sampled_from(["jacobi", "sor", "chip"]), st.floats(0.01, 50.0))
+def test_no_current_ever_runs_into_an_obstacle_and_no_voltage_beyond_its_rail(seed, method, pace) -> None:
+    rng = np.random.default_rng(seed)
+    cell = np.where(rng.random((9, 8)) < 0.2, Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
+    cell[4, 4] = Cell.GOAL
+    axes = [Axis("x", 0, 9, 9, periodic=True), Axis("y", 0, 8, 8)]
+    before = ConfigurationSpace(axes, cell)
+    after = ConfigurationSpace(axes, np.where((rng.random((9, 8)) < 0.2) & (cell == 0), np.uint8(1), cell))
+    grid = RelaxingGrid(Relaxation(method, pace=pace, k=1.0), before)
+    grid.change(after)
+    for _ in range(4):
+        grid.advance(1.0)
+        field = grid.field
+        inside = field.potential[np.isfinite(field.potential)]
+        assert np.all(inside <= 1.0)
+        assert method == "sor" or np.all(inside >= 0.0)
+        wall = after.cell == Cell.OBSTACLE
+        for axis in range(2):
+            low = np.moveaxis(field.face_direction[axis], axis, 0)[:-1]
+            high = np.moveaxis(field.face_direction[axis], axis, 0)[1:]
+            blocked_cells = np.moveaxis(wall, axis, 0)
+            assert np.all(low[blocked_cells] <= 0)
+            assert np.all(high[blocked_cells] >= 0)
+
+
+def test_a_settled_grid_is_the_field_of_its_operating_point() -> None:
+    netlist = compile_space(blocked(), boundary="wall", wall_resistance=2e4)
+    point = solve(netlist)
+    shown, true = field_now(netlist, point.voltage), rg.field(point)
+    np.testing.assert_allclose(shown.potential, true.potential, rtol=1e-12, atol=1e-15)
+    for axis in range(2):
+        np.testing.assert_allclose(shown.face_current(axis), true.face_current(axis), rtol=1e-6, atol=1e-12)
+    with pytest.raises(InputError, match="not compiled from a space"):
+        field_now(netlist.replace(cell_map=None), point.voltage)
+
+
+def test_a_fast_robot_waits_and_a_faster_one_gives_up() -> None:
+    """Slow robots arrive as on a settled grid; the failing ratio lies where they wait; nobody enters an obstacle."""
+    sim = hiding([BLOCK], robot=PointRobot(), learn=False)
+    sweep = relaxation_sweep(sim, (4.1, 7.3), Relaxation("chip", k=0.98), [1.0, 30.0, 1e5])
+    assert sweep.arrived.tolist() == [False, True, True]
+    assert sweep.ending[0] is Ending.STALLED
+    assert (sweep.safe_ratio, sweep.failing_ratio) == (30.0, 1e5)
+    assert sweep.time[-1] == pytest.approx(sweep.instant, rel=0.05)
+    assert sweep.waited[0] >= sweep.relaxation.patience - 1.0
+    assert sweep.waited[-1] == 0.0
+    with pytest.raises(InputError, match="ratios"):
+        relaxation_sweep(sim, (4.1, 7.3), Relaxation(), [0.0])
+
+
+def test_waiting_is_named_and_ends_when_the_grid_has_caught_up() -> None:
+    sim = announce_hidden(hiding([BLOCK], robot=PointRobot(), learn=False), Relaxation("jacobi", pace=1.5, k=0.98))
+    run = replace(sim, relaxation=replace(sim.relaxation, patience=1e4)).run((4.1, 7.3))
+    assert run.ending is Ending.ARRIVED
+    assert run.penetration == 0.0
+    assert np.all(sim.space.cell[tuple(sim.space.locate(run.configuration).T)] != Cell.OBSTACLE)
+    assert Mode.WAITING in run.mode
+    waits = run.mode == Mode.WAITING
+    assert np.all(run.velocity[waits] == 0.0)
+    impatient = replace(sim, relaxation=replace(sim.relaxation, pace=1e-3, patience=2.0)).run((4.1, 7.3))
+    assert impatient.ending is Ending.STALLED
+    assert "waiting" in impatient.message
+
+
+def test_what_is_learnt_spreads_while_the_robot_moves_on() -> None:
+    sim = replace(hiding([Box((3.0, 3.0), (5.5, 4.0))]), relaxation=Relaxation("chip", pace=20.0, k=0.98))
+    run = sim.run((4.1, 7.3))
+    assert run.ending is Ending.ARRIVED
+    assert run.lessons
+    assert run.penetration == 0
+    assert not np.any(run.learnt & (sim.plant.true_space(sim.space).cell != Cell.OBSTACLE))
+
+
+def test_the_wavefront_spreads_from_the_change_and_settles() -> None:
+    front = wavefront(Relaxation("chip", pace=1.0, k=1.0), square(), blocked(), np.array([0.0, 0.2, 1.0, 500.0]))
+    assert front.potential.shape == (4, 16, 16)
+    assert np.all(np.diff(front.distance) < 0)
+    change = np.abs(front.potential - front.first)
+    reached = [(change[row] > 1e-3).sum() for row in range(3)]
+    assert reached == sorted(reached)
+    assert reached[0] < reached[-1]
+    for times in ([1.0, 0.0], [np.nan], []):
+        with pytest.raises(InputError, match="ascending"):
+            wavefront(Relaxation(k=1.0), square(), blocked(), np.array(times))
+    with pytest.raises(InputError, match="one grid"):
+        wavefront(Relaxation(k=1.0), square(12), blocked(16), np.array([1.0]))
+
+
+def test_settle_times_of_both_emulations_agree() -> None:
+    """A Jacobi sweep of cells with four neighbours is an explicit step of a quarter of R C."""
+    times = {m: settling_time(Relaxation(m, k=1.0), square(), blocked()) for m in ("jacobi", "sor", "chip")}
+    assert times["jacobi"] == pytest.approx(4 * times["chip"], rel=0.25)
+    assert times["sor"] < 0.5 * times["jacobi"]
+
+
+def test_impossible_settings_are_refused(scenes) -> None:
+    for options, says in (
+        ({"method": "gauss"}, "one of jacobi, sor, chip"), ({"pace": 0.0}, "pace"), ({"pace": np.nan}, "pace"),
+        ({"omega": 2.0}, "between 0 and 2"), ({"patience": -1.0}, "patience"), ({"k": 1.5}, "0 <= k <= 1"),
+    ):  # fmt: skip
+        with pytest.raises(InputError, match=says):
+            Relaxation(**options)
+    relaxation = make_relaxation(read_scene(scenes / "chair.toml"), method="sor")
+    assert (relaxation.k, relaxation.boundary, relaxation.boundaries()) == (0.98, "dirichlet", ("dirichlet", "neumann"))
+    with pytest.raises(InputError, match="cover every goal"):
+        announce_hidden(hiding([Box((4.0, 0.5), (4.5, 1.0))], robot=PointRobot()), Relaxation(k=0.98))
+
+
+@settings(max_examples=12)
+@given(st.integers(0, 10_000), st.sampled_from(["jacobi", "sor", "chip"]), st.floats(0.3, 30.0))
+@example(193, "jacobi", 1.0)
+@example(1183, "sor", 1.0)
+def test_a_patient_robot_always_arrives_and_never_enters_what_is_on_the_map(seed, method, pace) -> None:
+    rng = np.random.default_rng(seed)
+    corners = rng.uniform(0.5, 6.0, (3, 2))
+    boxes = [Box(tuple(low), tuple(low + rng.uniform(0.3, 1.7, 2))) for low in corners]
+    sim = hiding(boxes, robot=PointRobot(), learn=False)
+    truth = sim.plant.true_space(sim.space)
+    starts = np.argwhere(truth.goal_connected)
+    if not truth.goal_count or not len(starts):
+        return
+    world = announce_hidden(sim, Relaxation(method, pace=pace, patience=1e5, k=0.98))
+    run = world.run(truth.centre(starts[rng.integers(len(starts))]))
+    assert run.ending is Ending.ARRIVED, run.message
+    assert run.penetration == 0.0
+    assert np.all(truth.cell[tuple(truth.locate(run.configuration).T)] != Cell.OBSTACLE)
+
+
+@settings(max_examples=8)
+@given(st.integers(0, 2**32 - 1))
+def test_a_settling_time_is_right_to_5_percent(seed) -> None:
+    """Against the eigenvectors of the grid of 1 ohm and 1 farad, written out anew."""
+    rng = np.random.default_rng(seed)
+    size = 10
+    cell = np.zeros((size, size), np.uint8)
+    cell[tuple(rng.integers(1, size - 1, 2))] = Cell.GOAL
+    changed = cell.copy()
+    row, column = rng.integers(0, size - 4, 2)
+    changed[row : row + 2, column : column + 4] |= np.uint8(cell[row : row + 2, column : column + 4] == 0)
+
+    def grid(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        free = cells.ravel() == Cell.FREE
+        matrix, drive = 4.0 * np.eye(size**2), np.zeros(size**2)
+        for at in range(size**2):
+            for other, inside in ((at - size, at >= size), (at + size, at < size**2 - size), (at - 1, at % size),
+                                  (at + 1, (at + 1) % size)):  # fmt: skip
+                if inside:
+                    matrix[at, other] -= cells.ravel()[other] == Cell.FREE
+                    drive[at] += cells.ravel()[other] == Cell.GOAL
+        return matrix[np.ix_(free, free)], drive[free]
+
+    first, end = np.zeros(size**2), grid(changed)
+    first[cell.ravel() == 0] = np.linalg.solve(*grid(cell))
+    away = first[changed.ravel() == 0] - np.linalg.solve(*end)
+    rates, ways = np.linalg.eigh(end[0])
+    times = np.linspace(0, 120, 4001)
+    distance = np.abs((np.exp(-np.outer(times, rates)) * (ways.T @ away)) @ ways.T).max(axis=1)
+    assume(distance[0] > 0.01)
+    settled = times[np.flatnonzero(distance > 0.5 / 2**10)[-1]]
+    axes = [Axis("x", 0, size, size), Axis("y", 0, size, size)]
+    spaces = ConfigurationSpace(axes, cell), ConfigurationSpace(axes, changed)
+    assert settling_time(Relaxation("chip", boundary="dirichlet"), *spaces) == pytest.approx(settled, rel=0.05)

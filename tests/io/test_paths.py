@@ -1,0 +1,118 @@
+"""Files are read back by somebody else: csv, json, NumPy, PyYAML."""
+
+from __future__ import annotations
+
+import csv
+import json
+from math import atan2, pi, sqrt
+
+import numpy as np
+import pytest
+import yaml
+from support.spaces import space_of
+
+from resgrid.errors import InputError
+from resgrid.frame import Frame
+from resgrid.io.paths import headings, path_columns, ros_plan, write_path
+from resgrid.planning.timing import time_path
+from resgrid.robots import Arm, PolygonRobot
+from resgrid.space import Axis, ConfigurationSpace
+
+PLANE = space_of(np.zeros((10, 10)))
+WAY = [(0.5, 1e-5), (3.5, 4.0), (3.5, 8.0)]
+ARM = Arm((1.0, 1.0))
+TORUS = ConfigurationSpace(ARM.axes(8), np.zeros((8, 8)), robot=ARM)
+
+
+@pytest.mark.parametrize("suffix", [".csv", ".json", ".npz"])
+def test_a_timed_path_of_an_arm_is_read_back_as_it_was(tmp_path, suffix) -> None:
+    motion = time_path([(3.0, 0.0), (3.5, 1.0), (4.0, 1.0)], TORUS, velocity_limits=1.0, acceleration_limits=2.0)
+    file = write_path(tmp_path / f"path{suffix}", motion, TORUS)
+    if suffix == ".csv":
+        rows = list(csv.DictReader(file.read_text().splitlines()))
+        found = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
+    elif suffix == ".json":
+        found = {name: np.array(column) for name, column in json.loads(file.read_text()).items() if name != "schema"}
+    else:
+        with np.load(file) as arrays:
+            found = dict(arrays)
+    assert list(found) == ["t", "theta_1", "theta_2", "tip_x", "tip_y", "theta_1_rate", "theta_2_rate"]
+    np.testing.assert_array_equal(found["t"], motion.times)
+    np.testing.assert_array_equal(found["theta_1"], motion.positions[:, 0])
+    np.testing.assert_array_equal(found["theta_2_rate"], motion.velocities[:, 1])
+    np.testing.assert_allclose(found["tip_x"], np.cos(found["theta_1"]) + np.cos(found["theta_1"] + found["theta_2"]))
+    assert [entry.name for entry in tmp_path.iterdir()] == [file.name]
+
+
+def test_a_plan_for_ros_has_poses_in_the_world_that_look_ahead() -> None:
+    space = ConfigurationSpace(PLANE.axes, PLANE.cell, frame=Frame(x=10.0, y=-2.0, yaw=pi / 2))
+    motion = time_path(space.to_world(WAY), space, velocity_limits=(1.0, 1.0))
+    plan = yaml.safe_load(ros_plan(motion, space))
+    assert plan["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "map"}
+    places = [(p["pose"]["position"]["x"], p["pose"]["position"]["y"]) for p in plan["poses"]]
+    np.testing.assert_allclose(places, [(10 - y, -2 + x) for x, y in WAY])
+    yaws = [
+        2 * atan2(p["pose"]["orientation"]["z"], p["pose"]["orientation"]["w"]) for p in plan["poses"]
+    ]  # fmt: skip
+    np.testing.assert_allclose(np.cos(yaws), np.cos([atan2(4 - 1e-5, 3) + pi / 2, pi, pi]))
+    assert [p["header"]["stamp"] for p in plan["poses"]][1:] == [
+        {"sec": 3, "nanosec": 999990000}, {"sec": 7, "nanosec": 999990000},
+    ]  # fmt: skip
+    assert all(type(value) is float for p in plan["poses"] for value in p["pose"]["position"].values())
+
+
+def test_a_turning_polygon_keeps_its_own_heading() -> None:
+    bar = PolygonRobot(((0, 0), (1, 0), (0, 1)), turning_length=2.0)
+    poses = ConfigurationSpace(
+        [Axis("x", 0, 4, 4), Axis("y", 0, 4, 4), bar.turning_axis(4)], np.zeros((4, 4, 4)), robot=bar
+    )
+    plan = yaml.safe_load(ros_plan([(1, 1, pi), (2, 1, pi)], poses))
+    quaternion = plan["poses"][0]["pose"]["orientation"]
+    assert (quaternion["z"], quaternion["w"]) == (pytest.approx(sqrt(0.5)), pytest.approx(sqrt(0.5)))
+
+
+def test_headings_outlast_repeated_points() -> None:
+    places = np.array([(0, 0), (0, 0), (0, 1), (0, 1), (1, 1), (1, 1)], dtype=float)
+    np.testing.assert_allclose(headings(places), [pi / 2, pi / 2, 0, 0, 0, 0])
+    np.testing.assert_array_equal(headings(np.ones((2, 2))), [0, 0])
+
+
+def test_velocities_turn_with_the_frame() -> None:
+    space = ConfigurationSpace(PLANE.axes, PLANE.cell, frame=Frame(5.0, 5.0, pi / 2))
+    columns = path_columns(time_path(space.to_world([(0, 0), (2, 0)]), space, velocity_limits=1.0), space)
+    np.testing.assert_allclose((columns["x_rate"], columns["y_rate"]), [(0, 0), (1, 0)], atol=1e-12)
+    np.testing.assert_allclose((columns["x"], columns["y"]), [(5, 5), (5, 7)], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("names", "suffix", "robot", "timed"),
+    [
+        (("t", "x"), ".csv", None, True),
+        (("x", "x_rate"), ".npz", None, True),
+        (("schema", "x"), ".json", None, False),
+        (("tip_x", "x"), ".csv", ARM, False),
+    ],
+)
+def test_no_column_is_lost_to_an_axis_of_its_name(tmp_path, names, suffix, robot, timed) -> None:
+    space = ConfigurationSpace([Axis(name, 0.0, 4.0, 4) for name in names], np.zeros((4, 4)), robot=robot)
+    way = time_path([(1, 1), (2, 2)], space, velocity_limits=1.0) if timed else [(1, 1), (2, 2)]
+    named = next(name for name in names if name != "x")
+    with pytest.raises(InputError, match=f"axis '{named}' has a name"):
+        write_path(tmp_path / f"path{suffix}", way, space)
+    assert not list(tmp_path.iterdir())
+    plain = ConfigurationSpace(space.axes, space.cell)
+    assert write_path(tmp_path / "path.csv", [(1, 1), (2, 2)], plain).read_text().splitlines()[0] == ",".join(names)
+
+
+def test_what_cannot_be_written_is_refused(tmp_path) -> None:
+    with pytest.raises(InputError, match=r"must end in \.csv, \.json, \.npz or \.yaml"):
+        write_path(tmp_path / "path.txt", WAY, PLANE)
+    with pytest.raises(InputError, match="Arm with axes theta_1, theta_2"):
+        write_path(tmp_path / "path.yaml", WAY, TORUS)
+    with pytest.raises(InputError, match="poses in the plane"):
+        ros_plan([(0, 0, 0)], space_of(np.zeros((2, 2, 2))))
+    with pytest.raises(InputError, match="directory"):
+        (tmp_path / "folder.csv").mkdir()
+        write_path(tmp_path / "folder.csv", WAY, PLANE)
+    with pytest.raises(InputError, match="shape"):
+        write_path(tmp_path / "path.csv", [(1, 2, 3)], PLANE)
