@@ -183,7 +183,6 @@ from .spice.check.predictions import Prediction as Prediction, predict_simulator
 from .spice.check.rules import check_rules as check_rules
 from .spice.check.violation import Violation as Violation
 from .spice.ir_drop import IrDrop as IrDrop, ir_drop as ir_drop
-from .spice.networks.read import read_network as read_network
 from .spice.parsed import Note as Note, ParsedDeck as ParsedDeck
 from .spice.read.deck import read_spice as read_spice
 from .spice.run.forecast import Forecast as Forecast, forecast_run as forecast_run
