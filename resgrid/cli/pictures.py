@@ -102,9 +102,7 @@ def _paths(job: Job, plan: Plan, _field: Field | None = None) -> Figure:
 
 def _has_body(job: Job) -> bool:
     """Whether the robot's workspace is another plane than its configuration space."""
-    from resgrid.robots import Arm, PolygonRobot
-
-    return isinstance(job.scene.robot, Arm | PolygonRobot)
+    return not job.scene.robot.moves_in_workspace
 
 
 def _robot(job: Job, plan: Plan, _field: Field | None = None) -> Figure:

@@ -7,13 +7,14 @@ from numbers import Integral, Real
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.axis import rounding
 from resgrid.errors import CertificateError, InputError
 from resgrid.planning.certify_motion import check_motion
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.field import Field
 from resgrid.planning.seams import axis_path, length_of
 from resgrid.planning.streamline import Outcome, Streamline
-from resgrid.space import Cell, rounding
+from resgrid.space import Cell
 
 
 def certify(path: Streamline, field: Field) -> None:

@@ -7,12 +7,13 @@ from itertools import pairwise, product
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.axis import rounding
 from resgrid.errors import CertificateError, InputError
 from resgrid.planning.clearance import face_shares
 from resgrid.planning.seams import axis_path
 from resgrid.planning.short_path import ShortPath
 from resgrid.planning.streamline import Streamline
-from resgrid.space import Cell, ConfigurationSpace, rounding
+from resgrid.space import Cell, ConfigurationSpace
 
 Cells = set[tuple[int, ...]]
 

@@ -14,9 +14,7 @@ from resgrid.errors import InputError
 from resgrid.planning.completeness import verdict_of
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import one_start, start_cells
-from resgrid.robots.arm import Arm
-from resgrid.robots.protocol import Robot
-from resgrid.robots.shapes import CellSet
+from resgrid.robots import CellSet
 from resgrid.scene import MapCells, Scene, sample
 from resgrid.scene.world import to_space
 from resgrid.space import Cell, ConfigurationSpace
@@ -118,7 +116,7 @@ def blocking(
 
 def blocking_parts(scene: Scene, space: ConfigurationSpace) -> dict[str, NDArray[np.bool_]]:
     """Cells that each part of a scene blocks, by its name.  Returns as the space."""
-    plain = _without_strips(scene.robot)
+    plain = scene.robot.bare()
     itself = plain.occupancy(scene.axes, [], scene.sampling)
     parts = {
         f"obstacle[{number}]": plain.occupancy(scene.axes, [to_space(shape, scene.frame)], scene.sampling) & ~itself
@@ -127,17 +125,11 @@ def blocking_parts(scene: Scene, space: ConfigurationSpace) -> dict[str, NDArray
     if scene.map is not None:
         cells = CellSet(scene.axes, scene.map.cell == Cell.OBSTACLE)
         parts["map"] = plain.occupancy(scene.axes, [cells], scene.sampling) & ~itself
-    if plain is not scene.robot:
+    if plain != scene.robot:
         parts["singularity"] = scene.robot.occupancy(scene.axes, [], scene.sampling) & ~itself
     blocked = space.cell == Cell.OBSTACLE
     parts["robot"] = blocked & ~np.any([*parts.values(), np.zeros_like(blocked)], axis=0)
     return {name: mask & blocked for name, mask in parts.items() if np.any(mask & blocked)}
-
-
-def _without_strips(robot: Robot) -> Robot:
-    if isinstance(robot, Arm) and (robot.singularity_width is not None or robot.singularity_cells is not None):
-        return dataclasses.replace(robot, singularity_width=None, singularity_cells=None)
-    return robot
 
 
 def _blockers(space: ConfigurationSpace, masks: list[NDArray[np.bool_]]) -> NDArray[np.uint64]:
@@ -155,12 +147,10 @@ def _blockers(space: ConfigurationSpace, masks: list[NDArray[np.bool_]]) -> NDAr
 
 def _whole_goal(scene: Scene) -> NDArray[np.bool_]:
     """Goal cells as they are where nothing blocks any, shape of the space."""
-    robot = _without_strips(scene.robot)
-    if isinstance(robot, Arm):
-        robot = dataclasses.replace(robot, self_collision=False)
     cells = scene.map
     if cells is not None:
         cells = MapCells(np.where(cells.cell == Cell.OBSTACLE, np.uint8(Cell.FREE), cells.cell), cells.table)
+    robot = scene.robot.bare(self_collision=False)
     return np.asarray(sample(dataclasses.replace(scene, robot=robot, obstacles=(), map=cells)).cell == Cell.GOAL)
 
 

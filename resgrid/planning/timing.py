@@ -19,7 +19,7 @@ from resgrid.planning.seams import unwrap
 from resgrid.planning.short_path import ShortPath
 from resgrid.planning.streamline import Streamline
 from resgrid.planning.trajectory import Trajectory
-from resgrid.robots import DiscRobot, PointRobot, Robot
+from resgrid.robots import Robot
 from resgrid.space import ConfigurationSpace
 
 Limits = float | Sequence[float] | NDArray[np.float64]
@@ -102,7 +102,7 @@ def _default_tolerance(path: Streamline | ShortPath | ArrayLike, space: Configur
 def _load(name: str, limits: Limits, space: ConfigurationSpace, robot: Robot | None) -> Load:
     """How limits weigh vectors of the world."""
     each = _checked_limits(name, limits, space)
-    if np.ndim(limits) == 0 and isinstance(robot, PointRobot | DiscRobot | None):
+    if np.ndim(limits) == 0 and (robot is None or robot.moves_in_workspace):
         return lambda vectors: np.asarray(np.linalg.norm(vectors, axis=1) / each[0])
     return lambda vectors: np.asarray((np.abs(vectors) / each).max(axis=1))
 

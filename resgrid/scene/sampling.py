@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from resgrid.budget import require_grid_memory
 from resgrid.errors import InputError
-from resgrid.robots import Arm, Box, CellSet, DiscRobot, GoalCells, PointRobot, Progress, Shape
+from resgrid.robots import Box, CellSet, GoalCells, PointRobot, Progress, Shape
 from resgrid.robots.goals import joined
 from resgrid.robots.shapes import Point
 from resgrid.scene.maps.formats import format_of
@@ -120,24 +120,14 @@ def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) 
     except InputError as error:
         raise InputError(f"{key}: {error}") from None
     met = region.cells
-    if not met.any() and isinstance(scene.robot, Arm):
-        ends = "joint limits" if any(scene.robot.limits) else "axes of the grid"
-        raise InputError(f"{key}: the {ends} keep the arm's tip out of this goal; widen them, or move the goal")
     if not met.any():
         raise InputError(f"{key}: this goal lies outside the grid ({_extent(scene.axes)}); move it inside")
     if blocked[met].all():
         raise InputError(
             f"{key}: this goal lies inside an obstacle (all {int(met.sum())} cells of it); "
-            f"move or enlarge it, or {_SLIMMER.get(type(scene.robot), 'make the robot smaller')}"
+            f"move or enlarge it, or {scene.robot.remedy}"
         )
     return GoalCells(met & ~blocked, region.points[~blocked[met]])
-
-
-_SLIMMER = {
-    PointRobot: "make the robot's radius smaller",
-    DiscRobot: "make the robot's radius smaller",
-    Arm: "make the arm's links thinner",
-}
 
 
 def _configuration(scene: Scene, goal: Goal) -> GoalPoint | GoalCell | None:
@@ -147,7 +137,7 @@ def _configuration(scene: Scene, goal: Goal) -> GoalPoint | GoalCell | None:
             return goal
         case GoalJoints(lower, upper) if lower == upper:
             return GoalPoint(lower)
-        case GoalPoint(point) if not isinstance(scene.robot, Arm) and len(point) == scene.ndim:
+        case GoalPoint(point) if scene.robot.base is None and len(point) == scene.ndim:
             return goal
     return None
 
