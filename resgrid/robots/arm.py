@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.doors import checked
 from resgrid.errors import InputError
+from resgrid.frame import Frame
 from resgrid.robots.arm_cells import arm_goal_cells, arm_occupancy, singular_cells
 from resgrid.robots.base import Robot
 from resgrid.robots.cells import Progress, Sampling
@@ -135,6 +136,15 @@ class Arm(Robot):
             Axis(f"theta_{number}", *(limits or (-pi, pi)), cells=int(count), periodic=limits is None, unit="rad")
             for number, (limits, count) in enumerate(zip(self.limits, counts, strict=True), 1)
         )
+
+    def implied_axes(self) -> tuple[dict[str, Any], ...]:
+        """The joints within their limits; see `Robot.implied_axes`."""
+        keys = ("name", "lower", "upper", "periodic", "unit")
+        return tuple({key: getattr(axis, key) for key in keys} for axis in self.axes(1))
+
+    def on_map(self, axes: tuple[Axis, ...], frame: Frame, headings: int) -> tuple[tuple[Axis, ...], Frame]:  # noqa: ARG002
+        """Refused: a map does not say what the joints' axes are; see `Robot.on_map`."""
+        raise InputError("an arm on a map needs a [grid] for its joints, such as cells = 90")
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
         """Refuse axes that are not this arm's joints.

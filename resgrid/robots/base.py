@@ -6,12 +6,13 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from itertools import product
 from math import inf
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
+from resgrid.frame import Frame
 from resgrid.robots.cells import Progress, Sampling
 from resgrid.robots.geometry import Part, Pose, obstacles_of
 from resgrid.robots.goals import GoalCells, cells_of_place
@@ -158,6 +159,32 @@ class Robot(ABC):
         InputError
             If their number or kind does not fit.
         """
+
+    def implied_axes(self) -> tuple[dict[str, Any], ...]:
+        """What is known of its axes before a scene says anything: keys of tables of axes."""
+        return ()
+
+    def on_map(self, axes: tuple[Axis, ...], frame: Frame, headings: int) -> tuple[tuple[Axis, ...], Frame]:  # noqa: ARG002
+        """Axes and frame of its configuration space on a map with these.
+
+        Parameters
+        ----------
+        axes : tuple of Axis
+        frame : Frame
+        headings : int
+            Number of cells of an axis for its heading, if it has one.
+
+        Returns
+        -------
+        axes : tuple of Axis
+        frame : Frame
+
+        Raises
+        ------
+        InputError
+            If the map does not say what its axes are.
+        """
+        return axes, frame
 
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot, isfinite, pi, tau
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from annotated_types import Gt
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.doors import checked
 from resgrid.errors import InputError
+from resgrid.frame import Frame
 from resgrid.robots.base import Robot
 from resgrid.robots.cells import Progress, Sampling, outline
 from resgrid.robots.geometry import Part, Pose
@@ -54,7 +56,7 @@ class PolygonRobot(Robot):
     """
 
     vertices: tuple[Point, ...]
-    turning_length: float = 1.0
+    turning_length: Annotated[float, Gt(0)] = 1.0
 
     def __post_init__(self) -> None:
         if not (isfinite(self.turning_length) and 0 < self.turning_length <= 1e9):
@@ -82,6 +84,15 @@ class PolygonRobot(Robot):
             From 0 to ``2 pi turning_length``.
         """
         return Axis(name, 0.0, tau * self.turning_length, cells, periodic=True)
+
+    def implied_axes(self) -> tuple[dict[str, Any], ...]:
+        """x, y and theta; see `Robot.implied_axes`."""
+        turn = {"name": "theta", "lower": 0.0, "upper": tau * self.turning_length, "periodic": True, "unit": "m"}
+        return {"name": "x"}, {"name": "y"}, turn
+
+    def on_map(self, axes: tuple[Axis, ...], frame: Frame, headings: int) -> tuple[tuple[Axis, ...], Frame]:
+        """The axes of the map and that of the heading; see `Robot.on_map`."""
+        return (*axes, self.turning_axis(headings)), replace(frame, turning_length=self.turning_length)
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
         """Refuse axes that are not ``(x, y, theta)``.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from math import ulp
-from typing import Annotated, Any, Literal, Union
+from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Gt, Le, Len
 from pydantic import (
@@ -20,7 +20,6 @@ from pydantic import (
     model_validator,
 )
 
-from resgrid.errors import InputError
 from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, PointRobot, Polygon, Robot
 from resgrid.robots.shapes import LARGEST
 from resgrid.scene.chip import Chip, Defects, Readout
@@ -28,7 +27,7 @@ from resgrid.scene.control import Control
 from resgrid.scene.goals import CostArea, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.quantities import Listed
 from resgrid.scene.scene import Scene
-from resgrid.scene.table import Table, filled_as, meanings, plain, table_of, value_of
+from resgrid.scene.table import Table, either, filled_as, meanings, table_of, value_of
 from resgrid.space import Axis
 
 Coordinates = Annotated[tuple[float, ...], Strict(False), Len(1, 4)]
@@ -107,7 +106,7 @@ _SHAPES = {name: value_of(shape, ("shape", name), planar) for name, (shape, plan
 _PLACES = {"point": value_of(GoalPoint), "cell": value_of(GoalCell)}
 _JOINTS = {
     "joints": filled_as(Joints, lambda joints: GoalJoints(joints, joints)),
-    "joints_lower": filled_as(JointBox, lambda joints_lower, joints_upper: GoalJoints(joints_lower, joints_upper)),
+    "joints_lower": filled_as(JointBox, lambda **corners: GoalJoints(*corners.values())),
 }
 KINDS: dict[str, dict[str, Any]] = {
     "obstacle": _SHAPES,
@@ -136,7 +135,7 @@ def _robot_kind(table: Any) -> str | None:
 
 
 def _one_of(kinds: Mapping[str, Any], kind_of: Callable[[Any], str | None]) -> Any:
-    return Annotated[Union[tuple(Annotated[kind, Tag(name)] for name, kind in kinds.items())], Discriminator(kind_of)]
+    return Annotated[either(Annotated[kind, Tag(name)] for name, kind in kinds.items()), Discriminator(kind_of)]
 
 
 def _nothing_required(schema: dict[str, Any]) -> None:
@@ -217,7 +216,9 @@ class Map(Table):
     unknown: Annotated[
         Literal["obstacle", "free"] | None, Field(description="ROS: what cells of unknown occupancy are.")
     ] = None
-    lethal: Annotated[int, Ge(1), Le(100), Field(description="ROS: occupancy from which a cell is an obstacle.")] | None = None
+    lethal: (
+        Annotated[int, Ge(1), Le(100), Field(description="ROS: occupancy from which a cell is an obstacle.")] | None
+    ) = None
     least_conductivity: Annotated[
         Annotated[float, Gt(0), Le(1)] | None,
         Field(description="ROS: values below lethal as cost; an occupancy p conducts this to the power of p / lethal."),
@@ -230,11 +231,12 @@ class Map(Table):
     origin: Annotated[Coordinates | None, Field(description="Pictures and arrays: their lower corner.")] = None
     unit: Annotated[str | None, Field(description="Pictures and arrays: of lengths.")] = None
     periodic: Annotated[
-        Annotated[tuple[str, ...], Strict(False), Listed()] | None, Field(description="Axes whose ends are joined, by name.")
+        Annotated[tuple[str, ...], Strict(False), Listed()] | None,
+        Field(description="Axes whose ends are joined, by name."),
     ] = None
     headings: Annotated[
-        Count, Field(description="Cells of the third axis, of a robot that turns.")
-    ] = 36
+        Count | None, Field(description="Cells of the third axis, of a robot that turns; 36 if it does not say.")
+    ] = None
 
 
 _ABOUT = meanings(Scene)

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import dataclasses
 import re
-from collections.abc import Mapping
-from functools import cache
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache, reduce
 from inspect import cleandoc
+from operator import or_
 from types import UnionType
-from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from annotated_types import Len
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError, create_model
@@ -20,6 +21,9 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, Valid
 from resgrid.errors import InputError
 from resgrid.scene.quantities import Quantity
 from resgrid.scene.words import complaint, key_path
+
+if TYPE_CHECKING:
+    from pydantic_core import ErrorDetails
 
 _ENTRY = re.compile(r"^(\w[\w, ]*?)(?: : .*)?$")
 
@@ -47,63 +51,87 @@ def meanings(value: type) -> dict[str, str]:
 def unit_of(hint: Any) -> str:
     """The unit of a field, by its annotation."""
     marks = [*getattr(hint, "__metadata__", ()), *(mark for part in get_args(hint) for mark in [unit_of(part)] if mark)]
-    return next((mark.unit if isinstance(mark, Quantity) else mark for mark in marks if isinstance(mark, Quantity | str)), "")
+    return next(
+        (mark.unit if isinstance(mark, Quantity) else mark for mark in marks if isinstance(mark, Quantity | str)), ""
+    )
 
 
-def file_type(hint: Any) -> Any:
+def either(kinds: Iterable[Any]) -> Any:
+    """The union of types."""
+    return reduce(or_, kinds)
+
+
+def file_type(hint: Any, *, planar: bool = False) -> Any:
     """What a file holds for a field: lists for tuples, tables for dataclasses, the rest as it is."""
     origin, parts = get_origin(hint), get_args(hint)
     if origin is Annotated:
-        return Annotated[(file_type(parts[0]), *parts[1:])]
+        return Annotated[(file_type(parts[0], planar=planar), *parts[1:])]
     if origin in (Union, UnionType):
-        return Union[tuple(map(file_type, parts))]
+        return either(file_type(part, planar=planar) for part in parts)
     if origin is tuple:
-        entry = file_type(parts[0])
-        size = () if parts[-1] is Ellipsis else (Len(len(parts), len(parts)),)
-        return Annotated[(tuple[entry, ...], Strict(False), *size)]
-    return described_by(hint) if dataclasses.is_dataclass(hint) else hint
+        size = len(parts) if parts[-1] is not Ellipsis else 2 if planar and parts[0] is float else None
+        entries = tuple[file_type(parts[0], planar=planar), ...]
+        return Annotated[(entries, Strict(False), *(() if size is None else (Len(size, size),)))]
+    return value_of(hint) if dataclasses.is_dataclass(hint) else hint
 
 
 @cache
-def table_of(value: type, kind: tuple[str, str] | None = None) -> type[Table]:
-    """The table that describes a value; `kind`: a key that says which of several it is, and what it says."""
-    hints, texts = get_type_hints(value, include_extras=True), meanings(value)
-    keys: dict[str, Any] = {} if kind is None else {kind[0]: (Literal[kind[1]], ...)}
+def table_of(value: type, kind: tuple[str, str] | None = None, planar: bool = False) -> type[Table]:
+    """The table that describes a value; `kind`: the key that says which of several it is, and what it says.
+
+    In a `planar` one, points have two coordinates.
+    """
+    hints, about = get_type_hints(value, include_extras=True), meanings(value)
+    keys: dict[str, Any] = (
+        {} if kind is None else {kind[0]: (Literal[kind[1]], Field(kind[1], description="Its kind."))}
+    )
     for item in dataclasses.fields(value):
-        if item.init:
-            default = {} if item.default is dataclasses.MISSING else {"default": item.default}
-            if item.default_factory is not dataclasses.MISSING:
-                default = {"default_factory": item.default_factory}
-            keys[item.name] = (file_type(hints[item.name]), Field(description=texts.get(item.name), **default))
-    title = value.__name__ if kind is None else kind[1]
-    return create_model(title, __base__=Table, __doc__=_first_sentence(value), **keys)
+        default = {} if item.default is dataclasses.MISSING else {"default": item.default}
+        if item.default_factory is not dataclasses.MISSING:
+            default = {"default_factory": item.default_factory}
+        keys[item.name] = (
+            file_type(hints[item.name], planar=planar),
+            Field(description=about.get(item.name), **default),
+        )
+    sentence = cleandoc(value.__doc__ or "").split("\n")[0]
+    return create_model(value.__name__ if kind is None else kind[1], __base__=Table, __doc__=sentence, **keys)
 
 
-def described_by(value: type, table: type[Table] | None = None, kind: tuple[str, str] | None = None) -> Any:
-    """The annotation of a key whose table stands for a value; what makes the value impossible is the file's error."""
+def value_of(value: type, kind: tuple[str, str] | None = None, planar: bool = False) -> Any:
+    """The annotation of a key that holds the table of a value."""
+    return filled_as(table_of(value, kind, planar), value, *(kind or ())[:1])
 
-    def build(filled: Table) -> Any:
-        keys = {key: getattr(filled, key) for key in type(filled).model_fields if kind is None or key != kind[0]}
+
+def filled_as(table: type[Table], build: Callable[..., Any], *left_out: str) -> Any:
+    """The annotation of a key whose table stands for what `build` makes of its keys, or refuses."""
+
+    def fill(filled: Table) -> Any:
         try:
-            return value(**keys)
+            return build(**{key: getattr(filled, key) for key in table.model_fields if key not in left_out})
         except InputError as error:
             raise ValueError(str(error)) from None
 
-    return Annotated[table or table_of(value, kind), AfterValidator(build)]
+    return Annotated[table, AfterValidator(fill)]
 
 
 def check_fields(value: Any) -> None:
     """Check the fields of a value made in Python as those of its table are, and take over how they are read."""
-    table = table_of(type(value))
-    given = {name: getattr(value, name) for name in table.model_fields}
-    nested = {name: field for name, field in given.items() if dataclasses.is_dataclass(type(field))}
+    given = {item.name: getattr(value, item.name) for item in dataclasses.fields(value)}
+    given = {name: field for name, field in given.items() if not dataclasses.is_dataclass(field)}
     try:
-        read = table.model_validate({key: field for key, field in given.items() if key not in nested})
+        table = table_of(type(value)).model_validate(given)
     except ValidationError as error:
-        details = error.errors(include_url=False)
+        details = problems_of(error)
         raise InputError("; ".join(f"{key_path(each['loc'])}: {complaint(each)}" for each in details)) from None
-    for name in given.keys() - nested.keys():
-        object.__setattr__(value, name, getattr(read, name))
+    for name in given:
+        object.__setattr__(value, name, getattr(table, name))
+
+
+def problems_of(error: ValidationError) -> list[ErrorDetails]:
+    """What is wrong, without the lengths of lists whose entries are wrong."""
+    details = error.errors(include_url=False)
+    inner = {each["loc"][:size] for each in details for size in range(len(each["loc"]))}
+    return [each for each in details if each["type"] != "too_short" or each["loc"] not in inner]
 
 
 def plain(value: Any) -> Any:
@@ -116,7 +144,3 @@ def plain(value: Any) -> Any:
     if hasattr(value, "tolist"):
         return value.tolist()
     return [plain(entry) for entry in value] if isinstance(value, list | tuple) else value
-
-
-def _first_sentence(value: type) -> str:
-    return cleandoc(value.__doc__ or "").split("\n")[0]

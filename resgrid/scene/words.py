@@ -6,14 +6,31 @@ from collections.abc import Callable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import TYPE_CHECKING
 
+from resgrid.scene.toml_lines import Path, line_of
+
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails
+
+
+MAX_SHOWN = 40
 
 
 def key_path(path: Sequence[str | int]) -> str:
     """A key path as people write it, such as ``obstacle[2].radius`` (elements from 0)."""
     text = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path)
     return text.removeprefix(".") or "the scene"
+
+
+def report(problems: Sequence[tuple[Path, str]], source: str, lines: Mapping[Path, int] | None = None) -> str:
+    """All problems of a document in one message, in the order of its lines."""
+    placed = [(line_of(lines or {}, path) or 0, key_path(path), message) for path, message in problems]
+    placed.sort(key=lambda entry: entry[0])
+    listed = [f"{f'line {line}: ' if line else ''}{key}: {message}" for line, key, message in placed[:MAX_SHOWN]]
+    if len(placed) > MAX_SHOWN:
+        listed.append(f"... and {len(placed) - MAX_SHOWN} more")
+    if len(listed) == 1:
+        return f"{source}: {listed[0]}"
+    return f"{source}: {len(placed)} errors\n" + "\n".join(f"  {entry}" for entry in listed)
 
 
 def complaint(detail: ErrorDetails) -> str:
