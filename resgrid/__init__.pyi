@@ -35,16 +35,20 @@ from .chip.yields import Yield as Yield, analyse_yield as analyse_yield
 from .compiler import compile_space as compile_space
 from .control.controller import Controller as Controller, make_controller as make_controller
 from .control.equipotential import equipotential_velocity as equipotential_velocity
-from .control.fronts import Wavefront as Wavefront, wavefront as wavefront
 from .control.learning import resolver as resolver
 from .control.log import Ending as Ending, Mode as Mode, Run as Run
 from .control.plant import Plant as Plant, make_plant as make_plant
 from .control.pushes import Push as Push, random_pushes as random_pushes
-from .control.settling import GridSettling as GridSettling, grid_settling as grid_settling
-from .control.settling_ratio import (
-    SettlingSweep as SettlingSweep,
-    announced as announced,
-    settling_sweep as settling_sweep,
+from .control.relaxation import (
+    Relaxation as Relaxation,
+    Wavefront as Wavefront,
+    make_relaxation as make_relaxation,
+    wavefront as wavefront,
+)
+from .control.relaxation_ratio import (
+    RelaxationSweep as RelaxationSweep,
+    announce_hidden as announce_hidden,
+    relaxation_sweep as relaxation_sweep,
 )
 from .control.simulation import Simulation as Simulation, simulation as simulation
 from .errors import (
@@ -70,31 +74,47 @@ from .nodal.transient import (
     transient_stepper as transient_stepper,
 )
 from .nodal.watch import Watch as Watch
-from .planning.behaviour import (
+from .planning.blend import blend as blend, dirichlet_share as dirichlet_share
+from .planning.certify import certify as certify, certify_free as certify_free
+from .planning.export import ros_plan as ros_plan, write_path as write_path
+from .planning.fields import Field as Field, field as field
+from .planning.normals import octree_voxels as octree_voxels, surface_normals as surface_normals
+from .planning.planner import (
     ClearanceCurve as ClearanceCurve,
+    Planner as Planner,
     clearance_curve as clearance_curve,
+    plan as plan,
     wall_clearance_curve as wall_clearance_curve,
 )
-from .planning.blend import blend as blend
-from .planning.certify import certify as certify
-from .planning.collision import Risk as Risk, risk as risk
-from .planning.completeness import Separation as Separation, check_verdicts as check_verdicts, separation as separation
-from .planning.destinations import Absorption as Absorption, absorption as absorption, basins as basins
-from .planning.export import ros_plan as ros_plan, write_path as write_path
-from .planning.field import Field as Field, field as field
-from .planning.free_way import certify_free as certify_free
-from .planning.normals import octree_voxels as octree_voxels, surface_normals as surface_normals
-from .planning.planner import Planner as Planner, plan as plan
-from .planning.scene_parts import Blocking as Blocking, blocking as blocking
-from .planning.seams import unwrap as unwrap
-from .planning.shares import dirichlet_share as dirichlet_share
-from .planning.short_path import ShortPath as ShortPath
+from .planning.random_walk import (
+    Absorption as Absorption,
+    Risk as Risk,
+    Walk as Walk,
+    absorption as absorption,
+    random_walk as random_walk,
+    risk as risk,
+)
+from .planning.separation import (
+    Blocking as Blocking,
+    Separation as Separation,
+    blocking as blocking,
+    check_verdicts as check_verdicts,
+    separation as separation,
+)
 from .planning.shortcut import shorten as shorten
-from .planning.streamline import Outcome as Outcome, Streamline as Streamline
-from .planning.timing import time_path as time_path
-from .planning.trace import Traces as Traces, streamline as streamline, streamlines as streamlines
-from .planning.trajectory import Trajectory as Trajectory
-from .planning.walk import Walk as Walk, random_walk as random_walk
+from .planning.streamline import (
+    Outcome as Outcome,
+    ShortPath as ShortPath,
+    Streamline as Streamline,
+    unwrap as unwrap,
+)
+from .planning.timing import Trajectory as Trajectory, time_path as time_path
+from .planning.trace import (
+    Traces as Traces,
+    basins as basins,
+    streamline as streamline,
+    streamlines as streamlines,
+)
 from .planning.workspace import (
     Collision as Collision,
     replay as replay,
@@ -154,6 +174,7 @@ from .robots import (
 )
 from .scene import (
     Chip as Chip,
+    Control as Control,
     CostArea as CostArea,
     Defects as Defects,
     GoalCell as GoalCell,
@@ -163,16 +184,14 @@ from .scene import (
     Query as Query,
     Readout as Readout,
     Scene as Scene,
-    apply_overrides as apply_overrides,
-    free_volume_lost as free_volume_lost,
     occupancy_grid as occupancy_grid,
     parse_quantity as parse_quantity,
     parse_scene as parse_scene,
     read_queries as read_queries,
     read_scene as read_scene,
     sample as sample,
-    scene_schema as scene_schema,
 )
+from .scene.schema import scene_schema as scene_schema
 from .space import Axis as Axis, Cell as Cell, ConfigurationSpace as ConfigurationSpace
 from .spice.analyses import (
     Measure as Measure,

@@ -55,7 +55,7 @@ class Frame:
         Raises
         ------
         InputError
-            If the frame is turned or moved and the points are not in the plane (or, of a robot that turns, have no heading).
+            If the frame is turned or moved and the points are not in the plane, or not places with a heading.
         """
         space = np.array(points, dtype=np.float64)
         return space if self.is_world else self._turned(space, self._rotation.T) + self._offset(space)
@@ -76,7 +76,7 @@ class Frame:
         Raises
         ------
         InputError
-            If the frame is turned or moved and the points are not in the plane (or, of a robot that turns, have no heading).
+            If the frame is turned or moved and the points are not in the plane, or not places with a heading.
         """
         world = np.array(points, dtype=np.float64)
         return world if self.is_world else self._turned(world - self._offset(world), self._rotation)

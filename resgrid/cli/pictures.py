@@ -14,7 +14,7 @@ from resgrid.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure  # noqa: TID251
 
-    from resgrid.planning.field import Field
+    from resgrid.planning.fields import Field
 
 PAGE_AXES = 3
 """Most axes of a space that is drawn."""

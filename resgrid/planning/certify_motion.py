@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from resgrid.axis import rounding
 from resgrid.errors import CertificateError
-from resgrid.planning.field import Field
+from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Streamline
 
 Floats = NDArray[np.float64]

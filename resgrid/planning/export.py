@@ -14,10 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
 from resgrid.files import atomic_path, write_text
-from resgrid.planning.seams import unwrap
-from resgrid.planning.short_path import ShortPath
-from resgrid.planning.streamline import Streamline
-from resgrid.planning.trajectory import Trajectory
+from resgrid.planning.streamline import ShortPath, Streamline, unwrap
+from resgrid.planning.timing import Trajectory
 from resgrid.planning.workspace import workspace_path
 from resgrid.robots import PointRobot, Robot
 from resgrid.space import Axis, ConfigurationSpace

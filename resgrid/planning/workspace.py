@@ -10,9 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number
 from resgrid.errors import InputError
-from resgrid.planning.seams import axis_path, unwrap
-from resgrid.planning.short_path import ShortPath
-from resgrid.planning.streamline import Streamline
+from resgrid.planning.streamline import ShortPath, Streamline, axis_path, unwrap
 from resgrid.robots import Robot, Shape
 from resgrid.robots.geometry import obstacles_of
 from resgrid.scene.world import along_axes

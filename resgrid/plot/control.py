@@ -124,7 +124,7 @@ def bodies_of(scene: Scene) -> tuple[list[Shape], list[Shape], list[Shape]]:
 def dress_workspace(scene: Scene, hidden: Sequence[Shape], axes: Axes) -> None:
     """Mark what the map does not show, what came from a map file, and goals that are places."""
     if scene.map is not None:
-        known = ConfigurationSpace(scene.axes, scene.map.cell, frame=scene.frame)
+        known = ConfigurationSpace(scene.map.axes, scene.map.cell, frame=scene.map_frame)
         for code, colour, label in ((Cell.OBSTACLE, OBSTACLE, "obstacle"), (Cell.GOAL, GOAL, "goal")):
             if (known.cell == code).any():
                 paint_cells(known, known.cell == code, colour, label, axes)

@@ -15,8 +15,7 @@ from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.planning.seams import axis_path
-from resgrid.planning.streamline import Streamline
+from resgrid.planning.streamline import Streamline, axis_path
 from resgrid.planning.workspace import Way, dense, workspace_path
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.style import GOAL, OBSTACLE, PATHS, TEXT, add_swatch, dress, refresh_legend

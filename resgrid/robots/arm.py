@@ -14,7 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.doors import checked
 from resgrid.errors import InputError
-from resgrid.frame import Frame
 from resgrid.robots.arm_cells import arm_goal_cells, arm_occupancy, singular_cells
 from resgrid.robots.base import Robot
 from resgrid.robots.cells import Progress, Sampling
@@ -138,13 +137,13 @@ class Arm(Robot):
         )
 
     def implied_axes(self) -> tuple[dict[str, Any], ...]:
-        """The joints within their limits; see `Robot.implied_axes`."""
-        keys = ("name", "lower", "upper", "periodic", "unit")
-        return tuple({key: getattr(axis, key) for key in keys} for axis in self.axes(1))
+        """One axis for each joint, as `axes` makes them; see `Robot.implied_axes`."""
+        axes = self.axes(1)
+        return tuple({key: value for key, value in vars(axis).items() if key != "cells"} for axis in axes)
 
-    def on_map(self, axes: tuple[Axis, ...], frame: Frame, headings: int) -> tuple[tuple[Axis, ...], Frame]:  # noqa: ARG002
-        """Refused: a map does not say what the joints' axes are; see `Robot.on_map`."""
-        raise InputError("an arm on a map needs a [grid] for its joints, such as cells = 90")
+    def axes_on_map(self, axes: Sequence[Axis], headings: int) -> tuple[Axis, ...]:  # noqa: ARG002
+        """A map says nothing of joints; see `Robot.axes_on_map`."""
+        raise InputError("an arm on a map needs a [grid] for its joints")
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
         """Refuse axes that are not this arm's joints.

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
-from resgrid.frame import Frame
 from resgrid.robots.cells import Progress, Sampling
 from resgrid.robots.geometry import Part, Pose, obstacles_of
 from resgrid.robots.goals import GoalCells, cells_of_place
@@ -48,6 +47,9 @@ class Robot(ABC):
 
     base: Point | None = None
     """Where it is mounted; None if it moves freely."""
+
+    turning_length: float | None = None
+    """What a heading of one radian counts as, as the third coordinate of a configuration; None if it does not turn."""
 
     @property
     def reach(self) -> float:
@@ -147,6 +149,27 @@ class Robot(ABC):
         """
         return self
 
+    def axes_on_map(self, axes: Sequence[Axis], headings: int) -> tuple[Axis, ...]:  # noqa: ARG002
+        """Axes of its configuration space on a map of the plane.
+
+        Parameters
+        ----------
+        axes : sequence of Axis
+            Of the map.
+        headings : int
+            Number of cells of a turn, where it turns.
+
+        Returns
+        -------
+        tuple of Axis
+
+        Raises
+        ------
+        InputError
+            If its axes do not follow from the map's.
+        """
+        return tuple(axes)
+
     def check_axes(self, axes: Sequence[Axis]) -> None:  # noqa: B027
         """Refuse axes that are not this robot's.
 
@@ -163,28 +186,6 @@ class Robot(ABC):
     def implied_axes(self) -> tuple[dict[str, Any], ...]:
         """What is known of its axes before a scene says anything: keys of tables of axes."""
         return ()
-
-    def on_map(self, axes: tuple[Axis, ...], frame: Frame, headings: int) -> tuple[tuple[Axis, ...], Frame]:  # noqa: ARG002
-        """Axes and frame of its configuration space on a map with these.
-
-        Parameters
-        ----------
-        axes : tuple of Axis
-        frame : Frame
-        headings : int
-            Number of cells of an axis for its heading, if it has one.
-
-        Returns
-        -------
-        axes : tuple of Axis
-        frame : Frame
-
-        Raises
-        ------
-        InputError
-            If the map does not say what its axes are.
-        """
-        return axes, frame
 
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None

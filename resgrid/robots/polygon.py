@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import hypot, isfinite, pi, tau
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -13,7 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.doors import checked
 from resgrid.errors import InputError
-from resgrid.frame import Frame
 from resgrid.robots.base import Robot
 from resgrid.robots.cells import Progress, Sampling, outline
 from resgrid.robots.geometry import Part, Pose
@@ -86,13 +85,13 @@ class PolygonRobot(Robot):
         return Axis(name, 0.0, tau * self.turning_length, cells, periodic=True)
 
     def implied_axes(self) -> tuple[dict[str, Any], ...]:
-        """x, y and theta; see `Robot.implied_axes`."""
+        """Names of x and y, and a full turn; see `Robot.implied_axes`."""
         turn = {"name": "theta", "lower": 0.0, "upper": tau * self.turning_length, "periodic": True, "unit": "m"}
         return {"name": "x"}, {"name": "y"}, turn
 
-    def on_map(self, axes: tuple[Axis, ...], frame: Frame, headings: int) -> tuple[tuple[Axis, ...], Frame]:
-        """The axes of the map and that of the heading; see `Robot.on_map`."""
-        return (*axes, self.turning_axis(headings)), replace(frame, turning_length=self.turning_length)
+    def axes_on_map(self, axes: Sequence[Axis], headings: int) -> tuple[Axis, ...]:
+        """The map's, and a full turn; see `Robot.axes_on_map`."""
+        return (*axes, self.turning_axis(headings))
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
         """Refuse axes that are not ``(x, y, theta)``.

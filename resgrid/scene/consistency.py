@@ -27,11 +27,11 @@ _FIRST_KEY = {
 class Parts:
     """The parts of a scene as far as they are known: of a file with errors, those without.
 
-    `ndim`, `names`: of the axes, even if some are wrong; `axes`: None then; `values`: shapes, goals, areas and starts,
-    by the key path of each in a file; `is_mapped`: whether the cells come from a map.
+    `robot`: its class, if only that is known; `ndim`, `names`: of the axes, even if some are wrong; `axes`: None then;
+    `values`: shapes, goals, areas and starts, by the key path of each in a file.
     """
 
-    robot: Robot | None
+    robot: Robot | type[Robot] | None
     axes: tuple[Axis, ...] | None
     ndim: int | None
     boundary: str
@@ -62,7 +62,7 @@ def _unique_names(names: Sequence[str | None]) -> Iterator[Problem]:
 
 
 def _robot_axes(parts: Parts) -> Iterator[Problem]:
-    if parts.robot is None or parts.axes is None:
+    if not isinstance(parts.robot, Robot) or parts.axes is None:
         return
     try:
         parts.robot.check_axes(parts.axes)
@@ -84,6 +84,8 @@ def _edges(parts: Parts) -> Iterator[Problem]:
 
 
 def _boundary(parts: Parts) -> Iterator[Problem]:
+    if not all(0 <= share <= 1 for share in parts.k):
+        yield ("k",), f"a share of the Dirichlet field lies between 0 and 1, got {list(parts.k)}"
     boundary, drive = parts.boundary, parts.drive
     if boundary == "wall" and not parts.has_wall:
         yield ("boundary",), 'boundary = "wall" needs wall_resistance in [chip], in ohms'
@@ -101,7 +103,7 @@ def _coordinates(parts: Parts) -> Iterator[Problem]:
     if parts.robot is None or not parts.ndim:
         return
     for path, value in parts.values.items():
-        allowed = _allowed(parts.robot, parts.ndim, str(path[0]), value)
+        allowed, meaning = _allowed(parts.robot, parts.ndim, str(path[0]), value)
         shape = value.shape if isinstance(value, CostArea) else value
         count = _coordinate_count(shape)
         if count in allowed:
@@ -111,15 +113,17 @@ def _coordinates(parts: Parts) -> Iterator[Problem]:
             yield path, f"a shape of the plane needs 2 axes, and there are {parts.ndim}; use {other} instead"
         else:
             key = _FIRST_KEY.get(type(shape), "joints" if isinstance(shape, GoalJoints) else "")
-            yield (*path, key) if key else path, _requirement(allowed, parts.robot, count)
+            yield (*path, key) if key else path, f"needs {allowed[0]} coordinates{meaning}, got {count}"
 
 
-def _allowed(robot: Robot, ndim: int, key: str, value: Any) -> tuple[int, ...]:
-    """How many coordinates a value may have: those of the workspace, of configuration space, or of both."""
+def _allowed(robot: Robot | type[Robot], ndim: int, key: str, value: Any) -> tuple[tuple[int, ...], str]:
+    """How many coordinates a value may have, and what they mean: of the workspace, of configuration space, or both."""
     in_space = key in ("area", "start", "starts") or isinstance(value, GoalCell | GoalJoints)
     if robot.moves_in_workspace or in_space:
-        return (ndim,)
-    return (2, ndim) if key == "goal" and robot.base is None else (2,)
+        return (ndim,), ", one for each axis"
+    if key == "goal" and robot.base is None:
+        return (2, ndim), f" (a place in the plane) or {ndim} (a configuration)"
+    return (2,), ", a place in the plane"
 
 
 def _coordinate_count(value: Any) -> int:
@@ -129,15 +133,6 @@ def _coordinate_count(value: Any) -> int:
         case tuple():
             return len(value)
     return int(value.ndim)
-
-
-def _requirement(allowed: tuple[int, ...], robot: Robot, count: int) -> str:
-    if robot.moves_in_workspace or allowed[0] != 2:
-        return f"needs {allowed[0]} coordinates, one for each axis, got {count}"
-    other = (
-        f" (a place in the plane) or {allowed[1]} (a configuration)" if len(allowed) == 2 else ", a place in the plane"
-    )
-    return f"needs 2 coordinates{other}, got {count}"
 
 
 def _leaning(parts: Parts) -> Iterator[Problem]:

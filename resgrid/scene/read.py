@@ -12,11 +12,11 @@ from typing import Any
 from resgrid.errors import InputError
 from resgrid.files import decode, read_bytes
 from resgrid.frame import Frame
-from resgrid.robots import Robot
+from resgrid.robots import ROBOTS, Robot
 from resgrid.scene.consistency import Parts, Problem, inconsistencies
 from resgrid.scene.maps.data import MapData
 from resgrid.scene.maps.formats import COMMON, FORMATS, format_of, read_map
-from resgrid.scene.scene import HEADINGS, MapCells, Scene, edge_rules, start_point
+from resgrid.scene.scene import MapCells, Scene, check_attributes, edge_rules, start_point
 from resgrid.scene.toml_lines import Path as KeyPath, key_lines
 from resgrid.scene.words import report
 from resgrid.space import Axis
@@ -50,6 +50,7 @@ def read_scene(path: str | os.PathLike[str], **options: Any) -> Scene:
         If a map would not fit in memory.
     """
     file = Path(path)
+    check_attributes(options, *MAP_OPTIONS)
     table = {key: options.pop(key) for key in MAP_OPTIONS if key in options}
     if file.suffix.lower() == ".toml":
         raw, lines = _toml(decode(read_bytes(file), file), str(file))
@@ -128,6 +129,9 @@ def build_scene(
     problems = inconsistencies(_parts(raw, document, robot, numbers, axes))
     if problems:
         raise InputError(report(problems, source, lines))
+    starts = (
+        start_point(start, axes, frame, f"{source}: start[{number}]") for number, start in enumerate(document.start)
+    )
     return Scene(
         axes=axes,
         title=document.title,
@@ -135,7 +139,7 @@ def build_scene(
         obstacles=tuple(document.obstacle),
         hidden=tuple(document.hidden),
         goals=tuple(document.goal),
-        starts=(*document.starts, *(start_point(start, axes, frame) for start in document.start)),
+        starts=(*document.starts, *starts),
         areas=tuple(document.area),
         map=cells,
         frame=frame,
@@ -165,7 +169,7 @@ def _ground(
     data = known or read_map(Path(table["file"]), table)
     cells = MapCells(data.axes, data.cell, table, data.conductivity)
     if grid is None:
-        return (*robot.on_map(data.axes, data.frame, table.get("headings", HEADINGS)), cells)
+        return (*cells.space_of(robot, data.frame), cells)
     if not data.frame.is_world:
         raise InputError(f"{source}: map.file: a robot with a grid of its own needs a map that is not turned")
     return grid, Frame(), cells
@@ -174,6 +178,11 @@ def _ground(
 def _one_ground(raw: Mapping[str, Any], robot: Robot | None) -> list[Problem]:
     if "grid" in raw and "map" in raw and (robot is None or robot.moves_in_workspace):
         return [(("map",), "a scene has either a [grid] or a [map]; remove one of them")]
+    if "map" in raw and "grid" not in raw and robot is not None:
+        try:
+            robot.axes_on_map((), 1)
+        except InputError as error:
+            return [(("map",), str(error))]
     if "grid" not in raw and "map" not in raw:
         return [((), 'a scene needs a [grid] with axes, or a [map] with file = "..."')]
     return []
@@ -193,8 +202,9 @@ def _parts(
     names = [table.get("name") if isinstance(table, Mapping) else None for table in tables]
     if axes is None and document.grid is not None:
         axes = tuple(table.axis() for table in document.grid.axes)
+    kind = raw.get("robot", {}).get("type", "point") if isinstance(raw.get("robot", {}), Mapping) else None
     return Parts(
-        robot=robot,
+        robot=robot or ROBOTS.get(str(kind)),
         axes=axes,
         ndim=(len(tables) if axes is None else len(axes)) or None,
         names=[name if isinstance(name, str) else None for name in names],

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,10 @@ from resgrid.scene.goals import CostArea, Goal, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.words import report, suggestion
 from resgrid.scene.world import cell_centre
 from resgrid.space import Axis, Cell
+
+Boundary = Literal["dirichlet", "neumann", "wall"]
+Drive = Literal["uniform", "start"]
+EdgeRule = Literal["obstacle", "open", "periodic"]
 
 HEADINGS = 36
 """Cells of the third axis of a turning robot on a map that does not say."""
@@ -58,7 +62,8 @@ class MapCells:
 
     def space_of(self, robot: Robot, frame: Frame) -> tuple[tuple[Axis, ...], Frame]:
         """Axes and frame of the configuration space of a robot on this map."""
-        return robot.on_map(self.axes, frame, self.table.get("headings", HEADINGS))
+        axes = robot.axes_on_map(self.axes, self.table.get("headings", HEADINGS))
+        return tuple(axes), dataclasses.replace(frame, turning_length=robot.turning_length)
 
     def without_obstacles(self) -> MapCells:
         """The same map, free where obstacles were."""
@@ -121,9 +126,9 @@ class Scene:
     areas: tuple[CostArea, ...] = ()
     map: MapCells | None = None
     frame: Frame = field(default_factory=Frame)
-    boundary: str = "dirichlet"
-    drive: str | None = None
-    edge: tuple[str, ...] = ()
+    boundary: Boundary = "dirichlet"
+    drive: Drive | None = None
+    edge: tuple[EdgeRule, ...] = ()
     k: tuple[float, ...] = ()
     chip: Chip = field(default_factory=Chip)
     control: Control = field(default_factory=Control)
@@ -172,11 +177,7 @@ class Scene:
         >>> scene.replace(goal=(3.5, 0.5), boundary="neumann").goals
         (GoalPoint(point=(3.5, 0.5)),)
         """
-        names = [attribute.name for attribute in dataclasses.fields(self)]
-        for name in changes:
-            if name not in (*names, "goal", "start"):
-                hint = suggestion(name, names) or f"there are {', '.join(names)}"
-                raise InputError(f"a scene has no {name!r}; {hint}")
+        check_attributes(changes)
         if "robot" in changes and self.map is not None and "axes" not in changes:
             changes["axes"], changes["frame"] = self.map.space_of(changes["robot"], self.map_frame)
         axes, frame = changes.get("axes", self.axes), changes.get("frame", self.frame)
@@ -209,16 +210,25 @@ class Scene:
         )
 
 
-def edge_rules(rules: Sequence[str], axes: Sequence[Axis]) -> tuple[str, ...]:
+def check_attributes(names: Iterable[str], *also: str) -> None:
+    """Refuse what is no attribute of a scene, nor one of other names."""
+    known = [*(attribute.name for attribute in dataclasses.fields(Scene)), "goal", "start", *also]
+    for name in names:
+        if name not in known:
+            hint = suggestion(name, known) or f"there are {', '.join(known)}"
+            raise InputError(f"a scene has no {name!r}; {hint}")
+
+
+def edge_rules(rules: Sequence[EdgeRule], axes: Sequence[Axis]) -> tuple[EdgeRule, ...]:
     """The rule of every axis, from one for all or one each; periodic axes have no border."""
     each = [rules[0]] * len(axes) if len(rules) == 1 else rules
     return tuple("periodic" if axis.periodic else rule for axis, rule in zip(axes, each, strict=True))
 
 
-def start_point(start: GoalPoint | GoalCell | Point, axes: tuple[Axis, ...], frame: Frame) -> Point:
+def start_point(start: GoalPoint | GoalCell | Point, axes: tuple[Axis, ...], frame: Frame, key: str = "start") -> Point:
     """World coordinates of a start."""
     if isinstance(start, GoalCell):
-        return cell_centre(axes, frame, start.cell, "start")
+        return cell_centre(axes, frame, start.cell, key)
     return start.point if isinstance(start, GoalPoint) else start
 
 

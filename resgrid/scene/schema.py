@@ -26,7 +26,7 @@ from resgrid.scene.chip import Chip, Defects, Readout
 from resgrid.scene.control import Control
 from resgrid.scene.goals import CostArea, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.quantities import Listed
-from resgrid.scene.scene import Scene
+from resgrid.scene.scene import Boundary, Drive, EdgeRule, Scene
 from resgrid.scene.table import Table, either, filled_as, meanings, table_of, value_of
 from resgrid.space import Axis
 
@@ -253,7 +253,7 @@ def _list_of(name: str, kind_of: Callable[[Any], str | None]) -> tuple[Any, Any]
     return _key(name, list[_one_of(KINDS[name], kind_of)], [])  # type: ignore[misc]
 
 
-_EDGES = Annotated[tuple[Literal["obstacle", "open", "periodic"], ...], Strict(False), Listed()]
+_EDGES = Annotated[tuple[EdgeRule, ...], Strict(False), Listed()]
 _BLENDS = Annotated[tuple[Annotated[float, Ge(0), Le(1)], ...], Strict(False), Listed()]
 SceneFile: Any = create_model(
     "Scene",
@@ -261,8 +261,8 @@ SceneFile: Any = create_model(
     __doc__="A resgrid scene.",
     schema_=(Literal[1], Field(alias="schema", description="Version of this format.")),
     title=_key("title", str, ""),
-    boundary=_key("boundary", Literal["dirichlet", "neumann", "wall"], "dirichlet"),
-    drive=_key("drive", Literal["uniform", "start"] | None, None),
+    boundary=_key("boundary", Boundary, "dirichlet"),
+    drive=_key("drive", Drive | None, None),
     edge=_key("edge", _EDGES, ("obstacle",)),
     sampling=_key("sampling", Literal["conservative", "centre"], "conservative"),
     k=_key("k", _BLENDS, ()),

@@ -56,6 +56,20 @@ def unit_of(hint: Any) -> str:
     )
 
 
+def described_keys(value: type) -> dict[str, tuple[str, str]]:
+    """Unit and meaning of every key of a value's table, those of tables in it included (``readout.bits``)."""
+    hints, about = get_type_hints(value, include_extras=True), meanings(value)
+    described: dict[str, tuple[str, str]] = {}
+    for item in dataclasses.fields(value):
+        hint = hints[item.name]
+        if dataclasses.is_dataclass(hint):
+            inner = described_keys(hint) if isinstance(hint, type) else {}
+            described |= {f"{item.name}.{key}": entry for key, entry in inner.items()}
+        else:
+            described[item.name] = unit_of(hint), about.get(item.name, "")
+    return described
+
+
 def either(kinds: Iterable[Any]) -> Any:
     """The union of types."""
     return reduce(or_, kinds)

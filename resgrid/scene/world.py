@@ -41,7 +41,7 @@ def check_cell(axes: tuple[Axis, ...], cell: tuple[int, ...], key: str) -> None:
     """Refuse a cell that is not in the grid."""
     if len(cell) != len(axes) or not all(0 <= index < axis.cells for index, axis in zip(cell, axes, strict=True)):
         size = " x ".join(str(axis.cells) for axis in axes)
-        raise InputError(f"{key}: the cell {list(cell)} is not in the grid of {size} cells (counted from 0)")
+        raise InputError(f"{key}: cell {list(cell)} is not in the grid of {size} cells (counted from 0)")
 
 
 def to_space(shape: Shape, frame: Frame) -> Shape:

@@ -15,9 +15,8 @@ from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
 from resgrid.planning.clearance import clearance_of
-from resgrid.planning.field import field_of
-from resgrid.planning.seams import unwrap
 from resgrid.planning.shortcut import shorten
+from resgrid.planning.streamline import unwrap
 from resgrid.planning.trace import streamline
 from resgrid.planning.workspace import dense, replay, workspace_clearance, workspace_path
 from resgrid.robots import (
@@ -167,7 +166,7 @@ def test_cells_of_a_map_are_obstacles_too_across_seams() -> None:
     obstacles = [CellSet(space.axes, space.cell == Cell.OBSTACLE)]
     assert workspace_clearance([(0.5, 2.5)], PointRobot(0.25), obstacles, space) == pytest.approx(0.25)
     assert workspace_clearance([(10.5, 1.0)], PointRobot(), obstacles, space) == pytest.approx(hypot(0.5, 1.0))
-    path = streamline(field_of(solve(compile_space(space))), start=(0.5, 0.5))
+    path = streamline(rg.field(solve(compile_space(space))), start=(0.5, 0.5))
     assert replay(path, PointRobot(), obstacles, space) is None
     cells_apart = clearance_of(unwrap(path, space), space, ("periodic", "open"))
     assert workspace_clearance(path, PointRobot(), obstacles, space) == pytest.approx(cells_apart, abs=1e-2)
@@ -181,7 +180,7 @@ def test_an_arm_plans_and_drives_without_a_collision() -> None:
     cell = ARM.occupancy(axes, obstacles, "conservative").astype(np.uint8)
     cell[ARM.goal_cells(axes, Box((-0.3, 1.5), (0.1, 1.9))).cells & (cell == 0)] = Cell.GOAL
     space = ConfigurationSpace(axes, cell)
-    field = field_of(solve(compile_space(space)))
+    field = rg.field(solve(compile_space(space)))
     path = streamline(field, start=(-0.5, 0.3))
     short = shorten(path, field)
     assert short.length < path.length

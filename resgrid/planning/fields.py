@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,24 +13,10 @@ from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.netlist import CellMap, face_shape
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.space import Cell, ConfigurationSpace
+from resgrid.wiring import Wiring
 
-
-class Flow(NamedTuple):
-    """A field as the tracing kernels take it: flat arrays.
-
-    The lower face of cell ``c`` across axis ``a`` has number ``first_face[a] + sum_b c_b face_stride[a, b]``.
-
-    `code` (cells,); `shape` (ndim,); `spacing` (ndim,); `first_face` (ndim,); `face_stride` (ndim, ndim); `direction`
-    (faces,); `log_current` (faces,).
-    """
-
-    code: NDArray[np.uint8]
-    shape: NDArray[np.int64]
-    spacing: NDArray[np.float64]
-    first_face: NDArray[np.int64]
-    face_stride: NDArray[np.int64]
-    direction: NDArray[np.int8]
-    log_current: NDArray[np.float64]
+if TYPE_CHECKING:
+    from resgrid.planning.kernels import Flow
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +27,8 @@ class Field:
     ----------
     space : ConfigurationSpace
         The space.
+    wiring : Wiring
+        Of the circuit it was read off; of a blend, of that of k = 1.
     potential : ndarray of float64, shape of the space
         ``phi``: 1 on obstacles, 0 on goals; NaN in a cell without a node.  With a uniform drive it is the height above
         the goal rail, scaled to a maximum of 1.
@@ -56,30 +43,37 @@ class Field:
     face_log_current : tuple of ndarray of float64
         Same shapes: natural logarithm of its magnitude in units of supply / resistance, for the potential as scaled;
         -inf where none flows.
-    boundary : str
-        ``"dirichlet"``, ``"neumann"``, ``"wall"`` or ``"blend"``.
-    drive : str or None
-        ``"uniform"``, ``"start"`` or None.
-    edge : tuple of str
-        Per axis ``"periodic"``, ``"obstacle"`` or ``"open"``.
     k : float
         Share of the Dirichlet field: 1 for Dirichlet and walls, 0 for Neumann.
     """
 
     space: ConfigurationSpace
+    wiring: Wiring
     potential: NDArray[np.float64]
     log_drop: NDArray[np.float64] | None
     face_direction: tuple[NDArray[np.int8], ...]
     face_log_current: tuple[NDArray[np.float64], ...]
-    boundary: str
-    drive: str | None
-    edge: tuple[str, ...]
     k: float
 
     def __post_init__(self) -> None:
         for array in (self.potential, self.log_drop, *self.face_direction, *self.face_log_current):
             if array is not None:
                 array.flags.writeable = False
+
+    @property
+    def boundary(self) -> str:
+        """What obstacles are: ``"dirichlet"``, ``"neumann"``, ``"wall"`` or ``"blend"``."""
+        return "blend" if 0.0 < self.k < 1.0 else self.wiring.boundary
+
+    @property
+    def edge(self) -> tuple[str, ...]:
+        """What the border of the grid is, per axis: ``"periodic"``, ``"obstacle"`` or ``"open"``."""
+        return self.wiring.edges(self.space)
+
+    @property
+    def is_flowing(self) -> bool:
+        """Whether any current flows."""
+        return any(direction.any() for direction in self.face_direction)
 
     def face_current(self, axis: int) -> NDArray[np.float64]:
         """Current through every face across one axis, positive along it.
@@ -129,15 +123,28 @@ class Field:
     @cached_property
     def flow(self) -> Flow:
         """The field in flat arrays, as the tracing kernels take it."""
-        return _flow(self)
+        from resgrid.planning.kernels import Flow
+
+        space = self.space
+        shapes = [face_shape(space.shape, axis) for axis in range(space.ndim)]
+        first = np.cumsum([0, *(np.prod(shape) for shape in shapes[:-1])])
+        return Flow(
+            code=space.cell.ravel(),
+            shape=np.array(space.shape, dtype=np.int64),
+            spacing=space.spacing,
+            first_face=first.astype(np.int64),
+            face_stride=np.array([np.cumprod([1, *shape[:0:-1]])[::-1] for shape in shapes], dtype=np.int64),
+            direction=np.concatenate([part.ravel() for part in self.face_direction]),
+            log_current=np.concatenate([part.ravel() for part in self.face_log_current]),
+        )
 
 
-def field_of(point: OperatingPoint) -> Field:
+def field(op: OperatingPoint) -> Field:
     """Read the field of a configuration space off the operating point of its netlist.
 
     Parameters
     ----------
-    point : OperatingPoint
+    op : OperatingPoint
         Of a netlist with a map of cells.
 
     Returns
@@ -153,44 +160,91 @@ def field_of(point: OperatingPoint) -> Field:
     AccuracyError
         If the chip's switches or rails are so poor that current leaves free cells into obstacles; it carries the field.
     """
-    cell_map = point.netlist.cell_map
-    if cell_map is None:
-        raise InputError("this netlist was not compiled from a space, so it has no field")
-    if point.potential is None or point.method == "none":
-        _check_driven(point, cell_map)
-    if point.potential is None:
+    cells = op.netlist.cells
+    if op.potential is None or op.method == "none":
+        _check_driven(op, cells)
+    if op.potential is None:
         raise InputError("this circuit has more rails or drives than a field is defined for")
-    direction, log_current = face_currents(
-        cell_map,
-        _unit_volts(point, cell_map),
-        (cell_map.resistor_face, cell_map.resistor_upward, point.resistor_direction, point.resistor_log_current),
-        (cell_map.nonlinear_face, cell_map.nonlinear_upward, point.nonlinear_direction, point.nonlinear_log_amps),
+    result = read_field(
+        cells,
+        _unit_volts(op, cells),
+        op.potential,
+        op.log_drop,
+        (cells.resistor_face, cells.resistor_upward, op.resistor_direction, op.resistor_log_current),
+        (cells.nonlinear_face, cells.nonlinear_upward, op.nonlinear_direction, op.nonlinear_log_amps),
     )
-    field = Field(
-        space=cell_map.space,
-        potential=_per_cell(cell_map, point.potential),
-        log_drop=None if point.log_drop is None else _per_cell(cell_map, point.log_drop),
-        face_direction=direction,
-        face_log_current=log_current,
-        boundary=cell_map.wiring.boundary,
-        drive=cell_map.wiring.drive,
-        edge=cell_map.wiring.edges(cell_map.space),
-        k=0.0 if cell_map.wiring.boundary == "neumann" else 1.0,
+    if np.any(cells.resistor_face < 0):
+        _check_walls(result)
+    return result
+
+
+Elements = tuple[NDArray[np.integer[Any]], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]]
+"""Faces that elements cross (-1 for none), whether upwards, and the directions and log amperes of their currents."""
+
+
+def read_field(
+    cells: CellMap,
+    volts: float,
+    potential: NDArray[np.float64],
+    log_drop: NDArray[np.float64] | None,
+    *elements: Elements,
+) -> Field:
+    """Spread what nodes and elements show over cells and faces; ``volts`` lie between potential 0 and 1.
+
+    Shapes: `potential, log_drop` (nodes,).
+    """
+    space = cells.space
+    sizes = [int(np.prod(face_shape(space.shape, axis))) for axis in range(space.ndim)]
+    direction, log_current = np.zeros(sum(sizes), dtype=np.int8), np.full(sum(sizes), -np.inf)
+    for face, upward, sign, log_amps in elements:
+        crosses = face >= 0
+        along = np.where(upward, 1, -1) * int(np.sign(volts))
+        direction[face[crosses]] = (sign * along)[crosses]
+        log_current[face[crosses]] = log_amps[crosses] - np.log(abs(volts) / cells.wiring.resistance)
+    return Field(
+        space=space,
+        wiring=cells.wiring,
+        potential=_per_cell(cells, potential),
+        log_drop=None if log_drop is None else _per_cell(cells, log_drop),
+        face_direction=_per_axis(direction, space),
+        face_log_current=_per_axis(log_current, space),
+        k=0.0 if cells.wiring.is_driven else 1.0,
     )
-    if np.any(cell_map.resistor_face < 0):
-        _check_walls(field)
-    return field
 
 
-field = field_of
-"""The same by its public name, which inside is that of its result."""
+def _per_axis(faces: NDArray[Any], space: ConfigurationSpace) -> tuple[NDArray[Any], ...]:
+    """Values of all faces, axis by axis; on a periodic axis the last face repeats the first."""
+    parts, first = [], 0
+    for axis, ring in enumerate(space.periodic):
+        shape = face_shape(space.shape, axis)
+        part = faces[first : first + int(np.prod(shape))].reshape(shape)
+        first += part.size
+        if ring:
+            along = np.moveaxis(part, axis, 0)
+            along[-1] = along[0]
+        parts.append(part)
+    return tuple(parts)
 
 
-def _check_driven(point: OperatingPoint, cell_map: CellMap) -> None:
+def undriven_field(space: ConfigurationSpace, wiring: Wiring) -> Field:
+    """The field of a circuit in which nothing flows: every cell that has a way to a goal is at the goal's voltage."""
+    shapes = [face_shape(space.shape, axis) for axis in range(space.ndim)]
+    return Field(
+        space=space,
+        wiring=wiring,
+        potential=np.where(space.goal_connected | (space.cell == Cell.GOAL), 0.0, np.nan),
+        log_drop=None,
+        face_direction=tuple(np.zeros(shape, dtype=np.int8) for shape in shapes),
+        face_log_current=tuple(np.full(shape, -np.inf) for shape in shapes),
+        k=0.0 if wiring.is_driven else 1.0,
+    )
+
+
+def _check_driven(op: OperatingPoint, cell_map: CellMap) -> None:
     """Refuse a circuit whose sources feed each other alone, as where goals beside obstacles are rails cell by cell."""
-    free = np.zeros(point.netlist.node_count, dtype=np.bool_)
+    free = np.zeros(op.netlist.node_count, dtype=np.bool_)
     free[cell_map.free_node] = True
-    if not point.resistor_current[free[point.netlist.resistor_nodes].any(axis=1)].any():
+    if not op.resistor_current[free[op.netlist.resistor_nodes].any(axis=1)].any():
         raise CircuitError(
             "nothing is driven: no free cell lies between the goal and an obstacle, so that all of them are at one "
             "voltage; move the goal, or open a way to it"
@@ -220,64 +274,17 @@ def _check_walls(field: Field) -> None:
             )
 
 
-def _unit_volts(point: OperatingPoint, cell_map: CellMap) -> float:
+def _unit_volts(op: OperatingPoint, cell_map: CellMap) -> float:
     """Volts between potential 0 and potential 1, with their sign."""
     if cell_map.wiring.drive != "uniform":
         return cell_map.wiring.supply
-    assert point.potential is not None
-    top = int(np.nanargmax(point.potential))
-    return float(point.voltage[top] - cell_map.wiring.goal_voltage)
+    assert op.potential is not None
+    top = int(np.nanargmax(op.potential))
+    return float(op.voltage[top] - cell_map.wiring.goal_voltage)
 
 
 def _per_cell(cell_map: CellMap, value: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(cell_map.node >= 0, value[cell_map.node], np.nan)
-
-
-def face_currents(
-    cell_map: CellMap,
-    volts: float,
-    *elements: tuple[NDArray[np.integer[Any]], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]],
-) -> tuple[tuple[NDArray[np.int8], ...], tuple[NDArray[np.float64], ...]]:
-    """Currents of resistors as currents through cell faces."""
-    shapes = [face_shape(cell_map.space.shape, axis) for axis in range(cell_map.space.ndim)]
-    sizes = [int(np.prod(shape)) for shape in shapes]
-    direction = np.zeros(sum(sizes), dtype=np.int8)
-    log_current = np.full(sum(sizes), -np.inf)
-    for face, upward, sign, log_amps in elements:
-        crosses = face >= 0
-        along = np.where(upward, 1, -1) * int(np.sign(volts))
-        direction[face[crosses]] = (sign * along)[crosses]
-        log_current[face[crosses]] = log_amps[crosses] - np.log(abs(volts) / cell_map.wiring.resistance)
-    ends = np.cumsum([0, *sizes])
-    parts = [slice(first, last) for first, last in pairwise(ends.tolist())]
-    periodic = cell_map.space.periodic
-    return (
-        tuple(_seamless(direction[part].reshape(shapes[a]), a, periodic[a]) for a, part in enumerate(parts)),
-        tuple(_seamless(log_current[part].reshape(shapes[a]), a, periodic[a]) for a, part in enumerate(parts)),
-    )
-
-
-def _seamless(faces: NDArray[Any], axis: int, periodic: bool) -> NDArray[Any]:
-    """On a periodic axis the last face repeats the first."""
-    if periodic:
-        along = np.moveaxis(faces, axis, 0)
-        along[-1] = along[0]
-    return faces
-
-
-def _flow(field: Field) -> Flow:
-    space = field.space
-    shapes = [face_shape(space.shape, axis) for axis in range(space.ndim)]
-    sizes = [int(np.prod(shape)) for shape in shapes]
-    return Flow(
-        code=space.cell.ravel(),
-        shape=np.array(space.shape, dtype=np.int64),
-        spacing=space.spacing,
-        first_face=np.cumsum([0, *sizes[:-1]]).astype(np.int64),
-        face_stride=np.array([np.cumprod([1, *shape[:0:-1]])[::-1] for shape in shapes], dtype=np.int64),
-        direction=np.concatenate([part.ravel() for part in field.face_direction]),
-        log_current=np.concatenate([part.ravel() for part in field.face_log_current]),
-    )
 
 
 def obstacle_reach(space: ConfigurationSpace) -> NDArray[np.float64] | None:
