@@ -23,7 +23,7 @@ from resgrid.plot.plane import plane_of
 from resgrid.plot.robots import mark_shapes, plot_robot_path
 from resgrid.plot.style import FAILURE, GOAL, OBSTACLE, PATHS, TEXT, refresh_legend
 from resgrid.robots import CellSet, HalfSpace, Shape
-from resgrid.scene.scene import GoalCell, GoalJoints, GoalPoint, Scene
+from resgrid.scene import GoalCell, GoalJoints, GoalPoint, Scene
 from resgrid.space import Cell, ConfigurationSpace
 
 MODES: dict[Mode, tuple[str, Any]] = {

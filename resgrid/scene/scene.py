@@ -194,8 +194,13 @@ class Scene:
         return dataclasses.replace(self, **changes)
 
     def _parts(self) -> Parts:
-        lists = {"obstacle": self.obstacles, "hidden": self.hidden, "goal": self.goals, "starts": self.starts}
-        lists["area"] = self.areas
+        lists: dict[str, tuple[Any, ...]] = {
+            "obstacle": self.obstacles,
+            "hidden": self.hidden,
+            "goal": self.goals,
+            "starts": self.starts,
+            "area": self.areas,
+        }
         return Parts(
             robot=self.robot,
             axes=self.axes,

@@ -79,22 +79,21 @@ def _arm(links: list[Link], **rest: Any) -> Arm:
     return Arm(lengths=lengths, widths=widths, limits=limits, **rest)
 
 
-def _arm_table() -> type[Table]:
+def _arm_table() -> Any:
     """The table of an arm: that of its value, with one list of links in place of three."""
     whole = table_of(Arm, ("type", "arm"))
-    links = Annotated[list[Link], Len(1, 4), Field(description="From the base to the tip.")]
-    rest = {
-        name: (field.rebuild_annotation(), field)
-        for name, field in whole.model_fields.items()
-        if name not in ("lengths", "widths", "limits")
-    }
-    return create_model("arm", __base__=Table, __doc__=whole.__doc__, links=(links, ...), **rest)
+    keys: dict[str, Any] = {name: (field.rebuild_annotation(), field) for name, field in whole.model_fields.items()}
+    for name in ("lengths", "widths", "limits"):
+        del keys[name]
+    keys["links"] = (Annotated[list[Link], Len(1, 4)], Field(description="From the base to the tip."))
+    return create_model("arm", __base__=Table, __doc__=whole.__doc__, **keys)
 
 
 def _area(shape: type, name: str, is_planar: bool) -> Any:
     """A shape with a conductivity."""
-    conductivity = (Annotated[float, Gt(0), Field(description=meanings(CostArea)["conductivity"])], ...)
-    table = create_model(name, __base__=table_of(shape, ("shape", name), is_planar), conductivity=conductivity)
+    about = Field(description=meanings(CostArea)["conductivity"])
+    keys: dict[str, Any] = {"conductivity": (Annotated[float, Gt(0)], about)}
+    table: Any = create_model(name, __base__=table_of(shape, ("shape", name), is_planar), **keys)
     return filled_as(table, lambda conductivity, **keys: CostArea(shape(**keys), conductivity), "shape")
 
 
@@ -295,7 +294,7 @@ _NAMED = {
 def keys_of(path: tuple[str | int, ...], kind: str | None) -> list[str]:
     """The keys that a table may hold, by its path and, if there are several, its kind."""
     name = next((part for part in reversed(path) if isinstance(part, str)), "")
-    table = _NAMED.get(name) or (KINDS[name][kind].__origin__ if kind in KINDS.get(name, {}) else None)
+    table: Any = _NAMED.get(name) or (KINDS[name][kind].__origin__ if kind in KINDS.get(name, {}) else None)
     return [] if table is None else [field.alias or key for key, field in table.model_fields.items()]
 
 

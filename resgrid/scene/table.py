@@ -62,9 +62,8 @@ def described_keys(value: type) -> dict[str, tuple[str, str]]:
     described: dict[str, tuple[str, str]] = {}
     for item in dataclasses.fields(value):
         hint = hints[item.name]
-        if dataclasses.is_dataclass(hint):
-            inner = described_keys(hint) if isinstance(hint, type) else {}
-            described |= {f"{item.name}.{key}": entry for key, entry in inner.items()}
+        if isinstance(hint, type) and dataclasses.is_dataclass(hint):
+            described |= {f"{item.name}.{key}": entry for key, entry in described_keys(hint).items()}
         else:
             described[item.name] = unit_of(hint), about.get(item.name, "")
     return described
@@ -84,9 +83,9 @@ def file_type(hint: Any, *, planar: bool = False) -> Any:
         return either(file_type(part, planar=planar) for part in parts)
     if origin is tuple:
         size = len(parts) if parts[-1] is not Ellipsis else 2 if planar and parts[0] is float else None
-        entries = tuple[file_type(parts[0], planar=planar), ...]
-        return Annotated[(entries, Strict(False), *(() if size is None else (Len(size, size),)))]
-    return value_of(hint) if dataclasses.is_dataclass(hint) else hint
+        entry: Any = file_type(parts[0], planar=planar)
+        return Annotated[(tuple[entry, ...], Strict(False), *(() if size is None else (Len(size, size),)))]
+    return value_of(hint) if isinstance(hint, type) and dataclasses.is_dataclass(hint) else hint
 
 
 @cache
@@ -116,7 +115,7 @@ def value_of(value: type, kind: tuple[str, str] | None = None, planar: bool = Fa
     return filled_as(table_of(value, kind, planar), value, *(kind or ())[:1])
 
 
-def filled_as(table: type[Table], build: Callable[..., Any], *left_out: str) -> Any:
+def filled_as(table: Any, build: Callable[..., Any], *left_out: str) -> Any:
     """The annotation of a key whose table stands for what `build` makes of its keys, or refuses."""
 
     def fill(filled: Table) -> Any:
@@ -133,7 +132,8 @@ def check_fields(value: Any) -> None:
     given = {item.name: getattr(value, item.name) for item in dataclasses.fields(value)}
     given = {name: field for name, field in given.items() if not dataclasses.is_dataclass(field)}
     try:
-        table = table_of(type(value)).model_validate(given)
+        kind: type = type(value)
+        table = table_of(kind).model_validate(given)
     except ValidationError as error:
         details = problems_of(error)
         raise InputError("; ".join(f"{key_path(each['loc'])}: {complaint(each)}" for each in details)) from None
