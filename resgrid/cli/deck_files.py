@@ -100,7 +100,7 @@ def _write_raw(solved: SolvedDeck, path: Path, form: str) -> None:
 
 def _elements(point: OperatingPoint) -> dict[str, Column]:
     """Per kind: names, nodes, values in SI units, currents from the first node to the second, power dissipated."""
-    from resgrid.spice.balance import power_balance
+    from resgrid.spice.power import power_balance
 
     netlist, balance = point.netlist, power_balance(point)
     return {

@@ -152,8 +152,7 @@ def deck_data(deck: ParsedDeck) -> dict[str, Any]:
 
 def solution_data(solved: SolvedDeck, count: int) -> dict[str, Any]:
     """What the meters of a solved deck read, as ``--json`` gives it."""
-    from resgrid.spice.balance import power_balance
-    from resgrid.spice.ir_drop import ir_drop
+    from resgrid.spice.power import ir_drop, power_balance
 
     point, netlist = solved.point, solved.point.netlist
     drops, balance = ir_drop(point), power_balance(point)
