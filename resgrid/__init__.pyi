@@ -61,6 +61,9 @@ from .errors import (
     ToolMissingError as ToolMissingError,
 )
 from .frame import Frame as Frame
+from .io.paths import ros_plan as ros_plan, write_path as write_path
+from .io.runs import write_run as write_run
+from .io.solutions import write_solution as write_solution
 from .netlist import CellMap as CellMap, Netlist as Netlist
 from .nodal.drive import scale_drive as scale_drive
 from .nodal.many import solve_many as solve_many
@@ -76,7 +79,6 @@ from .nodal.transient import (
 from .nodal.watch import Watch as Watch
 from .planning.blend import blend as blend, dirichlet_share as dirichlet_share
 from .planning.certify import certify as certify, certify_free as certify_free
-from .planning.export import ros_plan as ros_plan, write_path as write_path
 from .planning.fields import Field as Field, field as field
 from .planning.normals import octree_voxels as octree_voxels, surface_normals as surface_normals
 from .planning.planner import (
@@ -203,8 +205,8 @@ from .spice.analyses import (
     TemperatureAnalysis as TemperatureAnalysis,
     TransientAnalysis as TransientAnalysis,
 )
-from .spice.check.agreement import check_deck as check_deck, check_spice as check_spice
-from .spice.check.comparison import Agreement as Agreement
+from .spice.check.agreement import Agreement as Agreement
+from .spice.check.deck import check_deck as check_deck
 from .spice.check.predictions import Prediction as Prediction, predict_simulators as predict_simulators
 from .spice.check.rules import check_rules as check_rules
 from .spice.check.violation import Violation as Violation
@@ -217,7 +219,6 @@ from .spice.power import (
     power_balance as power_balance,
 )
 from .spice.read.deck import read_spice as read_spice
-from .spice.run.forecast import Forecast as Forecast, forecast_run as forecast_run
 from .spice.run.ngspice import run_ngspice as run_ngspice
 from .spice.run.rawfile import write_raw as write_raw
 from .spice.write.files import write_spice as write_spice

@@ -11,7 +11,7 @@ from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.solve import solve
-from resgrid.spice.check.agreement import Agreement, compare, unverified
+from resgrid.spice.check.agreement import Agreement, Reference, compare, unverified
 from resgrid.spice.check.external import Runnable, expected_of, places_of, runnable, written_anew
 from resgrid.spice.check.predictions import predict_simulators
 from resgrid.spice.dialects import dialect_named
@@ -36,9 +36,7 @@ class _Limits:
     def __post_init__(self) -> None:
         engine_named(self.engine)
         if not 0 < self.tolerance < 1:
-            raise InputError(
-                f"tolerance = {self.tolerance} must lie between 0 and 1: it is relative to the supply"
-            )
+            raise InputError(f"tolerance = {self.tolerance} must lie between 0 and 1: it is relative to the supply")
 
     def run(self, data: bytes, source: str, *, direct: bool) -> Simulation:
         """Ask the simulator for the operating point of a deck's content."""
@@ -123,22 +121,22 @@ def _check_own(
         assert sidecar is not None
         expected = sidecar.expected
     why = ""
-    has_parts = name == SIMULATED and sidecar is not None and bool(sidecar.parts)
+    tiled = sidecar if sidecar is not None and sidecar.parts and name == SIMULATED else None
     if name != SIMULATED:
         why = f"it is written for {name}, and only {SIMULATED} is run here"
         data = written_anew(read_spice(path, dialect=name))
-    elif has_parts:
-        data = with_parts(path, data, sidecar)
+    elif tiled is not None:
+        data = with_parts(path, data, tiled)
     else:
         findings += inspect_deck(data, expected, limits.tolerance)
     try:
         simulation = limits.run(data, str(path), direct=bool(why))
     except InputError as error:  # a deck with commands is not run, and that is an answer: it is not what was written
         simulation = Simulation({}, {}, limits.engine, "not run", (str(error),))
-    if has_parts:  # the inner nodes of tiles are nobody's business
+    if tiled is not None:  # the inner nodes of tiles are nobody's business
         known = {node: volts for node, volts in simulation.voltage.items() if node in expected.voltage}
         simulation = replace(simulation, voltage=known)
-    origin = "sidecar" if reference is None else "scene"
+    origin: Reference = "sidecar" if reference is None else "scene"
     found = compare(expected, simulation, tolerance=limits.tolerance, reference=origin, findings=findings)
     return unverified(found, why) if why else found
 
