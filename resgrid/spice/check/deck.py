@@ -13,9 +13,9 @@ from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.solve import solve
 from resgrid.spice.check.agreement import Agreement, Reference, compare, unverified
 from resgrid.spice.check.external import Runnable, expected_of, places_of, runnable, written_anew
+from resgrid.spice.check.kirchhoff import inspect_deck
 from resgrid.spice.check.predictions import predict_simulators
 from resgrid.spice.dialects import dialect_named
-from resgrid.spice.locate import inspect_deck
 from resgrid.spice.parsed import ParsedDeck
 from resgrid.spice.read.deck import read_spice
 from resgrid.spice.run import SIMULATED, engine_named
