@@ -98,14 +98,14 @@ def _moved(
 ) -> list[Motion]:
     from dataclasses import replace
 
-    from resgrid.control.relaxation import make_relaxation
-    from resgrid.control.relaxation_ratio import announce_hidden
+    from resgrid.control.announced import announce_hidden
+    from resgrid.control.relaxation import Relaxation
     from resgrid.control.simulation import simulation
 
     scene, ndim = job.scene, job.space.ndim
     relaxation = None
     if words["settle"] is not None:
-        relaxation = make_relaxation(scene, method=words["settle"], pace=words["pace"], k=k)
+        relaxation = Relaxation(words["settle"], words["pace"])
     admittance = _matrix(words["admittance"], ndim)
     with report.stage("solve the field", seconds=1.0):
         sim = simulation(
@@ -158,16 +158,15 @@ def _draw_wavefront(file: str, motion: Motion, job: Job, report: Report) -> None
     """The change of the potential for as long as the robot was on its way."""
     import numpy as np
 
-    from resgrid.control.relaxation import wavefront
+    from resgrid.control.announced import wavefront
     from resgrid.plot.animations import wavefront_frames
     from resgrid.plot.films import save_animation
 
     sim = motion.simulation
-    assert sim.relaxation is not None
     crossed = float(motion.run.time[-1]) * sim.controller.speed / float(job.space.spacing.min())
     report.say(f"drawing {FRAMES} frames for {file}")
     with report.stage("follow the wavefront", seconds=10.0):
-        front = wavefront(sim.relaxation, job.space, sim.space, np.linspace(0.0, crossed, FRAMES))
+        front = wavefront(sim, np.linspace(0.0, crossed, FRAMES))
     with report.stage(f"draw {Path(file).name}", steps=FRAMES) as progress:
         save_animation(wavefront_frames(front, motion.run), file, rate=10.0, progress=lambda _: progress.advance())
     report.say(f"wrote {file}")
