@@ -50,6 +50,9 @@ from .errors import (
     ToolMissingError as ToolMissingError,
 )
 from .frame import Frame as Frame
+from .io.paths import ros_plan as ros_plan, write_path as write_path
+from .io.runs import write_run as write_run
+from .io.solutions import write_solution as write_solution
 from .netlist import CellMap as CellMap, Netlist as Netlist
 from .nodal.drive import scale_drive as scale_drive
 from .nodal.many import solve_many as solve_many
@@ -65,7 +68,6 @@ from .nodal.transient import (
 from .nodal.watch import Watch as Watch
 from .planning.blend import blend as blend, dirichlet_share as dirichlet_share
 from .planning.certify import certify as certify, certify_free as certify_free
-from .planning.export import ros_plan as ros_plan, write_path as write_path
 from .planning.fields import Field as Field, field as field
 from .planning.normals import octree_voxels as octree_voxels, surface_normals as surface_normals
 from .planning.planner import (
@@ -206,8 +208,6 @@ from .spice.run.forecast import Forecast as Forecast, forecast_run as forecast_r
 from .spice.run.ngspice import run_ngspice as run_ngspice
 from .spice.run.rawfile import write_raw as write_raw
 from .spice.write.files import write_spice as write_spice
-from .spice.write.flat import format_deck as format_deck
-from .spice.write.tiles import Tile as Tile, expanded_netlist as expanded_netlist
 from .wiring import Wiring as Wiring
 
 __version__: str

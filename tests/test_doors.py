@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import types
 from contextlib import suppress
-from inspect import Parameter, isabstract, signature
+from inspect import Parameter, isabstract, signature, unwrap
 from pathlib import Path
 from typing import Any
 
@@ -146,7 +146,7 @@ def test_a_value_is_not_made_of_the_wrong_types(record: Any) -> None:
     right = RECORDS[record]
     record(**right)
     for name in signature(record).parameters:
-        accepts, _ = _checks_of(record)[name]
+        accepts, _ = _checks_of(unwrap(record.__init__))[name]
         for wrong in (*WRONG.values(), 10**400, ["a", 1], []):
             if not accepts(wrong):
                 with pytest.raises(InputError, match=name):
