@@ -113,44 +113,15 @@ from .planning.workspace import (
     workspace_path as workspace_path,
 )
 from .plot import (
-    plot_bits_histogram as plot_bits_histogram,
-    plot_circuit as plot_circuit,
-    plot_clearance_curve as plot_clearance_curve,
-    plot_configurations as plot_configurations,
-    plot_criticality as plot_criticality,
-    plot_currents as plot_currents,
-    plot_dirichlet_share as plot_dirichlet_share,
-    plot_exploration as plot_exploration,
-    plot_noise as plot_noise,
-    plot_pair as plot_pair,
-    plot_path as plot_path,
-    plot_potential as plot_potential,
-    plot_power as plot_power,
-    plot_precision as plot_precision,
-    plot_precision_page as plot_precision_page,
-    plot_profile as plot_profile,
-    plot_robot_path as plot_robot_path,
-    plot_run as plot_run,
-    plot_runs_by_k as plot_runs_by_k,
-    plot_scene_page as plot_scene_page,
-    plot_sensitivity as plot_sensitivity,
-    plot_separation as plot_separation,
-    plot_served as plot_served,
-    plot_settling as plot_settling,
-    plot_settling_curve as plot_settling_curve,
-    plot_settling_sweep as plot_settling_sweep,
-    plot_slices as plot_slices,
-    plot_space as plot_space,
-    plot_streamlines as plot_streamlines,
-    plot_tip_ways as plot_tip_ways,
-    plot_velocities as plot_velocities,
-    plot_wavefront as plot_wavefront,
-    plot_workspace as plot_workspace,
-    plot_yield as plot_yield,
-    run_frames as run_frames,
-    save_animation as save_animation,
+    animate as animate,
+    draw as draw,
+    draw_dirichlet_share as draw_dirichlet_share,
+    draw_page as draw_page,
+    draw_pair as draw_pair,
+    draw_robot as draw_robot,
+    draw_tips as draw_tips,
+    draw_velocities as draw_velocities,
     save_figure as save_figure,
-    wavefront_frames as wavefront_frames,
 )
 from .robots import (
     Arm as Arm,
@@ -201,7 +172,6 @@ from .spice.check.predictions import Prediction as Prediction, predict_simulator
 from .spice.check.rules import check_rules as check_rules
 from .spice.check.violation import Violation as Violation
 from .spice.ir_drop import IrDrop as IrDrop, ir_drop as ir_drop
-from .spice.networks.read import read_network as read_network
 from .spice.parsed import Note as Note, ParsedDeck as ParsedDeck
 from .spice.read.deck import read_spice as read_spice
 from .spice.run.forecast import Forecast as Forecast, forecast_run as forecast_run

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from math import isfinite
+from math import floor, isfinite, log10
 
 from resgrid.errors import InputError
 
@@ -21,6 +21,7 @@ EXPONENTS = {
     "p": -12,
     "f": -15,
 }
+PREFIXES = dict(zip(range(-24, 13, 3), ("y", "z", "a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"), strict=True))
 PATTERN = r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+|meg|[TGMkmuµμnpf])?|[+-]?\d+[TGMkmuµμnpf]\d+"
 
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
@@ -78,6 +79,26 @@ def parse_share(value: object) -> float:
             return float(f"{number!r}e-2") if "e" not in repr(number) else number / 100
         raise InputError(f'{_short(value)} is not a share: write a percentage such as "10 %", or a number such as 0.1')
     return parse_quantity(value)
+
+
+def prefix_of(value: float) -> tuple[int, str]:
+    """The power of ten, a multiple of three, that leaves 1 to 1000 of a value, and the prefix for it."""
+    power = 3 * floor(log10(abs(value)) / 3) if value and isfinite(value) else 0
+    power = min(max(power, min(PREFIXES)), max(PREFIXES))
+    return power, PREFIXES[power]
+
+
+def format_quantity(value: float, unit: str = "", digits: int = 4) -> str:
+    """A value for people, to some digits, with a prefix.
+
+    Examples
+    --------
+    >>> format_quantity(38.123e-6, "A", 3), format_quantity(10e3, "Ω"), format_quantity(4700.0)
+    ('38.1 µA', '10 kΩ', '4.7k')
+    """
+    power, prefix = prefix_of(float(f"{value:.{digits}g}"))
+    gap = " " if unit else ""
+    return f"{value / 10.0**power:.{digits}g}{gap}{prefix}{unit}"
 
 
 def _parsed(value: object) -> float | None:

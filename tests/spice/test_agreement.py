@@ -16,7 +16,7 @@ from resgrid.errors import InputError, ToolMissingError
 from resgrid.nodal.solve import solve
 from resgrid.spice.check.agreement import check_deck, check_spice
 from resgrid.spice.check.comparison import compare
-from resgrid.spice.locate import inspect_deck
+from resgrid.spice.check.kirchhoff import inspect_deck
 from resgrid.spice.run.ngspice import Simulation
 from resgrid.spice.write.expected import expect
 from resgrid.spice.write.files import write_spice

@@ -12,8 +12,8 @@ from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.spice.check.comparison import Agreement, compare, unverified
+from resgrid.spice.check.kirchhoff import inspect_deck
 from resgrid.spice.dialects import dialect_named
-from resgrid.spice.locate import inspect_deck
 from resgrid.spice.run import engine_named
 from resgrid.spice.run.ngspice import Simulation, read_deck, simulate
 from resgrid.spice.write.expected import expect
