@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -152,6 +151,7 @@ def _deck_lines(data: dict[str, Any]) -> Iterable[str]:
 def installed_versions() -> dict[str, str | None]:
     """Versions of this package, Python, the packages it needs and the simulator; None for what is absent."""
     import platform
+    from importlib import metadata
 
     versions: dict[str, str | None] = {"resgrid": metadata.version("resgrid"), "python": platform.python_version()}
     versions |= {name: metadata.version(name) for name in PACKAGES}
