@@ -16,9 +16,9 @@ from resgrid.cli.scenes import open_job, place_of, require_starts, say_unheeded
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
+    from resgrid.control.announced import Wavefront
     from resgrid.control.log import Run
     from resgrid.control.pushes import Push
-    from resgrid.control.relaxation import Wavefront
     from resgrid.control.simulation import Simulation
     from resgrid.scene import Scene
 
