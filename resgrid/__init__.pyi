@@ -165,16 +165,19 @@ from .spice.analyses import (
     TemperatureAnalysis as TemperatureAnalysis,
     TransientAnalysis as TransientAnalysis,
 )
-from .spice.balance import PowerBalance as PowerBalance, power_balance as power_balance
-from .spice.check.agreement import check_deck as check_deck, check_spice as check_spice
-from .spice.check.comparison import Agreement as Agreement
+from .spice.check.agreement import Agreement as Agreement
+from .spice.check.deck import check_deck as check_deck
 from .spice.check.predictions import Prediction as Prediction, predict_simulators as predict_simulators
 from .spice.check.rules import check_rules as check_rules
 from .spice.check.violation import Violation as Violation
-from .spice.ir_drop import IrDrop as IrDrop, ir_drop as ir_drop
 from .spice.parsed import Note as Note, ParsedDeck as ParsedDeck
+from .spice.power import (
+    IrDrop as IrDrop,
+    PowerBalance as PowerBalance,
+    ir_drop as ir_drop,
+    power_balance as power_balance,
+)
 from .spice.read.deck import read_spice as read_spice
-from .spice.run.forecast import Forecast as Forecast, forecast_run as forecast_run
 from .spice.run.ngspice import run_ngspice as run_ngspice
 from .spice.run.rawfile import write_raw as write_raw
 from .spice.write.files import write_spice as write_spice
