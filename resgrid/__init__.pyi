@@ -33,23 +33,12 @@ from .chip.sensitivity import (
 from .chip.settling import Settling as Settling, analyse_settling as analyse_settling
 from .chip.yields import Yield as Yield, analyse_yield as analyse_yield
 from .compiler import compile_space as compile_space
+from .control.announced import Wavefront as Wavefront, announce_hidden as announce_hidden, wavefront as wavefront
 from .control.controller import Controller as Controller, make_controller as make_controller
 from .control.equipotential import equipotential_velocity as equipotential_velocity
-from .control.learning import resolver as resolver
 from .control.log import Ending as Ending, Mode as Mode, Run as Run
-from .control.plant import Plant as Plant, make_plant as make_plant
 from .control.pushes import Push as Push, random_pushes as random_pushes
-from .control.relaxation import (
-    Relaxation as Relaxation,
-    Wavefront as Wavefront,
-    make_relaxation as make_relaxation,
-    wavefront as wavefront,
-)
-from .control.relaxation_ratio import (
-    RelaxationSweep as RelaxationSweep,
-    announce_hidden as announce_hidden,
-    relaxation_sweep as relaxation_sweep,
-)
+from .control.relaxation import Relaxation as Relaxation
 from .control.simulation import Simulation as Simulation, simulation as simulation
 from .errors import (
     AccuracyError as AccuracyError,

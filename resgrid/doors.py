@@ -32,7 +32,6 @@ SOURCES = {
     "ConfigurationSpace": "rg.sample(scene)",
     "Controller": "rg.make_controller(field)",
     "Field": "rg.field(rg.solve(netlist)), or rg.plan(scene).field",
-    "Relaxation": "rg.make_relaxation(scene)",
     "Netlist": "rg.compile_space(space), or rg.read_spice(file).netlist()",
     "OperatingPoint": "rg.solve(netlist)",
     "ParsedDeck": "rg.read_spice(file)",
