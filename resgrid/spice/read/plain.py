@@ -92,7 +92,7 @@ def scan(data: bytes, start: int, rules: ReadingRules) -> Bulk | None:
     )
     if ended == TOO_HARD:
         return None
-    cards = CardTable(*(column[:count] for column in cards))
+    cards = CardTable._make(column[:count] for column in cards)
     value = _values(text, cards, rules)
     plain = np.isfinite(value) & ((cards.kind != _CAPACITOR) | (value >= 0))
     other = _with_demoted(other[:others], cards.line[~plain], data)
