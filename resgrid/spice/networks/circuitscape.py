@@ -86,7 +86,9 @@ def read_circuitscape(
     if kind != "network":
         raise InputError(f"{configuration.path}: data_type = {kind!r} is neither 'network' nor 'raster'")
     network = read_edges(
-        *map(configuration.file, ("habitat_file", "source_file", "ground_file")),
+        configuration.file("habitat_file"),
+        configuration.file("source_file"),
+        configuration.file("ground_file"),
         measure=configuration.measure("habitat_map_is_resistances"),
         ground_measure=configuration.measure("ground_file_is_resistances"),
     )
