@@ -35,7 +35,7 @@ SOURCES = {
     "Relaxation": "rg.make_relaxation(scene)",
     "Netlist": "rg.compile_space(space), or rg.read_spice(file).netlist()",
     "OperatingPoint": "rg.solve(netlist)",
-    "ParsedDeck": "rg.read_spice(file)",
+    "Circuit": "rg.read_spice(file)",
     "Planner": "rg.plan(scene)",
     "Robot": "scene.robot, or rg.PointRobot(radius)",
     "Run": "rg.simulation(scene).run(start)",
