@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import shapely.affinity
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.control.controller import make_controller
 from resgrid.control.learning import resolver
@@ -22,7 +23,6 @@ from resgrid.control.pushes import random_pushes
 from resgrid.control.simulation import Simulation, simulation
 from resgrid.grids import label_regions
 from resgrid.nodal.solve import solve
-from resgrid.planning.field import field_of
 from resgrid.planning.trace import streamline
 from resgrid.robots import Arm, Ball, Box, DiscRobot, PointRobot, Polygon, PolygonRobot, Robot, Shape, to_shapely
 from resgrid.scene import read_scene
@@ -249,7 +249,7 @@ def rate() -> None:
         cell[x : x + 14, y : y + 10] = Cell.OBSTACLE
     cell[120:124, 120:124] = Cell.GOAL
     space = ConfigurationSpace([Axis("x", 0, 256, 256), Axis("y", 0, 256, 256)], cell)
-    controller = make_controller(field_of(solve(compile_space(space))))
+    controller = make_controller(rg.field(solve(compile_space(space))))
     cells = np.argwhere(space.goal_connected)
     points = space.centre(cells[rng.integers(0, len(cells), 20_000)]) + rng.uniform(-0.5, 0.5, (20_000, 2))
     forces = rng.normal(size=(20_000, 2))

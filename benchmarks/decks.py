@@ -20,7 +20,7 @@ from benchmarks.rows import RATIO, Row, Scale
 from benchmarks.timing import alternating, spread, timed
 from resgrid.netlist import Netlist
 from resgrid.nodal.solve import solve
-from resgrid.spice.reader import read_spice
+from resgrid.spice.read.deck import read_spice
 from resgrid.spice.write.flat import format_deck, resistances
 
 SIDES = {"tiny": (16, 16), "quick": (256, 128), "full": (256, 256)}

@@ -6,6 +6,7 @@ from functools import partial
 
 import numpy as np
 
+import resgrid as rg
 from benchmarks.layouts import boxes
 from benchmarks.problems import equations
 from benchmarks.rows import Row, Scale
@@ -13,7 +14,6 @@ from benchmarks.timing import Job, alternating, repeated, scaled, spread, timed
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
 from resgrid.nodal.solve import solve
-from resgrid.planning.field import field_of
 from resgrid.planning.trace import streamlines
 from resgrid.space import ConfigurationSpace
 
@@ -63,7 +63,7 @@ def _solve_row(space: ConfigurationSpace, boundary: str, accuracy: str, scale: S
 
 
 def _trace_row(space: ConfigurationSpace, scale: Scale) -> Row:
-    field = field_of(solve(compile_space(space)))
+    field = rg.field(solve(compile_space(space)))
     starts = space.centre(np.argwhere(space.goal_connected)[::EVERY])
     steps = int(streamlines(field, starts).steps.sum())
     job = partial(streamlines, field, starts)

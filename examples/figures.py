@@ -18,13 +18,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from resgrid.regions import label_regions
 
 import resgrid as rg
+from resgrid.grids import label_regions
 from resgrid.plot import new_figure
 from resgrid.plot.paint import paint_cells
 from resgrid.plot.style import refresh_legend
-from resgrid.robots.arm_cells import singular_cells
 
 SCENES = Path(__file__).resolve().parent / "scenes"
 
@@ -251,7 +250,7 @@ def animations(folder: Path) -> None:
 def strips(scene: rg.Scene, space: rg.ConfigurationSpace) -> np.ndarray:
     """Cells that are obstacles for the singularity's sake alone: no link touches anything there."""
     bare = replace(scene.robot, singularity_cells=None, singularity_width=None)
-    return singular_cells(scene.robot, space.axes) & ~bare.occupancy(space.axes, scene.obstacles, scene.sampling)
+    return scene.robot.singular_cells(space.axes) & ~bare.occupancy(space.axes, scene.obstacles, scene.sampling)
 
 
 def blamed(scene: rg.Scene, names: tuple[str, ...]) -> list:

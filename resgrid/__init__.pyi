@@ -70,31 +70,47 @@ from .nodal.transient import (
     transient_stepper as transient_stepper,
 )
 from .nodal.watch import Watch as Watch
-from .planning.behaviour import (
+from .planning.blend import blend as blend, dirichlet_share as dirichlet_share
+from .planning.certify import certify as certify, certify_free as certify_free
+from .planning.export import ros_plan as ros_plan, write_path as write_path
+from .planning.fields import Field as Field, field as field
+from .planning.normals import octree_voxels as octree_voxels, surface_normals as surface_normals
+from .planning.planner import (
     ClearanceCurve as ClearanceCurve,
+    Planner as Planner,
     clearance_curve as clearance_curve,
+    plan as plan,
     wall_clearance_curve as wall_clearance_curve,
 )
-from .planning.blend import blend as blend
-from .planning.certify import certify as certify
-from .planning.collision import Risk as Risk, risk as risk
-from .planning.completeness import Separation as Separation, check_verdicts as check_verdicts, separation as separation
-from .planning.destinations import Absorption as Absorption, absorption as absorption, basins as basins
-from .planning.export import ros_plan as ros_plan, write_path as write_path
-from .planning.field import Field as Field, field as field
-from .planning.free_way import certify_free as certify_free
-from .planning.normals import octree_voxels as octree_voxels, surface_normals as surface_normals
-from .planning.planner import Planner as Planner, plan as plan
-from .planning.scene_parts import Blocking as Blocking, blocking as blocking
-from .planning.seams import unwrap as unwrap
-from .planning.shares import dirichlet_share as dirichlet_share
-from .planning.short_path import ShortPath as ShortPath
+from .planning.random_walk import (
+    Absorption as Absorption,
+    Risk as Risk,
+    Walk as Walk,
+    absorption as absorption,
+    random_walk as random_walk,
+    risk as risk,
+)
+from .planning.separation import (
+    Blocking as Blocking,
+    Separation as Separation,
+    blocking as blocking,
+    check_verdicts as check_verdicts,
+    separation as separation,
+)
 from .planning.shortcut import shorten as shorten
-from .planning.streamline import Outcome as Outcome, Streamline as Streamline
-from .planning.timing import time_path as time_path
-from .planning.trace import Traces as Traces, streamline as streamline, streamlines as streamlines
-from .planning.trajectory import Trajectory as Trajectory
-from .planning.walk import Walk as Walk, random_walk as random_walk
+from .planning.streamline import (
+    Outcome as Outcome,
+    ShortPath as ShortPath,
+    Streamline as Streamline,
+    unwrap as unwrap,
+)
+from .planning.timing import Trajectory as Trajectory, time_path as time_path
+from .planning.trace import (
+    Traces as Traces,
+    basins as basins,
+    streamline as streamline,
+    streamlines as streamlines,
+)
 from .planning.workspace import (
     Collision as Collision,
     replay as replay,
@@ -190,8 +206,9 @@ from .spice.check.predictions import Prediction as Prediction, predict_simulator
 from .spice.check.rules import check_rules as check_rules
 from .spice.check.violation import Violation as Violation
 from .spice.ir_drop import IrDrop as IrDrop, ir_drop as ir_drop
+from .spice.networks.read import read_network as read_network
 from .spice.parsed import Note as Note, ParsedDeck as ParsedDeck
-from .spice.reader import read_network as read_network, read_spice as read_spice
+from .spice.read.deck import read_spice as read_spice
 from .spice.run.forecast import Forecast as Forecast, forecast_run as forecast_run
 from .spice.run.ngspice import run_ngspice as run_ngspice
 from .spice.run.rawfile import write_raw as write_raw

@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import os
 import sys
+from math import prod
 from pathlib import Path
 
 from resgrid.errors import BudgetError
+
+BYTES_PER_CELL = 16
+"""Memory of a scene's cell while it is sampled."""
 
 _GROUP = Path("/sys/fs/cgroup")
 """Where Linux tells what a container may take and has taken (cgroup v2)."""
@@ -23,6 +27,14 @@ def require_memory(needed: float, job: str, remedy: str) -> None:
     free = available_memory()
     if needed > free:
         raise BudgetError(f"{job} needs about {needed / 2**30:.3g} GiB, but {free / 2**30:.3g} GiB is free; {remedy}")
+
+
+def require_grid_memory(shape: tuple[int, ...], what: str, bytes_per_cell: int = BYTES_PER_CELL) -> None:
+    """Refuse a grid that would not fit in memory, before anything is allocated."""
+    size = " x ".join(map(str, shape))
+    require_memory(
+        prod(shape) * bytes_per_cell, f"{what}: {size} = {prod(shape):.3g} cells", "take fewer, larger cells"
+    )
 
 
 def _meminfo_available() -> int:

@@ -1,4 +1,4 @@
-"""Files written whole or not at all: a temporary file in the same folder, renamed when it is complete."""
+"""Files read with errors that say what is wrong, and written whole or not at all."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import os
 import re
 import secrets
 import shutil
+import stat
 import tempfile
 import time
 from collections.abc import Iterator
@@ -14,8 +15,44 @@ from pathlib import Path
 
 from resgrid.errors import InputError
 
+MAX_TEXT_BYTES = 1 << 28
+
 _STALE = 86_400.0
 """Seconds after which what a killed process left half-written is taken for that."""
+
+
+def read_bytes(path: Path, limit: int | None = None) -> bytes:
+    """All bytes of a file."""
+    try:
+        status = path.stat()
+        if stat.S_ISDIR(status.st_mode):
+            raise InputError(f"{path}: this is a directory; give the file inside it")
+        if stat.S_ISCHR(status.st_mode) or stat.S_ISBLK(status.st_mode):
+            raise InputError(f"{path}: this is a device; give a file")
+        if limit is not None and status.st_size > limit:
+            raise InputError(f"{path}: {status.st_size} bytes are too many (at most {limit}); is it the right file?")
+        return path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such file; check the name and the folder") from None
+    except PermissionError:
+        raise InputError(f"{path}: permission denied; make the file readable") from None
+    except (OSError, ValueError) as error:
+        raise InputError(f"{path}: cannot be read ({error})") from None
+
+
+def read_text(path: Path) -> str:
+    """All text of a UTF-8 file, line ends turned into newlines."""
+    return decode(read_bytes(path, MAX_TEXT_BYTES), path)
+
+
+def decode(data: bytes, path: Path) -> str:
+    """UTF-8 text of some bytes, a byte order mark dropped, line ends turned into newlines."""
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise InputError(f"{path}: line {line}: this is not UTF-8 text; save the file as UTF-8") from None
+    return text.replace("\r\n", "\n")
 
 
 def write_text(path: str | os.PathLike[str], text: str) -> Path:

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.axis import Axis as Axis, rounding, split_points  # noqa: PLC0414
 from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.frame import Frame
@@ -25,63 +26,6 @@ class Cell(IntEnum):
     FREE = 0
     OBSTACLE = 1
     GOAL = 2
-
-
-@checked
-@dataclass(frozen=True)
-class Axis:
-    """One coordinate of a configuration space, cut into equal cells.
-
-    Cell ``i`` covers ``[lower + i h, lower + (i + 1) h]`` with ``h = spacing``; its centre is in the middle.
-
-    Parameters
-    ----------
-    name : str
-        The coordinate's name, e.g. ``"x"`` or ``"theta_1"``.
-    lower, upper : float
-        The ends of the axis, in ``unit``; ``lower < upper``.
-    cells : int
-        How many cells, at least 1.
-    periodic : bool
-        Whether the upper end joins the lower one.
-    unit : str
-        ``"m"``, ``"rad"``, ``"cell"``, ...; for labels only.
-
-    Raises
-    ------
-    InputError
-        If the ends are not finite and increasing, or there is no cell.
-    """
-
-    name: str
-    lower: float
-    upper: float
-    cells: int
-    periodic: bool = False
-    unit: str = "m"
-
-    def __post_init__(self) -> None:
-        if not (np.isfinite(self.lower) and np.isfinite(self.upper) and self.lower < self.upper):
-            raise InputError(
-                f"axis {self.name!r}: lower = {self.lower} and upper = {self.upper} must be finite, lower below upper"
-            )
-        if self.cells < 1:
-            raise InputError(f"axis {self.name!r}: cells = {self.cells}, but an axis needs at least one cell")
-
-    @property
-    def spacing(self) -> float:
-        """Width of a cell, in ``unit``."""
-        return float((self.upper - self.lower) / self.cells)
-
-    @property
-    def centres(self) -> NDArray[np.float64]:
-        """Cell centres, shape ``(cells,)``, in ``unit``."""
-        return np.asarray(self.lower + (np.arange(self.cells) + 0.5) * self.spacing, dtype=np.float64)
-
-    @property
-    def edges(self) -> NDArray[np.float64]:
-        """Cell borders, shape ``(cells + 1,)``, in ``unit``."""
-        return np.linspace(self.lower, self.upper, self.cells + 1)
 
 
 @checked
@@ -353,34 +297,6 @@ class ConfigurationSpace:
             If a point is not finite or lies outside the grid.
         """
         return split_points(self.axes, point)
-
-
-def split_points(axes: Sequence[Axis], point: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """The same for the axes of a grid alone, whatever their cells hold; see `ConfigurationSpace.split`."""
-    points = np.asarray(point, dtype=np.float64)
-    if points.shape[-1:] != (len(axes),):
-        raise InputError(f"a point of this space has {len(axes)} coordinates, got {points.tolist()!r}")
-    lower, spacing, size = np.array([(axis.lower, axis.spacing, axis.cells) for axis in axes]).T
-    scaled = (points - lower) / spacing
-    with np.errstate(invalid="ignore"):
-        scaled = np.where([axis.periodic for axis in axes], np.mod(scaled, size), scaled)
-    slack = [4 * np.spacing(max(abs(axis.lower), abs(axis.upper))) / axis.spacing for axis in axes]
-    inside = np.all((scaled >= np.negative(slack)) & (scaled <= size + slack), axis=-1)
-    if not np.all(inside):
-        wrong = np.atleast_2d(points)[~np.atleast_1d(inside)][0]
-        ranges = ", ".join(f"{axis.name} in [{axis.lower:g}, {axis.upper:g}]" for axis in axes)
-        raise InputError(f"the point {tuple(wrong.tolist())} lies outside the grid ({ranges})")
-    cells = np.clip(np.floor(scaled), 0, size - 1).astype(np.int64)
-    return cells, np.clip(scaled - cells, 0.0, 1.0)
-
-
-def rounding(axes: Sequence[Axis]) -> NDArray[np.float64]:
-    """Share of a cell's width by which a coordinate may be off: 1e-9, or what it rounds to where it is far from 0.
-
-    Returns (ndim,).
-    """
-    largest = np.array([max(abs(axis.lower), abs(axis.upper)) for axis in axes])
-    return np.asarray(np.maximum(1e-9, 8 * np.spacing(largest) / [axis.spacing for axis in axes]))
 
 
 def _checked_frame(axes: tuple[Axis, ...], frame: Frame) -> Frame:

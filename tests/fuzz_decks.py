@@ -8,7 +8,6 @@ from __future__ import annotations
 import os
 import random
 import sys
-import sysconfig
 import tempfile
 import time
 from collections.abc import Iterator
@@ -19,7 +18,7 @@ import numpy as np
 
 from resgrid.errors import ResgridError
 from resgrid.spice.parsed import KINDS, ParsedDeck
-from resgrid.spice.reader.read import read_with
+from resgrid.spice.read.deck import read_with
 
 sys.path.insert(0, str(Path(__file__).parent))
 from support.decks import random_deck
@@ -208,7 +207,7 @@ def fuzz(first: int, count: int, folder: Path) -> int:
     """
     root = furnish(folder)
     path = root / "deck.cir"
-    own = tuple(os.path.realpath(place) for place in (sysconfig.get_paths()["purelib"], sys.prefix, sys.base_prefix))
+    own = tuple(os.path.realpath(place) for place in (Path(np.__file__).parents[1], sys.prefix, sys.base_prefix))
     own += (str(Path(__file__).resolve().parents[1]),)
     begin = seeds()
     accepted = 0

@@ -6,6 +6,7 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 from support.spaces import space_of, spaces
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
@@ -188,12 +189,11 @@ def test_the_drive_scales_to_the_supply() -> None:
 
 @pytest.mark.parametrize("supply", [1.0, -2.0])
 def test_a_normwise_answer_has_a_field_too(supply: float) -> None:
-    from resgrid.planning.field import field_of
 
     cell = np.zeros((7, 6))
     cell[1, 1], cell[4, 2:5] = 2, 1
     netlist = compile_space(space_of(cell), supply=supply, goal_voltage=0.5)
-    exact, rough = field_of(solve(netlist)), field_of(solve(netlist, accuracy="normwise"))
+    exact, rough = rg.field(solve(netlist)), rg.field(solve(netlist, accuracy="normwise"))
     assert rough.log_drop is None
     assert np.allclose(exact.potential, rough.potential, atol=1e-9)
     for axis in range(2):

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.nodal.solve import solve
 from resgrid.planning.certify import certify
-from resgrid.planning.field import Field, field_of
+from resgrid.planning.fields import Field
 from resgrid.planning.trace import streamline, streamlines
 from resgrid.scene import apply_overrides, read_queries, read_scene, sample
 from resgrid.space import Cell, ConfigurationSpace
@@ -81,7 +82,7 @@ def kcl_violation(field: Field, cells: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("name", MAPS)
 def test_every_cell_leads_to_a_goal(cases: Path, name: str, boundary: str) -> None:
     space = with_goal(cases / name, **MAPS[name])
-    field = field_of(solve(compile_space(space, boundary=boundary)))
+    field = rg.field(solve(compile_space(space, boundary=boundary)))
     served = connected(space)
     assert np.array_equal(served, space.goal_connected)
     height = -field.log_drop if field.log_drop is not None else field.potential
@@ -126,7 +127,7 @@ def test_scenario_ends_are_reachable_and_no_path_is_too_short(cases: Path, name:
         space = space_at(query.goal)
         if query.start == query.goal:
             continue
-        field = field_of(solve(compile_space(space)))
+        field = rg.field(solve(compile_space(space)))
         path = streamline(field, cell=query.start)
         certify(path, field)
         assert path.length >= query.optimal_length / 1.0824 - 2.0

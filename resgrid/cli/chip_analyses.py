@@ -11,7 +11,6 @@ import numpy as np
 from resgrid.cli.chip_parameters import MEANING, written
 from resgrid.cli.chip_report import Section, shown
 from resgrid.cli.chip_study import Study
-from resgrid.cli.job import start_cell
 from resgrid.cli.report import Report
 from resgrid.errors import InputError
 
@@ -121,8 +120,10 @@ def _sensitivity(study: Study, made: Path, report: Report) -> Section:
 
 def _decisions(study: Study) -> np.ndarray[Any, np.dtype[np.int64]]:
     """Cells on the ways from the scene's starts, or from the start that needs most bits."""
+    from resgrid.planning.trace import start_cell
+
     precision, space = study.precision, study.job.space
-    begins = [start_cell(study.job, number) for number in range(len(study.job.scene.starts))]
+    begins = [start_cell(space, start) for start in study.job.scene.starts]
     begins = [cell for cell in begins if space.goal_connected[cell]] or [_hardest(precision)]
     following, goal = precision.following.ravel(), space.cell.ravel() == 2
     passed: dict[int, None] = {}

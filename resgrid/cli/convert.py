@@ -43,7 +43,7 @@ def command(
     graphs for networkx and others; FILE.npz holds the netlist's arrays. -o - prints the deck alone. All of these are
     read, too, but for Spectre, which is written only, and so are Circuitscape configurations (.ini).
     """
-    from resgrid.spice.networks import NETWORK_SUFFIXES
+    from resgrid.spice.networks.graphs import NETWORK_SUFFIXES
 
     suffix = Path(output).suffix.lower()
     known = (*DECK_SUFFIXES, SPECTRE_SUFFIX, *NETWORK_SUFFIXES)
@@ -88,7 +88,7 @@ def _circuit(
 def _written(
     netlist: Netlist, title: str | None, point: OperatingPoint | None, output: str, dialect: str, report: Report
 ) -> dict[str, Any]:
-    from resgrid.spice.networks import NETWORK_SUFFIXES, write_network
+    from resgrid.spice.networks.graphs import NETWORK_SUFFIXES, write_network
 
     counts = {
         "nodes": netlist.node_count,

@@ -56,8 +56,8 @@ def is_deck(source: str) -> bool:
 
 def is_network(source: str) -> bool:
     """Whether a file is a network that is no deck: a graph, arrays, a configuration, or a list of edges."""
-    from resgrid.spice.networks import NETWORK_SUFFIXES
-    from resgrid.spice.reader.edges import is_edge_list
+    from resgrid.spice.networks.edges import is_edge_list
+    from resgrid.spice.networks.graphs import NETWORK_SUFFIXES
 
     suffix = Path(source).suffix.lower()
     return is_edge_list(source) if suffix == ".txt" else suffix in (*NETWORK_SUFFIXES, ".ini")
@@ -71,7 +71,8 @@ def refuse_scene_options(choice: SceneChoice) -> None:
 
 def open_deck(choice: SceneChoice, read_as: str, root: str | None, report: Report) -> ParsedDeck:
     """Read a deck, or a network as if it were one."""
-    from resgrid.spice.reader import network_deck, read_spice
+    from resgrid.spice.networks.read import network_deck
+    from resgrid.spice.read.deck import read_spice
 
     refuse_scene_options(choice)
     path = Path(choice.source)

@@ -61,7 +61,7 @@ def command(
 def describe(job: Job, report: Report) -> dict[str, Any]:
     """What there is in a scene, as ``--json`` gives it."""
     from resgrid.cli.sketch import sketch
-    from resgrid.scene.map_words import describe_map
+    from resgrid.scene.maps.formats import describe_map
     from resgrid.space import Cell
 
     scene, space = job.scene, job.space
@@ -84,7 +84,7 @@ def describe(job: Job, report: Report) -> dict[str, Any]:
             for axis in space.axes
         ],
         "frame": {"x": scene.frame.x, "y": scene.frame.y, "yaw": scene.frame.yaw},
-        "map": None if scene.map is None else describe_map(scene),
+        "map": None if scene.map is None else describe_map(scene.map.table),
         "sketch": sketch(space, starts) if space.ndim == 2 else None,
         "cells": space.cell.size,
         "free_cells": int(free.sum()),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,7 +18,7 @@ from resgrid.errors import InputError
 if TYPE_CHECKING:
     from resgrid.netlist import Netlist
     from resgrid.nodal.operating_point import OperatingPoint
-    from resgrid.planning.field import Field
+    from resgrid.planning.road import Problem, Solution
     from resgrid.scene import Scene
     from resgrid.space import ConfigurationSpace
 
@@ -89,8 +89,8 @@ def _piped_scene(choice: SceneChoice) -> Scene:
     """A scene from standard input: TOML, or a map known by its first bytes."""
     import tempfile
 
+    from resgrid.files import decode
     from resgrid.scene import parse_scene, read_scene
-    from resgrid.scene.files import decode
 
     data = sys.stdin.buffer.read()
     if not data.strip():
@@ -112,41 +112,53 @@ def solve_chip(
     job: Job, report: Report, boundary: str | None = None, start: int | None = None, *, ideal: bool = False
 ) -> Chip:
     """Compile one circuit of a scene and solve it."""
-    from resgrid.nodal.drive import scale_drive
-    from resgrid.nodal.solve import solve
+    from resgrid.planning.road import solve_circuit
 
-    run = partial(solve, threads=job.threads)
-    boundary = boundary or job.scene.boundary
-    netlist = compile_chip(job, report, boundary, start, ideal=ideal)
-    estimate = solve_seconds(netlist.node_count)
     if is_first_run():
         report.say(NOTICE)
-    point = report.compute(f"solve the {boundary} chip", run, netlist, seconds=estimate, iterates=True)
-    if netlist.current_nodes.size and (ideal or is_ideal(job)):
-        netlist = scale_drive(netlist, point)
-        again = "solve it with its drive scaled to the supply"
-        point = report.compute(again, run, netlist, seconds=estimate, iterates=True)
-    return Chip(boundary, start, netlist, point)
+    boundary = boundary or job.scene.boundary
+    point = solve_circuit(job.space, threads=job.threads, **_circuit(job, report, boundary, start, ideal=ideal))
+    return Chip(boundary, start, point.netlist, point)
 
 
 def compile_chip(job: Job, report: Report, boundary: str, start: int | None = None, *, ideal: bool = False) -> Netlist:
     """Compile one circuit of a scene; as `solve_chip` otherwise, but the drive of an ideal one is not yet scaled."""
-    from resgrid.chip.build import build_chip, ideal_netlist
-    from resgrid.compiler import compile_space
+    from resgrid.planning.road import compile_circuit
 
-    space, chip, rules = job.space, job.scene.chip, compile_options(job, boundary, start)
-    with report.stage(f"compile the {boundary} chip", seconds=4e-8 * space.cell.size * space.ndim):
-        if not (ideal or is_ideal(job)):
-            return build_chip(ideal_netlist(space, chip, **rules), chip)
-        wall = chip.wall_resistance if boundary == "wall" else None
-        return compile_space(space, **rules, resistance=chip.resistance, supply=chip.supply, wall_resistance=wall)
+    options = _circuit(job, report, boundary, start, ideal=ideal)
+    return compile_circuit(job.space, scaled=options["passes"] is not None, **options)
+
+
+def _circuit(job: Job, report: Report, boundary: str, start: int | None, *, ideal: bool) -> dict[str, Any]:
+    """How a circuit is wired and what is made of it, as the road takes it."""
+    from resgrid.chip.build import build_chip
+
+    problem = problem_of_job(job, boundary)
+    wiring = problem.wiring if start is None or not problem.start_driven else problem.driven_by(start)[1]
+    if ideal or is_ideal(job):
+        return {"wiring": wiring, "passes": None, "observe": report.compute}
+    passes = partial(build_chip, chip=job.scene.chip)
+    return {"wiring": replace(wiring, rails="cells"), "passes": passes, "observe": report.compute}
+
+
+def chip_of(name: str, op: OperatingPoint) -> Chip:
+    """A solved circuit under the name that the road gave it."""
+    boundary, _, start = name.partition("_start_")
+    return Chip(boundary, int(start) if start else None, op.netlist, op)
+
+
+def problem_of_job(job: Job, boundary: str | None = None) -> Problem:
+    """What a scene asks for, or one circuit of it."""
+    from resgrid.planning.road import problem_of
+
+    return problem_of(job.scene, boundary=boundary, space=job.space)
 
 
 def compile_options(job: Job, boundary: str, start: int | None) -> dict[str, Any]:
     """How a scene's space is compiled: boundary, drive, edge and start cell."""
-    drive = job.scene.drive if boundary == "neumann" else None
-    cell = start_cell(job, start) if drive == "start" and start is not None else None
-    return {"boundary": boundary, "drive": drive, "edge": job.scene.edge, "start": cell}
+    problem = problem_of_job(job, boundary)
+    wiring = problem.wiring if start is None or not problem.start_driven else problem.driven_by(start)[1]
+    return {"boundary": boundary, "drive": wiring.drive, "edge": wiring.edge, "start": wiring.start}
 
 
 def is_ideal(job: Job) -> bool:
@@ -158,62 +170,17 @@ def is_ideal(job: Job) -> bool:
 
 def only_boundary(job: Job) -> tuple[str, int | None]:
     """The boundary, and the start that drives it, of a scene that is asked for one chip."""
-    scene = job.scene
-    boundary = scene.boundary
-    if len(scene.k) == 1:
-        boundary = {1.0: _driven_boundary(scene), 0.0: "neumann"}.get(scene.k[0], "")
-        if not boundary:
-            raise InputError(
-                f"k = {scene.k[0]} blends two chips, and this makes one: choose --boundary dirichlet or "
-                "--boundary neumann ('resgrid run' makes both and blends them)"
-            )
-    if boundary != "neumann" or scene.drive != "start":
-        return boundary, None
-    if len(scene.starts) != 1:
-        raise InputError(
-            f"drive = 'start' ties one start to the supply, and the scene has {len(scene.starts)}; "
-            "choose one with --start X,Y"
-        )
-    return boundary, 0
+    wiring = problem_of_job(job).only_wiring()[1]
+    return wiring.boundary, None if wiring.start is None else 0
 
 
-def blend_fields(job: Job, chips: dict[str, Chip], report: Report) -> list[Field]:
-    """The fields that a scene asks for: of its boundary, or one for each k."""
-    from resgrid.planning.blend import blend
-    from resgrid.planning.field import field_of
+def solution_of(job: Job, report: Report) -> Solution:
+    """The ideal circuits and fields that a scene asks for, for pictures and decks too: drives are scaled."""
+    from resgrid.planning.road import solve_problem
 
-    scene = job.scene
-    fields: dict[str, Field] = {}
-
-    def field(boundary: str) -> Field:
-        if boundary not in fields:
-            chips[boundary] = solve_chip(job, report, boundary, ideal=True)
-            fields[boundary] = field_of(chips[boundary].point)
-        return fields[boundary]
-
-    if not scene.k:
-        return [field(scene.boundary)]
-    driven = _driven_boundary(scene)
-    pure = {1.0: driven, 0.0: "neumann"}
-    return [field(pure[k]) if k in pure else blend(field(driven), field("neumann"), k) for k in scene.k]
-
-
-def _driven_boundary(scene: Scene) -> str:
-    """What k = 1 means: the obstacle rail, behind its wall where the scene has one."""
-    return "wall" if scene.boundary == "wall" else "dirichlet"
-
-
-def start_cell(job: Job, number: int) -> tuple[int, ...]:
-    """Cell of a start, free if it touches a free one."""
-    from resgrid.planning.trace import start_cells, start_points
-
-    cells, _ = start_cells(job.space, start_points(job.space, job.scene.starts[number]))
-    return tuple(int(index) for index in cells[0])
-
-
-def solve_seconds(nodes: int) -> float:
-    """Rough time of a direction-safe solution, in seconds, for the bar."""
-    return 0.5 + 4e-6 * nodes
+    if is_first_run():
+        report.say(NOTICE)
+    return solve_problem(problem_of_job(job), scaled=True, threads=job.threads, observe=report.compute)
 
 
 def size_of(shape: Sequence[int]) -> str:

@@ -5,16 +5,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from resgrid.cli.job import Chip, Job, blend_fields, place_of, solve_chip, start_cell
+from resgrid.cli.job import Chip, Job, chip_of, place_of, solution_of
 from resgrid.cli.report import Report
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
-    from resgrid.planning.field import Field
-    from resgrid.planning.short_path import ShortPath
-    from resgrid.planning.streamline import Streamline
-    from resgrid.planning.trajectory import Trajectory
-    from resgrid.scene import Scene
+    from resgrid.planning.fields import Field
+    from resgrid.planning.streamline import ShortPath, Streamline
+    from resgrid.planning.timing import Trajectory
     from resgrid.space import ConfigurationSpace
 
 ADVICE = {
@@ -30,9 +28,9 @@ ADVICE = {
 class Route:
     """A streamline on its way through the world.
 
-    `start`: world coordinates; `field`: number of the field it was traced in, and certified against; None where there
-    is none to trace; `k`: of that field; `short`: its shortcut, where one was asked for and it reached a goal;
-    `motion`: when it is where, where speeds were given.
+    `start`: world coordinates; `field`: number of the field it was traced in; None where nothing flows; `k`: of that
+    field; `short`: its shortcut, where one was asked for and it reached a goal; `motion`: when it is where, where
+    speeds were given.
     """
 
     streamline: Streamline
@@ -64,62 +62,21 @@ class Plan:
 
 def plan_routes(job: Job, report: Report) -> Plan:
     """Follow the current from every start, in every field that the scene asks for; each route is certified."""
-    scene = job.scene
-    chips: dict[str, Chip] = {}
-    if scene.drive == "start":
-        _check_start_drive(scene)
-        return _start_driven(job, report, chips)
-    fields = blend_fields(job, chips, report)
-    routes = []
-    with report.stage("follow the current", steps=len(fields) * len(scene.starts)) as progress:
-        for index in range(len(fields)):
-            for number in range(len(scene.starts)):
-                routes.append(_route(job, fields, index, number))
-                progress.advance()
-    return Plan(chips, fields, routes)
-
-
-def _check_start_drive(scene: Scene) -> None:
-    if any(scene.k):
-        raise InputError(
-            f"k = {', '.join(f'{k:g}' for k in scene.k)} asks for a Dirichlet field, and drive = 'start' serves one "
-            "start of a Neumann field only: use --drive uniform, or --k 0"
-        )
-
-
-def _start_driven(job: Job, report: Report, chips: dict[str, Chip]) -> Plan:
-    """Each start is tied to the supply in turn, by a chip of its own."""
-    from resgrid.planning.field import field_of
-    from resgrid.planning.trace import undriven
-    from resgrid.space import Cell
-
-    fields: list[Field] = []
-    routes = []
-    for number in range(len(job.scene.starts)):
-        cell = start_cell(job, number)
-        if job.space.cell[cell] != Cell.FREE or not job.space.goal_connected[cell]:
-            path = undriven(job.space, job.scene.starts[number], job.scene.edge)
-            routes.append(_placed(job, number, path, None, 0.0))
-            continue
-        chip = solve_chip(job, report, "neumann", number, ideal=True)
-        chips[chip.name] = chip
-        fields.append(field_of(chip.point))
-        routes.append(_route(job, fields, -1, number))
-    return Plan(chips, fields, routes)
-
-
-def _route(job: Job, fields: list[Field], index: int, number: int) -> Route:
     from resgrid.planning.certify import certify
     from resgrid.planning.trace import streamline
 
-    field = fields[index]
-    path = streamline(field, job.scene.starts[number])
-    certify(path, field)
-    return _placed(job, number, path, index % len(fields), field.k)
-
-
-def _placed(job: Job, number: int, path: Streamline, field: int | None, k: float) -> Route:
-    return Route(path, job.scene.starts[number], field, k)
+    solution = solution_of(job, report)
+    chips = {name: chip_of(name, op) for name, op in solution.operating_points.items()}
+    fields = [field for field in solution.fields if field.is_flowing]
+    routes = []
+    with report.stage("follow the current", steps=len(solution.tasks)) as progress:
+        for field, number in solution.tasks:
+            path = streamline(field, job.scene.starts[number])
+            certify(path, field)
+            index = fields.index(field) if field in fields else None
+            routes.append(Route(path, job.scene.starts[number], index, field.k))
+            progress.advance()
+    return Plan(chips, fields, routes)
 
 
 def require_starts(job: Job) -> None:
@@ -140,7 +97,7 @@ def route_data(route: Route, *, points: bool = True) -> dict[str, Any]:
         "log_duration": path.log_duration,
         "start": list(route.start),
         "k": route.k,
-        "certified": route.field is not None,
+        "certified": True,
     }
     if not route.reached:
         data["message"] = ADVICE[str(path.outcome)]

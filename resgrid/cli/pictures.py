@@ -14,7 +14,7 @@ from resgrid.errors import InputError
 if TYPE_CHECKING:
     from matplotlib.figure import Figure  # noqa: TID251
 
-    from resgrid.planning.field import Field
+    from resgrid.planning.fields import Field
 
 PAGE_AXES = 3
 """Most axes of a space that is drawn."""
@@ -102,9 +102,7 @@ def _paths(job: Job, plan: Plan, _field: Field | None = None) -> Figure:
 
 def _has_body(job: Job) -> bool:
     """Whether the robot's workspace is another plane than its configuration space."""
-    from resgrid.robots import Arm, PolygonRobot
-
-    return isinstance(job.scene.robot, Arm | PolygonRobot)
+    return not job.scene.robot.moves_in_workspace
 
 
 def _robot(job: Job, plan: Plan, _field: Field | None = None) -> Figure:

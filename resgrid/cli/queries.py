@@ -6,7 +6,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from resgrid.cli.failures import NEGATIVE
-from resgrid.cli.job import Job, blend_fields, size_of
+from resgrid.cli.job import Job, size_of, solution_of
 from resgrid.cli.output import emit_text, json_text
 from resgrid.cli.report import Report
 from resgrid.errors import InputError
@@ -55,7 +55,7 @@ def _answer(job: Job, query: Query, file: str, quiet: Report) -> list[dict[str, 
     cell[query.goal] = Cell.GOAL
     posed = Job(job.scene, job.space.with_cells(cell))
     answers = []
-    for field in blend_fields(posed, {}, quiet):
+    for field in solution_of(posed, quiet).fields:
         path = streamline(field, cell=query.start)
         certify(path, field)
         figures = {"outcome": str(path.outcome), "k": field.k, "length": path.length, "clearance": path.clearance}

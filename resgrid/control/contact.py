@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.control.kinematics import Pose
+from resgrid.robots import Pose
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,7 +66,7 @@ class Touch:
 class Surroundings:
     """Pairs of near points, and how fast their gaps close for unit velocities of the axes.
 
-    `pairs` (n, 11): as `resgrid.control.near_kernels.near_points` gives them; `normal_rows, tangent_rows` (n, ndim):
+    `pairs` (n, 11): as `resgrid.control.contact_kernels.near_points` gives them; `normal_rows, tangent_rows` (n, ndim):
     ``n . J`` and ``t . J``.
     """
 
@@ -82,12 +82,12 @@ class Surroundings:
 
 def surroundings(pose: Pose, pairs: NDArray[np.float64]) -> Surroundings:
     """Rows of the contact Jacobians of near points.  Shapes: `pairs` (n, 11)."""
-    from resgrid.control import near_kernels
+    from resgrid.control import contact_kernels
 
     ndim = pose.spin.shape[1]
     normal, tangent = np.empty((len(pairs), ndim)), np.empty((len(pairs), ndim))
     if len(pairs):
-        near_kernels.contact_rows(pairs, len(pairs), pose.shift, pose.spin, pose.pivot, normal, tangent)
+        contact_kernels.contact_rows(pairs, len(pairs), pose, normal, tangent)
     return Surroundings(pairs, normal, tangent)
 
 

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.control.equipotential import following_velocity
 from resgrid.doors import checked
 from resgrid.errors import InputError
-from resgrid.planning.field import Field
+from resgrid.planning.fields import Field
 from resgrid.space import Cell
 
 if TYPE_CHECKING:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
-from typing import Any
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.errors import CircuitError, InputError
-from resgrid.planning.field import Field
+from resgrid.planning.fields import Field
+from resgrid.planning.road import check_blend, require_uniform, scene_wiring, solve_field
 from resgrid.robots import Ball, CellSet, Robot
 from resgrid.scene.scene import Scene
 from resgrid.space import Axis, Cell, ConfigurationSpace
+from resgrid.wiring import Wiring
 
 Resolve = Callable[[ConfigurationSpace], Field]
 """From a changed space to its field.  What updates factors in place of solving anew has the same face."""
@@ -76,45 +76,18 @@ def resolver(
         From a `ConfigurationSpace` to its `Field`.  In a map without any obstacle, or edge that counts as one, the
         Dirichlet part of a blend is flat; what flows is the share ``1 - k`` of the Neumann part.
     """
-    from resgrid.planning.planner import plan
-
-    options: dict[str, Any] = {"boundary": boundary, "edge": edge, "resistance": resistance}
-    if boundary == "wall":
-        options["wall_resistance"] = wall_resistance
-
-    def resolve(space: ConfigurationSpace) -> Field:
-        try:
-            return plan(space, k=k, **options).field
-        except CircuitError:
-            if k is None or k == 1.0:
-                raise
-            neumann = plan(space, boundary="neumann", edge=edge, resistance=resistance).field
-            return neumann if k == 0.0 else _beside_flat(neumann, k)
-
-    return resolve
-
-
-def _beside_flat(neumann: Field, k: float) -> Field:
-    """``k phi_D + (1 - k) phi_N`` where ``phi_D`` is 0 in every free cell."""
-    currents = tuple(current + np.log1p(-k) for current in neumann.face_log_current)
-    return replace(neumann, potential=(1.0 - k) * neumann.potential, face_log_current=currents, boundary="blend", k=k)
+    wiring = Wiring(boundary, edge=edge, resistance=resistance, wall_resistance=wall_resistance)
+    if k is not None:
+        check_blend(k, boundary)
+    return partial(solve_field, wiring=wiring, k=k)
 
 
 def scene_resolver(scene: Scene, k: float | None = None) -> Resolve:
     """How to find the field of a scene's space: as the scene says, or with another blend."""
-    return resolver(**scene_rules(scene, k))
+    require_uniform(scene, "control")
+    return partial(solve_field, wiring=scene_wiring(scene), k=scene_share(scene, k))
 
 
-def scene_rules(scene: Scene, k: float | None = None) -> dict[str, Any]:
-    """What `resolver` needs to know of a scene; arguments and errors as `scene_resolver`."""
-    share = k if k is not None else (scene.k[0] if scene.k else None)
-    if scene.boundary == "neumann" and scene.drive == "start":
-        raise InputError("a scene with drive = 'start' serves one start at a time; control needs drive = 'uniform'")
-    rule = "dirichlet" if share is not None and scene.boundary == "neumann" else scene.boundary
-    return {
-        "k": share,
-        "boundary": rule,
-        "edge": scene.edge,
-        "resistance": scene.chip.resistance,
-        "wall_resistance": scene.chip.wall_resistance,
-    }
+def scene_share(scene: Scene, k: float | None) -> float | None:
+    """The blend that control follows: the one given, or the scene's first."""
+    return k if k is not None else next(iter(scene.k), None)

@@ -8,7 +8,7 @@ from enum import IntEnum, StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.planning.field import Field
+from resgrid.planning.fields import Field
 from resgrid.space import ConfigurationSpace
 
 

@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from resgrid.control.contact import Surroundings, Touch, surroundings, touch
 from resgrid.control.plant import Plant
-from resgrid.planning.bodies import TOUCH
+from resgrid.robots.geometry import TOUCH
 
 Vector = NDArray[np.float64]
 
@@ -42,7 +42,7 @@ class Body:
         self._clear, self._pose = 0.0, plant.pose(start)
         ndim = len(start)
         self._nothing = Surroundings(np.empty((0, 11)), np.empty((0, ndim)), np.empty((0, ndim)))
-        size = max([0.0, *self._pose.radius.tolist(), *plant.bodies.discs[:, 2].tolist()])
+        size = max([0.0, *self._pose.radius.tolist(), *plant.arrays.discs[:, 2].tolist()])
         self._lift = _LIFT * (1.0 + size)
         self.configuration = self._lifted()
 

@@ -9,7 +9,7 @@ from resgrid.control.contact import Touch
 from resgrid.control.log import ContactLog, Ending, Lesson, Mode, Run
 from resgrid.control.plant import Plant
 from resgrid.frame import Frame
-from resgrid.planning.field import Field
+from resgrid.planning.fields import Field
 from resgrid.space import ConfigurationSpace
 
 Vector = NDArray[np.float64]

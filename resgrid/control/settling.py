@@ -26,14 +26,15 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.compiler import compile_space
-from resgrid.control.learning import scene_rules
+from resgrid.control.learning import scene_share
 from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Netlist
 from resgrid.nodal.dynamics import Dynamics, dynamics_of, factor_resolvent
 from resgrid.nodal.transient import transient_stepper
 from resgrid.planning.blend import blend
-from resgrid.planning.field import Field, face_currents
+from resgrid.planning.fields import Field, read_field
+from resgrid.planning.road import closed, require_uniform, scene_wiring
 from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
 
@@ -124,12 +125,12 @@ def grid_settling(
     InputError
         If a value is impossible, or the scene is driven by its start.
     """
-    rules = scene_rules(scene, k)
-    wall = rules["wall_resistance"]
-    return GridSettling(
-        method, pace, omega, patience, rules["k"], rules["boundary"], rules["edge"],
-        None if wall is None else wall / rules["resistance"],
-    )  # fmt: skip
+    require_uniform(scene, "control")
+    share, wiring = scene_share(scene, k), scene_wiring(scene)
+    if share is not None:
+        wiring = closed(wiring)
+    wall = None if wiring.wall_resistance is None else wiring.wall_resistance / wiring.resistance
+    return GridSettling(method, pace, omega, patience, share, wiring.boundary, scene.edge, wall)
 
 
 class LiveGrid:
@@ -284,28 +285,15 @@ def _compiled(settling: GridSettling, boundary: str, space: ConfigurationSpace) 
 
 def field_now(netlist: Netlist, voltage: Vector) -> Field:
     """Read a field off voltages that need not be those of an operating point.  Shapes: `voltage` (nodes,)."""
-    cell_map = netlist.cells
-    height = voltage - cell_map.wiring.goal_voltage
-    volts = (
-        cell_map.wiring.supply if cell_map.wiring.drive != "uniform" else float(np.nanmax(height, initial=0.0)) or 1.0
-    )
+    cells = netlist.cells
+    height = voltage - cells.wiring.goal_voltage
+    volts = cells.wiring.supply if cells.wiring.drive != "uniform" else float(np.nanmax(height, initial=0.0)) or 1.0
     a, b = netlist.resistor_nodes.T
     drop = np.nan_to_num(voltage[a] - voltage[b])
     with np.errstate(divide="ignore"):
         log_amps = np.log(np.abs(drop)) + np.log(netlist.conductance)
-    element = (cell_map.resistor_face, cell_map.resistor_upward, np.sign(drop).astype(np.int8), log_amps)
-    direction, log_current = face_currents(cell_map, volts, element)
-    return Field(
-        space=cell_map.space,
-        potential=np.where(cell_map.node >= 0, (height / volts)[cell_map.node], np.nan),
-        log_drop=None,
-        face_direction=direction,
-        face_log_current=log_current,
-        boundary=cell_map.wiring.boundary,
-        drive=cell_map.wiring.drive,
-        edge=cell_map.wiring.edges(cell_map.space),
-        k=0.0 if cell_map.wiring.boundary == "neumann" else 1.0,
-    )
+    resistors = (cells.resistor_face, cells.resistor_upward, np.sign(drop).astype(np.int8), log_amps)
+    return read_field(cells, volts, height / volts, None, resistors)
 
 
 def check_same_grid(before: ConfigurationSpace, after: ConfigurationSpace) -> None:

@@ -13,7 +13,7 @@ from resgrid.control.controller import Controller, make_controller
 from resgrid.control.learning import Resolve, scene_resolver
 from resgrid.control.plant import Plant, plant_of
 from resgrid.errors import InputError
-from resgrid.planning.field import Field
+from resgrid.planning.fields import Field
 from resgrid.space import ConfigurationSpace
 
 if TYPE_CHECKING:

@@ -17,8 +17,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.control.near_kernels import misses, share
+from resgrid.control.contact_kernels import misses, share
 from resgrid.jit import inner
+from resgrid.robots.geometry import ObstacleArrays, Pose
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -137,28 +138,17 @@ def _moves(
 
 
 @njit(cache=True)
-def free_share(
-    segments: Floats,
-    radius: Floats,
-    part: Integers,
-    shift: Floats,
-    spin: Floats,
-    pivot: Floats,
-    lever: Floats,
-    motion: Floats,
-    edges: Floats,
-    discs: Floats,
-    planes: Floats,
-    least: float,
-) -> float:
+def free_share(pose: Pose, solid: ObstacleArrays, motion: Floats, least: float) -> float:
     """Share of a straight motion in configuration space for which every gap is known to stay at ``least`` or above.
 
     A bound: the share that is free may be larger.
     """
-    free, moves, turn = 1.0, np.empty(7), spin @ motion
+    segments, radius, part, lever = pose.segments, pose.radius, pose.part, pose.lever
+    edges, discs, planes = solid.edges, solid.discs, solid.half_planes
+    free, moves, turn = 1.0, np.empty(7), pose.spin @ motion
     for s in range(len(segments)):
         segment = segments[s]
-        _moves(segment, part[s], shift, spin, pivot, lever[s], motion, turn, moves)
+        _moves(segment, part[s], pose.shift, pose.spin, pose.pivot, lever[s], motion, turn, moves)
         far = max(math.hypot(moves[0], moves[1]) + moves[4], math.hypot(moves[2], moves[3]) + moves[5])
         reach = radius[s] + least + far
         x0, x1 = min(segment[0], segment[2]) - reach, max(segment[0], segment[2]) + reach

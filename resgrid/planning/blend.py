@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.arguments import is_number
-from resgrid.errors import InputError
-from resgrid.planning.field import Field
+from resgrid.errors import CircuitError, InputError
+from resgrid.planning.fields import Field
 from resgrid.space import Cell, ConfigurationSpace
 
 _CANCELLED = 1e-12
@@ -40,25 +40,30 @@ def blend(dirichlet: Field, neumann: Field, k: float, *, allow_start_drive: bool
     ------
     InputError
         If k is out of range, or the two fields do not go together.
+    CircuitError
+        If nothing flows at k = 1.
     """
     check_share(k)
     check_pair(dirichlet, neumann)
+    if k == 1.0 and not dirichlet.is_flowing:
+        raise CircuitError(
+            "nothing is driven at k = 1: no free cell lies between a goal and an obstacle, or an edge that counts as "
+            "one; choose k below 1, or edge = 'obstacle'"
+        )
     if k in (0.0, 1.0):
         return dirichlet if k == 1.0 else neumann
-    if neumann.drive == "start" and not allow_start_drive:
+    if neumann.wiring.drive == "start" and not allow_start_drive:
         raise InputError("a start-driven Neumann field serves one start only: blend with drive = 'uniform'")
     potential = k * dirichlet.potential + (1.0 - k) * neumann.potential
     potential = np.where(dirichlet.space.cell == Cell.OBSTACLE, np.nan, potential)
     parts = [_add_currents(dirichlet, neumann, axis, k) for axis in range(dirichlet.space.ndim)]
     return Field(
         space=dirichlet.space,
+        wiring=dirichlet.wiring,
         potential=potential,
         log_drop=None,
         face_direction=tuple(direction for direction, _ in parts),
         face_log_current=tuple(log_current for _, log_current in parts),
-        boundary="blend",
-        drive=neumann.drive,
-        edge=dirichlet.edge,
         k=float(k),
     )
 
@@ -100,3 +105,52 @@ def _add_currents(
     total[np.abs(total) < _CANCELLED] = 0.0
     with np.errstate(divide="ignore"):
         return np.sign(total).astype(np.int8), np.log(np.abs(total)) + base
+
+
+def dirichlet_share(dirichlet: Field, neumann: Field, k: float) -> NDArray[np.float64]:
+    """Share of the Dirichlet gradient in a blend ``k phi_D + (1 - k) phi_N``.
+
+    Away from the goals the Dirichlet gradient falls off exponentially, and the Neumann one does not: with a weight of
+    0.98 the blend is still almost Neumann there.
+
+    Parameters
+    ----------
+    dirichlet, neumann : Field
+        Of one space, as `blend` takes them.
+    k : float
+        In [0, 1].
+
+    Returns
+    -------
+    ndarray of float64, shape of the space
+        ``|k g_D| / (|k g_D| + |(1 - k) g_N|)`` at the centre of every cell from the currents through its faces and
+        the cell's widths, in logarithms; NaN where neither flows.
+
+    Raises
+    ------
+    InputError
+        If k is out of range, or the two fields do not go together, as in `blend`.
+    """
+    check_share(k)
+    check_pair(dirichlet, neumann)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        log_d, log_n = _log_gradient(dirichlet) + np.log(k), _log_gradient(neumann) + np.log1p(-k)
+        return np.asarray(np.exp(log_d - np.logaddexp(log_d, log_n)))
+
+
+def _log_gradient(field: Field) -> NDArray[np.float64]:
+    """Natural logarithm of the gradient at the centre of every cell, up to a common factor; -inf where none is.
+
+    A current is ``(h_ref / h_a)**2`` times the difference of the potential: the gradient is the current times ``h_a``.
+    """
+    logs, signs = [], []
+    for axis, (direction, log_current) in enumerate(zip(field.face_direction, field.face_log_current, strict=True)):
+        size, log_width = field.space.shape[axis], np.log(field.space.spacing[axis])
+        for part in (range(size), range(1, size + 1)):
+            logs.append(np.take(log_current, part, axis) + log_width)
+            signs.append(np.take(direction, part, axis))
+    scale = np.max(logs, axis=0)
+    base = np.where(np.isfinite(scale), scale, 0.0)
+    faces = np.array(signs) * np.exp(np.array(logs) - base)
+    centre = 0.5 * (faces[::2] + faces[1::2])
+    return np.asarray(base + np.log(np.linalg.norm(centre, axis=0)))

@@ -12,10 +12,10 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.axis import rounding
 from resgrid.errors import CertificateError
-from resgrid.planning.field import Field
+from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Streamline
-from resgrid.space import rounding
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -58,7 +58,7 @@ def _to_obstacles(
     points: NDArray[np.float64], space: ConfigurationSpace, within: float | NDArray[np.float64] | None
 ) -> float:
     from resgrid.planning import kernels
-    from resgrid.planning.field import obstacle_reach
+    from resgrid.planning.fields import obstacle_reach
 
     scaled = split_at_faces(points, space)
     starts, ends = (scaled[:-1], scaled[1:]) if len(scaled) > 1 else (scaled, scaled)

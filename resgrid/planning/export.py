@@ -14,12 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
 from resgrid.files import atomic_path, write_text
-from resgrid.planning.seams import unwrap
-from resgrid.planning.short_path import ShortPath
-from resgrid.planning.streamline import Streamline
-from resgrid.planning.trajectory import Trajectory
+from resgrid.planning.streamline import ShortPath, Streamline, unwrap
+from resgrid.planning.timing import Trajectory
 from resgrid.planning.workspace import workspace_path
-from resgrid.robots import Arm, PointRobot, PolygonRobot, Robot
+from resgrid.robots import PointRobot, Robot
 from resgrid.space import Axis, ConfigurationSpace
 
 SUFFIXES = (".csv", ".json", ".npz", ".yaml")
@@ -38,9 +36,8 @@ def path_columns(
     points = _points(path, space)
     require_names(space.axes, other_columns(space.axes, robot, timed=isinstance(path, Trajectory)))
     columns = _named(space, points)
-    if isinstance(robot, Arm):
-        tip = workspace_path(points, robot, space)
-        columns |= {"tip_x": tip[:, 0], "tip_y": tip[:, 1]}
+    if robot is not None and robot.base is not None:
+        columns |= dict(zip(_reference_columns(robot), workspace_path(points, robot, space).T, strict=True))
     if isinstance(path, Trajectory):
         columns = {"t": np.array(path.times)} | columns | _named(space, path.velocities, "_rate")
     return columns
@@ -93,8 +90,12 @@ def write_path(
 
 def other_columns(axes: Sequence[Axis], robot: Robot | None, *, timed: bool) -> set[str]:
     """Names of the columns that a path has beside those of its axes."""
-    tip = {"tip_x", "tip_y"} if isinstance(robot, Arm) else set()
-    return tip | ({"t", *(f"{axis.name}_rate" for axis in axes)} if timed else set())
+    return set(_reference_columns(robot)) | ({"t", *(f"{axis.name}_rate" for axis in axes)} if timed else set())
+
+
+def _reference_columns(robot: Robot | None) -> dict[str, None]:
+    """Names of the columns that say where the end of a mounted robot is, in order."""
+    return {} if robot is None or robot.base is None else dict.fromkeys(f"{robot.reference}_{name}" for name in "xy")
 
 
 def require_names(axes: Sequence[Axis], others: Collection[str]) -> None:
@@ -152,7 +153,8 @@ def ros_plan(
     points = _points(path, space)
     require_plan(space, robot)
     place = points[:, :2]
-    yaw = points[:, 2] / robot.turning_length if isinstance(robot, PolygonRobot) else headings(place)
+    own = None if robot is None else robot.heading(points)
+    yaw = headings(place) if own is None else own
     times = path.times if isinstance(path, Trajectory) else np.zeros(len(points))
     head = f"header:\n{_stamp(0.0, frame_id, '  ')}poses:"
     return "\n".join([head, *map(_pose, times, place, yaw, [frame_id] * len(place))]) + "\n"
@@ -160,9 +162,10 @@ def ros_plan(
 
 def require_plan(space: ConfigurationSpace, robot: Robot | None) -> None:
     """Refuse a plan for ROS of what does not move in the plane."""
-    flat = space.ndim == 2 and space.axes[0].unit == space.axes[1].unit and not isinstance(robot, Arm)
-    if not flat and not isinstance(robot, PolygonRobot):
-        what = f"a {type(robot or PointRobot()).__name__} with axes {', '.join(axis.name for axis in space.axes)}"
+    mover = robot or PointRobot()
+    flat = space.ndim == 2 and space.axes[0].unit == space.axes[1].unit and mover.moves_in_workspace
+    if not flat and mover.heading(np.zeros((1, space.ndim))) is None:
+        what = f"a {type(mover).__name__} with axes {', '.join(axis.name for axis in space.axes)}"
         raise InputError(f"a plan for ROS holds poses in the plane, not {what}; write .csv, .json or .npz")
 
 

@@ -6,13 +6,13 @@ Numba takes seconds to import: only functions that are about to trace import thi
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from resgrid.jit import inner
-from resgrid.planning.field import Flow
 
 REACHED, NO_CURRENT, ENDLESS = 0, 1, 2
 MIXED = -2
@@ -20,6 +20,24 @@ _FREE, _GOAL = 0, 2
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
+
+
+class Flow(NamedTuple):
+    """A field as the tracing kernels take it: flat arrays.
+
+    The lower face of cell ``c`` across axis ``a`` has number ``first_face[a] + sum_b c_b face_stride[a, b]``.
+
+    `code` (cells,); `shape` (ndim,); `spacing` (ndim,); `first_face` (ndim,); `face_stride` (ndim, ndim); `direction`
+    (faces,); `log_current` (faces,).
+    """
+
+    code: NDArray[np.uint8]
+    shape: NDArray[np.int64]
+    spacing: NDArray[np.float64]
+    first_face: NDArray[np.int64]
+    face_stride: NDArray[np.int64]
+    direction: NDArray[np.int8]
+    log_current: NDArray[np.float64]
 
 
 @njit(cache=True, inline="always")

@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
-from resgrid.planning.field import Field, field_of
+from resgrid.planning import fields
+from resgrid.planning.fields import Field
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
 _FLAT = 1e-12
@@ -179,7 +180,7 @@ def _field_around(space: ConfigurationSpace, padding: int) -> tuple[Field, NDArr
     cell = np.pad(space.cell, [(m, m) for m in margin.tolist()], constant_values=Cell.FREE)
     if not np.any(cell == Cell.FREE):
         raise InputError("the model fills the whole grid: add padding")
-    return field_of(solve(compile_space(ConfigurationSpace(axes, cell)))), margin.astype(np.int64)
+    return fields.field(solve(compile_space(ConfigurationSpace(axes, cell)))), margin.astype(np.int64)
 
 
 def _directions(field: Field, cells: NDArray[np.int64], local: NDArray[np.float64]) -> NDArray[np.float64]:

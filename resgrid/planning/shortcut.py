@@ -8,14 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.arguments import check_number, check_whole
+from resgrid.axis import rounding
 from resgrid.errors import InputError
+from resgrid.planning.certify import certify_free
 from resgrid.planning.clearance import clearance_of
-from resgrid.planning.field import Field
-from resgrid.planning.free_way import certify_free
-from resgrid.planning.seams import axis_path, length_of
-from resgrid.planning.short_path import ShortPath
-from resgrid.planning.streamline import Outcome, Streamline
-from resgrid.space import Cell, ConfigurationSpace, rounding
+from resgrid.planning.fields import Field
+from resgrid.planning.streamline import Outcome, ShortPath, Streamline, axis_path, length_of
+from resgrid.space import Cell, ConfigurationSpace
 
 Sight = Callable[[NDArray[np.float64], NDArray[np.float64]], bool]
 

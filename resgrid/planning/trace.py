@@ -17,10 +17,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import AccuracyError, InputError
-from resgrid.planning.clearance import clearance_of
-from resgrid.planning.field import Field, goal_blocked
+from resgrid.planning.fields import Field, goal_blocked
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.space import Cell, ConfigurationSpace
+
+_BATCH = 1 << 18
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,20 +87,6 @@ def follow(field: Field, point: NDArray[np.float64]) -> Streamline:
     return _traced(field, cells[0], local[0])
 
 
-def undriven(space: ConfigurationSpace, start: ArrayLike, edge: tuple[str, ...]) -> Streamline:
-    """What a start has for a streamline if no current leaves it: it is blocked, cut off, or in a goal already.
-
-    Shapes: `start` (ndim,).
-    """
-    cells, local = start_cells(space, one_start(space, start, None)[np.newaxis])
-    goal = int(space.goal_region[tuple(cells[0])])
-    if goal < 0:
-        return _unmoved(space, cells, local, Outcome(_static_outcomes(space, cells)[0] or Outcome.NO_CURRENT))
-    points, length = _points(space, cells, local), float(_last_leg(space, cells, local)[1][0])
-    clearance = clearance_of(points, space, edge)
-    return Streamline(points, cells, Outcome.REACHED, goal, length, clearance, np.nan, space.frame)
-
-
 def streamlines(field: Field, starts: ArrayLike) -> Traces:
     """Follow the current from many starts, and keep the ends only.
 
@@ -149,6 +136,37 @@ def follow_many(field: Field, points: NDArray[np.float64]) -> Traces:
     )
 
 
+def basins(field: Field) -> NDArray[np.int32]:
+    """Which goal the streamline from the centre of every cell reaches.
+
+    Only cells from which the current leads to several goals are traced.
+
+    Parameters
+    ----------
+    field : Field
+
+    Returns
+    -------
+    ndarray of int32, shape of the space
+        Number of the goal region; -1 on obstacles, and where no streamline reaches a goal.
+
+    Raises
+    ------
+    AccuracyError
+        If a streamline does not end, which a direction-safe field rules out.
+    """
+    from resgrid.planning.kernels import MIXED, only_goal
+
+    space = field.space
+    flat_goal = only_goal(field.flow, space.goal_region.ravel().astype(np.int64), space.periodic)
+    goal = np.where(space.cell == Cell.OBSTACLE, -1, flat_goal.reshape(space.shape)).astype(np.int32)
+    cells = np.argwhere(goal == MIXED)
+    for first in range(0, len(cells), _BATCH):
+        some = cells[first : first + _BATCH]
+        goal[tuple(some.T)] = follow_many(field, space.axis_centre(some)).goal
+    return goal
+
+
 def start_cells(
     space: ConfigurationSpace, points: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
@@ -168,6 +186,11 @@ def start_cells(
         cells[touched] = neighbour[touched]
         local[touched] = np.where(beyond == 1, 1.0, local[touched])
     return cells, local
+
+
+def start_cell(space: ConfigurationSpace, start: ArrayLike) -> tuple[int, ...]:
+    """Cell of a start in the world, free if it touches a free one.  Shapes: `start` (ndim,)."""
+    return tuple(start_cells(space, one_start(space, start, None)[np.newaxis])[0][0].tolist())
 
 
 def one_start(space: ConfigurationSpace, start: ArrayLike | None, cell: Sequence[int] | None) -> NDArray[np.float64]:

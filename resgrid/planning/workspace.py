@@ -10,12 +10,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number
 from resgrid.errors import InputError
-from resgrid.planning.bodies import bodies_of, parts_of
-from resgrid.planning.seams import axis_path, unwrap, wrap
-from resgrid.planning.short_path import ShortPath
-from resgrid.planning.streamline import Streamline
-from resgrid.robots import Arm, DiscRobot, PointRobot, PolygonRobot, Robot, Shape
-from resgrid.scene.place import along_axes
+from resgrid.planning.streamline import ShortPath, Streamline, axis_path, unwrap
+from resgrid.robots import Robot, Shape
+from resgrid.robots.geometry import obstacles_of
+from resgrid.scene.world import along_axes
 from resgrid.space import ConfigurationSpace
 
 Way = Streamline | ShortPath | ArrayLike
@@ -67,10 +65,7 @@ def workspace_path(path: Way, robot: Robot, space: ConfigurationSpace) -> NDArra
     InputError
         If the path does not fit the space or the robot.
     """
-    points = unwrap(path, space)
-    if isinstance(robot, Arm):
-        return robot.tip(points)
-    return points[:, :2] if isinstance(robot, PolygonRobot) else points
+    return robot.reference_point(unwrap(path, space))
 
 
 def workspace_clearance(
@@ -101,11 +96,11 @@ def workspace_clearance(
         If the path does not fit, the robot's geometry is not known, or the step is not positive or far too small.
     """
     configurations, _ = dense(path, robot, space, step)
-    bodies = bodies_of(along_axes(obstacles, space.frame), robot, space)
+    solids = obstacles_of(along_axes(obstacles, space.frame), robot.workspace_axes(space.axes))
     nearest = np.inf
     for batch in _batches(configurations, robot, space):
-        parts = parts_of(robot, batch)
-        nearest = min([nearest, *(float(body.distance(part).min()) for body in bodies for part in parts)])
+        parts = robot.parts(batch)
+        nearest = min([nearest, *(float(solid.distance(part).min()) for solid in solids for part in parts)])
     return nearest
 
 
@@ -136,14 +131,14 @@ def replay(
         As `workspace_clearance`.
     """
     configurations, segment = dense(path, robot, space, step)
-    bodies = bodies_of(along_axes(obstacles, space.frame), robot, space)
+    solids = obstacles_of(along_axes(obstacles, space.frame), robot.workspace_axes(space.axes))
     seen = 0
     for batch in _batches(configurations, robot, space):
         hits = [
-            (int(np.argmax(hit)), number, body.number)
-            for number, part in enumerate(parts_of(robot, batch))
-            for body in bodies
-            if (hit := body.collides(part)).any()
+            (int(np.argmax(hit)), number, solid.number)
+            for number, part in enumerate(robot.parts(batch))
+            for solid in solids
+            if (hit := solid.collides(part)).any()
         ]
         if hits:
             first, part_number, obstacle = min(hits)
@@ -162,9 +157,8 @@ def dense(
     """
     points = axis_path(path, space)
     check_number("step", step, "a positive length", above=0.0)
-    if isinstance(robot, Arm | PolygonRobot):
-        robot.check_axes(space.axes)
-    pieces = np.maximum(np.ceil(travel_bound(robot, points[:-1], points[1:]) / step), 1.0)
+    robot.check_axes(space.axes)
+    pieces = np.maximum(np.ceil(robot.travel(points[:-1], points[1:]) / step), 1.0)
     if pieces.sum() > _MOST:
         raise InputError(f"a step of {step:g} makes {pieces.sum():,.0f} configurations; choose a longer one")
     count = pieces.astype(np.int64)
@@ -175,28 +169,7 @@ def dense(
     return np.concatenate([inner, points[-1:]]), np.append(segment, last).astype(np.int64)
 
 
-def travel_bound(robot: Robot, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Bound of how far any point of a robot moves on straight lines in configuration space.
-
-    A point of an arm's link j moves at most by the sum, over the links i before it, of their length times the change
-    of their direction, and by its own link's length and half width times that link's.
-
-    Shapes: `start, end` (n, ndim); returns (n,).
-    """
-    match robot:
-        case Arm():
-            turned = np.abs(robot.directions(end) - robot.directions(start))
-            ends = np.cumsum(turned * np.asarray(robot.lengths), axis=1)
-            return np.asarray((ends + turned * np.asarray(robot.widths) / 2).max(axis=1))
-        case PolygonRobot():
-            angle = np.abs(end[:, 2] - start[:, 2]) / robot.turning_length
-            return np.asarray(np.linalg.norm((end - start)[:, :2], axis=1) + robot.farthest * angle)
-        case PointRobot() | DiscRobot():
-            return np.asarray(np.linalg.norm(end - start, axis=1))
-    raise InputError(f"how a {type(robot).__name__} moves is not known: arm, polygon, disc and point are")
-
-
 def _batches(configurations: NDArray[np.float64], robot: Robot, space: ConfigurationSpace) -> list[NDArray[np.float64]]:
     """Configurations a few thousand at a time; those of a point are brought back into periodic axes."""
-    own = wrap(configurations, space) if isinstance(robot, PointRobot | DiscRobot) else configurations
+    own = robot.within_seams(space.axes, configurations)
     return [own[first : first + _BATCH] for first in range(0, len(own), _BATCH)]

@@ -33,9 +33,8 @@ from resgrid.plot.control_maps import add_change_bar, draw_change, draw_wavefron
 from resgrid.plot.figures import new_figure, panel_height
 from resgrid.plot.films import MOST_FRAMES, Frame
 from resgrid.plot.plane import plane_of
-from resgrid.plot.robots import plot_robot_path
+from resgrid.plot.robots import plot_robot_path, skeleton
 from resgrid.plot.style import TEXT, refresh_legend
-from resgrid.robots import Arm
 from resgrid.scene.scene import Scene
 
 ROBOT = "#0072B2"
@@ -136,8 +135,9 @@ class _WorkspaceArtists:
         self._way.set_data(*self._tips[: row + 1].T)
         robot, pose = self._scene.robot, self._run.configuration[row]
         bodies = [shape for shape in robot.shapes_at(pose) if shape.area]
-        if isinstance(robot, Arm):
-            self._outlines += self._axes.plot(*robot.joints(pose).T, color=ROBOT, linewidth=3, marker="o", zorder=8)
+        joints = skeleton(robot, pose)
+        if len(joints):
+            self._outlines += self._axes.plot(*joints.T, color=ROBOT, linewidth=3, marker="o", zorder=8)
         elif not bodies:
             self._outlines += self._axes.plot(*self._tips[row], color=ROBOT, marker="o", markersize=7, zorder=8)
         for shape in bodies:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.planning.field import Field
+from resgrid.planning.fields import Field
 
 _FILL = 0.85
 

@@ -22,7 +22,7 @@ from resgrid.plot.paint import VIRTUAL, paint_cells
 from resgrid.plot.plane import plane_of
 from resgrid.plot.robots import mark_shapes, plot_robot_path
 from resgrid.plot.style import FAILURE, GOAL, OBSTACLE, PATHS, TEXT, refresh_legend
-from resgrid.robots import Arm, CellSet, DiscRobot, HalfSpace, PointRobot, Shape
+from resgrid.robots import CellSet, HalfSpace, Shape
 from resgrid.scene.scene import GoalCell, GoalJoints, GoalPoint, Scene
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -83,7 +83,7 @@ def plot_run(run: Run, scene: Scene, *, title: str = "", caption: str = "") -> F
 
 def panel_aspect(space: ConfigurationSpace, scene: Scene) -> float:
     """Height over width of the taller panel; the workspace of what turns is drawn as a square."""
-    flat = isinstance(scene.robot, PointRobot | DiscRobot)
+    flat = scene.robot.moves_in_workspace
     return max(plane_of(space).aspect if space.ndim == 2 else 1.0, 0.0 if flat else 1.0)
 
 
@@ -103,7 +103,7 @@ def zoom(run: Run, scene: Scene, axes: Axes) -> None:
     """Show what a motion is about: the robot on its way, bounded obstacles and goals."""
     known, hidden, goals = bodies_of(scene)
     bounded = [shape for shape in (*known, *hidden, *goals) if not isinstance(shape, HalfSpace | CellSet)]
-    if isinstance(scene.robot, PointRobot | DiscRobot):  # whose workspace is its configuration space
+    if scene.robot.moves_in_workspace:
         corners = plane_of(run.space).corners
         (left, low), (right, high) = corners.min(axis=0), corners.max(axis=0)
         axes.set(xlim=(left, right), ylim=(low, high))
@@ -184,7 +184,7 @@ def plot_run_configurations(run: Run, scene: Scene, axes: Axes, *, way: bool = T
     plant = plant_of(scene)
     known = run.space.with_cells(np.where(learnt, np.uint8(Cell.FREE), run.space.cell))
     plot_space(known, axes)
-    if isinstance(scene.robot, Arm):
+    if scene.robot.bare() != scene.robot:
         virtual = plant.itself & (known.cell == Cell.OBSTACLE) & ~_touched(scene, plant.obstacles[: plant.known])
         if virtual.any():
             paint_cells(known, virtual, VIRTUAL, "virtual obstacle", axes)
@@ -202,11 +202,7 @@ def plot_run_configurations(run: Run, scene: Scene, axes: Axes, *, way: bool = T
 
 def _touched(scene: Scene, shapes: Sequence[Shape]) -> NDArray[np.bool_]:
     """Cells in which an arm meets an obstacle, strips along singularities left out."""
-    from dataclasses import replace
-
-    assert isinstance(scene.robot, Arm)
-    bare = replace(scene.robot, singularity_cells=None, singularity_width=None)
-    return bare.occupancy(scene.axes, shapes, "conservative")
+    return scene.robot.bare().occupancy(scene.axes, shapes, "conservative")
 
 
 def thinned(configuration: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -17,8 +17,8 @@ from resgrid.control.equipotential import following_velocity
 from resgrid.control.fronts import Wavefront
 from resgrid.control.settling_ratio import SettlingSweep
 from resgrid.errors import InputError
-from resgrid.planning.field import Field
-from resgrid.planning.shares import dirichlet_share
+from resgrid.planning.blend import dirichlet_share
+from resgrid.planning.fields import Field
 from resgrid.planning.trace import streamline
 from resgrid.plot.fields import add_colour_bar, draw_shading
 from resgrid.plot.figures import axes_or_new, new_figure

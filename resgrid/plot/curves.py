@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FixedLocator, NullLocator
 
-from resgrid.planning.behaviour import ClearanceCurve
+from resgrid.planning.planner import ClearanceCurve
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.style import PATHS, TEXT, dress
 

@@ -13,7 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
-from resgrid.planning.field import Field
+from resgrid.planning.fields import Field
 from resgrid.plot.arrows import current_arrows
 from resgrid.plot.blocks import block_means, block_size
 from resgrid.plot.figures import axes_or_new

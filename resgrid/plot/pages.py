@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from matplotlib.figure import Figure
 
 from resgrid.errors import InputError
-from resgrid.planning.field import Field
+from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Streamline
 from resgrid.plot.fields import plot_currents, plot_potential
 from resgrid.plot.figures import new_figure, panel_height

@@ -10,9 +10,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from resgrid.planning.completeness import Separation
-from resgrid.planning.seams import axis_path
-from resgrid.planning.streamline import Streamline
+from resgrid.planning.separation import Separation
+from resgrid.planning.streamline import Streamline, axis_path
 from resgrid.planning.workspace import Way
 from resgrid.plot.fields import plot_space
 from resgrid.plot.figures import new_figure

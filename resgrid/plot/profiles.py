@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from resgrid.errors import InputError
-from resgrid.planning.field import Field
+from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.plot.figures import new_figure
 from resgrid.plot.paths import require_paths

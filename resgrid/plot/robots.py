@@ -15,12 +15,11 @@ from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.planning.seams import axis_path
-from resgrid.planning.streamline import Streamline
-from resgrid.planning.workspace import Way, dense, travel_bound, workspace_path
+from resgrid.planning.streamline import Streamline, axis_path
+from resgrid.planning.workspace import Way, dense, workspace_path
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.style import GOAL, OBSTACLE, PATHS, TEXT, add_swatch, dress, refresh_legend
-from resgrid.robots import Arm, CellSet, HalfSpace, Robot, Shape, to_shapely
+from resgrid.robots import CellSet, HalfSpace, Robot, Shape, to_shapely
 from resgrid.space import ConfigurationSpace
 
 GHOSTS = 12
@@ -75,17 +74,17 @@ def plot_robot_path(
         _draw_pose(robot, pose, axes, share, first=number == 0, last=number == len(shown) - 1)
     tip = workspace_path(poses, robot, space)
     if len(tip) > 1:
-        _draw_way(tip, isinstance(robot, Arm), axes, colour)
-    if isinstance(robot, Arm):
+        _draw_way(tip, robot, axes, colour)
+    if robot.base is not None:
         axes.scatter([robot.base[0]], [robot.base[1]], s=30, marker="s", facecolor="black", zorder=7, label="base")
     _frame(axes, robot, [tip, *_outlines(robot, shown)], obstacles, goals)
     refresh_legend(axes)
     return axes
 
 
-def _draw_way(tip: NDArray[np.float64], is_arm: bool, axes: Axes, colour: str) -> None:
+def _draw_way(tip: NDArray[np.float64], robot: Robot, axes: Axes, colour: str) -> None:
     effects = [Stroke(linewidth=2.4, foreground="white"), Normal()]
-    label = "way of the tip" if is_arm else "way of the reference point"
+    label = f"way of the {robot.reference}"
     axes.plot(tip[:, 0], tip[:, 1], color=colour, linewidth=1.4, zorder=6, path_effects=effects, label=label)
     for place, size, marker, face in ((tip[:1], 22, "o", "white"), (tip[-1:], 70, "*", GOAL)):
         axes.scatter(
@@ -125,7 +124,7 @@ def plot_tip_ways(
     """
     axes = plot_workspace(obstacles, goals, ax, unit=_unit(robot, space), legend=False)
     lines = [workspace_path(_dense(path, robot, space), robot, space) for path in paths]
-    label = "ways of the tip" if isinstance(robot, Arm) else "ways of the reference point"
+    label = f"ways of the {robot.reference}"
     axes.add_collection(LineCollection(lines, colors=PATHS[0], linewidths=0.6, alpha=0.8, zorder=4, label=label))
     for row, size, face in ((0, 5, "white"), (-1, 4, GOAL)):
         ends = np.array([line[row] for line in lines]).reshape(-1, 2)
@@ -179,7 +178,7 @@ def plot_workspace(
 
 def _unit(robot: Robot, space: ConfigurationSpace) -> str:
     """Unit of the workspace: that of the axes, unless they are angles."""
-    return "m" if isinstance(robot, Arm) else space.axes[0].unit
+    return "m" if robot.base is not None else space.axes[0].unit
 
 
 def mark_shapes(shapes: Sequence[Shape], axes: Axes, colour: str, label: str, order: float = 2.2) -> None:
@@ -193,13 +192,13 @@ def mark_shapes(shapes: Sequence[Shape], axes: Axes, colour: str, label: str, or
 def _dense(path: Way, robot: Robot, space: ConfigurationSpace) -> NDArray[np.float64]:
     """Configurations in the world close enough for smooth lines, whatever the scale of the workspace."""
     corners = axis_path(path, space)
-    travel = float(travel_bound(robot, corners[:-1], corners[1:]).sum())
+    travel = float(robot.travel(corners[:-1], corners[1:]).sum())
     return space.to_world(dense(path, robot, space, travel / 400)[0] if travel else corners)
 
 
 def _evenly(poses: NDArray[np.float64], robot: Robot, count: int) -> NDArray[np.int64]:
     """Numbers of poses that are evenly spaced along what the robot's points travel."""
-    along = np.concatenate([[0.0], np.cumsum(travel_bound(robot, poses[:-1], poses[1:]))])
+    along = np.concatenate([[0.0], np.cumsum(robot.travel(poses[:-1], poses[1:]))])
     wanted = np.linspace(0.0, along[-1], count)
     return np.unique(np.searchsorted(along, wanted).clip(0, len(poses) - 1))
 
@@ -212,10 +211,9 @@ def _draw_pose(robot: Robot, pose: NDArray[np.float64], axes: Axes, share: float
         colour = to_rgb(_START if first else _END)
     order = 3.0 + share / 2 + strong
     label = "robot at the start" if first else ("robot at the end" if last else None)
-    if isinstance(robot, Arm):
-        places = robot.joints(pose)
-        if any(robot.widths):
-            _draw_shapes(robot, pose, axes, colour, order, strong=strong)
+    places = skeleton(robot, pose)
+    if len(places):
+        _draw_shapes(robot, pose, axes, colour, order, strong=strong)
         axes.plot(
             places[:, 0], places[:, 1], color=colour, linewidth=2.4 if strong else 1.0, marker="o",
             markersize=3.6 if strong else 1.6, solid_capstyle="round", zorder=order, label=label,
@@ -224,6 +222,17 @@ def _draw_pose(robot: Robot, pose: NDArray[np.float64], axes: Axes, share: float
     _draw_shapes(robot, pose, axes, colour, order, strong=strong)
     if label and any(shape.area for shape in robot.shapes_at(pose)):
         add_swatch(axes, label, to_hex(colour))
+
+
+def skeleton(robot: Robot, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Joints of a robot whose parts are segments, one after the other, shape (n, 2); else none."""
+    import shapely
+
+    cores = [part.core[0] for part in robot.parts(pose[np.newaxis])]
+    if not all(isinstance(core, shapely.LineString) for core in cores):
+        return np.empty((0, 2))
+    points = shapely.get_coordinates(cores)
+    return np.asarray(points[np.append(True, np.any(np.diff(points, axis=0) != 0, axis=1))])
 
 
 def _draw_shapes(
@@ -257,7 +266,7 @@ def _frame(
     axes: Axes, robot: Robot, lines: list[NDArray[np.float64]], obstacles: Sequence[Shape], goals: Sequence[Shape]
 ) -> None:
     """Limits around everything; an arm's are those of its reach, so that its pictures can be compared."""
-    if isinstance(robot, Arm):
+    if robot.base is not None:
         base = np.asarray(robot.base)
         lines = [*lines, np.stack([base - robot.reach, base + robot.reach])]
     _limit(axes, lines, (*obstacles, *goals))

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.planning.completeness import Separation
+from resgrid.planning.separation import Separation
 from resgrid.planning.streamline import Outcome
 from resgrid.plot.fields import plot_space
 from resgrid.plot.paint import VIRTUAL, paint_cells

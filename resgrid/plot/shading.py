@@ -9,7 +9,7 @@ from matplotlib.colors import Colormap
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.planning.field import Field
+from resgrid.planning.fields import Field
 from resgrid.plot.style import height_map
 from resgrid.space import Cell
 
@@ -52,9 +52,9 @@ def shading_of(field: Field, scale: str = "auto") -> Shading:
         raise InputError(f"scale = {scale!r} is unknown; it may be one of {', '.join(SCALES)}")
     if field.log_drop is None:
         if scale == "log":
+            kind = "a blend" if field.boundary == "blend" else f"drive = {field.wiring.drive!r}"
             raise InputError(
-                "scale = 'log' needs a drop from a high rail, and this field "
-                f"({'a blend' if field.boundary == 'blend' else f'drive = {field.drive!r}'}) has none; use 'linear'"
+                f"scale = 'log' needs a drop from a high rail, and this field ({kind}) has none; use 'linear'"
             )
         return _linear(field)
     decades = np.where(np.isfinite(field.log_drop), field.log_drop / np.log(10.0), np.nan)
@@ -90,16 +90,16 @@ def _linear(field: Field) -> Shading:
 def _potential_label(field: Field) -> str:
     if field.boundary == "blend":
         return rf"potential $\phi$ of the blend, $k$ = {field.k:g}"
-    if field.drive == "uniform":
+    if field.wiring.drive == "uniform":
         return r"$\phi$: height above the goal rail, scaled to 1"
-    high = "start" if field.drive == "start" else "obstacles"
+    high = "start" if field.wiring.drive == "start" else "obstacles"
     return rf"potential $\phi$ (1: {high}, 0: goals)"
 
 
 def _logarithmic(field: Field, decades: NDArray[np.float64], smallest: float) -> Shading:
     step = nice_step(-smallest / _LINES)
     lower = min(np.floor(smallest / step) * step, -step)
-    rail = "start" if field.drive == "start" else "obstacle"
+    rail = "start" if field.wiring.drive == "start" else "obstacle"
     return Shading(
         values=np.where(field.space.cell == Cell.OBSTACLE, np.nan, decades),
         lower=lower,

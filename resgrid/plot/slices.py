@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.planning.field import Field
+from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.plot.fields import draw_no_drop, draw_shading
 from resgrid.plot.figures import new_figure, panel_height

@@ -3,21 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from math import isfinite, pi, tau
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, replace
+from functools import cache
+from itertools import product
+from math import acos, atan2, ceil, cos, floor, hypot, isfinite, pi, sin, tau
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.doors import checked
 from resgrid.errors import InputError
-from resgrid.robots.protocol import GoalCells, Progress, Sampling
+from resgrid.robots.arm_cells import arm_goal_cells, arm_occupancy, singular_cells
+from resgrid.robots.base import Robot
+from resgrid.robots.cells import Progress, Sampling
+from resgrid.robots.geometry import Links, Part, Pose
+from resgrid.robots.goals import GoalCells
 from resgrid.robots.shapes import Point, Shape
 from resgrid.space import MAX_DIMENSIONS, Axis
 
-if TYPE_CHECKING:
-    from shapely.geometry.base import BaseGeometry
+_ROUNDING = 1e-12
+"""Sine, or share of the reach, below which two solutions are one."""
+
+_MOST_SOLUTIONS = 1_000_000
 
 Angles = Literal["relative", "absolute"]
 Limits = tuple[float, float]
@@ -25,7 +33,7 @@ Limits = tuple[float, float]
 
 @checked
 @dataclass(frozen=True)
-class Arm:
+class Arm(Robot):
     """A planar arm with revolute joints; its configuration space has one axis per joint, in radians.
 
     Link ``i`` is a capsule: all points within half its width of the segment between joints ``i`` and ``i + 1``.  The
@@ -60,6 +68,9 @@ class Arm:
     InputError
         If a value is impossible; the message names it.
     """
+
+    reference = "tip"
+    remedy = "make the arm's links thinner"
 
     lengths: tuple[float, ...]
     widths: tuple[float, ...] = ()
@@ -246,54 +257,140 @@ class Arm:
         InputError
             If the arm has not two links, the point is not finite, or the limits leave more than a million solutions.
         """
-        from resgrid.robots.arm_inverse import inverse_of_two_links
+        if self.ndim != 2:
+            raise InputError(f"only an arm of two links has a closed inverse; this one has {self.ndim}")
+        target = np.asarray(point, dtype=np.float64)
+        if target.shape != (2,) or not np.isfinite(target).all():
+            raise InputError(f"a point of the workspace has two finite coordinates, got {target.tolist()}")
+        x, y = (target - self.base).tolist()
+        first, second = self.lengths
+        # The cosine rule (Craig, Introduction to Robotics, section 4.4).
+        cosine = (x * x + y * y - first**2 - second**2) / (2 * first * second)
+        if abs(cosine) > 1 + _ROUNDING:
+            return np.empty((0, 2))
+        bend = acos(max(-1.0, min(1.0, cosine)))
+        solutions: list[tuple[float, ...]] = []
+        for elbow in (bend, -bend) if sin(bend) > _ROUNDING else (bend,):
+            direction = atan2(y, x) if hypot(x, y) > _ROUNDING * self.reach else self.base_angle
+            shoulder = direction - atan2(second * sin(elbow), first + second * cos(elbow)) - self.base_angle
+            angles = (shoulder, elbow if self.angles == "relative" else shoulder + elbow)
+            turned = [_within(angle, limits) for angle, limits in zip(angles, self.limits, strict=True)]
+            if len(turned[0]) * len(turned[1]) > _MOST_SOLUTIONS:
+                raise InputError(
+                    f"the limits hold more than {_MOST_SOLUTIONS:,} solutions, so many turns are they wide; narrow them"
+                )
+            solutions += product(*turned)
+        return np.array(solutions, dtype=np.float64).reshape(-1, 2)
 
-        return inverse_of_two_links(self, point)
-
-    def link_shapes(self, configuration: ArrayLike) -> list[BaseGeometry]:
-        """The links as shapely geometry: polygons, or segments where the width is 0.
-
-        Parameters
-        ----------
-        configuration : array_like of float, shape (n,)
-            Joint angles, in radians.
-
-        Returns
-        -------
-        list of shapely geometry
-            One per link; the round ends are polygons of 32 edges a half-circle, inside the circle.
-
-        Raises
-        ------
-        InputError
-            If there are not n angles.
-        """
+    def parts(self, configurations: NDArray[np.float64]) -> list[Part]:
+        """The links: segments with half their widths; see `Robot.parts`."""
         import shapely
 
-        places = self.joints(np.asarray(configuration, dtype=np.float64).reshape(-1))
-        segments = [shapely.LineString(places[i : i + 2]) for i in range(self.ndim)]
+        places = self.joints(configurations)
         return [
-            segment.buffer(width / 2, quad_segs=16) if width else segment
-            for segment, width in zip(segments, self.widths, strict=True)
+            Part(np.asarray(shapely.linestrings(places[:, link : link + 2])), width / 2)
+            for link, width in enumerate(self.widths)
         ]
 
-    def shapes_at(self, configuration: ArrayLike) -> list[BaseGeometry]:
-        """The same as `link_shapes`, for those who know any robot."""
-        return self.link_shapes(configuration)
+    def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Turns times levers; see `Robot.travel`.
+
+        A point of link j moves at most by the sum, over the links i before it, of their length times the change of
+        their direction, and by its own link's length and half width times that link's.
+        """
+        turned = np.abs(self.directions(end) - self.directions(start))
+        ends = np.cumsum(turned * np.asarray(self.lengths), axis=1)
+        return np.asarray((ends + turned * np.asarray(self.widths) / 2).max(axis=1))
+
+    def pose(self, configuration: NDArray[np.float64]) -> Pose:
+        """The links: relative angles turn all that follows about their joint, absolute ones shift it."""
+        joints, directions = self.joints(configuration), self.directions(configuration)
+        radius, part, spin, before, lever = _pose_constants(self)
+        count = len(part)
+        shift, pivot = np.zeros((count, count, 2)), np.empty((count, count, 2))
+        pivot[:] = joints[:-1]
+        if self.angles == "absolute":
+            along = joints[1:] - joints[:-1]
+            shift[:, :, 0] = -before * along[:, 1]
+            shift[:, :, 1] = before * along[:, 0]
+        segments = np.concatenate([joints[:-1], joints[1:]], axis=1)
+        frame = np.concatenate([joints[:-1], directions[:, np.newaxis]], axis=1)
+        return Pose(segments, radius, part, frame, shift, spin, pivot, lever)
+
+    def reference_point(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The tip; see `Robot.reference_point`."""
+        return self.tip(configurations)
+
+    def bare(self, *, self_collision: bool = True) -> Arm:
+        """Without strips along singularities; see `Robot.bare`."""
+        collides = self.self_collision and self_collision
+        return replace(self, singularity_width=None, singularity_cells=None, self_collision=collides)
 
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
     ) -> NDArray[np.bool_]:
-        """Cells in which a link may touch an obstacle; see `resgrid.robots.arm_cells.arm_occupancy`."""
-        from resgrid.robots.arm_cells import arm_occupancy
+        """Cells in which a link may touch an obstacle or another link, or that a singularity blocks.
 
-        return arm_occupancy(self, tuple(axes), obstacles, rule, progress)
+        See `Robot.occupancy`, and `resgrid.robots.arm_cells` for the rules.
+        """
+        self.check_axes(axes)
+        occupied = arm_occupancy(
+            self._links, tuple(axes), obstacles, rule, progress, self_collision=self.self_collision
+        )
+        return occupied | self.singular_cells(axes)
+
+    def singular_cells(self, axes: Sequence[Axis]) -> NDArray[np.bool_]:
+        """Cells of the virtual obstacle along the singularities of the Jacobian; all False without one.
+
+        Parameters
+        ----------
+        axes : sequence of Axis
+
+        Returns
+        -------
+        ndarray of bool
+            One entry per cell, or a shape that broadcasts.
+        """
+        return singular_cells(axes, self.singularity_width, self.singularity_cells, relative=self.angles == "relative")
 
     def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
-        """Cells that hold a configuration with the tip in a region; see `resgrid.robots.arm_cells.arm_goal_cells`."""
-        from resgrid.robots.arm_cells import arm_goal_cells
+        """Cells that hold a configuration with the tip in a region; see `Robot.goal_cells`."""
+        self.check_axes(axes)
+        goal = arm_goal_cells(self._links, self.shortest_reach, tuple(axes), region)
+        if not goal.cells.any():
+            ends = "joint limits" if any(self.limits) else "axes of the grid"
+            raise InputError(f"the {ends} keep the arm's tip out of this goal; widen them, or move the goal")
+        return goal
 
-        return arm_goal_cells(self, tuple(axes), region)
+    @property
+    def _links(self) -> Links:
+        return Links(
+            np.array(self.lengths, dtype=np.float64),
+            np.array(self.widths, dtype=np.float64) / 2,
+            np.array([*self.base, self.base_angle], dtype=np.float64),
+            self.angles == "relative",
+        )
+
+
+@cache
+def _pose_constants(arm: Arm) -> tuple[NDArray[Any], ...]:
+    """Of every link: radius, number, spin, whether a link is before another (count, count), lever."""
+    count = arm.ndim
+    spin = np.tri(count) if arm.angles == "relative" else np.eye(count)
+    lever = np.stack([np.tri(count, k=-1), np.tri(count)], axis=1) * np.asarray(arm.lengths, dtype=np.float64)
+    constants = np.asarray(arm.widths, dtype=np.float64) / 2, np.arange(count), spin, np.tri(count, k=-1), lever
+    for array in constants:
+        array.flags.writeable = False
+    return constants
+
+
+def _within(angle: float, limits: Limits | None) -> list[float]:
+    """The angle, by whole turns wherever it fits into the limits."""
+    if limits is None:
+        return [(angle + pi) % tau - pi]
+    lower, upper = limits
+    turns = range(ceil((lower - _ROUNDING - angle) / tau), floor((upper + _ROUNDING - angle) / tau) + 1)
+    return [min(max(angle + turn * tau, lower), upper) for turn in turns]
 
 
 def _check_link(number: int, length: float, width: float, limits: Limits | None) -> None:

@@ -4,19 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import dist, hypot, inf, pi
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.robots.protocol import GoalCells, Progress, Sampling
-from resgrid.robots.shapes import Ball, Box, HalfSpace, Point, Shape
-from resgrid.robots.solids import require_plane, solids, to_shapely
+from resgrid.robots.cells import Progress, Sampling
+from resgrid.robots.geometry import Links, obstacle_arrays
+from resgrid.robots.goals import GoalCells
+from resgrid.robots.shapes import Ball, Box, HalfSpace, Point, Shape, require_plane, to_shapely
 from resgrid.space import Axis
-
-if TYPE_CHECKING:
-    from resgrid.robots.arm import Arm
 
 CHUNK = 1 << 17
 """Cells looked at between two words of progress."""
@@ -32,8 +29,9 @@ TOLERANCE = 1e-9
 
 
 def arm_occupancy(
-    arm: Arm, axes: tuple[Axis, ...], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
-) -> NDArray[np.bool_]:
+    links: Links, axes: tuple[Axis, ...], obstacles: Sequence[Shape], rule: Sampling,
+    progress: Progress | None = None, *, self_collision: bool,
+) -> NDArray[np.bool_]:  # fmt: skip
     """Cells in which an arm may touch an obstacle or itself, or come too close to a singularity.
 
     With the conservative rule a cell is free only if no configuration in it, borders included, collides: the distance
@@ -48,61 +46,58 @@ def arm_occupancy(
     """
     from resgrid.robots.kernels import mark_link
 
-    arm.check_axes(axes)
-    solid = solids(obstacles, "an arm")
+    solid = obstacle_arrays(require_plane(shape, "an arm") for shape in obstacles)
+    ndim = len(axes)
     counts = np.array([axis.cells for axis in axes], dtype=np.int64)
-    centres = np.zeros((arm.ndim, counts.max()))
+    centres = np.zeros((ndim, counts.max()))
     for joint, axis in enumerate(axes):
         centres[joint, : axis.cells] = axis.centres
     widths = np.array([axis.spacing if rule == "conservative" else 0.0 for axis in axes])
-    extent = max([arm.reach, *map(abs, arm.base), *np.abs(solid.edges).ravel(), *np.abs(solid.discs).ravel()])
+    coordinates = np.abs([*links.base[:2], *solid.edges.ravel(), *solid.discs.ravel()])
+    extent = max(links.lengths.sum(), coordinates.max())
+    slack = SLACK * extent if rule == "conservative" else 0.0
     total, done = int(np.cumprod(counts).sum()), 0
     blocked = np.zeros(1, dtype=bool)
-    for link in range(arm.ndim):
+    for link in range(ndim):
         blocked = np.repeat(blocked, counts[link])
         for first in range(0, len(blocked), CHUNK):
             last = min(first + CHUNK, len(blocked))
-            mark_link(
-                blocked, first, last, link, counts, centres, widths, np.array(arm.lengths, dtype=np.float64),
-                np.array(arm.widths, dtype=np.float64) / 2, np.array([*arm.base, arm.base_angle], dtype=np.float64),
-                arm.angles == "relative", arm.self_collision, PARTS,
-                SLACK * extent if rule == "conservative" else 0.0, solid,
-            )  # fmt: skip
+            mark_link(blocked, first, last, link, counts, centres, widths, links, self_collision, PARTS, slack, solid)
             done += last - first
             if progress is not None:
                 progress(done, total)
-    occupied = blocked.reshape(tuple(counts))
-    return occupied | singular_cells(arm, axes)
+    return blocked.reshape(tuple(counts))
 
 
-def singular_cells(arm: Arm, axes: Sequence[Axis]) -> NDArray[np.bool_]:
+def singular_cells(
+    axes: Sequence[Axis], width: float | None, cells: int | None, *, relative: bool
+) -> NDArray[np.bool_]:
     """Cells of the virtual obstacle along the singularities of an arm's Jacobian.
 
     The Jacobian of a planar arm loses rank where all links are parallel: for two links where ``sin(theta_2)`` is 0
     (relative angles) or ``sin(theta_2 - theta_1)`` (absolute angles: the diagonals of configuration space).  For
     three or more links that is a thin set, which parts nothing.
     """
-    if arm.singularity_width is None and arm.singularity_cells is None:
-        return np.zeros((1,) * arm.ndim, dtype=bool)
-    singular = np.ones((1,) * arm.ndim, dtype=bool)
-    grids = _grids(axes)
-    for joint in range(1, arm.ndim):
-        turning = [axes[joint]] if arm.angles == "relative" else [axes[joint - 1], axes[joint]]
-        bend = grids[joint] if arm.angles == "relative" else grids[joint] - grids[joint - 1]
+    singular = np.ones((1,) * len(axes), dtype=bool)
+    if width is None and cells is None:
+        return ~singular
+    grids = np.meshgrid(*(axis.centres for axis in axes), indexing="ij", sparse=True)
+    for joint in range(1, len(axes)):
+        turning = [axes[joint]] if relative else [axes[joint - 1], axes[joint]]
+        bend = grids[joint] if relative else grids[joint] - grids[joint - 1]
         away = np.abs((bend + pi / 2) % pi - pi / 2)
         step = max(axis.spacing for axis in turning)
         extent = sum(axis.spacing for axis in turning) / 2
-        width = arm.singularity_width if arm.singularity_cells is None else (arm.singularity_cells - 1) * step
+        thickness = (width or 0.0) if cells is None else (cells - 1) * step
         # Cells that the strip's interior meets; where its middle runs along a border, the cells on both sides; where
         # rows of cells are counted that cannot lie evenly about it, one more.
-        counted = arm.singularity_cells is not None and arm.angles == "relative"
-        reach = (width or 0.0) / 2 + extent + (1e-9 if counted else -1e-9) * step
-        within = max(step / 2 + 1e-9 * step, reach)
-        singular = singular & (away <= within)
+        counted = cells is not None and relative
+        reach = thickness / 2 + extent + (1e-9 if counted else -1e-9) * step
+        singular = singular & (away <= max(step / 2 + 1e-9 * step, reach))
     return singular
 
 
-def arm_goal_cells(arm: Arm, axes: tuple[Axis, ...], region: Shape | Point) -> GoalCells:
+def arm_goal_cells(links: Links, shortest_reach: float, axes: tuple[Axis, ...], region: Shape | Point) -> GoalCells:
     """Cells that bring the tip of an arm into a region of the workspace: all inverse solutions.
 
     A cell is a goal if, and only if, it holds, on its border perhaps, a configuration whose tip lies in the region or
@@ -110,49 +105,40 @@ def arm_goal_cells(arm: Arm, axes: tuple[Axis, ...], region: Shape | Point) -> G
     round.  Cells are left out by a bound on how far the tip moves, never for want of luck; the one exception is a cell
     that 200,000 ever smaller parts leave undecided, where the tip passes the region within rounding all along.
     """
-    from resgrid.robots.tip_kernels import Links, find_tips
+    from resgrid.robots.tip_kernels import find_tips
 
-    arm.check_axes(axes)
     if isinstance(region, tuple) and len(region) != 2:
         raise InputError(f"an arm moves in the plane: a point needs 2 coordinates, got {len(region)}")
     place = require_plane(Box(region, region) if isinstance(region, tuple) else region, "an arm")
-    goal = solids([place], "an arm")
-    _require_reach(arm, place)
+    goal, reach = obstacle_arrays([place]), float(links.lengths.sum())
+    nearest, farthest = _distances(place, tuple(links.base[:2].tolist()))
+    if nearest > reach * (1 + 1e-12):
+        raise InputError(
+            f"the goal is {nearest:.4g} from the base, the arm reaches {reach:.4g}; move the goal or the base"
+        )
+    if farthest < shortest_reach * (1 - 1e-12):
+        raise InputError(
+            f"the goal is {farthest:.4g} from the base, but the arm cannot fold nearer than {shortest_reach:.4g}; "
+            "move the goal or the base"
+        )
     cells = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
-    base = np.array([*arm.base, arm.base_angle], dtype=np.float64)
-    links = Links(np.array(arm.lengths, dtype=np.float64), base, arm.angles == "relative")
-    flat, points = cells.reshape(-1), [np.empty((0, arm.ndim))]
-    around = (1 + TOLERANCE) * arm_travel(arm, axes) + TOLERANCE * arm.reach
+    flat, points = cells.reshape(-1), [np.empty((0, len(axes)))]
+    around = (1 + TOLERANCE) * tip_travel(links, axes) + TOLERANCE * reach
     bounds = np.concatenate([np.subtract(place.bounds[0], around), np.add(place.bounds[1], around)])
+    lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T.copy()
     for first in range(0, flat.size, CHUNK):
         out = flat[first : first + CHUNK]
-        solutions = np.empty((out.size, arm.ndim))
-        find_tips(
-            out, solutions, first, np.array(cells.shape), np.array([axis.lower for axis in axes]),
-            np.array([axis.spacing for axis in axes]), links, goal, bounds, TOLERANCE * arm.reach,
-        )  # fmt: skip
+        solutions = np.empty((out.size, len(axes)))
+        find_tips(out, solutions, first, np.array(cells.shape), lower, spacing, links, goal, bounds, TOLERANCE * reach)
         points.append(solutions[out])
     return GoalCells(cells, np.concatenate(points))
 
 
-def arm_travel(arm: Arm, axes: Sequence[Axis]) -> float:
+def tip_travel(links: Links, axes: Sequence[Axis]) -> float:
     """How far the tip can move from where it is at a cell's centre, at most, within that cell."""
     chords = [2 * np.sin(min(axis.spacing / 2, pi) / 2) for axis in axes]
-    levers = np.cumsum(arm.lengths[::-1])[::-1] if arm.angles == "relative" else arm.lengths
+    levers = np.cumsum(links.lengths[::-1])[::-1] if links.relative else links.lengths
     return float(np.dot(chords, levers))
-
-
-def _require_reach(arm: Arm, place: Shape) -> None:
-    nearest, farthest = _distances(place, arm.base)
-    if nearest > arm.reach * (1 + 1e-12):
-        raise InputError(
-            f"the goal is {nearest:.4g} from the base, the arm reaches {arm.reach:.4g}; move the goal or the base"
-        )
-    if farthest < arm.shortest_reach * (1 - 1e-12):
-        raise InputError(
-            f"the goal is {farthest:.4g} from the base, but the arm cannot fold nearer than {arm.shortest_reach:.4g}; "
-            "move the goal or the base"
-        )
 
 
 def _distances(place: Shape, base: Point) -> tuple[float, float]:
@@ -168,7 +154,3 @@ def _distances(place: Shape, base: Point) -> tuple[float, float]:
     geometry = to_shapely(place)
     corners = shapely.get_coordinates(geometry).tolist()
     return float(shapely.distance(geometry, shapely.Point(base))), max(dist(corner, base) for corner in corners)
-
-
-def _grids(axes: Sequence[Axis]) -> list[NDArray[np.float64]]:
-    return list(np.meshgrid(*(axis.centres for axis in axes), indexing="ij", sparse=True))

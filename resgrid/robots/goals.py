@@ -3,23 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.axis import Axis, split_points
 from resgrid.errors import InputError
-from resgrid.robots.polygons import outline
-from resgrid.robots.protocol import GoalCells
-from resgrid.robots.reach import copies, mark_copy
-from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Point, Polygon, Shape
-from resgrid.robots.window import rims
-from resgrid.space import Axis, split_points
+from resgrid.robots.cells import mark_copy, outline, rims
+from resgrid.robots.geometry import copies
+from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Point, Polygon, Shape, Solid
 
 HALVINGS = 60
 """So often is the way to a region halved to find where it begins: to the last bit."""
 
 PAIRS = 1 << 20
 """Pairs of a cell and an edge that are looked at in one go."""
+
+
+class GoalCells(NamedTuple):
+    """The cells of a goal, and where in each of them it is.
+
+    `cells`: one entry per cell, True where the closed cell holds a configuration that solves the goal; `points`
+    (number of such cells, ndim): such a configuration for each of them, in C order, in axis units.
+    """
+
+    cells: NDArray[np.bool_]
+    points: NDArray[np.float64]
 
 
 def cells_of_place(axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
@@ -36,7 +46,7 @@ def cells_of_place(axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
         return GoalCells(cells, (lower + (cell + local) * spacing)[None])
     if isinstance(region, CellSet):
         return GoalCells(region.mask, lower + (np.argwhere(region.mask) + 0.5) * spacing)
-    return joined(shape, [_met_by_copy(axes, copy) for copy in copies(region, axes, 0.0)])
+    return joined(shape, [_met_by_copy(axes, copy) for copy in copies(region, axes, [0.0] * len(axes))])
 
 
 def joined(shape: tuple[int, ...], goals: Sequence[GoalCells]) -> GoalCells:
@@ -51,7 +61,7 @@ def joined(shape: tuple[int, ...], goals: Sequence[GoalCells]) -> GoalCells:
     return GoalCells(cells, np.concatenate(points)[first])
 
 
-def _met_by_copy(axes: tuple[Axis, ...], shape: Box | Ball | Polygon | HalfSpace) -> GoalCells:
+def _met_by_copy(axes: tuple[Axis, ...], shape: Solid) -> GoalCells:
     """Cells that a shape meets where it stands, and the point of it nearest to each centre."""
     centred = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
     mark_copy(centred, axes, shape, 0.0, "centre")
@@ -64,9 +74,7 @@ def _met_by_copy(axes: tuple[Axis, ...], shape: Box | Ball | Polygon | HalfSpace
     return GoalCells(met, points)
 
 
-def _nearest(
-    shape: Box | Ball | Polygon | HalfSpace, middle: NDArray[np.float64], axes: tuple[Axis, ...]
-) -> NDArray[np.float64]:
+def _nearest(shape: Solid, middle: NDArray[np.float64], axes: tuple[Axis, ...]) -> NDArray[np.float64]:
     """Nearest points of a shape to the centres, shape (m, ndim), of cells that it meets, each within its cell."""
     half = np.array([axis.spacing for axis in axes]) / 2
     match shape:

@@ -1,4 +1,4 @@
-"""Compiled loops of the arms: which links come near an obstacle, cell by cell.
+"""Compiled loops of sampling: cells in which links come near an obstacle, or that come near a polygon themselves.
 
 Numba takes seconds to import: only functions that are about to sample import this module.
 """
@@ -6,13 +6,14 @@ Numba takes seconds to import: only functions that are about to sample import th
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
 from resgrid.jit import inner
-from resgrid.robots.solids import Solids
+from resgrid.robots.geometry import Links, ObstacleArrays
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -54,7 +55,7 @@ def _near_polygon(ax: float, ay: float, bx: float, by: float, reach: float, edge
 
 
 @inner
-def _near_solids(ax: float, ay: float, bx: float, by: float, reach: float, solids: Solids) -> bool:
+def _near_solids(ax: float, ay: float, bx: float, by: float, reach: float, solids: ObstacleArrays) -> bool:
     """Whether a segment comes within a distance of an obstacle."""
     left, right = min(ax, bx) - reach, max(ax, bx) + reach
     low, high = min(ay, by) - reach, max(ay, by) + reach
@@ -109,10 +110,11 @@ def _travel(joints: Floats, first: int, link: int, chords: Floats, lengths: Floa
 
 @inner
 def _hits(
-    joints: Floats, link: int, chords: Floats, folds: Floats, lengths: Floats, radii: Floats,
-    relative: bool, self_collision: bool, slack: float, solids: Solids,
+    joints: Floats, link: int, chords: Floats, folds: Floats, links: Links, self_collision: bool, slack: float,
+    solids: ObstacleArrays,
 ) -> bool:  # fmt: skip
     """Whether a link may touch an obstacle, or a link before its neighbour, while the joints turn within a cell."""
+    radii, lengths, relative = links.radii, links.lengths, links.relative
     ax, ay, bx, by = joints[link, 0], joints[link, 1], joints[link + 1, 0], joints[link + 1, 1]
     reach = radii[link] + _travel(joints, 0, link, chords, lengths, relative) + slack
     if _near_solids(ax, ay, bx, by, reach, solids):
@@ -133,16 +135,14 @@ def _hits(
 
 @njit(cache=True)
 def mark_link(
-    out: Flags, first: int, last: int, link: int, counts: Integers, centres: Floats, widths: Floats,
-    lengths: Floats, radii: Floats, base: Floats, relative: bool, self_collision: bool, parts: int,
-    slack: float, solids: Solids,
+    out: Flags, first: int, last: int, link: int, counts: Integers, centres: Floats, widths: Floats, links: Links,
+    self_collision: bool, parts: int, slack: float, solids: ObstacleArrays,
 ) -> None:  # fmt: skip
     """Mark the cells of joints ``0 .. link`` in which a link may touch something; cells marked already are skipped.
 
     A cell that its centre does not decide is cut into ``parts`` along every joint, and each part is judged alone.
 
-    Shapes: `out` (product of counts[:link + 1],), `counts` (n,), `centres` (n, max(counts), `widths` (n,), `lengths,
-    radii` (n,), `base` (3,).
+    Shapes: `out` (product of counts[:link + 1],), `counts` (n,), `centres` (n, max(counts), `widths` (n,).
     """
     joints = np.empty((link + 2, 2))
     middle, angles, folds = np.empty(link + 1), np.empty(link + 1), np.zeros(link + 1)
@@ -158,13 +158,13 @@ def mark_link(
         for j in range(link, -1, -1):
             middle[j] = centres[j, rest % counts[j]]
             rest //= counts[j]
-        _place(joints, link, middle, lengths, base, relative)
-        if not _hits(joints, link, whole, folds, lengths, radii, relative, self_collision, slack, solids):
+        _place(joints, link, middle, links.lengths, links.base, links.relative)
+        if not _hits(joints, link, whole, folds, links, self_collision, slack, solids):
             continue
         if exact or parts == 1:
             out[flat] = True
             continue
-        if _hits(joints, link, none, folds, lengths, radii, relative, self_collision, slack, solids):
+        if _hits(joints, link, none, folds, links, self_collision, slack, solids):
             out[flat] = True
             continue
         for part in range(parts ** (link + 1)):
@@ -172,7 +172,121 @@ def mark_link(
             for j in range(link, -1, -1):
                 angles[j] = middle[j] + widths[j] * ((rest % parts + 0.5) / parts - 0.5)
                 rest //= parts
-            _place(joints, link, angles, lengths, base, relative)
-            if _hits(joints, link, small, folds, lengths, radii, relative, self_collision, slack, solids):
+            _place(joints, link, angles, links.lengths, links.base, links.relative)
+            if _hits(joints, link, small, folds, links, self_collision, slack, solids):
                 out[flat] = True
                 break
+
+
+class Plane(NamedTuple):
+    """A grid of the plane, and what stands for a cell: a box around its centre.
+
+    `x, y`: lower corner; `width, height`: of a cell; `half_x, half_y`: half the width and height of what stands for a
+    cell; 0 for its centre alone.
+    """
+
+    x: float
+    y: float
+    width: float
+    height: float
+    half_x: float
+    half_y: float
+
+
+@inner
+def _index(scaled: float, count: int) -> int:
+    """A coordinate counted in cells as an index from 0 to ``count``, rounded up."""
+    return math.ceil(min(max(scaled, 0.0), float(count)))
+
+
+@inner
+def _extent_of_disc(y: float, radius: float, low: float, high: float) -> float:
+    """Half the width of what a row cuts from a disc; negative where it cuts nothing."""
+    away = max(0.0, low - y, y - high)
+    return math.sqrt((radius - away) * (radius + away)) if away <= radius else -1.0
+
+
+@inner
+def _ends_of_segment(ax: float, ay: float, bx: float, by: float, low: float, high: float) -> tuple[float, float]:
+    """Smallest and largest x of what a row cuts from a segment; reversed where it cuts nothing."""
+    if ay > by:
+        ax, ay, bx, by = bx, by, ax, ay
+    if ay > high or by < low:
+        return math.inf, -math.inf
+    first, last = ax, bx
+    if ay < low:
+        first = ax + (low - ay) * ((bx - ax) / (by - ay))
+    if by > high:
+        last = ax + (high - ay) * ((bx - ax) / (by - ay))
+    return min(first, last), max(first, last)
+
+
+@njit(cache=True)
+def mark_parallelograms(out: Flags, pieces: Floats, reach: float, plane: Plane) -> None:
+    """Mark the cells that come within a distance of a parallelogram.
+
+    What lies within a distance of a convex set is convex, and so is what a row of cells cuts from it: an interval of
+    x decides a whole row.  It ends on the circles around the corners, or on the edges moved outwards.
+
+    Shapes: `out` (columns, rows), `pieces` (p, 6).
+    """
+    columns, rows = out.shape
+    for piece in range(len(pieces)):
+        x, y, ax, ay, bx, by = pieces[piece]
+        lowest = y + min(0.0, ay) + min(0.0, by) - reach - plane.half_y
+        highest = y + max(0.0, ay) + max(0.0, by) + reach + plane.half_y
+        first = _index((lowest - plane.y) / plane.height - 1.5, rows)
+        last = _index((highest - plane.y) / plane.height + 0.5, rows)
+        for row in range(first, last):
+            middle = plane.y + (row + 0.5) * plane.height
+            low, high = middle - plane.half_y, middle + plane.half_y
+            left, right = math.inf, -math.inf
+            for corner in range(4):
+                cx = x + (ax if corner & 1 else 0.0) + (bx if corner & 2 else 0.0)
+                cy = y + (ay if corner & 1 else 0.0) + (by if corner & 2 else 0.0)
+                extent = _extent_of_disc(cy, reach, low, high)
+                if extent >= 0.0:
+                    left, right = min(left, cx - extent), max(right, cx + extent)
+            for edge in range(4):
+                dx, dy = (ax, ay) if edge & 1 else (bx, by)
+                sx = x + (0.0 if edge < 2 else (bx if edge & 1 else ax))
+                sy = y + (0.0 if edge < 2 else (by if edge & 1 else ay))
+                length = math.hypot(dx, dy)
+                if length == 0.0:
+                    continue
+                for side in (-reach, reach):
+                    ox, oy = -dy / length * side, dx / length * side
+                    ends = _ends_of_segment(sx + ox, sy + oy, sx + dx + ox, sy + dy + oy, low, high)
+                    left, right = min(left, ends[0]), max(right, ends[1])
+            if left <= right:
+                start = _index((left - plane.half_x - plane.x) / plane.width - 0.5, columns)
+                stop = _index((right + plane.half_x - plane.x) / plane.width - 0.5, columns)
+                if stop < columns and plane.x + (stop + 0.5) * plane.width <= right + plane.half_x:
+                    stop += 1
+                out[start:stop, row] = True
+
+
+@njit(cache=True)
+def mark_enclosed(out: Flags, edges: Floats, plane: Plane) -> None:
+    """Mark the cells whose centre closed rings enclose: in every row an edge flips all that lies to its right.
+
+    Shapes: `out` (columns, rows), `edges` (e, 4).
+    """
+    columns, rows = out.shape
+    flips = np.zeros(columns + 1, dtype=np.bool_)
+    first = _index((edges[:, 1].min() - plane.y) / plane.height - 1.5, rows)
+    last = _index((edges[:, 1].max() - plane.y) / plane.height + 0.5, rows)
+    for row in range(first, last):
+        middle = plane.y + (row + 0.5) * plane.height
+        flips[:] = False
+        for edge in range(len(edges)):
+            ax, ay, bx, by = edges[edge]
+            if (ay <= middle) != (by <= middle):
+                crossing = ax + (middle - ay) * ((bx - ax) / (by - ay))
+                at = _index((crossing - plane.x) / plane.width - 0.5, columns)
+                flips[at] = not flips[at]
+        inside = False
+        for column in range(columns):
+            inside ^= flips[column]
+            if inside:
+                out[column, row] = True

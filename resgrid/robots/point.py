@@ -1,29 +1,25 @@
-"""A point, or a disc or ball that does not turn: its configuration space is the workspace."""
+"""A point, a ball and a disc that do not turn: their configuration space is the workspace."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from resgrid.doors import checked
 from resgrid.errors import InputError
-from resgrid.robots.goals import cells_of_place
-from resgrid.robots.protocol import GoalCells, Progress, Sampling
-from resgrid.robots.reach import mark
-from resgrid.robots.shapes import LARGEST, Point, Shape
+from resgrid.robots.base import Robot
+from resgrid.robots.cells import Progress, Sampling, mark
+from resgrid.robots.geometry import Part, Pose
+from resgrid.robots.shapes import LARGEST, Shape
 from resgrid.space import Axis
-
-if TYPE_CHECKING:
-    from shapely.geometry.base import BaseGeometry
 
 
 @checked
 @dataclass(frozen=True)
-class PointRobot:
+class PointRobot(Robot):
     """A robot that is a point, or a ball around its reference point, in one to four dimensions.
 
     Obstacles grow by the radius: a ball of radius ``r`` touches an obstacle exactly where its centre lies within
@@ -40,11 +36,34 @@ class PointRobot:
         If the radius is negative, not finite or above 1e60.
     """
 
+    moves_in_workspace = True
+    remedy = "make the robot's radius smaller"
+
     radius: float = 0.0
 
     def __post_init__(self) -> None:
         if not 0 <= float(self.radius) <= LARGEST:
             raise InputError(f"a robot's radius must be finite and at least 0, got {self.radius}")
+
+    def parts(self, configurations: NDArray[np.float64]) -> list[Part]:
+        """The point with its radius; see `Robot.parts`."""
+        import shapely
+
+        if configurations.shape[1] != 2:
+            raise InputError(
+                f"geometry is known in the plane alone: give 2 coordinates, not {configurations.shape[1]} axes"
+            )
+        return [Part(np.asarray(shapely.points(configurations)), self.radius)]
+
+    def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Distances between places; see `Robot.travel`."""
+        return np.asarray(np.linalg.norm(end - start, axis=1))
+
+    def pose(self, configuration: NDArray[np.float64]) -> Pose:
+        """A segment of length 0; see `Robot.pose`."""
+        if configuration.shape != (2,):
+            raise InputError(f"contact is known in the plane alone, not with {len(configuration)} axes")
+        return Pose.of_body(np.array([[*configuration, *configuration]]), self.radius, configuration)
 
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
@@ -75,6 +94,7 @@ class PointRobot:
         InputError
             If a shape has another number of coordinates than the grid.
         """
+        self.check_axes(axes)
         blocked = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
         for number, shape in enumerate(obstacles, 1):
             mark(blocked, tuple(axes), shape, self.radius, rule)
@@ -82,31 +102,28 @@ class PointRobot:
                 progress(number, len(obstacles))
         return blocked
 
-    def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
-        """Cells that meet a region, or the one around a point; see `resgrid.robots.goals.cells_of_place`."""
-        return cells_of_place(axes, region)
 
-    def shapes_at(self, configuration: ArrayLike) -> list[BaseGeometry]:
-        """The point, or the disc around it as a polygon of 64 edges inside the circle.
+@checked
+@dataclass(frozen=True)
+class DiscRobot(PointRobot):
+    """A disc around its reference point; its configuration space is the plane it moves in.
 
-        Parameters
-        ----------
-        configuration : array_like of float, shape (2,)
-            In axis units.
+    Parameters
+    ----------
+    radius : float
+        In axis units, above 0.
 
-        Returns
-        -------
-        list of one shapely geometry
+    Raises
+    ------
+    InputError
+        If the radius is not above 0 and finite.
+    """
 
-        Raises
-        ------
-        InputError
-            If there are not two coordinates.
-        """
-        import shapely
+    def __post_init__(self) -> None:
+        if not 0 < float(self.radius) <= LARGEST:
+            raise InputError(f"a disc needs a finite radius above 0, got {self.radius}")
 
-        place = np.asarray(configuration, dtype=np.float64)
-        if place.shape != (2,):
-            raise InputError(f"geometry is known in the plane alone: give 2 coordinates, not shape {place.shape}")
-        point = shapely.Point(place)
-        return [point.buffer(self.radius) if self.radius else point]
+    def check_axes(self, axes: Sequence[Axis]) -> None:
+        """Refuse what is not a plane; see `Robot.check_axes`."""
+        if len(axes) != 2:
+            raise InputError(f"a disc moves in the plane and needs 2 axes, got {len(axes)}; a point has any number")

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import hypot, inf, isfinite
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +13,17 @@ from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.space import Axis
 
+if TYPE_CHECKING:
+    from shapely.geometry.base import BaseGeometry
+
 Point = tuple[float, ...]
 Bounds = tuple[Point, Point]
 
 LARGEST = 1e60
 """Largest coordinate: products of four of them do not overflow."""
+
+FAR = 1e4
+"""Half-planes are drawn this far, in the unit of the workspace."""
 
 
 @checked
@@ -192,18 +199,92 @@ class CellSet:
         """Number of coordinates."""
         return len(self.axes)
 
+    @property
+    def bounds(self) -> Bounds:
+        """Lower and upper corner of the grid."""
+        return tuple(axis.lower for axis in self.axes), tuple(axis.upper for axis in self.axes)
 
-Shape = Box | Ball | Polygon | HalfSpace | CellSet
+    def boxes(self) -> list[Box]:
+        """Marked cells of a plane as boxes, one for each run of neighbours along the second axis."""
+        x, y = self.axes
+        column, first, last = _runs(self.mask)
+        corners = np.column_stack([x.edges[column], y.edges[first], x.edges[column + 1], y.edges[last]]).tolist()
+        return [Box((x0, y0), (x1, y1)) for x0, y0, x1, y1 in corners]
+
+    def borders(self) -> NDArray[np.float64]:
+        """Edges between marked cells of a plane and others, joined along straight lines.  Returns (e, 4)."""
+        edges = []
+        for mask, (across, along), columns in (
+            (self.mask, self.axes, [0, 1, 2, 3]), (self.mask.T, self.axes[::-1], [1, 0, 3, 2])
+        ):  # fmt: skip
+            line, first, last = _runs(np.diff(mask, axis=0, prepend=False, append=False))
+            at = across.edges[line]
+            edges.append(np.column_stack([at, along.edges[first], at, along.edges[last]])[:, columns])
+        return np.concatenate(edges)
+
+    def places(self) -> NDArray[np.float64]:
+        """Centre of a cell of every connected piece of marked cells of a plane.  Returns (p, 2)."""
+        from scipy.ndimage import label
+
+        pieces, count = label(self.mask)
+        _, first = np.unique(pieces, return_index=True)
+        cells = np.unravel_index(first[-count:] if count else first[:0], self.mask.shape)
+        return np.column_stack([axis.centres[index] for axis, index in zip(self.axes, cells, strict=True)])
 
 
-def as_polygon(shape: Box | Polygon) -> Polygon:
-    """A box of the plane as a polygon; a polygon as it is."""
+def _runs(mask: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Row, first and past-the-last entry of every run of marked entries along the second axis of a mask."""
+    flips = np.diff(mask.astype(np.int8), axis=1, prepend=0, append=0)
+    row, first = np.nonzero(flips > 0)
+    _, last = np.nonzero(flips < 0)
+    return row, first, last
+
+
+Solid = Box | Ball | Polygon | HalfSpace
+Shape = Solid | CellSet
+
+
+def rings_of(shape: Box | Polygon) -> tuple[tuple[Point, ...], ...]:
+    """Outer ring and holes of a polygon, or of a box of the plane, which is made at least four rounding errors wide."""
     if isinstance(shape, Polygon):
-        return shape
+        return shape.rings
     (x0, y0), (x1, y1) = shape.lower, shape.upper
     x1 = max(x1, x0 + 4 * float(np.spacing(max(abs(x0), abs(x1), 1e-9))))
     y1 = max(y1, y0 + 4 * float(np.spacing(max(abs(y0), abs(y1), 1e-9))))
-    return Polygon(((x0, y0), (x1, y0), (x1, y1), (x0, y1)))
+    return (((x0, y0), (x1, y0), (x1, y1), (x0, y1)),)
+
+
+def require_plane(shape: Shape, whose: str) -> Shape:
+    """The shape, if it is one of the plane."""
+    if shape.ndim != 2:
+        raise InputError(f"{whose} moves in the plane: a shape needs 2 coordinates, got {shape.ndim}")
+    return shape
+
+
+def to_shapely(shape: Shape) -> BaseGeometry:
+    """A shape of the plane as shapely geometry; a disc as a polygon of 256 edges, a half-plane cut off far away."""
+    import shapely
+
+    if shape.ndim != 2:
+        raise InputError(f"geometry is known of shapes of the plane alone, not of this {type(shape).__name__}")
+    match shape:
+        case CellSet():
+            corners = np.array([(*box.lower, *box.upper) for box in shape.boxes()]).reshape(-1, 4)
+            return shapely.union_all(shapely.box(*corners.T))
+        case Box(lower, upper):
+            (x0, y0), (x1, y1) = lower, upper
+            return shapely.MultiPoint(((x0, y0), (x1, y0), (x1, y1), (x0, y1))).convex_hull
+        case Polygon(vertices, holes):
+            return shapely.Polygon(vertices, holes)
+        case Ball(centre, radius):
+            disc = shapely.Point(centre).buffer(radius, quad_segs=64)
+            return shapely.Point(centre) if disc.is_empty else disc
+    length = hypot(*shape.normal)
+    out = np.asarray(shape.normal) / length
+    along, foot = np.array([-out[1], out[0]]), out * (shape.offset / length)
+    return shapely.Polygon(
+        [foot - FAR * along, foot + FAR * along, foot + FAR * (along - out), foot - FAR * (along + out)]
+    )
 
 
 def _add(point: Point, by: Point) -> Point:

@@ -13,8 +13,8 @@ from numba import njit
 from numpy.typing import NDArray
 
 from resgrid.jit import inner
+from resgrid.robots.geometry import Links, ObstacleArrays
 from resgrid.robots.kernels import _near_solids, _place
-from resgrid.robots.solids import Solids
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -28,17 +28,6 @@ STEPS = 30
 
 DEPTH = 256
 """Halvings of a cell that end in a part too small to matter: some fifty along each of four joints."""
-
-
-class Links(NamedTuple):
-    """An arm, as `find_tips` needs it.
-
-    `lengths` (n,): of the links; `base` (3,): position and angle; `relative`: as in `resgrid.robots.arm.Arm`.
-    """
-
-    lengths: Floats
-    base: Floats
-    relative: bool
 
 
 class _Work(NamedTuple):
@@ -57,7 +46,7 @@ class _Work(NamedTuple):
 
 
 @inner
-def _towards(x: float, y: float, piece: int, goal: Solids) -> tuple[float, float, float, bool]:
+def _towards(x: float, y: float, piece: int, goal: ObstacleArrays) -> tuple[float, float, float, bool]:
     """Distance from a piece of a region's border, the unit vector away from it, and whether it is a corner's.
 
     The pieces, all convex, are the edges of its polygons, its discs and its half-planes.
@@ -137,7 +126,7 @@ def _turn(work: _Work, rx: float, ry: float, flat: bool) -> None:
 
 
 @inner
-def _solve(work: _Work, piece: int, links: Links, goal: Solids, least: float) -> float:
+def _solve(work: _Work, piece: int, links: Links, goal: ObstacleArrays, least: float) -> float:
     """Turn the joints within a cell until the tip touches a piece; distance of the nearest place found, which is left.
 
     Newton's steps, cut off at the borders of the cell: straight at the piece, whatever happens across, and where that
@@ -162,7 +151,7 @@ def _solve(work: _Work, piece: int, links: Links, goal: Solids, least: float) ->
 
 
 @inner
-def _aim(work: _Work, part: int, links: Links, goal: Solids, tolerance: float) -> tuple[int, int]:
+def _aim(work: _Work, part: int, links: Links, goal: ObstacleArrays, tolerance: float) -> tuple[int, int]:
     """The nearest piece of the region's border that the tip may reach from the middle of a part, -1 if there is none.
 
     Within the part the tip moves by at most ``chord times lever``, summed over the joints; and away from a convex
@@ -193,7 +182,7 @@ def _aim(work: _Work, part: int, links: Links, goal: Solids, tolerance: float) -
 
 
 @inner
-def _find(work: _Work, links: Links, goal: Solids, tolerance: float) -> bool:
+def _find(work: _Work, links: Links, goal: ObstacleArrays, tolerance: float) -> bool:
     """Whether a cell holds a configuration with the tip in a region, which is left.
 
     Branch and bound: parts of the cell from which the tip cannot come to the region are left out; elsewhere Newton's
@@ -231,7 +220,7 @@ def _find(work: _Work, links: Links, goal: Solids, tolerance: float) -> bool:
 @njit(cache=True)
 def find_tips(
     out: Flags, points: Floats, first: int, counts: Integers, lower: Floats, widths: Floats,
-    links: Links, goal: Solids, bounds: Floats, tolerance: float,
+    links: Links, goal: ObstacleArrays, bounds: Floats, tolerance: float,
 ) -> None:  # fmt: skip
     """Find the cells that hold a configuration with the tip in a region, and one for each.
 

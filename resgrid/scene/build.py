@@ -11,9 +11,9 @@ import numpy as np
 
 from resgrid.errors import InputError
 from resgrid.frame import Frame
-from resgrid.robots import Arm, Ball, Box, HalfSpace, Polygon, PolygonRobot, Robot, Shape
-from resgrid.scene.map_data import MapData
-from resgrid.scene.maps import read_map
+from resgrid.robots import Ball, Box, HalfSpace, Polygon, Robot, Shape
+from resgrid.scene.maps.data import MapData
+from resgrid.scene.maps.formats import read_map
 from resgrid.scene.robot_document import robot_table, with_robot_axes
 from resgrid.scene.scene import CostArea, Goal, GoalCell, GoalJoints, GoalPoint, MapCells, Scene
 from resgrid.scene.toml_lines import Path as KeyPath
@@ -109,7 +109,7 @@ def _scene(document: SceneDocument, source: str, axes: tuple[Axis, ...], frame: 
 
 def _robot(document: SceneDocument, source: str, axes: tuple[Axis, ...]) -> Robot:
     robot = document.robot.value()
-    if isinstance(robot, Arm | PolygonRobot):
+    if not robot.moves_in_workspace:
         try:
             robot.check_axes(axes)
         except InputError as error:

@@ -8,12 +8,14 @@ from pathlib import Path
 from typing import Any
 
 from resgrid.errors import InputError
+from resgrid.files import decode, read_bytes
 from resgrid.scene.build import build_scene
-from resgrid.scene.files import decode, read_bytes
-from resgrid.scene.maps import MAP_OPTIONS, guess_format
+from resgrid.scene.maps.formats import COMMON, FORMATS, format_of
 from resgrid.scene.overrides import apply_overrides
 from resgrid.scene.scene import Scene
 from resgrid.scene.toml_lines import key_lines
+
+MAP_OPTIONS = (*COMMON[1:], *dict.fromkeys(option for entry in FORMATS.values() for option in entry.options))
 
 
 def read_scene(path: str | os.PathLike[str], **options: Any) -> Scene:
@@ -46,8 +48,7 @@ def read_scene(path: str | os.PathLike[str], **options: Any) -> Scene:
         changes = {f"map.{key}" if key in MAP_OPTIONS else key: value for key, value in options.items()}
     else:
         table = {key: options.pop(key) for key in MAP_OPTIONS if key in options}
-        if table.get("format", "auto") == "auto":
-            table["format"] = guess_format(file)
+        table["format"] = format_of(file, table)
         table = {key: list(value) if isinstance(value, tuple) else value for key, value in table.items()}
         raw = {"schema": 1, "title": file.stem, "map": {"file": file.name, **table}}
         scene = build_scene(raw, str(file), file.parent)

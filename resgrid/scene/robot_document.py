@@ -42,10 +42,10 @@ def robot_kind(raw: Mapping[str, Any]) -> str:
 def robot_table(robot: Robot) -> dict[str, Any]:
     """The ``[robot]`` table of a robot."""
     match robot:
-        case PointRobot(radius):
-            return {"type": "point", "radius": radius}
         case DiscRobot(radius):
             return {"type": "disc", "radius": radius}
+        case PointRobot(radius):
+            return {"type": "point", "radius": radius}
         case PolygonRobot(vertices, turning_length):
             return {
                 "type": "polygon",

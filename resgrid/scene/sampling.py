@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.budget import require_grid_memory
 from resgrid.errors import InputError
-from resgrid.robots import Arm, Box, CellSet, DiscRobot, GoalCells, PointRobot, Progress, Shape
+from resgrid.robots import Box, CellSet, GoalCells, PointRobot, Progress, Shape
 from resgrid.robots.goals import joined
 from resgrid.robots.shapes import Point
-from resgrid.scene.blocked import remedy
-from resgrid.scene.files import require_memory
-from resgrid.scene.place import located, to_space
+from resgrid.scene.maps.formats import format_of
+from resgrid.scene.maps.pictures import THRESHOLD, read_raster
 from resgrid.scene.scene import Goal, GoalCell, GoalJoints, GoalPoint, Scene
+from resgrid.scene.world import located, to_space
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
 
@@ -47,7 +50,7 @@ def sample(scene: Scene, *, require_goal: bool = True, progress: Progress | None
         If the grid would not fit in memory; raised before anything is allocated.
     """
     where = scene.source or "scene"
-    require_memory(tuple(axis.cells for axis in scene.axes), f"{where}: grid")
+    require_grid_memory(tuple(axis.cells for axis in scene.axes), f"{where}: grid")
     blocked = scene.robot.occupancy(scene.axes, _obstacles(scene), scene.sampling, progress)
     cell = np.where(blocked, Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
     goals = [_map_goals(scene, blocked, where)]
@@ -107,7 +110,8 @@ def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) 
     if place is not None:
         cell, point = _one_cell(scene, place, key)
         if blocked[cell]:
-            raise InputError(f"{key}: {_place(goal)} lies in an obstacle (cell {cell}); {remedy(scene, blocked, cell)}")
+            remedy = _nearest_free(scene, blocked, cell)
+            raise InputError(f"{key}: {_place(goal)} lies in an obstacle (cell {cell}); {remedy}")
         single = np.zeros_like(blocked)
         single[cell] = True
         return GoalCells(single, np.array([point]))
@@ -116,24 +120,14 @@ def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) 
     except InputError as error:
         raise InputError(f"{key}: {error}") from None
     met = region.cells
-    if not met.any() and isinstance(scene.robot, Arm):
-        ends = "joint limits" if any(scene.robot.limits) else "axes of the grid"
-        raise InputError(f"{key}: the {ends} keep the arm's tip out of this goal; widen them, or move the goal")
     if not met.any():
         raise InputError(f"{key}: this goal lies outside the grid ({_extent(scene.axes)}); move it inside")
     if blocked[met].all():
         raise InputError(
             f"{key}: this goal lies inside an obstacle (all {int(met.sum())} cells of it); "
-            f"move or enlarge it, or {_SLIMMER.get(type(scene.robot), 'make the robot smaller')}"
+            f"move or enlarge it, or {scene.robot.remedy}"
         )
     return GoalCells(met & ~blocked, region.points[~blocked[met]])
-
-
-_SLIMMER = {
-    PointRobot: "make the robot's radius smaller",
-    DiscRobot: "make the robot's radius smaller",
-    Arm: "make the arm's links thinner",
-}
 
 
 def _configuration(scene: Scene, goal: Goal) -> GoalPoint | GoalCell | None:
@@ -143,7 +137,7 @@ def _configuration(scene: Scene, goal: Goal) -> GoalPoint | GoalCell | None:
             return goal
         case GoalJoints(lower, upper) if lower == upper:
             return GoalPoint(lower)
-        case GoalPoint(point) if not isinstance(scene.robot, Arm) and len(point) == scene.ndim:
+        case GoalPoint(point) if scene.robot.base is None and len(point) == scene.ndim:
             return goal
     return None
 
@@ -204,3 +198,32 @@ def _place(goal: Goal) -> str:
 
 def _extent(axes: tuple[Axis, ...]) -> str:
     return ", ".join(f"{axis.name} in [{axis.lower:g}, {axis.upper:g}]" for axis in axes)
+
+
+def _nearest_free(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -> str:
+    """Where the nearest free place is; of a grey picture also why the cell is an obstacle.
+
+    Shapes: `blocked` as the grid.
+    """
+    free = np.argwhere(~blocked)
+    if not len(free):
+        return "no cell is free"
+    steps = np.abs(free - np.array(cell))
+    around = [axis.cells if axis.periodic else np.inf for axis in scene.axes]
+    steps = np.minimum(steps, np.abs(np.array(around) - steps)) * [axis.spacing for axis in scene.axes]
+    nearest = free[int(np.argmin((steps**2).sum(axis=1)))]
+    centre = [axis.lower + (index + 0.5) * axis.spacing for axis, index in zip(scene.axes, nearest, strict=True)]
+    place = ", ".join(f"{value:.6g}" for value in np.asarray(scene.frame.to_world(centre)).tolist())
+    return f"move it to a free place, the nearest is ({place}){_grey(scene, cell)}"
+
+
+def _grey(scene: Scene, cell: tuple[int, ...]) -> str:
+    """The grey value of a cell that a picture says is an obstacle, and the one from which cells are free."""
+    if scene.map is None or format_of(Path(scene.map.table["file"]), scene.map.table) != "image":
+        return ""
+    threshold: int = scene.map.table.get("threshold", THRESHOLD)
+    try:
+        grey = int(read_raster(Path(scene.map.table["file"])).grey[::-1].T[cell])
+    except InputError:  # the picture came through a pipe, or is gone: there is less to tell
+        return ""
+    return f"; its grey value is {grey}, and cells are free from {threshold} on (--threshold)" * (grey < threshold)

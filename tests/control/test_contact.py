@@ -11,8 +11,6 @@ from scipy.optimize import nnls
 from resgrid.control.contact import Surroundings, surroundings, touch
 from resgrid.control.plant import make_plant, plant_of
 from resgrid.errors import InputError
-from resgrid.planning.bodies import bodies_of, parts_of
-from resgrid.planning.workspace import travel_bound
 from resgrid.robots import (
     Arm,
     Ball,
@@ -26,6 +24,7 @@ from resgrid.robots import (
     Robot,
     to_shapely,
 )
+from resgrid.robots.geometry import obstacles_of
 from resgrid.scene import Scene
 from resgrid.space import Axis
 
@@ -82,9 +81,9 @@ def test_the_nearest_pair_is_as_near_as_shapely_says(robot: Robot, seed: int) ->
     if plant.penetration(q)[0] > 0:
         return
     pairs = plant.near(plant.pose(q), 9.0)
-    for body in bodies_of(SOLIDS, robot, None):
-        apart = [float(body.distance(part)[0]) for part in parts_of(robot, q[np.newaxis])]
-        own = pairs[pairs[:, 8] == body.number]
+    for obstacle in obstacles_of(SOLIDS):
+        apart = [float(obstacle.distance(part)[0]) for part in robot.parts(q[np.newaxis])]
+        own = pairs[pairs[:, 8] == obstacle.number]
         assert own[:, 6].min() == pytest.approx(min(apart), abs=1e-9)
         assert apart[int(own[np.argmin(own[:, 6]), 7])] == pytest.approx(min(apart), abs=1e-9)
     behind = shapely.points(pairs[:, 2:4] + 1e-6 * pairs[:, 9:11])
@@ -245,7 +244,7 @@ def test_no_point_moves_farther_in_a_cell_than_the_bound(robot: Robot, seed: int
     b = a + rng.uniform(-1, 1, len(axes)) * [axis.spacing for axis in axes]
     shapes = zip(robot.shapes_at(a), robot.shapes_at(b), strict=True)
     assert max(shapely.hausdorff_distance(x, y) for x, y in shapes) <= plant.cell_motion + 1e-12
-    assert travel_bound(robot, a[np.newaxis], b[np.newaxis])[0] <= plant.cell_motion + 1e-12
+    assert robot.travel(a[np.newaxis], b[np.newaxis])[0] <= plant.cell_motion + 1e-12
 
 
 def test_penetration_is_what_radii_overlap() -> None:

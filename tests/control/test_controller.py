@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from support.spaces import space_of, spaces
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.control.controller import Controller, make_controller
 from resgrid.errors import CircuitError, InputError
 from resgrid.nodal.solve import solve
-from resgrid.planning.field import field_of
 from resgrid.planning.planner import plan
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import streamline
@@ -30,7 +30,7 @@ def controller_of(cell: np.ndarray, k: float = 0.98, **options: object) -> Contr
 def test_the_velocity_is_linear_between_the_face_currents(space, seed) -> None:
     """Pollock's interpolation, written out anew from the field's own face currents."""
     try:
-        field = field_of(solve(compile_space(space, boundary="neumann")))
+        field = rg.field(solve(compile_space(space, boundary="neumann")))
     except CircuitError:
         return
     controller = make_controller(field, speed=2.0)

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import assume, example, given, settings, strategies as st
 from support.hidden import hiding, square
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.control.fronts import wavefront
 from resgrid.control.learning import resolver
@@ -19,7 +20,6 @@ from resgrid.errors import InputError
 from resgrid.netlist import GROUND
 from resgrid.nodal.solve import solve
 from resgrid.nodal.transient import transient
-from resgrid.planning.field import field_of
 from resgrid.robots import Box, PointRobot
 from resgrid.scene import read_scene
 from resgrid.space import Axis, Cell, ConfigurationSpace
@@ -74,7 +74,7 @@ def test_the_live_chip_is_the_transient_of_the_netlist() -> None:
 def test_a_jacobi_sweep_is_the_mean_of_the_neighbours() -> None:
     before, after = square(10), blocked(10)
     grid = LiveGrid(GridSettling("jacobi", pace=1.0, k=1.0), before)
-    phi = np.array(field_of(solve(compile_space(before))).potential)
+    phi = np.array(rg.field(solve(compile_space(before))).potential)
     grid.change(after)
     for _ in range(3):
         grid.advance(1.0)
@@ -114,7 +114,7 @@ def test_no_current_ever_runs_into_an_obstacle_and_no_voltage_beyond_its_rail(se
 def test_a_settled_grid_is_the_field_of_its_operating_point() -> None:
     netlist = compile_space(blocked(), boundary="wall", wall_resistance=2e4)
     point = solve(netlist)
-    shown, true = field_now(netlist, point.voltage), field_of(point)
+    shown, true = field_now(netlist, point.voltage), rg.field(point)
     np.testing.assert_allclose(shown.potential, true.potential, rtol=1e-12, atol=1e-15)
     for axis in range(2):
         np.testing.assert_allclose(shown.face_current(axis), true.face_current(axis), rtol=1e-6, atol=1e-12)

@@ -18,7 +18,6 @@ from resgrid.control.pushes import Push
 from resgrid.control.recorder import Recorder
 from resgrid.control.simulation import Simulation
 from resgrid.errors import InputError
-from resgrid.planning.workspace import travel_bound
 from resgrid.robots import Arm, Ball, Box, DiscRobot, HalfSpace, PointRobot, Polygon, PolygonRobot, Robot, Shape
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
@@ -76,7 +75,7 @@ def nearest_on_the_way(plant: Plant, way: np.ndarray) -> float:
     """Smallest gap on straight lines, halved until no point can move as far as both ends are away."""
     low, begin, end = float(gaps(plant, way).min()), way[:-1], way[1:]
     for _ in range(14):
-        travel = travel_bound(plant.robot, begin, end)
+        travel = plant.robot.travel(begin, end)
         doubt = (travel > np.maximum(gaps(plant, begin), 0) + np.maximum(gaps(plant, end), 0)) & (travel > 1e-6)
         if not doubt.any():
             break

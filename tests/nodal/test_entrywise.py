@@ -7,6 +7,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import breadth_first_order
 from support.spaces import serpentine, space_of
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import Netlist
@@ -16,7 +17,6 @@ from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.solve import solve
 from resgrid.nodal.superlu import symmetric_factors
 from resgrid.nodal.system import NodalSystem, assemble
-from resgrid.planning.field import field_of
 
 
 def reference_log(system: NodalSystem, rhs: np.ndarray) -> np.ndarray:
@@ -88,7 +88,7 @@ def test_a_goal_all_around_keeps_the_small_potential() -> None:
     cell[1:4, 0] = 1
     point = solve(compile_space(space_of(cell), edge="open"))
     assert point.kcl_residual < 1e-11
-    field = field_of(point)
+    field = rg.field(point)
     assert field.potential[2, 5] < 0.1
     # Currents still run from the obstacle outwards where phi is far below 1e-308.
     assert np.all(field.face_direction[1][2, 1:1400] == 1)

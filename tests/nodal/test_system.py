@@ -20,7 +20,7 @@ from resgrid.nodal.reduction.elimination import may_reduce
 from resgrid.nodal.solve import solve
 from resgrid.nodal.system import NodalSystem, assemble
 from resgrid.space import ConfigurationSpace
-from resgrid.spice.reader import read_spice
+from resgrid.spice.read.deck import read_spice
 
 RULES: tuple[dict[str, Any], ...] = (
     {},

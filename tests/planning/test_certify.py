@@ -9,12 +9,12 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from support.spaces import spaces
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError
 from resgrid.nodal.solve import solve
-from resgrid.planning.certify import certify
-from resgrid.planning.field import Field, field_of
-from resgrid.planning.free_way import certify_free
+from resgrid.planning.certify import certify, certify_free
+from resgrid.planning.fields import Field
 from resgrid.planning.shortcut import shorten
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.planning.trace import streamline
@@ -38,7 +38,7 @@ def room(origin: tuple[float, float] = (0.0, 0.0), width: float = 0.5, *, goal: 
     axes = [Axis(n, o, o + k * width, k) for n, o, k in zip("xy", origin, (24, 20), strict=True)]
     points = np.array([(o + (i + 0.3) * width, p + 10.6 * width) for o, p in [origin] for i in (10, 11)])
     space = ConfigurationSpace(axes, cell, goal_points=points if goal else None)
-    return field_of(solve(compile_space(space)))
+    return rg.field(solve(compile_space(space)))
 
 
 def refused(path: Streamline, field: Field) -> str:
@@ -78,7 +78,7 @@ def test_no_single_number_can_be_altered(space: ConfigurationSpace, seed: int) -
     starts = np.argwhere(space.goal_connected)
     if not len(starts):
         return
-    field = field_of(solve(compile_space(space, boundary="neumann")))
+    field = rg.field(solve(compile_space(space, boundary="neumann")))
     inside = rng.uniform(0.1, 0.9, space.ndim)
     path = streamline(field, space.lower + (starts[rng.integers(len(starts))] + inside) * space.spacing)
     certify(path, field)
@@ -126,7 +126,7 @@ def test_the_path_of_another_field_is_refused() -> None:
     certify(path, field)
     assert "no current" in refused(path, replace(field, face_direction=tuple(-d for d in field.face_direction)))
     costly = ConfigurationSpace(space.axes, space.cell, np.linspace(1, 9, 480).reshape(24, 20))
-    refused(path, field_of(solve(compile_space(costly))))
+    refused(path, rg.field(solve(compile_space(costly))))
     refused(path, room(goal=False))
     certify(path, replace(field))
 
@@ -135,5 +135,5 @@ def test_what_is_no_streamline_is_refused() -> None:
     field = room()
     assert "no streamline" in refused(np.zeros((3, 2)), field)  # type: ignore[arg-type]
     cube = ConfigurationSpace([Axis(name, 0, 1, 2) for name in "xyz"], np.array([[[0, 2], [0, 0]]] * 2))
-    path = streamline(field_of(solve(compile_space(cube))), cell=(0, 0, 0))
+    path = streamline(rg.field(solve(compile_space(cube))), cell=(0, 0, 0))
     assert "2 axes" in refused(path, field)

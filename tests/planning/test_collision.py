@@ -4,15 +4,13 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 from support.spaces import space_of, spaces
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.solve import solve
-from resgrid.planning.collision import risk
-from resgrid.planning.destinations import absorption, basins
-from resgrid.planning.field import field_of
-from resgrid.planning.trace import streamline
-from resgrid.planning.walk import random_walk
+from resgrid.planning.random_walk import absorption, random_walk, risk
+from resgrid.planning.trace import basins, streamline
 from resgrid.space import ConfigurationSpace
 
 BOUNDARIES = [{}, {"boundary": "wall", "wall_resistance": 3.0}, {"boundary": "neumann"}, {"rails": "cells"}]
@@ -142,7 +140,7 @@ def test_open_obstacles_make_the_uniform_drive_a_clock() -> None:
     cell[4, 1:8], cell[0, 0] = 1, 2
     cell[0, 8], cell[1, 8], cell[1, 7], cell[0, 7] = 0, 1, 1, 1
     point = solve(compile_space(space_of(cell), boundary="neumann"))
-    potential, found = field_of(point).potential, risk(point)
+    potential, found = rg.field(point).potential, risk(point)
     inside = space_of(cell).goal_connected
     np.testing.assert_allclose(found.time[inside] / found.time[inside].max(), potential[inside], rtol=1e-12)
     np.testing.assert_allclose(found.time_given_success[inside], found.time[inside], rtol=1e-12)
@@ -174,7 +172,7 @@ def test_the_basins_of_streamlines_and_of_walks() -> None:
     space = space_of(cell)
     point = solve(compile_space(space))
     expected = np.repeat([0] * 6 + [1] * 6, 5).reshape(12, 5)
-    np.testing.assert_array_equal(basins(field_of(point)), expected)
+    np.testing.assert_array_equal(basins(rg.field(point)), expected)
     absorbed = absorption(point)
     np.testing.assert_array_equal(absorbed.likeliest, expected)
     np.testing.assert_allclose(absorbed.probability[0], absorbed.probability[1][::-1], rtol=1e-12)
@@ -185,7 +183,7 @@ def test_the_basins_of_streamlines_and_of_walks() -> None:
 def test_a_basin_is_what_the_streamline_says(space: ConfigurationSpace, options: dict[str, object]) -> None:
     assume(space.goal_connected.any())
     try:
-        field = field_of(solve(compiled(space, **options)))
+        field = rg.field(solve(compiled(space, **options)))
     except CircuitError:
         assume(False)
         raise

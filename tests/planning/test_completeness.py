@@ -5,12 +5,13 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 from support.spaces import space_of, spaces
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.nodal.solve import solve
-from resgrid.planning.completeness import check_verdicts, separation
-from resgrid.planning.field import Field, field_of
-from resgrid.planning.groups import label_groups
+from resgrid.planning.barriers import label_groups
+from resgrid.planning.fields import Field
+from resgrid.planning.separation import check_verdicts, separation
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import streamline
 from resgrid.space import ConfigurationSpace
@@ -172,7 +173,7 @@ def test_wrong_questions_are_refused() -> None:
 
 def solved(space: ConfigurationSpace, **options: object) -> Field:
     try:
-        return field_of(solve(compile_space(space, resistance=1.0, **options)))
+        return rg.field(solve(compile_space(space, resistance=1.0, **options)))
     except CircuitError:
         assume(False)
         raise

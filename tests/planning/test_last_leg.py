@@ -12,18 +12,17 @@ import shapely
 from hypothesis import given, settings, strategies as st
 from support.spaces import space_of, spaces
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError, InputError
 from resgrid.nodal.solve import solve
-from resgrid.planning.certify import certify
+from resgrid.planning.certify import certify, certify_free
 from resgrid.planning.export import path_columns, write_path
-from resgrid.planning.field import Field, field_of
-from resgrid.planning.free_way import certify_free
-from resgrid.planning.seams import length_of, unwrap
+from resgrid.planning.fields import Field, undriven_field
 from resgrid.planning.shortcut import shorten
-from resgrid.planning.streamline import Outcome
+from resgrid.planning.streamline import Outcome, length_of, unwrap
 from resgrid.planning.timing import time_path
-from resgrid.planning.trace import streamline, streamlines, undriven
+from resgrid.planning.trace import streamline, streamlines
 from resgrid.planning.workspace import replay, workspace_path
 from resgrid.plot.paths import pieces
 from resgrid.robots import CellSet, PointRobot
@@ -40,7 +39,7 @@ def aimed(space: ConfigurationSpace, rng: np.random.Generator, whole: float = 0.
 
 
 def open_field(space: ConfigurationSpace) -> Field:
-    return field_of(solve(compile_space(space, boundary="neumann")))
+    return rg.field(solve(compile_space(space, boundary="neumann")))
 
 
 def bare(space: ConfigurationSpace) -> ConfigurationSpace:
@@ -96,11 +95,11 @@ def corner_room() -> ConfigurationSpace:
 
 def test_the_clearance_counts_the_leg() -> None:
     space = corner_room()
-    field = field_of(solve(compile_space(space, edge="open")))
+    field = rg.field(solve(compile_space(space, edge="open")))
     path = streamline(field, (2.0, 2.0))
     exact = shapely.distance(shapely.LineString(path.points), shapely.box(9, 6, 10, 7))
     assert path.clearance == pytest.approx(exact) == pytest.approx(np.hypot(0.1, 0.1))
-    assert streamline(field_of(solve(compile_space(bare(space), edge="open"))), (2.0, 2.0)).clearance > 0.2
+    assert streamline(rg.field(solve(compile_space(bare(space), edge="open"))), (2.0, 2.0)).clearance > 0.2
 
 
 def test_a_certificate_asks_for_the_leg() -> None:
@@ -122,17 +121,16 @@ def test_a_certificate_asks_for_the_leg() -> None:
 
 def test_a_start_in_the_goal_cell_has_but_the_leg_to_go() -> None:
     space = corner_room()
-    for path in (
-        streamline(open_field(space), (8.2, 5.5)), undriven(space, (8.2, 5.5), ("obstacle", "obstacle")),
-    ):  # fmt: skip
+    undriven = undriven_field(space, rg.Wiring("neumann"))
+    for path in (streamline(open_field(space), (8.2, 5.5)), streamline(undriven, (8.2, 5.5))):
         assert (path.outcome, path.goal, len(path.cells)) == (Outcome.REACHED, 0, 1)
         np.testing.assert_array_equal(path.points, [(8.2, 5.5), (8.9, 5.9)])
         assert path.length == pytest.approx(np.hypot(0.7, 0.4))
         assert path.clearance == pytest.approx(np.hypot(0.1, 0.1))
         assert np.isnan(path.log_duration)
         certify(path, open_field(space))
-    assert undriven(space, (9.5, 6.5), ("obstacle",) * 2).outcome is Outcome.START_BLOCKED
-    assert undriven(space, (1.0, 1.0), ("obstacle",) * 2).outcome is Outcome.NO_CURRENT
+    assert streamline(undriven, (9.5, 6.5)).outcome is Outcome.START_BLOCKED
+    assert streamline(undriven, (1.0, 1.0)).outcome is Outcome.NO_CURRENT
 
 
 def test_what_uses_paths_goes_all_the_way(tmp_path: Path) -> None:

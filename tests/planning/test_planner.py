@@ -4,16 +4,15 @@ import numpy as np
 import pytest
 from support.spaces import space_of
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
-from resgrid.planning import planner as planner_module
-from resgrid.planning.behaviour import clearance_curve, wall_clearance_curve
+from resgrid.planning import road
 from resgrid.planning.blend import blend
 from resgrid.planning.certify import certify
-from resgrid.planning.completeness import check_verdicts
-from resgrid.planning.field import field_of
-from resgrid.planning.planner import plan
+from resgrid.planning.planner import clearance_curve, plan, wall_clearance_curve
+from resgrid.planning.separation import check_verdicts
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import streamline
 from resgrid.scene import read_scene
@@ -29,8 +28,8 @@ def two_goal_room() -> ConfigurationSpace:
 
 def test_a_planner_gives_what_the_stages_give() -> None:
     space = two_goal_room()
-    first = field_of(solve(compile_space(space)))
-    second = field_of(solve(compile_space(space, boundary="neumann")))
+    first = rg.field(solve(compile_space(space)))
+    second = rg.field(solve(compile_space(space, boundary="neumann")))
     planner = plan(space, k=0.5)
     assert planner.k == 0.5 and planner.space is space
     for k in (0.0, 0.3, 1.0):
@@ -51,7 +50,7 @@ def test_a_planner_gives_what_the_stages_give() -> None:
 def test_blends_share_two_solves(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
     monkeypatch.setattr(
-        planner_module, "solve", lambda netlist: calls.append(netlist.cells.wiring.boundary) or solve(netlist)
+        road, "solve", lambda netlist, **_: calls.append(netlist.cells.wiring.boundary) or solve(netlist)
     )
     planner = plan(two_goal_room(), k=1.0)
     planner.paths([(1.0, 14.0), (8.0, 7.0)])
@@ -126,7 +125,7 @@ def test_wrong_questions_are_refused() -> None:
         plan(space, k=0.5, boundary="neumann")
     with pytest.raises(InputError, match="boundary = 'soft'"):
         plan(space, boundary="soft")
-    with pytest.raises(InputError, match="space or a scene, got str"):
+    with pytest.raises(InputError, match="space or a scene is needed, not a str"):
         plan("rooms.toml")
     planner = plan(space)
     with pytest.raises(InputError, match="one field only"):

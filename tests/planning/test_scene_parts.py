@@ -5,8 +5,7 @@ import numpy as np
 import pytest
 
 from resgrid.errors import InputError
-from resgrid.planning.completeness import separation
-from resgrid.planning.scene_parts import blocking
+from resgrid.planning.separation import blocking, separation
 from resgrid.planning.streamline import Outcome
 from resgrid.robots import Box, PointRobot
 from resgrid.scene import Scene, parse_scene, read_scene, sample

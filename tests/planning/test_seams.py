@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from support.spaces import space_of, spaces
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
 from resgrid.planning.clearance import clearance_of
-from resgrid.planning.field import field_of
-from resgrid.planning.seams import length_of, unwrap, wrap
 from resgrid.planning.shortcut import shorten
+from resgrid.planning.streamline import length_of, unwrap, wrap
 from resgrid.planning.trace import streamline
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -22,7 +22,7 @@ def test_no_step_is_longer_than_a_cell_and_all_add_up(space: ConfigurationSpace,
     reachable = np.argwhere(space.goal_connected)
     if not len(reachable):
         return
-    field = field_of(solve(compile_space(space, boundary="neumann")))
+    field = rg.field(solve(compile_space(space, boundary="neumann")))
     path = streamline(field, cell=reachable[data.draw(st.integers(0, len(reachable) - 1))].tolist())
     points = unwrap(path, space)
     turns = (points - path.points) / (space.upper - space.lower)
@@ -45,7 +45,7 @@ def test_a_spiral_winds_as_often_as_it_should() -> None:
     cell[around - 1, turns * 4 - 1] = Cell.FREE
     cell[0, 1] = Cell.GOAL
     space = space_of(cell, periodic=(True, False))
-    field = field_of(solve(compile_space(space)))
+    field = rg.field(solve(compile_space(space)))
     free = np.argwhere(space.goal_connected)
     path = streamline(field, cell=free[np.argmax(free[:, 1])].tolist())
     assert path.outcome == "reached"
@@ -56,7 +56,7 @@ def test_a_spiral_winds_as_often_as_it_should() -> None:
 
 def test_a_ring_of_two_cells_is_told_by_its_faces() -> None:
     space = space_of([[0], [2]], periodic=(True, False))
-    field = field_of(solve(compile_space(space, boundary="neumann")))
+    field = rg.field(solve(compile_space(space, boundary="neumann")))
     up, down = (unwrap(streamline(field, start=(x, 0.5)), space)[-1, 0] for x in (0.75, 0.25))
     assert (up, down) == (1.0, 0.0)
 
@@ -65,7 +65,7 @@ def test_the_path_of_another_grid_is_told_by_its_cells() -> None:
     """Everything that takes a streamline and a space asks here first."""
     cell = np.zeros((6, 4))
     cell[5, 3] = Cell.GOAL
-    path = streamline(field_of(solve(compile_space(space_of(cell)))), cell=(0, 0))
+    path = streamline(rg.field(solve(compile_space(space_of(cell)))), cell=(0, 0))
     unwrap(path, space_of(np.zeros((7, 4))))
     for other in (space_of(np.zeros((5, 4))), space_of(cell, spacing=(1.0, 0.5)), space_of(np.zeros((3, 4, 2)))):
         with pytest.raises(InputError):

@@ -12,15 +12,16 @@ from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 from support.spaces import serpentine, space_of, spaces
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError, InputError
 from resgrid.grids import label_regions
 from resgrid.nodal.solve import solve
 from resgrid.planning import kernels
-from resgrid.planning.field import Field, field_of
-from resgrid.planning.free_way import certify_free
-from resgrid.planning.seams import length_of, unwrap
+from resgrid.planning.certify import certify_free
+from resgrid.planning.fields import Field
 from resgrid.planning.shortcut import shorten
+from resgrid.planning.streamline import length_of, unwrap
 from resgrid.planning.trace import streamline
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -69,7 +70,7 @@ def test_a_line_is_free_exactly_if_all_cells_it_touches_are(case, data: st.DataO
 
 
 def dirichlet(space: ConfigurationSpace) -> Field:
-    return field_of(solve(compile_space(space)))
+    return rg.field(solve(compile_space(space)))
 
 
 def points_along(points: NDArray[np.float64], count: int) -> NDArray[np.float64]:
@@ -83,7 +84,7 @@ def test_short_paths_are_free_shorter_and_join_the_same_ends(space: Configuratio
     reachable = np.argwhere(space.goal_connected)
     if not len(reachable):
         return
-    field = field_of(solve(compile_space(space, boundary="neumann")))
+    field = rg.field(solve(compile_space(space, boundary="neumann")))
     cell = reachable[data.draw(st.integers(0, len(reachable) - 1))]
     path = streamline(field, cell=cell.tolist())
     short = shorten(path, field, rounds=30)

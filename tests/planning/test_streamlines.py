@@ -3,14 +3,14 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 from support.spaces import space_of, spaces
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError, CircuitError, InputError
 from resgrid.frame import Frame
 from resgrid.nodal.solve import solve
-from resgrid.planning.blend import blend
+from resgrid.planning.blend import blend, dirichlet_share
 from resgrid.planning.certify import certify
-from resgrid.planning.field import Field, field_of
-from resgrid.planning.shares import dirichlet_share
+from resgrid.planning.fields import Field, undriven_field
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.planning.trace import streamline, streamlines
 from resgrid.space import Cell, ConfigurationSpace
@@ -20,7 +20,7 @@ BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance
 
 def field(space: ConfigurationSpace, **options: object) -> Field:
     try:
-        return field_of(solve(compile_space(space, resistance=1.0, **options)))
+        return rg.field(solve(compile_space(space, resistance=1.0, **options)))
     except CircuitError:
         assume(False)
         raise
@@ -75,7 +75,7 @@ def test_an_open_channel_runs_straight() -> None:
     cell[-1] = 2
     cell[0] = 1
     space = space_of(cell, spacing=(2.0, 2.0))
-    flow = field_of(solve(compile_space(space, edge="open", resistance=7.0)))
+    flow = rg.field(solve(compile_space(space, edge="open", resistance=7.0)))
     path = streamline(flow, (2.0, 1.3))
     certify(path, flow)
     assert np.allclose(path.points[:, 1], 1.3)
@@ -157,17 +157,7 @@ def test_a_walled_goal_is_blocked() -> None:
     cell[2, 2] = 2
     space = space_of(cell)
     # Nothing flows in such a circuit, so there is no field to read: the outcome rests on the cells alone.
-    silent = Field(
-        space,
-        np.ones(space.shape),
-        None,
-        tuple(np.zeros((8, 7) if a == 0 else (7, 8), dtype=np.int8) for a in range(2)),
-        tuple(np.full((8, 7) if a == 0 else (7, 8), -np.inf) for a in range(2)),
-        "dirichlet",
-        None,
-        ("obstacle", "obstacle"),
-        1.0,
-    )
+    silent = undriven_field(space, rg.Wiring())
     path = streamline(silent, cell=(0, 0))
     assert path.outcome is Outcome.GOAL_BLOCKED
     certify(path, silent)
@@ -181,7 +171,7 @@ def test_the_start_drive_serves_its_start_and_names_the_rest() -> None:
     cell[5:, 6] = 1
     cell[7, 6] = 0  # a side room, joined at one cell
     space = space_of(cell)
-    flow = field_of(solve(compile_space(space, boundary="neumann", drive="start", start=(8, 2))))
+    flow = rg.field(solve(compile_space(space, boundary="neumann", drive="start", start=(8, 2))))
     path = streamline(flow, cell=(8, 2))
     assert path.outcome is Outcome.REACHED
     certify(path, flow)
@@ -230,7 +220,7 @@ def test_blends_that_do_not_go_together_are_refused() -> None:
         blend(neumann, dirichlet, 0.5)
     with pytest.raises(InputError, match="start-driven"):
         blend(dirichlet, started, 0.5)
-    assert blend(dirichlet, started, 0.5, allow_start_drive=True).drive == "start"
+    assert blend(dirichlet, started, 0.5, allow_start_drive=True).boundary == "blend"
     with pytest.raises(InputError, match="different spaces"):
         blend(dirichlet, field(space_of(np.where(space.cell == 1, 0, space.cell)), boundary="neumann"), 0.5)
     costly = ConfigurationSpace(space.axes, space.cell, np.where(space.cell == 1, 1.0, 2.0))
@@ -282,7 +272,7 @@ def test_shares_of_a_blend_are_those_of_the_potentials_differences(spacing: tupl
 def test_free_cells_that_are_not_between_rails_have_no_field(cell: list[object], rails: str) -> None:
     """Goals beside obstacles are rails cell by cell: currents flow between their sources, but through no free cell."""
     with pytest.raises(CircuitError, match="nothing is driven"):
-        field_of(solve(compile_space(space_of(cell), edge="open", rails=rails)))
+        rg.field(solve(compile_space(space_of(cell), edge="open", rails=rails)))
 
 
 def test_a_start_on_a_wall_may_creep_for_ages() -> None:

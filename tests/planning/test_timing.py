@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from support.spaces import serpentine, space_of
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
-from resgrid.planning.field import field_of
-from resgrid.planning.free_way import certify_free
+from resgrid.planning.certify import certify_free
 from resgrid.planning.shortcut import shorten
 from resgrid.planning.timing import time_path
 from resgrid.planning.trace import streamline
@@ -113,7 +113,7 @@ def from_polyline(points: np.ndarray, corners: np.ndarray) -> float:
 
 def test_the_default_tolerance_stays_clear_of_obstacles() -> None:
     space = space_of(serpentine(4, 10, 2))
-    field = field_of(solve(compile_space(space)))
+    field = rg.field(solve(compile_space(space)))
     path = streamline(field, cell=np.argwhere(space.goal_connected)[-1].tolist())
     for way in (path, shorten(path, field, clearance=0.25)):
         motion = time_path(way, space, velocity_limits=1.0, acceleration_limits=1.0)

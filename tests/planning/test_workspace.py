@@ -10,15 +10,15 @@ import shapely
 from hypothesis import given, settings, strategies as st
 from support.spaces import space_of
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
 from resgrid.planning.clearance import clearance_of
-from resgrid.planning.field import field_of
-from resgrid.planning.seams import unwrap
 from resgrid.planning.shortcut import shorten
+from resgrid.planning.streamline import unwrap
 from resgrid.planning.trace import streamline
-from resgrid.planning.workspace import dense, replay, travel_bound, workspace_clearance, workspace_path
+from resgrid.planning.workspace import dense, replay, workspace_clearance, workspace_path
 from resgrid.robots import (
     Arm,
     Ball,
@@ -95,7 +95,7 @@ def test_no_point_of_a_robot_moves_farther_than_its_bound(seed: int) -> None:
     for robot, ndim in robots:
         start = rng.uniform(-3, 3, ndim)
         end = start + rng.uniform(-0.5, 0.5, ndim)
-        bound = travel_bound(robot, start[np.newaxis], end[np.newaxis])[0]
+        bound = robot.travel(start[np.newaxis], end[np.newaxis])[0]
         for before, after in zip(robot.shapes_at(start), robot.shapes_at(end), strict=True):
             assert shapely.hausdorff_distance(before, after) <= bound + 1e-9
 
@@ -166,7 +166,7 @@ def test_cells_of_a_map_are_obstacles_too_across_seams() -> None:
     obstacles = [CellSet(space.axes, space.cell == Cell.OBSTACLE)]
     assert workspace_clearance([(0.5, 2.5)], PointRobot(0.25), obstacles, space) == pytest.approx(0.25)
     assert workspace_clearance([(10.5, 1.0)], PointRobot(), obstacles, space) == pytest.approx(hypot(0.5, 1.0))
-    path = streamline(field_of(solve(compile_space(space))), start=(0.5, 0.5))
+    path = streamline(rg.field(solve(compile_space(space))), start=(0.5, 0.5))
     assert replay(path, PointRobot(), obstacles, space) is None
     cells_apart = clearance_of(unwrap(path, space), space, ("periodic", "open"))
     assert workspace_clearance(path, PointRobot(), obstacles, space) == pytest.approx(cells_apart, abs=1e-2)
@@ -180,7 +180,7 @@ def test_an_arm_plans_and_drives_without_a_collision() -> None:
     cell = ARM.occupancy(axes, obstacles, "conservative").astype(np.uint8)
     cell[ARM.goal_cells(axes, Box((-0.3, 1.5), (0.1, 1.9))).cells & (cell == 0)] = Cell.GOAL
     space = ConfigurationSpace(axes, cell)
-    field = field_of(solve(compile_space(space)))
+    field = rg.field(solve(compile_space(space)))
     path = streamline(field, start=(-0.5, 0.3))
     short = shorten(path, field)
     assert short.length < path.length
@@ -192,7 +192,7 @@ def test_an_arm_plans_and_drives_without_a_collision() -> None:
 def test_dense_steps_are_as_short_as_asked() -> None:
     way = [(0.0, 0.0), (1.0, 2.0), (1.0, 2.0), (-1.0, 0.5)]
     configurations, segment = dense(way, ARM, TORUS, 0.05)
-    assert travel_bound(ARM, configurations[:-1], configurations[1:]).max() <= 0.05 * (1 + 1e-9)
+    assert ARM.travel(configurations[:-1], configurations[1:]).max() <= 0.05 * (1 + 1e-9)
     assert segment.tolist() == sorted(segment.tolist())
     assert set(segment.tolist()) == {0, 1, 2}
     np.testing.assert_array_equal(configurations[[0, -1]], [way[0], way[-1]])
@@ -203,7 +203,7 @@ def test_what_cannot_be_answered_is_refused() -> None:
         pass
 
     with pytest.raises(InputError, match="Snake"):
-        replay([(0, 0), (1, 1)], Snake(), [], PLANE)  # type: ignore[arg-type]
+        rg.replay([(0, 0), (1, 1)], Snake(), [], PLANE)  # type: ignore[arg-type]
     for step in (0.0, -1.0, float("nan"), 1e-12):
         with pytest.raises(InputError, match="step"):
             replay([(0, 0), (9, 9)], PointRobot(), [], PLANE, step=step)

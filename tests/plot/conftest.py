@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.nodal.solve import solve
-from resgrid.planning.field import Field, field_of
+from resgrid.planning.fields import Field
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
 
@@ -20,9 +21,9 @@ def space() -> ConfigurationSpace:
 
 @pytest.fixture(scope="session")
 def field(space: ConfigurationSpace) -> Field:
-    return field_of(solve(compile_space(space)))
+    return rg.field(solve(compile_space(space)))
 
 
 @pytest.fixture(scope="session")
 def neumann(space: ConfigurationSpace) -> Field:
-    return field_of(solve(compile_space(space, boundary="neumann")))
+    return rg.field(solve(compile_space(space, boundary="neumann")))

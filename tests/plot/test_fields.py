@@ -6,11 +6,12 @@ from matplotlib.contour import ContourSet
 from matplotlib.image import AxesImage
 from matplotlib.quiver import Quiver
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.nodal.solve import solve
-from resgrid.planning.field import Field, field_of
+from resgrid.planning.fields import Field
 from resgrid.planning.trace import streamline
 from resgrid.plot import plot_currents, plot_path, plot_potential, plot_scene_page, plot_space
 from resgrid.plot.arrows import current_arrows, nearest_to_middles
@@ -96,7 +97,7 @@ def test_a_drop_far_below_float64_is_drawn(field: Field) -> None:
 
 
 def test_cells_at_the_high_rail_have_their_own_legend_entry(space: ConfigurationSpace) -> None:
-    driven = field_of(solve(compile_space(space, boundary="neumann", drive="start", start=(0, 4))))
+    driven = rg.field(solve(compile_space(space, boundary="neumann", drive="start", start=(0, 4))))
     assert "at the high rail" in legend_of(plot_potential(driven, scale="log"))
     assert "at the high rail" not in legend_of(plot_potential(driven, scale="linear"))
 
@@ -106,7 +107,7 @@ def test_equipotentials_lie_where_the_potential_says() -> None:
     cell = np.zeros((11, 4), dtype=np.uint8)
     cell[0], cell[10] = Cell.GOAL, Cell.OBSTACLE
     plates = ConfigurationSpace([Axis("x", 0, 11, 11), Axis("y", 0, 4, 4)], cell)
-    axes = plot_potential(field_of(solve(compile_space(plates, edge="open"))), scale="linear")
+    axes = plot_potential(rg.field(solve(compile_space(plates, edge="open"))), scale="linear")
     lines = next(artist for artist in axes.collections if isinstance(artist, ContourSet))
     line = lines.get_paths()[list(np.round(lines.levels, 9)).index(0.5)].vertices
     assert np.allclose(line[:, 0], 5.5)
@@ -207,7 +208,7 @@ def test_an_axes_given_is_used_and_returned(field: Field) -> None:
 @pytest.mark.parametrize("draw", [plot_space, plot_potential, plot_currents])
 def test_other_dimensions_are_refused_with_what_there_is(draw) -> None:
     cube = ConfigurationSpace([Axis(name, 0, 3, 3) for name in "xyz"], np.eye(27)[0].reshape(3, 3, 3).astype(int) * 2)
-    value = cube if draw is plot_space else field_of(solve(compile_space(cube)))
+    value = cube if draw is plot_space else rg.field(solve(compile_space(cube)))
     with pytest.raises(InputError, match="three axes: plot_slices"):
         draw(value)
 
@@ -242,7 +243,7 @@ def test_a_small_room_in_a_large_map_fills_the_picture() -> None:
 def test_a_blocked_start_outside_the_room_is_still_shown() -> None:
     cell = np.full((100, 80), Cell.OBSTACLE, dtype=np.uint8)
     cell[40:64, 20:32], cell[50, 25] = Cell.FREE, Cell.GOAL
-    field = field_of(solve(compile_space(ConfigurationSpace([Axis("x", 0, 100, 100), Axis("y", 0, 80, 80)], cell))))
+    field = rg.field(solve(compile_space(ConfigurationSpace([Axis("x", 0, 100, 100), Axis("y", 0, 80, 80)], cell))))
     axes = plot_path(streamline(field, cell=(90, 70)), field.space)
     assert axes.get_xlim() == (38, 90.5)
     assert axes.get_ylim() == (18, 70.5)

@@ -5,10 +5,11 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 from support.spaces import spaces
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError
 from resgrid.nodal.solve import solve
-from resgrid.planning.field import Field, field_of
+from resgrid.planning.fields import Field
 from resgrid.planning.trace import streamline
 from resgrid.plot import plot_profile, plot_scene_page, plot_slices
 from resgrid.space import Axis, Cell, ConfigurationSpace
@@ -19,12 +20,12 @@ def cube() -> Field:
     cell = np.zeros((6, 5, 4), dtype=np.uint8)
     cell[3, :, :2], cell[5, 4, 3] = Cell.OBSTACLE, Cell.GOAL
     axes = [Axis(name, 0, size, size) for name, size in zip("xyz", cell.shape, strict=True)]
-    return field_of(solve(compile_space(ConfigurationSpace(axes, cell))))
+    return rg.field(solve(compile_space(ConfigurationSpace(axes, cell))))
 
 
 @pytest.fixture(scope="module")
 def line() -> Field:
-    return field_of(solve(compile_space(ConfigurationSpace([Axis("x", 0, 8, 8)], [0, 0, 2, 0, 0, 1, 0, 1]))))
+    return rg.field(solve(compile_space(ConfigurationSpace([Axis("x", 0, 8, 8)], [0, 0, 2, 0, 0, 1, 0, 1]))))
 
 
 def panels(figure) -> list:
@@ -39,7 +40,7 @@ def test_the_page_of_a_plane_has_two_panels_side_by_side_or_stacked(field: Field
     above, below = (axes.get_position() for axes in figure.axes[:2])
     assert above.y0 > below.y1  # 3.5 m x 1.25 m: wide, so stacked
     square = ConfigurationSpace([Axis("x", 0, 4, 4), Axis("y", 0, 4, 4)], np.eye(4, dtype=int) * 2)
-    figure = plot_scene_page(field_of(solve(compile_space(square))))
+    figure = plot_scene_page(rg.field(solve(compile_space(square))))
     figure.canvas.draw()
     left, right = (axes.get_position() for axes in figure.axes[:2])
     assert left.x1 < right.x0
@@ -115,7 +116,7 @@ def test_wrong_dimensions_are_refused(field: Field, line: Field) -> None:
         plot_profile(field)
     cell = np.zeros((2, 2, 2, 2), dtype=int)
     cell[0, 0, 0, 0] = Cell.GOAL
-    four = field_of(solve(compile_space(ConfigurationSpace([Axis(n, 0, 2, 2) for n in "xyzw"], cell))))
+    four = rg.field(solve(compile_space(ConfigurationSpace([Axis(n, 0, 2, 2) for n in "xyzw"], cell))))
     with pytest.raises(InputError, match=r"4 axes has no overview.*plot_slices"):
         plot_scene_page(four)
 
@@ -136,7 +137,7 @@ def test_every_field_has_a_page(space: ConfigurationSpace, boundary: str, period
     space = ConfigurationSpace(axes, space.cell, space.conductivity)
     options = {"wall_resistance": 1e4} if boundary == "wall" else {}
     try:
-        field = field_of(solve(compile_space(space, boundary=boundary, **options)))
+        field = rg.field(solve(compile_space(space, boundary=boundary, **options)))
     except CircuitError:
         assume(False)
     paths = [streamline(field, cell=cell) for cell in np.argwhere(space.cell != Cell.GOAL)[::3].tolist()]

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection, PathCollection
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
-from resgrid.planning.field import Field, field_of
+from resgrid.planning.fields import Field
 from resgrid.planning.trace import streamline
 from resgrid.plot import plot_path, plot_streamlines
 from resgrid.plot.paths import pieces
@@ -67,7 +68,7 @@ def test_lines_break_at_seams_and_keep_their_length(cells: int) -> None:
     if cells > 3:
         cell[3, :5] = Cell.OBSTACLE
         ring = ConfigurationSpace(ring.axes, cell)
-    field = field_of(solve(compile_space(ring, boundary="neumann")))
+    field = rg.field(solve(compile_space(ring, boundary="neumann")))
     crossed = 0
     for start in [(cells - 1 + 0.3, 4.6), (cells - 1 + 0.9, 5.2), (cells / 2 + 0.1, 5.5)]:
         path = streamline(field, start=start)

@@ -9,13 +9,13 @@ import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
-from resgrid.planning.behaviour import clearance_curve
-from resgrid.planning.completeness import separation
-from resgrid.planning.field import Field, field_of
-from resgrid.planning.planner import plan
+from resgrid.planning.fields import Field
+from resgrid.planning.planner import clearance_curve, plan
+from resgrid.planning.separation import separation
 from resgrid.planning.trace import streamline
 from resgrid.plot import (
     plot_clearance_curve,
@@ -45,7 +45,7 @@ def torus() -> ConfigurationSpace:
 
 @pytest.fixture(scope="module")
 def field_(torus: ConfigurationSpace) -> Field:
-    return field_of(solve(compile_space(torus)))
+    return rg.field(solve(compile_space(torus)))
 
 
 def lines_of(axes) -> dict[str, np.ndarray]:
@@ -129,7 +129,7 @@ def test_what_separates_is_red_in_both_halves() -> None:
     space = ConfigurationSpace([Axis("x", 0, 8, 8), Axis("y", 0, 6, 6)], cell)
     verdict = separation(space, cell=(1, 1))
     wall = Box((4, 0), (5, 6))
-    path = streamline(field_of(solve(compile_space(space))), cell=(1, 1))
+    path = streamline(rg.field(solve(compile_space(space))), cell=(1, 1))
     figure = plot_pair(path, DiscRobot(0.1), space, [wall], verdict=verdict, separating=[wall])
     left, right = figure.axes
     red = np.round(255 * np.array(to_rgba(FAILURE)))

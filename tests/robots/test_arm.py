@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 from resgrid.errors import InputError
 from resgrid.grids import label_regions
 from resgrid.robots import Arm, Ball, Box, HalfSpace, Polygon, Robot, to_shapely
-from resgrid.robots.arm_cells import arm_travel, singular_cells
+from resgrid.robots.arm_cells import tip_travel
 from resgrid.space import Axis
 
 OBSTACLES = [
@@ -121,7 +121,7 @@ def test_kinematics(which, angles):
         step = np.zeros(arm.ndim)
         step[joint] = 1e-6
         assert np.allclose(jacobian[:, joint], (arm.tip(q + step) - arm.tip(q - step)) / 2e-6, atol=1e-7)
-    for shape, (start, end), width in zip(arm.link_shapes(q), itertools.pairwise(places), arm.widths,
+    for shape, (start, end), width in zip(arm.shapes_at(q), itertools.pairwise(places), arm.widths,
                                           strict=True):  # fmt: skip
         segment = shapely.LineString([start, end])
         assert shapely.hausdorff_distance(shape, segment.buffer(width / 2, quad_segs=64) if width else segment) < 1e-3
@@ -239,7 +239,7 @@ def test_cells_that_are_no_goal_hold_no_solution_by_least_squares(arm):
     lower, spacing = np.array([(axis.lower, axis.spacing) for axis in axes]).T
     cells = check_goal(arm, axes, point)
     grid = np.stack(np.meshgrid(*(axis.centres for axis in axes), indexing="ij"), axis=-1)
-    near = np.linalg.norm(own_tip(arm, grid) - point, axis=-1) < arm_travel(arm, axes)
+    near = np.linalg.norm(own_tip(arm, grid) - point, axis=-1) < tip_travel(arm._links, axes)
     assert near[cells].all()
     for cell in rng.permutation(np.argwhere(near & ~cells))[:25]:
         ends = lower + cell * spacing, lower + (cell + 1) * spacing
@@ -353,15 +353,15 @@ def test_the_virtual_obstacle_parts_elbow_left_from_elbow_right(cells, angles):
 def test_the_virtual_obstacle_has_the_width_asked_for():
     axes = Arm((1.0, 1.0), angles="absolute").axes(120)
     count = {
-        width: int(singular_cells(Arm((1.0, 1.0), angles="absolute", singularity_cells=width), axes)[0].sum())
+        width: int(Arm((1.0, 1.0), angles="absolute", singularity_cells=width).singular_cells(axes)[0].sum())
         for width in (1, 3, 5)
     }
     assert count == {1: 2, 3: 6, 5: 10}  # two diagonals
-    wide = singular_cells(Arm((1.0, 1.0), singularity_width=0.4), Arm((1.0, 1.0)).axes(120))
+    wide = Arm((1.0, 1.0), singularity_width=0.4).singular_cells(Arm((1.0, 1.0)).axes(120))
     bend = axes[1].centres
     expected = np.minimum(np.abs(bend), np.pi - np.abs(bend)) - axes[1].spacing / 2 < 0.2 - 1e-9
     assert (wide[0] == expected).all()
-    three = singular_cells(Arm((1.0, 1.0, 1.0), singularity_cells=1), Arm((1.0, 1.0, 1.0)).axes(9))
+    three = Arm((1.0, 1.0, 1.0), singularity_cells=1).singular_cells(Arm((1.0, 1.0, 1.0)).axes(9))
     assert np.broadcast_to(three, (9, 9, 9)).sum() == 9 * 3 * 3  # theta_2 and theta_3 both 0 or a half turn
 
 
@@ -370,7 +370,7 @@ def test_the_virtual_obstacle_has_the_width_asked_for():
 def test_the_virtual_obstacle_has_at_least_so_many_cells_evenly_about_the_singularity(angles, cells):
     for width in range(1, 8):
         arm = Arm((1.0, 1.0), angles=angles, singularity_cells=width)
-        blocked = np.broadcast_to(singular_cells(arm, arm.axes(cells)), (cells, cells))
+        blocked = np.broadcast_to(arm.singular_cells(arm.axes(cells)), (cells, cells))
         if angles == "absolute":  # theta_2 - theta_1, as the other count it
             blocked = np.array([np.roll(row, cells // 2 - number) for number, row in enumerate(blocked)])
             about = blocked[:, np.arange(cells // 2 - 10, cells // 2 + 11)]

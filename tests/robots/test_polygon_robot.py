@@ -7,9 +7,9 @@ from hypothesis import given, settings, strategies as st
 
 from resgrid.errors import InputError
 from resgrid.robots import Ball, Box, DiscRobot, HalfSpace, PointRobot, Polygon, PolygonRobot, Robot, to_shapely
-from resgrid.robots.polygon_kernels import Plane
-from resgrid.robots.polygons import edges_of
-from resgrid.robots.turning import mark_sum
+from resgrid.robots.geometry import edges_of
+from resgrid.robots.kernels import Plane
+from resgrid.robots.polygon import mark_sum
 from resgrid.scene import apply_overrides, read_scene, sample
 from resgrid.space import Axis, Cell
 
@@ -139,7 +139,7 @@ def test_minkowski_sums(vertices, turn, which, seed):
     other = PolygonRobot(tuple((float(x), float(y)) for x, y in vertices)).corners((0, 0, turn))
     low = np.random.default_rng(seed).uniform(-1, 0, 2)
     layer, plane = np.zeros((24, 24), dtype=bool), Plane(*low.tolist(), 0.25, 0.25, 0.0, 0.0)
-    mark_sum(layer, plane, edges_of(polygon.rings), other, 0.0)
+    mark_sum(layer, plane, edges_of(polygon.rings), np.array(polygon.vertices[:1]), other, 0.0)
     points = low + (np.argwhere(np.ones_like(layer)) + 0.5) * 0.25
     shifted = shapely.polygons(points[:, None] - other)
     meets = shapely.intersects(shifted, to_shapely(polygon))

@@ -6,7 +6,7 @@ from PIL import Image
 
 from resgrid.errors import InputError, ResgridError
 from resgrid.scene import read_queries, read_scene, sample
-from resgrid.scene.pgm import read_pgm
+from resgrid.scene.maps.pictures import read_pgm
 
 MAP = "type octile\nheight 3\nwidth 4\nmap\n.G@O\nTSW.\n....\n"
 
@@ -282,10 +282,10 @@ def test_reading_a_picture_takes_no_more_memory_than_it_asks_for(tmp_path, monke
     """The estimate, by which maps are refused beforehand, against what is truly taken."""
     import tracemalloc
 
-    from resgrid.scene import files
+    from resgrid import budget
 
     asked = []
-    monkeypatch.setattr(files, "require_bytes", lambda needed, *_: asked.append(needed))
+    monkeypatch.setattr(budget, "require_memory", lambda needed, *_: asked.append(needed))
     file = tmp_path / "map.png"
     Image.new(mode, (400, 300), "white").save(file)
     if kind == "ros":

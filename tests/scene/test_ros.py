@@ -170,7 +170,6 @@ def test_lethal_decides_in_scale_mode(tmp_path):
         ({"mode": "[1]"}, "mode: a list is unknown"),
         ({"image": "map.png\nx: [1"}, "not YAML"),
         ({"x": "!!python/object:os.system {}"}, "not YAML"),
-        ({"x": "&a [1]\ny: *a"}, "aliases"),
     ],
 )
 def test_one_clear_message(tmp_path, changes, expected):
@@ -203,3 +202,14 @@ def test_the_robots_radius_grows_map_obstacles(tmp_path):
     file = write(tmp_path, pixels)
     assert sample(read_scene(file, radius=0.5), require_goal=False).cell.sum() == 9
     assert sample(read_scene(file, radius=0.51), require_goal=False).cell.sum() == 21
+
+
+def test_aliases_are_read_and_never_merged(tmp_path):
+    write(tmp_path, [[0, 254]], resolution="&r 0.5", x="[*r, *r]", free_thresh="*r")
+    assert read_scene(tmp_path / "map.yaml").axes[0].spacing == 0.5
+    bomb = "&a0 {k: 1}"
+    for number in range(1, 40):
+        bomb += f"\nx{number}: &a{number} {{<<: [{', '.join([f'*a{number - 1}'] * 9)}]}}"
+    write(tmp_path, [[0, 254]], x0=bomb)
+    with pytest.raises(InputError, match=r"line 8: this is not YAML \(a map merges no keys"):
+        read_scene(tmp_path / "map.yaml")

@@ -13,7 +13,7 @@ from resgrid.netlist import Netlist
 from resgrid.space import Axis, ConfigurationSpace
 from resgrid.spice.check.rules import check_rules
 from resgrid.spice.kernels import left_over
-from resgrid.spice.reader import read_spice
+from resgrid.spice.read.deck import read_spice
 from resgrid.spice.subject import subject_of
 
 SOUND = "* sound\nv1 a 0 1\nr1 a b 1k\nr2 b 0 1k\n"

@@ -10,7 +10,7 @@ import pytest
 from support.circuits import random_grid
 
 import resgrid as rg
-from resgrid.spice.networks import NETWORK_SUFFIXES, write_network
+from resgrid.spice.networks.graphs import NETWORK_SUFFIXES, write_network
 
 ARRAYS = ("resistor_nodes", "conductance", "tc1", "tc2", "source_nodes", "source_volts", "current_nodes",
           "current_amps", "capacitor_nodes", "capacitance", "nonlinear_nodes", "nonlinear_current",

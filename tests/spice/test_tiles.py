@@ -12,7 +12,7 @@ from support.simulators import run, verdict, waves
 from support.spaces import space_of, spaces
 
 import resgrid as rg
-from resgrid.spice.reader import read_spice
+from resgrid.spice.read.deck import read_spice
 from resgrid.spice.write.files import write_spice
 from resgrid.spice.write.tiles import Tile, expanded_netlist
 

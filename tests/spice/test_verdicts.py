@@ -11,7 +11,7 @@ from support.circuits import random_grid
 
 from resgrid.spice.check.predictions import Prediction, predict_simulators
 from resgrid.spice.parsed import ParsedDeck
-from resgrid.spice.reader import read_spice
+from resgrid.spice.read.deck import read_spice
 from resgrid.spice.run.ngspice import ngspice_version, simulate
 from resgrid.spice.write.flat import format_deck
 

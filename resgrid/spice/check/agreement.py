@@ -217,7 +217,7 @@ def _with_place(finding: str, places: Mapping[str, str]) -> str:
 
 def _check_foreign(path: Path, data: bytes, dialect: str, root: str | os.PathLike[str] | None, run: Run) -> Agreement:
     from resgrid.nodal.solve import solve
-    from resgrid.spice.reader import read_spice
+    from resgrid.spice.read.deck import read_spice
 
     deck = read_spice(path, dialect=dialect, root=root)
     return check_read_deck(deck, solve(deck.netlist()), data, run, root)
@@ -226,7 +226,7 @@ def _check_foreign(path: Path, data: bytes, dialect: str, root: str | os.PathLik
 def _translated(path: Path, dialect: str) -> Runnable:
     """A deck of another simulator's dialect, read and written anew for the one that is run."""
     from resgrid.spice.check.external import rewritten
-    from resgrid.spice.reader import read_spice
+    from resgrid.spice.read.deck import read_spice
 
     why = f"it is written for {dialect}, and only {_SIMULATED} is run here"
     return rewritten(read_spice(path, dialect=dialect), why)

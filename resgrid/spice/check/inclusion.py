@@ -13,7 +13,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from resgrid.errors import InputError
-from resgrid.spice.reader.sources import MAX_FILES, read_bytes
+from resgrid.spice.read.files import MAX_FILES, read_bytes
 from resgrid.spice.run.ngspice import MAX_ASCENT, refuse_commands
 
 _INCLUDING = re.compile(rb"^\s*\.(inc|lib)\w*", re.IGNORECASE | re.MULTILINE)

@@ -296,8 +296,8 @@ class _Changed:
 
 def _option(deck: ParsedDeck, name: str) -> float:
     """Value of an option, 0 where it is not set or no positive number."""
-    from resgrid.spice.reader.numerals import Numeral, parse_numeral
-    from resgrid.spice.reader.rules import rules_named
+    from resgrid.spice.read.numerals import Numeral, parse_numeral
+    from resgrid.spice.read.rules import rules_named
 
     number = parse_numeral(deck.options.get(name, "0"), rules_named(deck.dialect))
     return number.value if isinstance(number, Numeral) and number.value > 0 else 0.0

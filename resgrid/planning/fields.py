@@ -1,0 +1,308 @@
+"""The field of a configuration space: a potential in every cell and a current through every cell face."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import AccuracyError, CircuitError, InputError
+from resgrid.netlist import CellMap, face_shape
+from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.space import Cell, ConfigurationSpace
+from resgrid.wiring import Wiring
+
+if TYPE_CHECKING:
+    from resgrid.planning.kernels import Flow
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """Potential and face currents on a configuration space.
+
+    Attributes
+    ----------
+    space : ConfigurationSpace
+        The space.
+    wiring : Wiring
+        Of the circuit it was read off; of a blend, of that of k = 1.
+    potential : ndarray of float64, shape of the space
+        ``phi``: 1 on obstacles, 0 on goals; NaN in a cell without a node.  With a uniform drive it is the height above
+        the goal rail, scaled to a maximum of 1.
+    log_drop : ndarray of float64, shape of the space, or None
+        Natural logarithm of ``u = 1 - phi``, right to some 1e-8 (``OperatingPoint.entry_error``) even where ``phi``
+        rounds to 1; -inf where nothing arrives, NaN in a cell without a node.  None where no high rail exists (uniform
+        drive, blends).
+    face_direction : tuple of ndarray of int8
+        Per axis ``a``, shape of the space with one more along ``a``: the sign of the current through the lower face of
+        every cell, positive in the direction of the axis, 0 where none flows.  It runs from high potential to low.  On
+        a periodic axis the last face repeats the first.
+    face_log_current : tuple of ndarray of float64
+        Same shapes: natural logarithm of its magnitude in units of supply / resistance, for the potential as scaled;
+        -inf where none flows.
+    k : float
+        Share of the Dirichlet field: 1 for Dirichlet and walls, 0 for Neumann.
+    """
+
+    space: ConfigurationSpace
+    wiring: Wiring
+    potential: NDArray[np.float64]
+    log_drop: NDArray[np.float64] | None
+    face_direction: tuple[NDArray[np.int8], ...]
+    face_log_current: tuple[NDArray[np.float64], ...]
+    k: float
+
+    def __post_init__(self) -> None:
+        for array in (self.potential, self.log_drop, *self.face_direction, *self.face_log_current):
+            if array is not None:
+                array.flags.writeable = False
+
+    @property
+    def boundary(self) -> str:
+        """What obstacles are: ``"dirichlet"``, ``"neumann"``, ``"wall"`` or ``"blend"``."""
+        return "blend" if 0.0 < self.k < 1.0 else self.wiring.boundary
+
+    @property
+    def edge(self) -> tuple[str, ...]:
+        """What the border of the grid is, per axis: ``"periodic"``, ``"obstacle"`` or ``"open"``."""
+        return self.wiring.edges(self.space)
+
+    @property
+    def is_flowing(self) -> bool:
+        """Whether any current flows."""
+        return any(direction.any() for direction in self.face_direction)
+
+    def face_current(self, axis: int) -> NDArray[np.float64]:
+        """Current through every face across one axis, positive along it.
+
+        Parameters
+        ----------
+        axis : int
+
+        Returns
+        -------
+        ndarray of float64
+            Shape of the space with one more along ``axis``; in units of supply / resistance; 0 where it underflows.
+        """
+        return np.asarray(self.face_direction[axis] * np.exp(self.face_log_current[axis]), dtype=np.float64)
+
+    def faces_of(self, cells: NDArray[np.int64]) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
+        """Currents through the faces of cells.
+
+        Parameters
+        ----------
+        cells : ndarray of int64, shape (n, ndim)
+
+        Returns
+        -------
+        direction : ndarray of int8, shape (2, n, ndim)
+            Of every axis' lower and upper face, as in `face_direction`.
+        log_current : ndarray of float64, shape (2, n, ndim)
+        """
+        direction = np.empty((2, *cells.shape), dtype=np.int8)
+        log_current = np.empty((2, *cells.shape))
+        for axis in range(self.space.ndim):
+            for side in (0, 1):
+                face = cells.copy()
+                face[:, axis] += side
+                direction[side, :, axis] = self.face_direction[axis][tuple(face.T)]
+                log_current[side, :, axis] = self.face_log_current[axis][tuple(face.T)]
+        return direction, log_current
+
+    @cached_property
+    def obstacle_reach(self) -> NDArray[np.float64] | None:
+        """Upper bound of the distance from any point of a cell to the nearest obstacle cell, in axis units.
+
+        Shape of the space; None where there is no obstacle cell.
+        """
+        return obstacle_reach(self.space)
+
+    @cached_property
+    def flow(self) -> Flow:
+        """The field in flat arrays, as the tracing kernels take it."""
+        from resgrid.planning.kernels import Flow
+
+        space = self.space
+        shapes = [face_shape(space.shape, axis) for axis in range(space.ndim)]
+        first = np.cumsum([0, *(np.prod(shape) for shape in shapes[:-1])])
+        return Flow(
+            code=space.cell.ravel(),
+            shape=np.array(space.shape, dtype=np.int64),
+            spacing=space.spacing,
+            first_face=first.astype(np.int64),
+            face_stride=np.array([np.cumprod([1, *shape[:0:-1]])[::-1] for shape in shapes], dtype=np.int64),
+            direction=np.concatenate([part.ravel() for part in self.face_direction]),
+            log_current=np.concatenate([part.ravel() for part in self.face_log_current]),
+        )
+
+
+def field(op: OperatingPoint) -> Field:
+    """Read the field of a configuration space off the operating point of its netlist.
+
+    Parameters
+    ----------
+    op : OperatingPoint
+        Of a netlist with a map of cells.
+
+    Returns
+    -------
+    Field
+
+    Raises
+    ------
+    InputError
+        If the netlist was not compiled from a space, or has neither two rails nor one rail and a drive.
+    CircuitError
+        If no current flows through any free cell.
+    AccuracyError
+        If the chip's switches or rails are so poor that current leaves free cells into obstacles; it carries the field.
+    """
+    cells = op.netlist.cells
+    if op.potential is None or op.method == "none":
+        _check_driven(op, cells)
+    if op.potential is None:
+        raise InputError("this circuit has more rails or drives than a field is defined for")
+    result = read_field(
+        cells,
+        _unit_volts(op, cells),
+        op.potential,
+        op.log_drop,
+        (cells.resistor_face, cells.resistor_upward, op.resistor_direction, op.resistor_log_current),
+        (cells.nonlinear_face, cells.nonlinear_upward, op.nonlinear_direction, op.nonlinear_log_amps),
+    )
+    if np.any(cells.resistor_face < 0):
+        _check_walls(result)
+    return result
+
+
+Elements = tuple[NDArray[np.integer[Any]], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]]
+"""Faces that elements cross (-1 for none), whether upwards, and the directions and log amperes of their currents."""
+
+
+def read_field(
+    cells: CellMap,
+    volts: float,
+    potential: NDArray[np.float64],
+    log_drop: NDArray[np.float64] | None,
+    *elements: Elements,
+) -> Field:
+    """Spread what nodes and elements show over cells and faces; ``volts`` lie between potential 0 and 1.
+
+    Shapes: `potential, log_drop` (nodes,).
+    """
+    space = cells.space
+    sizes = [int(np.prod(face_shape(space.shape, axis))) for axis in range(space.ndim)]
+    direction, log_current = np.zeros(sum(sizes), dtype=np.int8), np.full(sum(sizes), -np.inf)
+    for face, upward, sign, log_amps in elements:
+        crosses = face >= 0
+        along = np.where(upward, 1, -1) * int(np.sign(volts))
+        direction[face[crosses]] = (sign * along)[crosses]
+        log_current[face[crosses]] = log_amps[crosses] - np.log(abs(volts) / cells.wiring.resistance)
+    return Field(
+        space=space,
+        wiring=cells.wiring,
+        potential=_per_cell(cells, potential),
+        log_drop=None if log_drop is None else _per_cell(cells, log_drop),
+        face_direction=_per_axis(direction, space),
+        face_log_current=_per_axis(log_current, space),
+        k=0.0 if cells.wiring.is_driven else 1.0,
+    )
+
+
+def _per_axis(faces: NDArray[Any], space: ConfigurationSpace) -> tuple[NDArray[Any], ...]:
+    """Values of all faces, axis by axis; on a periodic axis the last face repeats the first."""
+    parts, first = [], 0
+    for axis, ring in enumerate(space.periodic):
+        shape = face_shape(space.shape, axis)
+        part = faces[first : first + int(np.prod(shape))].reshape(shape)
+        first += part.size
+        if ring:
+            along = np.moveaxis(part, axis, 0)
+            along[-1] = along[0]
+        parts.append(part)
+    return tuple(parts)
+
+
+def undriven_field(space: ConfigurationSpace, wiring: Wiring) -> Field:
+    """The field of a circuit in which nothing flows: every cell that has a way to a goal is at the goal's voltage."""
+    shapes = [face_shape(space.shape, axis) for axis in range(space.ndim)]
+    return Field(
+        space=space,
+        wiring=wiring,
+        potential=np.where(space.goal_connected | (space.cell == Cell.GOAL), 0.0, np.nan),
+        log_drop=None,
+        face_direction=tuple(np.zeros(shape, dtype=np.int8) for shape in shapes),
+        face_log_current=tuple(np.full(shape, -np.inf) for shape in shapes),
+        k=0.0 if wiring.is_driven else 1.0,
+    )
+
+
+def _check_driven(op: OperatingPoint, cell_map: CellMap) -> None:
+    """Refuse a circuit whose sources feed each other alone, as where goals beside obstacles are rails cell by cell."""
+    free = np.zeros(op.netlist.node_count, dtype=np.bool_)
+    free[cell_map.free_node] = True
+    if not op.resistor_current[free[op.netlist.resistor_nodes].any(axis=1)].any():
+        raise CircuitError(
+            "nothing is driven: no free cell lies between the goal and an obstacle, so that all of them are at one "
+            "voltage; move the goal, or open a way to it"
+        )
+
+
+def _check_walls(field: Field) -> None:
+    """Refuse a chip that is not ideal, and where a streamline from a start with a path would enter an obstacle."""
+    space = field.space
+    starts = (space.cell == Cell.FREE) & space.goal_connected
+    for axis, direction in enumerate(field.face_direction):
+        margin = [(int(a == axis), int(a == axis)) for a in range(space.ndim)]
+        mode: Any = {"mode": "wrap"} if space.periodic[axis] else {"constant_values": False}
+        free = np.moveaxis(np.pad(starts, margin, **mode), axis, 0)
+        blocked = np.moveaxis(np.pad(space.cell != Cell.OBSTACLE, margin, **mode), axis, 0) == 0
+        along = np.moveaxis(direction, axis, 0)
+        enters = (free[:-1] & blocked[1:] & (along > 0)) | (blocked[:-1] & free[1:] & (along < 0))
+        if enters.any():
+            face = np.argwhere(enters)[0]
+            face[0] -= free[:-1][tuple(face)]
+            beside = face[1:].tolist()
+            cell = (*beside[:axis], int(face[0]) % space.shape[axis], *beside[axis:])
+            raise AccuracyError(
+                f"{int(enters.sum())} walls of this chip draw current out of free cells (such as {cell}), so that "
+                "streamlines would enter obstacles: its switches or rails sag too much; give them less resistance",
+                field,
+            )
+
+
+def _unit_volts(op: OperatingPoint, cell_map: CellMap) -> float:
+    """Volts between potential 0 and potential 1, with their sign."""
+    if cell_map.wiring.drive != "uniform":
+        return cell_map.wiring.supply
+    assert op.potential is not None
+    top = int(np.nanargmax(op.potential))
+    return float(op.voltage[top] - cell_map.wiring.goal_voltage)
+
+
+def _per_cell(cell_map: CellMap, value: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.where(cell_map.node >= 0, value[cell_map.node], np.nan)
+
+
+def obstacle_reach(space: ConfigurationSpace) -> NDArray[np.float64] | None:
+    """Upper bound of the distance from any point of a cell to the nearest obstacle cell, in axis units.
+
+    Returns as the space.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    clear = space.cell != Cell.OBSTACLE
+    if clear.all():
+        return None
+    margin = [(n // 2 + 1, n // 2 + 1) if ring else (0, 0) for n, ring in zip(space.shape, space.periodic, strict=True)]
+    inner = tuple(slice(before, before + n) for (before, _), n in zip(margin, space.shape, strict=True))
+    between_centres = distance_transform_edt(np.pad(clear, margin, mode="wrap"), sampling=space.spacing)[inner]
+    return np.asarray(between_centres + 0.5 * np.linalg.norm(space.spacing))
+
+
+def goal_blocked(space: ConfigurationSpace) -> bool:
+    """Whether no free cell at all is connected to a goal."""
+    return not space.goal_connected.any() and bool(np.any(space.cell == Cell.FREE))

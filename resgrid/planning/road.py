@@ -1,0 +1,292 @@
+"""The one road from a scene or a space to its circuits, operating points and fields, one for each k.
+
+All who need a field take it: the planner, control, the chip's analyses and the command line.  What ``k`` means, which
+circuits a scene asks for, and when a drive is scaled to the supply is said here only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.compiler import compile_space
+from resgrid.errors import CircuitError, InputError
+from resgrid.netlist import Netlist
+from resgrid.nodal.drive import scale_drive
+from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.nodal.solve import solve
+from resgrid.planning import fields
+from resgrid.planning.blend import blend, check_share
+from resgrid.planning.fields import Field, undriven_field
+from resgrid.planning.trace import start_cell
+from resgrid.scene import Scene, sample
+from resgrid.space import ConfigurationSpace
+from resgrid.wiring import Wiring
+
+Passes = Callable[[Netlist], Netlist]
+"""What makes a real chip of an ideal netlist."""
+
+
+Observe = Callable[..., Any]
+"""Runs a stage, and shows meanwhile what it likes: ``observe(stage, function, *arguments, seconds, iterates)``.
+
+`seconds`: about how long it takes; `iterates`: whether the function takes a ``progress`` of its iterations.
+"""
+
+
+def unobserved(_stage: str, function: Callable[..., Any], *arguments: Any, **_: Any) -> Any:
+    """Run a stage and show nothing."""
+    return function(*arguments)
+
+
+@dataclass(frozen=True, eq=False)
+class Problem:
+    """What is to be solved: a space, how it is wired, and for which blends and starts.
+
+    `wiring`: of the circuit where only one is asked for; `ks`: shares of the Dirichlet field, none for that circuit's
+    own field; `starts` (n, ndim): in world coordinates; `start_driven`: whether starts, one by one, drive open
+    obstacles.
+    """
+
+    space: ConfigurationSpace
+    wiring: Wiring
+    ks: tuple[float, ...]
+    starts: NDArray[np.float64]
+    start_driven: bool = False
+
+    @property
+    def halves(self) -> dict[float, Wiring]:
+        """The circuits of k = 1, with obstacles on the rail or behind walls, and of k = 0, with open ones."""
+        return {1.0: closed(self.wiring), 0.0: self.wiring.opened()}
+
+    @property
+    def wirings(self) -> dict[str, Wiring]:
+        """The circuits that the fields are made of, by name, which is their boundary."""
+        if not self.ks:
+            return {self.wiring.boundary: self.wiring}
+        halves = self.halves
+        ends = [end for k in self.ks for end in ((k,) if k in halves else (1.0, 0.0))]
+        return {halves[end].boundary: halves[end] for end in ends}
+
+    def only_wiring(self) -> tuple[str, Wiring]:
+        """Name and wiring of the circuit where one is asked for: of a single k, which must be 0 or 1, or its own."""
+        wiring = self.wiring
+        if len(self.ks) == 1:
+            if self.ks[0] not in self.halves:
+                raise InputError(
+                    f"k = {self.ks[0]} blends two chips, and this makes one: choose boundary = 'dirichlet' or "
+                    "'neumann' ('resgrid run' makes both and blends them)"
+                )
+            wiring = self.halves[self.ks[0]]
+        if wiring.boundary != "neumann" or not self.start_driven:
+            return wiring.boundary, wiring
+        if len(self.starts) != 1:
+            raise InputError(
+                f"drive = 'start' ties one start to the supply, and the scene has {len(self.starts)}; choose one of "
+                "them with --start X,Y"
+            )
+        return self.driven_by(0)
+
+    def driven_by(self, number: int) -> tuple[str, Wiring]:
+        """Name and wiring of the circuit that a start drives."""
+        cell = start_cell(self.space, self.starts[number])
+        return f"neumann_start_{number}", replace(self.wiring.opened(), drive="start", start=cell)
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """The circuits of a problem, by name, and its fields: one for each k, or where starts drive for each start."""
+
+    problem: Problem
+    operating_points: Mapping[str, OperatingPoint]
+    fields: tuple[Field, ...]
+
+    @property
+    def tasks(self) -> list[tuple[Field, int]]:
+        """Every field with the number of every start that it serves."""
+        numbers = range(len(self.problem.starts))
+        if self.problem.start_driven:
+            return list(zip(self.fields, numbers, strict=True))
+        return [(field, number) for field in self.fields for number in numbers]
+
+
+def problem_of(
+    where: ConfigurationSpace | Scene,
+    *,
+    boundary: str | None = None,
+    k: float | None = None,
+    space: ConfigurationSpace | None = None,
+    **wiring: Any,
+) -> Problem:
+    """What a scene or a bare space asks for, with some options changed.
+
+    `boundary`: without a k one circuit, whatever the scene says of blends; `space`: in place of sampling the scene;
+    `wiring`: other fields of `Wiring`, None for the scene's.
+    """
+    if k is not None:
+        check_blend(k, boundary)
+    ks = () if k is None else (float(k),)
+    if isinstance(where, ConfigurationSpace):
+        given = {key: value for key, value in wiring.items() if value is not None}
+        return Problem(where, Wiring(boundary or "dirichlet", **given), ks, np.empty((0, where.ndim)))
+    if not isinstance(where, Scene):
+        raise InputError(f"a configuration space or a scene is needed, not a {type(where).__name__}")
+    return Problem(
+        space=sample(where) if space is None else space,
+        wiring=scene_wiring(where, boundary, **wiring),
+        ks=ks or (where.k if boundary is None else ()),
+        starts=np.array(where.starts, dtype=np.float64).reshape(-1, where.ndim),
+        start_driven=where.drive == "start",
+    )
+
+
+def scene_wiring(scene: Scene, boundary: str | None = None, **given: Any) -> Wiring:
+    """How a scene is wired, or with another boundary; open obstacles with a uniform drive."""
+    boundary, chip = boundary or scene.boundary, scene.chip
+    options: dict[str, Any] = {"edge": scene.edge, "resistance": chip.resistance, "supply": chip.supply}
+    if boundary == "wall":
+        options["wall_resistance"] = chip.wall_resistance
+    return Wiring(boundary, **(options | {key: value for key, value in given.items() if value is not None}))
+
+
+def closed(wiring: Wiring) -> Wiring:
+    """What k = 1 means: obstacles are a rail, behind walls if the wiring has some."""
+    return replace(wiring, boundary="dirichlet", drive=None, start=None) if wiring.is_driven else wiring
+
+
+def check_blend(k: float, boundary: str | None) -> None:
+    """Refuse a k that is no share, or one of obstacles that are open anyway."""
+    check_share(k)
+    if boundary == "neumann":
+        raise InputError("a blend has its obstacles on the rail at k = 1: choose boundary = 'dirichlet' or 'wall'")
+
+
+def require_uniform(scene: Scene, what: str) -> None:
+    """Refuse a scene whose starts drive it one by one."""
+    if scene.drive == "start":
+        raise InputError(f"a scene with drive = 'start' serves one start at a time; {what} needs drive = 'uniform'")
+
+
+def compile_circuit(
+    space: ConfigurationSpace,
+    wiring: Wiring,
+    *,
+    scaled: bool = True,
+    passes: Passes | None = None,
+    threads: int = 1,
+    observe: Observe = unobserved,
+) -> Netlist:
+    """Compile one circuit.
+
+    `scaled`: solve a uniformly driven one, so that its drive can be scaled and its highest node sits at the supply;
+    `passes`: then made a real chip of.
+    """
+    seconds = 4e-8 * space.cell.size * space.ndim
+    netlist: Netlist = observe(f"compile the {wiring.boundary} chip", compile_space, space, wiring, seconds=seconds)
+    if scaled and netlist.current_nodes.size:
+        netlist = scale_drive(netlist, _solved(netlist, "scale its drive to the supply", threads, observe))
+    return netlist if passes is None else passes(netlist)
+
+
+def solve_circuit(
+    space: ConfigurationSpace,
+    wiring: Wiring,
+    *,
+    scaled: bool = True,
+    passes: Passes | None = None,
+    threads: int = 1,
+    observe: Observe = unobserved,
+) -> OperatingPoint:
+    """Compile one circuit and solve it; arguments as `compile_circuit`."""
+    netlist = compile_circuit(space, wiring, scaled=scaled, passes=passes, threads=threads, observe=observe)
+    return _solved(netlist, f"solve the {wiring.boundary} chip", threads, observe)
+
+
+def solve_problem(
+    problem: Problem, *, scaled: bool = False, threads: int = 1, observe: Observe = unobserved
+) -> Solution:
+    """Solve the ideal circuits of a problem, and blend their fields."""
+    run = partial(solve_circuit, problem.space, scaled=scaled, threads=threads, observe=observe)
+    if problem.start_driven:
+        return _solve_start_driven(problem, run)
+    points, pure = _solve_wirings(problem.space, problem.wirings, run)
+    if not problem.ks:
+        return Solution(problem, points, tuple(pure.values()))
+    obstacle, opened = (pure.get(wiring.boundary) for wiring in problem.halves.values())
+    return Solution(problem, points, tuple(_blended(obstacle, opened, k) for k in problem.ks))
+
+
+def solve_halves(problem: Problem) -> tuple[Field, Field]:
+    """The fields of k = 1 and k = 0, from which every other is blended."""
+    wirings = {wiring.boundary: wiring for wiring in problem.halves.values()}
+    _, pure = _solve_wirings(problem.space, wirings, partial(solve_circuit, problem.space, scaled=False))
+    obstacle, opened = pure.values()
+    return obstacle, opened
+
+
+def solve_field(space: ConfigurationSpace, wiring: Wiring, k: float | None = None) -> Field:
+    """The field of a space: of one circuit, or with a k of the blend whose k = 1 is that circuit."""
+    starts = np.empty((0, space.ndim))
+    return solve_problem(Problem(space, wiring, () if k is None else (k,), starts)).fields[0]
+
+
+def solve_seconds(nodes: int) -> float:
+    """Rough time of a direction-safe solution, in seconds."""
+    return 0.5 + 4e-6 * nodes
+
+
+def _solved(netlist: Netlist, stage: str, threads: int, observe: Observe) -> OperatingPoint:
+    run = partial(solve, threads=threads)
+    op: OperatingPoint = observe(stage, run, netlist, seconds=solve_seconds(netlist.node_count), iterates=True)
+    return op
+
+
+def _solve_wirings(
+    space: ConfigurationSpace, wirings: Mapping[str, Wiring], run: Callable[[Wiring], OperatingPoint]
+) -> tuple[dict[str, OperatingPoint], dict[str, Field]]:
+    """Operating points and fields, by name.
+
+    Where nothing drives the Dirichlet half of a blend (no obstacle, no edge that counts as one) it is flat, and what
+    flows is the share ``1 - k`` of the Neumann half.
+    """
+    points, pure = dict[str, OperatingPoint](), dict[str, Field]()
+    for name, wiring in wirings.items():
+        try:
+            points[name] = run(wiring)
+            pure[name] = fields.field(points[name])
+        except CircuitError:
+            if name == "neumann" or "neumann" not in wirings:
+                raise
+            pure[name] = undriven_field(space, wiring)
+    return points, pure
+
+
+def _solve_start_driven(problem: Problem, run: Callable[[Wiring], OperatingPoint]) -> Solution:
+    """Each start is tied to the supply in turn, by a circuit of its own; none that is blocked or cut off."""
+    if any(problem.ks):
+        raise InputError(
+            f"k = {', '.join(f'{k:g}' for k in problem.ks)} asks for a Dirichlet field, and drive = 'start' serves one "
+            "start of a Neumann field only: use drive = 'uniform', or k = 0"
+        )
+    space, points, found = problem.space, dict[str, OperatingPoint](), list[Field]()
+    for number in range(len(problem.starts)):
+        name, wiring = problem.driven_by(number)
+        if space.goal_connected[wiring.start]:
+            points[name] = run(wiring)
+            found.append(fields.field(points[name]))
+        else:
+            found.append(undriven_field(space, problem.wiring.opened()))
+    return Solution(problem, points, tuple(found))
+
+
+def _blended(obstacle: Field | None, opened: Field | None, k: float) -> Field:
+    if obstacle is None or opened is None:
+        pure = obstacle if k == 1.0 else opened
+        assert pure is not None
+        return pure
+    return blend(obstacle, opened, k)

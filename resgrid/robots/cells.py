@@ -1,0 +1,228 @@
+"""The cells of a grid that lie within some distance of a shape, in closed form."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import product
+from math import ceil, floor, isinf
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.robots.geometry import copies, edges_of
+from resgrid.robots.shapes import Ball, Bounds, Box, CellSet, HalfSpace, Point, Polygon, Shape, Solid, rings_of
+from resgrid.space import Axis
+
+Sampling = Literal["conservative", "centre"]
+"""How a cell is judged: by its whole square, or by its centre alone."""
+
+Progress = Callable[[int, int], object]
+"""Called now and then with how much work is done, and how much there is in all."""
+
+RIM = 1e-9
+"""Share of a cell's width that its interior leaves out on every side."""
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """A block of neighbouring cells.
+
+    `axes`: the whole grid; `start, stop`: first and past-the-last cell per axis; `half`: half the width of what
+    stands for a cell, as `halves` says.
+    """
+
+    axes: tuple[Axis, ...]
+    start: tuple[int, ...]
+    stop: tuple[int, ...]
+    half: tuple[float, ...]
+
+    @classmethod
+    def around(cls, axes: tuple[Axis, ...], bounds: Bounds, reach: float, rule: Sampling) -> Window | None:
+        """The cells that could come within a distance of a box; None if there are none."""
+        start = tuple(
+            _clip((low - reach - axis.lower) / axis.spacing - 1, axis.cells)
+            for axis, low in zip(axes, bounds[0], strict=True)
+        )
+        stop = tuple(
+            _clip((high + reach - axis.lower) / axis.spacing + 2, axis.cells)
+            for axis, high in zip(axes, bounds[1], strict=True)
+        )
+        if any(first >= last for first, last in zip(start, stop, strict=True)):
+            return None
+        return cls(axes, start, stop, halves(axes, bounds, reach, rule))
+
+    @property
+    def ndim(self) -> int:
+        """Number of axes."""
+        return len(self.axes)
+
+    @property
+    def slices(self) -> tuple[slice, ...]:
+        """The block, as an index into an array of cells."""
+        return tuple(slice(first, last) for first, last in zip(self.start, self.stop, strict=True))
+
+    def centres(self, k: int) -> NDArray[np.float64]:
+        """Cell centres along one axis, shape ``(stop[k] - start[k],)``."""
+        axis = self.axes[k]
+        return np.asarray(axis.lower + (np.arange(self.start[k], self.stop[k]) + 0.5) * axis.spacing)
+
+    def grids(self) -> list[NDArray[np.float64]]:
+        """Cell centres along every axis, shaped to broadcast over the block."""
+        return [
+            self.centres(k).reshape(tuple(-1 if other == k else 1 for other in range(self.ndim)))
+            for k in range(self.ndim)
+        ]
+
+
+def rims(axes: Sequence[Axis]) -> list[float]:
+    """Width of the rim that a cell's interior leaves out, per axis: 1e-9 cells, or some rounding errors."""
+    return [max(RIM * axis.spacing, 8 * float(np.spacing(max(abs(axis.lower), abs(axis.upper))))) for axis in axes]
+
+
+def halves(axes: Sequence[Axis], bounds: Bounds, reach: float, rule: Sampling) -> tuple[float, ...]:
+    """Half the width, per axis, of what stands for a cell beside a shape that grows by a distance."""
+    if rule == "centre":
+        return (0.0,) * len(axes)
+    thin = [high - low + 2 * reach <= 2 * rim for low, high, rim in zip(*bounds, rims(axes), strict=True)]
+    return tuple(
+        axis.spacing / 2 + rim if flat else max(axis.spacing / 2 - rim, 0.0)
+        for axis, rim, flat in zip(axes, rims(axes), thin, strict=True)
+    )
+
+
+def _clip(index: float, cells: int) -> int:
+    if isinf(index):
+        return 0 if index < 0 else cells
+    return max(0, min(cells, ceil(index) if index > 0 else floor(index)))
+
+
+def mark(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Shape, reach: float, rule: Sampling) -> None:
+    """Mark, in place, the cells that come within a distance of a shape."""
+    if shape.ndim != len(axes):
+        raise InputError(f"a shape with {shape.ndim} coordinates does not fit a grid with {len(axes)} axes")
+    if isinstance(shape, CellSet):
+        out |= _near_cells(shape, axes, reach, rule)
+        return
+    for copy in copies(shape, axes, [reach] * len(axes)):
+        mark_copy(out, axes, copy, reach, rule)
+
+
+def mark_copy(
+    out: NDArray[np.bool_],
+    axes: tuple[Axis, ...],
+    shape: Solid,
+    reach: float,
+    rule: Sampling,
+) -> None:
+    """The same for one copy of a shape, which is cut off where it sticks out of the grid."""
+    window = Window.around(axes, shape.bounds, reach, rule)
+    if window is None:
+        return
+    if isinstance(shape, Polygon):
+        mark_polygon(out, axes, window.half, shape, reach)
+    elif isinstance(shape, HalfSpace):
+        out[window.slices] |= _near_half_space(window, shape, reach)
+    else:
+        out[window.slices] |= _near_round(window, shape, reach)
+
+
+def _near_round(window: Window, shape: Box | Ball, reach: float) -> NDArray[np.bool_]:
+    lower, upper = (shape.centre, shape.centre) if isinstance(shape, Ball) else shape.bounds
+    within = reach + shape.radius if isinstance(shape, Ball) else reach
+    squared = np.zeros((1,) * window.ndim)
+    for centre, half, low, high in zip(window.grids(), window.half, lower, upper, strict=True):
+        gap = np.maximum(np.maximum(centre - half - high, low - (centre + half)), 0.0)
+        squared = squared + gap**2
+    return np.asarray(squared <= within**2)
+
+
+def _near_half_space(window: Window, shape: HalfSpace, reach: float) -> NDArray[np.bool_]:
+    length = float(np.linalg.norm(shape.normal))
+    smallest = np.zeros((1,) * window.ndim)
+    for centre, half, component in zip(window.grids(), window.half, shape.normal, strict=True):
+        smallest = smallest + component * centre - abs(component) * half
+    return np.asarray(smallest <= shape.offset + reach * length)
+
+
+def _near_cells(shape: CellSet, axes: tuple[Axis, ...], reach: float, rule: Sampling) -> NDArray[np.bool_]:
+    if shape.axes != axes:
+        raise InputError("the cells of a map can only be obstacles on the map's own grid")
+    if reach == 0 or not shape.mask.any():
+        return shape.mask
+    pad = [(min(ceil(reach / axis.spacing) + 1, axis.cells) if axis.periodic else 0,) * 2 for axis in axes]
+    spacing = np.array([axis.spacing for axis in axes])
+    mask = np.pad(shape.mask, pad, mode="wrap")
+    rim = min(rims(axes)) if rule == "conservative" else 0.0
+    near = mask | (_distance_from_boxes(mask, spacing, rule) <= reach - rim)
+    return near[tuple(slice(before, size - after) for (before, after), size in zip(pad, mask.shape, strict=True))]
+
+
+def _distance_from_boxes(mask: NDArray[np.bool_], spacing: NDArray[np.float64], rule: Sampling) -> NDArray[np.float64]:
+    """Exact distance from every cell's box (or centre) to the nearest marked box, by a Euclidean distance transform.
+
+    Two boxes ``d`` cells apart leave ``max(|d| - 1, 0)`` cells between them, which is the distance of ``d`` to the
+    nearest of ``-1, 0, 1``: grow the mask by one cell all round and measure between lattice points.  A centre and a
+    box leave ``max(|d| - 1/2, 0)``: the same on a lattice twice as fine.
+    """
+    from scipy import ndimage
+
+    if rule == "conservative":
+        grown = ndimage.binary_dilation(mask, structure=np.ones((3,) * mask.ndim, dtype=bool))
+        return np.asarray(ndimage.distance_transform_edt(~grown, sampling=spacing))
+    fine = np.zeros(tuple(2 * n + 1 for n in mask.shape), dtype=bool)
+    for offset in product(range(3), repeat=mask.ndim):
+        fine[tuple(slice(start, start + 2 * n, 2) for start, n in zip(offset, mask.shape, strict=True))] |= mask
+    distance = ndimage.distance_transform_edt(~fine, sampling=spacing / 2)
+    return np.asarray(distance[(slice(1, None, 2),) * mask.ndim])
+
+
+FAR = 1e3
+"""So many times the size of the grid a ring may stick out before it is cut off."""
+
+
+def mark_polygon(
+    out: NDArray[np.bool_], axes: Sequence[Axis], half: Sequence[float], polygon: Polygon, reach: float
+) -> None:
+    """Mark, in place, the cells of a grid that come within a distance of a polygon.
+
+    A cell meets a polygon if it meets the outline, or if its centre is enclosed.
+    """
+    from resgrid.robots.kernels import Plane, mark_enclosed, mark_parallelograms
+
+    x, y = axes
+    plane = Plane(x.lower, y.lower, x.spacing, y.spacing, half[0], half[1])
+    edges = outline(polygon, axes, reach)
+    mark_enclosed(out, edges, plane)
+    sides = np.hstack([edges[:, :2], edges[:, 2:] - edges[:, :2], np.zeros((len(edges), 2))])
+    mark_parallelograms(out, sides, reach, plane)
+
+
+def outline(shape: Box | Polygon, axes: Sequence[Axis], reach: float) -> NDArray[np.float64]:
+    """Edges of a polygon or rectangle, ring by ring.  Returns (e, 4)."""
+    margin = reach + max(axis.upper - axis.lower for axis in axes)
+    lower, upper = (axes[0].lower - margin, axes[1].lower - margin), (axes[0].upper + margin, axes[1].upper + margin)
+    return edges_of([_cut(ring, lower, upper, FAR * margin) for ring in rings_of(shape)])
+
+
+def _cut(ring: tuple[Point, ...], lower: Point, upper: Point, far: float) -> Sequence[Point]:
+    """The part of a ring in a box, if it has corners far outside (Sutherland and Hodgman, 1974)."""
+    beyond = max(max(low - c, c - high) for point in ring for c, low, high in zip(point, lower, upper, strict=True))
+    if beyond <= far:
+        return ring
+    corners: list[tuple[Fraction, ...]] = [tuple(map(Fraction, point)) for point in ring]
+    for k, end, sign in ((0, lower, -1), (0, upper, 1), (1, lower, -1), (1, upper, 1)):
+        bound = Fraction(end[k])
+        kept: list[tuple[Fraction, ...]] = []
+        for a, b in zip(corners, [*corners[1:], *corners[:1]], strict=True):
+            inside = sign * a[k] <= sign * bound
+            if inside:
+                kept.append(a)
+            if inside != (sign * b[k] <= sign * bound):
+                share = (bound - a[k]) / (b[k] - a[k])
+                kept.append(tuple(p + share * (q - p) for p, q in zip(a, b, strict=True)))
+        corners = kept
+    return [tuple(map(float, point)) for point in corners] or [lower]

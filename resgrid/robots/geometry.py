@@ -1,0 +1,279 @@
+"""Robots and obstacles of the plane as exact geometry for shapely, and as plain arrays for compiled loops.
+
+A link with a width is a segment and a radius, a disc is a point and a radius: distances to them are exact, not those to
+polygons drawn in place of circles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise, product
+from math import ceil, floor, hypot, isinf
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.errors import InputError
+from resgrid.robots.shapes import Ball, Bounds, Box, CellSet, HalfSpace, Polygon, Shape, Solid, rings_of, to_shapely
+from resgrid.space import Axis
+
+TOUCH = 1e-9
+"""Depth to which an entered round body or half-plane counts as touched, for each metre (and one more) of radius."""
+
+MAX_COPIES = 1000
+
+
+class Links(NamedTuple):
+    """An arm for compiled loops.
+
+    `lengths, radii` (n,): of the links; `base` (3,): position and angle; `relative`: as in `resgrid.robots.arm.Arm`.
+    """
+
+    lengths: NDArray[np.float64]
+    radii: NDArray[np.float64]
+    base: NDArray[np.float64]
+    relative: bool
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """A rigid part of a robot in many configurations: all points within a radius of its core.
+
+    `core` (n,): shapely geometries.
+    """
+
+    core: NDArray[Any]
+    radius: float
+
+
+@dataclass(frozen=True, eq=False)
+class Obstacle:
+    """An obstacle: all points within a radius of its core, or a half-plane.
+
+    `number`: which obstacle it is, or is a copy of; `core`: shapely geometry.
+    """
+
+    number: int
+    core: Any
+    radius: float = 0.0
+    half_plane: HalfSpace | None = None
+
+    def core_distance(self, part: Part) -> NDArray[np.float64]:
+        """Distance of the cores, shape (n,): 0 where they meet, but below 0 behind the border of a half-plane."""
+        import shapely
+
+        if self.half_plane is None:
+            return np.asarray(shapely.distance(part.core, self.core))
+        normal = np.asarray(self.half_plane.normal)
+        points, owner = shapely.get_coordinates(part.core, return_index=True)
+        height = (points @ normal - self.half_plane.offset) / np.linalg.norm(normal)
+        lowest = np.full(len(part.core), np.inf)
+        np.minimum.at(lowest, owner, height)
+        return lowest
+
+    def distance(self, part: Part) -> NDArray[np.float64]:
+        """Distance from a part in every configuration, shape (n,); 0 where they meet."""
+        return np.maximum(self.core_distance(part) - self.radius - part.radius, 0.0)
+
+    def collides(self, part: Part) -> NDArray[np.bool_]:
+        """Whether a part enters it, shape (n,); a mere touch is no collision."""
+        import shapely
+
+        within = self.radius + part.radius
+        if self.half_plane is not None or within > 0:
+            return self.core_distance(part) < within - TOUCH * (1.0 + within)
+        near = np.asarray(shapely.intersects(part.core, self.core))
+        near[near] = ~shapely.touches(part.core[near], self.core)
+        return near
+
+
+def obstacles_of(shapes: Iterable[Shape], axes: Sequence[Axis] = ()) -> list[Obstacle]:
+    """Shapes as exact geometry; on axes of the workspace as often as a point of them may be nearest across a seam."""
+    return [obstacle for number, shape in enumerate(shapes) for obstacle in _obstacles(number, shape, axes)]
+
+
+def _obstacles(number: int, shape: Shape, axes: Sequence[Axis]) -> list[Obstacle]:
+    import shapely
+
+    if not isinstance(shape, Shape) or shape.ndim != 2:
+        raise InputError(
+            f"obstacle {number}: geometry is known of shapes of the plane alone, not of a {type(shape).__name__}"
+        )
+    if isinstance(shape, HalfSpace):
+        return [Obstacle(number, None, 0.0, half_plane) for half_plane in copies(shape, axes, ())]  # type: ignore[arg-type]
+    core = shapely.Point(shape.centre) if isinstance(shape, Ball) else to_shapely(shape)
+    if core.is_empty:
+        return []
+    half = [(axis.upper - axis.lower) / 2 for axis in axes]
+    cores = [_moved(core, by) for by in turns((core.bounds[:2], core.bounds[2:]), axes, half)]
+    shapely.prepare(cores)
+    return [Obstacle(number, copy, shape.radius if isinstance(shape, Ball) else 0.0) for copy in cores]
+
+
+def _moved(core: Any, by: tuple[float, ...]) -> Any:
+    import shapely
+
+    return shapely.transform(core, lambda points: points + by) if any(by) else core
+
+
+class ObstacleArrays(NamedTuple):
+    """Polygons, discs and half-planes for compiled loops, each element with the number of its obstacle.
+
+    `edges` (e, 4): ``x0, y0, x1, y1``, the solid on the left, one polygon after the other; `edge_before` (e,): number
+    of the edge that ends where each starts; `edge_owner` (e,); `first_edge` (p + 1,): where each polygon's edges start;
+    `bounds` (p, 4): smallest ``x, y`` and largest ``x, y`` of each polygon; `discs` (d, 3): centre and radius;
+    `disc_owner` (d,); `half_planes` (h, 3): unit normal out of the solid, and offset; `half_plane_owner` (h,).
+    """
+
+    edges: NDArray[np.float64]
+    edge_before: NDArray[np.int64]
+    edge_owner: NDArray[np.int64]
+    first_edge: NDArray[np.int64]
+    bounds: NDArray[np.float64]
+    discs: NDArray[np.float64]
+    disc_owner: NDArray[np.int64]
+    half_planes: NDArray[np.float64]
+    half_plane_owner: NDArray[np.int64]
+
+
+def obstacle_arrays(shapes: Iterable[Shape], axes: Sequence[Axis] = ()) -> ObstacleArrays:
+    """Shapes of the plane as arrays; on axes of the workspace with copies within a whole turn of them."""
+    period = [axis.upper - axis.lower for axis in axes]
+    polygons: list[NDArray[np.float64]] = []
+    before: list[NDArray[np.int64]] = []
+    discs: list[tuple[float, ...]] = []
+    half_planes: list[tuple[float, ...]] = []
+    owners: tuple[list[int], list[int], list[int]] = ([], [], [])
+    size = 0
+    for number, shape in enumerate(shapes):
+        pieces = shape.boxes() if isinstance(shape, CellSet) else [shape]
+        for solid in (copy for piece in pieces for copy in copies(piece, axes, period)):
+            match solid:
+                case Ball(centre, radius):
+                    discs.append((*centre, radius))
+                    owners[1].append(number)
+                case HalfSpace(normal, offset):
+                    length = hypot(*normal)
+                    half_planes.append((normal[0] / length, normal[1] / length, offset / length))
+                    owners[2].append(number)
+                case Box() | Polygon():
+                    rings = _solid_on_the_left(solid)
+                    polygons.append(edges_of(rings))
+                    owners[0].extend([number] * len(polygons[-1]))
+                    for ring in rings:
+                        before.append(size + np.roll(np.arange(len(ring)), 1))
+                        size += len(ring)
+    bounds = [[*each[:, :2].min(axis=0), *each[:, :2].max(axis=0)] for each in polygons]
+    return ObstacleArrays(
+        np.concatenate([np.empty((0, 4)), *polygons]),
+        np.concatenate([np.empty(0, dtype=np.int64), *before]),
+        np.array(owners[0], dtype=np.int64),
+        np.cumsum([0, *map(len, polygons)], dtype=np.int64),
+        np.array(bounds, dtype=np.float64).reshape(-1, 4),
+        np.array(discs, dtype=np.float64).reshape(-1, 3),
+        np.array(owners[1], dtype=np.int64),
+        np.array(half_planes, dtype=np.float64).reshape(-1, 3),
+        np.array(owners[2], dtype=np.int64),
+    )
+
+
+def edges_of(rings: Iterable[ArrayLike]) -> NDArray[np.float64]:
+    """Edges of rings of corners.  Returns (e, 4)."""
+    corners = [np.asarray(ring, dtype=np.float64) for ring in rings]
+    return np.concatenate([np.hstack([ring, np.roll(ring, -1, axis=0)]) for ring in corners])
+
+
+def _solid_on_the_left(solid: Box | Polygon) -> list[list[tuple[float, ...]]]:
+    """Outer ring anticlockwise, holes clockwise; without repeated corners."""
+    if isinstance(solid, Box):
+        return [[*rings_of(solid)[0][1:], rings_of(solid)[0][0]]]
+    import shapely
+
+    oriented = shapely.geometry.polygon.orient(shapely.Polygon(solid.vertices, solid.holes))
+    rings = [list(ring.coords) for ring in (oriented.exterior, *oriented.interiors)]
+    return [[b for a, b in pairwise(ring) if a != b] for ring in rings]
+
+
+def copies(shape: Solid, axes: Sequence[Axis], reach: Sequence[float]) -> Iterator[Solid]:
+    """A shape wherever it comes within some distance of a grid, by whole turns around its periodic axes."""
+    if isinstance(shape, HalfSpace):
+        for axis, component in zip(axes, shape.normal, strict=False):
+            if axis.periodic and component != 0:
+                raise InputError(f"a half-plane cannot lean along the periodic axis {axis.name!r}")
+        yield shape
+        return
+    for by in turns(shape.bounds, axes, reach):
+        yield shape.shifted(by) if any(by) else shape
+
+
+def turns(bounds: Bounds, axes: Sequence[Axis], reach: Sequence[float]) -> Iterator[tuple[float, ...]]:
+    """Whole turns that bring a shape within some distance of the grid, however many away it is described."""
+    yield from product(*map(_shifts, axes, *bounds, reach))
+
+
+def _shifts(axis: Axis, lower: float, upper: float, reach: float) -> list[float]:
+    if not axis.periodic:
+        return [0.0]
+    period = axis.upper - axis.lower
+    first = (axis.lower - upper - reach) / period
+    last = (axis.upper - lower + reach) / period
+    if isinf(first) or isinf(last) or last - first > MAX_COPIES:
+        raise InputError(f"a shape winds around the periodic axis {axis.name!r} more than {MAX_COPIES} times")
+    return [turn * period for turn in range(ceil(first), floor(last) + 1)]
+
+
+class Pose(NamedTuple):
+    """A planar robot in one configuration: segments with a radius, on rigid parts.
+
+    The velocity of a point ``p`` of part ``m`` for a unit velocity of axis ``a`` is
+    ``shift[m, a] + spin[m, a] k x (p - pivot[m, a])``, with k out of the plane.
+
+    `segments` (s, 4): ``x0, y0, x1, y1``, in metres; a single point is a segment of length 0; `radius` (s,): of the
+    robot around each segment, in metres; `part` (s,): which rigid part (of an arm, the link) each belongs to; `frame`
+    (parts, 3): origin and direction of each part, in metres and radians; `shift` (parts, ndim, 2); `spin` (parts,
+    ndim); `pivot` (parts, ndim, 2); `lever` (s, 2, parts): what the squared turning rate of each part adds at most to
+    the accelerations of the ends of each segment, while the axes move at constant rates; in metres.
+    """
+
+    segments: NDArray[np.float64]
+    radius: NDArray[np.float64]
+    part: NDArray[np.int64]
+    frame: NDArray[np.float64]
+    shift: NDArray[np.float64]
+    spin: NDArray[np.float64]
+    pivot: NDArray[np.float64]
+    lever: NDArray[np.float64]
+
+    @classmethod
+    def of_body(
+        cls, segments: NDArray[np.float64], radius: float, place: ArrayLike, turning_length: float | None = None
+    ) -> Pose:
+        """The pose of one rigid body at ``(x, y)``, or at ``(x, y, theta)`` with an angle of theta / turning length.
+
+        Shapes: `segments` (s, 4), `place` (2,) or (3,).
+        """
+        x, y, *arc = np.asarray(place, dtype=np.float64).tolist()
+        count, ndim = len(segments), 2 if turning_length is None else 3
+        frame, spin = np.array([[x, y, 0.0]]), np.zeros((1, ndim))
+        shift, pivot, lever = np.zeros((1, ndim, 2)), np.zeros((1, ndim, 2)), np.zeros((count, 2, 1))
+        shift[0, 0, 0] = shift[0, 1, 1] = 1.0
+        if turning_length is not None:
+            frame[0, 2], spin[0, 2], pivot[0, 2] = arc[0] / turning_length, 1.0 / turning_length, (x, y)
+            lever[:] = np.hypot(*(segments.reshape(-1, 2) - (x, y)).T).max()
+        return cls(segments, np.full(count, radius), np.zeros(count, np.int64), frame, shift, spin, pivot, lever)
+
+    def jacobian(self, point: ArrayLike, part: int) -> NDArray[np.float64]:
+        """Velocity of a point of a part for unit velocities of the axes, shape (2, ndim)."""
+        x, y = np.asarray(point, dtype=np.float64)
+        spin, pivot = self.spin[part], self.pivot[part]
+        return np.asarray(np.stack([-spin * (y - pivot[:, 1]), spin * (x - pivot[:, 0])]) + self.shift[part].T)
+
+    def carried(self, point: ArrayLike, part: int, other: Pose) -> NDArray[np.float64]:
+        """Where a point fixed to a part lies in another pose of the same robot, shape (2,)."""
+        x, y, angle = self.frame[part]
+        to_x, to_y, to_angle = other.frame[part]
+        dx, dy = np.asarray(point, dtype=np.float64) - (x, y)
+        cos, sin = np.cos(to_angle - angle), np.sin(to_angle - angle)
+        return np.array([to_x + cos * dx - sin * dy, to_y + sin * dx + cos * dy])

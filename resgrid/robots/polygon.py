@@ -1,0 +1,259 @@
+"""A polygon that moves and turns in the plane."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import hypot, isfinite, pi, tau
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.doors import checked
+from resgrid.errors import InputError
+from resgrid.robots.base import Robot
+from resgrid.robots.cells import Progress, Sampling, outline
+from resgrid.robots.geometry import Part, Pose
+from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Point, Polygon, Shape, require_plane
+from resgrid.space import Axis
+
+if TYPE_CHECKING:
+    from resgrid.robots.kernels import Plane
+
+PARTS = 3
+"""With the conservative rule every slice is cut into so many thinner ones, and blocked where any of them is."""
+
+SLACK = 1e-9
+"""Obstacles grow by this share of the polygon's size, against rounding, ..."""
+
+ULPS = 64
+"""... and by so many units in the last place of the coordinates."""
+
+
+@checked
+@dataclass(frozen=True)
+class PolygonRobot(Robot):
+    """A polygon with configurations ``(x, y, theta)``: moved to ``(x, y)`` and turned about its reference point.
+
+    The third coordinate is an arc, not an angle: ``theta = turning_length * angle``, in the unit of x and y, so that
+    resistances, lengths and clearances weigh turning by one radian like moving by ``turning_length``.  With the
+    default of 1 it reads like radians.
+
+    Parameters
+    ----------
+    vertices : tuple of (float, float)
+        Corners of a simple polygon, in either sense; the reference point is the origin.
+    turning_length : float
+        Above 0.
+
+    Raises
+    ------
+    InputError
+        If the polygon crosses itself or has fewer than three corners, or the length is not above 0 and finite.
+    """
+
+    vertices: tuple[Point, ...]
+    turning_length: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not (isfinite(self.turning_length) and 0 < self.turning_length <= 1e9):
+            raise InputError(f"turning_length = {self.turning_length} must be above 0 and finite")
+        Polygon(self.vertices)
+
+    @property
+    def farthest(self) -> float:
+        """Distance from the reference point to the farthest corner."""
+        return float(np.hypot(*np.transpose(self.vertices)).max())
+
+    def turning_axis(self, cells: int, name: str = "theta") -> Axis:
+        """The third axis: a full turn, periodic.
+
+        Parameters
+        ----------
+        cells : int
+            Number of cells.
+        name : str
+            Its name.
+
+        Returns
+        -------
+        Axis
+            From 0 to ``2 pi turning_length``.
+        """
+        return Axis(name, 0.0, tau * self.turning_length, cells, periodic=True)
+
+    def check_axes(self, axes: Sequence[Axis]) -> None:
+        """Refuse axes that are not ``(x, y, theta)``.
+
+        Parameters
+        ----------
+        axes : sequence of Axis
+
+        Raises
+        ------
+        InputError
+            If there are not three, x or y is periodic, or a periodic third is not a full turn.
+        """
+        if len(axes) != 3:
+            raise InputError(f"a turning polygon needs 3 axes (x, y, theta), got {len(axes)}")
+        for axis in axes[:2]:
+            if axis.periodic:
+                raise InputError(f"axis {axis.name!r}: a turning polygon's x and y cannot be periodic")
+        turn, full = axes[2], tau * self.turning_length
+        if turn.periodic and abs(turn.upper - turn.lower - full) > 1e-9 * full:
+            raise InputError(
+                f"axis {turn.name!r}: a full turn is 2 pi turning_length = {full:.15g}, but the axis spans "
+                f"{turn.upper - turn.lower:.15g}; leave lower and upper out, or set periodic = false"
+            )
+
+    def corners(self, configurations: ArrayLike) -> NDArray[np.float64]:
+        """Where the corners are.
+
+        Parameters
+        ----------
+        configurations : array_like of float, shape (..., 3)
+            x, y and theta, in axis units.
+
+        Returns
+        -------
+        ndarray of float64, shape (..., v, 2)
+
+        Raises
+        ------
+        InputError
+            If there are not three coordinates.
+        """
+        pose = np.asarray(configurations, dtype=np.float64)
+        if pose.shape[-1:] != (3,):
+            raise InputError(f"a turning polygon's configuration is (x, y, theta), got shape {pose.shape}")
+        angle = pose[..., 2, None] / self.turning_length
+        x, y = np.transpose(self.vertices)
+        turned = np.stack([x * np.cos(angle) - y * np.sin(angle), x * np.sin(angle) + y * np.cos(angle)], axis=-1)
+        return np.asarray(turned + pose[..., None, :2])
+
+    def parts(self, configurations: NDArray[np.float64]) -> list[Part]:
+        """The polygon; see `Robot.parts`."""
+        import shapely
+
+        return [Part(np.asarray(shapely.polygons(self.corners(configurations))), 0.0)]
+
+    def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+        """How far the reference point moves, and the farthest corner turns; see `Robot.travel`."""
+        angle = np.abs(end[:, 2] - start[:, 2]) / self.turning_length
+        return np.asarray(np.linalg.norm((end - start)[:, :2], axis=1) + self.farthest * angle)
+
+    def pose(self, configuration: NDArray[np.float64]) -> Pose:
+        """The edges of a rigid body; see `Robot.pose`."""
+        corners = self.corners(configuration)
+        edges = np.hstack([corners, np.roll(corners, -1, axis=0)])
+        return Pose.of_body(edges, 0.0, configuration, self.turning_length)
+
+    def heading(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Its angle; see `Robot.heading`."""
+        return configurations[:, 2] / self.turning_length
+
+    def occupancy(
+        self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
+    ) -> NDArray[np.bool_]:
+        """Cells in which the polygon may touch an obstacle; see `Robot.occupancy`.
+
+        At a fixed angle the polygon touches an obstacle exactly where its reference point lies in the Minkowski
+        difference of the two (Lozano-Perez, IEEE Trans. Computers C-32 (1983) 108).  While the angle varies within a
+        third of a cell no point of the polygon moves farther than a chord at the farthest corner: with the conservative
+        rule the differences grow by it, and a cell, its border included, is free only if it is free in all three
+        thirds.
+        """
+        from resgrid.robots.kernels import Plane
+
+        self.check_axes(axes)
+        x, y, turning = axes
+        solids = [_Solid.of(require_plane(shape, "a turning polygon"), (x, y), self.farthest) for shape in obstacles]
+        conservative = rule == "conservative"
+        parts, half, reach = (PARTS, (x.spacing / 2, y.spacing / 2), 0.0) if conservative else (1, (0.0, 0.0), 0.0)
+        if conservative:
+            extent = self.farthest + max(abs(end) for axis in (x, y) for end in (axis.lower, axis.upper))
+            chord = 2 * self.farthest * np.sin(min(turning.spacing / self.turning_length / (2 * parts), pi) / 2)
+            reach = float(chord) + SLACK * self.farthest + ULPS * np.spacing(extent)
+        plane = Plane(x.lower, y.lower, x.spacing, y.spacing, *half)
+        blocked = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)
+        for number, centre in enumerate(turning.centres):
+            layer = np.zeros(blocked.shape[:2], dtype=bool)
+            for part in range(parts):
+                turn = centre + turning.spacing * ((part + 0.5) / parts - 0.5)
+                mirrored = -self.corners((0.0, 0.0, turn))
+                for solid in solids:
+                    solid.mark(layer, plane, mirrored, reach)
+            blocked[:, :, number] = layer
+            if progress is not None:
+                progress(number + 1, turning.cells)
+        return blocked
+
+
+@dataclass(frozen=True, eq=False)
+class _Solid:
+    """An obstacle as a turning polygon meets it: everything within a radius of an area, or a half-plane.
+
+    `edges` (e, 4): of the area; a disc has its centre for an edge; `places` (p, 2): a point of every piece of it.
+    """
+
+    edges: NDArray[np.float64]
+    places: NDArray[np.float64]
+    radius: float = 0.0
+    half_plane: HalfSpace | None = None
+
+    @classmethod
+    def of(cls, shape: Shape, axes: tuple[Axis, Axis], farthest: float) -> _Solid:
+        match shape:
+            case Box() | Polygon():
+                edges = outline(shape, axes, 4 * farthest)
+                return cls(edges, edges[:1, :2])
+            case Ball(centre, radius):
+                return cls(np.array([[*centre, *centre]]), np.array([centre]), radius)
+            case CellSet():
+                return cls(shape.borders(), shape.places())
+        return cls(np.empty((0, 4)), np.empty((0, 2)), 0.0, shape)
+
+    def mark(self, layer: NDArray[np.bool_], plane: Plane, mirrored: NDArray[np.float64], reach: float) -> None:
+        """Mark, in place, the cells of a slice, shape (columns, rows): the polygon, mirrored, has corners (v, 2)."""
+        if self.half_plane is None:
+            mark_sum(layer, plane, self.edges, self.places, mirrored, reach + self.radius)
+            return
+        along, up = self.half_plane.normal
+        columns, rows = layer.shape
+        x = plane.x + (np.arange(columns)[:, None] + 0.5) * plane.width
+        y = plane.y + (np.arange(rows) + 0.5) * plane.height
+        nearest = along * x - abs(along) * plane.half_x + (up * y - abs(up) * plane.half_y)
+        farthest = float((mirrored @ self.half_plane.normal).max())
+        layer |= nearest <= self.half_plane.offset + farthest + reach * hypot(along, up)
+
+
+def mark_sum(
+    layer: NDArray[np.bool_],
+    plane: Plane,
+    edges: NDArray[np.float64],
+    places: NDArray[np.float64],
+    corners: NDArray[np.float64],
+    reach: float,
+) -> None:
+    """Mark, in place, the cells that come within a distance of the Minkowski sum of an area and a polygon.
+
+    The sum of the outlines (a parallelogram for every pair of edges) covers all but places where a piece of one lies
+    wholly inside the other, and those lie in a copy of either, moved by one point of the other, whose own outline
+    the parallelograms cover.  Every piece is marked as it is: a union of nearly coinciding ones would lose some.
+
+    Shapes: `layer` (columns, rows), `edges` (e, 4), `places` (p, 2), `corners` (v, 2).
+    """
+    from resgrid.robots.kernels import mark_enclosed, mark_parallelograms
+
+    if not len(edges):
+        return
+    others = np.hstack([corners, np.roll(corners, -1, axis=0)])
+    pieces = np.empty((len(edges), len(others), 6))
+    pieces[..., :2] = edges[:, None, :2] + corners
+    pieces[..., 2:4] = (edges[:, 2:] - edges[:, :2])[:, None]
+    pieces[..., 4:] = others[:, 2:] - others[:, :2]
+    mark_parallelograms(layer, pieces.reshape(-1, 6), reach, plane)
+    for place in places:
+        mark_enclosed(layer, others + np.tile(place, 2), plane)
+    mark_enclosed(layer, edges + np.tile(corners[0], 2), plane)

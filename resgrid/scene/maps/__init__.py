@@ -1,0 +1,1 @@
+"""Map files: a reader for each format, and one table of formats."""

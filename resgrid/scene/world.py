@@ -1,0 +1,60 @@
+"""Points and shapes of the world, brought into the coordinates of the space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from resgrid.axis import split_points
+from resgrid.errors import InputError
+from resgrid.frame import Frame
+from resgrid.robots import Ball, Box, CellSet, HalfSpace, Polygon, Shape
+from resgrid.robots.shapes import Point
+from resgrid.space import Axis
+
+
+def located(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -> tuple[tuple[int, ...], Point]:
+    """Cell that a point of the world lies in, and the point in the coordinates of the space."""
+    inside = frame.from_world(point)
+    try:
+        cell, local = split_points(axes, inside)
+    except InputError:
+        turned = "" if frame.is_world else f", which is {inside.round(6).tolist()} in the map's frame,"
+        extent = ", ".join(f"{each.name} in [{each.lower:g}, {each.upper:g}]" for each in axes)
+        raise InputError(
+            f"{key}: the point {list(point)}{turned} lies outside the grid ({extent}); move it inside"
+        ) from None
+    steps = zip(axes, cell.tolist(), local.tolist(), strict=True)
+    within = tuple(axis.lower + (number + share) * axis.spacing for axis, number, share in steps)
+    return tuple(cell.tolist()), within
+
+
+def to_space(shape: Shape, frame: Frame) -> Shape:
+    """A shape of the world in the coordinates of the space."""
+    if frame.is_world:
+        return shape
+    match shape:
+        case Box(lower, upper):
+            # A line turned by rounding has corners that coincide, or edges that cross.
+            least = 64 * float(np.spacing(max(map(abs, (*lower, *upper, frame.x, frame.y)))))
+            upper = tuple(max(low + least, high) for low, high in zip(lower, upper, strict=True))
+            corners = (lower, (upper[0], lower[1]), upper, (lower[0], upper[1]))
+            return Polygon(_ring(corners, frame))
+        case Ball(centre, radius):
+            return Ball(_ring((centre,), frame)[0], radius)
+        case Polygon(vertices, holes):
+            return Polygon(_ring(vertices, frame), tuple(_ring(hole, frame) for hole in holes))
+        case HalfSpace(normal, offset):
+            turned = np.asarray(Frame(yaw=frame.yaw).from_world(normal)).tolist() if frame.yaw else list(normal)
+            return HalfSpace(tuple(turned), offset - normal[0] * frame.x - normal[1] * frame.y)
+    raise InputError("the cells of a map cannot be moved to another frame")
+
+
+def along_axes(obstacles: Sequence[Shape], frame: Frame) -> tuple[Shape, ...]:
+    """Obstacles of the world in the coordinates of the space, where the cells of a map lie already; see `to_space`."""
+    return tuple(shape if isinstance(shape, CellSet) else to_space(shape, frame) for shape in obstacles)
+
+
+def _ring(points: tuple[Point, ...], frame: Frame) -> tuple[Point, ...]:
+    return tuple(tuple(point) for point in np.asarray(frame.from_world(points)).tolist())

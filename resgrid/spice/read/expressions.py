@@ -1,0 +1,359 @@
+r"""Arithmetic in decks: what stands in braces or quotes.
+
+Precedence as in ngspice's manual (section 2.8, ``.param``), tightest first: power, sign and ``!``, ``* / % \``,
+``+ -``, comparisons, ``&&``, ``||``, ``? :``.  Where simulators disagree (a chain of powers, a negative number to a
+power) the expression is refused, and so is what ngspice is known to misread: a sign of something else than a number
+after an operator, a choice within the first branch of a choice.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import pairwise
+
+from resgrid.spice.read.numerals import parse_numeral
+from resgrid.spice.read.rules import RULES, ReadingRules
+
+_PARENS = "write parentheses"
+
+MAX_NESTING = 60
+MAX_LENGTH = 10_000
+
+_TOKEN = re.compile(
+    r"\s*(?:(?P<number>(?:\d++(?:\.\d*+)?|\.\d++)(?:[eE][+-]?\d+|[dD][+-]?\d+)?(?:[^\W\d_]\w*)?)"
+    r"|(?P<name>[A-Za-z_][\w.$#@]*)"
+    r"|(?P<operator>\*\*|==|!=|<>|<=|>=|&&|\|\||[-+*/%\\^!<>?:(),])|(?P<end>$))"
+)
+_BINARY = {
+    "||": 1,
+    "&&": 2,
+    "==": 3,
+    "!=": 3,
+    "<>": 3,
+    "<": 3,
+    ">": 3,
+    "<=": 3,
+    ">=": 3,
+    "+": 4,
+    "-": 4,
+    "*": 5,
+    "/": 5,
+    "%": 5,
+    "\\": 5,
+}
+_POWERS = frozenset({"**", "^"})
+_STATISTICS = frozenset(
+    ("agauss", "gauss", "aunif", "unif", "limit", "mc", "flat", "rand", "random", "normal", "table", "v", "i", "ddt")
+)
+
+Lookup = Callable[[str], float | None]
+Call = Callable[[str, list[float], Lookup], float | None]
+
+
+class ExpressionError(ValueError):
+    """What is wrong with an expression, and at which offset in it."""
+
+    def __init__(self, offset: int, text: str) -> None:
+        super().__init__(text)
+        self.offset = offset
+
+
+@dataclass(frozen=True)
+class _Token:
+    kind: str
+    text: str
+    offset: int
+
+
+def evaluate(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> float:
+    """Evaluate an expression.
+
+    Examples
+    --------
+    >>> from resgrid.spice.read.rules import NGSPICE
+    >>> evaluate("2*r + 1k", NGSPICE, {"r": 3.0}.get, lambda name, values, lookup: None)
+    1006.0
+    """
+    if len(text) > MAX_LENGTH:
+        raise ExpressionError(0, f"an expression of {len(text)} characters; at most {MAX_LENGTH} are read")
+    names = _names(text)
+    if names is not None:
+        values = tuple(map(lookup, names))
+        if None not in values:
+            return _value_with(text, rules.name, values)
+    return _value(text, rules, lookup, call)
+
+
+@lru_cache(maxsize=4096)
+def _names(text: str) -> tuple[str, ...] | None:
+    """Parameters that an expression refers to; None if it calls functions, which may be the deck's own."""
+    tokens = _tokens(text)
+    if any(token.kind == "name" and after.text == "(" for token, after in pairwise(tokens)):
+        return None
+    return tuple(token.text.lower() for token in tokens if token.kind == "name")
+
+
+@lru_cache(maxsize=65536)
+def _value_with(text: str, dialect: str, values: tuple[float, ...]) -> float:
+    """Value of an expression without functions, given those of its parameters."""
+    given = dict(zip(_names(text) or (), values, strict=True))
+    return _value(text, RULES[dialect], given.get, lambda *_: None)
+
+
+def _value(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> float:
+    reader = _Reader(_tokens(text), rules, lookup, call)
+    try:
+        value = reader.choice()
+        reader.expect_end()
+    except (OverflowError, ZeroDivisionError) as error:
+        raise ExpressionError(0, f"{text!r} has no finite value ({error})") from None
+    if not math.isfinite(value):
+        raise ExpressionError(0, f"{text!r} has no finite value")
+    return value
+
+
+@lru_cache(maxsize=4096)
+def _tokens(text: str) -> tuple[_Token, ...]:
+    tokens: list[_Token] = []
+    position = 0
+    while not tokens or tokens[-1].kind != "end":
+        match = _TOKEN.match(text, position)
+        if match is None:
+            position += len(text[position:]) - len(text[position:].lstrip())
+            raise ExpressionError(position, f"{text[position]!r} has no meaning in an expression")
+        kind = match.lastgroup or "end"
+        tokens.append(_Token(kind, match.group(kind), match.start(kind)))
+        position = match.end()
+    return tuple(tokens)
+
+
+@dataclass
+class _Reader:
+    """Precedence climbing over the tokens of one expression."""
+
+    tokens: tuple[_Token, ...]
+    rules: ReadingRules
+    lookup: Lookup
+    call: Call
+    position: int = 0
+    depth: int = 0
+
+    def choice(self, *, within: bool = False) -> float:
+        """``condition ? this : that``, perhaps within the first branch of another."""
+        self.depth += 1
+        if self.depth > MAX_NESTING:
+            raise ExpressionError(self._now.offset, f"nested more than {MAX_NESTING} deep")
+        value = self._binary(1)
+        if self._now.text == "?":
+            if within and self.rules.narrow_parser:
+                raise ExpressionError(
+                    self._now.offset, f"{self.rules.name} misreads a choice within a choice: {_PARENS}"
+                )
+            self.position += 1
+            this = self.choice(within=True)
+            self._expect(":")
+            that = self.choice()
+            value = this if value else that
+        self.depth -= 1
+        return value
+
+    def expect_end(self) -> None:
+        if self._now.kind != "end":
+            raise ExpressionError(self._now.offset, f"{self._now.text!r} was not expected here")
+
+    @property
+    def _now(self) -> _Token:
+        return self.tokens[self.position]
+
+    def _expect(self, text: str) -> None:
+        if self._now.text != text:
+            found = repr(self._now.text) if self._now.kind != "end" else "the end"
+            raise ExpressionError(self._now.offset, f"{text!r} was expected, found {found}")
+        self.position += 1
+
+    def _binary(self, level: int) -> float:
+        left = self._signed()
+        while level <= _BINARY.get(self._now.text, 0):
+            operator = self._now
+            self.position += 1
+            left = self._apply(operator, left, self._binary(_BINARY[operator.text] + 1))
+        return left
+
+    def _apply(self, operator: _Token, a: float, b: float) -> float:
+        if operator.text in ("/", "\\", "%") and b == 0:
+            raise ExpressionError(operator.offset, "division by zero")
+        return float(_OPERATIONS[self.rules.operators.get(operator.text, operator.text)](a, b))
+
+    def _signed(self) -> float:
+        sign = self._now
+        if sign.kind != "operator" or sign.text not in ("-", "+", "!"):
+            return self._power()
+        leads = self.position == 0 or self.tokens[self.position - 1].text in ("(", ",")
+        if self.rules.narrow_parser and sign.text != "!" and not leads:
+            self._refuse_misread(sign)
+        self.position += 1
+        if sign.text == "!":
+            return float(not self._signed())
+        value = self._binary(_BINARY["*"]) if leads else self._signed()
+        return -value if sign.text == "-" else value
+
+    def _refuse_misread(self, sign: _Token) -> None:
+        """Refuse a sign after an operator, unless it is that of a number by itself."""
+        number, after = (self.tokens[min(self.position + i, len(self.tokens) - 1)] for i in (1, 2))
+        is_plain = number.kind == "number" and after.text not in _POWERS
+        if sign.text == "+" or not is_plain or self.tokens[self.position - 1].text == "!":
+            raise ExpressionError(sign.offset, f"{self.rules.name} misreads a sign after an operator: {_PARENS}")
+
+    def _power(self) -> float:
+        negated = self.position > 0 and self.tokens[self.position - 1].text == "!"
+        base = self._atom()
+        operator = self._now
+        if operator.text not in _POWERS:
+            return base
+        if operator.text not in self.rules.powers:
+            raise ExpressionError(
+                operator.offset, f"{operator.text!r} is no power in {self.rules.name} (perhaps exclusive or); write **"
+            )
+        if negated and self.rules.narrow_parser:
+            raise ExpressionError(operator.offset, f"{self.rules.name} takes the power of what ! gives: {_PARENS}")
+        self.position += 1
+        negative = self._now
+        if negative.text == "-":
+            if self.rules.narrow_parser:
+                self._refuse_misread(negative)
+            self.position += 1
+        exponent = self._atom()
+        if self._now.text in _POWERS:
+            raise ExpressionError(self._now.offset, "a power of a power: simulators disagree, write parentheses")
+        return _raise(operator, base, -exponent if negative.text == "-" else exponent)
+
+    def _atom(self) -> float:
+        token = self._now
+        self.position += token.kind != "end"
+        if token.kind == "number":
+            return self._number(token)
+        if token.kind == "name":
+            return self._call_function(token) if self._now.text == "(" else self._parameter(token)
+        if token.text == "(":
+            value = self.choice()
+            self._expect(")")
+            return value
+        found = repr(token.text) if token.kind != "end" else "the end"
+        raise ExpressionError(token.offset, f"a number or a name was expected, found {found}")
+
+    def _number(self, token: _Token) -> float:
+        numeral = parse_numeral(token.text, self.rules, computed=True)
+        if numeral is None or isinstance(numeral, str):
+            raise ExpressionError(token.offset, numeral or f"{token.text!r} is no number")
+        return numeral.value
+
+    def _parameter(self, token: _Token) -> float:
+        value = self.lookup(token.text.lower())
+        if value is None:
+            raise ExpressionError(token.offset, f"there is no parameter {token.text!r}; define it with .param")
+        return value
+
+    def _call_function(self, token: _Token) -> float:
+        self.position += 1
+        values = [self.choice()]
+        while self._now.text == ",":
+            self.position += 1
+            values.append(self.choice())
+        self._expect(")")
+        name = token.text.lower()
+        value = self.call(name, values, self.lookup)
+        return _built_in(token, values, self.rules) if value is None else value
+
+
+_OPERATIONS: dict[str, Callable[[float, float], float | bool]] = {
+    "||": lambda a, b: bool(a or b),
+    "&&": lambda a, b: bool(a and b),
+    "==": lambda a, b: a == b,
+    "!=": lambda a, b: a != b,
+    "<>": lambda a, b: a != b,
+    "<": lambda a, b: a < b,
+    ">": lambda a, b: a > b,
+    "<=": lambda a, b: a <= b,
+    ">=": lambda a, b: a >= b,
+    "+": lambda a, b: a + b,
+    "-": lambda a, b: a - b,
+    "*": lambda a, b: a * b,
+    "/": lambda a, b: a / b,
+    "%": math.fmod,
+    "% of the quotient": lambda a, b: a - b * math.trunc(a / b),
+    "\\": lambda a, b: math.trunc(a / b),
+    "\\ of the magnitude": lambda a, b: math.trunc(abs(a / b)),
+}
+"""What operators do; `ReadingRules.operators` says where a dialect's differ from their symbols."""
+
+
+def _raise(operator: _Token, base: float, exponent: float) -> float:
+    if base < 0 and exponent % 2:
+        raise ExpressionError(operator.offset, f"{base!r} to the power {exponent!r}: simulators disagree about that")
+    return float(base**exponent)
+
+
+def _built_in(token: _Token, values: list[float], rules: ReadingRules) -> float:
+    name = token.text.lower()
+    own = rules.functions.get(name)
+    if own is None:
+        why = (
+            "is statistical, or depends on the solution, and is not evaluated" if name in _STATISTICS else "is unknown"
+        )
+        raise ExpressionError(token.offset, f"the function {token.text!r} {why} ({rules.name})")
+    count, function = FUNCTIONS[own]
+    if len(values) != count:
+        raise ExpressionError(token.offset, f"{token.text} takes {count} argument(s), not {len(values)}")
+    try:
+        return float(function(*values))
+    except (ValueError, OverflowError, ZeroDivisionError):
+        shown = ", ".join(f"{value:g}" for value in values)
+        raise ExpressionError(token.offset, f"{token.text}({shown}) has no value") from None
+
+
+def _nearest(x: float) -> float:
+    return float(round(x))
+
+
+FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
+    "sqrt": (1, math.sqrt),
+    "exp": (1, math.exp),
+    "ln": (1, math.log),
+    "log10": (1, math.log10),
+    "abs": (1, abs),
+    "int": (1, math.trunc),
+    "nint": (1, _nearest),
+    "floor": (1, math.floor),
+    "ceil": (1, math.ceil),
+    "sgn": (1, lambda x: (x > 0) - (x < 0)),
+    "sin": (1, math.sin),
+    "cos": (1, math.cos),
+    "tan": (1, math.tan),
+    "asin": (1, math.asin),
+    "acos": (1, math.acos),
+    "atan": (1, math.atan),
+    "sinh": (1, math.sinh),
+    "cosh": (1, math.cosh),
+    "tanh": (1, math.tanh),
+    "asinh": (1, math.asinh),
+    "acosh": (1, math.acosh),
+    "atanh": (1, math.atanh),
+    "step": (1, lambda x: x > 0),
+    "step_half": (1, lambda x: x > 0.5),
+    "ramp": (1, lambda x: max(x, 0.0)),
+    "min": (2, min),
+    "max": (2, max),
+    "atan2": (2, math.atan2),
+    "hypot": (2, math.hypot),
+    "pow": (2, math.pow),
+    "pow_integer": (2, lambda x, y: math.pow(x, math.trunc(y))),
+    "pwr": (2, lambda x, y: math.pow(abs(x), y)),
+    "pwr_signed": (2, lambda x, y: math.copysign(math.pow(abs(x), y), x)),
+    "if": (3, lambda condition, this, that: this if condition else that),
+    "limit": (3, lambda x, low, high: min(max(x, min(low, high)), max(low, high))),
+}
+"""Functions of expressions: number of arguments, and what they compute."""

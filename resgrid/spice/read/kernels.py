@@ -1,0 +1,316 @@
+"""Compiled loops over the bytes of a deck: plain cards cut, node names numbered, simple numbers read.
+
+A *plain* card is one line ``name node node value``, or ``R=value`` for a resistor, ``DC value`` for a source, of
+printable ASCII without quotes, parentheses or comments, that no other line continues.  Everything else is kept aside.
+
+Numba takes seconds to import: only readers of large decks import this module.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from resgrid.jit import inner
+from resgrid.spice.read.decimal_kernels import read_decimal
+
+Bytes = NDArray[np.uint8]
+
+DONE, TOO_HARD = 0, 1
+"""Outcomes of `cut`: finished, or a file to be read line by line (conditions, sections, strange blanks)."""
+
+BAD, NAME, BLANK, BREAK = 0, 1, 2, 3
+_OFFSET = np.uint64(14695981039346656037)
+_PRIME = np.uint64(1099511628211)
+_MIX = np.uint64(29)
+
+
+def _classes() -> NDArray[np.uint8]:
+    """What every byte means in a plain card."""
+    classes = np.full(256, BAD, dtype=np.uint8)
+    classes[33:127] = NAME
+    classes[np.frombuffer(b"\"$'(),;={}\\", dtype=np.uint8)] = BAD
+    classes[[32, 9]] = BLANK
+    classes[10] = BREAK
+    return classes
+
+
+def _folded() -> NDArray[np.uint8]:
+    """Every byte in lower case."""
+    table = np.arange(256, dtype=np.uint8)
+    table[65:91] += 32
+    return table
+
+
+def _kinds() -> NDArray[np.uint8]:
+    """Kind of element that a letter stands for: 0 resistor, 1 voltage source, 2 current source, 3 capacitor."""
+    kinds = np.full(256, NO_KIND, dtype=np.uint8)
+    for kind, letters in enumerate((b"rR", b"vV", b"iI", b"cC")):
+        kinds[list(letters)] = kind
+    return kinds
+
+
+NO_KIND = 255
+CLASSES, FOLDED, KINDS = _classes(), _folded(), _kinds()
+
+
+@inner
+def _is(text: Bytes, start: int, stop: int, word: Bytes) -> bool:
+    """Whether a word, given in lower case, stands there."""
+    if stop - start != len(word):
+        return False
+    for i in range(len(word)):  # noqa: SIM110
+        if FOLDED[text[start + i]] != word[i]:
+            return False
+    return True
+
+
+@njit(cache=True, inline="always")
+def _token_end(text: Bytes, start: int) -> int:
+    """End of a run of characters that a plain card may hold; the line ends at the latest."""
+    i = start
+    while CLASSES[text[i]] == NAME:
+        i += 1
+    return i
+
+
+@njit(cache=True, inline="always")
+def _skip_blanks(text: Bytes, start: int) -> int:
+    i = start
+    while CLASSES[text[i]] == BLANK:
+        i += 1
+    return i
+
+
+@inner
+def _hash(text: Bytes, start: int) -> tuple[int, np.uint64]:
+    """End of a token, and the hash of its name in lower case (FNV-1a)."""
+    key = _OFFSET
+    i = start
+    while CLASSES[text[i]] == NAME:
+        key = (key ^ np.uint64(FOLDED[text[i]])) * _PRIME
+        i += 1
+    return i, key ^ (key >> _MIX)
+
+
+class NodeHash(NamedTuple):
+    """Node names in the order of their first occurrence, found by their hash.
+
+    `slots` (power of two,): number of a name, -1 where there is none; `keys` (names,): hashes; `spans` (names, 3):
+    first and last byte of a name where it occurs first, and that line.
+    """
+
+    slots: NDArray[np.int32]
+    keys: NDArray[np.uint64]
+    spans: NDArray[np.int64]
+
+
+class CardTable(NamedTuple):
+    """Plain cards: kinds, spans of names, nodes, bits of values, how those were read, their spans, lines."""
+
+    kind: NDArray[np.uint8]
+    name: NDArray[np.int32]
+    nodes: NDArray[np.int32]
+    value: NDArray[np.uint64]
+    outcome: NDArray[np.uint8]
+    token: NDArray[np.int32]
+    line: NDArray[np.int32]
+
+
+@njit(cache=True, inline="always")
+def _node(text: Bytes, start: int, stop: int, key: np.uint64, known: NodeHash, count: int, line: int) -> Any:
+    """Number of a node name: that of its first occurrence (case folded), or ``count`` for a new one, then entered."""
+    spans = known.spans
+    mask = np.int64(len(known.slots) - 1)
+    slot = np.int64(key) & mask
+    while True:
+        number = np.int64(known.slots[slot])
+        if number < 0:
+            known.slots[slot] = count
+            known.keys[count] = key
+            spans[count, 0] = start
+            spans[count, 1] = stop
+            spans[count, 2] = line
+            return count
+        if known.keys[number] == key and spans[number, 1] - spans[number, 0] == stop - start:
+            first = spans[number, 0]
+            same = True
+            for i in range(stop - start):
+                x, y = text[first + i], text[start + i]
+                if x != y and FOLDED[x] != FOLDED[y]:
+                    same = False
+                    break
+            if same:
+                return number
+        slot = (slot + 1) & mask
+
+
+@njit(cache=True)
+def cut(  # noqa: PLR0912, PLR0915
+    text: Bytes,
+    start: int,
+    first_line: int,
+    has_slashes: bool,
+    comments: NDArray[np.bool_],
+    words: tuple[Bytes, ...],
+    known: NodeHash,
+    cards: CardTable,
+    other: NDArray[np.int64],
+) -> tuple[int, int, int, int]:
+    """Cut a file into plain cards and other lines.  Shapes: `comments` (256,), `other` (.., 3)."""
+    end_, alter, subckt, macro, ends, eom, control, endc, endl, if_, data, dc = words
+    position, number = start, first_line - 1
+    card, others, node_count = 0, 0, 0
+    depth = 0
+    in_control = False
+    last_is_plain = False
+    last_start, last_stop, last_number = 0, 0, 0
+    while position < len(text):
+        number += 1
+        begin = position
+        i = _skip_blanks(text, begin)
+        c = text[i]
+        if KINDS[c] != NO_KIND and depth == 0 and not in_control:
+            stop, node_count = _card(text, i, KINDS[c], has_slashes, dc, known, node_count, number, cards, card)
+            if stop >= 0:
+                cards.kind[card] = KINDS[c]
+                cards.line[card] = number
+                card += 1
+                last_is_plain = True
+                last_start, last_stop, last_number = begin, stop, number
+                position = stop + 1
+                continue
+        stop = i
+        while text[stop] != 10:
+            stop += 1
+        position = stop + 1
+        if i == stop or c == 42 or (comments[c] and (c != 47 or text[i + 1] == 47)):
+            continue
+        if _is_strange(c) or (stop - i >= 2 and text[stop - 1] == 92 and text[stop - 2] == 92):
+            return TOO_HARD, 0, 0, 0
+        if c == 43 and last_is_plain:
+            card -= 1
+            other[others, 0], other[others, 1], other[others, 2] = last_start, last_stop, last_number
+            others += 1
+        last_is_plain = False
+        other[others, 0], other[others, 1], other[others, 2] = begin, stop, number
+        others += 1
+        if c != 46:
+            continue
+        j = i
+        while text[j] != 32 and text[j] != 9 and j < stop:
+            if _is_strange(text[j]):
+                return TOO_HARD, 0, 0, 0
+            j += 1
+        if in_control:
+            in_control = not _is(text, i, j, endc)
+        elif _is(text, i, j, subckt) or _is(text, i, j, macro):
+            depth += 1
+        elif _is(text, i, j, ends) or _is(text, i, j, eom):
+            depth = max(depth - 1, 0)
+        elif _is(text, i, j, control):
+            in_control = True
+        elif _is(text, i, j, endl) or _is(text, i, j, if_) or _is(text, i, j, data):
+            return TOO_HARD, 0, 0, 0
+        elif _is(text, i, j, end_) or _is(text, i, j, alter):
+            break
+    return DONE, card, others, node_count
+
+
+@njit(cache=True, inline="always")
+def _begins_number(c: int) -> bool:
+    """Whether it is a digit, a sign or a point."""
+    return 48 <= c <= 57 or 45 <= c <= 46 or c == 43
+
+
+@njit(cache=True, inline="always")
+def _is_strange(c: int) -> bool:
+    """Whether it is a control character, or part of one that may be blank beyond ASCII."""
+    return c < 32 or c > 126
+
+
+@inner
+def _comments_out(text: Bytes, start: int, stop: int) -> bool:
+    """Whether ``//`` stands there."""
+    for i in range(start, stop):  # noqa: SIM110
+        if text[i] == 47 and text[i + 1] == 47:
+            return True
+    return False
+
+
+@njit(cache=True, inline="always")
+def _card(
+    text: Bytes,
+    start: int,
+    kind: int,
+    has_slashes: bool,
+    dc: Bytes,
+    known: NodeHash,
+    node_count: int,
+    line: int,
+    cards: CardTable,
+    card: int,
+) -> tuple[int, int]:
+    """Read one card; returns where its line ends, -1 if it is not plain, and how many nodes are known now."""
+    name_stop = _token_end(text, start)
+    a = _skip_blanks(text, name_stop)
+    a_stop, a_key = _hash(text, a)
+    b = _skip_blanks(text, a_stop)
+    b_stop, b_key = _hash(text, b)
+    v = _skip_blanks(text, b_stop)
+    if kind == 0 and FOLDED[text[v]] == 114 and text[v + 1] == 61:
+        v += 2
+    elif 1 <= kind <= 2 and _is(text, v, _token_end(text, v), dc):
+        v = _skip_blanks(text, v + 2)
+    v_stop = _token_end(text, v)
+    stop = _skip_blanks(text, v_stop)
+    if text[stop] != 10 or min(a - name_stop, b - a_stop, v - b_stop, v_stop - v) == 0:
+        return -1, node_count
+    if not _begins_number(text[v]):
+        return -1, node_count
+    if has_slashes and _comments_out(text, start, v_stop):
+        return -1, node_count
+    cards.outcome[card], cards.value[card] = read_decimal(text, v, v_stop)
+    cards.token[card, 0], cards.token[card, 1] = v, v_stop
+    cards.name[card, 0], cards.name[card, 1] = start, name_stop
+    node = _node(text, a, a_stop, a_key, known, node_count, line)
+    node_count += node == node_count
+    cards.nodes[card, 0] = node
+    node = _node(text, b, b_stop, b_key, known, node_count, line)
+    node_count += node == node_count
+    cards.nodes[card, 1] = node
+    return stop, node_count
+
+
+@njit(cache=True)
+def gather(text: Bytes, spans: NDArray[np.int64]) -> Bytes:
+    """Pieces of a text, a line each."""
+    size = 0
+    for i in range(len(spans)):
+        size += spans[i, 1] - spans[i, 0] + 1
+    out = np.empty(size, dtype=np.uint8)
+    at = 0
+    for i in range(len(spans)):
+        for j in range(spans[i, 0], spans[i, 1]):
+            out[at] = text[j]
+            at += 1
+        out[at] = 10
+        at += 1
+    return out
+
+
+@njit(cache=True)
+def first_uses(used: NDArray[np.int64], count: int) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
+    """Number nodes in the order in which they first occur: every node's number (-1 if it does not), and the order."""
+    number = np.full(count, -1, dtype=np.int32)
+    order = np.empty(count, dtype=np.int64)
+    seen = 0
+    for node in used:
+        if number[node] < 0:
+            number[node] = seen
+            order[seen] = node
+            seen += 1
+    return number, order[:seen]

@@ -1,0 +1,135 @@
+"""Resistors and switches that a ``.model`` card describes.
+
+ngspice manual, section 3.3.2 (semiconductor resistor): ``R = RSH (L - 2 SHORT) / (W - 2 NARROW)``, with ``L`` and ``W``
+of 10 micrometres unless they are given; SPICE3 and Xyce take the reductions off once.  Section 3.2.14 (switches).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from resgrid.spice.read.cards import Card
+from resgrid.spice.read.rules import ReadingRules
+from resgrid.spice.read.scopes import Model, Scope
+
+RESISTOR_KINDS = frozenset({"r", "res"})
+SWITCH_KINDS = frozenset({"sw", "vswitch"})
+
+_DEFAULT_LENGTH = 10e-6
+_OFF_RESISTANCE = {"xyce": 1e6}
+_USUAL_OFF = 1e12
+_ALIASES = {
+    "res": "r",
+    "tc1r": "tc1",
+    "tc2r": "tc2",
+    "tref": "tnom",
+    "dw": "narrow",
+    "dlr": "short",
+    "dl": "short",
+    "defl": "l",
+    "defw": "w",
+}
+_RESISTOR_KEYS = frozenset({"r", "tc1", "tc2", "tnom", "rsh", "l", "w", "narrow", "short"})
+_IGNORED_KEYS = frozenset({"level", "kf", "af", "ef", "lf", "wf", "noise", "bv_max", "version"})
+_SWITCH_KEYS = frozenset({"ron", "roff", "vt", "vh", "von", "voff"})
+
+
+@dataclass(frozen=True)
+class ModelValues:
+    """What the keys of a model are worth in a scope."""
+
+    values: dict[str, float]
+
+    def get(self, key: str, default: float) -> float:
+        """Value of a key."""
+        return self.values.get(key, default)
+
+
+def model_values(model: Model, scope: Scope, known: frozenset[str]) -> dict[str, float]:
+    """Evaluate the keys of a model, by the parameters of the block that it stands in."""
+    values: dict[str, float] = {}
+    home = scope.of(model.block)
+    for setting in model.settings:
+        if setting.key in scope.rules.ignored_model_keys:
+            own = _ALIASES[setting.key]
+            raise model.card.error(
+                setting.offset, f"{scope.rules.name} ignores {setting.key}; write {own}, or leave it out"
+            )
+        key = _ALIASES.get(setting.key, setting.key)
+        if key in _IGNORED_KEYS:
+            continue
+        if key not in known:
+            raise model.card.error(
+                setting.offset, f"{setting.key} is no parameter that a model of kind {model.kind} can have here"
+            )
+        values[key] = home.value(model.card, setting.values[0])[0]
+    return values
+
+
+@dataclass(frozen=True)
+class ModelledResistor:
+    """What a resistor takes from its model: ohms, temperature coefficients, the temperature they count from."""
+
+    ohms: float
+    tc1: float
+    tc2: float
+    nominal: float
+
+
+def modelled_resistor(
+    model: Model, scope: Scope, ohms: float | None, length: float | None, width: float | None, card: Card
+) -> ModelledResistor:
+    """Resistance of a resistor with a model."""
+    values = model_values(model, scope, _RESISTOR_KEYS)
+    if ohms is None:
+        ohms = _from_model(values, scope, length, width, card, model)
+    elif scope.rules.model_factor:
+        ohms *= values.get("r", 1.0)
+    return ModelledResistor(ohms, values.get("tc1", 0.0), values.get("tc2", 0.0), values.get("tnom", math.nan))
+
+
+def _from_model(
+    values: dict[str, float], scope: Scope, length: float | None, width: float | None, card: Card, model: Model
+) -> float:
+    rules = scope.rules
+    span = values.get("l", _DEFAULT_LENGTH) if length is None else length
+    broad = values.get("w", _DEFAULT_LENGTH) if width is None else width
+    if _is_sheet(values, rules, span, broad, sized=length is not None or width is not None):
+        narrow, short = values.get("narrow", 0.0), values.get("short", 0.0)
+        twice = 2.0 if rules.lengths_twice else 1.0
+        if broad - twice * narrow <= 0 or span - twice * short <= 0:
+            raise card.error(None, f"the model {model.name} leaves no length or width ({span:g} m, {broad:g} m)")
+        if not rules.lengths_twice and (narrow or short):
+            raise card.error(
+                None, f"how {rules.name} uses narrow and short of the model {model.name} is not known here"
+            )
+        return values["rsh"] * (span - twice * short) / (broad - twice * narrow)
+    if "r" in values and not rules.model_factor:
+        return values["r"]
+    raise card.error(None, f"neither this line nor the model {model.name} says how many ohms (r, or rsh with l and w)")
+
+
+def _is_sheet(values: dict[str, float], rules: ReadingRules, span: float, broad: float, *, sized: bool) -> bool:
+    """Whether the resistance is that of a sheet, and not the model's ``r``."""
+    if rules.sheet_first:
+        return values.get("rsh", 0.0) * span * broad > 0
+    return "rsh" in values and (sized or "r" not in values)
+
+
+def modelled_switch(model: Model, scope: Scope, state: float, card: Card) -> tuple[float, float, float, float, float]:
+    """Values of a switch: ohms on and off, voltages above which it is on and below which off, the state between."""
+    values = model_values(model, scope, _SWITCH_KEYS)
+    rules = scope.rules
+    on, off = values.get("ron", 1.0), values.get("roff", _OFF_RESISTANCE.get(rules.name, _USUAL_OFF))
+    if model.kind == "vswitch" or "von" in values or "voff" in values:
+        upper, lower = values.get("von", 1.0), values.get("voff", 0.0)
+        state = math.nan
+    else:
+        threshold, hysteresis = values.get("vt", 0.0), values.get("vh", 0.0)
+        upper, lower = threshold + abs(hysteresis), threshold - abs(hysteresis)
+        if hysteresis < 0:
+            state = math.nan
+    if on <= 0 or off <= 0:
+        raise card.error(None, f"the switch model {model.name} has ron = {on:g}, roff = {off:g}: both must be positive")
+    return on, off, upper, lower, state

@@ -1,0 +1,87 @@
+"""Numbers with suffixes: ``2.2k``, ``10uF``, ``1meg``."""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import dataclass
+
+from resgrid.spice.read.rules import MIL, ReadingRules
+
+_NUMBER = re.compile(r"([+-]?)(\d++(?:\.\d*+)?|\.\d++)(?:[eE]([+-]?\d{1,9}))?([^\W\d_]*+)")
+_D_NUMBER = re.compile(r"([+-]?)(\d++(?:\.\d*+)?|\.\d++)(?:[eEdD]([+-]?\d{1,9}))?([^\W\d_]*+)")
+_INFIX = re.compile(r"([+-]?)(\d++)(meg|[tgkmunpfµμ])(\d++)[^\W\d_]*+", re.IGNORECASE)
+_UNIT = "Ω"
+_NO_D = "{} does not everywhere take D for an exponent; write e"
+
+
+@dataclass(frozen=True)
+class Numeral:
+    """A number as it was read.
+
+    `warning`: what other readers might make of it; empty if nothing.
+    """
+
+    value: float
+    warning: str = ""
+
+
+def parse_numeral(text: str, rules: ReadingRules, *, computed: bool = False) -> Numeral | str | None:
+    """Read a number with a suffix and a unit.
+
+    Examples
+    --------
+    >>> from resgrid.spice.read.rules import NGSPICE
+    >>> parse_numeral("2.2kOhm", NGSPICE)
+    Numeral(value=2200.0, warning='')
+    >>> parse_numeral("out", NGSPICE) is None
+    True
+    """
+    match = (_D_NUMBER if rules.d_exponents else _NUMBER).fullmatch(text)
+    if match is None:
+        return _infix(text, rules) if _D_NUMBER.fullmatch(text) is None else f"{text!r}: {_NO_D.format(rules.name)}"
+    sign, digits, exponent, letters = match.groups()
+    power, unit, warning = _suffix(letters, rules)
+    if power is None and computed and rules.milli_mil:
+        return f"{text!r}: mil is milli in an expression of {rules.name}, and 25.4e-6 elsewhere; write what is meant"
+    if power is None:
+        return _checked(text, float(f"{sign}{digits}e{exponent or 0}") * MIL, digits, warning)
+    if not unit.isascii() and unit != _UNIT:
+        return f"{text!r} has the unit {unit!r}; only ASCII letters make one"
+    return _checked(text, float(f"{sign}{digits}e{int(exponent or 0) + power}"), digits, warning)
+
+
+def _suffix(letters: str, rules: ReadingRules) -> tuple[int | None, str, str]:
+    """Power of ten (None for ``mil``), what is left as a unit, and a warning."""
+    folded = letters.lower()
+    if folded.startswith("meg") and "meg" in rules.suffixes:
+        return rules.suffixes["meg"], letters[3:], ""
+    if folded.startswith("mil"):
+        return None, letters[3:], ""
+    if not folded or folded[0] not in rules.suffixes:
+        warning = f"{rules.name} takes x for a unit and ignores it, where others read mega" if folded == "x" else ""
+        return 0, letters, warning
+    warning = ""
+    if letters[0] == "M":
+        warning = "M is milli, a thousandth; mega is MEG"
+    elif letters == "F":
+        warning = "F is femto, 1e-15, not farad"
+    return rules.suffixes[folded[0]], letters[1:], warning
+
+
+def _infix(text: str, rules: ReadingRules) -> Numeral | str | None:
+    match = _INFIX.fullmatch(text)
+    if match is None:
+        return None
+    if not rules.infix_suffixes:
+        return f"{text!r}: LTspice reads a suffix as a decimal point, {rules.name} drops what follows; write it plainly"
+    sign, whole, suffix, fraction = match.groups()
+    return _checked(text, float(f"{sign}{whole}.{fraction}e{rules.suffixes[suffix.lower()]}"), whole + fraction, "")
+
+
+def _checked(text: str, value: float, digits: str, warning: str) -> Numeral | str:
+    if math.isinf(value):
+        return f"{text} is larger than any number that can be held (1.8e308)"
+    if value == 0 and digits.strip("0."):
+        return f"{text} is smaller than any number that can be held (4.9e-324), but not zero"
+    return Numeral(value, warning)

@@ -1,0 +1,164 @@
+"""The short way for plain cards: compiled loops cut a whole file, and keep aside what needs a closer look."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.spice.read.files import decode
+from resgrid.spice.read.numerals import Numeral, parse_numeral
+from resgrid.spice.read.rules import ReadingRules
+from resgrid.spice.read.tables import Names
+
+LEAST_BYTES = 40_000
+"""Below this size the compiled loops cost more to load than they save."""
+
+_CAPACITOR = 3
+_WORDS = tuple(
+    np.frombuffer(word, dtype=np.uint8)
+    for word in b".end .alter .subckt .macro .ends .eom .control .endc .endl .if .data dc".split()
+)
+_NO_WORD = np.frombuffer(b" ", dtype=np.uint8)
+
+
+@dataclass(frozen=True, eq=False)
+class Bulk:
+    """Plain cards of one file.
+
+    `node_names`: as spelt first; `node_line` (nodes,): where that is; `short`: nodes whose names are short enough to
+    be ground's; `kind` (n,): 0 resistor, 1 voltage source, 2 current source, 3 capacitor; `text`: the file; `span`
+    (n, 2): where the names of the elements stand in it; `nodes` (n, 2): index into ``node_names``; `value` (n,);
+    `line` (n,); `other` (k, 3): first and last byte and number of every line that was not plain.
+    """
+
+    node_names: list[str]
+    node_line: NDArray[np.int64]
+    short: list[int]
+    kind: NDArray[np.uint8]
+    text: NDArray[np.uint8]
+    span: NDArray[np.int32]
+    nodes: NDArray[np.int32]
+    value: NDArray[np.float64]
+    line: NDArray[np.int32]
+    other: NDArray[np.int64]
+
+    def names(self, which: NDArray[np.bool_]) -> Names:
+        """Names of some elements."""
+        text, span = self.text, self.span
+        return Names(int(np.count_nonzero(which)), lambda: _texts(text, span[which]))
+
+    def others(self, data: bytes) -> Iterator[tuple[int, str]]:
+        """Lines that were not plain."""
+        for first, last, number in self.other.tolist():
+            yield number, decode(data[first:last])
+
+
+def plain_lines(data: bytes, start: int) -> Iterator[tuple[int, str]]:
+    """Every line of a file from a byte on, with its number."""
+    number = data.count(b"\n", 0, start) + 1
+    return enumerate(map(decode, data[start:].split(b"\n")), number)
+
+
+def scan(data: bytes, start: int, rules: ReadingRules) -> Bulk | None:
+    """Cut a file into plain cards and others; None if it must be read line by line."""
+    from resgrid.spice.read.kernels import TOO_HARD, CardTable, NodeHash, cut
+
+    text = np.frombuffer(data, dtype=np.uint8)
+    rows = data.count(b"\n", start)
+    known = NodeHash(
+        slots=np.full(1 << max(6, (4 * rows).bit_length()), -1, dtype=np.int32),
+        keys=np.empty(2 * rows + 1, dtype=np.uint64),
+        spans=np.empty((2 * rows + 1, 3), dtype=np.int64),
+    )
+    kind, outcome = np.empty(rows, dtype=np.uint8), np.empty(rows, dtype=np.uint8)
+    name, nodes, token = (np.empty((rows, 2), dtype=np.int32) for _ in range(3))
+    value, line = np.empty(rows), np.empty(rows, dtype=np.int32)
+    other = np.empty((rows + 1, 3), dtype=np.int64)
+    cards = CardTable(kind, name, nodes, value.view(np.uint64), outcome, token, line)
+    first_line = data.count(b"\n", 0, start) + 1
+    ended, count, others, node_count = cut(
+        text, start, first_line, b"//" in data, _comment_starts(rules), _words(rules), known, cards, other
+    )
+    if ended == TOO_HARD:
+        return None
+    value = value[:count]
+    plain = _read_values(text, value, outcome[:count], token[:count], rules)
+    plain &= (kind[:count] != _CAPACITOR) | (value >= 0)
+    other = _with_demoted(other[:others], line[:count][~plain], data)
+    keep = slice(count) if plain.all() else np.flatnonzero(plain)
+    spans = known.spans[:node_count]
+    longest = max(map(len, rules.grounds))
+    return Bulk(
+        node_names=_texts(text, spans[:, :2]),
+        node_line=spans[:, 2],
+        short=np.flatnonzero(spans[:, 1] - spans[:, 0] <= longest).tolist(),
+        kind=kind[keep],
+        text=text,
+        span=name[keep],
+        nodes=nodes[keep],
+        value=value if plain.all() else value[plain],
+        line=line[keep],
+        other=other,
+    )
+
+
+def _words(rules: ReadingRules) -> tuple[NDArray[np.uint8], ...]:
+    """Words that the compiled loop heeds: ``.end`` is not among them where it ends nothing."""
+    return (_NO_WORD, *_WORDS[1:]) if rules.end_is_comment else _WORDS
+
+
+def _comment_starts(rules: ReadingRules) -> NDArray[np.bool_]:
+    """Bytes that make a line a comment when they stand first."""
+    starts = np.zeros(256, dtype=np.bool_)
+    starts[[ord(mark[0]) for mark in (*rules.comments, *("$" * rules.dollar_comments))]] = True
+    return starts
+
+
+def _read_values(
+    text: NDArray[np.uint8],
+    value: NDArray[np.float64],
+    outcome: NDArray[np.uint8],
+    token: NDArray[np.int32],
+    rules: ReadingRules,
+) -> NDArray[np.bool_]:
+    """Read the numbers that the compiled loop left; returns which cards have one without any doubt about it."""
+    from resgrid.spice.read.decimal_kernels import LONG, OTHER
+
+    plain = np.ones(len(value), dtype=np.bool_)
+    long = np.flatnonzero(outcome == LONG)
+    if long.size:
+        value[long] = list(map(float, _texts(text, token[long])))
+        plain[long] = np.isfinite(value[long]) & (value[long] != 0)
+    read: dict[str, float | None] = {}
+    for card, word in zip(
+        np.flatnonzero(outcome == OTHER).tolist(), _texts(text, token[outcome == OTHER]), strict=True
+    ):
+        if word not in read:
+            numeral = parse_numeral(word, rules)
+            read[word] = numeral.value if isinstance(numeral, Numeral) and not numeral.warning else None
+        known = read[word]
+        plain[card] = known is not None
+        if known is not None:
+            value[card] = known
+    return plain
+
+
+def _with_demoted(other: NDArray[np.int64], lines: NDArray[np.int32], data: bytes) -> NDArray[np.int64]:
+    """Other lines, with some whose card turned out not to be plain."""
+    if not lines.size:
+        return other.copy()
+    ends = np.flatnonzero(np.frombuffer(data, dtype=np.uint8) == ord("\n"))
+    stops = ends[lines.astype(np.int64) - 1]
+    starts = np.where(lines > 1, ends[np.maximum(lines.astype(np.int64) - 2, 0)] + 1, 0)
+    rows = np.concatenate([other, np.stack([starts, stops, lines.astype(np.int64)], axis=1)])
+    return rows[np.argsort(rows[:, 2], kind="stable")]
+
+
+def _texts(text: NDArray[np.uint8], spans: NDArray[np.integer[Any]]) -> list[str]:
+    from resgrid.spice.read.kernels import gather
+
+    return gather(text, spans.astype(np.int64)).tobytes().decode("ascii").split("\n")[:-1]

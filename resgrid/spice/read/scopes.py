@@ -1,0 +1,186 @@
+"""The deck and its subcircuits as blocks of cards, and the scopes in which their parameters have values."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from resgrid.errors import BudgetError
+from resgrid.spice.read.cards import Card, Setting, Token
+from resgrid.spice.read.diagnostics import CardError, Spot
+from resgrid.spice.read.expressions import ExpressionError, Lookup, evaluate
+from resgrid.spice.read.numerals import parse_numeral
+from resgrid.spice.read.rules import ReadingRules
+
+MAX_CHAIN = 40
+"""How deep parameters may refer to each other (in order of their lines they may do so without end)."""
+
+MAX_CALLS = 10_000
+"""How many calls of the deck's functions one value may take."""
+
+
+@dataclass(frozen=True, eq=False)
+class Definition:
+    """What a parameter or a function is: an expression and where it stands."""
+
+    text: str
+    card: Card
+    offset: int
+    arguments: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Model:
+    """A ``.model`` card, and the block that it stands in."""
+
+    name: str
+    kind: str
+    settings: tuple[Setting, ...]
+    card: Card
+    block: Block
+
+
+@dataclass(eq=False)
+class Block:
+    """The deck, or a subcircuit.
+
+    `name`: of the subcircuit; empty for the deck; `outer`: the block that it is defined in; `ports`: names of its
+    terminals, as spelt; `parameters`: defaults of the subcircuit and its ``.param`` lines, keys in lower case;
+    `functions, models, blocks`: by name in lower case; `cards`: its elements.
+    """
+
+    name: str
+    outer: Block | None = None
+    ports: list[str] = field(default_factory=list)
+    defaults: set[str] = field(default_factory=set)
+    parameters: dict[str, Definition] = field(default_factory=dict)
+    functions: dict[str, Definition] = field(default_factory=dict)
+    models: dict[str, Model] = field(default_factory=dict)
+    blocks: dict[str, Block] = field(default_factory=dict)
+    cards: list[Card] = field(default_factory=list)
+    spot: Spot = field(default_factory=lambda: Spot("", 0))
+
+    def model(self, name: str) -> Model | None:
+        """Find a model here or further out."""
+        found = self.models.get(name)
+        return found if found is not None or self.outer is None else self.outer.model(name)
+
+    def home_of_function(self, name: str) -> Block:
+        """The block, here or further out, that defines a function; the outermost if none does."""
+        return self if name in self.functions or self.outer is None else self.outer.home_of_function(name)
+
+    def block(self, name: str) -> Block | None:
+        """Find a subcircuit here or further out."""
+        found = self.blocks.get(name)
+        return found if found is not None or self.outer is None else self.outer.block(name)
+
+
+@dataclass(eq=False)
+class Scope:
+    """The values that a block's parameters have in one of its uses."""
+
+    block: Block
+    rules: ReadingRules
+    outer: Scope | None = None
+    given: Mapping[str, float] = field(default_factory=dict)
+    _known: dict[str, float] = field(default_factory=dict)
+    _busy: list[str] = field(default_factory=list)
+    _deep: bool = False
+    _calls: int = 0  # of functions, for one value; counted by the outermost scope
+
+    def __post_init__(self) -> None:
+        # forwards and, for those that refer to later ones, backwards, one step at a time
+        for name in (*self.block.parameters, *reversed(self.block.parameters)):
+            try:
+                self.parameter(name)
+            except (ExpressionError, CardError):
+                continue  # said when it is used
+        self._deep = True
+
+    def parameter(self, name: str) -> float | None:
+        """Value of a parameter, here or further out; None if there is none."""
+        if name in self.given:
+            return self.given[name]
+        if name in self._known:
+            return self._known[name]
+        definition = self.block.parameters.get(name)
+        if definition is None:
+            return None if self.outer is None else self.outer.parameter(name)
+        if name in self._busy:
+            raise definition.card.error(
+                definition.offset, f"parameters define each other in a circle: {' -> '.join([*self._busy, name])}"
+            )
+        if len(self._busy) >= (MAX_CHAIN if self._deep else 1):
+            raise definition.card.error(definition.offset, f"parameters refer to each other over {MAX_CHAIN} deep")
+        self._busy.append(name)
+        self._outermost._calls = 0
+        try:
+            self._known[name] = self._defined(definition, self.parameter)
+        finally:
+            self._busy.pop()
+        return self._known[name]
+
+    def function(self, name: str, values: list[float], lookup: Lookup) -> float | None:
+        """Value of a function that the deck defines, None if it does not; ``lookup`` knows names where it is called."""
+        home = self.of(self.block.home_of_function(name))
+        if home is not self:
+            return home.function(name, values, lookup)
+        definition = self.block.functions.get(name)
+        if definition is None:
+            return None
+        key = f"{name}()"
+        if len(values) != len(definition.arguments):
+            raise definition.card.error(
+                definition.offset, f"{name} takes {len(definition.arguments)} argument(s), not {len(values)}"
+            )
+        if key in self._busy or len(self._busy) >= MAX_CHAIN:
+            raise definition.card.error(definition.offset, f"the function {name} calls itself")
+        self._outermost._calls += 1
+        if self._outermost._calls > MAX_CALLS:
+            raise BudgetError(
+                f"{definition.card.spot(definition.offset)}: one value takes more than {MAX_CALLS:,} calls of "
+                "functions that call each other; give what they repeat a parameter of its own"
+            )
+        given = dict(zip(definition.arguments, values, strict=True))
+        further = lookup if self.rules.puts_in_text else self.parameter
+        self._busy.append(key)
+        try:
+            return self._defined(definition, lambda wanted: given[wanted] if wanted in given else further(wanted))
+        finally:
+            self._busy.pop()
+
+    def _defined(self, definition: Definition, lookup: Lookup) -> float:
+        try:
+            return evaluate(definition.text, self.rules, lookup, self.function)
+        except ExpressionError as error:
+            raise definition.card.error(definition.offset + error.offset, str(error)) from None
+
+    @property
+    def _outermost(self) -> Scope:
+        return self if self.outer is None else self.outer._outermost
+
+    def of(self, block: Block) -> Scope:
+        """The scope of a block here or further out."""
+        return self if self.block is block or self.outer is None else self.outer.of(block)
+
+    def value(self, card: Card, token: Token, lookup: Lookup | None = None) -> tuple[float, str]:
+        """Value of a token of a card, and a warning about it; ``lookup`` knows the names in formulas."""
+        computed = lookup is not None
+        lookup = lookup or self.parameter
+        self._outermost._calls = 0
+        if token.kind == "word":
+            numeral = parse_numeral(token.text, self.rules, computed=computed)
+            if numeral is not None and not isinstance(numeral, str):
+                return numeral.value, numeral.warning
+            if numeral is not None:
+                raise card.error(token.offset, numeral)
+            found = lookup(token.text.lower())
+            if found is None:
+                raise card.error(token.offset, f"{token.text!r} is neither a number nor a parameter nor a known model")
+            return found, ""
+        if token.kind in ("expression", "string"):
+            try:
+                return evaluate(token.text, self.rules, lookup, self.function), ""
+            except ExpressionError as error:
+                raise card.error(token.offset + error.offset, str(error)) from None
+        raise card.error(token.offset, f"{token.text!r} was not expected here; a value was")

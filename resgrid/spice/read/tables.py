@@ -1,0 +1,243 @@
+"""Elements and nodes as they are read: lists first, arrays when a block is complete."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field
+from itertools import compress
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.spice.read.rules import ReadingRules
+
+WIDTHS = {
+    "resistor": (2, 6),
+    "voltage source": (2, 1),
+    "current source": (2, 1),
+    "capacitor": (2, 1),
+    "switch": (4, 5),
+}
+"""Per kind the number of nodes and of values.
+
+A resistor's values: ohms, tc1, tc2, by how much its temperature lies above the circuit's, its own temperature and its
+own nominal temperature (NaN where it has none).  A switch's: ohms when on, ohms when off, the voltages above (or below)
+which it is on and off, and the state between (1, 0).
+"""
+
+RESISTIVE = {"resistor": (0,), "switch": (0, 1)}
+"""Values that ``m=`` divides; those of current sources and capacitors it multiplies."""
+
+
+@dataclass(eq=False)
+class NodeTable:
+    """Numbers of a block's nodes: names are folded, ground has its aliases, the spelling is that of the first use."""
+
+    rules: ReadingRules
+    names: list[str] = field(default_factory=list)
+    aliases: set[str] = field(default_factory=set)
+    _number: dict[str, int] = field(default_factory=dict)
+    _entered: int = 0
+    _dotted: bool = False
+    _spelt_at: dict[int, int] = field(default_factory=dict)
+    _bulk_spelt_at: NDArray[np.int64] = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+
+    @property
+    def number(self) -> dict[str, int]:
+        """Number of every name in lower case."""
+        count = len(self.names)
+        if self._entered < count:
+            later = self.names[self._entered :]
+            self._number.update(zip(map(str.lower, later), range(self._entered, count), strict=True))
+            self._number.update(dict.fromkeys(self.aliases, 0))
+            self._entered = count
+        return self._number
+
+    def of(self, name: str, order: int) -> int:
+        """Number of a node, a new one where there is none yet."""
+        folded = name.lower()
+        found = self._number.get(folded)
+        if found is None:
+            self._dotted |= "." in folded
+            found = self.number.get(folded)
+        if found is None:
+            return self._new(name, folded, order)
+        if order < self._spelling_place(found) and folded not in self.rules.grounds:
+            self.names[found] = name
+            self._spelt_at[found] = order
+        return found
+
+    def _new(self, name: str, folded: str, order: int) -> int:
+        ground = folded in self.rules.grounds
+        found = self._number["0"] if ground and "0" in self._number else len(self.names)
+        if found == len(self.names):
+            self.names.append("0" if ground else name)
+            self._spelt_at[found] = order
+            self._entered += 1
+        self._number[folded] = found
+        if ground:
+            self._number["0"] = found
+            self.aliases |= {folded} - {"0"}
+        return found
+
+    def _spelling_place(self, number: int) -> int:
+        known = self._spelt_at.get(number)
+        if known is not None:
+            return known
+        return int(self._bulk_spelt_at[number]) if number < len(self._bulk_spelt_at) else 0
+
+    def of_instances(self, names: list[str], orders: list[int]) -> NDArray[np.int64]:
+        """Numbers of nodes within instances: new ones, unless names with a dot were used before; shape (n,)."""
+        if self._dotted:
+            return np.fromiter(map(self.of, names, orders), np.int64, len(names))
+        first = len(self.names)
+        self.names.extend(names)
+        return np.arange(first, first + len(names))
+
+    def of_all(self, names: list[str], orders: NDArray[np.int64], short: list[int]) -> NDArray[np.int64]:
+        """Numbers of nodes that are all different, case folded, those of ground among the short ones; shape (n,)."""
+        if len(self.names) > 1:
+            return np.fromiter(map(self.of, names, orders.tolist()), np.int64, len(names))
+        is_ground = np.zeros(len(names), dtype=np.bool_)
+        is_ground[[i for i in short if names[i].lower() in self.rules.grounds]] = True
+        self.aliases.update(name.lower() for name in compress(names, is_ground.tobytes()))
+        self.aliases.discard("0")
+        self.names.extend(compress(names, (~is_ground).tobytes()))
+        self._bulk_spelt_at = np.concatenate([np.zeros(1, dtype=np.int64), orders[~is_ground]])
+        return np.where(is_ground, 0, np.cumsum(~is_ground))
+
+
+@dataclass(frozen=True, eq=False)
+class Names:
+    """Names of elements, made when they are asked for."""
+
+    count: int
+    make: Callable[[], list[str]]
+
+    @classmethod
+    def given(cls, names: list[str]) -> Names:
+        """Names that are there already."""
+        return cls(len(names), lambda: names)
+
+    def __len__(self) -> int:
+        """How many they are."""
+        return self.count
+
+
+@dataclass(frozen=True, eq=False)
+class Part:
+    """Elements of one kind as arrays.
+
+    `nodes` (n, nodes); `values` (n, values): or, for resistors that have nothing else, ohms alone, shape (n, 1);
+    `place` (n, 2): file and line of the card that describes the element; `order` (n,): file and line of the card of
+    the deck that brings it, as one number; None if that is its own place, and the elements are in order.
+    """
+
+    names: Names
+    nodes: NDArray[np.int64]
+    values: NDArray[np.float64]
+    place: NDArray[np.int64]
+    order: NDArray[np.int64] | None
+
+    @property
+    def ordered(self) -> NDArray[np.int64]:
+        """Its order, made where there is none yet."""
+        return order_of(self.place) if self.order is None else self.order
+
+
+def order_of(place: NDArray[np.int64]) -> NDArray[np.int64]:
+    """File and line as one number."""
+    return np.asarray((place[:, 0] << 40) | place[:, 1])
+
+
+@dataclass(eq=False)
+class Rows:
+    """Elements of one kind while they come one by one."""
+
+    names: list[str] = field(default_factory=list)
+    nodes: list[tuple[int, ...]] = field(default_factory=list)
+    values: list[tuple[float, ...]] = field(default_factory=list)
+    place: list[tuple[int, int]] = field(default_factory=list)
+
+
+@dataclass(eq=False)
+class Sheet:
+    """Everything that a block holds."""
+
+    table: NodeTable
+    rows: dict[str, Rows] = field(default_factory=lambda: {kind: Rows() for kind in WIDTHS})
+    parts: dict[str, list[Part]] = field(default_factory=lambda: {kind: [] for kind in WIDTHS})
+
+    def add(
+        self, kind: str, name: str, nodes: Iterable[str], values: tuple[float, ...], place: tuple[int, int]
+    ) -> None:
+        """Add one element."""
+        rows = self.rows[kind]
+        rows.names.append(name)
+        of, order = self.table.of, place[0] << 40 | place[1]
+        rows.nodes.append(tuple([of(node, order) for node in nodes]))
+        rows.values.append(values)
+        rows.place.append(place)
+
+    def joined(self, kind: str) -> Part:
+        """All elements of a kind, in the order of the deck."""
+        rows = self.rows[kind]
+        if not rows.names:
+            return joined_parts(kind, self.parts[kind])
+        width, count = WIDTHS[kind]
+        place = np.array(rows.place, dtype=np.int64).reshape(-1, 2)
+        own = Part(
+            Names.given(rows.names),
+            np.array(rows.nodes, dtype=np.int64).reshape(-1, width),
+            np.array(rows.values, dtype=np.float64).reshape(-1, count),
+            place,
+            order_of(place),
+        )
+        return joined_parts(kind, [own, *self.parts[kind]])
+
+
+def joined_parts(kind: str, parts: list[Part]) -> Part:
+    """Elements of one kind from several parts, in the order of the deck."""
+    filled = [part for part in parts if len(part.names)]
+    if len(filled) <= 1:
+        return _sorted(filled[0]) if filled else _nothing(kind)
+    makers = [part.names.make for part in filled]
+    return _sorted(
+        Part(
+            Names(sum(len(part.names) for part in filled), lambda: [name for make in makers for name in make()]),
+            np.concatenate([part.nodes for part in filled]),
+            np.concatenate([widened(kind, part.values) for part in filled]),
+            np.concatenate([part.place for part in filled]),
+            np.concatenate([part.ordered for part in filled]),
+        )
+    )
+
+
+def widened(kind: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """All values of elements, of resistors that were given by their ohms alone, too."""
+    if values.shape[1] == WIDTHS[kind][1]:
+        return values
+    full = np.zeros((len(values), WIDTHS[kind][1]))
+    full[:, :1] = values
+    full[:, 4:] = math.nan
+    return full
+
+
+def _nothing(kind: str) -> Part:
+    width, count = WIDTHS[kind]
+    no_place = np.empty((0, 2), dtype=np.int64)
+    return Part(Names.given([]), np.empty((0, width), np.int64), np.empty((0, count)), no_place, None)
+
+
+def _sorted(part: Part) -> Part:
+    if part.order is None or np.all(part.order[1:] >= part.order[:-1]):
+        return part
+    way = np.argsort(part.order, kind="stable")
+    make = part.names.make
+
+    def sorted_names() -> list[str]:
+        names = make()
+        return [names[i] for i in way.tolist()]
+
+    return Part(Names(len(way), sorted_names), part.nodes[way], part.values[way], part.place[way], part.order[way])

@@ -1,0 +1,171 @@
+"""What a voltage or current source is worth at direct current."""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass
+from itertools import pairwise
+
+from resgrid.spice.read.cards import Card, Token
+from resgrid.spice.read.diagnostics import Journal
+from resgrid.spice.read.scopes import Scope
+
+_DELAYS = {"pulse": (2,), "sin": (3,), "sine": (3,), "exp": (2, 4), "pwl": (), "sffm": ()}
+"""Waveforms that are known here, and which of their values are delays."""
+
+_SAY_DC = "say its value at direct current, DC ..."
+_OTHER_WAVEFORMS = frozenset(
+    ("am", "trnoise", "trrandom", "external", "pat", "pattern", "prbs", "wavefile", "port", "lfsr", "trrand", "pwlz")
+)
+_IGNORED = frozenset({"ac", "distof1", "distof2", "acmag", "acphase"})
+
+
+@dataclass(frozen=True)
+class Waveform:
+    """A waveform as it was read: its name, its values, and what stands behind them with a key."""
+
+    token: Token
+    values: list[float]
+    keys: dict[str, float]
+
+
+def source_value(card: Card, tokens: list[Token], scope: Scope, journal: Journal) -> tuple[float, float]:
+    """Read what follows the nodes of an independent source.
+
+    A value (with or without ``DC``) is the source's; failing that, the waveform's at time 0; failing that, 0.
+    """
+    reader = _SourceReader(card, tokens, scope, journal)
+    while reader.position < len(tokens):
+        reader.step()
+    if reader.direct is not None:
+        return reader.direct, reader.count
+    if reader.waveform is not None:
+        journal.note("info", card.spot(), "a source without DC value has its waveform's value at time 0")
+        return _at_zero(card, reader.waveform), reader.count
+    if not tokens:
+        journal.note("warning", card.spot(), "a source without any value is 0")
+    return 0.0, reader.count
+
+
+class _SourceReader:
+    def __init__(self, card: Card, tokens: list[Token], scope: Scope, journal: Journal) -> None:
+        self.card, self.tokens, self.scope, self.journal = card, tokens, scope, journal
+        self.position = 0
+        self.direct: float | None = None
+        self.waveform: Waveform | None = None
+        self.count = 1.0
+
+    def step(self) -> None:
+        token = self.tokens[self.position]
+        word = token.text.lower() if token.kind == "word" else ""
+        keyed = self._is_mark(self.position + 1, "=")
+        if word == "dc":
+            self.position += 1 + keyed
+            self._state(token, self._number(token))
+        elif word in _IGNORED:
+            self.position += 1 + keyed
+            self._skip_numbers()
+        elif word in _DELAYS and not keyed:
+            self.position += 1
+            self._read_waveform(word, token)
+        elif word == "m" and keyed:
+            self.position += 2
+            self.count = self._number(token)
+        elif word in _OTHER_WAVEFORMS or keyed:
+            raise self.card.error(token.offset, f"{token.text!r} is not understood in a source at direct current")
+        else:
+            self._state(token, self._number(token))
+
+    def _state(self, token: Token, value: float) -> None:
+        if self.waveform is not None and token.text.lower() != "dc":
+            raise self.card.error(token.offset, f"a value after a waveform, which ngspice drops: write DC {token.text}")
+        if self.direct is not None:
+            raise self.card.error(token.offset, "a second value: the source has one already")
+        self.direct = value
+
+    def _is_mark(self, i: int, text: str) -> bool:
+        return i < len(self.tokens) and self.tokens[i].kind == "mark" and self.tokens[i].text == text
+
+    def _number(self, after: Token) -> float:
+        if self.position >= len(self.tokens):
+            raise self.card.error(after.offset, f"{after.text!r} has no value")
+        token = self.tokens[self.position]
+        self.position += 1
+        value, warning = self.scope.value(self.card, token)
+        if warning:
+            self.journal.note("warning", self.card.spot(token.offset), warning)
+        return value
+
+    def _skip_numbers(self) -> None:
+        for _ in range(2):
+            if self.position < len(self.tokens) and self._is_number(self.position):
+                self._number(self.tokens[self.position])
+
+    def _is_number(self, i: int) -> bool:
+        token = self.tokens[i]
+        if token.kind == "word":
+            return token.text[0] in "0123456789.+-"
+        return token.kind == "expression"
+
+    def _read_waveform(self, name: str, token: Token) -> None:
+        bracketed = self._is_mark(self.position, "(")
+        self.position += bracketed
+        values: list[float] = []
+        keys: dict[str, float] = {}
+        while self.position < len(self.tokens) and not self._is_mark(self.position, ")"):
+            if not bracketed and not self._is_number(self.position):
+                break
+            if self._is_mark(self.position + 1, "="):
+                self._trailing_key(name, keys)
+                continue
+            values.append(self._number(token))
+        if bracketed:
+            if not self._is_mark(self.position, ")"):
+                raise self.card.error(token.offset, f"the parenthesis after {token.text} is not closed")
+            self.position += 1
+        if len(values) < 2:
+            raise self.card.error(token.offset, f"{token.text} needs two values at least, not {len(values)}")
+        self.waveform = Waveform(token, values, keys)
+
+    def _trailing_key(self, name: str, keys: dict[str, float]) -> None:
+        key = self.tokens[self.position]
+        if name != "pwl" or key.text.lower() not in ("r", "td", "repeat"):
+            raise self.card.error(key.offset, f"{key.text!r} is not understood in {name}")
+        self.position += 2
+        keys[key.text.lower()] = self._number(key)
+
+
+def _at_zero(card: Card, waveform: Waveform) -> float:
+    """What a waveform is worth at time 0, where all simulators agree about that."""
+    token, values = waveform.token, waveform.values
+    name = token.text.lower()
+    delays = [values[i] for i in _DELAYS[name] if i < len(values)]
+    if name == "sffm":
+        raise card.error(
+            token.offset, f"simulators, and versions of ngspice, differ on {token.text} at time 0: {_SAY_DC}"
+        )
+    if min((*delays, waveform.keys.get("td", 0.0)), default=0.0) < 0:
+        raise card.error(token.offset, f"{token.text} has a negative delay, and has begun at time 0: {_SAY_DC}")
+    if name == "pwl":
+        return _polygon_at_zero(card, waveform)
+    if name in ("sin", "sine") and len(values) > 5:
+        return values[0] + values[1] * math.sin(math.radians(values[5]))
+    return values[0]
+
+
+def _polygon_at_zero(card: Card, waveform: Waveform) -> float:
+    token, times, levels = waveform.token, waveform.values[0::2], waveform.values[1::2]
+    now = -waveform.keys.get("td", 0.0)
+    if len(times) != len(levels):
+        raise card.error(token.offset, f"{token.text} has a time without a value")
+    if any(after <= time for time, after in pairwise(times)):
+        raise card.error(
+            token.offset, f"the times of {token.text} do not increase; simulators differ on that: {_SAY_DC}"
+        )
+    if times[-1] <= now and not waveform.keys.keys() <= {"td"}:
+        raise card.error(token.offset, f"{token.text} has repeated itself before time 0: {_SAY_DC}")
+    i = bisect_right(times, now)
+    if i in (0, len(times)):
+        return levels[max(i - 1, 0)]
+    return levels[i - 1] + (levels[i] - levels[i - 1]) * (now - times[i - 1]) / (times[i] - times[i - 1])

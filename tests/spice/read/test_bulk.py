@@ -1,0 +1,117 @@
+import random
+import struct
+
+import numpy as np
+import pytest
+from fuzz_decks import same
+from hypothesis import given, settings, strategies as st
+
+from resgrid.spice.read.deck import read_with
+from resgrid.spice.read.plain import scan
+from resgrid.spice.read.rules import NGSPICE
+
+floats = st.one_of(
+    st.floats(allow_nan=False, allow_infinity=False),
+    st.integers(0, 2**64 - 1).map(lambda bits: struct.unpack("<d", bits.to_bytes(8, "little"))[0]),
+).filter(lambda x: np.isfinite(x) and x != 0)
+spellings = st.sampled_from(("%r", "%.17g", "%.3e", "%.20f", "%.25e", "%g", "%.16e"))
+
+
+@given(st.lists(st.tuples(floats, spellings), min_size=1, max_size=50))
+def test_numbers_are_the_nearest_doubles(wanted: list[tuple[float, str]]) -> None:
+    words = [spelling % value for value, spelling in wanted]
+    data = "".join(f"R{i} a b {word}\n" for i, word in enumerate(words)).encode()
+    found = scan(data, 0, NGSPICE)
+    assert found is not None
+    kept = dict(zip(found.names(found.kind == 0).make(), found.value.tolist(), strict=True))
+    for i, word in enumerate(words):
+        if f"R{i}" in kept:
+            assert kept[f"R{i}"] == float(word), word
+        else:
+            assert float(word) == 0 or len(word) > 300 or "e" in word
+
+
+def test_halfway_cases_round_to_even() -> None:
+    pick = random.Random(1)
+    words = [str(2**53 + 1), str(2**54 + 2), "9007199254740993e0", "1e23", "8.5e22", "5e-324", "1.7976931348623157e308"]
+    for _ in range(2000):
+        mantissa = pick.randrange(2**52, 2**53)
+        words.append(f"{2 * mantissa + 1}e{pick.randrange(-20, 20)}")
+        words.append(repr(pick.uniform(0, 1) * 10.0 ** pick.randrange(-60, 60)))
+    found = scan("".join(f"R{i} a b {word}\n" for i, word in enumerate(words)).encode(), 0, NGSPICE)
+    assert found is not None
+    assert found.value.tolist() == [float(word) for word in words]
+
+
+CARDS = st.sampled_from(
+    (
+        *(
+            "R1 a b 1",
+            "r2 B c 2.5e3",
+            "R3 c 0 R=7",
+            "R4 c gnd 1k",
+            "V1 a 0 1",
+            "V2 d 0 DC 2",
+            "I1 a 0 dc 1m",
+            "C1 a b 1p",
+        ),
+        *(
+            "R5 a b 1 ; x",
+            "R6 a b {1+1}",
+            "R7 a b 1 tc1=1",
+            "+ m=2",
+            "* comment",
+            "",
+            "  R8  a\tb 5  ",
+            "R9 a/b c//d 1",
+        ),
+        *("R10 a b 1e999", "R11 a b -0", "R12 a b 1M", "C2 a b -1", ".param x=1", "R13 a b x", "L1 d e 1", "x1 a b s"),
+        *(
+            ".subckt s p q\nR1 p q 1\n.ends",
+            ".control\nR1 q q 1\n.endc",
+            "+",
+            "R14 a b 5\n* no\n\n+ m=3",
+            ".end",
+            "R15 a b 1\\\\",
+            "\\\\",
+        ),
+        *(
+            "R16 a$b c 1",
+            "R17 (a b) 1",
+            "R18 a,b 1",
+            "R19 A B 1",
+            "R20 a b 0",
+            "v5 e 0 0",
+            "I7 0 a 1.5.2",
+            ".if 1",
+            "R21 a b 1e",
+        ),
+    )
+)
+
+
+@given(st.sampled_from(("title", "R0 a b 1", ".param y=2", "* t")), st.lists(CARDS, max_size=12))
+@settings(max_examples=300)
+def test_the_short_way_changes_nothing(tmp_path_factory, first: str, cards: list[str]) -> None:
+    from fuzz_decks import outcome
+
+    path = tmp_path_factory.mktemp("deck") / "deck.cir"
+    path.write_text("\n".join([first, *cards]))
+    assert same(outcome(path, 10**9), outcome(path, 0))
+
+
+@pytest.mark.parametrize("count", [1000, 4000])
+def test_large_decks_are_cut_whole(tmp_path, count: int) -> None:
+    path = tmp_path / "deck.cir"
+    chain = "".join(f"R{i} n{i} N{i + 1} {1.0 + i / 7!r}\n" for i in range(count))
+    path.write_text(f"chain\nV1 n0 0 1\n{chain}Rend n{count} 0 1k\n.end\n")
+    deck = read_with(path, least_bytes=0)
+    assert deck.resistance.tolist() == [1.0 + i / 7 for i in range(count)] + [1000.0]
+    assert deck.node_names == ("0", *(f"n{i}" if i == 0 else f"N{i}" for i in range(count)), f"N{count}")
+
+
+def test_a_node_is_spelt_as_where_it_stands_first_whichever_way_the_file_is_read(tmp_path) -> None:
+    path = tmp_path / "deck.cir"
+    path.write_text("title\nR1 a4 0 {1}\nR2 (A4 0) 2\nI1 a4 0 0.7M\nV1 x A4 1\n")
+    for least_bytes in (0, 10**9):
+        assert read_with(path, least_bytes=least_bytes).node_names == ("0", "a4", "x")

@@ -1,0 +1,73 @@
+"""Decks and networks that no one here wrote, with the answers they carry."""
+
+import csv
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from resgrid import read_network, read_spice, solve
+from resgrid.spice.networks.circuitscape import read_circuitscape
+from resgrid.spice.read.deck import read_with
+
+
+def test_ground_net_of_a_chip(cases: Path) -> None:
+    path = cases / "openroad" / "gcd_all_vss.sp"
+    deck = read_spice(path)
+    assert (len(deck.resistance), len(deck.current_amps), len(deck.source_volts)) == (3371, 510, 3)
+    voltage = dict(zip(deck.node_names, solve(deck.netlist(), accuracy="normwise").voltage.tolist(), strict=True))
+    sink, lines = {}, path.read_text().splitlines()
+    for comment, card in pairwise(lines):
+        if comment.startswith("* Sink for "):
+            sink[comment.split()[3]] = card.split()[1]
+    with (path.parent / "gcd_all_vss-voltage.csv").open() as table:
+        rows = {f"{row['Instance']}/{row['Terminal']}": float(row["Voltage"]) for row in csv.DictReader(table)}
+    error = [abs(voltage[node] + rows[name]) for name, node in sink.items()]
+    assert len(error) == 510
+    assert max(error) < 1e-6
+
+
+@pytest.mark.parametrize("least", [0, 10**9])
+def test_power_grid_without_title(cases: Path, least: int) -> None:
+    folder = cases / "iccad23" / "testcase11"
+    deck = read_with(folder / "netlist.sp", least_bytes=least)
+    assert deck.title is None
+    assert deck.element_names["resistor"][0] == "R0"
+    assert any("no title line" in note.text for note in deck.notes)
+    voltage = solve(deck.netlist(), accuracy="normwise").voltage
+    drop = np.loadtxt(folder / "ir_drop_map.csv", delimiter=",")
+    supply = deck.source_volts.max()
+    places = [name.split("_") for name in deck.node_names]
+    found = [
+        (int(parts[2]) // 2000, int(parts[3]) // 2000, supply - volts)
+        for parts, volts in zip(places, voltage, strict=True)
+        if len(parts) == 4 and parts[1] == "m1"
+    ]
+    differences = [abs(drop[x, y] - fall) for x, y, fall in found if x < drop.shape[0] and y < drop.shape[1]]
+    assert len(differences) > 5000
+    assert np.median(differences) < 2e-5
+
+
+@pytest.mark.parametrize("number", [1, 2])
+def test_networks_of_circuitscape(cases: Path, number: int) -> None:
+    folder = cases / "circuitscape"
+    netlist = read_network(folder / f"mgNetworkVerify{number}.ini")
+    assert netlist.node_names is not None
+    voltage = dict(zip(netlist.node_names, solve(netlist).voltage.tolist(), strict=True))
+    expected = dict(
+        line.split() for line in (folder / f"mgNetworkVerify{number}_voltages.txt").read_text().splitlines()
+    )
+    assert max(abs(voltage[name] - float(volts)) for name, volts in expected.items()) < 1e-8
+
+
+# the maps were made by conjugate gradients: their own current maps are off by 5e-7 of a source
+@pytest.mark.parametrize(("number", "error"), [(2, 1e-7), (5, 1e-7)])
+def test_rasters_of_circuitscape(cases: Path, number: int, error: float) -> None:
+    folder = cases / "circuitscape" / f"raster{number}"
+    network = read_circuitscape(folder / f"mgVerify{number}.ini")
+    assert network.cell_node is not None
+    voltage = solve(network.netlist).voltage
+    found = np.where(network.cell_node >= 0, voltage[network.cell_node], 0.0)
+    expected = np.loadtxt(folder / f"mgVerify{number}_voltmap.asc", skiprows=6)
+    assert np.max(np.abs(found - expected)) < error * np.max(np.abs(expected))
