@@ -21,6 +21,12 @@ from resgrid.netlist import Netlist
 from resgrid.scene.chip import Chip, Readout
 
 Point = tuple[int, int]
+Sweep = tuple[str, Sequence[Any]]
+"""A key of a chip, and its values."""
+
+_BITS = (6, 8, 10, 12, 14, 16)
+_SHARES = (0.0, 0.01, 0.02, 0.05, 0.1)
+_MULTIPLES = (0.0, 0.3, 1.0, 3.0, 10.0)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -88,8 +94,8 @@ class Exploration(Result):
 def explore_yield(
     ideal_of: Callable[[Chip], Netlist],
     chip: Chip,
-    first: tuple[str, Sequence[Any]],
-    second: tuple[str, Sequence[Any]],
+    first: Sweep | None = None,
+    second: Sweep | None = None,
     *,
     trials: int = 64,
     confidence: float = 0.95,
@@ -101,6 +107,7 @@ def explore_yield(
     ``ideal_of`` makes the ideal netlist of a chip.  Points that differ in the read-out only share their chips, which
     are solved once.
     """
+    first, second = first or _usual_sweep(chip), second or ("readout.bits", _BITS)
     if trials < 1:
         raise InputError(f"trials = {trials} must be at least 1")
     if not len(first[1]) or not len(second[1]):
@@ -123,6 +130,13 @@ def explore_yield(
         if progress is not None:
             progress(done * trials, share.size * trials, overall)
     return Exploration(first[0], second[0], tuple(first[1]), tuple(second[1]), share, low, high, trials, confidence)
+
+
+def _usual_sweep(chip: Chip) -> Sweep:
+    for key, value in (("readout.offset", chip.readout.offset), ("pelgrom", chip.pelgrom)):
+        if value:
+            return key, tuple(float(f"{value * multiple:.3g}") for multiple in _MULTIPLES)
+    return "mismatch", _SHARES
 
 
 def _groups(points: Mapping[Point, Chip]) -> dict[Chip, list[Point]]:

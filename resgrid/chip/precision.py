@@ -10,7 +10,7 @@ steps compare correctly even where voltages themselves have become equal in doub
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -24,6 +24,7 @@ from resgrid.netlist import CellMap
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.space import Cell, ConfigurationSpace
 
+_MOST_CELLS = 400
 _SMALL = 1e-4
 _SATURATED = 1.0 - 1e-16
 """Shares of ``I0`` below which a nonlinear resistor is linear, and above which its voltage cannot be told."""
@@ -162,6 +163,24 @@ class Precision(Result):
             return None
         needed = ordered[max(int(np.ceil(share * len(ordered) - 1e-9)) - 1, 0)]
         return max(int(np.ceil(needed)), 1) if np.isfinite(needed) else None
+
+    def cells_passed(self, starts: Sequence[tuple[int, ...]] = ()) -> NDArray[np.int64]:
+        """Cells on the way from some starts, or else from the one that needs most bits, shape (k, axes)."""
+        shape = self.space.shape
+        bits = np.where(np.isfinite(self.start_bits), self.start_bits, -np.inf)
+        begins = [start for start in starts if self.space.goal_connected[start]] or [
+            np.unravel_index(bits.argmax(), shape)
+        ]
+        following, goal = self.following.ravel(), self.space.cell.ravel() == Cell.GOAL
+        passed: dict[int, None] = {}
+        for begin in begins:
+            cell = int(np.ravel_multi_index(begin, shape))
+            while cell >= 0 and not goal[cell] and cell not in passed and following[cell] >= 0:
+                passed[cell] = None
+                cell = int(following[cell])
+        if not passed:
+            raise InputError("no start has a lower neighbour on this chip, so there is no step to examine")
+        return np.stack(np.unravel_index(list(passed)[:_MOST_CELLS], shape), axis=1)
 
     def sentence(self, bits: int = 10) -> str:
         """What a read-out of so many bits is worth, e.g. ``"a 10-bit read-out serves 63 % of the starts"``."""
