@@ -35,16 +35,20 @@ from .chip.yields import Yield as Yield, analyse_yield as analyse_yield
 from .compiler import compile_space as compile_space
 from .control.controller import Controller as Controller, make_controller as make_controller
 from .control.equipotential import equipotential_velocity as equipotential_velocity
-from .control.fronts import Wavefront as Wavefront, wavefront as wavefront
 from .control.learning import resolver as resolver
 from .control.log import Ending as Ending, Mode as Mode, Run as Run
 from .control.plant import Plant as Plant, make_plant as make_plant
 from .control.pushes import Push as Push, random_pushes as random_pushes
-from .control.settling import GridSettling as GridSettling, grid_settling as grid_settling
-from .control.settling_ratio import (
-    SettlingSweep as SettlingSweep,
-    announced as announced,
-    settling_sweep as settling_sweep,
+from .control.relaxation import (
+    Relaxation as Relaxation,
+    Wavefront as Wavefront,
+    make_relaxation as make_relaxation,
+    wavefront as wavefront,
+)
+from .control.relaxation_ratio import (
+    RelaxationSweep as RelaxationSweep,
+    announce_hidden as announce_hidden,
+    relaxation_sweep as relaxation_sweep,
 )
 from .control.simulation import Simulation as Simulation, simulation as simulation
 from .errors import (
@@ -213,8 +217,6 @@ from .spice.run.forecast import Forecast as Forecast, forecast_run as forecast_r
 from .spice.run.ngspice import run_ngspice as run_ngspice
 from .spice.run.rawfile import write_raw as write_raw
 from .spice.write.files import write_spice as write_spice
-from .spice.write.flat import format_deck as format_deck
-from .spice.write.tiles import Tile as Tile, expanded_netlist as expanded_netlist
 from .wiring import Wiring as Wiring
 
 __version__: str

@@ -30,9 +30,20 @@ READING = ("readout.offset", "readout.noise_bandwidth", "readout.bits", "readout
 
 _SCALE = ("resistance", "supply", "wall_resistance")
 _SWITCHES = tuple(f"{kind}_switch_{state}" for kind in ("goal", "obstacle", "internodal") for state in ("on", "off"))
+_VALUES = (
+    "preferred",
+    "sheet_resistance",
+    "width",
+    "length",
+    "drawing_grid",
+    "gradient",
+    "pelgrom",
+    "mismatch",
+    "seed",
+)
 _HELD = {
     "grid": (*_SCALE, "capacitance"),  # which draws nothing once it has settled
-    "tiles": (*_SCALE, "capacitance", *_SWITCHES, "mismatch", "seed"),
+    "tiles": (*_SCALE, "capacitance", *_SWITCHES, *_VALUES),
 }
 
 

@@ -58,7 +58,7 @@ def write_decks(
     words: Words,
 ) -> dict[str, WrittenDeck]:
     """Write the decks of a chip, of its small signals where it has capacitances, and of it at other temperatures."""
-    decks = {"op": write_spice(op.netlist, folder / "op.cir", operating_point=op, **words)}
+    decks = {"op": write_spice(op, folder / "op.cir", **words)}
     if settling is not None:
         decks["transient"] = _transient(linear, settling, folder / "transient.cir", words)
         decks["noise"] = _noise(linear, settling, folder / "noise.cir", words)
@@ -104,9 +104,7 @@ def _transient(netlist: Netlist, settling: Settling, path: Path, words: Words) -
         "weight": {name: float(weight[node]) for name, node in zip(names, nodes, strict=True)},
     }
     asked: list[Analysis] = [TransientAnalysis(stop, step, netlist), *_probe(netlist, nodes)]
-    return write_spice(
-        off, path, operating_point=_at_rest(off), analyses=asked, expected=expected, verify=False, **words
-    )
+    return write_spice(_at_rest(off), path, analyses=asked, expected=expected, verify=False, **words)
 
 
 def _noise(netlist: Netlist, settling: Settling, path: Path, words: Words) -> WrittenDeck:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from resgrid.cli.heeded import require_tiles, tell_assumed, tell_unheeded
+from resgrid.cli.heeded import assume_switches, require_tiles, tell_unheeded
 from resgrid.cli.job import Chip, Job, compile_chip, is_ideal, only_boundary, open_job, solve_chip
 from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
 from resgrid.cli.report import Report
@@ -59,7 +59,10 @@ def command(choice: SceneChoice, output: str | None, dialect: str, form: Form, r
     if printed and not report.json:
         click.echo(_deck_text(job, boundary, start, dialect, report), nl=False)
         return 0
-    chip = solve_chip(job, report, boundary, start, ideal=form == "cells")
+    assumed: dict[str, float] = {}
+    if form == "cells":
+        job, assumed = assume_switches(job, boundary, report)
+    chip = solve_chip(job, report, boundary, start)
     data: dict[str, Any] = {"chip": chip.name, "dialect": dialect, **_counts(chip), **told}
     if output is not None:
         written = write_deck(output, job, chip, dialect, report, form)
@@ -68,7 +71,7 @@ def command(choice: SceneChoice, output: str | None, dialect: str, form: Form, r
         data |= {f"{key}_file" if key in data else key: path for key, path in more.items() if path is not None}
         data["sha256"] = written.sha256
         if form == "cells":
-            data |= tell_assumed(job.scene.chip, chip, report)
+            data["assumed"] = assumed
         others = [path for path in (written.sidecar, written.commands, *more.values()) if path is not None]
         report.say(f"wrote {written.path} ({data['resistors']:,} resistors), {', '.join(map(str, others))}")
     report.finish(data, ())
@@ -79,22 +82,16 @@ def write_deck(
     target: str | Path, job: Job, chip: Chip, dialect: str, report: Report, form: Form = "flat"
 ) -> WrittenDeck:
     """Write a chip's deck with its sidecar, commands and companion."""
-    from resgrid.spice.analyses import MismatchAnalysis
     from resgrid.spice.write.files import write_spice
-    from resgrid.spice.write.tiles import Tile
 
-    told = job.scene.chip
-    drawn = [MismatchAnalysis(told.mismatch, told.seed)] if form == "cells" and told.mismatch else []
     with report.stage("write the deck", seconds=5e-6 * len(chip.netlist.conductance)):
         return write_spice(
-            chip.netlist,
+            chip.point,
             target,
             dialect,
             title=_title(job, chip.name),
-            operating_point=chip.point,
             form=form,
-            tile=Tile.of(vars(told)),
-            analyses=drawn,
+            chip=job.scene.chip,
             scene_sha256=_scene_hash(job),
         )
 
@@ -106,12 +103,12 @@ def _scene_hash(job: Job) -> str | None:
 
 
 def _deck_text(job: Job, boundary: str, start: int | None, dialect: str, report: Report) -> str:
-    from resgrid.spice.write.flat import format_deck
+    from resgrid.spice.write.flat import flatten
 
     netlist = compile_chip(job, report, boundary, start)
     if netlist.current_nodes.size and is_ideal(job):
         netlist = solve_chip(job, report, boundary, start).netlist
-    return format_deck(netlist, dialect=dialect, title=_title(job, boundary))
+    return flatten(netlist, dialect=dialect, title=_title(job, boundary)).text
 
 
 def _title(job: Job, chip: str) -> str | None:

@@ -98,22 +98,22 @@ def _moved(
 ) -> list[Motion]:
     from dataclasses import replace
 
-    from resgrid.control.settling import grid_settling
-    from resgrid.control.settling_ratio import announced
+    from resgrid.control.relaxation import make_relaxation
+    from resgrid.control.relaxation_ratio import announce_hidden
     from resgrid.control.simulation import simulation
 
     scene, ndim = job.scene, job.space.ndim
-    settling = None
+    relaxation = None
     if words["settle"] is not None:
-        settling = grid_settling(scene, method=words["settle"], pace=words["pace"], k=k)
+        relaxation = make_relaxation(scene, method=words["settle"], pace=words["pace"], k=k)
     admittance = _matrix(words["admittance"], ndim)
     with report.stage("solve the field", seconds=1.0):
         sim = simulation(
             scene, k=k, speed=words["speed"], admittance=admittance, response=words["response"],
             friction=words["friction"], learn=words["learn"],
         )  # fmt: skip
-    if settling is not None:
-        sim = announced(sim, settling) if announce else replace(sim, settling=settling)
+    if relaxation is not None:
+        sim = announce_hidden(sim, relaxation) if announce else replace(sim, relaxation=relaxation)
     pushes = _pushes(words, seed, sim)
     wrong = {name: _offset(f"--{name}", words[name]) for name in ("bias", "noise")}
     motions = []
@@ -158,16 +158,16 @@ def _draw_wavefront(file: str, motion: Motion, job: Job, report: Report) -> None
     """The change of the potential for as long as the robot was on its way."""
     import numpy as np
 
-    from resgrid.control.fronts import wavefront
+    from resgrid.control.relaxation import wavefront
     from resgrid.plot.animations import wavefront_frames
     from resgrid.plot.films import save_animation
 
     sim = motion.simulation
-    assert sim.settling is not None
+    assert sim.relaxation is not None
     crossed = float(motion.run.time[-1]) * sim.controller.speed / float(job.space.spacing.min())
     report.say(f"drawing {FRAMES} frames for {file}")
     with report.stage("follow the wavefront", seconds=10.0):
-        front = wavefront(sim.settling, job.space, sim.space, np.linspace(0.0, crossed, FRAMES))
+        front = wavefront(sim.relaxation, job.space, sim.space, np.linspace(0.0, crossed, FRAMES))
     with report.stage(f"draw {Path(file).name}", steps=FRAMES) as progress:
         save_animation(wavefront_frames(front, motion.run), file, rate=10.0, progress=lambda _: progress.advance())
     report.say(f"wrote {file}")

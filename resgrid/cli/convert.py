@@ -109,7 +109,7 @@ def _written(
             return {"file": output, **counts}
         from resgrid.spice.write.files import write_spice
 
-        written = write_spice(netlist, output, dialect, title=title, operating_point=point)
+        written = write_spice(netlist if point is None else point, output, dialect, title=title)
     files = {"sidecar": written.sidecar, "commands": written.commands, "sha256": written.sha256}
     return {"file": output, "dialect": dialect, **counts, **files}
 
@@ -129,6 +129,6 @@ def _left_out(netlist: Netlist, suffix: str) -> list[str]:
 
 def _write_bare(netlist: Netlist, title: str | None, output: str, dialect: str) -> None:
     from resgrid.cli.output import emit_text
-    from resgrid.spice.write.flat import format_deck
+    from resgrid.spice.write.flat import flatten
 
-    emit_text(output, format_deck(netlist, dialect=dialect, title=title))
+    emit_text(output, flatten(netlist, dialect=dialect, title=title).text)

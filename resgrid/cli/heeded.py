@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Literal
+from dataclasses import replace
+from typing import TYPE_CHECKING, Literal
 
 from resgrid.cli.job import only_boundary
 from resgrid.errors import InputError
@@ -11,7 +12,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from resgrid.chip.build import Form
-    from resgrid.cli.job import Chip as Circuit, Job
+    from resgrid.cli.job import Job
     from resgrid.cli.report import Report
     from resgrid.scene import Chip
 
@@ -68,17 +69,13 @@ def require_tiles(chip: Chip) -> None:
         )
 
 
-def tell_assumed(told: Chip, circuit: Circuit, report: Report) -> dict[str, dict[str, Any]]:
-    """Say which switches the tiles of a circuit have that its scene does not describe."""
-    from resgrid.spice.write.tiles import Tile, complete_tile
+def assume_switches(job: Job, boundary: str, report: Report) -> tuple[Job, dict[str, float]]:
+    """A scene whose chip has all the switches of its tiles, and, as said, those that it does not describe, in ohms."""
+    from resgrid.spice.write.tiles import with_tile_switches
 
-    tile = complete_tile(Tile.of(vars(told)), circuit.netlist.cells)
-    assumed = {
-        f"chip.{key}": ohms
-        for key, ohms in vars(tile).items()
-        if "_switch_" in key and ohms is not None and getattr(told, key) is None
-    }
+    chip = with_tile_switches(job.scene.chip, boundary)
+    assumed = {f"chip.{key}": ohms for key, ohms in vars(chip).items() if ohms != getattr(job.scene.chip, key)}
     if assumed:
         values = ", ".join(f"{key} = {ohms:g}" for key, ohms in assumed.items())
         report.say(f"tiles have switches, and [chip] does not describe all; assumed, in ohms: {values}")
-    return {"assumed": assumed}
+    return replace(job, scene=replace(job.scene, chip=chip)), assumed

@@ -100,25 +100,21 @@ def to_node(nodes: NDArray[np.int32], end: int) -> NDArray[np.int32]:
 
 
 def rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
-    """The supply pin of a rail, made if there is none; an obstacle rail without purpose lies at the goal's voltage."""
+    """The pin of a rail, made if there is none: where currents drive the chip, both are at the goal's voltage."""
     cells = cells_with_nodes(netlist, "rails")
     wiring = cells.wiring
-    rail = "goal" if wiring.drive == "uniform" else rail
     known = cells.obstacle_node if rail == "obstacle" else cells.goal_nodes[0] if cells.goal_nodes else -1
     if known >= 0:
         return netlist, known
     netlist, (node,) = add_nodes(netlist, 1)
     pin = int(node)
-    cells = (
-        dataclasses.replace(cells, obstacle_node=pin)
-        if rail == "obstacle"
-        else dataclasses.replace(cells, goal_nodes=(pin,))
-    )
+    volts = wiring.high if rail == "obstacle" and wiring.drive != "uniform" else wiring.goal_voltage
+    changed: dict[str, Any] = {"obstacle_node": pin} if rail == "obstacle" else {"goal_nodes": (pin,)}
     return netlist.replace(
         source_nodes=np.concatenate([netlist.source_nodes, [[pin, GROUND]]]),
-        source_volts=np.append(netlist.source_volts, wiring.high if rail == "obstacle" else wiring.goal_voltage),
+        source_volts=np.append(netlist.source_volts, volts),
         element_names=None,
-        cell_map=cells,
+        cell_map=dataclasses.replace(cells, **changed),
     ), pin
 
 
