@@ -73,8 +73,8 @@ class Adjoint:
             doubt, largest = float((self.log_amps + log_doubt).max()), float(log_size.max())
             if doubt <= largest + np.log(ENOUGH):
                 known = log_across > log_doubt
-                sign = np.where(known, sign * self.direction, 0).astype(np.int8)
-                return sign, np.where(known, log_size + np.log(scale), -np.inf)
+                signs = np.where(known, sign * self.direction, 0).astype(np.int8)
+                return signs, np.asarray(np.where(known, log_size + np.log(scale), -np.inf))
         raise AccuracyError(
             f"the derivatives with respect to resistances may be off by {np.exp(min(doubt - largest, 0.0)):.0e} of the "
             "largest of them: the conductances span too many decades"
@@ -136,11 +136,12 @@ def _less(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     return parts[0] if len(parts) == 1 else parts[0] - parts[1]
 
 
-def adjoint_of(op: OperatingPoint) -> Adjoint:
-    """Make a circuit ready for derivatives."""
+def adjoint_of(op: OperatingPoint, factors: Factor | None = None) -> Adjoint:
+    """Make a circuit ready for derivatives; ``factors`` are those of its small signals, if they are known."""
     signals = small_signal(op)
-    system = assemble(signals)
-    factors = factor_system(system, "auto") if system.size else None
+    if factors is None:
+        system = assemble(signals)
+        factors = factor_system(system, "auto") if system.size else None
     height = np.zeros(0)
     if factors is not None:
         height = np.abs(factors.solve(np.ones(factors.system.size)))

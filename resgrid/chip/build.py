@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Literal
 
 import numpy as np
@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 from resgrid import die
 from resgrid.chip import passes
 from resgrid.chip.passes import InternodalSwitches, Mismatch, Pass
-from resgrid.compiler import compile_space
+from resgrid.chip.passes.base import checked
 from resgrid.die import seed_of
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.nodal.drive import scale_drive
-from resgrid.nodal.solve import solve
+from resgrid.planning.road import compile_circuit
 from resgrid.scene.chip import Chip
 from resgrid.space import ConfigurationSpace
 from resgrid.wiring import Wiring, wiring_of
@@ -30,20 +29,11 @@ READING = ("readout.offset", "readout.noise_bandwidth", "readout.bits", "readout
 
 _SCALE = ("resistance", "supply", "wall_resistance")
 _SWITCHES = tuple(f"{kind}_switch_{state}" for kind in ("goal", "obstacle", "internodal") for state in ("on", "off"))
-_VALUES = (
-    "preferred",
-    "sheet_resistance",
-    "width",
-    "length",
-    "drawing_grid",
-    "gradient",
-    "pelgrom",
-    "mismatch",
-    "seed",
-)
+_DRAWN = ("preferred", "sheet_resistance", "width", "length", "drawing_grid")
+_SCATTERED = ("gradient", "pelgrom", "mismatch", "seed")
 _HELD = {
     "grid": (*_SCALE, "capacitance"),  # which draws nothing once it has settled
-    "tiles": (*_SCALE, "capacitance", *_SWITCHES, *_VALUES),
+    "tiles": (*_SCALE, "capacitance", *_SWITCHES, *_DRAWN, *_SCATTERED),
 }
 
 
@@ -71,20 +61,17 @@ def build_chip(netlist: Netlist, chip: Chip | Iterable[Pass], seed: Any = None) 
     InputError
         If the netlist does not suit an effect.
     """
-    for effect in passes.of_chip(chip, seed) if isinstance(chip, Chip) else chip:
-        if not isinstance(effect, Pass):
-            raise InputError(f"{effect!r} is no pass; see resgrid.passes, such as resgrid.passes.Mismatch(0.01)")
+    for effect in checked(passes.of_chip(chip, seed) if isinstance(chip, Chip) else chip):
         netlist = effect.apply(netlist)
     return netlist
 
 
-def ideal_netlist(space: ConfigurationSpace, chip: Chip, wiring: Wiring | None = None, **options: Any) -> Netlist:
+def ideal_netlist(space: ConfigurationSpace, chip: Chip, wiring: Wiring | Mapping[str, Any]) -> Netlist:
     """Compile a space for `build_chip`: a node per cell, the chip's values, a uniform drive scaled to the supply."""
-    wiring = wiring_of(wiring, options)
-    wall = chip.wall_resistance if wiring.boundary == "wall" else None
+    options = dict(wiring) if isinstance(wiring, Mapping) else vars(wiring)
+    wall = chip.wall_resistance if options.get("boundary") == "wall" else None
     values = {"rails": "cells", "resistance": chip.resistance, "supply": chip.supply, "wall_resistance": wall}
-    netlist = compile_space(space, dataclasses.replace(wiring, **values))
-    return scale_drive(netlist, solve(netlist)) if netlist.current_nodes.size else netlist
+    return compile_circuit(space, wiring_of(None, options | values))
 
 
 def conductance_samples(netlist: Netlist, chip: Chip, seeds: Iterable[Any]) -> tuple[Netlist, NDArray[np.float64]]:

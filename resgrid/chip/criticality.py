@@ -184,17 +184,13 @@ def faulty_voltages(
     factors = symmetric_factors(system.matrix) if system is not None and system.size else None
     for begin in range(0, len(order), _BLOCK):
         block = order[begin : begin + _BLOCK]
-        spread = None if system is None else _responses(system, factors, netlist.resistor_nodes[block])
+        spread = np.empty(0) if system is None else _responses(system, factors, netlist.resistor_nodes[block])
         for number, element in enumerate(block.tolist()):
-            opened, shorted = (
-                None if system is None else _changed(system, factors, volts, element, siemens, spread[number])
-                for siemens in (0.0, 1.0 / short_resistance)
-            )
-            yield (
-                element,
-                _solved(netlist, element, 0.0) if opened is None else opened,
-                _solved(netlist, element, 1.0 / short_resistance) if shorted is None else shorted,
-            )
+            voltages = []
+            for siemens in (0.0, 1.0 / short_resistance):
+                changed = None if system is None else _changed(system, factors, volts, element, siemens, spread[number])
+                voltages.append(_solved(netlist, element, siemens) if changed is None else changed)
+            yield element, voltages[0], voltages[1]
 
 
 def _changed(

@@ -180,4 +180,4 @@ def _droop(op: OperatingPoint) -> NDArray[np.float64]:
         droop[high] = wiring.high - op.voltage[high]
     low = cells.node[(code == Cell.GOAL) & own]
     droop[low] = op.voltage[low] - wiring.goal_voltage
-    return np.sign(wiring.supply) * droop
+    return np.asarray(np.sign(wiring.supply) * droop)

@@ -168,9 +168,8 @@ class Precision(Result):
         """Cells on the way from some starts, or else from the one that needs most bits, shape (k, axes)."""
         shape = self.space.shape
         bits = np.where(np.isfinite(self.start_bits), self.start_bits, -np.inf)
-        begins = [start for start in starts if self.space.goal_connected[start]] or [
-            np.unravel_index(bits.argmax(), shape)
-        ]
+        hardest = tuple(int(index) for index in np.unravel_index(int(bits.argmax()), shape))
+        begins = [start for start in starts if self.space.goal_connected[start]] or [hardest]
         following, goal = self.following.ravel(), self.space.cell.ravel() == Cell.GOAL
         passed: dict[int, None] = {}
         for begin in begins:

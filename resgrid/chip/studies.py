@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.arguments import is_whole
 from resgrid.chip.build import build_chip, conductance_samples, ideal_netlist
 from resgrid.chip.criticality import Criticality, analyse_criticality
 from resgrid.chip.decks import noise_band, write_decks
@@ -38,7 +39,6 @@ from resgrid.scene import Scene
 from resgrid.scene.chip import Chip, Readout
 from resgrid.space import ConfigurationSpace
 from resgrid.spice.write.files import WrittenDeck
-from resgrid.wiring import Wiring
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -135,7 +135,7 @@ class Study:
             If the conductances span so many decades that rounding decides the slowest time constant, if an iteration
             does not converge, or if a figure is beyond what doubles hold.
         """
-        if bits is None and span is None and initial is None and (modes, method) == (6, "auto"):
+        if bits is None and span is None and initial is None and is_whole(modes) and (modes, method) == (6, "auto"):
             return self._settling
         return analyse_settling(
             self.linear,
@@ -454,7 +454,7 @@ def study(
         return Study(netlist, chip, solved=solved)
     if isinstance(source, ConfigurationSpace):
         chip = chip or Chip()
-        return Study(ideal_netlist(source, chip, Wiring(**wiring)), chip)
+        return Study(ideal_netlist(source, chip, wiring), chip)
     problem = problem_of(source if chip is None else dataclasses.replace(source, chip=chip), space=space, **wiring)
     if not problem.space.goal_connected.any():
         raise InputError("no free cell has a way to a goal, so there is nothing for a chip to do; open one")

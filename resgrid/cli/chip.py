@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import html
 import os
-import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, replace
@@ -12,17 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from resgrid.cli.check import check_unasked
-from resgrid.cli.chip_html import format_html
-from resgrid.cli.compile import dialect_option
+from resgrid.cli.check import check_written
 from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
-from resgrid.cli.folder import SUMMARY, whole_folder
-from resgrid.cli.heeded import tell_unheeded
-from resgrid.cli.job import Job, open_job
-from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
-from resgrid.cli.output import json_text
-from resgrid.cli.report import Report
+from resgrid.cli.options import Source, dialect_option, folder_of, output_option, verb, with_source
+from resgrid.cli.report import compute, finish, stage
+from resgrid.cli.scenes import Job, open_job, say_unheeded
 from resgrid.errors import InputError
+from resgrid.files import SUMMARY, whole_folder
 
 if TYPE_CHECKING:
     from concurrent.futures import Executor
@@ -35,8 +31,12 @@ ANALYSES = ("yield", "precision", "settling", "noise", "power", "sensitivity", "
 """Every analysis, in the order of the report."""
 
 
-@click.command("chip", short_help="Ask whether a real chip is good enough; a report with decks.")
-@with_scene()
+@verb(
+    "chip",
+    short="Ask whether a real chip is good enough; a report with decks.",
+    examples=("resgrid chip chip.toml -o report", "resgrid chip chip.toml --only yield --at-least 0.95 --jobs 0"),
+)
+@with_source()
 @output_option("Folder for the report.  [default: out/SCENE_chip]", metavar="DIR")
 @click.option("--only", metavar="NAMES", help=f"Some analyses, with commas: {', '.join(ANALYSES)}.")
 @click.option(
@@ -51,11 +51,10 @@ ANALYSES = ("yield", "precision", "settling", "noise", "power", "sensitivity", "
 )  # fmt: skip
 @click.option("--seconds", metavar="S", default=60.0, show_default=True, help="Time for making elements faulty.")
 @click.option("--at-least", metavar="SHARE", type=float, help="Exit with 1 if the yield is surely below.")
-@click.option("--check/--no-check", "wanted", default=None, help="Simulate op.cir, however long it takes; or do not.")
-@dialect_option
-@with_report
+@click.option("--check/--no-check", "asked", default=None, help="Simulate op.cir, however long it takes; or do not.")
+@dialect_option()
 def command(
-    choice: SceneChoice,
+    source: Source,
     output: str | None,
     only: str | None,
     half_width: float,
@@ -64,9 +63,8 @@ def command(
     sweep: tuple[str, ...],
     seconds: float,
     at_least: float | None,
-    wanted: bool | None,
+    asked: bool | None,
     dialect: str,
-    report: Report,
 ) -> int:
     """Find out what the chip of SCENE, as its [chip] table describes it, does to a robot.
 
@@ -74,45 +72,39 @@ def command(
     summary.json; and decks for the operating point, a transient, noise and temperatures, each with the answer to be
     expected in its sidecar.  A run that was interrupted takes up the counting of yield where it stopped.
     """
-    if output == "-":
-        raise InputError("-o -: the report is many files; name a folder")
-    folder = Path(output or Path("out") / f"{_stem(choice.source)}_chip")
+    folder = folder_of(output, source, "_chip")
     names = _names(only)
     _check(half_width, most, jobs, seconds, sweep, at_least)
     from resgrid.chip.decks import described_files
     from resgrid.chip.report import Effort, checkpoint_beside, report_markdown
+    from resgrid.io.tables import json_text
 
     effort = Effort(half_width, most, seconds, tuple(_sweep(text) for text in sweep))
     with whole_folder(folder) as made:
-        job = open_job(choice, report)
-        study = _open(job, report)
+        job = open_job(source)
+        study = _open(job)
         effort = replace(effort, checkpoint=checkpoint_beside(folder, study, half_width))
-        unheeded = tell_unheeded(job, "chip", report)
+        unheeded = say_unheeded(job, "chip")
         with _workers(jobs) as executor:
-            sections = [_analyse(name, study, replace(effort, executor=executor), made, report) for name in names]
-        with report.stage("write the decks"):
+            sections = [_analyse(name, study, replace(effort, executor=executor), made) for name in names]
+        with stage("write the decks"):
             decks = described_files(study.write_decks(made, dialect=dialect), dialect)
-        agreement = check_unasked(made / "op.cir", study.netlist, wanted, folder, report)
+        agreement = check_written(made / "op.cir", study.netlist, asked, folder)
         verdict = _verdict("op.cir", agreement)
         data = _summary(study, job, sections, decks, verdict) | unheeded
         text = report_markdown(study, sections, decks, verdict)
         (made / "report.md").write_text(text, encoding="utf-8")
-        (made / "report.html").write_text(format_html(study.title, text), encoding="utf-8")
+        (made / "report.html").write_text(_page(study.title, text), encoding="utf-8")
         (made / SUMMARY).write_text(json_text(data) + "\n", encoding="utf-8")
     if effort.checkpoint is not None:
         effort.checkpoint.unlink(missing_ok=True)
     answers = [f"  {section.name}: {section.text[0]}" for section in sections]
-    report.finish({"folder": folder, **data}, [study.title, *answers, verdict, f"report in {folder / 'report.md'}"])
+    finish({"folder": folder, **data}, [study.title, *answers, verdict, f"report in {folder / 'report.md'}"])
     high = next((section.data["yield_high"]["value"] for section in sections if section.name == "yield"), 1.0)
     agrees = True if isinstance(agreement, str) else agreement.agrees
     if agrees is False or (at_least is not None and high < at_least):
         return NEGATIVE
-    return NOT_VERIFIED if wanted and agrees is None else 0
-
-
-def _stem(source: str) -> str:
-    name = "scene" if source == "-" else Path(source).stem
-    return re.sub(r"[^\w.-]+", "_", name).strip(".") or "scene"
+    return NOT_VERIFIED if asked and agrees is None else 0
 
 
 def _names(only: str | None) -> list[str]:
@@ -161,25 +153,25 @@ def _workers(jobs: int) -> Iterator[Executor | None]:
         yield executor
 
 
-def _open(job: Job, report: Report) -> Study:
+def _open(job: Job) -> Study:
     from resgrid.chip.studies import study
 
-    with report.stage("build the chip"):
+    with stage("build the chip"):
         chip = study(job.scene, space=job.space)
     nodes = chip.netlist.node_count
-    report.compute("solve the chip", lambda: chip.op, seconds=0.5 + 3e-8 * nodes**1.5)
+    compute("solve the chip", lambda: chip.op, seconds=0.5 + 3e-8 * nodes**1.5)
     return chip
 
 
-def _analyse(name: str, study: Study, effort: Effort, made: Path, report: Report) -> Section:
+def _analyse(name: str, study: Study, effort: Effort, made: Path) -> Section:
     """Do one of the analyses, and draw its pictures into a folder."""
     from resgrid import plot
     from resgrid.chip.report import report_section, seconds_needed
 
-    with report.stage(name, seconds=seconds_needed(name, study, effort)) as progress:
+    with stage(name, seconds=seconds_needed(name, study, effort)) as progress:
 
         def tell(done: int, total: int, remark: str) -> None:
-            progress.tell(done, total)
+            progress.count(done, total)
             if remark:
                 progress.note(remark)
 
@@ -218,3 +210,31 @@ def _summary(study: Study, job: Job, sections: list[Section], decks: dict[str, s
         "check": verdict,
         "files": {**reports, **pictures, **decks},
     }
+
+
+def _page(title: str, text: str) -> str:
+    """The Markdown of a report as a page."""
+    from markdown_it import MarkdownIt
+
+    body = MarkdownIt("commonmark").enable("table").render(text)
+    return _PAGE.format(title=html.escape(title), body=body)
+
+
+_PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<title>{title}</title>
+<style>
+body {{ font: 15px/1.45 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; }}
+table {{ border-collapse: collapse; margin: 1em 0; }}
+th, td {{ text-align: left; vertical-align: top; padding: 0.2em 0.8em 0.2em 0; border-bottom: 1px solid #ccc; }}
+td:nth-child(2) {{ white-space: nowrap; }}
+img {{ max-width: 100%; max-height: 36em; }}
+</style>
+</head>
+<body>
+{body}
+</body>
+</html>
+"""

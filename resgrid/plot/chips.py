@@ -126,7 +126,7 @@ def plot_power(result: Power, ax: Axes | None = None, *, quantity: str = "heat")
     """
     if quantity not in _POWER:
         raise InputError(f"quantity = {quantity!r} is unknown; it may be one of {', '.join(_POWER)}")
-    netlist = result.point.netlist
+    netlist = result.op.netlist
     space = space_of(netlist)
     label, unit = _POWER[quantity]
     if quantity == "droop":
@@ -169,7 +169,7 @@ def plot_sensitivity(result: Sensitivity, ax: Axes | None = None, *, drift: floa
     InputError
         If the space does not have two axes.
     """
-    netlist = result.point.netlist
+    netlist = result.op.netlist
     space = space_of(netlist)
     plane = plane_of(space)
     axes = axes_or_new(ax, plane.aspect)

@@ -332,9 +332,9 @@ def test_scenes_are_converted_too(answer, call, lesson, tmp_path):
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("solve", "DECK", "-o", "x.xls"), ".csv, .json, .npz, .raw"),
+        (("solve", "DECK", "-o", "x.xls"), ".csv, .json, .npz or .raw"),
         (("solve", "DECK", "-o", "x.raw", "--raw", "hex"), "binary or ascii"),
-        (("solve", "DECK", "--worst", "-1"), "0 or more"),
+        (("solve", "DECK", "--worst", "-1"), "x>=0"),
         (("solve", "DECK", "-o", "-", "--json"), "standard output"),
         (("solve", "DECK", "--boundary", "wall"), "is a deck"),
         (("solve", "DECK", "--read-as", "pspice"), "pspice"),

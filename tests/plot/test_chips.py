@@ -6,11 +6,6 @@ from support.dynamics import small_scene, with_capacitors
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.chip.noise import Noise, analyse_noise
-from resgrid.chip.power import Power, analyse_power
-from resgrid.chip.precision import Precision, analyse_precision
-from resgrid.chip.sensitivity import analyse_sensitivity
-from resgrid.chip.settling import Settling, analyse_settling
 from resgrid.plot import (
     plot_bits_histogram,
     plot_noise,
@@ -31,23 +26,26 @@ def op() -> rg.OperatingPoint:
 
 
 @pytest.fixture(scope="module")
-def settled() -> Settling:
-    return analyse_settling(small_scene(), bits=8)
+def settled() -> rg.Settling:
+    return rg.study(small_scene()).settling(bits=8)
 
 
 @pytest.fixture(scope="module")
-def noise() -> Noise:
-    return analyse_noise(small_scene(), band=(0.0, 1e6))
+def noise() -> rg.Noise:
+    return rg.study(small_scene()).noise(band=(0.0, 1e6))
 
 
 @pytest.fixture(scope="module")
-def power(op: rg.OperatingPoint) -> Power:
-    return analyse_power(op)
+def power(op: rg.OperatingPoint) -> rg.Power:
+    return rg.study(op).power()
 
 
 @pytest.fixture(scope="module")
-def bits(op: rg.OperatingPoint) -> dict[str, Precision]:
-    return {"Dirichlet": analyse_precision(op), "Neumann": analyse_precision(rg.solve(small_scene(boundary="neumann")))}
+def bits(op: rg.OperatingPoint) -> dict[str, rg.Precision]:
+    return {
+        "Dirichlet": rg.study(op).precision(),
+        "Neumann": rg.study(rg.solve(small_scene(boundary="neumann"))).precision(),
+    }
 
 
 def pixels(axes) -> np.ndarray:
@@ -55,7 +53,7 @@ def pixels(axes) -> np.ndarray:
     return np.ma.filled(axes.images[0].get_array().astype(float), np.nan).T
 
 
-def test_a_map_shows_when_each_cell_settles(settled: Settling) -> None:
+def test_a_map_shows_when_each_cell_settles(settled: rg.Settling) -> None:
     axes = plot_settling(settled)
     cell_map = settled.netlist.cells
     shown = pixels(axes)
@@ -66,7 +64,7 @@ def test_a_map_shows_when_each_cell_settles(settled: Settling) -> None:
     assert "(ns)" in axes.child_axes[0].get_ylabel()
 
 
-def test_the_curve_crosses_the_band_where_it_has_settled(settled: Settling) -> None:
+def test_the_curve_crosses_the_band_where_it_has_settled(settled: rg.Settling) -> None:
     axes = plot_settling_curve(settled)
     curve = axes.lines[0]
     band = settled.span / 2**9
@@ -76,7 +74,7 @@ def test_the_curve_crosses_the_band_where_it_has_settled(settled: Settling) -> N
 
 
 @pytest.mark.parametrize("quantity", ["total", "limit", "resistance"])
-def test_a_map_shows_the_noise(noise: Noise, quantity: str) -> None:
+def test_a_map_shows_the_noise(noise: rg.Noise, quantity: str) -> None:
     axes = plot_noise(noise, quantity=quantity)
     cell_map = noise.netlist.cells
     shown, free = pixels(axes), cell_map.space.cell == 0
@@ -85,7 +83,7 @@ def test_a_map_shows_the_noise(noise: Noise, quantity: str) -> None:
     assert round(np.log10(ratio[0])) % 3 == 0
 
 
-def test_heat_and_its_ten_hottest_resistors(power: Power) -> None:
+def test_heat_and_its_ten_hottest_resistors(power: rg.Power) -> None:
     axes = plot_power(power)
     assert len(axes.collections[0].get_segments()) == 10
     heat = pixels(axes)
@@ -96,7 +94,7 @@ def test_heat_and_its_ten_hottest_resistors(power: Power) -> None:
 
 def test_droop_lies_on_rail_cells() -> None:
     netlist = small_scene(rails="cells")
-    power = analyse_power(rg.solve(netlist))
+    power = rg.study(rg.solve(netlist)).power()
     axes = plot_power(power, quantity="droop")
     shown = pixels(axes)
     assert np.isfinite(shown[netlist.cells.space.cell != 0]).all()
@@ -104,7 +102,7 @@ def test_droop_lies_on_rail_cells() -> None:
 
 
 def test_resistors_that_decide_are_drawn_where_they_are(op: rg.OperatingPoint) -> None:
-    result = analyse_sensitivity(op, (5, 5))
+    result = rg.study(op).sensitivity((5, 5))
     axes = plot_sensitivity(result, drift=0.8)
     flips = result.flips(0.8)
     segments = axes.collections[1].get_segments()
@@ -117,7 +115,7 @@ def test_resistors_that_decide_are_drawn_where_they_are(op: rg.OperatingPoint) -
             assert np.sort(segment, axis=0) == pytest.approx(np.sort(centres, axis=0))
 
 
-def test_maps_of_bits(bits: dict[str, Precision]) -> None:
+def test_maps_of_bits(bits: dict[str, rg.Precision]) -> None:
     result = bits["Dirichlet"]
     for starts in (True, False):
         axes = plot_precision(result, starts=starts)
@@ -131,11 +129,11 @@ def test_starts_that_no_bits_serve_are_named() -> None:
     cell[0, 0] = 2
     cell[3:5, 1:] = 1
     netlist = rg.compile_space(space_of(cell), boundary="neumann", drive="start", start=(3, 0))
-    axes = plot_precision(analyse_precision(rg.solve(netlist)))
+    axes = plot_precision(rg.study(rg.solve(netlist)).precision())
     assert "no number of bits will do" in [text.get_text() for text in axes.get_legend().get_texts()]
 
 
-def test_the_share_served_rises_to_one(bits: dict[str, Precision]) -> None:
+def test_the_share_served_rises_to_one(bits: dict[str, rg.Precision]) -> None:
     axes = plot_served(bits)
     for line, result in zip(axes.lines, bits.values(), strict=False):
         share = line.get_ydata()
@@ -146,7 +144,7 @@ def test_the_share_served_rises_to_one(bits: dict[str, Precision]) -> None:
     assert "starts" in counts.get_ylabel()
 
 
-def test_the_page_has_a_map_each_and_two_curves(bits: dict[str, Precision], tmp_path) -> None:
+def test_the_page_has_a_map_each_and_two_curves(bits: dict[str, rg.Precision], tmp_path) -> None:
     figure = plot_precision_page(bits, title="Precision")
     figure.canvas.draw()
     maps = [axes for axes in figure.findobj(lambda artist: hasattr(artist, "images")) if axes.images]
@@ -157,7 +155,7 @@ def test_the_page_has_a_map_each_and_two_curves(bits: dict[str, Precision], tmp_
     assert save_figure(figure, tmp_path / "page.png").stat().st_size > 0
 
 
-def test_what_cannot_be_drawn_is_refused(noise: Noise, power: Power) -> None:
+def test_what_cannot_be_drawn_is_refused(noise: rg.Noise, power: rg.Power) -> None:
     for draw in (plot_served, plot_bits_histogram, plot_precision_page):
         with pytest.raises(rg.InputError, match="nothing to draw"):
             draw({})
@@ -166,11 +164,11 @@ def test_what_cannot_be_drawn_is_refused(noise: Noise, power: Power) -> None:
     with pytest.raises(rg.InputError, match="droop"):
         plot_power(power, quantity="sound")
     with pytest.raises(rg.InputError, match="band"):
-        plot_noise(analyse_noise(small_scene()), quantity="total")
+        plot_noise(rg.study(small_scene()).noise(), quantity="total")
     cube = np.zeros((4, 4, 4), dtype=np.uint8)
     cube[0, 0, 0] = 2
     solid = with_capacitors(rg.compile_space(space_of(cube)), 1e-12)
     with pytest.raises(rg.InputError, match="two axes"):
-        plot_settling(analyse_settling(solid))
+        plot_settling(rg.study(solid).settling())
     with pytest.raises(rg.InputError, match="not compiled"):
-        plot_noise(analyse_noise(small_scene().replace(cell_map=None)))
+        plot_noise(rg.study(small_scene().replace(cell_map=None)).noise())

@@ -191,12 +191,12 @@ def test_a_scene_page_of_a_small_scene_has_no_overlapping_text(field) -> None:
 
 
 def test_a_real_chip_is_drawn_without_what_is_not_on_its_grid() -> None:
-    from resgrid.chip.build import compile_chip
+    from resgrid.chip.studies import study
     from resgrid.scene import Chip
 
-    chip = compile_chip(space_of(SMALL), Chip(goal_switch_on=50.0, rail_resistance=1.0))
+    chip = study(space_of(SMALL), Chip(goal_switch_on=50.0, rail_resistance=1.0)).netlist
     notes = [text.get_text() for text in plot_circuit(chip, solve(chip)).get_legend().get_texts()]
     hidden = int((chip.cells.resistor_face < 0).sum())
     assert f"resistor, 10 kΩ; not drawn: {hidden} of switches, rails, loads" in notes
     with pytest.raises(InputError, match="nonlinear resistors is not drawn"):
-        plot_circuit(compile_chip(space_of(SMALL), Chip(saturation_voltage=0.1)))
+        plot_circuit(study(space_of(SMALL), Chip(saturation_voltage=0.1)).netlist)

@@ -21,7 +21,7 @@ CHIP = rg.Chip(mismatch=0.05, goal_switch_on=200.0, readout=rg.Readout(bits=7))
 
 
 def test_yield_is_drawn_by_start() -> None:
-    result = rg.analyse_yield(rg.ideal_netlist(space(), CHIP), CHIP, most=32, batch=32)
+    result = rg.study(rg.study(space(), CHIP).ideal, CHIP).yields(trials=32, batch=32)
     axes = rg.plot_yield(result)
     shown = np.ma.filled(axes.images[0].get_array(), np.nan)
     assert np.nanmax(shown) == pytest.approx(100 * np.nanmax(result.probability))
@@ -30,21 +30,21 @@ def test_yield_is_drawn_by_start() -> None:
 
 
 def test_exploration_marks_the_cheapest_points() -> None:
-    result = rg.explore_yield(space(), CHIP, ("mismatch", [0.0, 0.1]), ("readout.bits", [4, 8, 16]), trials=8)
+    result = rg.study(space(), CHIP).exploration(("mismatch", [0.0, 0.1]), ("readout.bits", [4, 8, 16]), trials=8)
     axes = rg.plot_exploration(result, share=0.9)
     np.testing.assert_allclose(axes.images[0].get_array(), 100 * result.share.T)
     (marks,) = (line for line in axes.lines if line.get_marker() == "o")
     expected = [result.second_values.index(value) for value in result.cheapest(0.9)]
     assert list(marks.get_ydata()) == expected
     assert [label.get_text() for label in axes.get_xticklabels()] == ["0 %", "10 %"]
-    single = rg.explore_yield(space(), CHIP, ("readout.offset", [1e-3]), ("readout.bits", [8]), trials=2)
+    single = rg.study(space(), CHIP).exploration(("readout.offset", [1e-3]), ("readout.bits", [8]), trials=2)
     assert rg.plot_exploration(single).get_xlabel() == "readout, offset (V)"
 
 
 @pytest.mark.parametrize("chip", [CHIP, rg.Chip(saturation_voltage=0.5)])
 def test_criticality_draws_the_elements_that_cost_starts(chip: rg.Chip) -> None:
-    netlist = rg.build_chip(rg.ideal_netlist(space(), chip), chip)
-    result = rg.analyse_criticality(netlist, rg.Readout(bits=7), seconds=5.0)
+    netlist = rg.build_chip(rg.study(space(), chip).ideal, chip)
+    result = rg.study(netlist).criticality(readout=rg.Readout(bits=7), seconds=5.0)
     for fault in ("open", "short"):
         axes = rg.plot_criticality(result, fault=fault)
         drawn = [lines.get_array() for lines in axes.collections if isinstance(lines, LineCollection)]

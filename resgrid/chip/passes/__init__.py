@@ -20,7 +20,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from difflib import get_close_matches
 from typing import Any
 
-from resgrid.chip.passes.base import Pass as Pass
+from resgrid.chip.passes.base import Pass as Pass, checked
 from resgrid.chip.passes.spread import Faults as Faults, Gradient as Gradient, Mismatch as Mismatch
 from resgrid.chip.passes.switches import (
     Capacitance as Capacitance,
@@ -97,7 +97,7 @@ def to_json(passes: Iterable[Pass]) -> list[dict[str, Any]]:
             for item in dataclasses.fields(effect)  # type: ignore[arg-type]
             if (value := getattr(effect, item.name)) is not None
         }
-        for effect in passes
+        for effect in checked(passes)
     ]
 
 

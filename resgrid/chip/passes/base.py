@@ -6,6 +6,7 @@ Resistors that a pass adds are appended, so that those of the grid keep their nu
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Iterable, Iterator
 from typing import Any, Self
 
 import numpy as np
@@ -28,6 +29,14 @@ class Pass:
     def apply(self, netlist: Netlist) -> Netlist:
         """The netlist with this effect."""
         raise NotImplementedError
+
+
+def checked(passes: Iterable[Pass]) -> Iterator[Pass]:
+    """Passes, each of which is one."""
+    for effect in passes:
+        if not isinstance(effect, Pass):
+            raise InputError(f"{effect!r} is no pass; see resgrid.passes, such as resgrid.passes.Mismatch(0.01)")
+        yield effect
 
 
 def cells_with_nodes(netlist: Netlist, what: str) -> CellMap:

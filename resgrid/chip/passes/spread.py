@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,7 +152,9 @@ class Faults(Pass):
     def of(cls, chip: Chip, seed: Seed) -> Faults | None:
         """Nothing where no resistor is open or shorted."""
         defects = chip.defects
-        return cls(*astuple(defects), seed) if defects.open_density or defects.short_density else None
+        if not (defects.open_density or defects.short_density):
+            return None
+        return cls(defects.open_density, defects.short_density, defects.short_resistance, seed)
 
     def places(self, netlist: Netlist) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
         """Which places on the die are open, and which are shorted; each of shape (places,)."""
