@@ -10,7 +10,7 @@ description.  A new one is a file with a dataclass that derives from `Pass`, and
 >>> rg.passes.from_json(rg.passes.to_json(effects)) == effects
 True
 >>> rg.build_chip(netlist, effects).conductance.round(5)
-array([0.00098])
+array([0.00101])
 """
 
 from __future__ import annotations
