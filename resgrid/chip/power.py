@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from resgrid.chip.figures import Figure, Result
 from resgrid.netlist import GROUND, Netlist
 from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.nodal.secant import nonlinear_drops
 from resgrid.space import Cell
+from resgrid.spice.power import PowerBalance, power_balance
 
 _WORST = 10
 
@@ -119,19 +119,16 @@ class Power(Result):
 def analyse_power(op: OperatingPoint) -> Power:
     """Account for the power of an operating point: `Study.power`."""
     netlist = op.netlist
-    volts = np.nan_to_num(op.voltage)
-    with np.errstate(under="ignore"):
-        heat = op.resistor_current**2 / netlist.conductance
-        nonlinear = op.nonlinear_amps * nonlinear_drops(op)
-    taken, fed = netlist.current_nodes.T
+    balance = power_balance(op)
+    heat, nonlinear = balance.resistor_power, balance.nonlinear_power
     halves = np.zeros(netlist.node_count)
     for ends, watts in ((netlist.resistor_nodes, heat), (netlist.nonlinear_nodes, nonlinear)):
         for end in (0, 1):
             halves += 0.5 * np.bincount(ends[:, end], watts, netlist.node_count)
     return Power(
         op=op,
-        rails=_rails(op),
-        current_sources=float(np.sum(netlist.current_amps * (volts[fed] - volts[taken]))),
+        rails=_rails(op, balance),
+        current_sources=float(balance.current_source_power.sum()),
         resistor=heat,
         nonlinear=nonlinear,
         node=halves,
@@ -139,16 +136,21 @@ def analyse_power(op: OperatingPoint) -> Power:
     )
 
 
-def _rails(op: OperatingPoint) -> tuple[RailPower, ...]:
+def _rails(op: OperatingPoint, balance: PowerBalance) -> tuple[RailPower, ...]:
     netlist = op.netlist
     ties = (netlist.source_volts == 0.0) & (netlist.source_nodes != GROUND).all(axis=1)
     groups: dict[tuple[str, float], list[int]] = {}
     for number, name in enumerate(_rail_names(netlist)):
         if not ties[number]:
             groups.setdefault((name, float(netlist.source_volts[number])), []).append(number)
-    amps = {rail: float(-op.source_current[numbers].sum()) for rail, numbers in groups.items()}
     return tuple(
-        RailPower(name, volts, len(numbers), amps[name, volts], volts * amps[name, volts])
+        RailPower(
+            name,
+            volts,
+            sources=len(numbers),
+            amps=float(-op.source_current[numbers].sum()),
+            watts=float(balance.source_power[numbers].sum()),
+        )
         for (name, volts), numbers in groups.items()
     )
 

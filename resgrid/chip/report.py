@@ -14,10 +14,12 @@ import numpy as np
 from resgrid.chip.criticality import Criticality
 from resgrid.chip.exploration import Sweep
 from resgrid.chip.figures import Figure, Proportion, Result, formatted
-from resgrid.chip.parameters import MEANING, value_text
+from resgrid.chip.parameters import value_text
 from resgrid.chip.precision import Precision
 from resgrid.chip.studies import Study, study
 from resgrid.errors import CircuitError
+from resgrid.scene.chip import Chip
+from resgrid.scene.table import described_keys
 
 _EXPLORED = 32
 _DECKS = (
@@ -46,14 +48,13 @@ class Effort:
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture of a report: file name without suffix, what it shows, the function of `resgrid.plot`, what it takes.
+    """A picture of a report: file name without suffix, what it shows, and what `resgrid.draw` takes.
 
     `is_map`: whether it needs two axes.
     """
 
     name: str
     caption: str
-    function: str
     value: Any
     options: Mapping[str, Any] = field(default_factory=dict)
     is_map: bool = True
@@ -117,9 +118,7 @@ def _yield(chip: Study, effort: Effort) -> Section:
         "that is strictly lower than its own; stuck, or back where it has been, it is lost.",
         tried,
     )
-    return _section(
-        "yield", result, text, Picture("yield", "chips on which each start is served", "plot_yield", result)
-    )
+    return _section("yield", result, text, Picture("yield", "chips on which each start is served", result))
 
 
 def _precision(chip: Study, _effort: Effort) -> Section:
@@ -133,7 +132,7 @@ def _precision(chip: Study, _effort: Effort) -> Section:
         "same chip would need with open obstacles (neumann) or behind a resistance (wall).",
     )
     caption = "bits that every start needs (left), how many starts need how many, and how many a read-out serves"
-    picture = Picture("precision", caption, "plot_precision_page", results, {"bits": chip.bits})
+    picture = Picture("precision", caption, results, {"bits": chip.bits})
     data = {"boundaries": {name: result.to_json() for name, result in results.items()}}
     return Section("precision", text, own.figures, (picture,), data)
 
@@ -168,8 +167,8 @@ def _settling(chip: Study, _effort: Effort) -> Section:
         "settling",
         result,
         text,
-        Picture("settling", "when each cell has settled", "plot_settling", result),
-        Picture("settling_curve", curve, "plot_settling_curve", result, is_map=False),
+        Picture("settling", "when each cell has settled", result),
+        Picture("settling_curve", curve, result, {"quantity": "curve"}, is_map=False),
     )
 
 
@@ -187,9 +186,7 @@ def _noise(chip: Study, _effort: Effort) -> Section:
         f"{worst / step:.2g} steps of a {chip.bits}-bit converter.",
         *_linearised(chip),
     )
-    return _section(
-        "noise", result, text, Picture("noise", "rms noise of every cell in that band", "plot_noise", result)
-    )
+    return _section("noise", result, text, Picture("noise", "rms noise of every cell in that band", result))
 
 
 def _linearised(chip: Study) -> tuple[str, ...]:
@@ -201,14 +198,14 @@ def _linearised(chip: Study) -> tuple[str, ...]:
 def _power(chip: Study, _effort: Effort) -> Section:
     result = chip.power()
     text = [f"The chip takes {formatted(result.total, 'W')} once it has settled."]
-    pictures = [Picture("power", "heat by cell, and the hottest resistors", "plot_power", result)]
+    pictures = [Picture("power", "heat by cell, and the hottest resistors", result)]
     if result.largest_droop > 0:
         text.append(
             f"Behind switches and rails, obstacle and goal cells lie up to {formatted(result.largest_droop, 'V')} off "
             "the voltage that they are tied to."
         )
         caption = "how far every obstacle and goal cell lies off the voltage that it is tied to"
-        pictures.append(Picture("droop", caption, "plot_power", result, {"quantity": "droop"}))
+        pictures.append(Picture("droop", caption, result, {"quantity": "droop"}))
     return _section("power", result, text, *pictures)
 
 
@@ -224,7 +221,7 @@ def _sensitivity(chip: Study, _effort: Effort) -> Section:
         "the runner-up level with it. A changed step is not yet a lost robot.",
     )
     caption = "resistors by the drift that changes a step"
-    return _section("sensitivity", result, text, Picture("sensitivity", caption, "plot_sensitivity", result))
+    return _section("sensitivity", result, text, Picture("sensitivity", caption, result))
 
 
 def _exploration(chip: Study, effort: Effort) -> Section:
@@ -232,7 +229,8 @@ def _exploration(chip: Study, effort: Effort) -> Section:
         effort.progress(done, total, "")
 
     result = chip.exploration(*effort.sweep, trials=_EXPLORED, executor=effort.executor, progress=progress)
-    first, second = MEANING[result.first][0], MEANING[result.second][0]
+    units = described_keys(Chip)
+    first, second = (units[key][0] for key in (result.first, result.second))
     least = ", ".join(
         f"{value_text(value, first)}: {'none tried' if cost is None else value_text(cost, second)}"
         for value, cost in zip(result.first_values, result.cheapest(0.99), strict=True)
@@ -242,9 +240,7 @@ def _exploration(chip: Study, effort: Effort) -> Section:
         f"{result.trials} chips at every point, the same dies throughout.",
     )
     caption = "yield over two values of the chip"
-    return _section(
-        "exploration", result, text, Picture("exploration", caption, "plot_exploration", result, is_map=False)
-    )
+    return _section("exploration", result, text, Picture("exploration", caption, result, is_map=False))
 
 
 def _defects(chip: Study, effort: Effort) -> Section:
@@ -266,7 +262,7 @@ def _defects(chip: Study, effort: Effort) -> Section:
             f"Time ran out after {result.examined} of {len(result.open)}, those with the largest currents (--seconds)."
         )
     pictures = (
-        Picture(f"{fault}s", f"starts lost when an element is {what}", "plot_criticality", result, {"fault": fault})
+        Picture(f"{fault}s", f"starts lost when an element is {what}", result, {"fault": fault})
         for fault, what in (("open", "open"), ("short", "shorted"))
     )
     return _section("defects", result, text, *pictures)

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from resgrid.chip.report import Effort, Section
     from resgrid.chip.studies import Study
-    from resgrid.spice.check.comparison import Agreement
+    from resgrid.spice.check.agreement import Agreement
 
 ANALYSES = ("yield", "precision", "settling", "noise", "power", "sensitivity", "exploration", "defects")
 """Every analysis, in the order of the report."""
@@ -177,8 +177,7 @@ def _analyse(name: str, study: Study, effort: Effort, made: Path) -> Section:
 
         section = report_section(name, study, replace(effort, progress=tell))
     for picture in section.pictures:
-        drawn = getattr(plot, picture.function)(picture.value, **picture.options)
-        plot.save_figure(drawn if hasattr(drawn, "savefig") else drawn.figure, made / f"{picture.name}.png")
+        plot.save_figure(plot.draw(picture.value, **picture.options), made / f"{picture.name}.png")
     return section
 
 

@@ -42,7 +42,7 @@ def command(source: Source, output: str, dialect: str | None, bare: bool) -> int
     FILE.cir (.sp, .spice, .ckt, .net, .cdl; .scs for Spectre) is a flat deck, beside it the sidecar with the expected
     voltages; FILE.txt an edge list (two nodes and a resistance a line); FILE.graphml and FILE.json (node-link) are
     graphs for networkx and others; FILE.npz holds the netlist's arrays. -o - prints the deck alone. All of these are
-    read, too, but for Spectre, which is written only, and so are Circuitscape configurations (.ini).
+    read, too, and so are Circuitscape configurations (.ini).
     """
     from resgrid.spice.networks.graphs import NETWORK_SUFFIXES, write_network
 

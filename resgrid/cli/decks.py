@@ -31,11 +31,9 @@ def is_deck(source: str) -> bool:
 
 def is_network(source: str) -> bool:
     """Whether a file is a network that is no deck: a graph, arrays, a configuration, or a list of edges."""
-    from resgrid.spice.networks.edges import is_edge_list
-    from resgrid.spice.networks.graphs import NETWORK_SUFFIXES
+    from resgrid.spice.networks.read import is_network as is_one
 
-    suffix = Path(source).suffix.lower()
-    return is_edge_list(source) if suffix == ".txt" else suffix in (*NETWORK_SUFFIXES, ".ini")
+    return is_one(source)
 
 
 def refuse_scene_options(source: Source) -> None:
@@ -46,19 +44,12 @@ def refuse_scene_options(source: Source) -> None:
 
 def open_deck(source: Source) -> ParsedDeck:
     """Read a deck, or a network as if it were one."""
-    from resgrid.spice.networks.read import network_deck
     from resgrid.spice.read.deck import read_spice
 
     refuse_scene_options(source)
     path = Path(source.file)
-    if path.suffix.lower() == SPECTRE_SUFFIX:
-        raise InputError(
-            f"{path}: decks for Spectre are written and not read; convert the deck or scene it was made of"
-        )
     size = path.stat().st_size if path.is_file() else 0
     with stage("read the deck", seconds=0.5 + _READ_SECONDS * size):
-        if is_network(source.file):
-            return network_deck(path, root=source.root)
         deck = read_spice(path, dialect=source.dialect, root=source.root)
     _say_notes(deck)
     return deck
@@ -94,14 +85,13 @@ def solve_deck(deck: ParsedDeck) -> OperatingPoint:
 
 def deck_data(deck: ParsedDeck) -> dict[str, Any]:
     """What a deck holds, as ``--json`` gives it."""
-    counts = {kind: len(names) for kind, names in deck.element_names.items()}
     return {
         "source": deck.path,
         "title": deck.title,
         "dialect": deck.dialect,
         "files": list(deck.files),
         "nodes": len(deck.node_names),
-        **{f"{kind.replace(' ', '_')}s": counts.get(kind, 0) for kind in KINDS},
+        **{f"{kind.replace(' ', '_')}s": len(names) for kind, names in deck.element_names.items()},
         "subcircuits": list(deck.subcircuits),
         "temperature": deck.temperature,
         "options": dict(deck.options),
@@ -110,6 +100,3 @@ def deck_data(deck: ParsedDeck) -> dict[str, Any]:
             for n in deck.notes
         ],
     }
-
-
-KINDS = ("resistor", "voltage source", "current source", "capacitor")
