@@ -30,6 +30,7 @@ from .errors import (
     ToolMissingError as ToolMissingError,
 )
 from .frame import Frame as Frame
+from .io.networks import write_network as write_network
 from .io.paths import ros_plan as ros_plan, write_path as write_path
 from .io.runs import write_run as write_run
 from .io.solutions import write_solution as write_solution
