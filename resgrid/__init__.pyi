@@ -1,55 +1,24 @@
 """What `resgrid` offers, and where it lives; read at run time too, so that names are imported when first used."""
 
-from .chip.build import (
-    build_chip as build_chip,
-    compile_chip as compile_chip,
-    conductance_samples as conductance_samples,
-    ideal_netlist as ideal_netlist,
-    mismatch_factors as mismatch_factors,
-)
-from .chip.criticality import Criticality as Criticality, analyse_criticality as analyse_criticality
-from .chip.decks import write_chip_decks as write_chip_decks
-from .chip.exploration import Exploration as Exploration, chip_with as chip_with, explore_yield as explore_yield
-from .chip.figures import Proportion as Proportion
-from .chip.noise import (
-    Noise as Noise,
-    analyse_noise as analyse_noise,
-    noise_covariance as noise_covariance,
-    noise_density as noise_density,
-)
-from .chip.passes import (
-    apply_passes as apply_passes,
-    passes_from_json as passes_from_json,
-    passes_of as passes_of,
-    passes_to_json as passes_to_json,
-)
-from .chip.power import Power as Power, analyse_power as analyse_power
-from .chip.precision import Precision as Precision, analyse_precision as analyse_precision
-from .chip.sensitivity import (
-    Sensitivity as Sensitivity,
-    analyse_sensitivity as analyse_sensitivity,
-    voltage_sensitivity as voltage_sensitivity,
-)
-from .chip.settling import Settling as Settling, analyse_settling as analyse_settling
-from .chip.yields import Yield as Yield, analyse_yield as analyse_yield
+from .chip import passes as passes
+from .chip.build import build_chip as build_chip
+from .chip.criticality import Criticality as Criticality
+from .chip.exploration import Exploration as Exploration
+from .chip.figures import Figure as Figure, Proportion as Proportion
+from .chip.noise import Noise as Noise
+from .chip.power import Power as Power
+from .chip.precision import Precision as Precision
+from .chip.sensitivity import Sensitivity as Sensitivity
+from .chip.settling import Settling as Settling
+from .chip.studies import Study as Study, study as study
+from .chip.yields import Yield as Yield
 from .compiler import compile_space as compile_space
+from .control.announced import Wavefront as Wavefront, announce_hidden as announce_hidden, wavefront as wavefront
 from .control.controller import Controller as Controller, make_controller as make_controller
 from .control.equipotential import equipotential_velocity as equipotential_velocity
-from .control.learning import resolver as resolver
 from .control.log import Ending as Ending, Mode as Mode, Run as Run
-from .control.plant import Plant as Plant, make_plant as make_plant
 from .control.pushes import Push as Push, random_pushes as random_pushes
-from .control.relaxation import (
-    Relaxation as Relaxation,
-    Wavefront as Wavefront,
-    make_relaxation as make_relaxation,
-    wavefront as wavefront,
-)
-from .control.relaxation_ratio import (
-    RelaxationSweep as RelaxationSweep,
-    announce_hidden as announce_hidden,
-    relaxation_sweep as relaxation_sweep,
-)
+from .control.relaxation import Relaxation as Relaxation
 from .control.simulation import Simulation as Simulation, simulation as simulation
 from .errors import (
     AccuracyError as AccuracyError,
@@ -61,6 +30,7 @@ from .errors import (
     ToolMissingError as ToolMissingError,
 )
 from .frame import Frame as Frame
+from .io.networks import write_network as write_network
 from .io.paths import ros_plan as ros_plan, write_path as write_path
 from .io.runs import write_run as write_run
 from .io.solutions import write_solution as write_solution
@@ -147,6 +117,7 @@ from .robots import (
 )
 from .scene import (
     Chip as Chip,
+    Control as Control,
     CostArea as CostArea,
     Defects as Defects,
     GoalCell as GoalCell,
@@ -156,16 +127,14 @@ from .scene import (
     Query as Query,
     Readout as Readout,
     Scene as Scene,
-    apply_overrides as apply_overrides,
-    free_volume_lost as free_volume_lost,
     occupancy_grid as occupancy_grid,
     parse_quantity as parse_quantity,
     parse_scene as parse_scene,
     read_queries as read_queries,
     read_scene as read_scene,
     sample as sample,
-    scene_schema as scene_schema,
 )
+from .scene.schema import scene_schema as scene_schema
 from .space import Axis as Axis, Cell as Cell, ConfigurationSpace as ConfigurationSpace
 from .spice.analyses import (
     Measure as Measure,

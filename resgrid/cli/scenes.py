@@ -47,9 +47,9 @@ class Job:
     @cached_property
     def is_ideal(self) -> bool:
         """Whether the scene's chip is nothing but its resistors and ideal rails."""
-        from resgrid.chip.passes import passes_of
+        from resgrid.chip.passes import of_chip
 
-        return not passes_of(self.scene.chip)
+        return not of_chip(self.scene.chip)
 
     def solution(self) -> Solution:
         """The ideal circuits and fields that the scene asks for, with their drives scaled to the supply."""
@@ -92,7 +92,8 @@ def open_job(source: Source, *, require_goal: bool = True) -> Job:
 
 
 def _load_scene(source: Source) -> Scene:
-    from resgrid.scene import apply_overrides, read_scene
+    from resgrid.scene import read_scene
+    from resgrid.scene.overrides import apply_overrides
 
     if Path(source.file).suffix.lower() in DECK_SUFFIXES:
         raise InputError(f"{source.file}: this is a deck, and a scene or a map is needed; decks go to 'resgrid check'")
@@ -106,19 +107,21 @@ def _piped_scene(source: Source) -> Scene:
 
     from resgrid.files import decode
     from resgrid.scene import parse_scene, read_scene
+    from resgrid.scene.maps.formats import FORMATS
 
     data = sys.stdin.buffer.read()
     if not data.strip():
         raise InputError("standard input: nothing was piped in; give a scene file, or pipe one")
-    if not data.startswith(_MAP_BEGINNINGS) and source.map_options.get("format") is None:
+    if (
+        not data.startswith(tuple(begin for entry in FORMATS.values() for begin in entry.magic))
+        and source.map_options.get("format") is None
+    ):
         return parse_scene(decode(data, Path("standard input")), "standard input")
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "standard_input"
         file.write_bytes(data)
         return read_scene(file, **source.map_options)
 
-
-_MAP_BEGINNINGS = (b"\x93NUMPY", b"type ", b"\x89PNG", b"P2", b"P5", b"BM", b"GIF8")
 
 FIRST_RUN = "the first solution on this machine also compiles its loops: half a minute, once"
 _KEPT_LOOP = "row_kernels.conductances_by_row*.nbi"
@@ -244,16 +247,3 @@ def assume_switches(job: Job, boundary: str) -> tuple[Job, dict[str, float]]:
         values = ", ".join(f"{key} = {ohms:g}" for key, ohms in assumed.items())
         say(f"tiles have switches, and [chip] does not describe all; assumed, in ohms: {values}")
     return Job(replace(job.scene, chip=chip), job.space, job.threads), assumed
-
-
-def only_boundary(job: Job) -> tuple[str, int | None]:
-    """For the analyses of chips, until they live in their own room."""
-    wiring = job.problem.only_wiring()[1]
-    return wiring.boundary, None if wiring.start is None else 0
-
-
-def compile_options(job: Job, boundary: str, start: int | None) -> dict[str, Any]:
-    """For the analyses of chips, until they live in their own room."""
-    del boundary, start
-    wiring = job.problem.only_wiring()[1]
-    return {"boundary": wiring.boundary, "drive": wiring.drive, "edge": wiring.edge, "start": wiring.start}

@@ -31,8 +31,8 @@ def read_network(
     """Read a network as if it were a deck."""
     suffix = Path(path).suffix.lower()
     if suffix not in (*GRAPH_SUFFIXES, ".ini"):
-        return Circuit.of(read_edges(path, measure, sources, grounds), os.fspath(path))
+        return Circuit.of(read_edges(path, sources, grounds, measure, measure).netlist(), os.fspath(path))
     if measure is not None or sources is not None or grounds is not None:
         raise InputError(f"{os.fspath(path)} names its own sources, grounds and measure; leave those options out")
-    netlist = read_circuitscape(path, root=root).netlist if suffix == ".ini" else read_graph(path)
+    netlist = read_circuitscape(path, root=root)[0].netlist() if suffix == ".ini" else read_graph(path)
     return Circuit.of(netlist, os.fspath(path))
