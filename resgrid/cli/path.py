@@ -60,7 +60,7 @@ def command(
         return answer_queries(job, queries, limit, output, report, told)
     require_starts(job)
     check_motion(motion, job, output)
-    plan = refine(job, plan_routes(job, report), motion)
+    plan = refine(plan_routes(job, report), motion)
     if output is not None:
         write_routes(output, plan.routes, job)
         if output != "-":

@@ -72,7 +72,7 @@ def plan_routes(job: Job, report: Report) -> Plan:
     with report.stage("follow the current", steps=len(solution.tasks)) as progress:
         for field, number in solution.tasks:
             path = streamline(field, job.scene.starts[number])
-            certify(path, field)
+            certify(path)
             index = fields.index(field) if field in fields else None
             routes.append(Route(path, job.scene.starts[number], index, field.k))
             progress.advance()

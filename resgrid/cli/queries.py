@@ -57,7 +57,7 @@ def _answer(job: Job, query: Query, file: str, quiet: Report) -> list[dict[str, 
     answers = []
     for field in solution_of(posed, quiet).fields:
         path = streamline(field, cell=query.start)
-        certify(path, field)
+        certify(path)
         figures = {"outcome": str(path.outcome), "k": field.k, "length": path.length, "clearance": path.clearance}
         answers.append({**figures, **common})
     return answers

@@ -52,28 +52,25 @@ class Motion:
             raise InputError("--keep-clearance is for shortcuts: give --shorten too")
 
 
-def refine(job: Job, plan: Plan, motion: Motion) -> Plan:
+def refine(plan: Plan, motion: Motion) -> Plan:
     """Shorten and time the routes of a plan, as far as it is asked for."""
     if not motion.shorten and not motion.speed:
         return plan
-    return dataclasses.replace(plan, routes=[_refined(job, plan, route, motion) for route in plan.routes])
+    return dataclasses.replace(plan, routes=[_refined(route, motion) for route in plan.routes])
 
 
-def _refined(job: Job, plan: Plan, route: Route, motion: Motion) -> Route:
+def _refined(route: Route, motion: Motion) -> Route:
     from resgrid.planning.shortcut import shorten
     from resgrid.planning.timing import time_path
 
     path = route.streamline
     if motion.shorten and route.reached:
-        where = job.space if route.field is None else plan.fields[route.field]
-        route = dataclasses.replace(route, short=shorten(path, where, clearance=motion.clearance))
+        route = dataclasses.replace(route, short=shorten(path, clearance=motion.clearance))
     if motion.speed:
         timed = time_path(
             route.short or path,
-            job.space,
             velocity_limits=_each(motion.speed),
             acceleration_limits=_each(motion.acceleration) if motion.acceleration else None,
-            robot=job.scene.robot,
         )
         if motion.rate is not None:
             timed = timed.resampled(motion.rate)
@@ -150,7 +147,7 @@ def plans_text(routes: Sequence[Route], job: Job) -> str:
     for route in routes:
         if route.reached:
             way = route.motion or route.short or route.streamline
-            documents.append(ros_plan(way, job.space, robot=job.scene.robot))
+            documents.append(ros_plan(way))
         else:
             documents.append('header:\n  stamp: {sec: 0, nanosec: 0}\n  frame_id: "map"\nposes: []\n')
     return "---\n".join(documents)
@@ -161,7 +158,7 @@ def _columns(route: Route, job: Job) -> dict[str, NDArray[np.float64]]:
     from resgrid.planning.export import path_columns
 
     way = route.motion or route.short or route.streamline
-    columns = path_columns(way, job.space, robot=job.scene.robot)
+    columns = path_columns(way)
     if way is route.streamline:
         columns |= {axis.name: way.points[:, number] for number, axis in enumerate(job.space.axes)}
     return columns

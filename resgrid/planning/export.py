@@ -6,7 +6,7 @@ import json
 import os
 from collections.abc import Collection, Mapping, Sequence
 from math import cos, isfinite, sin
-from pathlib import Path
+from pathlib import Path as FilePath
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
 from resgrid.files import atomic_path, write_text
-from resgrid.planning.streamline import ShortPath, Streamline, unwrap
+from resgrid.planning.streamline import Path, robot_of, unwrap
 from resgrid.planning.timing import Trajectory
-from resgrid.planning.workspace import workspace_path
 from resgrid.robots import PointRobot, Robot
 from resgrid.space import Axis, ConfigurationSpace
 
@@ -26,41 +25,27 @@ _TAKEN = {".json": ("schema",), ".npz": ("file", "allow_pickle")}
 """Names that a format keeps for itself."""
 
 
-def path_columns(
-    path: Streamline | ShortPath | Trajectory | ArrayLike,
-    space: ConfigurationSpace,
-    *,
-    robot: Robot | None = None,
-) -> dict[str, NDArray[np.float64]]:
-    """A path as named columns, one entry a point.  Shapes: `path` (n, ndim); returns (n,)."""
-    points = _points(path, space)
+def path_columns(path: Path | Trajectory) -> dict[str, NDArray[np.float64]]:
+    """A path as named columns, one entry a point, shape (n,)."""
+    space, robot, points = path.space, robot_of(_untimed(path)), _points(path)
     require_names(space.axes, other_columns(space.axes, robot, timed=isinstance(path, Trajectory)))
     columns = _named(space, points)
-    if robot is not None and robot.base is not None:
-        columns |= dict(zip(_reference_columns(robot), workspace_path(points, robot, space).T, strict=True))
+    if robot.base is not None:
+        columns |= dict(zip(_reference_columns(robot), robot.reference_point(points).T, strict=True))
     if isinstance(path, Trajectory):
         columns = {"t": np.array(path.times)} | columns | _named(space, path.velocities, "_rate")
     return columns
 
 
-def write_path(
-    target: str | os.PathLike[str],
-    path: Streamline | ShortPath | Trajectory | ArrayLike,
-    space: ConfigurationSpace,
-    *,
-    robot: Robot | None = None,
-) -> Path:
+def write_path(path: Path | Trajectory, target: str | os.PathLike[str]) -> FilePath:
     """Write a path, whole or not at all, as the suffix says.
 
     Parameters
     ----------
+    path : Streamline, ShortPath, Polyline or Trajectory
     target : path-like
         ``.csv``: a table with a header; ``.json``: one list a column; ``.npz``: one array a column; ``.yaml``: a
-        ``nav_msgs/Path`` for ROS.
-    path : Streamline, ShortPath, Trajectory or array_like of float, shape (n, ndim)
-    space : ConfigurationSpace
-    robot : Robot, optional
-        An arm's files say where its tip is.
+        ``nav_msgs/Path`` for ROS.  An arm's files say where its tip is.
 
     Returns
     -------
@@ -73,14 +58,14 @@ def write_path(
         If the suffix is none of these, the path does not fit, an axis has the name of another column, or the file
         cannot be written.
     """
-    file = Path(target)
+    file = FilePath(target)
     suffix = file.suffix.lower()
     if suffix not in SUFFIXES:
         raise InputError(f"cannot write a path as {str(target)!r}: its suffix must be one of {', '.join(SUFFIXES)}")
     if suffix == ".yaml":
-        return write_text(file, ros_plan(path, space, robot=robot))
-    columns = path_columns(path, space, robot=robot)
-    require_names(space.axes, _TAKEN.get(suffix, ()))
+        return write_text(file, ros_plan(path))
+    columns = path_columns(path)
+    require_names(path.space.axes, _TAKEN.get(suffix, ()))
     if suffix == ".npz":
         with atomic_path(file) as temporary, temporary.open("wb") as stream:
             np.savez(stream, **columns)  # type: ignore[arg-type]
@@ -108,9 +93,13 @@ def require_names(axes: Sequence[Axis], others: Collection[str]) -> None:
             )
 
 
-def _points(path: Streamline | ShortPath | Trajectory | ArrayLike, space: ConfigurationSpace) -> NDArray[np.float64]:
+def _untimed(path: Path | Trajectory) -> Path:
+    return path.path if isinstance(path, Trajectory) else path
+
+
+def _points(path: Path | Trajectory) -> NDArray[np.float64]:
     """Points of the world, continuous across periodic seams."""
-    return unwrap(path.positions if isinstance(path, Trajectory) else path, space)
+    return path.positions if isinstance(path, Trajectory) else unwrap(path)
 
 
 def csv_table(columns: Mapping[str, ArrayLike]) -> str:
@@ -119,13 +108,7 @@ def csv_table(columns: Mapping[str, ArrayLike]) -> str:
     return "\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)]) + "\n"
 
 
-def ros_plan(
-    path: Streamline | ShortPath | Trajectory | ArrayLike,
-    space: ConfigurationSpace,
-    *,
-    robot: Robot | None = None,
-    frame_id: str = "map",
-) -> str:
+def ros_plan(path: Path | Trajectory, *, frame_id: str = "map") -> str:
     """A path as the text of a ``nav_msgs/Path`` message, which ``ros2 topic pub`` takes.
 
     Every pose looks towards the next, the last one as the one before; a turning polygon as its angle says.  A
@@ -133,11 +116,8 @@ def ros_plan(
 
     Parameters
     ----------
-    path : Streamline, ShortPath, Trajectory or array_like of float, shape (n, ndim)
-    space : ConfigurationSpace
-        Of two axes with one unit, or of a turning polygon.
-    robot : Robot, optional
-        A point by default.
+    path : Streamline, ShortPath, Polyline or Trajectory
+        In a space of two axes with one unit, or of a turning polygon.
     frame_id : str
         The frame that the poses are given in.
 
@@ -150,10 +130,10 @@ def ros_plan(
     InputError
         If the robot does not move in the plane.
     """
-    points = _points(path, space)
-    require_plan(space, robot)
+    points, robot = _points(path), robot_of(_untimed(path))
+    require_plan(path.space, robot)
     place = points[:, :2]
-    own = None if robot is None else robot.heading(points)
+    own = robot.heading(points)
     yaw = headings(place) if own is None else own
     times = path.times if isinstance(path, Trajectory) else np.zeros(len(points))
     head = f"header:\n{_stamp(0.0, frame_id, '  ')}poses:"

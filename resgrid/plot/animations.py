@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from resgrid.control.fronts import Wavefront
 from resgrid.control.log import Mode, Run
 from resgrid.errors import InputError
-from resgrid.planning.workspace import workspace_path
+from resgrid.planning.streamline import Polyline
 from resgrid.plot.control import (
     FORCE,
     LEARNT,
@@ -25,7 +25,6 @@ from resgrid.plot.control import (
     panel_aspect,
     plot_run_configurations,
     seam_shifts,
-    thinned,
     wrapped,
     zoom,
 )
@@ -112,11 +111,11 @@ class _WorkspaceArtists:
     def __init__(self, run: Run, scene: Scene, axes: Axes) -> None:
         self._run, self._scene, self._axes = run, scene, axes
         known, hidden, goals = bodies_of(scene)
-        way = thinned(run.configuration)[:1]
-        plot_robot_path(way, scene.robot, run.space, (*known, *hidden), goals, axes, ghosts=1)
+        begin = Polyline(run.configuration[:1], run.space)
+        plot_robot_path(begin, scene.robot, run.space, (*known, *hidden), goals, axes, ghosts=1)
         dress_workspace(scene, hidden, axes)
         zoom(run, scene, axes)
-        self._tips = workspace_path(run.configuration, scene.robot, run.space)
+        self._tips = scene.robot.reference_point(run.configuration)
         (self._way,) = axes.plot([], [], color=ROBOT, linewidth=1.0, alpha=0.7, zorder=4)
         mark_start(self._tips[0], axes)
         axes.plot([], [], color=ROBOT, linewidth=0, marker="o", label="robot")

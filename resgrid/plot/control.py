@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from resgrid.control.log import ContactLog, Ending, Mode, Run
 from resgrid.control.plant import plant_of
 from resgrid.errors import InputError
-from resgrid.planning.workspace import workspace_path
+from resgrid.planning.streamline import Polyline
 from resgrid.plot.fields import plot_space
 from resgrid.plot.figures import new_figure, panel_height
 from resgrid.plot.paint import VIRTUAL, paint_cells
@@ -91,7 +91,7 @@ def plot_run_workspace(run: Run, scene: Scene, axes: Axes) -> Axes:
     """Draw what happened in the workspace: poses, the way of the tip, contact forces."""
     known, hidden, goals = bodies_of(scene)
     way = thinned(run.configuration)
-    plot_robot_path(way, scene.robot, run.space, (*known, *hidden), goals, axes)
+    plot_robot_path(Polyline(way, run.space), scene.robot, run.space, (*known, *hidden), goals, axes)
     dress_workspace(scene, hidden, axes)
     draw_forces(run.contacts, _few(run.contacts), axes)
     zoom(run, scene, axes)
@@ -155,7 +155,7 @@ def _reference(goal: GoalPoint | GoalCell | GoalJoints, scene: Scene, grid: Conf
             pose = grid.centre(np.array(cell))
         case GoalJoints(lower, upper):
             pose = (np.array(lower) + upper) / 2
-    return workspace_path(pose.reshape(1, -1), scene.robot, grid)[0, :2]
+    return scene.robot.reference_point(pose.reshape(1, -1))[0, :2]
 
 
 def draw_forces(contacts: ContactLog, rows: NDArray[np.int64], axes: Axes) -> Any:
@@ -298,13 +298,14 @@ def plot_runs_by_k(
     figure = new_figure(_PAGE, 5.0 + 0.15 * (caption.count("\n") + 2 if caption else 0))
     left, right = figure.subplots(1, 2)
     known, hidden, goals = bodies_of(scene)
-    plot_robot_path(runs[0].configuration[:1], scene.robot, runs[0].space, (*known, *hidden), goals, left, ghosts=1)
+    begin = Polyline(runs[0].configuration[:1], runs[0].space)
+    plot_robot_path(begin, scene.robot, runs[0].space, (*known, *hidden), goals, left, ghosts=1)
     dress_workspace(scene, hidden, left)
     plot_run_configurations(runs[0], scene, right, way=False)
     for run, k, colour in zip(runs, shares, PATHS, strict=False):
         label = f"k = {k:g}" + ("" if run.ending is Ending.ARRIVED else f" ({run.ending})").replace("_", " ")
         way = thinned(run.configuration)
-        left.plot(*workspace_path(way, scene.robot, run.space).T, color=colour, linewidth=1.4, zorder=6, label=label)
+        left.plot(*scene.robot.reference_point(way).T, color=colour, linewidth=1.4, zorder=6, label=label)
         for by in seam_shifts(run.space):
             right.plot(*(way + by).T, color=colour, linewidth=1.4, zorder=4, label=label)
     zoom(runs[0], scene, left)

@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from resgrid.planning.separation import Separation
-from resgrid.planning.streamline import Streamline, axis_path
-from resgrid.planning.workspace import Way
+from resgrid.planning.streamline import Path, Streamline
 from resgrid.plot.fields import plot_space
 from resgrid.plot.figures import new_figure
 from resgrid.plot.paint import VIRTUAL, paint_cells
@@ -27,7 +26,7 @@ _PAGE = 7.4
 
 
 def plot_pair(
-    path: Way,
+    path: Path,
     robot: Robot,
     space: ConfigurationSpace,
     obstacles: Sequence[Shape] = (),
@@ -44,8 +43,8 @@ def plot_pair(
 
     Parameters
     ----------
-    path : Streamline, ShortPath or array_like of float, shape (n, ndim)
-        An array holds points of the world.  The robot is drawn along it; at its start alone where it goes nowhere.
+    path : Streamline, ShortPath or Polyline
+        The robot is drawn along it; at its start alone where it goes nowhere.
     robot : Robot
     space : ConfigurationSpace
         Of two axes.
@@ -82,7 +81,7 @@ def plot_pair(
         lines = [path, *others] if isinstance(path, Streamline) else list(others)
         plot_configurations(lines, space, right, virtual=virtual)
         if not isinstance(path, Streamline):
-            _draw_line(axis_path(path, space), space, right)
+            _draw_line(path.line, space, right)
     else:
         plot_separation(verdict, right, virtual=virtual)
     if title:

@@ -15,8 +15,8 @@ from matplotlib.patheffects import Normal, Stroke
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.planning.streamline import Streamline, axis_path
-from resgrid.planning.workspace import Way, dense, workspace_path
+from resgrid.planning.streamline import Path as RobotPath, Streamline
+from resgrid.planning.workspace import dense
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.style import GOAL, OBSTACLE, PATHS, TEXT, add_swatch, dress, refresh_legend
 from resgrid.robots import CellSet, HalfSpace, Robot, Shape, to_shapely
@@ -27,7 +27,7 @@ _START, _EARLY, _LATE, _END = "#2b2b2b", "#b5b5b5", "#7fb2d6", "#0072B2"
 
 
 def plot_robot_path(
-    path: Way,
+    path: RobotPath,
     robot: Robot,
     space: ConfigurationSpace,
     obstacles: Sequence[Shape] = (),
@@ -41,8 +41,7 @@ def plot_robot_path(
 
     Parameters
     ----------
-    path : Streamline, ShortPath or array_like of float, shape (n, ndim)
-        An array holds points of the world.
+    path : Streamline, ShortPath or Polyline
     robot : Robot
         That moves in the plane.
     space : ConfigurationSpace
@@ -66,13 +65,13 @@ def plot_robot_path(
     """
     if not 1 <= ghosts <= 1000:
         raise InputError(f"ghosts = {ghosts}, but 1 to 1000 poses can be drawn")
-    poses = _dense(path, robot, space)
+    poses = _dense(path, robot)
     axes = plot_workspace(obstacles, goals, ax, unit=_unit(robot, space), legend=False)
     shown = poses[_evenly(poses, robot, ghosts)]
     for number, pose in enumerate(shown):
         share = number / max(len(shown) - 1, 1)
         _draw_pose(robot, pose, axes, share, first=number == 0, last=number == len(shown) - 1)
-    tip = workspace_path(poses, robot, space)
+    tip = robot.reference_point(poses)
     if len(tip) > 1:
         _draw_way(tip, robot, axes, colour)
     if robot.base is not None:
@@ -123,7 +122,7 @@ def plot_tip_ways(
         If a path does not fit the space, or the robot does not move in the plane.
     """
     axes = plot_workspace(obstacles, goals, ax, unit=_unit(robot, space), legend=False)
-    lines = [workspace_path(_dense(path, robot, space), robot, space) for path in paths]
+    lines = [robot.reference_point(_dense(path, robot)) for path in paths]
     label = f"ways of the {robot.reference}"
     axes.add_collection(LineCollection(lines, colors=PATHS[0], linewidths=0.6, alpha=0.8, zorder=4, label=label))
     for row, size, face in ((0, 5, "white"), (-1, 4, GOAL)):
@@ -189,11 +188,11 @@ def mark_shapes(shapes: Sequence[Shape], axes: Axes, colour: str, label: str, or
         add_swatch(axes, label, colour)
 
 
-def _dense(path: Way, robot: Robot, space: ConfigurationSpace) -> NDArray[np.float64]:
+def _dense(path: RobotPath, robot: Robot) -> NDArray[np.float64]:
     """Configurations in the world close enough for smooth lines, whatever the scale of the workspace."""
-    corners = axis_path(path, space)
+    corners = path.line
     travel = float(robot.travel(corners[:-1], corners[1:]).sum())
-    return space.to_world(dense(path, robot, space, travel / 400)[0] if travel else corners)
+    return path.space.to_world(dense(path, travel / 400)[0] if travel else corners)
 
 
 def _evenly(poses: NDArray[np.float64], robot: Robot, count: int) -> NDArray[np.int64]:

@@ -72,7 +72,7 @@ def lines_all(axes) -> list[np.ndarray]:
 
 
 def test_a_pose_alone_has_no_way(torus) -> None:
-    lines = lines_of(plot_robot_path([(0.0, pi / 2)], ARM, torus))
+    lines = lines_of(plot_robot_path(rg.Polyline([(0.0, pi / 2)], torus), ARM, torus))
     assert "way of the tip" not in lines
     np.testing.assert_allclose(lines["robot at the start"], [(0, 0), (1, 0), (1, 0.5)], atol=1e-12)
 
@@ -80,15 +80,15 @@ def test_a_pose_alone_has_no_way(torus) -> None:
 def test_polygons_and_discs_are_filled_where_they_are() -> None:
     bar = PolygonRobot(((-0.2, -0.1), (0.2, -0.1), (0.0, 0.3)))
     poses = ConfigurationSpace([Axis("x", 0, 4, 4), Axis("y", 0, 4, 4), bar.turning_axis(4)], np.zeros((4, 4, 4)))
-    axes = plot_robot_path([(1, 1, 0), (3, 2, pi)], bar, poses, ghosts=3)
+    axes = plot_robot_path(rg.Polyline([(1, 1, 0), (3, 2, pi)], poses), bar, poses, ghosts=3)
     drawn = [patch.get_path().vertices[:3] for patch in axes.patches]
     assert len(drawn) == 3
     assert any(np.allclose(corners, bar.corners((1, 1, 0))) for corners in drawn)
     plane = ConfigurationSpace([Axis("x", 0, 4, 4), Axis("y", 0, 4, 4)], np.zeros((4, 4)))
-    disc = plot_robot_path([(1, 1), (3, 2)], DiscRobot(0.5), plane, ghosts=2).patches
+    disc = plot_robot_path(rg.Polyline([(1, 1), (3, 2)], plane), DiscRobot(0.5), plane, ghosts=2).patches
     assert disc[0].get_extents().width == pytest.approx(disc[1].get_extents().width)
     with pytest.raises(InputError, match="ghosts = 0"):
-        plot_robot_path([(1, 1)], DiscRobot(0.5), plane, ghosts=0)
+        plot_robot_path(rg.Polyline([(1, 1)], plane), DiscRobot(0.5), plane, ghosts=0)
 
 
 def test_shapes_of_all_kinds_are_drawn_with_their_holes() -> None:

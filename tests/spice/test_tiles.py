@@ -65,7 +65,7 @@ def test_the_rails_of_the_flat_netlist_do_not_matter() -> None:
 def test_paths_on_tiles_are_certified() -> None:
     field = rg.field(rg.solve(expanded_netlist(rg.compile_space(room()))))
     path = rg.streamline(field, start=(0.5, 1.0))
-    rg.certify(path, field)
+    rg.certify(path)
     assert str(path.outcome) == "reached"
 
 
