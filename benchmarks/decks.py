@@ -21,7 +21,7 @@ from benchmarks.timing import alternating, spread, timed
 from resgrid.netlist import Netlist
 from resgrid.nodal.solve import solve
 from resgrid.spice.read.deck import read_spice
-from resgrid.spice.write.flat import format_deck, resistances
+from resgrid.spice.write.flat import flatten, resistances
 
 SIDES = {"tiny": (16, 16), "quick": (256, 128), "full": (256, 256)}
 """Nodes a side of the deck that is read and written, and of the one that ngspice solves."""
@@ -38,7 +38,7 @@ def decks(scale: Scale) -> list[Row]:
     with tempfile.TemporaryDirectory(prefix="resgrid-bench-") as name:
         path, other = Path(name) / "grid.cir", Path(name) / "simulated.cir"
         for file, circuit in ((path, netlist), (other, power_grid(simulated, scale.seed))):
-            file.write_text(format_deck(circuit).replace("\n.end", "\n.op\n.end"))
+            file.write_text(flatten(circuit).text.replace("\n.end", "\n.op\n.end"))
             read_spice(file)
         rows = [_reading(what, path, parser, scale) for parser in PARSERS]
         return [*rows, _solving(f"{simulated}^2 deck", other, scale), _writing(what, netlist, path, scale)]
@@ -131,7 +131,7 @@ def _writing(what: str, netlist: Netlist, path: Path, scale: Scale) -> Row:
     target = path.with_name("written.cir")
 
     def ours() -> None:
-        target.write_bytes(format_deck(netlist).encode("ascii"))
+        target.write_bytes(flatten(netlist).text.encode("ascii"))
 
     def bare() -> None:
         target.write_text("\n".join(map(repr, values)))

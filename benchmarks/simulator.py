@@ -13,7 +13,7 @@ from benchmarks.problems import Problem
 from benchmarks.rows import RATIO, Row, Scale
 from benchmarks.timing import spread, timed
 from resgrid.nodal.solve import solve
-from resgrid.spice.write.flat import format_deck
+from resgrid.spice.write.flat import flatten
 
 LARGE = 200
 """Cells a side from which ngspice runs once only."""
@@ -35,7 +35,7 @@ def _row(problem: Problem, program: str, scale: Scale) -> Row:
     ours()
     with tempfile.TemporaryDirectory(prefix="resgrid-bench-") as name:
         folder = Path(name)
-        (folder / "deck.cir").write_text(format_deck(netlist).replace("\n.end", "\n.op\n.end"))
+        (folder / "deck.cir").write_text(flatten(netlist).text.replace("\n.end", "\n.op\n.end"))
         theirs = partial(_run, program, folder, 60 * scale.limit)
         rounds = 1 if problem.size >= LARGE else min(scale.rounds, 3)
         pairs = [(timed(theirs), spread([timed(ours) for _ in range(3)]).median) for _ in range(rounds)]

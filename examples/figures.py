@@ -224,12 +224,12 @@ def settling(folder: Path, scene: rg.Scene, ratios: tuple[float, ...] = RATIOS) 
     """The hidden obstacle is put on the map while the robot is on its way; how fast may it be against the grid."""
     sim, numbers, sweeps = rg.simulation(scene, k=0.98), {}, []
     for method in ("chip", "jacobi", "sor"):
-        sweep = rg.settling_sweep(sim, scene.starts[0], rg.grid_settling(scene, method=method, k=0.98), ratios)
+        sweep = rg.relaxation_sweep(sim, scene.starts[0], rg.make_relaxation(scene, method=method, k=0.98), ratios)
         sweeps.append(sweep)
         numbers |= {f"{method}_safe": sweep.safe_ratio, f"{method}_fails": sweep.failing_ratio}
         print(f"{method}: arrives up to {sweep.safe_ratio} cells a settling time, fails from {sweep.failing_ratio}")
     rg.save_figure(rg.plot_settling_sweep(sweeps).figure, folder / "settling.png")
-    settles = rg.grid_settling(scene, pace=4.0, k=0.98)
+    settles = rg.make_relaxation(scene, pace=4.0, k=0.98)
     front = rg.wavefront(settles, sim.space, sim.plant.true_space(sim.space), np.array([0, 1, 3, 10, 30, 100.0]))
     rg.save_figure(rg.plot_wavefront(front), folder / "wavefront.png")
     return numbers
@@ -240,8 +240,8 @@ def animations(folder: Path) -> None:
     scene = rg.read_scene(SCENES / "chair.toml")
     sim = rg.simulation(scene, k=0.98)
     rg.save_animation(rg.run_frames(sim.run(scene.starts[0]), scene), folder / "chair.gif")
-    settles = rg.grid_settling(scene, pace=4.0, k=0.98)
-    world = rg.announced(sim, settles)
+    settles = rg.make_relaxation(scene, pace=4.0, k=0.98)
+    world = rg.announce_hidden(sim, settles)
     front = rg.wavefront(settles, sim.space, world.space, np.arange(80) * 0.75)
     frames = rg.wavefront_frames(front, world.run(scene.starts[0]))
     rg.save_animation(frames, folder / "wavefront.gif", rate=10)

@@ -35,16 +35,20 @@ from .chip.yields import Yield as Yield, analyse_yield as analyse_yield
 from .compiler import compile_space as compile_space
 from .control.controller import Controller as Controller, make_controller as make_controller
 from .control.equipotential import equipotential_velocity as equipotential_velocity
-from .control.fronts import Wavefront as Wavefront, wavefront as wavefront
 from .control.learning import resolver as resolver
 from .control.log import Ending as Ending, Mode as Mode, Run as Run
 from .control.plant import Plant as Plant, make_plant as make_plant
 from .control.pushes import Push as Push, random_pushes as random_pushes
-from .control.settling import GridSettling as GridSettling, grid_settling as grid_settling
-from .control.settling_ratio import (
-    SettlingSweep as SettlingSweep,
-    announced as announced,
-    settling_sweep as settling_sweep,
+from .control.relaxation import (
+    Relaxation as Relaxation,
+    Wavefront as Wavefront,
+    make_relaxation as make_relaxation,
+    wavefront as wavefront,
+)
+from .control.relaxation_ratio import (
+    RelaxationSweep as RelaxationSweep,
+    announce_hidden as announce_hidden,
+    relaxation_sweep as relaxation_sweep,
 )
 from .control.simulation import Simulation as Simulation, simulation as simulation
 from .errors import (
@@ -57,6 +61,9 @@ from .errors import (
     ToolMissingError as ToolMissingError,
 )
 from .frame import Frame as Frame
+from .io.paths import ros_plan as ros_plan, write_path as write_path
+from .io.runs import write_run as write_run
+from .io.solutions import write_solution as write_solution
 from .netlist import CellMap as CellMap, Netlist as Netlist
 from .nodal.drive import scale_drive as scale_drive
 from .nodal.many import solve_many as solve_many
@@ -72,7 +79,6 @@ from .nodal.transient import (
 from .nodal.watch import Watch as Watch
 from .planning.blend import blend as blend, dirichlet_share as dirichlet_share
 from .planning.certify import certify as certify, certify_free as certify_free
-from .planning.export import ros_plan as ros_plan, write_path as write_path
 from .planning.fields import Field as Field, field as field
 from .planning.normals import octree_voxels as octree_voxels, surface_normals as surface_normals
 from .planning.planner import (
@@ -207,15 +213,12 @@ from .spice.check.predictions import Prediction as Prediction, predict_simulator
 from .spice.check.rules import check_rules as check_rules
 from .spice.check.violation import Violation as Violation
 from .spice.ir_drop import IrDrop as IrDrop, ir_drop as ir_drop
-from .spice.networks.read import read_network as read_network
 from .spice.parsed import Note as Note, ParsedDeck as ParsedDeck
 from .spice.read.deck import read_spice as read_spice
 from .spice.run.forecast import Forecast as Forecast, forecast_run as forecast_run
 from .spice.run.ngspice import run_ngspice as run_ngspice
 from .spice.run.rawfile import write_raw as write_raw
 from .spice.write.files import write_spice as write_spice
-from .spice.write.flat import format_deck as format_deck
-from .spice.write.tiles import Tile as Tile, expanded_netlist as expanded_netlist
 from .wiring import Wiring as Wiring
 
 __version__: str

@@ -32,7 +32,7 @@ SOURCES = {
     "ConfigurationSpace": "rg.sample(scene)",
     "Controller": "rg.make_controller(field)",
     "Field": "rg.field(rg.solve(netlist)), or rg.plan(scene).field",
-    "GridSettling": "rg.grid_settling(scene)",
+    "Relaxation": "rg.make_relaxation(scene)",
     "Netlist": "rg.compile_space(space), or rg.read_spice(file).netlist()",
     "OperatingPoint": "rg.solve(netlist)",
     "ParsedDeck": "rg.read_spice(file)",
@@ -42,7 +42,7 @@ SOURCES = {
     "Scene": "rg.read_scene(file), or rg.parse_scene(text)",
     "Simulation": "rg.simulation(scene)",
     "Streamline": "rg.streamline(field, start)",
-    "Wavefront": "rg.wavefront(settling, before, after, cells)",
+    "Wavefront": "rg.wavefront(relaxation, before, after, cells)",
 }
 """How to get what functions most often ask for."""
 

@@ -1,8 +1,9 @@
-"""Files read with errors that say what is wrong, and written whole or not at all."""
+"""Files read with errors that say what is wrong; files and folders written whole or not at all."""
 
 from __future__ import annotations
 
 import contextlib
+import json
 import os
 import re
 import secrets
@@ -14,6 +15,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from resgrid.errors import InputError
+
+SUMMARY = "summary.json"
+"""Lists the files of a folder of results."""
 
 MAX_TEXT_BYTES = 1 << 28
 
@@ -88,6 +92,64 @@ def atomic_path(path: str | os.PathLike[str]) -> Iterator[Path]:
         raise _unwritable(Path(path), error) from error
     finally:
         temporary.unlink(missing_ok=True)
+
+
+@contextlib.contextmanager
+def whole_folder(path: str | Path) -> Iterator[Path]:
+    """Yield a temporary folder beside ``path`` whose files move there if the block succeeds.
+
+    An existing folder keeps its other files; those that its own earlier ``summary.json`` lists and that were not made
+    again are removed.  The summary is moved last.
+    """
+    target = Path(path)
+    if target.exists() and not target.is_dir():
+        raise InputError(f"-o {path}: this is a file, and the results need a folder; name another")
+    parents = _make_parents(target)
+    temporary = temporary_place(target.parent, target.name)
+    try:
+        temporary.mkdir()
+        yield temporary
+        _move_files(temporary, target)
+        parents = []
+    except OSError as error:
+        raise _unwritable(target, error) from error
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+        for parent in parents:
+            with contextlib.suppress(OSError):  # somebody else has put something there
+                parent.rmdir()
+
+
+def _make_parents(target: Path) -> list[Path]:
+    """Make the parents of a folder; those that were missing, the innermost first."""
+    try:
+        missing = [parent for parent in target.absolute().parents if not parent.exists()]
+        target.absolute().parent.mkdir(parents=True, exist_ok=True)
+    except (OSError, ValueError) as error:
+        raise _unwritable(target, error) from error
+    return missing
+
+
+def _move_files(temporary: Path, target: Path) -> None:
+    if not target.exists():
+        temporary.rename(target)
+        return
+    names = sorted(file.name for file in temporary.iterdir())
+    stale = _earlier_files(target) - set(names)
+    for name in sorted(names, key=lambda name: name == SUMMARY):
+        (temporary / name).replace(target / name)
+    for name in stale:
+        (target / name).unlink(missing_ok=True)
+
+
+def _earlier_files(target: Path) -> set[str]:
+    """Files that an earlier run left here, by its own summary."""
+    try:
+        listed = json.loads((target / SUMMARY).read_text(encoding="utf-8"))["files"]
+        names = {str(name) for name in listed}
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
+    return {name for name in names if Path(name).name == name and (target / name).is_file()}
 
 
 def temporary_place(folder: Path, stem: str, suffix: str = "") -> Path:

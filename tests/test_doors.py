@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import types
 from contextlib import suppress
-from inspect import Parameter, signature
+from inspect import Parameter, isabstract, signature, unwrap
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +37,7 @@ def fitting(hint: Any) -> Any:
         if _accepts(hint)(value):
             return value
     parts = getattr(hint, "__args__", None) or (hint,)
-    shells = [object.__new__(part) for part in parts if isinstance(part, type) and not getattr(part, "_is_protocol", 0)]
+    shells = [object.__new__(part) for part in parts if isinstance(part, type) and not isabstract(part)]
     shells += [rg.PointRobot(), rg.Frame()]
     return next(shell for shell in shells if _accepts(hint)(shell))
 
@@ -136,7 +136,7 @@ RECORDS: dict[Any, dict[str, Any]] = {
     rg.GoalPoint: {"point": (1.0, 1.0)},
     rg.GoalCell: {"cell": (1, 1)},
     rg.GoalJoints: {"lower": (0.0, 0.0), "upper": (1.0, 1.0)},
-    rg.GridSettling: {},
+    rg.Relaxation: {},
     rg.Push: {"start": 0.0, "duration": 1.0, "force": (1.0, 1.0)},
 }
 
@@ -146,7 +146,7 @@ def test_a_value_is_not_made_of_the_wrong_types(record: Any) -> None:
     right = RECORDS[record]
     record(**right)
     for name in signature(record).parameters:
-        accepts, _ = _checks_of(record)[name]
+        accepts, _ = _checks_of(unwrap(record.__init__))[name]
         for wrong in (*WRONG.values(), 10**400, ["a", 1], []):
             if not accepts(wrong):
                 with pytest.raises(InputError, match=name):

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from resgrid.cli.folder import whole_folder
 from resgrid.errors import InputError
-from resgrid.files import atomic_path, write_bytes, write_text
+from resgrid.files import atomic_path, whole_folder, write_bytes, write_text
 
 
 def names(folder: Path) -> list[str]:

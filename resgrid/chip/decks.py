@@ -83,7 +83,7 @@ def write_chip_decks(
     linear = small_signal(point) if built.nonlinear_nodes.size else built
     words = {"dialect": dialect, "title": title}
     where = Path(folder)
-    decks = {"op": write_spice(built, where / "op.cir", operating_point=point, **words)}  # type: ignore[arg-type]
+    decks = {"op": write_spice(point, where / "op.cir", **words)}  # type: ignore[arg-type]
     if built.capacitance.any():
         settling = analyse_settling(linear) if settling is None else settling
         decks["transient"] = _transient(linear, settling, where / "transient.cir", words)
@@ -118,9 +118,7 @@ def _transient(netlist: Netlist, settling: Settling, path: Path, words: dict[str
         "weight": {name: float(weight[node]) for name, node in zip(names, nodes, strict=True)},
     }
     asked: list[Analysis] = [TransientAnalysis(stop, step, netlist), *_probe(netlist, nodes)]
-    return write_spice(
-        off, path, operating_point=_at_rest(off), analyses=asked, expected=expected, verify=False, **words
-    )
+    return write_spice(_at_rest(off), path, analyses=asked, expected=expected, verify=False, **words)
 
 
 def _noise(netlist: Netlist, settling: Settling, path: Path, words: dict[str, Any]) -> WrittenDeck:

@@ -8,67 +8,50 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from resgrid.cli.decks import (
-    is_deck,
-    is_network,
-    open_deck,
-    read_as_option,
-    refuse_scene_options,
-    root_option,
-    solve_deck,
-)
+from resgrid.cli.decks import is_deck, is_network, open_deck, refuse_scene_options, solve_deck
 from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
-from resgrid.cli.heeded import tell_unheeded
-from resgrid.cli.job import Chip, compile_chip, only_boundary, open_job, solve_chip
-from resgrid.cli.options import SceneChoice, with_report, with_scene
-from resgrid.cli.report import Report
-from resgrid.cli.rules import finding_lines, rules_data, rules_lines
+from resgrid.cli.options import Source, Suggested, verb, with_source
+from resgrid.cli.report import detail, finish, say, stage
+from resgrid.cli.scenes import open_job, say_unheeded
 from resgrid.errors import InputError, ResgridError, ToolMissingError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from resgrid.netlist import Netlist
     from resgrid.spice.check.agreement import Run
     from resgrid.spice.check.comparison import Agreement
+    from resgrid.spice.check.predictions import Prediction
+    from resgrid.spice.check.violation import Severity, Violation
     from resgrid.spice.parsed import ParsedDeck
-    from resgrid.spice.run.forecast import Forecast
 
 _WORDS = {"sidecar": "the sidecar", "scene": "the scene's solution", "solve": "our solution"}
-_WORTH_TELLING = 10.0
+_LONG = 10.0
 TIMEOUT = 600.0
 PATIENCE = 30.0
 """How long the simulation of a deck that was just written may take unasked, in seconds."""
 
 
-@click.command("check", short_help="Check rules, and ask the circuit simulator whether it agrees.")
-@with_scene(metavar="SCENE|DECK")
+@verb(
+    "check",
+    short="Check rules, and ask the circuit simulator whether it agrees.",
+    examples=("resgrid check rooms.cir", "resgrid check rooms.toml --deck ours.cir", "resgrid check --rules theirs.sp"),
+)
+@with_source("SCENE|DECK")
 @click.option("--rules", is_flag=True, help="Check the electrical rules only; errors exit with 1.")
 @click.option("--deck", metavar="FILE", type=click.Path(), help="Simulate this deck, and compare it with SCENE.")
 @click.option("--tolerance", metavar="T", default=1e-9, show_default=True, help="Largest error, over the supply.")
 @click.option("--timeout", metavar="S", default=TIMEOUT, show_default=True, help="Time for the simulator, in seconds.")
 @click.option(
-    "--engine", metavar="NAME", default="ngspice", show_default=True, help="ngspice, or eecircuit (for large decks)."
-)
-@read_as_option
-@root_option
-@with_report
-def command(
-    choice: SceneChoice,
-    rules: bool,
-    deck: str | None,
-    tolerance: float,
-    timeout: float,
-    engine: str,
-    read_as: str,
-    root: str | None,
-    report: Report,
-) -> int:
+    "--engine", type=Suggested("name", "ngspice", "eecircuit"), default="ngspice", show_default=True,
+    help="ngspice, or eecircuit (for large decks).",
+)  # fmt: skip
+def command(source: Source, rules: bool, deck: str | None, tolerance: float, timeout: float, engine: str) -> int:
     """Simulate a deck and compare every node.
 
     A DECK is compared with its sidecar DECK.json: first its hash, then the voltages; without one it is read and
     solved, and the simulator is held against that. A SCENE is solved, and compared with the simulator's answer to its
-    own deck, or to the one given by --deck. Before the simulator starts, its time and memory are foretold, and it is
+    own deck, or to the one given by --deck. Before the simulator starts, its time and memory are estimated, and it is
     not started where it would not end in time (exit code 4). Exits with 1 where they disagree, and with 5 where the
     simulator could not be given the deck itself: of another dialect, with a control block, with files from elsewhere.
     Then what was read is simulated, and that is no agreement.
@@ -84,90 +67,101 @@ def command(
         raise InputError(f"--tolerance {tolerance}: it must lie between 0 and 1, for it is relative to the supply")
     if not 0 < timeout < float("inf"):
         raise InputError(f"--timeout {timeout}: it must be a positive number of seconds")
-    told: dict[str, list[str]] = {}
-    given = is_deck(choice.source)
+    given = is_deck(source.file)
     if given and deck is not None:
-        raise InputError(f"{choice.source} is a deck already; --deck goes with a scene")
+        raise InputError(f"{source.file} is a deck already; --deck goes with a scene")
+    if rules and deck is not None:
+        raise InputError("--rules checks SCENE or DECK itself; leave --deck out")
     if rules:
-        return _check_rules(choice, deck, given, read_as, root, report)
+        return _check_rules(source, given)
     if given:
-        agreement = _check_deck(choice, read_as, root, run, report)
+        agreement = _check_deck(source, run)
+        finish(agreement_data(agreement), agreement_lines(agreement))
     else:
-        job = open_job(choice, report)
-        told = tell_unheeded(job, "circuit", report)
-        chip = solve_chip(job, report, *only_boundary(job))
-        _foretell(chip.netlist, run, report)
-        agreement = _simulated(chip, deck, run, report)
-    report.finish(agreement_data(agreement) | told, agreement_lines(agreement))
-    return _code(agreement)
-
-
-def _code(agreement: Agreement) -> int:
+        agreement, unheeded = _check_scene(source, deck, run)
+        finish(agreement_data(agreement) | unheeded, agreement_lines(agreement))
     return NOT_VERIFIED if agreement.agrees is None else 0 if agreement.agrees else NEGATIVE
 
 
-def _check_rules(
-    choice: SceneChoice, deck: str | None, given: bool, read_as: str, root: str | None, report: Report
-) -> int:
+def _check_rules(source: Source, given: bool) -> int:
     from resgrid.spice.check.predictions import predict_simulators
     from resgrid.spice.check.rules import check_rules
 
-    if deck is not None:
-        raise InputError("--rules checks SCENE or DECK itself; leave --deck out")
     circuit: Netlist | ParsedDeck
-    told: dict[str, list[str]] = {}
+    unheeded: dict[str, list[str]] = {}
     if given:
-        read = open_deck(choice, read_as, root, report)
+        read = open_deck(source)
         circuit = read if read.given is None else read.given
     else:
-        job = open_job(choice, report)
-        told = tell_unheeded(job, "circuit", report)
-        circuit = compile_chip(job, report, *only_boundary(job))
-    with report.stage("check the rules"):
-        findings = check_rules(circuit)
-    with report.stage("ask what simulators would make of it"):
-        verdicts = predict_simulators(circuit, findings)
-    report.finish(rules_data(findings, verdicts) | told, rules_lines(findings, verdicts))
-    return NEGATIVE if any(finding.severity == "error" for finding in findings) else 0
+        job = open_job(source)
+        unheeded = say_unheeded(job, "circuit")
+        circuit = job.compile(job.problem.only_wiring()[1], scaled=False)
+    with stage("check the rules"):
+        violations = check_rules(circuit)
+    with stage("ask what simulators would make of it"):
+        predictions = predict_simulators(circuit, violations)
+    passes = not any(violation.severity == "error" for violation in violations)
+    data = {
+        "passes": passes,
+        "findings": [dataclasses.asdict(violation) for violation in violations],
+        "simulators": [dataclasses.asdict(prediction) for prediction in predictions],
+    }
+    finish(data | unheeded, _rules_lines(violations, predictions))
+    return 0 if passes else NEGATIVE
 
 
-def _check_deck(choice: SceneChoice, read_as: str, root: str | None, run: Run, report: Report) -> Agreement:
+def _check_scene(source: Source, deck: str | None, run: Run) -> tuple[Agreement, dict[str, list[str]]]:
+    """A scene is held against its own deck, or against one that is given."""
+    from resgrid.spice.check.agreement import check_deck, check_spice
+
+    job = open_job(source)
+    unheeded = say_unheeded(job, "circuit")
+    op = job.solve(job.problem.only_wiring()[1])
+    _forecast(op.netlist, run)
+    limits: dict[str, Any] = vars(run)
+    with stage("simulate"):
+        if deck is not None:
+            return check_deck(deck, reference=op, **limits), unheeded
+        return check_spice(op.netlist, op, **limits), unheeded
+
+
+def _check_deck(source: Source, run: Run) -> Agreement:
     """A deck with a sidecar is held against that, any other against its own solution."""
     from resgrid.spice.check.agreement import check_deck, check_read_deck
     from resgrid.spice.check.rules import check_rules
     from resgrid.spice.run.ngspice import read_deck
     from resgrid.spice.write.sidecar import sidecar_path
 
-    refuse_scene_options(choice)
-    path = Path(choice.source)
-    if is_network(choice.source):
+    refuse_scene_options(source)
+    path = Path(source.file)
+    if is_network(source.file):
         raise InputError(
             f"{path}: no simulator reads this; make a deck of it (resgrid convert {path} -o FILE.cir) and check that"
         )
     data = read_deck(path)
     if sidecar_path(path).exists():
-        _foretell(_readable(choice, read_as, root, report), run, report)
-        with report.stage("simulate"):
-            return check_deck(path, tolerance=run.tolerance, engine=run.engine, timeout=run.timeout)
-    deck = open_deck(choice, read_as, root, report)
-    findings = check_rules(deck)
-    for line in finding_lines([finding for finding in findings if finding.rule != "reading"], least="warning"):
-        report.say(line)
-    solved = solve_deck(deck, report)
-    _foretell(deck, run, report)
-    with report.stage("simulate"):
-        return check_read_deck(deck, solved.point, data, run, root)
+        _forecast(_readable(source), run)
+        with stage("simulate"):
+            return check_deck(path, **vars(run))
+    deck = open_deck(source)
+    violations = [violation for violation in check_rules(deck) if violation.rule != "reading"]
+    for line in _violation_lines(violations, least="warning"):
+        say(line)
+    op = solve_deck(deck)
+    _forecast(deck, run)
+    with stage("simulate"):
+        return check_read_deck(deck, op, data, run, source.root)
 
 
-def _readable(choice: SceneChoice, read_as: str, root: str | None, report: Report) -> ParsedDeck | None:
+def _readable(source: Source) -> ParsedDeck | None:
     """A deck of our own, unless it was changed so that it cannot be read: the comparison will say where."""
     try:
-        return open_deck(choice, read_as, root, report)
+        return open_deck(source)
     except ResgridError:
         return None
 
 
-def _foretell(circuit: Netlist | ParsedDeck | None, run: Run, report: Report) -> None:
+def _forecast(circuit: Netlist | ParsedDeck | None, run: Run) -> None:
     """Say what the simulator will take, and refuse what will not end in time."""
     from resgrid.spice.run.forecast import costs_named, forecast_run, require_time
     from resgrid.spice.run.ngspice import ngspice_version
@@ -175,39 +169,28 @@ def _foretell(circuit: Netlist | ParsedDeck | None, run: Run, report: Report) ->
     if circuit is None:
         return
     version = ngspice_version() if run.engine == "ngspice" else ""
-    expected: Forecast = forecast_run(circuit, costs_named(run.engine, version))
+    expected = forecast_run(circuit, costs_named(run.engine, version))
     require_time(expected, run.timeout)
-    tell = report.say if expected.seconds > _WORTH_TELLING else report.detail
-    tell(str(expected))
+    (say if expected.seconds > _LONG else detail)(str(expected))
 
 
-def _simulated(chip: Chip, deck: str | None, run: Run, report: Report) -> Agreement:
-    from resgrid.spice.check.agreement import check_deck, check_spice
-
-    limits: dict[str, Any] = {"tolerance": run.tolerance, "timeout": run.timeout, "engine": run.engine}
-    with report.stage("simulate"):
-        if deck is not None:
-            return check_deck(deck, reference=chip.point, **limits)
-        return check_spice(chip.netlist, chip.point, **limits)
-
-
-def check_unasked(deck: Path, netlist: Netlist, wanted: bool | None, folder: Path, report: Report) -> Agreement | str:
+def check_written(deck: Path, netlist: Netlist, asked: bool | None, folder: Path) -> Agreement | str:
     """The simulator's verdict on a deck that was just written, or why there is none."""
     from resgrid.spice.check.agreement import check_deck
     from resgrid.spice.run.forecast import costs_named, forecast_run
     from resgrid.spice.run.ngspice import ngspice_version
 
-    if wanted is False:
+    if asked is False:
         return "not simulated: --no-check"
     try:
         expected = forecast_run(netlist, costs_named("ngspice", ngspice_version()))
-        if wanted is None and expected.seconds > PATIENCE:
+        if asked is None and expected.seconds > PATIENCE:
             timeout = f" --timeout {3 * expected.seconds:.0f}" if 3 * expected.seconds > TIMEOUT else ""
             return f"not simulated, for {expected}; 'resgrid check {folder / deck.name}{timeout}' does it"
-        with report.stage(f"simulate {deck.name}", seconds=expected.seconds):
+        with stage(f"simulate {deck.name}", seconds=expected.seconds):
             return check_deck(deck, timeout=max(TIMEOUT, 10 * expected.seconds))
     except ToolMissingError as error:
-        if wanted:
+        if asked:
             raise
         return f"not simulated: {error}"
 
@@ -240,3 +223,19 @@ def _comparison(agreement: Agreement, words: str) -> str:
     if agreement.agrees:
         return f"{simulator} agrees with {words} on all {agreement.nodes:,} nodes{largest}"
     return f"{simulator} DISAGREES with {words} ({agreement.nodes:,} nodes compared{largest})"
+
+
+def _rules_lines(violations: Sequence[Violation], predictions: Sequence[Prediction]) -> Iterable[str]:
+    counts = {severity: sum(v.severity == severity for v in violations) for severity in ("error", "warning", "info")}
+    yield f"electrical rules: {counts['error']} errors, {counts['warning']} warnings, {counts['info']} remarks"
+    yield from _violation_lines(violations)
+    yield "will your simulator get it right?"
+    yield from (f"  {prediction}" for prediction in predictions)
+
+
+def _violation_lines(violations: Iterable[Violation], least: Severity = "info") -> Iterable[str]:
+    """One line a violation, down to a severity."""
+    from resgrid.spice.check.violation import SEVERITIES
+
+    worst = SEVERITIES[: SEVERITIES.index(least) + 1]
+    return (f"  {violation}" for violation in violations if violation.severity in worst)

@@ -2,30 +2,31 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from resgrid.cli.check import check_unasked
+from resgrid.cli.check import check_written
 from resgrid.cli.chip_report import Section, format_html, format_markdown, shown
 from resgrid.cli.chip_study import ANALYSES, Limits, Study, open_study
-from resgrid.cli.compile import dialect_option
 from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
-from resgrid.cli.folder import SUMMARY, whole_folder
-from resgrid.cli.heeded import tell_unheeded
-from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
-from resgrid.cli.output import json_text
-from resgrid.cli.report import Report
+from resgrid.cli.options import Source, dialect_option, folder_of, output_option, verb, with_source
+from resgrid.cli.report import Report, finish, stage
+from resgrid.cli.scenes import say_unheeded
 from resgrid.errors import InputError
+from resgrid.files import SUMMARY, whole_folder
 
 if TYPE_CHECKING:
     from resgrid.spice.check.comparison import Agreement
 
 
-@click.command("chip", short_help="Ask whether a real chip is good enough; a report with decks.")
-@with_scene()
+@verb(
+    "chip",
+    short="Ask whether a real chip is good enough; a report with decks.",
+    examples=("resgrid chip chip.toml -o report", "resgrid chip chip.toml --only yield --at-least 0.95 --jobs 0"),
+)
+@with_source()
 @output_option("Folder for the report.  [default: out/SCENE_chip]", metavar="DIR")
 @click.option("--only", metavar="NAMES", help=f"Some analyses, with commas: {', '.join(ANALYSES)}.")
 @click.option(
@@ -40,18 +41,16 @@ if TYPE_CHECKING:
 )  # fmt: skip
 @click.option("--seconds", metavar="S", default=60.0, show_default=True, help="Time for making elements faulty.")
 @click.option("--at-least", metavar="SHARE", type=float, help="Exit with 1 if the yield is surely below.")
-@click.option("--check/--no-check", "wanted", default=None, help="Simulate op.cir, however long it takes; or do not.")
-@dialect_option
-@with_report
+@click.option("--check/--no-check", "asked", default=None, help="Simulate op.cir, however long it takes; or do not.")
+@dialect_option()
 def command(
-    choice: SceneChoice,
+    source: Source,
     output: str | None,
     only: str | None,
     at_least: float | None,
-    wanted: bool | None,
+    asked: bool | None,
     dialect: str,
     sweep: tuple[str, ...],
-    report: Report,
     **limits: Any,
 ) -> int:
     """Find out what the chip of SCENE, as its [chip] table describes it, does to a robot.
@@ -60,38 +59,32 @@ def command(
     summary.json; and decks for the operating point, a transient, noise and temperatures, each with the answer to be
     expected in its sidecar.  A run that was interrupted takes up the counting of yield where it stopped.
     """
-    if output == "-":
-        raise InputError("-o -: the report is many files; name a folder")
-    folder = Path(output or Path("out") / f"{_stem(choice.source)}_chip")
+    from resgrid.cli.chip_analyses import run_analysis
+    from resgrid.io.tables import json_text
+
+    folder = folder_of(output, source, "_chip")
     names = _names(only)
     _check(at_least)
     bounds = Limits(**limits, sweep=tuple(_sweep(text) for text in sweep), checkpoint=folder)
-    from resgrid.cli.chip_analyses import run_analysis
-
     with whole_folder(folder) as made:
-        study = open_study(choice, report, bounds)
-        told = tell_unheeded(study.job, "chip", report)
-        sections = [run_analysis(name, study, made, report) for name in names]
-        decks = _decks(study, made, dialect, report)
-        agreement = check_unasked(made / "op.cir", study.netlist, wanted, folder, report)
+        study = open_study(source, Report(), bounds)
+        unheeded = say_unheeded(study.job, "chip")
+        sections = [run_analysis(name, study, made, Report()) for name in names]
+        decks = _decks(study, made, dialect)
+        agreement = check_written(made / "op.cir", study.netlist, asked, folder)
         verdict = _verdict("op.cir", agreement)
-        data = _summary(study, sections, decks, verdict) | told
+        data = _summary(study, sections, decks, verdict) | unheeded
         heading, table = study.title, study.parameters()
         (made / "report.md").write_text(format_markdown(heading, table, sections, decks, verdict), encoding="utf-8")
         (made / "report.html").write_text(format_html(heading, table, sections, decks, verdict), encoding="utf-8")
         (made / SUMMARY).write_text(json_text(data) + "\n", encoding="utf-8")
     study.forget()
-    report.finish({"folder": folder, **data}, _lines(folder, study.title, sections, verdict))
+    finish({"folder": folder, **data}, _lines(folder, study.title, sections, verdict))
     high = study.results["yield"].overall.high if "yield" in study.results else 1.0
     agrees = True if isinstance(agreement, str) else agreement.agrees
     if agrees is False or (at_least is not None and high < at_least):
         return NEGATIVE
-    return NOT_VERIFIED if wanted and agrees is None else 0
-
-
-def _stem(source: str) -> str:
-    name = "scene" if source == "-" else Path(source).stem
-    return re.sub(r"[^\w.-]+", "_", name).strip(".") or "scene"
+    return NOT_VERIFIED if asked and agrees is None else 0
 
 
 def _names(only: str | None) -> list[str]:
@@ -119,11 +112,11 @@ def _sweep(text: str) -> tuple[str, tuple[float | int, ...]]:
     return key.strip(), tuple(int(value) if key.strip().endswith(("bits", "seed")) else value for value in values)
 
 
-def _decks(study: Study, made: Path, dialect: str, report: Report) -> dict[str, str]:
+def _decks(study: Study, made: Path, dialect: str) -> dict[str, str]:
     """Write the decks; what each is, by its file."""
     from resgrid.chip.decks import write_chip_decks
 
-    with report.stage("write the decks"):
+    with stage("write the decks"):
         written = write_chip_decks(
             study.ideal, study.chip, made, title=study.title, dialect=dialect, point=study.point,
             settling=study.results.get("settling"),

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from resgrid.cli.chip_parameters import described
-from resgrid.cli.job import Job, compile_options, only_boundary, open_job, size_of
 from resgrid.cli.options import SceneChoice
 from resgrid.cli.report import Report
+from resgrid.cli.scenes import Job, compile_options, only_boundary, open_job, size_of
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -153,7 +153,7 @@ def open_study(choice: SceneChoice, report: Report, limits: Limits) -> Study:
     from resgrid.chip.build import build_chip, ideal_netlist
     from resgrid.nodal.solve import solve
 
-    job = open_job(choice, report)
+    job = open_job(choice)
     if not job.space.goal_connected.any():
         raise InputError("no free cell has a way to a goal, so there is nothing for a chip to do; open one")
     boundary, start = only_boundary(job)

@@ -8,37 +8,43 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from resgrid.cli.heeded import require_tiles, tell_assumed, tell_unheeded
-from resgrid.cli.job import Chip, Job, compile_chip, is_ideal, only_boundary, open_job, solve_chip
-from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
-from resgrid.cli.report import Report
+from resgrid.cli.options import Source, dialect_option, output_option, verb, with_source
+from resgrid.cli.report import finish, say, stage, verbosity
+from resgrid.cli.scenes import (
+    Job,
+    assume_switches,
+    element_counts,
+    open_job,
+    require_tiles,
+    say_unheeded,
+)
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
+    from resgrid.nodal.operating_point import OperatingPoint
     from resgrid.spice.write.files import Form, WrittenDeck
 
-dialect_option = click.option(
-    "--dialect", default="ngspice", show_default=True, metavar="NAME", help="SPICE dialect of the deck."
-)
-form_option = click.option(
-    "--form",
-    type=click.Choice(("flat", "cells")),
-    default="flat",
-    show_default=True,
-    help="One line per element, or an array of tiles with the scene as a pattern of switches.",
-)
 
-
-@click.command("compile", short_help="Write a scene's chip as a SPICE deck.")
-@with_scene()
+@verb(
+    "compile",
+    short="Write a scene's chip as a SPICE deck.",
+    examples=(
+        "resgrid compile rooms.toml -o rooms.cir",
+        "resgrid compile rooms.toml --boundary neumann --dialect xyce -o rooms.cir",
+        "resgrid compile chip.toml --form cells -o chip.cir",
+    ),
+)
+@with_source()
 @output_option(
     "The deck; beside it FILE.json (expected voltages), FILE.DIALECT (commands), for ngspice FILE.verify (prints PASS "
     "or FAIL), and with --form cells FILE.chip and FILE.pattern."
 )
-@dialect_option
-@form_option
-@with_report
-def command(choice: SceneChoice, output: str | None, dialect: str, form: Form, report: Report) -> int:
+@dialect_option()
+@click.option(
+    "--form", type=click.Choice(("flat", "cells")), default="flat", show_default=True,
+    help="One line per element, or an array of tiles with the scene as a pattern of switches.",
+)  # fmt: skip
+def command(source: Source, output: str | None, dialect: str, form: Form) -> int:
     """Compile SCENE into a resistor netlist and write it as a SPICE deck.
 
     The flat deck is that of the chip as its [chip] table describes it; tiles hold its switches, capacitors and
@@ -46,83 +52,57 @@ def command(choice: SceneChoice, output: str | None, dialect: str, form: Form, r
 
     Without -o, or with -o -, the flat deck alone is printed.
     """
+    from resgrid.spice.write.flat import flatten
+
     printed = output in (None, "-")
     if printed and form == "cells":
         raise InputError("--form cells makes three files (deck, chip and pattern); name the deck with -o FILE")
-    if output == "-" and report.json:
-        raise InputError("-o - and --json both want standard output; write the deck to a file")
-    job = open_job(choice, report)
+    job = open_job(source)
     if form == "cells":
         require_tiles(job.scene.chip)
-    boundary, start = only_boundary(job)
-    told = tell_unheeded(job, "circuit" if form == "flat" else "tiles", report)
-    if printed and not report.json:
-        click.echo(_deck_text(job, boundary, start, dialect, report), nl=False)
+    name, wiring = job.problem.only_wiring()
+    unheeded = say_unheeded(job, "circuit" if form == "flat" else "tiles")
+    if printed and not verbosity().json:
+        deck = flatten(job.compile(wiring), dialect=dialect, title=_title(job, name))
+        click.echo(deck.text, nl=False)
         return 0
-    chip = solve_chip(job, report, boundary, start, ideal=form == "cells")
-    data: dict[str, Any] = {"chip": chip.name, "dialect": dialect, **_counts(chip), **told}
+    assumed: dict[str, float] = {}
+    if form == "cells":
+        job, assumed = assume_switches(job, wiring.boundary)
+    op = job.solve(wiring)
+    data: dict[str, Any] = {"chip": name, "dialect": dialect, **element_counts(op.netlist), **unheeded}
     if output is not None:
-        written = write_deck(output, job, chip, dialect, report, form)
-        data |= {"form": form, "deck": written.path, "sidecar": written.sidecar, "commands": written.commands}
+        written = write_deck(output, job, name, op, dialect, form)
         more = {"companion": written.companion, "chip": written.chip, "pattern": written.pattern}
+        data |= {"form": form, "deck": written.path, "sidecar": written.sidecar, "commands": written.commands}
         data |= {f"{key}_file" if key in data else key: path for key, path in more.items() if path is not None}
         data["sha256"] = written.sha256
         if form == "cells":
-            data |= tell_assumed(job.scene.chip, chip, report)
+            data["assumed"] = assumed
         others = [path for path in (written.sidecar, written.commands, *more.values()) if path is not None]
-        report.say(f"wrote {written.path} ({data['resistors']:,} resistors), {', '.join(map(str, others))}")
-    report.finish(data, ())
+        say(f"wrote {written.path} ({data['resistors']:,} resistors), {', '.join(map(str, others))}")
+    finish(data)
     return 0
 
 
 def write_deck(
-    target: str | Path, job: Job, chip: Chip, dialect: str, report: Report, form: Form = "flat"
+    target: str | Path, job: Job, name: str, op: OperatingPoint, dialect: str, form: Form = "flat"
 ) -> WrittenDeck:
     """Write a chip's deck with its sidecar, commands and companion."""
-    from resgrid.spice.analyses import MismatchAnalysis
     from resgrid.spice.write.files import write_spice
-    from resgrid.spice.write.tiles import Tile
 
-    told = job.scene.chip
-    drawn = [MismatchAnalysis(told.mismatch, told.seed)] if form == "cells" and told.mismatch else []
-    with report.stage("write the deck", seconds=5e-6 * len(chip.netlist.conductance)):
+    source = Path(job.scene.source or "-")
+    with stage("write the deck", seconds=5e-6 * len(op.netlist.conductance)):
         return write_spice(
-            chip.netlist,
+            op,
             target,
             dialect,
-            title=_title(job, chip.name),
-            operating_point=chip.point,
+            title=_title(job, name),
             form=form,
-            tile=Tile.of(vars(told)),
-            analyses=drawn,
-            scene_sha256=_scene_hash(job),
+            chip=job.scene.chip,
+            scene_sha256=sha256(source.read_bytes()).hexdigest() if source.is_file() else None,
         )
 
 
-def _scene_hash(job: Job) -> str | None:
-    """SHA-256 of the scene's file, where it has one."""
-    source = Path(job.scene.source or "-")
-    return sha256(source.read_bytes()).hexdigest() if source.is_file() else None
-
-
-def _deck_text(job: Job, boundary: str, start: int | None, dialect: str, report: Report) -> str:
-    from resgrid.spice.write.flat import format_deck
-
-    netlist = compile_chip(job, report, boundary, start)
-    if netlist.current_nodes.size and is_ideal(job):
-        netlist = solve_chip(job, report, boundary, start).netlist
-    return format_deck(netlist, dialect=dialect, title=_title(job, boundary))
-
-
-def _title(job: Job, chip: str) -> str | None:
-    return f"{job.scene.title}, {chip.replace('_', ' ')}" if job.scene.title else None
-
-
-def _counts(chip: Chip) -> dict[str, int]:
-    netlist = chip.netlist
-    return {
-        "nodes": netlist.node_count,
-        "resistors": len(netlist.conductance),
-        "voltage_sources": len(netlist.source_volts),
-        "current_sources": len(netlist.current_amps),
-    }
+def _title(job: Job, name: str) -> str | None:
+    return f"{job.scene.title}, {name.replace('_', ' ')}" if job.scene.title else None

@@ -7,11 +7,16 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from resgrid.cli.decks import is_deck, open_deck, read_as_option, root_option, solve_deck
-from resgrid.cli.heeded import tell_unheeded
-from resgrid.cli.job import DECK_SUFFIXES, SPECTRE_SUFFIX, Chip, only_boundary, open_job, solve_chip
-from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
-from resgrid.cli.report import Report
+from resgrid.cli.decks import is_deck, open_deck, solve_deck
+from resgrid.cli.options import Source, dialect_option, output_option, verb, with_source
+from resgrid.cli.report import finish, say, stage
+from resgrid.cli.scenes import (
+    DECK_SUFFIXES,
+    SPECTRE_SUFFIX,
+    element_counts,
+    open_job,
+    say_unheeded,
+)
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,116 +24,94 @@ if TYPE_CHECKING:
     from resgrid.nodal.operating_point import OperatingPoint
 
 
-@click.command("convert", short_help="Turn a scene, map or deck into a deck, an edge list or a graph.")
-@with_scene(metavar="SCENE|DECK")
+@verb(
+    "convert",
+    short="Turn a scene, map or deck into a deck, an edge list or a graph.",
+    examples=(
+        "resgrid convert theirs.sp -o ours.cir --dialect xyce",
+        "resgrid convert rooms.toml -o rooms.graphml",
+    ),
+)
+@with_source("SCENE|DECK")
 @output_option("What to write; the end of its name says which.", required=True)
-@click.option("--dialect", metavar="NAME", help="Of a deck: ngspice, ltspice, xyce, hspice or spectre.")
+@dialect_option(None)
 @click.option("--bare", is_flag=True, help="Write the deck alone, unsolved, without sidecar and companions.")
-@read_as_option
-@root_option
-@with_report
-def command(
-    choice: SceneChoice,
-    output: str,
-    dialect: str | None,
-    bare: bool,
-    read_as: str,
-    root: str | None,
-    report: Report,
-) -> int:
+def command(source: Source, output: str, dialect: str | None, bare: bool) -> int:
     """Turn SCENE, or a DECK or a network in any of these forms, into FILE.
 
     FILE.cir (.sp, .spice, .ckt, .net, .cdl; .scs for Spectre) is a flat deck, beside it the sidecar with the expected
     voltages; FILE.txt an edge list (two nodes and a resistance a line); FILE.graphml and FILE.json (node-link) are
     graphs for networkx and others; FILE.npz holds the netlist's arrays. -o - prints the deck alone. All of these are
-    read, too, but for Spectre, which is written only, and so are Circuitscape configurations (.ini).
+    read, too, and so are Circuitscape configurations (.ini).
     """
-    from resgrid.spice.networks.graphs import NETWORK_SUFFIXES
+    from resgrid.spice.networks.graphs import NETWORK_SUFFIXES, write_network
 
     suffix = Path(output).suffix.lower()
     known = (*DECK_SUFFIXES, SPECTRE_SUFFIX, *NETWORK_SUFFIXES)
     if output != "-" and suffix not in known:
         raise InputError(f"-o {output}: it must end in {', '.join(known)}")
-    if output == "-" and report.json:
-        raise InputError("-o - and --json both want standard output; write the deck to a file")
-    if suffix in NETWORK_SUFFIXES and (dialect is not None or bare):
+    is_network = output != "-" and suffix in NETWORK_SUFFIXES
+    if is_network and (dialect is not None or bare):
         raise InputError(f"-o {output}: this is no deck, so it has no dialect and no sidecar; leave the option out")
-    if output != "-" and _same_file(output, choice.source):
+    if output != "-" and Path(output).exists() and Path(source.file).exists() and Path(output).samefile(source.file):
         raise InputError(f"-o {output}: this is the input; name another file")
-    name = dialect or ("spectre" if suffix == SPECTRE_SUFFIX else "ngspice")
-    wants_sidecar = not bare and output != "-" and suffix not in NETWORK_SUFFIXES
-    netlist, title, point, told = _circuit(choice, read_as, root, report, solve=wants_sidecar)
-    data = _written(netlist, title, point if wants_sidecar else None, output, name, report) | told
-    if output != "-":
-        report.say(f"wrote {output}")
-        report.finish(data, ())
+    alone = bare or output == "-"
+    netlist, title, op, unheeded = _circuit(source, solve=not (alone or is_network))
+    data: dict[str, Any] = {"file": output, **element_counts(netlist)}
+    if is_network:
+        _say_left_out(netlist, output)
+        with stage("write it", seconds=5e-6 * data["resistors"]):
+            write_network(netlist, output)
+    else:
+        data["dialect"] = dialect or ("spectre" if suffix == SPECTRE_SUFFIX else "ngspice")
+        with stage("write it", seconds=5e-6 * data["resistors"]):
+            data |= _write_deck(netlist, title, None if alone else op, output, data["dialect"])
+    finish(data | unheeded, written=output)
     return 0
 
 
-def _same_file(a: str, b: str) -> bool:
-    return Path(a).exists() and Path(b).exists() and Path(a).samefile(b)
+def _circuit(source: Source, *, solve: bool) -> tuple[Netlist, str | None, OperatingPoint | None, dict[str, list[str]]]:
+    """The netlist, its title, where it is asked for its solution, and what was not heeded of a scene."""
+    if not is_deck(source.file):
+        job = open_job(source)
+        unheeded = say_unheeded(job, "circuit")
+        op = job.solve(job.problem.only_wiring()[1])
+        return op.netlist, job.scene.title, op, unheeded
+    deck = open_deck(source)
+    if not solve:
+        return deck.netlist(), deck.title, None, {}
+    op = solve_deck(deck)
+    return op.netlist, deck.title, op, {}
 
 
-def _circuit(
-    choice: SceneChoice, read_as: str, root: str | None, report: Report, *, solve: bool
-) -> tuple[Netlist, str | None, OperatingPoint | None, dict[str, list[str]]]:
-    """The netlist, its title, where it is wanted its solution, and what was not heeded of a scene."""
-    if not is_deck(choice.source):
-        job = open_job(choice, report)
-        told = tell_unheeded(job, "circuit", report)
-        chip: Chip = solve_chip(job, report, *only_boundary(job))
-        return chip.netlist, job.scene.title, chip.point, told
-    deck = open_deck(choice, read_as, root, report)
-    if solve:
-        solved = solve_deck(deck, report)
-        return solved.point.netlist, deck.title, solved.point, {}
-    return deck.netlist(), deck.title, None, {}
-
-
-def _written(
-    netlist: Netlist, title: str | None, point: OperatingPoint | None, output: str, dialect: str, report: Report
+def _write_deck(
+    netlist: Netlist, title: str | None, op: OperatingPoint | None, output: str, dialect: str
 ) -> dict[str, Any]:
-    from resgrid.spice.networks.graphs import NETWORK_SUFFIXES, write_network
+    """Write a deck with its sidecar, or without a solution the deck alone."""
+    if op is None:
+        from resgrid.files import write_text
+        from resgrid.spice.write.flat import flatten
 
-    counts = {
-        "nodes": netlist.node_count,
-        "resistors": len(netlist.conductance),
-        "voltage_sources": len(netlist.source_volts),
-        "current_sources": len(netlist.current_amps),
-    }
-    suffix = Path(output).suffix.lower()
-    left_out = _left_out(netlist, suffix) if output != "-" else []
-    if left_out:
-        report.say(f"left out, for {output} has no place for them: {', '.join(left_out)}")
-    with report.stage("write it", seconds=5e-6 * counts["resistors"]):
-        if output == "-" or (point is None and suffix not in NETWORK_SUFFIXES):
-            _write_bare(netlist, title, output, dialect)
-            return {"file": output, "dialect": dialect, **counts}
-        if suffix in NETWORK_SUFFIXES:
-            write_network(netlist, output)
-            return {"file": output, **counts}
-        from resgrid.spice.write.files import write_spice
+        text = flatten(netlist, dialect=dialect, title=title).text
+        click.echo(text, nl=False) if output == "-" else write_text(output, text)
+        return {}
+    from resgrid.spice.write.files import write_spice
 
-        written = write_spice(netlist, output, dialect, title=title, operating_point=point)
-    files = {"sidecar": written.sidecar, "commands": written.commands, "sha256": written.sha256}
-    return {"file": output, "dialect": dialect, **counts, **files}
+    written = write_spice(op, output, dialect, title=title)
+    return {"sidecar": written.sidecar, "commands": written.commands, "sha256": written.sha256}
 
 
-def _left_out(netlist: Netlist, suffix: str) -> list[str]:
-    """What an edge list has no place for, for people."""
-    if suffix != ".txt":
-        return []
+def _say_left_out(netlist: Netlist, output: str) -> None:
+    """Name what an edge list has no place for."""
+    if Path(output).suffix.lower() != ".txt":
+        return
     kinds = {
         "sources": len(netlist.source_volts) + len(netlist.current_amps),
         "capacitors": len(netlist.capacitance),
         "nonlinear resistors": len(netlist.nonlinear_current),
     }
-    found = [f"{kind} ({count:,})" for kind, count in kinds.items() if count]
-    return found if netlist.tc1 is None and netlist.tc2 is None else [*found, "temperature coefficients"]
-
-
-def _write_bare(netlist: Netlist, title: str | None, output: str, dialect: str) -> None:
-    from resgrid.cli.output import emit_text
-    from resgrid.spice.write.flat import format_deck
-
-    emit_text(output, format_deck(netlist, dialect=dialect, title=title))
+    left_out = [f"{kind} ({count:,})" for kind, count in kinds.items() if count]
+    if netlist.tc1 is not None or netlist.tc2 is not None:
+        left_out.append("temperature coefficients")
+    if left_out:
+        say(f"left out, for {output} has no place for them: {', '.join(left_out)}")

@@ -17,21 +17,10 @@ from typing import Any
 import click
 
 from resgrid.cli.failures import INTERRUPTED, LEFT, TERMINATED, UNEXPECTED, Failure, failure_of
-from resgrid.cli.output import json_text
 from resgrid.cli.report import is_computing
 
-VERBS = {
-    "run": "resgrid.cli.run",
-    "compile": "resgrid.cli.compile",
-    "solve": "resgrid.cli.solve",
-    "path": "resgrid.cli.path",
-    "plot": "resgrid.cli.plot",
-    "check": "resgrid.cli.check",
-    "chip": "resgrid.cli.chip",
-    "control": "resgrid.cli.control",
-    "convert": "resgrid.cli.convert",
-    "info": "resgrid.cli.info",
-}
+VERBS = ("run", "compile", "solve", "path", "plot", "check", "chip", "control", "convert", "info", "completion")
+"""Every verb is the ``command`` of the module of its name."""
 
 
 class Verbs(click.Group):
@@ -45,7 +34,7 @@ class Verbs(click.Group):
         """The command behind a name."""
         if cmd_name not in VERBS:
             return None
-        command: click.Command = importlib.import_module(VERBS[cmd_name]).command
+        command: click.Command = importlib.import_module(f"resgrid.cli.{cmd_name}").command
         return command
 
     def resolve_command(
@@ -116,6 +105,8 @@ def _complain(failure: Failure, *, as_json: bool) -> None:
     click.secho("resgrid: error: ", fg="red", nl=False, err=True, color=colour)
     click.echo(failure.message, err=True, color=colour)
     if as_json:
+        from resgrid.io.tables import json_text
+
         click.echo(json_text({"error": failure.message, "kind": failure.kind, "exit_code": failure.code}))
 
 

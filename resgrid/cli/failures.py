@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import click
 
@@ -11,9 +11,7 @@ from resgrid import errors
 NEGATIVE, USAGE, TOOL_MISSING, OUT_OF_BUDGET, NOT_VERIFIED, UNEXPECTED = 1, 2, 3, 4, 5, 70
 INTERRUPTED, LEFT, TERMINATED = 130, 141, 143  # 128 + the number of the signal: SIGINT, SIGPIPE, SIGTERM
 
-CODES: tuple[tuple[type[BaseException], int], ...] = (
-    (errors.InputError, USAGE),
-    (errors.CircuitError, USAGE),
+_CODES: tuple[tuple[type[BaseException], int], ...] = (
     (errors.AccuracyError, NEGATIVE),
     (errors.CertificateError, NEGATIVE),
     (errors.ToolMissingError, TOOL_MISSING),
@@ -23,8 +21,7 @@ CODES: tuple[tuple[type[BaseException], int], ...] = (
 )
 
 
-@dataclass(frozen=True)
-class Failure:
+class Failure(NamedTuple):
     """How a command line ends that could not do its work."""
 
     code: int
@@ -38,20 +35,15 @@ def failure_of(error: Exception) -> Failure:
     if isinstance(error, click.Abort):
         return Failure(INTERRUPTED, kind, "interrupted")
     if isinstance(error, click.ClickException):
-        return Failure(USAGE, kind, _usage(error))
-    for class_, code in CODES:
+        message, context = error.format_message(), getattr(error, "ctx", None)
+        if context and kind != "NoArgsIsHelpError":
+            message = f"{message.rstrip('.')}; see '{context.command_path} --help'"
+        return Failure(USAGE, kind, message)
+    for class_, code in _CODES:
         if isinstance(error, class_):
             return Failure(code, kind, str(error) or "out of memory; use a coarser grid")
     if isinstance(error, OSError) and error.errno is not None:
         place = f"{error.filename}: " if error.filename else ""
         return Failure(USAGE, kind, f"{place}{error.strerror}; check the path, its permissions and the free space")
-    message = f"this is a fault of resgrid ({kind}: {error}); please report it with the output of the same command"
-    return Failure(UNEXPECTED, kind, f"{message} and --debug")
-
-
-def _usage(error: click.ClickException) -> str:
-    if type(error).__name__ == "NoArgsIsHelpError":
-        return error.format_message()
-    message = error.format_message().rstrip(".")
-    context = getattr(error, "ctx", None)
-    return f"{message}; see '{context.command_path} --help'" if context else message
+    fault = f"this is a fault of resgrid ({kind}: {error}); please report it with the output of the same command"
+    return Failure(UNEXPECTED, kind, f"{fault} and --debug")

@@ -8,11 +8,10 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from resgrid.cli.decks import deck_data, is_deck, open_deck, read_as_option, root_option
-from resgrid.cli.heeded import several_k, tell_unheeded
-from resgrid.cli.job import Job, compile_chip, only_boundary, open_job, size_of
-from resgrid.cli.options import SceneChoice, with_report, with_scene
-from resgrid.cli.report import Report
+from resgrid.cli.decks import deck_data, is_deck, open_deck
+from resgrid.cli.options import Source, verb, with_source
+from resgrid.cli.report import finish
+from resgrid.cli.scenes import Job, open_job, say_unheeded, several_k, size_of
 from resgrid.errors import CircuitError, InputError, ToolMissingError
 
 if TYPE_CHECKING:
@@ -23,23 +22,22 @@ if TYPE_CHECKING:
 PACKAGES = ("numpy", "scipy", "numba", "networkx", "shapely", "matplotlib", "pydantic", "click", "rich")
 
 
-@click.command("info", short_help="Describe a scene, the scene format, or the installation.")
-@with_scene(required=False, metavar="[SCENE|DECK]")
+@verb(
+    "info",
+    short="Describe a scene, the scene format, or the installation.",
+    examples=("resgrid info map.yaml", "resgrid info theirs.sp --json", "resgrid info --schema"),
+)
+@with_source("[SCENE|DECK]", required=False)
 @click.option("--schema", is_flag=True, help="Print the JSON Schema of scene files.")
 @click.option("--versions", is_flag=True, help="Print the versions of resgrid and what it uses.")
-@read_as_option
-@root_option
-@with_report
-def command(
-    choice: SceneChoice | None, schema: bool, versions: bool, read_as: str, root: str | None, report: Report
-) -> int:
+def command(source: Source | None, schema: bool, versions: bool) -> int:
     """Describe SCENE: a sketch, its cells, goals and starts, what cannot be reached, the memory a solution takes.
 
     Of a map: how it was read, such as which grey values are free; it needs no goal yet.
 
     Of a DECK: its elements, values and supplies, what its reader noted, and the time that ngspice would take.
     """
-    if (choice is not None) + schema + versions != 1:
+    if (source is not None) + schema + versions != 1:
         raise InputError("give a SCENE, or --schema, or --versions (one of them)")
     if schema:
         from resgrid.scene import scene_schema
@@ -47,18 +45,18 @@ def command(
         click.echo(json.dumps(scene_schema(), indent=2))
     elif versions:
         data = installed_versions()
-        report.finish({"versions": data}, (f"{name:12} {version or 'not installed'}" for name, version in data.items()))
-    elif choice is not None and is_deck(choice.source):
-        data = describe_deck(open_deck(choice, read_as, root, report))
-        report.finish(data, _deck_lines(data))
-    elif choice is not None:
-        job = open_job(choice, report, require_goal=False)
-        data = describe(job, report) | tell_unheeded(job, "grid", report, k=several_k(job))
-        report.finish(data, _lines(data))
+        finish({"versions": data}, (f"{name:12} {version or 'not installed'}" for name, version in data.items()))
+    elif source is not None and is_deck(source.file):
+        data = describe_deck(open_deck(source))
+        finish(data, _deck_lines(data))
+    elif source is not None:
+        job = open_job(source, require_goal=False)
+        data = describe(job) | say_unheeded(job, "grid", k=several_k(job.scene))
+        finish(data, _lines(data))
     return 0
 
 
-def describe(job: Job, report: Report) -> dict[str, Any]:
+def describe(job: Job) -> dict[str, Any]:
     """What there is in a scene, as ``--json`` gives it."""
     from resgrid.cli.sketch import sketch
     from resgrid.scene.maps.formats import describe_map
@@ -72,18 +70,10 @@ def describe(job: Job, report: Report) -> dict[str, Any]:
         "source": scene.source,
         "shape": list(space.shape),
         "axes": [
-            {
-                "name": axis.name,
-                "lower": axis.lower,
-                "upper": axis.upper,
-                "cells": axis.cells,
-                "spacing": axis.spacing,
-                "periodic": axis.periodic,
-                "unit": axis.unit,
-            }
+            {key: getattr(axis, key) for key in ("name", "lower", "upper", "cells", "spacing", "periodic", "unit")}
             for axis in space.axes
         ],
-        "frame": {"x": scene.frame.x, "y": scene.frame.y, "yaw": scene.frame.yaw},
+        "frame": vars(scene.frame),
         "map": None if scene.map is None else describe_map(scene.map.table),
         "sketch": sketch(space, starts) if space.ndim == 2 else None,
         "cells": space.cell.size,
@@ -97,11 +87,11 @@ def describe(job: Job, report: Report) -> dict[str, Any]:
         "drive": scene.drive,
         "edge": list(scene.edge),
         "k": list(scene.k),
-        **_cost(job, report),
+        **_cost(job),
     }
 
 
-def _cost(job: Job, report: Report) -> dict[str, Any]:
+def _cost(job: Job) -> dict[str, Any]:
     """Size of the circuit and memory of its solution; nothing where the scene has no circuit yet."""
     from resgrid.nodal.methods import choose_method, estimate_memory
     from resgrid.nodal.system import assemble
@@ -109,7 +99,7 @@ def _cost(job: Job, report: Report) -> dict[str, Any]:
     if not job.space.goal_count:
         return {"nodes": None, "resistors": None, "memory_bytes": None, "no_circuit": "no goal yet: say --goal X,Y"}
     try:
-        netlist = compile_chip(job, report, *only_boundary(job), ideal=True)
+        netlist = job.compile(job.problem.only_wiring()[1], ideal=True, scaled=False)
         system = assemble(netlist)
         memory = estimate_memory(system, choose_method(system))
     except (CircuitError, InputError) as error:
@@ -126,7 +116,7 @@ def describe_deck(deck: ParsedDeck) -> dict[str, Any]:
 
     part = subject_of(deck).part
     ohms = deck.resistance[deck.resistance > 0]
-    foretold = forecast_run(deck)
+    forecast = forecast_run(deck)
     return {
         **deck_data(deck),
         "smallest_resistance": float(ohms.min()) if ohms.size else None,
@@ -134,8 +124,8 @@ def describe_deck(deck: ParsedDeck) -> dict[str, Any]:
         "shorts": int((deck.resistance == 0).sum() + (deck.source_volts == 0).sum()),
         "supply_volts": np.unique(deck.source_volts[deck.source_volts != 0])[:100].tolist(),
         "floating_nodes": int((part != part[0]).sum()),
-        "ngspice_seconds": foretold.seconds,
-        "ngspice_memory_bytes": foretold.memory,
+        "ngspice_seconds": forecast.seconds,
+        "ngspice_memory_bytes": forecast.memory,
     }
 
 
@@ -178,17 +168,17 @@ def _map_lines(data: dict[str, Any]) -> Iterable[str]:
     """How a map was read, and a sketch of it."""
     from resgrid.cli.sketch import KEY
 
-    told = data["map"] or {}
-    if told:
-        rows = ", its top row at the largest y" if told["format"] != "npy" else ", its first index along x"
-        yield f"  map           {told['format']}{rows}: y points up"
-    if "greys" in told:
-        option = " (--threshold)" if told["format"] == "image" else ""
-        yield "  grey          " + ", ".join(f"{low} to {high} {kind}" for low, high, kind in told["greys"]) + option
-    if "unknown_cells" in told:
-        yield f"  unknown       {told['unknown_cells']:,} cells, taken as {told['unknown_as']} (--unknown)"
-    if "passable" in told:
-        yield f"  passable      {told['passable']} (--passable)"
+    words = data["map"] or {}
+    if words:
+        rows = ", its top row at the largest y" if words["format"] != "npy" else ", its first index along x"
+        yield f"  map           {words['format']}{rows}: y points up"
+    if "greys" in words:
+        option = " (--threshold)" if words["format"] == "image" else ""
+        yield "  grey          " + ", ".join(f"{low} to {high} {kind}" for low, high, kind in words["greys"]) + option
+    if "unknown_cells" in words:
+        yield f"  unknown       {words['unknown_cells']:,} cells, taken as {words['unknown_as']} (--unknown)"
+    if "passable" in words:
+        yield f"  passable      {words['passable']} (--passable)"
     frame = data["frame"]
     if any(frame.values()):
         yield f"  frame         origin at ({frame['x']:g}, {frame['y']:g}), turned by {frame['yaw']:g} rad"

@@ -1,103 +1,206 @@
-"""The options every verb shares: what stands in for a scene's keys, how a map is read, and how results are told."""
+"""Options that verbs share: what stands in for a scene's keys, how maps are read, where results go; help in groups."""
 
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable, Mapping
+import re
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
+from click.shell_completion import CompletionItem
 
-from resgrid.cli.report import Report
+from resgrid.cli.report import Verbosity, require_one_output
 from resgrid.errors import InputError
+
+if TYPE_CHECKING:
+    _Type = click.ParamType[Any]
+else:
+    _Type = click.ParamType
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
-SOURCE = click.Path(path_type=str, allow_dash=True)
 
-SCENE_OPTIONS: tuple[Decorator, ...] = (
-    click.option("--boundary", metavar="RULE", help="What obstacles are: dirichlet (a rail), neumann (open) or wall."),
-    click.option("--drive", metavar="DRIVE", help="What drives open obstacles: uniform, or start."),
-    click.option("--edge", metavar="RULE", help="The border of the grid: obstacle or open; one per axis with commas."),
+class Numbers(_Type):
+    """Finite numbers with commas; one number is a list of one."""
+
+    name = "numbers"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[float, ...]:  # noqa: ARG002
+        """The numbers of a text."""
+        if isinstance(value, tuple):
+            return value
+        option = param.opts[0] if param else "numbers"
+        try:
+            numbers = tuple(float(word) for word in value.split(","))
+        except ValueError:
+            raise InputError(f"{option} {value!r}: expected numbers separated by commas, such as 3,4") from None
+        if not all(abs(number) < float("inf") for number in numbers):
+            raise InputError(f"{option} {value!r}: expected finite numbers")
+        return numbers
+
+
+class Suggested(_Type):
+    """A word that the scene's schema knows better than the command line; usual ones are completed."""
+
+    def __init__(self, name: str, *words: str) -> None:
+        self.name, self.words = name, words
+
+    def shell_complete(self, ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG002
+        """Usual words that begin so."""
+        return [CompletionItem(word) for word in self.words if word.startswith(incomplete)]
+
+
+class Verb(click.Command):
+    """A command whose help shows its own options first, the shared ones in groups, and examples."""
+
+    def __init__(self, *arguments: Any, examples: Sequence[str] = (), **options: Any) -> None:
+        super().__init__(*arguments, **options)
+        self.examples = examples
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write options group by group."""
+        groups: dict[str, list[tuple[str, str]]] = {title: [] for title in ("Options", *_GROUPS)}
+        for parameter in sorted(self.get_params(ctx), key=lambda parameter: parameter.name != "output"):
+            record = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
+            if record is not None:
+                name = parameter.opts[-1]
+                groups[next((title for title, names in _GROUPS.items() if name in names), "Options")].append(record)
+        for title, records in groups.items():
+            if records:
+                with formatter.section(title):
+                    formatter.write_dl(records)
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the examples."""
+        super().format_epilog(ctx, formatter)
+        if self.examples:
+            with formatter.section("Examples" if len(self.examples) > 1 else "Example"):
+                for example in self.examples:
+                    formatter.write(f"  {example}\n")
+
+
+SOURCE = click.Path(path_type=str, allow_dash=True)
+NUMBERS = Numbers()
+DIALECTS = ("ngspice", "ltspice", "xyce", "hspice", "spectre")
+
+_SCENE_OPTIONS: tuple[Decorator, ...] = (
+    click.option(
+        "--boundary", type=Suggested("rule", "dirichlet", "neumann", "wall"),
+        help="What obstacles are: dirichlet (a rail), neumann (open) or wall (a rail behind a resistance).",
+    ),
+    click.option("--drive", type=Suggested("drive", "uniform", "start"), help="What drives open obstacles."),
+    click.option(
+        "--edge", type=Suggested("rule", "obstacle", "open"), help="The grid's border: obstacle or open; one per axis."
+    ),
     click.option("--resistance", metavar="OHMS", help="Resistance between neighbours, such as 10k."),
-    click.option("--goal", metavar="X,Y", multiple=True, help="Goal instead of the scene's; repeatable."),
-    click.option("--start", metavar="X,Y", multiple=True, help="Start instead of the scene's; repeatable."),
-    click.option("--robot-radius", metavar="R", help="Radius of the robot (a disc) instead of the scene's."),
+    click.option("--goal", metavar="X,Y", type=NUMBERS, multiple=True, help="Goal, in world coordinates; repeatable."),
+    click.option("--start", metavar="X,Y", type=NUMBERS, multiple=True, help="Start, likewise; repeatable."),
     click.option("--cells", is_flag=True, help="Goals and starts are cell indices, not world coordinates."),
-    click.option("--k", metavar="K", multiple=True, help="Share of the Dirichlet field, 0 to 1; repeatable."),
-    click.option("--set", "settings", metavar="KEY=VALUE", multiple=True, help="Any other key, as in the scene file."),
-    click.option("--format", metavar="NAME", help="Map: ros, movingai, image, epic or npy, where the name hides it."),
-    click.option("--map-dialect", metavar="NAME", help="Map: read a ROS map as nav2 or as ros1."),
-    click.option("--unknown", metavar="POLICY", help="Map: unknown ROS cells are an obstacle, or free."),
-    click.option("--lethal", metavar="N", help="Map: ROS occupancy (1 to 100) from which a cell is an obstacle."),
-    click.option("--passable", metavar="LETTERS", help="Map: MovingAI terrain that is free, such as '.GS'."),
-    click.option("--threshold", metavar="N", help="Map: grey values of a picture from here on are free."),
-    click.option("--spacing", metavar="H", help="Map: width of a cell, where the map does not say."),
-    click.option("--origin", metavar="X,Y", help="Map: lower corner, where the map does not say."),
-    click.option("--unit", metavar="NAME", help="Map: unit of lengths, where the map does not say."),
-    click.option("--threads", metavar="N", default="1", show_default=True, help="Threads that may solve at a time."),
-)
-REPORT_OPTIONS: tuple[Decorator, ...] = (
+    click.option("--robot-radius", metavar="R", type=float, help="Radius of the robot, a disc."),
+    click.option(
+        "--k", metavar="K", type=NUMBERS, multiple=True,
+        help="Share of the Dirichlet field, 1: away from obstacles, 0: past them (Neumann); repeatable.",
+    ),
+    click.option("--set", "settings", metavar="KEY=VALUE", multiple=True, help="Any other key, such as chip.supply=3."),
+    click.option("--threads", metavar="N", type=click.IntRange(1), default=1, show_default=True, help="For solving."),
+)  # fmt: skip
+_MAP_OPTIONS: tuple[Decorator, ...] = (
+    click.option("--format", type=Suggested("name", "ros", "movingai", "image", "epic", "npy"),
+                 help="ros, movingai, image, epic or npy, where the name hides it."),
+    click.option("--map-dialect", type=Suggested("name", "nav2", "ros1"), help="Read a ROS map as nav2 or as ros1."),
+    click.option("--unknown", type=Suggested("policy", "obstacle", "free"), help="Unseen ROS cells: obstacle or free."),
+    click.option("--lethal", metavar="N", type=int, help="ROS occupancy (1 to 100) from which a cell is an obstacle."),
+    click.option("--passable", metavar="LETTERS", help="MovingAI terrain that is free, such as '.GS'."),
+    click.option("--threshold", metavar="N", type=int, help="Grey values of a picture from here on are free."),
+    click.option("--spacing", metavar="H", type=float, help="Width of a cell, where the map does not say."),
+    click.option("--origin", metavar="X,Y", type=NUMBERS, help="Lower corner, where the map does not say."),
+    click.option("--unit", metavar="NAME", help="Unit of lengths, where the map does not say."),
+)  # fmt: skip
+_REPORT_OPTIONS: tuple[Decorator, ...] = (
     click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output."),
     click.option("-q", "--quiet", is_flag=True, help="Print no messages but errors."),
-    click.option("-v", "--verbose", is_flag=True, help="Tell each stage and how long it took."),
+    click.option("-v", "--verbose", is_flag=True, help="Print each stage and how long it took."),
     click.option("--debug", is_flag=True, help="Show the traceback of a fault of resgrid itself."),
 )
+_DECK_OPTIONS: tuple[Decorator, ...] = (
+    click.option(
+        "--read-as", type=Suggested("dialect", "auto", *DIALECTS), default="auto", show_default=True,
+        help="The deck's dialect, where it does not show it.",
+    ),
+    click.option(
+        "--root", metavar="FOLDER", type=click.Path(), help="Where its includes may lie.  [default: the deck's folder]"
+    ),
+)  # fmt: skip
 
-_MAP_KEYS = {
-    "format": "format",
-    "map_dialect": "dialect",
-    "unknown": "unknown",
-    "lethal": "lethal",
-    "passable": "passable",
-    "threshold": "threshold",
-    "spacing": "spacing",
-    "origin": "origin",
-    "unit": "unit",
-}
-_TEXTS = ("unknown", "passable", "unit", "dialect", "format")
+_KEYS = ("boundary", "drive", "edge", "resistance", "goal", "start", "cells", "robot_radius", "k", "settings")
+_MAP_KEYS = ("format", "map_dialect", "unknown", "lethal", "passable", "threshold", "spacing", "origin", "unit")
+_GROUPS: dict[str, tuple[str, ...]] = {
+    "Output": ("--output", "--json", "--quiet", "--verbose", "--debug", "--help"),
+    "In place of the scene's keys": (
+        "--boundary", "--drive", "--edge", "--resistance", "--goal", "--start", "--cells", "--robot-radius", "--k",
+        "--set", "--threads",
+    ),
+    "Of a map": tuple(f"--{key.replace('_', '-')}" for key in _MAP_KEYS),
+    "Of a deck": ("--read-as", "--root"),
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
-class SceneChoice:
-    """Which scene, and what the command line changes in it.
+class Source:
+    """What a verb works on, and how it is read.
 
-    `source`: file, or ``-``; `map_options`: how to read a map, for `read_scene`; `changes`: keys of the scene to
-    change, for `apply_overrides`; `threads`: how many may solve at a time, for `solve`.
+    `file`: name, or ``-``; `map_options`: for `read_scene`; `changes`: of the scene's keys, for `apply_overrides`;
+    `threads`: for `solve`; `dialect, root`: for `read_spice`.
     """
 
-    source: str
+    file: str
     map_options: Mapping[str, Any]
     changes: Mapping[str, Any]
     threads: int = 1
+    dialect: str = "auto"
+    root: str | None = None
 
 
-def with_scene(*, required: bool = True, metavar: str = "SCENE") -> Decorator:
-    """Give a verb the SCENE argument and the shared options, bundled as ``choice`` (None where SCENE is left out)."""
+def verb(name: str, *, examples: Sequence[str], short: str) -> Decorator:
+    """Make a command of a function, with the options that say how results are reported."""
 
-    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+    def decorate(function: Callable[..., Any]) -> click.Command:
         @functools.wraps(function)
-        def verb(source: str | None, **values: Any) -> Any:
-            given = {key: values.pop(key) for key in _NAMES}
-            choice = None if source is None else scene_choice(source, given)
-            return function(choice=choice, **values)
+        @click.pass_context
+        def reporting(
+            ctx: click.Context, /, as_json: bool, quiet: bool, verbose: bool, debug: bool, **values: Any
+        ) -> Any:
+            del debug  # read by the group, where errors end
+            ctx.obj = Verbosity(json=as_json, quiet=quiet, verbose=verbose)
+            require_one_output(values.get("output"))
+            return function(**values)
 
-        argument = click.argument("source", metavar=metavar, type=SOURCE, required=required)
-        return argument(_decorated(verb, SCENE_OPTIONS))
+        made: click.Command = click.command(name, cls=Verb, examples=examples, short_help=short)(
+            _decorated(reporting, _REPORT_OPTIONS)
+        )
+        return made
 
     return decorate
 
 
-def with_report(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Give a verb ``--json``, ``-q`` and ``-v``, bundled as ``report``."""
+def with_source(metavar: str = "SCENE", *, required: bool = True) -> Decorator:
+    """Give a verb what it works on and the shared options, bundled as ``source`` (None where it is left out)."""
+    decks = "DECK" in metavar
 
-    @functools.wraps(function)
-    def verb(as_json: bool, quiet: bool, verbose: bool, debug: bool, **values: Any) -> Any:
-        del debug  # read by the group, where errors end
-        return function(report=Report(json=as_json, quiet=quiet, verbose=verbose), **values)
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        @functools.wraps(function)
+        def bundled(file: str | None, **values: Any) -> Any:
+            given = {key: values.pop(key) for key in (*_KEYS, *_MAP_KEYS, "threads")}
+            reading = {"dialect": values.pop("read_as"), "root": values.pop("root")} if decks else {}
+            return function(source=None if file is None else _source(file, given, reading), **values)
 
-    return _decorated(verb, REPORT_OPTIONS)
+        argument = click.argument("file", metavar=metavar, type=SOURCE, required=required)
+        return argument(_decorated(bundled, (*_SCENE_OPTIONS, *_MAP_OPTIONS, *(_DECK_OPTIONS if decks else ()))))
+
+    return decorate
 
 
 def output_option(help_text: str, *, required: bool = False, metavar: str = "FILE") -> Decorator:
@@ -113,88 +216,62 @@ def _not_empty(_context: click.Context, _option: click.Parameter, value: str | N
     return value
 
 
-def scene_choice(source: str, given: Mapping[str, Any]) -> SceneChoice:
-    """Sort the values of `SCENE_OPTIONS` into map options and changes of the scene."""
-    changes: dict[str, Any] = {}
-    for key in ("boundary", "drive", "resistance"):
-        if given[key] is not None:
-            changes[key] = given[key]
+def folder_of(output: str | None, source: Source, end: str = "") -> Path:
+    """The folder that many results go to: the one that is named, or one after the source."""
+    if output == "-":
+        raise InputError("-o -: the results are many files; name a folder")
+    stem = "scene" if source.file == "-" else Path(source.file).stem
+    name = re.sub(r"[^\w.-]+", "_", stem).strip(".") or "scene"
+    return Path(output) if output else Path("out") / f"{name}{end}"
+
+
+def dialect_option(default: str | None = "ngspice") -> Decorator:
+    """The option ``--dialect``, of decks that are written."""
+    return click.option(
+        "--dialect", type=Suggested("dialect", *DIALECTS), default=default, show_default=default is not None,
+        help=f"SPICE dialect of the deck: {', '.join(DIALECTS)}.",
+    )  # fmt: skip
+
+
+def _source(file: str, given: Mapping[str, Any], reading: Mapping[str, Any]) -> Source:
+    """Sort the values of the shared options into map options and changes of the scene."""
+    changes = {key: given[key] for key in ("boundary", "drive", "resistance") if given[key] is not None}
     if given["edge"] is not None:
-        changes["edge"] = [word.strip() for word in given["edge"].split(",")]
-        if len(changes["edge"]) == 1:
-            changes["edge"] = changes["edge"][0]
+        edges = [word.strip() for word in given["edge"].split(",")]
+        changes["edge"] = edges if len(edges) > 1 else edges[0]
     for key in ("goal", "start"):
         if given[key]:
-            name = f"{key}_cell" if given["cells"] else key
-            changes[name] = [_place(f"--{key}", text, whole=given["cells"]) for text in given[key]]
+            changes |= _cells(key, given[key]) if given["cells"] else {key: list(given[key])}
     if given["k"]:
-        changes["k"] = [_number("--k", word) for text in given["k"] for word in text.split(",")]
+        changes["k"] = [share for shares in given["k"] for share in shares]
     if given["robot_radius"] is not None:
-        changes["robot.radius"] = _number("--robot-radius", given["robot_radius"])
+        changes["robot.radius"] = given["robot_radius"]
     for setting in given["settings"]:
         key, equals, value = setting.partition("=")
         if not equals or not key.strip():
             raise InputError(f"--set {setting!r}: expected KEY=VALUE, such as chip.supply=3.3")
         changes[key.strip()] = value.strip()
-    return SceneChoice(source, _map_options(given), _consistent(changes), _threads(given["threads"]))
-
-
-def _threads(text: str) -> int:
-    if not text.strip().isdecimal() or int(text) < 1:
-        raise InputError(f"--threads {text!r}: expected a whole number, at least 1")
-    return int(text)
-
-
-def _consistent(changes: dict[str, Any]) -> dict[str, Any]:
-    """A boundary asked for here stands alone: the scene's blends and drive belong to the scene's own boundary."""
-    if "boundary" in changes:
+    if "boundary" in changes:  # the scene's blends and drive belong to its own boundary
         changes.setdefault("k", [])
         if changes["boundary"] != "neumann":
             changes.setdefault("drive", None)
-    return changes
+    options = {key.removeprefix("map_"): given[key] for key in _MAP_KEYS if given[key] is not None}
+    return Source(file, options, changes, given["threads"], **reading)
 
 
-def _map_options(given: Mapping[str, Any]) -> dict[str, Any]:
-    options: dict[str, Any] = {}
-    for name, key in _MAP_KEYS.items():
-        text = given[name]
-        if text is None:
-            continue
-        if key in _TEXTS:
-            options[key] = text
-        elif key == "origin":
-            options[key] = list(_place("--origin", text, whole=False))
-        else:
-            number = _number(f"--{name}", text)
-            options[key] = int(number) if key != "spacing" and number == int(number) else number
-    return options
+def _cells(key: str, places: Sequence[tuple[float, ...]]) -> dict[str, list[tuple[int, ...]]]:
+    """Cell indices in place of world coordinates."""
+    for place in places:
+        if not all(number.is_integer() for number in place):
+            text = ",".join(f"{number:g}" for number in place)
+            raise InputError(f"--{key} {text}: with --cells expected whole numbers (cell indices), such as 3,4")
+    return {f"{key}_cell": [tuple(int(number) for number in place) for place in places]}
 
 
-def _place(option: str, text: str, *, whole: bool) -> tuple[float, ...]:
-    try:
-        return tuple(int(word) if whole else float(word) for word in text.split(","))
-    except ValueError:
-        kind = "whole numbers (cell indices)" if whole else "numbers"
-        raise InputError(f"{option} {text!r}: expected {kind} separated by commas, such as 3,4") from None
-
-
-def _number(option: str, text: str) -> float:
-    try:
-        number = float(text)
-    except ValueError:
-        raise InputError(f"{option} {text!r}: expected a number") from None
-    if not abs(number) < float("inf"):
-        raise InputError(f"{option} {text!r}: expected a finite number")
-    return number
-
-
-def _decorated(function: Callable[..., Any], options: tuple[Decorator, ...]) -> Callable[..., Any]:
+def _decorated(function: Callable[..., Any], options: Sequence[Decorator]) -> Callable[..., Any]:
     for option in reversed(options):
         function = option(function)
     return function
 
 
-_NAMES = (
-    "boundary", "drive", "edge", "resistance", "goal", "start", "robot_radius", "cells", "k", "settings", "threads",
-    *_MAP_KEYS,
-)  # fmt: skip
+SceneChoice = Source

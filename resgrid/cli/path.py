@@ -2,78 +2,137 @@
 
 from __future__ import annotations
 
+import dataclasses
+from math import inf
+from typing import TYPE_CHECKING
+
 import click
 
 from resgrid.cli.failures import NEGATIVE
-from resgrid.cli.heeded import tell_unheeded
-from resgrid.cli.job import open_job
-from resgrid.cli.options import SceneChoice, output_option, with_report, with_scene
-from resgrid.cli.paths import plan_routes, require_starts, route_data, route_line, unit_of
-from resgrid.cli.report import Report
-from resgrid.cli.route_files import Motion, check_motion, check_target, refine, write_routes
+from resgrid.cli.options import NUMBERS, Source, output_option, verb, with_source
+from resgrid.cli.paths import Plan, plan_routes, route_line
+from resgrid.cli.queries import answer_queries
+from resgrid.cli.report import finish
+from resgrid.cli.scenes import open_job, require_starts, say_unheeded
 from resgrid.errors import InputError
 
+if TYPE_CHECKING:
+    from resgrid.io.paths import Route
+    from resgrid.space import ConfigurationSpace
 
-@click.command("path", short_help="Follow the current from starts to a goal.")
-@with_scene()
+
+@dataclasses.dataclass(frozen=True)
+class Motion:
+    """What the command line asks of every route: to be shortened, timed, sampled.
+
+    `clearance`: that shortcuts keep; `speed, acceleration`: limits, one for the robot or one for each coordinate; empty
+    for none; `rate`: samples a second.
+    """
+
+    shorten: bool
+    clearance: float
+    speed: tuple[float, ...]
+    acceleration: tuple[float, ...]
+    rate: float | None
+
+    def __post_init__(self) -> None:
+        if self.acceleration and not self.speed:
+            raise InputError("--acceleration times a path only together with --speed")
+        if self.rate is not None and not self.speed:
+            raise InputError("--rate samples a timed path: give --speed too")
+        if self.rate is not None and not 0 < self.rate < inf:
+            raise InputError(f"--rate {self.rate:g}: a number of samples a second is positive and finite")
+        if not 0 <= self.clearance < inf:
+            raise InputError(f"--keep-clearance {self.clearance:g}: a distance is at least 0 and finite")
+        if self.clearance and not self.shorten:
+            raise InputError("--keep-clearance is for shortcuts: give --shorten too")
+
+    def check_axes(self, space: ConfigurationSpace) -> None:
+        """Refuse limits that do not fit the axes."""
+        for option, limits in (("--speed", self.speed), ("--acceleration", self.acceleration)):
+            if len(limits) not in (0, 1, space.ndim):
+                names = ", ".join(axis.name for axis in space.axes)
+                raise InputError(f"{option}: {len(limits)} numbers for {names}; give one, or one for each with commas")
+            if not all(limit > 0 for limit in limits):
+                text = ",".join(f"{limit:g}" for limit in limits)
+                raise InputError(f"{option} {text}: a limit is positive and finite")
+
+    def applied(self, route: Route) -> Route:
+        """A route shortened and timed, as far as it is asked for."""
+        from resgrid.planning.shortcut import shorten
+        from resgrid.planning.timing import time_path
+
+        if self.shorten and route.reached:
+            short = shorten(route.streamline, clearance=self.clearance)
+            route = dataclasses.replace(route, short=short)
+        if self.speed:
+            timed = time_path(
+                route.short or route.streamline,
+                velocity_limits=_one_or_each(self.speed),
+                acceleration_limits=_one_or_each(self.acceleration) if self.acceleration else None,
+            )
+            route = dataclasses.replace(route, motion=timed if self.rate is None else timed.resampled(self.rate))
+        return route
+
+
+@verb(
+    "path",
+    short="Follow the current from starts to a goal.",
+    examples=(
+        "resgrid path map.yaml --goal 5,0 --start=-5,-4 -o path.yaml",
+        "resgrid path rooms.toml --k 0,0.9,1 --shorten --speed 1 --acceleration 2 -o paths.csv",
+        "resgrid path arena.map --queries arena.map.scen --limit 10 --json",
+    ),
+)
+@with_source()
 @output_option("Write the paths to FILE.csv, .json, .npz, or .yaml (for ROS); - prints CSV.")
 @click.option("--queries", metavar="FILE", type=click.Path(), help="Starts and goals from a MovingAI .scen file.")
 @click.option("--limit", metavar="N", type=click.IntRange(min=1), help="Only the first N queries.")
 @click.option("--shorten", is_flag=True, help="Straighten paths by lines that meet free cells only.")
-@click.option("--keep-clearance", metavar="C", type=float, default=0.0, help="Distance that these lines keep.")
 @click.option(
-    "--speed", metavar="V,...",
+    "--keep-clearance", metavar="C", type=float, default=0.0, show_default=True, help="Distance that these lines keep."
+)
+@click.option(
+    "--speed",
+    metavar="V,...",
+    type=NUMBERS,
+    default=(),
     help="Time the paths: greatest speed (of an arm, of every joint), or one number for each coordinate.",
-)  # fmt: skip
-@click.option("--acceleration", metavar="A,...", help="Greatest acceleration, likewise.")
+)
+@click.option("--acceleration", metavar="A,...", type=NUMBERS, default=(), help="Greatest acceleration, likewise.")
 @click.option("--rate", metavar="HZ", type=float, help="Write a timed path so often a second.")
-@with_report
 def command(
-    choice: SceneChoice,
-    output: str | None,
-    queries: str | None,
-    limit: int | None,
-    shorten: bool,
-    keep_clearance: float,
-    speed: str | None,
-    acceleration: str | None,
-    rate: float | None,
-    report: Report,
-) -> int:
+    source: Source, output: str | None, queries: str | None, limit: int | None, shorten: bool, keep_clearance: float,
+    speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None,
+) -> int:  # fmt: skip
     """Follow the current from every start of SCENE to a goal, for every k; every path is certified.
 
     A path that is shortened or timed is written in coordinates that are continuous across periodic seams, with columns
     for its times and rates. Exits with 1 if some start has no path.
     """
-    if output == "-" and report.json:
-        raise InputError("-o - and --json both want standard output; choose one")
-    motion = Motion(shorten, keep_clearance, _limits("--speed", speed), _limits("--acceleration", acceleration), rate)
-    if output is not None and queries is None:
-        check_target(output)
-    job = open_job(choice, report, require_goal=queries is None)
-    told = tell_unheeded(job, "grid", report)
-    if queries is not None:
-        if motion.shorten or motion.speed:
-            raise InputError("--queries answers with lengths alone: leave out --shorten and --speed")
-        from resgrid.cli.queries import answer_queries
+    from resgrid.io.paths import check_routes_file, route_record, write_routes
 
-        return answer_queries(job, queries, limit, output, report, told)
-    require_starts(job)
-    check_motion(motion, job, output)
-    plan = refine(plan_routes(job, report), motion)
+    motion = Motion(shorten, keep_clearance, speed, acceleration, rate)
+    if output is not None and queries is None:
+        check_routes_file(output)
+    job = open_job(source, require_goal=queries is None)
+    unheeded = say_unheeded(job, "grid")
+    if queries is not None:
+        if shorten or speed:
+            raise InputError("--queries answers with lengths alone: leave out --shorten and --speed")
+        return answer_queries(job, queries, limit, output, unheeded)
+    require_starts(job.scene)
+    motion.check_axes(job.space)
     if output is not None:
-        write_routes(output, plan.routes, job)
-        if output != "-":
-            report.say(f"wrote {output}")
-    if output != "-":
-        unit = unit_of(job.space)
-        data = {"scene": job.scene.title, "paths": [route_data(route) for route in plan.routes], **told}
-        report.finish(data, [route_line(route, unit) for route in plan.routes], written=output is not None)
+        check_routes_file(output, job.space, timed=bool(speed))
+    plan: Plan = plan_routes(job)
+    routes = [motion.applied(route) for route in plan.routes]
+    if output is not None:
+        write_routes(output, routes, job.space)
+    data = {"scene": job.scene.title, "paths": [route_record(route) for route in routes], **unheeded}
+    finish(data, (route_line(route, job.space) for route in routes), written=output)
     return 0 if plan.complete else NEGATIVE
 
 
-def _limits(option: str, text: str | None) -> tuple[float, ...]:
-    try:
-        return () if text is None else tuple(float(word) for word in text.split(","))
-    except ValueError:
-        raise InputError(f"{option} {text!r}: expected a number, or one for each axis with commas") from None
+def _one_or_each(limits: tuple[float, ...]) -> float | tuple[float, ...]:
+    return limits[0] if len(limits) == 1 else limits

@@ -7,8 +7,8 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from resgrid.cli.job import Job
 from resgrid.cli.paths import Plan
+from resgrid.cli.scenes import Job
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def _album(job: Job, plan: Plan) -> dict[str, tuple[str, Callable[[], Figure]]]:
         album["paths"] = "map and all paths", partial(_paths, job, plan)
     if _has_body(job) and any(route.reached for route in plan.routes):
         album["robot"] = "the robot in its workspace along its first path", partial(_robot, job, plan)
-    if job.space.ndim <= 2 and max(job.space.shape) <= CIRCUIT_CELLS and len(plan.chips) == 1:
+    if job.space.ndim <= 2 and max(job.space.shape) <= CIRCUIT_CELLS and len(plan.operating_points) == 1:
         album["circuit"] = "the chip as a circuit, with its voltages", partial(_circuit, job, plan)
     return album
 
@@ -62,7 +62,7 @@ def _page(job: Job, plan: Plan, field: Field | None) -> Figure:
     from resgrid.plot import plot_scene_page
 
     assert field is not None
-    own = [route for route in plan.routes if route.field is None or plan.fields[route.field] is field]
+    own = [route for route in plan.routes if not route.field.is_flowing or route.field is field]
     return plot_scene_page(field, [route.streamline for route in own], title=_title(job, plan, field))
 
 
@@ -96,7 +96,7 @@ def _paths(job: Job, plan: Plan, _field: Field | None = None) -> Figure:
     from resgrid.plot import plot_space, plot_streamlines
 
     axes = plot_space(job.space)
-    lines, shares = [route.streamline for route in plan.routes], [route.k for route in plan.routes]
+    lines, shares = [route.streamline for route in plan.routes], [route.field.k for route in plan.routes]
     return _figure(plot_streamlines(lines, job.space, axes, k=shares))
 
 
@@ -129,15 +129,15 @@ def _robot(job: Job, plan: Plan, _field: Field | None = None) -> Figure:
 def _circuit(_job: Job, plan: Plan, _field: Field | None = None) -> Figure:
     from resgrid.plot import plot_circuit
 
-    chip = next(iter(plan.chips.values()))
-    return _figure(plot_circuit(chip.netlist, chip.point))
+    op = next(iter(plan.operating_points.values()))
+    return _figure(plot_circuit(op.netlist, op))
 
 
 def _slices(_job: Job, plan: Plan, field: Field | None) -> Figure:
     from resgrid.plot import plot_slices
 
     assert field is not None
-    return plot_slices(field, paths=[route.streamline for route in plan.routes if route.field is not None])
+    return plot_slices(field, paths=[route.streamline for route in plan.routes if route.field.is_flowing])
 
 
 def _figure(axes: object) -> Figure:

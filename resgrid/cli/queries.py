@@ -6,40 +6,38 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from resgrid.cli.failures import NEGATIVE
-from resgrid.cli.job import Job, size_of, solution_of
-from resgrid.cli.output import emit_text, json_text
-from resgrid.cli.report import Report
+from resgrid.cli.report import finish, quietly, stage
+from resgrid.cli.scenes import Job, size_of
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
     from resgrid.scene import Query
 
 
-def answer_queries(
-    job: Job, file: str, limit: int | None, output: str | None, report: Report, told: dict[str, list[str]]
-) -> int:
+def answer_queries(job: Job, file: str, limit: int | None, output: str | None, unheeded: dict[str, list[str]]) -> int:
     """Answer the queries of a MovingAI scenario file on one map."""
+    from resgrid.io.tables import suffix_of, write
     from resgrid.scene import read_queries
 
-    if output not in (None, "-") and not str(output).endswith(".json"):
-        raise InputError(f"-o {output}: answers to queries are written as .json")
-    queries = list(islice(read_queries(file), limit))
-    quiet = Report(quiet=True)
-    answers = []
-    with report.stage(f"answer {len(queries)} queries", steps=len(queries)) as progress:
-        for query in queries:
-            answers.extend(_answer(job, query, file, quiet))
-            progress.advance()
-    data = {"scene": job.scene.title, "queries": file, "paths": answers, **told}
     if output is not None:
-        emit_text(output, json_text(data) + "\n")
+        suffix_of(output, ("record",), "answers to queries")
+    queries = list(islice(read_queries(file), limit))
+    answers = []
+    with stage(f"answer {len(queries)} queries", steps=len(queries)) as progress:
+        for query in queries:
+            with quietly():
+                answers.extend(_answers(job, query, file))
+            progress.advance()
+    data = {"scene": job.scene.title, "queries": file, "paths": answers, **unheeded}
+    if output is not None:
+        write(output, {"record": lambda: data}, "answers to queries")
     reached = sum(answer["outcome"] == "reached" for answer in answers)
-    if output != "-":
-        report.finish(data, [f"{reached} of {len(answers)} paths reach their goal"])
+    finish(data, [f"{reached} of {len(answers)} paths reach their goal"], written=output)
     return 0 if reached == len(answers) else NEGATIVE
 
 
-def _answer(job: Job, query: Query, file: str, quiet: Report) -> list[dict[str, Any]]:
+def _answers(job: Job, query: Query, file: str) -> list[dict[str, Any]]:
+    """What becomes of a query, for each k."""
     from resgrid.planning.certify import certify
     from resgrid.planning.trace import streamline
     from resgrid.space import Cell
@@ -53,9 +51,8 @@ def _answer(job: Job, query: Query, file: str, quiet: Report) -> list[dict[str, 
     cell = job.space.cell.copy()
     cell[cell == Cell.GOAL] = Cell.FREE
     cell[query.goal] = Cell.GOAL
-    posed = Job(job.scene, job.space.with_cells(cell))
     answers = []
-    for field in solution_of(posed, quiet).fields:
+    for field in Job(job.scene, job.space.with_cells(cell)).solution().fields:
         path = streamline(field, cell=query.start)
         certify(path)
         figures = {"outcome": str(path.outcome), "k": field.k, "length": path.length, "clearance": path.clearance}

@@ -1,86 +1,237 @@
-"""What the person at the terminal sees: results on standard output, everything else on standard error."""
+"""What the person at the terminal sees: results on standard output, messages and progress on standard error."""
 
 from __future__ import annotations
 
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Any, TypeVar, cast
+from contextlib import contextmanager, nullcontext
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 import click
 
-from resgrid.cli.output import json_text
-from resgrid.cli.progress import Progress, progress_bar
+from resgrid.errors import InputError
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 Value = TypeVar("Value")
+
+PATIENCE = 1.0
+"""Seconds before a bar appears."""
+
 _WORKER = "resgrid computes"
 
 
 @dataclass(frozen=True)
-class Report:
-    """How results and progress are told.
+class Verbosity:
+    """How results and progress are reported, kept by the command's context.
 
-    `json`: results are one JSON object instead of lines; `quiet`: no messages and no progress; `verbose`: every stage
-    is told when it is done.
+    `json`: results are one JSON object instead of lines; `quiet`: no messages, no progress; `verbose`: every stage and
+    its time.
     """
 
     json: bool = False
     quiet: bool = False
     verbose: bool = False
 
-    def say(self, message: str) -> None:
-        """A message for people."""
-        if not self.quiet:
-            click.echo(message, err=True)
 
-    def detail(self, message: str) -> None:
-        """A message for people who want to know more."""
-        if self.verbose and not self.quiet:
-            click.echo(message, err=True)
+def verbosity() -> Verbosity:
+    """How the running command reports."""
+    context = click.get_current_context(silent=True)
+    return (context.find_object(Verbosity) if context else None) or Verbosity()
 
-    def finish(self, data: Mapping[str, Any], lines: Iterable[str], *, written: bool = False) -> None:
-        """The result: one JSON object, or lines; no lines where it is in a file and nothing but that was asked for."""
-        if self.json:
-            click.echo(json_text(data))
-            return
-        if written and self.quiet:
-            return
+
+@contextmanager
+def quietly() -> Iterator[None]:
+    """Report nothing of many small jobs."""
+    context = click.get_current_context()
+    before, context.obj = context.obj, replace(verbosity(), quiet=True)
+    try:
+        yield
+    finally:
+        context.obj = before
+
+
+def say(message: str) -> None:
+    """A message for people."""
+    if not verbosity().quiet:
+        click.echo(message, err=True)
+
+
+def detail(message: str) -> None:
+    """A message for people who want to know more."""
+    if verbosity().verbose:
+        say(message)
+
+
+def finish(data: Mapping[str, Any], lines: Iterable[str] = (), *, written: object = None, more: bool = False) -> None:
+    """The result: one JSON object, or lines; nothing where standard output has the data.
+
+    `written`: the file with the result, beside which ``-q`` prints no lines, unless they say `more` than it does.
+    """
+    if written == "-":
+        return
+    if written is not None:
+        say(f"wrote {written}")
+    if verbosity().json:
+        from resgrid.io.tables import json_text
+
+        click.echo(json_text(data))
+    elif more or written is None or not verbosity().quiet:
         for line in lines:
             click.echo(line)
 
-    @contextmanager
-    def stage(self, name: str, *, seconds: float | None = None, steps: int | None = None) -> Iterator[Progress]:
-        """Show a stage that takes long, with the time that is left."""
-        begin = time.perf_counter()
-        with progress_bar(name, seconds=seconds, steps=steps, hidden=self.quiet) as progress:
-            yield progress
-        self.detail(f"{name}: {time.perf_counter() - begin:.2f} s")
 
-    def compute(
-        self, name: str, function: Callable[..., Value], *arguments: Any, seconds: float, iterates: bool = False
-    ) -> Value:
-        """A stage that is one long call of the library, which an interrupt need not wait for."""
-        outcome: list[tuple[Value | None, BaseException | None]] = []
+def require_one_output(output: str | None) -> None:
+    """Refuse ``-o -`` beside ``--json``."""
+    if output == "-" and verbosity().json:
+        raise InputError("-o - and --json both want standard output; choose one, or write to a file")
 
-        def work(options: dict[str, Any]) -> None:
-            try:
+
+class Stage:
+    """How far a stage is: by steps counted, by what an iteration says, or by the time it was estimated to take.
+
+    `seconds`: estimate for the whole stage; `steps`: number of equal steps.
+    """
+
+    def __init__(self, seconds: float | None = None, steps: int | None = None) -> None:
+        self._seconds, self._steps, self._done = seconds, steps, 0
+        self._note = ""
+        self._left: float | None = None
+        self._begin = time.perf_counter()
+
+    def advance(self) -> None:
+        """One more step is done."""
+        self._done += 1
+
+    def count(self, done: int, total: int) -> None:
+        """Steps as the library counts them."""
+        self._done, self._steps = done, total
+
+    tell = count
+
+    def note(self, text: str) -> None:
+        """What is known so far, for people."""
+        self._note = f"{text}  "
+
+    def follow(self, _steps: int, residual: float, seconds_left: float | None) -> None:
+        """An iteration: how small its residual is, and about how long it still takes."""
+        self._note, self._seconds = f"residual {residual:.0e}  ", None
+        self._left = seconds_left
+
+    def fraction(self) -> float | None:
+        """Part of the stage that is done, in [0, 0.99]; None where nobody knows."""
+        elapsed = time.perf_counter() - self._begin
+        if self._steps:
+            return min(self._done / self._steps, 0.99)
+        if self._seconds is not None:
+            return min(elapsed / self._seconds, 0.99)
+        return None if self._left is None else min(elapsed / (elapsed + self._left), 0.99)
+
+    def outlook(self) -> str:
+        """What is known so far, and the time left."""
+        elapsed, fraction = time.perf_counter() - self._begin, self.fraction()
+        if not fraction:
+            return f"{self._note}{elapsed:.0f} s so far"
+        left = elapsed * (1 - fraction) / fraction
+        late = self._seconds is not None and not self._steps and elapsed > self._seconds
+        return (
+            f"{self._note}{elapsed:.0f} s so far, longer than expected"
+            if late
+            else f"{self._note}about {left:.0f} s left"
+        )
+
+
+@contextmanager
+def stage(name: str, *, seconds: float | None = None, steps: int | None = None) -> Iterator[Stage]:
+    """Show a stage that takes long, on a terminal, with the time that is left."""
+    running, begin = Stage(seconds, steps), time.perf_counter()
+    bars: list[Progress] = []
+    timer = threading.Timer(PATIENCE, lambda: bars.append(_started_bar(name, running)))
+    timer.daemon = True
+    if sys.stderr.isatty() and not verbosity().quiet:
+        timer.start()
+    try:
+        yield running
+    finally:
+        timer.cancel()
+        if timer.ident is not None:
+            timer.join()
+        for bar in bars:
+            bar.stop()
+    detail(f"{name}: {time.perf_counter() - begin:.2f} s")
+
+
+def _started_bar(name: str, running: Stage) -> Progress:
+    from rich.console import Console
+    from rich.progress import BarColumn, Progress, TextColumn
+
+    class Bar(Progress):
+        """A bar that asks the stage how far it is, whenever it is drawn."""
+
+        def get_renderables(self) -> Iterable[Any]:
+            for task in self.tasks:
+                fraction = running.fraction()
+                task.total, task.completed = None if fraction is None else 1.0, fraction or 0.0
+                task.fields["outlook"] = running.outlook()
+            return super().get_renderables()
+
+    columns = TextColumn("{task.description}"), BarColumn(), TextColumn("{task.fields[outlook]}")
+    bar = Bar(*columns, console=Console(stderr=True), transient=True, refresh_per_second=5)
+    bar.add_task(name, outlook="")
+    bar.start()
+    return bar
+
+
+def compute(
+    name: str,
+    function: Callable[..., Value],
+    *arguments: Any,
+    seconds: float | None = None,
+    iterates: bool = False,
+) -> Value:
+    """A stage that is one long call of the library, which an interrupt need not wait for.
+
+    `iterates`: the function takes a ``progress`` of its iterations.
+    """
+    context = click.get_current_context(silent=True)
+    outcome: list[tuple[Value | None, BaseException | None]] = []
+
+    def work(options: dict[str, Any]) -> None:
+        try:
+            with context.scope(cleanup=False) if context else nullcontext():
                 outcome.append((function(*arguments, **options), None))
-            except BaseException as error:  # carried over to the thread that waits
-                outcome.append((None, error))
+        except BaseException as error:  # carried over to the thread that waits
+            outcome.append((None, error))
 
-        with self.stage(name, seconds=seconds) as progress:
-            options = {"progress": progress.follow} if iterates else {}
-            worker = threading.Thread(target=work, args=(options,), name=_WORKER, daemon=True)
-            worker.start()
-            worker.join()
-        value, error = outcome[0]
-        if error is not None:
-            raise error
-        return cast("Value", value)
+    with stage(name, seconds=seconds) as running:
+        options = {"progress": running.follow} if iterates else {}
+        worker = threading.Thread(target=work, args=(options,), name=_WORKER, daemon=True)
+        worker.start()
+        worker.join()
+    value, error = outcome[0]
+    if error is not None:
+        raise error
+    return cast("Value", value)
 
 
 def is_computing() -> bool:
-    """Whether a call made by `Report.compute` has been left behind, still busy."""
+    """Whether a call made by `compute` has been left behind, still busy."""
     return any(thread.name == _WORKER for thread in threading.enumerate())
+
+
+class Report:
+    """The functions of this module as methods, for the analyses of chips until they live in their own room."""
+
+    @staticmethod
+    def stage(name: str, *, seconds: float | None = None) -> Any:
+        """As `stage`."""
+        return stage(name, seconds=seconds)
+
+    @staticmethod
+    def compute(name: str, function: Callable[..., Value], *arguments: Any, seconds: float) -> Value:
+        """As `compute`."""
+        return compute(name, function, *arguments, seconds=seconds)

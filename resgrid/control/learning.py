@@ -10,9 +10,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.planning.fields import Field
 from resgrid.planning.road import check_blend, require_uniform, scene_wiring, solve_field
-from resgrid.robots import Ball, CellSet, Robot
+from resgrid.robots import Ball, Robot
 from resgrid.scene.scene import Scene
-from resgrid.space import Axis, Cell, ConfigurationSpace
+from resgrid.space import Axis, ConfigurationSpace
 from resgrid.wiring import Wiring
 
 Resolve = Callable[[ConfigurationSpace], Field]
@@ -37,22 +37,6 @@ def proven_cells(
     place = tuple(np.asarray(point, dtype=np.float64).tolist())
     met = robot.occupancy(axes, [Ball(place, 0.0)], "conservative")
     return met & ~(robot.occupancy(axes, [], "conservative") if itself is None else itself)
-
-
-def learn(space: ConfigurationSpace, cells: NDArray[np.bool_]) -> ConfigurationSpace:
-    """The space with some cells marked as obstacle, goal cells among them.  Shapes: `cells` as the space."""
-    return space.with_cells(np.where(cells, np.uint8(Cell.OBSTACLE), space.cell))
-
-
-def workspace_cells(points: ArrayLike, axes: Sequence[Axis]) -> CellSet:
-    """Cells of the workspace in which contacts were felt.  Shapes: `points` (n, 2)."""
-    grid = ConfigurationSpace(axes, np.zeros(tuple(axis.cells for axis in axes), np.uint8))
-    places = grid.from_world(points)
-    inside = np.all(((places >= grid.lower) & (places <= grid.upper)) | grid.periodic, axis=1)
-    mask = np.zeros(grid.shape, dtype=np.bool_)
-    if inside.any():
-        mask[tuple(grid.locate(places[inside]).T)] = True
-    return CellSet(tuple(axes), mask)
 
 
 def resolver(

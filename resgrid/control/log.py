@@ -4,12 +4,19 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum, StrEnum
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.control.contact import Contacts
+from resgrid.control.plant import Plant
+from resgrid.frame import Frame
 from resgrid.planning.fields import Field
+from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
+
+Vector = NDArray[np.float64]
 
 
 class Mode(IntEnum):
@@ -54,6 +61,13 @@ class Ending(StrEnum):
     STALLED = "stalled"
     OUT_OF_STEPS = "out_of_steps"
     ENTERED = "entered"
+
+
+class End(NamedTuple):
+    """How a motion ended, and the same in a sentence."""
+
+    ending: Ending
+    message: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +134,10 @@ class Run:
     penetration : float
         Deepest entry of the robot into an obstacle, in any row and on the straight lines between rows, under exact
         geometry, in metres; a run with any has the ending ``"entered"``, whatever else it came to.
+    unsolved : int
+        Steps in which no contact forces could be solved for, so that the robot stood still.
+    scene : Scene or None
+        What it moved in.
     """
 
     ending: Ending
@@ -137,6 +155,8 @@ class Run:
     space: ConfigurationSpace
     field: Field
     penetration: float
+    unsolved: int = 0
+    scene: Scene | None = None
 
     def __post_init__(self) -> None:
         for array in (
@@ -156,3 +176,87 @@ class Run:
     def contact_points(self) -> NDArray[np.float64]:
         """Where obstacles were touched that taught something, shape (p, 2)."""
         return np.concatenate([np.empty((0, 2)), *(lesson.points for lesson in self.lessons)])
+
+
+class Recorder:
+    """Keeps the rows of a run while it grows, and makes the log of them."""
+
+    def __init__(self, ndim: int) -> None:
+        self._ndim = ndim
+        self._rows: list[tuple[float, Vector, Vector, Vector, Mode, Vector, Vector]] = []
+        self._contacts: list[tuple[int, Contacts]] = []
+        self._unsolved = 0
+
+    def __len__(self) -> int:
+        return len(self._rows)
+
+    @property
+    def last_mode(self) -> Mode:
+        """Mode of the last row."""
+        return self._rows[-1][4] if self._rows else Mode.STREAMLINE
+
+    @property
+    def first_believed(self) -> Vector | None:
+        """Where the robot believed to be in the first row."""
+        return self._rows[0][2] if self._rows else None
+
+    def add(
+        self, time: float, configuration: Vector, believed: Vector, velocity: Vector, mode: Mode,
+        contacts: Contacts | None, push: Vector,
+    ) -> None:  # fmt: skip
+        """Keep one step."""
+        torque = np.zeros(self._ndim)
+        if contacts is not None and contacts.pressing.any():
+            torque = contacts.torque
+            self._contacts.append((len(self._rows), contacts))
+        self._unsolved += contacts is not None and not contacts.solved
+        self._rows.append((time, configuration, believed, velocity, mode, torque, push))
+
+    def run(
+        self, end: End, goal: int | None, lessons: tuple[Lesson, ...], field: Field, space: ConfigurationSpace,
+        plant: Plant, scene: Scene | None,
+    ) -> Run:  # fmt: skip
+        """The log of all rows, in the world."""
+        frame = space.frame
+        time, configuration, believed, velocity, mode, torque, push = zip(*self._rows, strict=True)
+        places = np.array(configuration)
+        penetration = plant.deepest(places)
+        if penetration > 0.0:
+            end, goal = End(Ending.ENTERED, f"the robot entered an obstacle by {penetration:.3g} m"), None
+        unsolved = f"; in {self._unsolved} steps no contact forces were known, and the robot stood still"
+        return Run(
+            ending=end.ending,
+            message=end.message + (unsolved if self._unsolved else ""),
+            goal=goal,
+            time=np.array(time),
+            configuration=space.to_world(places),
+            believed=space.to_world(believed),
+            velocity=frame.turned_to_world(velocity),
+            mode=np.array(mode, dtype=np.uint8),
+            torque=frame.turned_to_world(torque),
+            push=frame.turned_to_world(push),
+            contacts=self._contact_log(frame),
+            lessons=lessons,
+            space=space,
+            field=field,
+            penetration=penetration,
+            unsolved=self._unsolved,
+            scene=scene,
+        )
+
+    def _contact_log(self, frame: Frame) -> ContactLog:
+        def column(name: str, empty: NDArray[Any]) -> NDArray[Any]:
+            return np.concatenate([empty, *(getattr(each, name)[each.pressing] for _, each in self._contacts)])
+
+        steps = [np.full(int(contacts.pressing.sum()), step) for step, contacts in self._contacts]
+        pairs, numbers = np.empty((0, 2)), np.empty(0, dtype=np.int64)
+        return ContactLog(
+            step=np.concatenate([numbers, *steps]),
+            point=frame.to_world(column("point", pairs)),
+            normal=frame.turned_to_world(column("normal", pairs)),
+            force=frame.turned_to_world(column("force", pairs)),
+            gap=column("gap", np.empty(0)),
+            part=column("part", numbers),
+            body=column("body", numbers),
+            sticking=column("sticking", np.empty(0, dtype=np.bool_)),
+        )

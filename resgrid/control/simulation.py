@@ -4,23 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.arguments import check_whole
+from resgrid.control.belief import LiveMap, Sensor
+from resgrid.control.contact import Body
 from resgrid.control.controller import Controller, make_controller
 from resgrid.control.learning import Resolve, scene_resolver
+from resgrid.control.log import Ending, Run
+from resgrid.control.loop import Loop
 from resgrid.control.plant import Plant, plant_of
+from resgrid.control.pushes import Force, Push, force_of
+from resgrid.control.relaxation import Relaxation, RelaxingGrid, check_same_grid
 from resgrid.errors import InputError
 from resgrid.planning.fields import Field
+from resgrid.planning.trace import one_start
+from resgrid.scene import sample
+from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
-
-if TYPE_CHECKING:
-    from resgrid.control.log import Run
-    from resgrid.control.pushes import Force, Push
-    from resgrid.control.settling import GridSettling
-    from resgrid.scene.scene import Scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,10 +44,12 @@ class Simulation:
     step : float
         No axis moves by more than this share of a cell in a step, so that no point of the robot moves farther than this
         share of its largest motion across a cell.
-    settling : GridSettling or None
+    relaxation : Relaxation or None
         How the grid settles while the robot follows it; None: at once.
     before : ConfigurationSpace or None
         Then, the map that the grid had settled to at time 0; None: the same one.
+    scene : Scene or None
+        What it was made from.
     """
 
     controller: Controller
@@ -53,8 +58,9 @@ class Simulation:
     friction: float = 0.2
     learn: bool = True
     step: float = 0.2
-    settling: GridSettling | None = None
+    relaxation: Relaxation | None = None
     before: ConfigurationSpace | None = None
+    scene: Scene | None = None
 
     def __post_init__(self) -> None:
         if not 0 <= self.friction < np.inf:
@@ -74,7 +80,7 @@ class Simulation:
 
     def run(
         self,
-        start: ArrayLike,
+        start: ArrayLike | None = None,
         *,
         pushes: Sequence[Push] | Force | None = None,
         bias: ArrayLike = 0.0,
@@ -99,15 +105,15 @@ class Simulation:
         announced: the start's own cell holds an obstacle, or the cells learnt, with those of the map, separate it from
         every goal.
 
-        The robot is solid (`resgrid.control.motion.Body`): no configuration inside an obstacle is entered, whatever the
-        push, the step, the width and the cell.  One that touches an obstacle at the start is lifted off by 1e-8 m; one
-        that is inside by more than 1e-9 m is refused.  It arrives at the configuration of the goal cell that solves the
+        The robot is solid: no configuration inside an obstacle is entered, whatever the push, the step, the width and
+        the cell.  One that touches an obstacle at the start is lifted off by 1e-8 m; one that is inside by more than
+        1e-9 m is refused.  It arrives at the configuration of the goal cell that solves the
         goal, where the space names one (`ConfigurationSpace.goal_points`), and anywhere in the cell otherwise.
 
         Parameters
         ----------
-        start : array_like of float, shape (n,)
-            World coordinates.
+        start : array_like of float, shape (n,), optional
+            World coordinates; by default the scene's first start.
         pushes : sequence of Push or callable, optional
             External generalised forces, scheduled or a function of time and configuration.
         bias : array_like of float, shape () or (n,)
@@ -128,9 +134,49 @@ class Simulation:
             If the start is not a configuration of the grid, the robot is inside an obstacle there, or a push, bias,
             noise, seed or number of steps is impossible.
         """
-        from resgrid.control.loop import Loop
+        check_whole("max_steps", max_steps, 1)
+        check_whole("seed", seed, 0)
+        ndim, rng = self.space.ndim, np.random.default_rng(seed)
+        sensor = Sensor(self.plant, _offsets(bias, ndim, "bias"), _offsets(noise, ndim, "noise"), rng)
+        push_at = force_of(pushes, ndim)
+        body = Body(self.plant, self._checked_start(start), self.step, self.margin)
+        live = LiveMap(self.controller, self.resolve, self._grid())
+        loop = Loop(self.plant, body, sensor, live, push_at, rng, friction=self.friction, learn=self.learn)
+        end, goal = loop.run(max_steps), None
+        if end.ending is Ending.ARRIVED:
+            goal = int(live.space.goal_region[tuple(live.space.split(loop.believed)[0])])
+        field = live.controller.field
+        return loop.recorder.run(end, goal, tuple(loop.lessons), field, live.space, self.plant, self.scene)
 
-        return Loop(self, start, pushes, bias, noise, seed, max_steps).run()
+    def _checked_start(self, start: ArrayLike | None) -> NDArray[np.float64]:
+        """A start along the axes that is not inside an obstacle; to touch one is not to be inside."""
+        if start is None:
+            if self.scene is None or not self.scene.starts:
+                raise InputError("run() needs a start: give one, or a scene that has starts")
+            start = self.scene.starts[0]
+        point = one_start(self.space, start, None)
+        if self.plant.axis_penetration(point[np.newaxis])[0] > 0:
+            inside = next(
+                number
+                for number in range(len(self.plant.obstacles))
+                if self.plant.only(number).axis_penetration(point[np.newaxis])[0] > 0
+            )
+            raise InputError(
+                f"the start {self.space.to_world(point).tolist()} puts the robot inside "
+                f"{self.plant.name_of(inside)}: move the start"
+            )
+        return point
+
+    def _grid(self) -> RelaxingGrid | None:
+        """The grid at time 0, already on the rails of the map as it is now; None if it settles at once."""
+        if self.relaxation is None:
+            return None
+        before = self.space if self.before is None else self.before
+        check_same_grid(before, self.space)
+        grid = RelaxingGrid(self.relaxation, before)
+        if before is not self.space:
+            grid.change(self.space)
+        return grid
 
 
 MARGIN = 5e-3
@@ -176,18 +222,16 @@ def simulation(
     CircuitError
         If nothing can be driven.
     """
-    from resgrid.scene import sample
-
     plant = plant_of(scene)
     resolve = scene_resolver(scene, k)
     controller = make_controller(
         resolve(sample(scene)) if field is None else field,
         speed=speed, admittance=admittance, speed_limits=speed_limits, response=response,
     )  # fmt: skip
-    return Simulation(controller, plant, resolve, friction, learn, step)
+    return Simulation(controller, plant, resolve, friction, learn, step, scene=scene)
 
 
-def believed_offsets(value: ArrayLike, ndim: int, what: str) -> NDArray[np.float64]:
+def _offsets(value: ArrayLike, ndim: int, what: str) -> NDArray[np.float64]:
     """A bias or noise as one number per axis.  Shapes: `value` (); returns (ndim,)."""
     try:
         offset = np.asarray(value, dtype=np.float64)

@@ -11,8 +11,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from resgrid.control.fronts import Wavefront
 from resgrid.control.log import Mode, Run
+from resgrid.control.relaxation import Wavefront
 from resgrid.errors import InputError
 from resgrid.planning.streamline import Polyline
 from resgrid.plot.control import (

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.control.controller import make_controller
 from resgrid.control.equipotential import following_velocity
-from resgrid.control.fronts import Wavefront
-from resgrid.control.settling_ratio import SettlingSweep
+from resgrid.control.relaxation import Wavefront
+from resgrid.control.relaxation_ratio import RelaxationSweep
 from resgrid.errors import InputError
 from resgrid.planning.blend import dirichlet_share
 from resgrid.planning.fields import Field
@@ -129,12 +129,12 @@ def plot_dirichlet_share(dirichlet: Field, neumann: Field, k: float, ax: Axes | 
     return axes
 
 
-def plot_settling_sweep(sweeps: Sequence[SettlingSweep], ax: Axes | None = None) -> Axes:
+def plot_settling_sweep(sweeps: Sequence[RelaxationSweep], ax: Axes | None = None) -> Axes:
     """Draw how long a robot takes to arrive while its grid settles, over the ratio of both speeds.
 
     Parameters
     ----------
-    sweeps : sequence of SettlingSweep
+    sweeps : sequence of RelaxationSweep
         Of the same world.
     ax : matplotlib.axes.Axes, optional
         Made when None.
@@ -154,7 +154,7 @@ def plot_settling_sweep(sweeps: Sequence[SettlingSweep], ax: Axes | None = None)
     axes = new_figure(5.4, 3.8).add_subplot() if ax is None else ax
     for sweep, colour, marker in zip(sweeps, (PATHS[3], PATHS[0], PATHS[4]), "osD", strict=False):
         came = sweep.arrived
-        label = f"{_UNITS[sweep.settling.method]}: settles in {sweep.settle:,.0f}"
+        label = f"{_UNITS[sweep.relaxation.method]}: settles in {sweep.settle:,.0f}"
         axes.plot(sweep.ratio, sweep.time, color=colour, linewidth=0.8, alpha=0.6, zorder=2)
         axes.plot(sweep.ratio[came], sweep.time[came], marker, color=colour, markersize=4.5, label=label, zorder=3)
         axes.plot(sweep.ratio[~came], sweep.time[~came], "x", color=colour, markersize=7, markeredgewidth=1.8, zorder=3)

@@ -136,6 +136,15 @@ class Arm(Robot):
             for number, (limits, count) in enumerate(zip(self.limits, counts, strict=True), 1)
         )
 
+    def implied_axes(self) -> tuple[dict[str, Any], ...]:
+        """One axis for each joint, as `axes` makes them; see `Robot.implied_axes`."""
+        axes = self.axes(1)
+        return tuple({key: value for key, value in vars(axis).items() if key != "cells"} for axis in axes)
+
+    def axes_on_map(self, axes: Sequence[Axis], headings: int) -> tuple[Axis, ...]:  # noqa: ARG002
+        """A map says nothing of joints; see `Robot.axes_on_map`."""
+        raise InputError("an arm on a map needs a [grid] for its joints")
+
     def check_axes(self, axes: Sequence[Axis]) -> None:
         """Refuse axes that are not this arm's joints.
 

@@ -6,7 +6,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from itertools import product
 from math import inf
-from typing import TYPE_CHECKING, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -145,6 +145,37 @@ class Robot(ABC):
         Robot
         """
         return self
+
+    def implied_axes(self) -> tuple[dict[str, Any], ...]:
+        """What it knows of its axes before a scene says anything.
+
+        Returns
+        -------
+        tuple of dict
+            Keys of the axes, in order; none where a scene must say all.
+        """
+        return ()
+
+    def axes_on_map(self, axes: Sequence[Axis], headings: int) -> tuple[Axis, ...]:  # noqa: ARG002
+        """Axes of its configuration space on a map of the plane.
+
+        Parameters
+        ----------
+        axes : sequence of Axis
+            Of the map.
+        headings : int
+            Number of cells of a turn, where it turns.
+
+        Returns
+        -------
+        tuple of Axis
+
+        Raises
+        ------
+        InputError
+            If its axes do not follow from the map's.
+        """
+        return tuple(axes)
 
     def check_axes(self, axes: Sequence[Axis]) -> None:  # noqa: B027
         """Refuse axes that are not this robot's.

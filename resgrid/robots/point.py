@@ -119,6 +119,8 @@ class DiscRobot(PointRobot):
         If the radius is not above 0 and finite.
     """
 
+    radius: float
+
     def __post_init__(self) -> None:
         if not 0 < float(self.radius) <= LARGEST:
             raise InputError(f"a disc needs a finite radius above 0, got {self.radius}")

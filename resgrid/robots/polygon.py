@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, isfinite, pi, tau
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -82,6 +82,15 @@ class PolygonRobot(Robot):
             From 0 to ``2 pi turning_length``.
         """
         return Axis(name, 0.0, tau * self.turning_length, cells, periodic=True)
+
+    def implied_axes(self) -> tuple[dict[str, Any], ...]:
+        """Names of x and y, and a full turn; see `Robot.implied_axes`."""
+        turn = {"name": "theta", "lower": 0.0, "upper": tau * self.turning_length, "periodic": True, "unit": "m"}
+        return {"name": "x"}, {"name": "y"}, turn
+
+    def axes_on_map(self, axes: Sequence[Axis], headings: int) -> tuple[Axis, ...]:
+        """The map's, and a full turn; see `Robot.axes_on_map`."""
+        return (*axes, self.turning_axis(headings))
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
         """Refuse axes that are not ``(x, y, theta)``.

@@ -11,16 +11,16 @@ from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
+from resgrid.spice.dialects import DIALECTS
 
 Severity = Literal["error", "warning", "info"]
 
-KINDS = ("resistor", "voltage source", "current source", "capacitor")
+NOMINAL_TEMPERATURE = 27.0
+"""Of a circuit that is no deck, in degrees Celsius."""
+
+KINDS = ("resistor", "voltage source", "current source", "capacitor", "nonlinear resistor")
 """The kinds of element, as in `Netlist`."""
 
-NOMINAL_TEMPERATURE = 27.0
-"""Temperature at which values hold unless a deck says otherwise, in degrees Celsius (HSPICE: 25)."""
-
-_HSPICE_NOMINAL = 25.0
 _ARRAYS = (
     "resistor_nodes",
     "resistance",
@@ -32,6 +32,9 @@ _ARRAYS = (
     "current_amps",
     "capacitor_nodes",
     "capacitance",
+    "nonlinear_nodes",
+    "nonlinear_current",
+    "nonlinear_voltage",
 )
 
 
@@ -113,6 +116,8 @@ class ParsedDeck:
         Node the current is taken from, node it is fed into (SPICE's plus and minus); amperes.
     capacitor_nodes, capacitance : ndarray, shapes (k, 2) and (k,)
         In farads; open at direct current.
+    nonlinear_nodes, nonlinear_current, nonlinear_voltage : ndarray, shapes (n, 2), (n,) and (n,)
+        Resistors that carry ``current tanh(V / voltage)``; in amperes and volts.
     element_names : mapping of str to tuple of str
         Per kind (`KINDS`) one name an element.
     place : mapping of str to ndarray of int64, shape (elements, 2)
@@ -145,6 +150,9 @@ class ParsedDeck:
     current_amps: NDArray[np.float64]
     capacitor_nodes: NDArray[np.int32]
     capacitance: NDArray[np.float64]
+    nonlinear_nodes: NDArray[np.int32]
+    nonlinear_current: NDArray[np.float64]
+    nonlinear_voltage: NDArray[np.float64]
     element_names: Mapping[str, tuple[str, ...]]
     place: Mapping[str, NDArray[np.int64]]
     files: tuple[str, ...]
@@ -182,7 +190,7 @@ class ParsedDeck:
     @property
     def heating(self) -> float:
         """How far the deck's temperature lies above the nominal one, in kelvin."""
-        usual = _HSPICE_NOMINAL if self.dialect == "hspice" else NOMINAL_TEMPERATURE
+        usual = DIALECTS[self.dialect].nominal_temperature if self.dialect in DIALECTS else NOMINAL_TEMPERATURE
         nominal = usual if self.nominal_temperature is None else self.nominal_temperature
         return (usual if self.temperature is None else self.temperature) - nominal
 
@@ -224,6 +232,9 @@ class ParsedDeck:
             current_amps=self.current_amps,
             capacitor_nodes=self.capacitor_nodes,
             capacitance=self.capacitance,
+            nonlinear_nodes=self.nonlinear_nodes,
+            nonlinear_current=self.nonlinear_current,
+            nonlinear_voltage=self.nonlinear_voltage,
             tc1=None if tc1 is None else tc1[keeps],
             tc2=None if tc2 is None else tc2[keeps],
             node_names=self.node_names,

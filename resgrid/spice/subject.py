@@ -123,12 +123,11 @@ def subject_of(circuit: Netlist | ParsedDeck) -> Subject:
         "voltage source": circuit.source_nodes,
         "current source": circuit.current_nodes,
         "capacitor": circuit.capacitor_nodes,
+        "nonlinear resistor": circuit.nonlinear_nodes,
     }
     volts, amps = circuit.source_volts, circuit.current_amps
     if isinstance(circuit, ParsedDeck):
-        ends["nonlinear resistor"] = np.empty((0, 2), dtype=np.int32)
         return Subject(len(circuit.node_names), ends, circuit.resistance, volts, amps, deck=circuit)
-    ends["nonlinear resistor"] = circuit.nonlinear_nodes
     with np.errstate(over="ignore"):
         resistance = 1 / circuit.conductance
     return Subject(circuit.node_count, ends, resistance, volts, amps, netlist=circuit)

@@ -12,6 +12,7 @@ import resgrid as rg
 from resgrid.chip.passes.values import Temperature
 from resgrid.die import generator, seed_of
 from resgrid.space import Cell
+from resgrid.spice.write.flat import flatten
 
 SWITCHES = {
     "obstacle_switch_on": 100.0,
@@ -54,7 +55,7 @@ def test_ngspice_heats_the_chip_by_its_own_coefficients(tmp_path: Path) -> None:
     chip = rg.Chip(tc1=2e-3, tc2=-3e-6, mismatch=0.1, **SWITCHES)
     netlist = rg.compile_chip(scene(), chip)
     deck = tmp_path / "hot.cir"
-    deck.write_text(rg.format_deck(netlist).replace("\n.end", "\n.temp 110\n.end"))
+    deck.write_text(flatten(netlist).text.replace("\n.end", "\n.temp 110\n.end"))
     told = rg.run_ngspice(deck).voltage
     point = rg.solve(Temperature(110.0).apply(netlist))
     names = netlist.names_of(np.arange(1, netlist.node_count))

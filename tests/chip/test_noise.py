@@ -15,6 +15,7 @@ import resgrid as rg
 from resgrid.chip.modes import fastest_time_constant
 from resgrid.chip.noise import BOLTZMANN, ROOM, analyse_noise, noise_covariance, noise_density
 from resgrid.nodal.dynamics import dynamics_of
+from resgrid.spice.write.flat import flatten
 
 
 def exact_power(exact: ExactMotion, low: float, high: float) -> np.ndarray:
@@ -56,7 +57,7 @@ def test_ngspice_integrates_the_same_noise(tmp_path: Path) -> None:
     node = int(netlist.cells.node[3, 4])
     low, high = 1e3, 100 / (2 * np.pi * fastest_time_constant(dynamics_of(netlist)))
     control = f".control\nnoise v(n_3_4) v_obstacle dec 40 {low!r} {high!r}\nsetplot noise2\nprint onoise_total\n.endc"
-    deck = rg.format_deck(netlist).replace("\n.end\n", f"\n{control}\n.end\n")
+    deck = flatten(netlist).text.replace("\n.end\n", f"\n{control}\n.end\n")
     deck = re.sub(r"(?m)^(v_obstacle .*)$", r"\1 ac 1", deck)
     (tmp_path / "noise.cir").write_text(deck)
     said = subprocess.run(
@@ -74,7 +75,7 @@ def test_ngspice_integrates_the_same_noise(tmp_path: Path) -> None:
 def test_ngspice_shows_the_same_spot_density(tmp_path: Path) -> None:
     netlist = random_dynamics(2)
     statements = ".ac dec 1 1e5 1e11\ni_probe 0 node_9 dc 0 ac 1"
-    raw = run_analysis(rg.format_deck(netlist), statements, tmp_path)
+    raw = run_analysis(flatten(netlist).text, statements, tmp_path)
     frequency = raw.values[:, raw.names.index("frequency")].real
     impedance = raw.values[:, raw.names.index("v(node_9)")].real
     found = noise_density(netlist, [9], frequency)

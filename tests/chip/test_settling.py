@@ -12,6 +12,7 @@ import resgrid as rg
 from resgrid.chip.modes import fastest_time_constant, slowest_modes
 from resgrid.chip.settling import analyse_settling
 from resgrid.nodal.dynamics import dynamics_of
+from resgrid.spice.write.flat import flatten
 
 R, C = 10e3, 1e-12
 
@@ -102,7 +103,7 @@ def test_ngspice_shows_the_same_slowest_time_constant(tmp_path: Path) -> None:
     netlist = small_scene(boundary="neumann")
     tau = slowest_modes(dynamics_of(netlist), 1)[0][0]
     statements = f".options method=trap reltol=1e-6\n.tran {tau / 500} {6 * tau} 0 {tau / 500} uic"
-    raw = run_analysis(rg.format_deck(netlist), statements, tmp_path)
+    raw = run_analysis(flatten(netlist).text, statements, tmp_path)
     clock = raw.values[:, raw.names.index("time")]
     volts = raw.values[:, raw.names.index("v(n_15_15)")]
     final = rg.solve(netlist).voltage[netlist.cells.node[15, 15]]

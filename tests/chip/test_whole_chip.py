@@ -20,6 +20,7 @@ from resgrid.chip.sensitivity import analyse_sensitivity
 from resgrid.chip.settling import analyse_settling
 from resgrid.scene.chip import Chip
 from resgrid.spice.run.rawfile import read_rawfile
+from resgrid.spice.write.flat import flatten
 
 CHIP = Chip(
     capacitance=1e-12,
@@ -50,7 +51,7 @@ def test_it_moves_as_ngspice_says_and_ends_in_its_operating_point(
     slowest = float(analyse_settling(netlist).time_constants[0])
     times = slowest * np.linspace(0.2, 3.0, 10)
     statements = f".options method=trap reltol=1e-5\n.tran {slowest / 150} {times[-1]} 0 {slowest / 150} uic"
-    raw = run_analysis(rg.format_deck(netlist), statements, tmp_path)
+    raw = run_analysis(flatten(netlist).text, statements, tmp_path)
     clock = raw.values[:, raw.names.index("time")]
     found = rg.transient(netlist, [*times, 1e3 * slowest])
     free = netlist.cells.free_node
@@ -64,7 +65,7 @@ def test_its_noise_is_that_of_ngspice(netlist: rg.Netlist, tmp_path: Path) -> No
     """By the spectrum: ngspice's own integral is NaN once a resistor contributes nothing at all."""
     band = (1e3, 100 / (2 * np.pi * analyse_settling(netlist).fastest))
     node = int(netlist.cells.node[3, 4])
-    deck = re.sub(r"(?m)^(v_obstacle .*)$", r"\1 ac 1", rg.format_deck(netlist))
+    deck = re.sub(r"(?m)^(v_obstacle .*)$", r"\1 ac 1", flatten(netlist).text)
     control = f"noise v(n_3_4) v_obstacle dec 40 {band[0]!r} {band[1]!r}\nsetplot noise1\nwrite out.raw onoise_spectrum"
     (tmp_path / "noise.cir").write_text(deck.replace("\n.end\n", f"\n.control\n{control}\n.endc\n.end\n"))
     program = [shutil.which("ngspice"), "-n", "-b", "noise.cir"]

@@ -193,7 +193,7 @@ def test_permissions_are_named(call, room, monkeypatch):
         (["extra"], ["extra"]),
         (["-o", "paths.xls"], [".csv"]),
         (["-o", ""], ["-o", "empty"]),
-        (["--k", "0.5", "--drive", "start"], ["k = 0.5", "--drive uniform"]),
+        (["--k", "0.5", "--drive", "start"], ["k = 0.5", "drive = 'uniform'"]),
         (["-o", "-", "--json"], ["--json"]),
     ],
 )

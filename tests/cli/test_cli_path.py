@@ -81,7 +81,7 @@ def test_files_hold_the_timed_columns(call, room, tmp_path, suffix):
     [
         (("--speed", "fast"), "--speed 'fast'"),
         (("--speed", "0"), "--speed 0: a limit is positive"),
-        (("--speed", "nan"), "--speed nan"),
+        (("--speed", "nan"), "--speed 'nan'"),
         (("--speed", "1,2,3"), "--speed: 3 numbers for x, y"),
         (("--acceleration", "1"), "--acceleration"),
         (("--rate", "10"), "--rate"),

@@ -63,7 +63,7 @@ def test_every_verb_has_help_and_completion():
     commands = done.stdout[done.stdout.index("Commands:") :]
     positions = [commands.index(f"\n  {verb} ") for verb in verbs]
     assert positions == sorted(positions)
-    environment = {**os.environ, "_RESGRID_COMPLETE": "bash_complete", "COMP_WORDS": "resgrid com", "COMP_CWORD": "1"}
+    environment = {**os.environ, "_RESGRID_COMPLETE": "bash_complete", "COMP_WORDS": "resgrid compi", "COMP_CWORD": "1"}
     done = subprocess.run(COMMAND, capture_output=True, text=True, check=True, env=environment)
     assert done.stdout.split() == ["plain,compile"]
 
@@ -113,10 +113,10 @@ def test_errors_are_coloured_on_a_terminal_only(tmp_path, colourless):
 
 def test_a_bar_tells_the_time_left_on_a_terminal(tmp_path):
     script = (
-        "import time\nfrom resgrid.cli.report import Report\n"
-        "with Report().stage('follow the current', steps=4) as progress:\n"
+        "import time\nfrom resgrid.cli.report import stage\n"
+        "with stage('follow the current', steps=4) as progress:\n"
         "    for _ in range(4):\n        time.sleep(0.4); progress.advance()\n"
-        "with Report().stage('solve the chip', seconds=9.0):\n    time.sleep(1.3)\n"
+        "with stage('solve the chip', seconds=9.0):\n    time.sleep(1.3)\n"
     )
     said = on_terminal([], {**os.environ, "TERM": "xterm"}, [sys.executable, "-c", script])
     assert "follow the current" in said and "solve the chip" in said

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from resgrid.cli.folder import whole_folder
 from resgrid.errors import InputError
+from resgrid.files import whole_folder
 
 
 def names(folder: Path) -> set[str]:

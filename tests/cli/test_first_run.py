@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from resgrid.cli.first_run import is_first_run
+from resgrid.cli.scenes import is_first_run
 
 
 def test_a_kept_loop_ends_the_first_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

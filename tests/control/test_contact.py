@@ -8,7 +8,7 @@ import shapely
 from hypothesis import given, settings, strategies as st
 from scipy.optimize import nnls
 
-from resgrid.control.contact import Surroundings, surroundings, touch
+from resgrid.control.contact import Surroundings, solve_contacts, surroundings
 from resgrid.control.plant import make_plant, plant_of
 from resgrid.errors import InputError
 from resgrid.robots import (
@@ -123,7 +123,7 @@ def test_contact_forces_obey_coulomb_and_power_balances(robot: Robot, seed: int,
     free = rng.normal(size=len(q))
     root = rng.normal(size=(len(q), len(q)))
     give = root @ root.T + np.eye(len(q))
-    felt = touch(around, np.ones(len(around.gap), bool), free, give, mu, np.zeros(len(around.gap)))
+    felt = solve_contacts(around, np.ones(len(around.gap), bool), free, give, mu, np.zeros(len(around.gap)))
     np.testing.assert_allclose(felt.velocity, free + give @ felt.torque, atol=1e-9)
     power = 0.0
     for k in range(len(felt.gap)):
@@ -148,7 +148,7 @@ def test_a_force_inside_the_friction_cone_sticks() -> None:
     pose = plant.pose(np.array([0.0, 0.5005]))
     around = surroundings(pose, plant.near(pose, 0.01))
     for mu, sticks in ((0.0, False), (0.9, False), (1.1, True)):
-        felt = touch(around, np.array([True]), np.array([1.0, -1.0]), np.eye(2), mu, np.zeros(1))
+        felt = solve_contacts(around, np.array([True]), np.array([1.0, -1.0]), np.eye(2), mu, np.zeros(1))
         assert felt.sticking.tolist() == [sticks]
         np.testing.assert_allclose(felt.velocity, [0.0 if sticks else 1 - mu, 0.0], atol=1e-12)
         np.testing.assert_allclose(felt.force, [[-1.0 if sticks else -mu, 1.0]], atol=1e-12)
@@ -167,7 +167,7 @@ def test_without_friction_the_velocity_is_projected_onto_what_gaps_allow(ndim, c
     root = rng.normal(size=(ndim, ndim))
     give, free = root @ root.T + 0.1 * np.eye(ndim), rng.normal(size=ndim)
     around = Surroundings(np.zeros((count, 11)), rows, rng.normal(size=(count, ndim)))
-    felt = touch(around, np.ones(count, bool), free, give, 0.0, np.zeros(count))
+    felt = solve_contacts(around, np.ones(count, bool), free, give, 0.0, np.zeros(count))
     factor = np.linalg.cholesky(give)
     force, _ = nnls((rows @ factor).T, -np.linalg.solve(factor, free))
     assert felt.solved
@@ -184,7 +184,7 @@ def test_a_point_driven_into_a_wedge_stands(degrees, friction) -> None:
     pose = plant.pose(np.array([-0.5, 0.0]))
     around = surroundings(pose, plant.near(pose, 0.501 * np.sin(half)))
     free = np.array([1.0, 0.3 * np.tan(half)])
-    felt = touch(around, np.ones(2, bool), free, np.eye(2), friction, np.zeros(2))
+    felt = solve_contacts(around, np.ones(2, bool), free, np.eye(2), friction, np.zeros(2))
     np.testing.assert_allclose(felt.velocity, 0.0, atol=1e-9)
     np.testing.assert_allclose(felt.force.sum(axis=0), -free, atol=1e-6)
     if not friction:
@@ -197,7 +197,7 @@ def test_a_stop_and_an_obstacle_are_contacts_of_one_problem() -> None:
     pose = plant.pose(np.array([2.999, 3.0]))
     around = surroundings(pose, plant.near(pose, 0.01))
     stop = np.array([[0.0, -1.0]])
-    felt = touch(around, np.array([True]), np.array([1.0, 0.2]), np.eye(2), 0.0, np.zeros(1), stop)
+    felt = solve_contacts(around, np.array([True]), np.array([1.0, 0.2]), np.eye(2), 0.0, np.zeros(1), stop)
     np.testing.assert_allclose(felt.velocity, 0.0, atol=1e-12)
     np.testing.assert_allclose(felt.torque, [-1.0, -0.2], atol=1e-12)
     np.testing.assert_allclose(felt.normal_torque, [-1.0, 1.0], atol=1e-12)
@@ -208,7 +208,7 @@ def test_a_stiff_axis_is_felt_as_well(stiff) -> None:
     plant = make_plant(PointRobot(), PLANE, [HalfSpace((0.0, 1.0), 0.0)])
     pose = plant.pose(np.array([0.0, 0.001]))
     around = surroundings(pose, plant.near(pose, 0.01))
-    felt = touch(around, np.array([True]), np.array([0.3, -1.0]), np.diag([1.0, stiff]), 0.0, np.zeros(1))
+    felt = solve_contacts(around, np.array([True]), np.array([0.3, -1.0]), np.diag([1.0, stiff]), 0.0, np.zeros(1))
     np.testing.assert_allclose(felt.velocity, [0.3, 0.0], atol=1e-12)
     assert felt.force[0, 1] == pytest.approx(1 / stiff)
 
@@ -219,7 +219,7 @@ def test_a_bar_laid_flat_on_a_box_touches_with_both_ends() -> None:
     pose = plant.pose(np.array([0.3, 0.101, 0.0]))
     around = surroundings(pose, plant.near(pose, 0.01))
     assert sorted(around.pairs[:, 0].tolist()) == pytest.approx([-0.2, 0.8])
-    felt = touch(around, np.array([True, True]), np.array([0.0, -1.0, 0.0]), np.eye(3), 0.3, np.zeros(2))
+    felt = solve_contacts(around, np.array([True, True]), np.array([0.0, -1.0, 0.0]), np.eye(3), 0.3, np.zeros(2))
     np.testing.assert_allclose(felt.velocity, 0.0, atol=1e-9)
     assert felt.force[:, 1].sum() == pytest.approx(1.0)
 

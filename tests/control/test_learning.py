@@ -7,7 +7,9 @@ import pytest
 from hypothesis import example, given, settings, strategies as st
 from support.hidden import square
 
-from resgrid.control.learning import INSIDE, learn, proven_cells, resolver, scene_resolver, workspace_cells
+from resgrid.control.belief import LiveMap
+from resgrid.control.controller import make_controller
+from resgrid.control.learning import INSIDE, proven_cells, resolver, scene_resolver
 from resgrid.control.plant import make_plant
 from resgrid.errors import CircuitError, InputError
 from resgrid.robots import Arm, Ball, Box, DiscRobot, Polygon, PolygonRobot, Robot
@@ -59,15 +61,11 @@ def test_learning_takes_cells_out_and_leaves_the_rest() -> None:
     space = square()
     cells = np.zeros(space.shape, bool)
     cells[3:5, 2], cells[8, 1] = True, True
-    wiser = learn(space, cells)
-    np.testing.assert_array_equal(wiser.cell == Cell.OBSTACLE, cells)
-    assert wiser.goal_count == 0
+    live = LiveMap(make_controller(resolver()(space)), resolver(), None)
+    live.mark(cells)
+    np.testing.assert_array_equal(live.space.cell == Cell.OBSTACLE, cells)
+    assert live.space.goal_count == 0
     assert space.goal_count == 1
-
-
-def test_the_workspace_is_marked_where_it_was_touched() -> None:
-    marked = workspace_cells([(0.1, 0.1), (1.9, -1.9), (7.0, 0.0)], PLANE)
-    assert np.argwhere(marked.mask).tolist() == [[8, 8], [16, 0]]
 
 
 def test_a_blend_without_any_obstacle_is_the_one_asked_for_and_follows_its_neumann_part() -> None:

@@ -12,10 +12,9 @@ from support.hidden import hiding, square
 
 from resgrid.control.controller import make_controller
 from resgrid.control.learning import resolver
-from resgrid.control.log import Ending, Mode, Run
+from resgrid.control.log import End, Ending, Mode, Recorder, Run
 from resgrid.control.plant import Plant, make_plant
 from resgrid.control.pushes import Push
-from resgrid.control.recorder import Recorder
 from resgrid.control.simulation import Simulation
 from resgrid.errors import InputError
 from resgrid.robots import Arm, Ball, Box, DiscRobot, HalfSpace, PointRobot, Polygon, PolygonRobot, Robot, Shape
@@ -199,7 +198,7 @@ def test_depth_is_measured_between_rows_and_an_entry_is_no_arrival() -> None:
         recorder = Recorder(2)
         for time, y in enumerate((2.9, 3.1)):
             recorder.add(float(time), np.array([4.0, y]), np.array([4.0, y]), none, Mode.STREAMLINE, None, none)
-        run = recorder.run((Ending.ARRIVED, ""), 0, (), space, field, plant)
+        run = recorder.run(End(Ending.ARRIVED, ""), 0, (), field, space, plant, None)
         assert 0 < run.penetration <= 1e-4
         assert run.ending is Ending.ENTERED
         assert "entered an obstacle" in run.message

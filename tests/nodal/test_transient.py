@@ -10,6 +10,7 @@ from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.nodal.stepping import METHODS
+from resgrid.spice.write.flat import flatten
 
 
 def one_pole(**changes: object) -> rg.Netlist:
@@ -62,7 +63,7 @@ def test_ngspice_follows_the_same_curve(boundary: str, tmp_path: Path) -> None:
     times = slowest * np.linspace(0.3, 3.0, 10)
     step = slowest / 1000
     statements = f".options method=trap reltol=1e-6\n.tran {step} {times[-1]} 0 {step} uic"
-    raw = run_analysis(rg.format_deck(netlist), statements, tmp_path)
+    raw = run_analysis(flatten(netlist).text, statements, tmp_path)
     found = rg.transient(netlist, times, tolerance=1e-6)
     free = netlist.cells.free_node
     clock = raw.values[:, raw.names.index("time")]

@@ -15,9 +15,9 @@ from support.spaces import space_of, spaces
 import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError
+from resgrid.io.paths import path_columns, write_path
 from resgrid.nodal.solve import solve
 from resgrid.planning.certify import certify, certify_free
-from resgrid.planning.export import path_columns, write_path
 from resgrid.planning.fields import Field, undriven_field
 from resgrid.planning.shortcut import shorten
 from resgrid.planning.streamline import Outcome, length_of, unwrap

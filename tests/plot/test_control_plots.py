@@ -10,10 +10,9 @@ from matplotlib.quiver import Quiver
 from PIL import Image
 
 import resgrid as rg
-from resgrid.control.fronts import Wavefront, wavefront
 from resgrid.control.log import Mode, Run
-from resgrid.control.settling import GridSettling
-from resgrid.control.settling_ratio import SettlingSweep
+from resgrid.control.relaxation import Relaxation, Wavefront, wavefront
+from resgrid.control.relaxation_ratio import RelaxationSweep
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.plot.animations import frame_rows, run_frames, wavefront_frames
 from resgrid.plot.films import check_animation, save_animation
@@ -94,8 +93,8 @@ def test_the_share_of_dirichlet_lies_between_none_and_all(space, field, neumann)
 
 def test_a_sweep_marks_what_did_not_arrive() -> None:
     ratio = np.array([100.0, 10.0])
-    sweep = SettlingSweep(
-        GridSettling("sor"), 50.0, 50 / ratio, ratio, (rg.Ending.STALLED, rg.Ending.ARRIVED), np.array([80.0, 20.0]),
+    sweep = RelaxationSweep(
+        Relaxation("sor"), 50.0, 50 / ratio, ratio, (rg.Ending.STALLED, rg.Ending.ARRIVED), np.array([80.0, 20.0]),
         np.array([40.0, 0.0]), 19.0,
     )  # fmt: skip
     assert (sweep.safe_ratio, sweep.failing_ratio) == (10.0, 100.0)
@@ -109,7 +108,7 @@ def test_a_sweep_marks_what_did_not_arrive() -> None:
 def front(scene: rg.Scene) -> Wavefront:
     sim = rg.simulation(scene)
     return wavefront(
-        rg.grid_settling(scene, pace=2.0), sim.space, sim.plant.true_space(sim.space), np.array([0.0, 1, 5])
+        rg.make_relaxation(scene, pace=2.0), sim.space, sim.plant.true_space(sim.space), np.array([0.0, 1, 5])
     )
 
 

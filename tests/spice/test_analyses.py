@@ -6,6 +6,7 @@ import json
 import math
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -13,12 +14,10 @@ from support.circuits import ladder
 from support.grammar import strangers
 from support.simulators import run, verdict, waves
 from support.spaces import space_of
+from support.tiles import tiled
 
 import resgrid as rg
-from resgrid.spice.write.files import write_spice
-from resgrid.spice.write.tiles import Tile, expanded_netlist
 
-TILE = Tile(capacitance=1e-12)
 ALL = {
     "operating": [rg.OperatingAnalysis()],
     "transient": [
@@ -35,13 +34,23 @@ ALL = {
 }
 
 
-def scene(blocked: tuple[int, int] = (2, 3), **options: object) -> rg.Netlist:
+def space(blocked: tuple[int, int] = (2, 3)) -> rg.ConfigurationSpace:
     cell = np.zeros((6, 5), dtype=np.uint8)
     cell[blocked], cell[5, 4] = 1, 2
-    return rg.compile_space(space_of(cell), **options)
+    return space_of(cell)
 
 
-def whole(deck: rg.spice.writer.WrittenDeck) -> str:
+def scene(blocked: tuple[int, int] = (2, 3), **options: object) -> rg.Netlist:
+    return rg.compile_space(space(blocked), **options)
+
+
+def tiles(blocked: tuple[int, int] = (2, 3), **options: object) -> tuple[rg.Netlist, rg.Chip]:
+    names = ("supply", "wall_resistance")
+    chip = rg.Chip(capacitance=1e-12, **{name: options[name] for name in names if name in options})
+    return tiled(space(blocked), chip, **options)
+
+
+def whole(deck: Any) -> str:
     files = [deck.path, deck.commands, deck.chip, deck.pattern]
     return "".join(file.read_text() for file in files if file is not None)
 
@@ -50,7 +59,7 @@ def whole(deck: rg.spice.writer.WrittenDeck) -> str:
 @pytest.mark.parametrize("dialect", ["xyce", "spectre"])
 @pytest.mark.parametrize("asked", ALL.values(), ids=ALL)
 def test_decks_keep_the_grammar(tmp_path: Path, dialect: str, form: str, asked: list[object]) -> None:
-    after = scene((1, 1)) if form == "cells" else scene(supply=2.0)
+    after = tiles((1, 1))[0] if form == "cells" else scene(supply=2.0)
     asked = [
         rg.TransientAnalysis(2e-6, 4e-9, after) if isinstance(item, rg.TransientAnalysis) else item for item in asked
     ]
@@ -59,7 +68,8 @@ def test_decks_keep_the_grammar(tmp_path: Path, dialect: str, form: str, asked: 
             continue
         if any(isinstance(item, rg.TransientAnalysis) for item in asked) and options:
             continue
-        written = write_spice(scene(**options), tmp_path / "a.cir", dialect, form=form, tile=TILE, analyses=asked)
+        netlist, chip = tiles(**options) if form == "cells" else (scene(**options), None)
+        written = rg.write_spice(netlist, tmp_path / "a.cir", dialect, form=form, chip=chip, analyses=asked)
         assert strangers(whole(written), dialect) == []
 
 
@@ -71,24 +81,25 @@ def test_the_grammar_can_refuse() -> None:
 
 @pytest.mark.parametrize("dialect", ["ngspice", "ltspice", "hspice"])
 def test_a_transient_goes_from_scene_to_scene(tmp_path: Path, dialect: str) -> None:
-    asked = [rg.TransientAnalysis(4e-6, 4e-9, scene((1, 1), supply=2.0))]
-    written = write_spice(scene(), tmp_path / "a.cir", dialect, form="cells", tile=TILE, analyses=asked)
+    (before, chip), (after, _) = tiles(), tiles((1, 1), supply=2.0)
+    asked = [rg.TransientAnalysis(4e-6, 4e-9, after)]
+    written = rg.write_spice(before, tmp_path / "a.cir", dialect, form="cells", chip=chip, analyses=asked)
     run(written.commands, dialect)
     found = waves(tmp_path / "out.raw")
-    for moment, netlist in ((0, scene()), (-1, scene((1, 1), supply=2.0))):
-        tiled = expanded_netlist(netlist, TILE)
-        voltage = rg.solve(tiled).voltage
-        for node in range(1, tiled.node_count):
-            assert found[tiled.node_name(node)][moment] == pytest.approx(voltage[node], rel=0, abs=1e-6)
+    for moment, netlist in ((0, before), (-1, after)):
+        voltage = rg.solve(netlist).voltage
+        for node in range(1, netlist.node_count):
+            assert found[netlist.node_name(node)][moment] == pytest.approx(voltage[node], rel=0, abs=1e-6)
 
 
 def test_ngspice_measures_what_its_waves_show(tmp_path: Path) -> None:
     asked = [rg.OperatingAnalysis(), *ALL["transient"], rg.TemperatureAnalysis((27.0, 85.0))]
-    asked[1] = rg.TransientAnalysis(2e-6, 4e-9, scene((1, 1), supply=2.0))
-    ends = [rg.solve(expanded_netlist(netlist, TILE)) for netlist in (scene(), asked[1].after)]
+    (before, chip), (after, _) = tiles(), tiles((1, 1), supply=2.0)
+    asked[1] = rg.TransientAnalysis(2e-6, 4e-9, after)
+    ends = [rg.solve(netlist) for netlist in (before, after)]
     middle = float(np.mean([point.voltage[point.netlist.cells.node[0, 1]] for point in ends]))
     asked[5] = rg.Measure("passed", "n_0_1", "crossing", middle)
-    written = write_spice(scene(), tmp_path / "a.cir", form="cells", tile=TILE, analyses=asked)
+    written = rg.write_spice(before, tmp_path / "a.cir", form="cells", chip=chip, analyses=asked)
     command = written.commands.read_text().splitlines()[1].removeprefix("* ").split()
     assert command[:2] == ["ngspice", "-n"]
     said = run(written.commands).stdout
@@ -102,18 +113,18 @@ def test_ngspice_measures_what_its_waves_show(tmp_path: Path) -> None:
 
 
 def test_drives_step_too(tmp_path: Path) -> None:
-    before, after = scene(boundary="neumann"), scene((1, 1), boundary="neumann")
+    (before, chip), (after, _) = tiles(boundary="neumann"), tiles((1, 1), boundary="neumann")
     asked = [rg.TransientAnalysis(2e-5, 2e-8, after)]
-    written = write_spice(before, tmp_path / "a.cir", form="cells", tile=TILE, analyses=asked)
+    written = rg.write_spice(before, tmp_path / "a.cir", form="cells", chip=chip, analyses=asked)
     run(written.commands)
-    found, tiled = waves(tmp_path / "out.raw"), expanded_netlist(after, TILE)
-    voltage, blocked = rg.solve(tiled).voltage, int(tiled.cells.node[1, 1])
-    for node in set(range(1, tiled.node_count)) - {blocked}:  # that one discharges through open switches
-        assert found[tiled.node_name(node)][-1] == pytest.approx(voltage[node], rel=1e-3, abs=1e-3)
+    found, voltage = waves(tmp_path / "out.raw"), rg.solve(after).voltage
+    blocked = int(after.cells.node[1, 1])
+    for node in set(range(1, after.node_count)) - {blocked}:  # that one discharges through open switches
+        assert found[after.node_name(node)][-1] == pytest.approx(voltage[node], rel=1e-3, abs=1e-3)
 
 
 def test_noise_is_that_of_the_resistance_seen(tmp_path: Path) -> None:
-    written = write_spice(scene(), tmp_path / "a.cir", analyses=[rg.NoiseAnalysis("n_2_2", 1.0, 10.0)])
+    written = rg.write_spice(scene(), tmp_path / "a.cir", analyses=[rg.NoiseAnalysis("n_2_2", 1.0, 10.0)])
     run(written.commands)
     density = waves(tmp_path / "out.raw")["onoise_spectrum"][0]
     netlist = scene()
@@ -130,7 +141,7 @@ def test_temperatures_are_swept(tmp_path: Path) -> None:
     heated = netlist.replace(
         tc1=np.linspace(0, 5e-3, len(netlist.conductance)), tc2=np.full(len(netlist.conductance), 1e-6)
     )
-    written = write_spice(heated, tmp_path / "a.cir", analyses=[rg.TemperatureAnalysis((27.0, 87.0))])
+    written = rg.write_spice(heated, tmp_path / "a.cir", analyses=[rg.TemperatureAnalysis((27.0, 87.0))])
     run(written.commands)
     factor = 1 + heated.tc1 * 60 + heated.tc2 * 3600
     for celsius, scale in (("27.0", 1.0), ("87.0", factor)):
@@ -143,7 +154,9 @@ def test_temperatures_are_swept(tmp_path: Path) -> None:
 def test_mismatch_has_a_seed(tmp_path: Path, form: str) -> None:
     texts = []
     for i, seed in enumerate((1, 1, 2)):
-        written = write_spice(scene(), tmp_path / f"{i}.cir", form=form, analyses=[rg.MismatchAnalysis(0.02, seed)])
+        netlist, chip = tiles() if form == "cells" else (scene(), None)
+        asked = [rg.MismatchAnalysis(0.02, seed)]
+        written = rg.write_spice(netlist, tmp_path / f"{i}.cir", form=form, chip=chip, analyses=asked)
         assert verdict(written.companion) == (0, "PASS")
         texts.append((written.chip or written.path).read_text().replace(f"{i}.cir", ""))
     assert texts[0] == texts[1] != texts[2]
@@ -160,7 +173,9 @@ def test_mismatch_has_a_seed(tmp_path: Path, form: str) -> None:
 def test_ngspice_draws_mismatch(tmp_path: Path, form: str) -> None:
     found = []
     for name in ("a.cir", "b.cir"):
-        written = write_spice(scene(), tmp_path / name, form=form, analyses=[rg.MismatchAnalysis(0.05, 7, runs=4)])
+        netlist, chip = tiles() if form == "cells" else (scene(), None)
+        asked = [rg.MismatchAnalysis(0.05, 7, runs=4)]
+        written = rg.write_spice(netlist, tmp_path / name, form=form, chip=chip, analyses=asked)
         assert written.companion is None
         run(written.commands)
         found.append([waves(tmp_path / f"run.raw.{i}")["n_4_3"][0] for i in range(1, 5)])
@@ -175,28 +190,23 @@ def test_a_saturating_resistor_is_a_behavioural_source(tmp_path: Path) -> None:
     )
     voltage = rg.solve(netlist).voltage
     for dialect in ("ngspice", "ltspice", "hspice"):
-        write_spice(netlist, tmp_path / "a.cir", dialect)
+        rg.write_spice(netlist, tmp_path / "a.cir", dialect)
         (tmp_path / "run").write_text('* run\n.include "a.cir"\n.op\n.end\n')
         run(tmp_path / "run", dialect)
         found = waves(tmp_path / "out.raw")
         for node in range(1, netlist.node_count):
             assert found[netlist.node_name(node)][0] == pytest.approx(voltage[node], rel=0, abs=1e-9)
-    assert verdict(write_spice(netlist, tmp_path / "a.cir").companion) == (0, "PASS")
+    assert verdict(rg.write_spice(netlist, tmp_path / "a.cir").companion) == (0, "PASS")
     for dialect in ("xyce", "spectre"):
-        assert strangers(whole(write_spice(netlist, tmp_path / "b.cir", dialect)), dialect) == []
+        assert strangers(whole(rg.write_spice(netlist, tmp_path / "b.cir", dialect)), dialect) == []
 
 
 def test_the_sidecar_tells_what_was_asked(tmp_path: Path) -> None:
     asked = [rg.TransientAnalysis(1e-6, 1e-9), rg.NoiseAnalysis("n_0_0")]
     expected = {"noise": {"density": 1e-8}}
-    written = write_spice(
-        scene(),
-        tmp_path / "a.cir",
-        analyses=asked,
-        expected=expected,
-        scene_sha256="00",
-        operating_point=rg.solve(scene()),
-        form="cells",
+    netlist, chip = tiles()
+    written = rg.write_spice(
+        netlist, tmp_path / "a.cir", analyses=asked, expected=expected, scene_sha256="00", form="cells", chip=chip
     )
     sidecar = json.loads(written.sidecar.read_text())
     assert [item["kind"] for item in sidecar["analyses"]] == ["transient", "noise"]
@@ -204,7 +214,7 @@ def test_the_sidecar_tells_what_was_asked(tmp_path: Path) -> None:
     assert sidecar["scene_sha256"] == "00"
     assert 0 < sidecar["difference_from_flat"] < 5e-3
     with pytest.raises(rg.InputError, match="without NaN"):
-        write_spice(scene(), tmp_path / "a.cir", expected={"noise": float("nan")})
+        rg.write_spice(scene(), tmp_path / "a.cir", expected={"noise": float("nan")})
 
 
 @pytest.mark.parametrize(
@@ -222,7 +232,7 @@ def test_what_does_not_fit_is_refused(
     tmp_path: Path, asked: list[object], options: dict[str, str], message: str
 ) -> None:
     with pytest.raises(rg.InputError, match=message):
-        write_spice(scene(), tmp_path / "a.cir", analyses=asked, **options)
+        rg.write_spice(scene(), tmp_path / "a.cir", analyses=asked, **options)
     assert list(tmp_path.iterdir()) == []
 
 

@@ -15,7 +15,7 @@ from resgrid.spice.write.files import write_spice
 @pytest.fixture
 def deck(tmp_path: Path):
     netlist = random_grid(3, side=9)
-    return write_spice(netlist, tmp_path / "a.cir", operating_point=rg.solve(netlist))
+    return write_spice(rg.solve(netlist), tmp_path / "a.cir")
 
 
 def test_it_passes_what_was_written(deck) -> None:

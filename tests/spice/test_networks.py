@@ -43,7 +43,7 @@ def everything(seed: int) -> rg.Netlist:
 def test_a_netlist_is_read_as_it_was_written(tmp_path: Path, suffix: str, seed: int) -> None:
     netlist = everything(seed)
     write_network(netlist, tmp_path / f"a{suffix}")
-    back = rg.read_network(tmp_path / f"a{suffix}")
+    back = rg.read_spice(tmp_path / f"a{suffix}").netlist()
     for name in ARRAYS:
         mine, read = getattr(netlist, name), getattr(back, name)
         assert (mine is None) == (read is None), name
@@ -52,14 +52,14 @@ def test_a_netlist_is_read_as_it_was_written(tmp_path: Path, suffix: str, seed: 
     assert back.names_of(everyone) == netlist.names_of(everyone)
     assert dict(back.element_names or {}) == dict(netlist.element_names or {})
     write_network(back, tmp_path / f"b{suffix}")
-    assert rg.read_network(tmp_path / f"b{suffix}").conductance.tolist() == netlist.conductance.tolist()
+    assert rg.read_spice(tmp_path / f"b{suffix}").netlist().conductance.tolist() == netlist.conductance.tolist()
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_an_edge_list_keeps_resistors_and_ground(tmp_path: Path, seed: int) -> None:
     grid = random_grid(seed)
     write_network(grid, tmp_path / "a.txt")
-    back = rg.read_network(tmp_path / "a.txt")
+    back = rg.read_spice(tmp_path / "a.txt").netlist()
     ours, read = ([[n.names_of(pair) for pair in n.resistor_nodes], n.conductance] for n in (grid, back))
     assert [["ground" if name == "0" else name for name in pair] for pair in ours[0]] == read[0]
     assert read[1] == pytest.approx(ours[1], rel=1e-15)
@@ -80,7 +80,7 @@ def test_graphs_of_others_are_read(tmp_path: Path) -> None:
     graph.add_edge("out", "0", conductance=0.25)
     graph.add_edge("in", "0", kind="voltage source", volts=3.0, nodes="in 0")
     nx.write_graphml(graph, tmp_path / "a.graphml")
-    netlist = rg.read_network(tmp_path / "a.graphml")
+    netlist = rg.read_spice(tmp_path / "a.graphml").netlist()
     volts = dict(zip(netlist.node_names, rg.solve(netlist).voltage.tolist(), strict=True))
     assert volts == pytest.approx({"0": 0.0, "in": 3.0, "out": 2.0})
 
@@ -91,11 +91,11 @@ def test_a_damaged_file_is_one_message(tmp_path: Path, suffix: str, content: byt
     file = tmp_path / f"a{suffix}"
     file.write_bytes(content)
     try:
-        rg.read_network(file)
+        rg.read_spice(file).netlist()
     except rg.InputError as error:
         assert file.name in str(error)
     with pytest.raises(rg.InputError):
-        rg.read_network(tmp_path / f"absent{suffix}")
+        rg.read_spice(tmp_path / f"absent{suffix}").netlist()
 
 
 def test_unknown_ends_are_refused(tmp_path: Path) -> None:

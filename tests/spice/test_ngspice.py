@@ -14,7 +14,7 @@ from support.circuits import ladder
 
 from resgrid.errors import BudgetError, InputError, ToolMissingError
 from resgrid.spice.run.ngspice import run_ngspice, simulate
-from resgrid.spice.write.flat import format_deck
+from resgrid.spice.write.flat import flatten
 
 FLOATING = b"* floating\nv_a a 0 1.0\nr_a_b a b 1e8\nr_b b 0 1e8\nr_x_y x y 1e8\n.end\n"
 
@@ -39,7 +39,7 @@ def test_a_current_source_feeds_its_second_node(tmp_path: Path) -> None:
 
 def test_temperature_coefficients_do_nothing_at_the_nominal_temperature() -> None:
     netlist = ladder(2).replace(tc1=[1e-2, 0, 0], tc2=[1e-4, 0, 0])
-    assert simulate(format_deck(netlist).encode()).voltage == simulate(format_deck(ladder(2)).encode()).voltage
+    assert simulate(flatten(netlist).text.encode()).voltage == simulate(flatten(ladder(2)).text.encode()).voltage
 
 
 def test_a_floating_node_poisons_ngspice_and_is_told() -> None:
@@ -154,7 +154,7 @@ def test_settings_of_the_user_do_not_reach_the_run(monkeypatch: pytest.MonkeyPat
     (tmp_path / ".spiceinit").write_text("set filetype=ascii\nquit\n")
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("SPICE_ASCIIRAWFILE", "1")
-    assert simulate(format_deck(ladder()).encode()).complaints == ()
+    assert simulate(flatten(ladder()).text.encode()).complaints == ()
 
 
 @pytest.mark.parametrize("name", ["missing.cir", ".", "a\0b"])

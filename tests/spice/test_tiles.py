@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
+import dataclasses
 import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, assume, given, settings, strategies as st
 from support.simulators import run, verdict, waves
 from support.spaces import space_of, spaces
+from support.tiles import tiled
 
 import resgrid as rg
 from resgrid.spice.read.deck import read_spice
-from resgrid.spice.write.files import write_spice
-from resgrid.spice.write.tiles import Tile, expanded_netlist
 
 ROOM = [[0, 0, 0, 0, 0], [0, 1, 1, 0, 0], [0, 0, 0, 0, 2], [0, 1, 0, 0, 0]]
 BOUNDARIES = [
@@ -24,14 +25,8 @@ BOUNDARIES = [
     {"boundary": "neumann", "drive": "start", "start": (0, 0)},
     {"boundary": "wall", "wall_resistance": 3.3e4},
 ]
-IDEAL = Tile(
-    goal_switch_on=1e-3,
-    goal_switch_off=1e13,
-    obstacle_switch_on=1e-3,
-    obstacle_switch_off=1e13,
-    internodal_switch_on=1e-3,
-    internodal_switch_off=1e13,
-)
+IDEAL = {f"{name}_switch_{end}": ohms for name in ("goal", "obstacle", "internodal") for end, ohms in
+         (("on", 1e-3), ("off", 1e13))}  # fmt: skip
 
 
 def room(conductive: bool = False) -> rg.ConfigurationSpace:
@@ -50,20 +45,17 @@ def difference(flat: rg.Netlist, tiled: rg.Netlist) -> float:
 @pytest.mark.parametrize("conductive", [False, True])
 def test_ideal_switches_make_the_flat_netlist(options: dict[str, object], conductive: bool) -> None:
     flat = rg.compile_space(room(conductive), **options)
-    if options.get("boundary") == "neumann" and "drive" not in options:
-        flat = rg.scale_drive(flat, rg.solve(flat))
-    errors = [difference(flat, expanded_netlist(flat, tile)) for tile in (Tile(), IDEAL)]
-    assert errors[1] < 1e-6 < errors[0] < 5e-3
-
-
-def test_the_rails_of_the_flat_netlist_do_not_matter() -> None:
-    merged, cells = (expanded_netlist(rg.compile_space(room(), rails=rails)) for rails in ("merged", "cells"))
-    np.testing.assert_array_equal(merged.conductance, cells.conductance)
-    np.testing.assert_array_equal(merged.resistor_nodes, cells.resistor_nodes)
+    wall = options.get("wall_resistance")
+    errors = [
+        difference(flat, tiled(room(conductive), rg.Chip(wall_resistance=wall, **switches), **options)[0])
+        for switches in ({}, IDEAL)
+    ]
+    highest = float(np.nanmax(rg.solve(flat).voltage))
+    assert errors[1] < 1e-6 * highest and errors[1] < errors[0] < 5e-3 * highest
 
 
 def test_paths_on_tiles_are_certified() -> None:
-    field = rg.field(rg.solve(expanded_netlist(rg.compile_space(room()))))
+    field = rg.field(rg.solve(tiled(room())[0]))
     path = rg.streamline(field, start=(0.5, 1.0))
     rg.certify(path)
     assert str(path.outcome) == "reached"
@@ -72,8 +64,11 @@ def test_paths_on_tiles_are_certified() -> None:
 def test_one_chip_serves_many_scenes(tmp_path: Path) -> None:
     other = np.array(ROOM)
     other[0, 3], other[1, 1], other[3, 3] = 1, 0, 2
-    scenes = [rg.compile_space(space_of(cell, spacing=(1.0, 2.0))) for cell in (ROOM, other)]
-    a, b = (write_spice(netlist, tmp_path / f"{i}.cir", form="cells") for i, netlist in enumerate(scenes))
+    scenes = [tiled(space_of(cell, spacing=(1.0, 2.0))) for cell in (ROOM, other)]
+    a, b = (
+        rg.write_spice(netlist, tmp_path / f"{i}.cir", form="cells", chip=chip)
+        for i, (netlist, chip) in enumerate(scenes)
+    )
     assert a.chip.read_bytes() == b.chip.read_bytes()
     assert a.pattern.read_bytes() != b.pattern.read_bytes()
     b.chip.write_bytes(a.chip.read_bytes())
@@ -82,15 +77,18 @@ def test_one_chip_serves_many_scenes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("dialect", ["ngspice", "ltspice", "hspice"])
 @pytest.mark.parametrize("options", BOUNDARIES, ids=str)
-def test_ngspice_finds_the_expanded_netlist(tmp_path: Path, dialect: str, options: dict[str, object]) -> None:
-    netlist, tile = rg.compile_space(room(conductive=True), **options), Tile(capacitance=1e-12)
-    written = write_spice(netlist, tmp_path / "a.cir", dialect, form="cells", tile=tile)
+def test_ngspice_finds_the_chips_netlist(tmp_path: Path, dialect: str, options: dict[str, object]) -> None:
+    described = rg.Chip(
+        capacitance=1e-12, mismatch=0.1, gradient=(0.2,), wall_resistance=options.get("wall_resistance")
+    )
+    netlist, chip = tiled(room(conductive=True), described, **options)
+    written = rg.write_spice(netlist, tmp_path / "a.cir", dialect, form="cells", chip=chip)
     (tmp_path / "run").write_text('* run\n.include "a.cir"\n.op\n.end\n')
     run(tmp_path / "run", dialect)
-    found, tiled = waves(tmp_path / "out.raw"), expanded_netlist(netlist, tile)
-    voltage = rg.solve(tiled).voltage
-    for node in range(1, tiled.node_count):
-        assert found[tiled.node_name(node)][0] == pytest.approx(voltage[node], rel=0, abs=1e-9)
+    found, voltage = waves(tmp_path / "out.raw"), rg.solve(netlist).voltage
+    for node in range(1, netlist.node_count):
+        highest = max(1.0, float(np.abs(voltage).max()))
+        assert found[netlist.node_name(node)][0] == pytest.approx(voltage[node], rel=0, abs=1e-9 * highest)
     if dialect == "ngspice":
         assert verdict(written.companion) == (0, "PASS")
         assert rg.check_deck(written.path).agrees
@@ -110,13 +108,17 @@ def test_what_is_written_is_read_back(
     dialect: str,
     form: str,
 ) -> None:
-    tile = Tile(capacitance=1e-12, internodal_switch_on=50.0)
+    described = rg.Chip(
+        capacitance=1e-12, internodal_switch_on=50.0, wall_resistance=options.get("wall_resistance"), pelgrom=3.0,
+        width=1e-6, length=1e-6, preferred="E24",
+    )  # fmt: skip
     try:
-        netlist = rg.compile_space(space, **options)
-        wanted = rg.solve(netlist if form == "flat" else expanded_netlist(netlist, tile))
+        netlist, chip = tiled(space, described, **options)
+        wanted = rg.solve(netlist)
     except rg.CircuitError:
         assume(False)
-    written = write_spice(netlist, tmp_path_factory.mktemp("deck") / "a.cir", dialect, form=form, tile=tile)
+    folder = tmp_path_factory.mktemp("deck")
+    written = rg.write_spice(wanted, folder / "a.cir", dialect, form=form, chip=chip)
     read = read_spice(written.path, dialect=dialect).netlist()
     found = dict(zip(read.names_of(np.arange(read.node_count)), rg.solve(read).voltage.tolist(), strict=True))
     names = wanted.netlist.names_of(np.arange(wanted.netlist.node_count))
@@ -129,30 +131,54 @@ def test_what_is_written_is_read_back(
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"goal_switch_on": 0.0}, "goal_switch_on = 0.0 must be positive"),
-        ({"obstacle_switch_on": 1e11}, "must be below"),
-        ({"capacitance": -1e-12}, "capacitance"),
-        ({"resistance": float("nan")}, "resistance"),
+        ({"goal_switch_on": None}, r"give chip\.goal_switch_on"),
+        ({"goal_switch_on": 20.0}, "is no array of tiles"),
+        ({"internodal_switch_on": 2e4, "internodal_switch_off": 1e9}, "is no array of tiles"),
+        ({"wall_resistance": 1.0}, ""),
     ],
 )
-def test_a_tile_that_cannot_be_is_refused(values: dict[str, float], message: str) -> None:
+def test_a_chip_that_the_netlist_is_not_of_is_refused(tmp_path: Path, values: dict[str, float], message: str) -> None:
+    netlist, chip = tiled(room())
+    other = dataclasses.replace(chip, **values)
+    if not message:
+        assert rg.write_spice(netlist, tmp_path / "a.cir", form="cells", chip=other).chip is not None
+        return
     with pytest.raises(rg.InputError, match=message):
-        Tile(**values)
+        rg.write_spice(netlist, tmp_path / "a.cir", form="cells", chip=other)
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"rail_resistance": 1.0},
+        {"saturation_voltage": 0.3},
+        {"readout": rg.Readout(input_resistance=1e8)},
+        {"defects": rg.Defects(open_density=0.2)},
+        {"tc1": 1e-3},
+    ],
+    ids=str,
+)
+def test_what_is_no_part_of_a_tile_is_refused(tmp_path: Path, values: dict[str, Any]) -> None:
+    netlist, chip = tiled(room(), rg.Chip(**values))
+    with pytest.raises(rg.InputError, match="write it flat"):
+        rg.write_spice(netlist, tmp_path / "a.cir", form="cells", chip=chip)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_netlist_without_cells_has_no_tiles(tmp_path: Path) -> None:
     bare = rg.Netlist(2, [[0, 1]], [1.0], source_nodes=[[1, 0]], source_volts=[1.0])
-    with pytest.raises(rg.InputError, match="not compiled from a space"):
-        write_spice(bare, tmp_path / "a.cir", form="cells")
-    with pytest.raises(rg.InputError, match="choose one of flat, cells"):
-        write_spice(bare, tmp_path / "a.cir", form="tiles")
+    with pytest.raises(rg.InputError, match="compiled from a space"):
+        rg.write_spice(bare, tmp_path / "a.cir", form="cells")
+    with pytest.raises(rg.InputError, match="'flat' or 'cells'"):
+        rg.write_spice(bare, tmp_path / "a.cir", form="tiles")
     assert list(tmp_path.iterdir()) == []
 
 
 def test_tiles_in_a_row_keep_the_states_of_their_neighbours_apart(tmp_path):
     """A parameter of a tile must not share its name with the state of one: ngspice would take the tile's own."""
     space = rg.ConfigurationSpace([rg.Axis("x", 0, 3, 3)], [2, 0, 1])
-    written = rg.write_spice(rg.compile_space(space, rails="cells"), tmp_path / "row.cir", form="cells")
+    netlist, chip = tiled(space)
+    written = rg.write_spice(netlist, tmp_path / "row.cir", form="cells", chip=chip)
     names = re.findall(r"\b(state\w*)=", written.path.with_name("row.cir.chip").read_text())
     assert not set(names) & {f"state_{cell}" for cell in range(3)}
     assert rg.check_deck(written.path).agrees

@@ -13,7 +13,7 @@ from resgrid.spice.check.predictions import Prediction, predict_simulators
 from resgrid.spice.parsed import ParsedDeck
 from resgrid.spice.read.deck import read_spice
 from resgrid.spice.run.ngspice import ngspice_version, simulate
-from resgrid.spice.write.flat import format_deck
+from resgrid.spice.write.flat import flatten
 
 
 def deck_of(folder: Path, text: str) -> ParsedDeck:
@@ -138,7 +138,7 @@ def test_what_is_predicted_right_is_right(seed: int) -> None:
     assert verdict_of(netlist).outcome == "right"
     import io
 
-    text = format_deck(netlist)
+    text = flatten(netlist).text
     deck = read_spice(io.StringIO(text))
     assert verdict_of(deck).outcome == "right"
     assert measured_error(text.replace(".end", ".op\n.end"), deck) < 1e-9

@@ -120,13 +120,14 @@ def add_sources(netlist: Netlist, nodes: NDArray[np.int32], volts: NDArray[np.fl
 
 
 def supply_node(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
-    """The pin of a rail, made if there is none."""
+    """The pin of a rail, made if there is none: where currents drive the chip, both are at the goal's voltage."""
     cell_map = tiled_layout(netlist, "rails")
+    wiring = cell_map.wiring
     known = cell_map.obstacle_node if rail == "obstacle" else cell_map.goal_nodes[0] if cell_map.goal_nodes else -1
     if known >= 0:
         return netlist, known
     netlist, (node,) = add_nodes(netlist, 1)
-    volts = cell_map.wiring.goal_voltage + (cell_map.wiring.supply if rail == "obstacle" else 0.0)
+    volts = wiring.high if rail == "obstacle" and wiring.drive != "uniform" else wiring.goal_voltage
     netlist = add_sources(netlist, np.array([[node, GROUND]]), np.array([volts]))
     changed: dict[str, object] = {"obstacle_node": int(node)} if rail == "obstacle" else {"goal_nodes": (int(node),)}
     return netlist.replace(cell_map=dataclasses.replace(cell_map, **changed)), int(node)  # type: ignore[arg-type]

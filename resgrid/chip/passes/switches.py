@@ -32,12 +32,6 @@ def _on_rail(cell_map: CellMap, rail: str) -> NDArray[np.bool_]:
     return mask
 
 
-def _rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
-    """The pin of a rail; the obstacle rail of a chip that currents drive lies at the goal's voltage."""
-    cell_map = editing.tiled_layout(netlist, "rails")
-    return editing.supply_node(netlist, "goal" if cell_map.wiring.drive == "uniform" else rail)
-
-
 @dataclass(frozen=True)
 class InternodalSwitches:
     """Put a switch in series with every resistor between cells: closed, and open at obstacles that are open nodes.
@@ -131,7 +125,7 @@ class RailSwitches:
             tied = _on_rail(cell_map, rail)
             if (on is None or not tied.any()) and off is None:
                 continue
-            netlist, pin = _rail_pin(netlist, rail)
+            netlist, pin = editing.supply_node(netlist, rail)
             if on is not None:
                 netlist = _tie(netlist, cell_map.node[tied & (cell_map.node >= 0)], pin, on)
             if off is not None:
@@ -181,7 +175,7 @@ class RailResistance:
 
 
 def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
-    netlist, pin = _rail_pin(netlist, rail)
+    netlist, pin = editing.supply_node(netlist, rail)
     cell_map = netlist.cells
     own = cell_map.node >= 0
     cells = cell_map.node[own & _on_rail(cell_map, rail)]

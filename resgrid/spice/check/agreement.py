@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -13,14 +12,13 @@ from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.spice.check.comparison import Agreement, compare, unverified
+from resgrid.spice.check.kirchhoff import inspect_deck
 from resgrid.spice.dialects import dialect_named
-from resgrid.spice.locate import inspect_deck
 from resgrid.spice.run import engine_named
 from resgrid.spice.run.ngspice import Simulation, read_deck, simulate
 from resgrid.spice.write.expected import expect
 from resgrid.spice.write.flat import flatten
-from resgrid.spice.write.parts import with_parts
-from resgrid.spice.write.sidecar import Sidecar, altered_lines, read_sidecar, sidecar_path
+from resgrid.spice.write.sidecar import altered_files, read_sidecar, sidecar_path, with_parts
 
 if TYPE_CHECKING:
     from resgrid.spice.check.external import Runnable
@@ -141,21 +139,21 @@ def check_deck(
     sidecar = read_sidecar(deck) if has_sidecar else None
     name = _SIMULATED if dialect == "auto" else dialect
     name = dialect_named(name if sidecar is None else sidecar.dialect).name
-    findings = [] if sidecar is None else [*_hash_findings(data, sidecar), *_beside_findings(sidecar)]
+    findings = [] if sidecar is None else altered_files(data, sidecar)
     if reference is not None:
         expected = expect(flatten(reference.netlist, dialect=name), reference)
     elif sidecar is not None:
         expected = sidecar.expected
-    parts, why = {} if sidecar is None else sidecar.parts, ""
-    if name == _SIMULATED and parts:
-        data = with_parts(deck, data, parts, dialect_named(name))
+    has_parts, why = sidecar is not None and bool(sidecar.parts), ""
+    if name == _SIMULATED and sidecar is not None and sidecar.parts:
+        data = with_parts(deck, data, sidecar)
     elif name == _SIMULATED:
         findings += inspect_deck(data, expected, tolerance)
     else:
         job = _translated(deck, name)
         data, why = job.data, job.why
     simulation = _simulate_or_refuse(data, engine, str(deck), timeout, direct=name != _SIMULATED)
-    if parts:  # the inner nodes of tiles are nobody's business
+    if has_parts:  # the inner nodes of tiles are nobody's business
         known = {node: volts for node, volts in simulation.voltage.items() if node in expected.voltage}
         simulation = replace(simulation, voltage=known)
     found = compare(
@@ -243,24 +241,3 @@ def _simulate_or_refuse(data: bytes, simulator: str, source: str, timeout: float
         return engine_named(simulator)(data, source=source, timeout=timeout, direct=direct)
     except InputError as error:
         return Simulation({}, {}, simulator, "not run", (str(error),))
-
-
-def _hash_findings(data: bytes, sidecar: Sidecar) -> list[str]:
-    if hashlib.sha256(data).hexdigest() == sidecar.sha256:
-        return []
-    ranges = altered_lines(data, sidecar)
-    shown = ", ".join(f"{first}-{last}" for first, last in ranges[:_SHOWN])
-    more = f" and {len(ranges) - _SHOWN} more ranges" if len(ranges) > _SHOWN else ""
-    where = f"lines {shown}{more} differ" if ranges else "the hash in the sidecar differs, though no line does,"
-    return [f"{where} from the deck that resgrid wrote (SHA-256 in {sidecar.path.name})"]
-
-
-def _beside_findings(sidecar: Sidecar) -> list[str]:
-    """Files beside the deck that are not what was written; a companion that is absent misleads nobody."""
-    name = sidecar.path.name
-    found = [] if sidecar.intact else [f"{name} differs from what resgrid wrote (its own SHA-256)"]
-    for other, sha256 in {**sidecar.parts, **sidecar.companions}.items():
-        path = sidecar.path.with_name(Path(other).name)
-        if path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
-            found.append(f"{path.name} differs from what resgrid wrote (SHA-256 in {name})")
-    return found

@@ -15,7 +15,7 @@ from resgrid.spice.check.inclusion import gather_includes
 from resgrid.spice.parsed import ParsedDeck, ngspice_name
 from resgrid.spice.run.ngspice import refuse_commands
 from resgrid.spice.subject import subject_of
-from resgrid.spice.write.expected import Expected, current_scale_of, supply_of
+from resgrid.spice.write.expected import Expected, expect
 
 _TAKES_FILES = "ngspice"
 _ANALYSIS = re.compile(
@@ -60,9 +60,9 @@ def runnable(deck: ParsedDeck, data: bytes, *, root: Path | None = None, engine:
 
 def rewritten(deck: ParsedDeck, why: str) -> Runnable:
     """What was read of a deck, written anew."""
-    from resgrid.spice.write.flat import format_deck
+    from resgrid.spice.write.flat import flatten
 
-    text = format_deck(deck.netlist(), title=f"{deck.title or deck.path}, as read")
+    text = flatten(deck.netlist(), title=f"{deck.title or deck.path}, as read").text
     return Runnable(_only_operating_point(text.encode("ascii")), False, why)
 
 
@@ -99,7 +99,6 @@ def _without_analyses(rows: Iterable[bytes]) -> Iterator[bytes]:
 
 def expected_of(deck: ParsedDeck, point: OperatingPoint, *, as_written: bool) -> Expected:
     """What a simulator should find in a deck, by the names it gives; as `expect` otherwise."""
-    from resgrid.spice.write.expected import expect
     from resgrid.spice.write.flat import flatten
 
     if not as_written:
@@ -108,14 +107,7 @@ def expected_of(deck: ParsedDeck, point: OperatingPoint, *, as_written: bool) ->
     voltage = {deck.node_names[node].lower(): float(point.voltage[node]) for node in nodes.tolist()}
     amps = point.source_current[: len(deck.source_volts)]
     names = map(ngspice_name, deck.element_names["voltage source"])
-    supply = supply_of(point)
-    return Expected(
-        voltage=voltage,
-        source_current={n: float(a) if np.isfinite(a) else None for n, a in zip(names, amps.tolist(), strict=True)},
-        supply=supply,
-        current_scale=current_scale_of(point, supply),
-        kcl_residual=point.kcl_residual if np.isfinite(point.kcl_residual) else 0.0,
-    )
+    return Expected.of(point, voltage, dict(zip(names, amps.tolist(), strict=True)))
 
 
 def places_of(deck: ParsedDeck, names: Iterator[str]) -> dict[str, str]:

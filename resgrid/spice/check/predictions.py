@@ -297,9 +297,9 @@ class _Changed:
 def _option(deck: ParsedDeck, name: str) -> float:
     """Value of an option, 0 where it is not set or no positive number."""
     from resgrid.spice.read.numerals import Numeral, parse_numeral
-    from resgrid.spice.read.rules import rules_named
 
-    number = parse_numeral(deck.options.get(name, "0"), rules_named(deck.dialect))
+    rules = DIALECTS[deck.dialect].reading if deck.dialect in DIALECTS else None
+    number = None if rules is None else parse_numeral(deck.options.get(name, "0"), rules)
     return number.value if isinstance(number, Numeral) and number.value > 0 else 0.0
 
 

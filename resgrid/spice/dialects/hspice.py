@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+from resgrid.spice.dialects.reading import FUNCTIONS, SUFFIXES, ReadingRules
 from resgrid.spice.dialects.record import Dialect, Quirks, Statements
 
 HSPICE = Dialect(
@@ -46,5 +47,18 @@ HSPICE = Dialect(
         floating="there",
         shunt_options={"gshunt": "siemens"},
         misread_nodes=frozenset({"ground", "dollar"}),
+    ),
+    reading=ReadingRules(
+        name="hspice",
+        signs=(b"\n.option post", b"\n.options post", b"\n.option parhier"),
+        comments=(),
+        dollar_comments=True,
+        suffixes={**SUFFIXES, "x": 6, "a": -18},
+        grounds=frozenset({"0", "gnd", "gnd!", "ground"}),
+        functions={**FUNCTIONS, "log": "ln", "nint": "nint", "pow": "pow_integer", "pwr": "pwr_signed"},
+        d_exponents=True,
+        lengths_twice=True,
+        refused_elements={"s": "an S element, which HSPICE takes for scattering parameters"},
+        holds_initial=True,
     ),
 )

@@ -11,6 +11,7 @@
 
 from __future__ import annotations
 
+from resgrid.spice.dialects.reading import ARCS, FUNCTIONS, ReadingRules
 from resgrid.spice.dialects.record import Dialect, Quirks, Statements
 
 LTSPICE = Dialect(
@@ -35,4 +36,23 @@ LTSPICE = Dialect(
         probe=".save {what}",
     ),
     quirks=Quirks(shunt_options={"gshunt": "siemens"}, duplicates="fails", misread_nodes=frozenset({"ground"})),
+    reading=ReadingRules(
+        name="ltspice",
+        signs=(b"\n.backanno", b"ltspice"),
+        functions={
+            **FUNCTIONS,
+            **ARCS,
+            "log": "ln",
+            "if": "if",
+            "limit": "limit",
+            "round": "nint",
+            "u": "step",
+            "uramp": "ramp",
+            "buf": "step_half",
+        },
+        infix_suffixes=True,
+        annotations=frozenset({"tol", "pwr", "mfg", "pn", "type"}),
+        series_resistance=True,
+        inductor_ohms=1e-3,
+    ),
 )

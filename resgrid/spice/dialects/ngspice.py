@@ -25,6 +25,10 @@
   ``SPICE_ASCIIRAWFILE`` in the environment and a ``.spiceinit`` in the home folder can change what is written.
 - In batch mode with a control block it may exit with status 1 after a perfect run: neither status says anything.
 - A control block may run any shell command: no deck from elsewhere is simulated with one.
+- Functions and what an ``X`` line gives are put in as text, so that names in them are looked up where they land;
+  ``m=`` of an ``X`` line takes the place of that of the elements within; ``.end`` ends nothing; ``.temp`` counts before
+  ``.option temp``; the first of two models counts; ``rsh`` counts before ``r``.  Where nobody can have meant it (a
+  parameter that means another one where it lands), the deck is refused.
 - No ``.meas`` is computed in a batch that writes a raw file, so that it is asked in a control block.
 
 Engines: up to version 41 it orders its matrix by Markowitz's rule with linear searches; from version 42 on it has KLU,
@@ -33,6 +37,7 @@ as has ``eecircuit``, its WebAssembly.
 
 from __future__ import annotations
 
+from resgrid.spice.dialects.reading import FUNCTIONS, ReadingRules
 from resgrid.spice.dialects.record import Costs, Dialect, Quirks, Statements
 
 _STATEMENTS = Statements(
@@ -101,4 +106,33 @@ NGSPICE = Dialect(
         "ngspice-klu": Costs(0.02, 2.0e-5, 1.0e-8, 2.0, 0.5, 12e6, 1.5e3),
     },
     checks_itself=True,
+    reading=ReadingRules(
+        name="ngspice",
+        comments=(";", "//"),
+        dollar_comments=True,
+        functions={
+            **{name: name for name in FUNCTIONS if name not in ("atan2", "hypot")},
+            "log": "ln",
+            "arctan": "atan",
+            "nint": "nint",
+            "ternary_fcn": "if",
+        },
+        milli_mil=True,
+        powers=frozenset({"**", "^"}),
+        lengths_twice=True,
+        operators={"%": "% of the quotient", "\\": "\\ of the magnitude"},
+        narrow_parser=True,
+        puts_in_text=True,
+        replaces_multipliers=True,
+        end_is_comment=True,
+        first_counts=True,
+        temp_command_first=True,
+        braced_temperatures=True,
+        sheet_first=True,
+        models_first=True,
+        ignored_model_keys={"defl": "l", "dl": "short", "tref": "tnom"},
+        spaced_lists=True,
+        scale_key=True,
+        refused_options=frozenset({"rseries"}),
+    ),
 )

@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
+from resgrid.spice.dialects.reading import ReadingRules
+
 Basis = Literal["measured", "documented"]
 
 
@@ -116,7 +118,8 @@ class Dialect:
     may be empty; `commands`: the second file, that includes the deck and asks for its operating point: ``deck``, and
     ``source``, the name of a voltage source, with its ``volts``; `statements`: other analyses; `quirks`: where it
     errs; `nominal_temperature`: at which values hold unless a deck says otherwise, in degrees Celsius; `engines`:
-    programs that run its decks here, and what they cost; `checks_itself`: whether its decks have a companion.
+    programs that run its decks here, and what they cost; `checks_itself`: whether its decks have a companion;
+    `reading`: how its decks are read.
     """
 
     name: str
@@ -154,3 +157,4 @@ class Dialect:
     nominal_temperature: float = 27.0
     engines: Mapping[str, Costs] = field(default_factory=dict)
     checks_itself: bool = False
+    reading: ReadingRules | None = None

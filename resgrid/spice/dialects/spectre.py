@@ -10,6 +10,7 @@
 
 from __future__ import annotations
 
+from resgrid.spice.dialects.reading import ReadingRules
 from resgrid.spice.dialects.record import Dialect, Quirks, Statements
 
 _RESERVED = frozenset(
@@ -88,4 +89,14 @@ SPECTRE = Dialect(
         measure_last=("simulator lang=spectre",),
     ),
     quirks=Quirks(floating="there", misread_nodes=frozenset({"digit"})),
+    reading=ReadingRules(
+        name="spectre",
+        signs=(b"simulator lang",),
+        comments=("//",),
+        suffixes={"T": 12, "G": 9, "M": 6, "K": 3, "k": 3, "m": -3, "u": -6, "n": -9, "p": -12, "f": -15, "a": -18},
+        grounds=frozenset({"0"}),
+        ignored_model_keys=dict.fromkeys(("rsh", "l", "w", "narrow", "short", "etch", "etchl", "scaler"), "r"),
+        instances=True,
+        spice=ReadingRules(name="spectre", comments=("//", ";"), dollar_comments=True, grounds=frozenset({"0"})),
+    ),
 )

@@ -8,6 +8,7 @@
 
 from __future__ import annotations
 
+from resgrid.spice.dialects.reading import ARCS, FUNCTIONS, SUFFIXES, ReadingRules
 from resgrid.spice.dialects.record import Dialect, Quirks, Statements
 
 _SWEEP = ".dc {source} {volts} {volts} 1.0"
@@ -41,4 +42,22 @@ XYCE = Dialect(
         print_all=".print {kind} format=csv precision=16 v(*)",
     ),
     quirks=Quirks(),
+    reading=ReadingRules(
+        name="xyce",
+        signs=(b"\n.preprocess", b"\n.options device ", b"\n.options linsol"),
+        suffixes={**SUFFIXES, "x": 6},
+        grounds=frozenset({"0"}),
+        no_grounds=frozenset({"gnd", "gnd!", "ground"}),
+        functions={
+            **FUNCTIONS,
+            **ARCS,
+            "if": "if",
+            "limit": "limit",
+            "nint": "nint",
+            "stp": "step",
+            "uramp": "ramp",
+        },
+        model_factor=True,
+        off_ohms=1e6,
+    ),
 )

@@ -86,6 +86,33 @@ def read_table(path: str | os.PathLike[str], columns: int, what: str) -> Table:
     return Table(source, names, numbers, lines, measure)
 
 
+def read_edges(
+    path: str | os.PathLike[str],
+    measure: str | None,
+    sources: str | os.PathLike[str] | None,
+    grounds: str | os.PathLike[str] | None,
+) -> Netlist:
+    """Read a list of edges, and perhaps one of currents into nodes and one of resistors to ground."""
+    table = read_table(path, 2, "edge")
+    network = NetworkParts.of_edges(table, _measure(table, measure))
+    if sources is not None:
+        network.feed(read_table(sources, 1, "source"))
+    if grounds is not None:
+        ties = read_table(grounds, 1, "ground")
+        network.ground(ties, _measure(ties, measure))
+    return network.netlist()
+
+
+def _measure(table: Table, measure: str | None) -> Measure:
+    """What the numbers of a table are: what its heading says, or else what was asked for, or resistances."""
+    if measure not in (None, *MEASURES):
+        raise InputError(f"measure = {measure!r} is unknown; it may be one of {', '.join(MEASURES)}")
+    stated = table.measure if table.measure in MEASURES else None
+    if measure is not None and stated is not None and measure != stated:
+        raise InputError(f"{table.source}: its heading says {stated}, but measure={measure!r} was asked for")
+    return "conductance" if (measure or stated) == "conductance" else "resistance"
+
+
 def _words(line: str) -> list[str]:
     return _COMMENT.sub("", line).replace(",", " ").replace(";", " ").split()
 

@@ -20,7 +20,8 @@ from resgrid.netlist import GROUND, Netlist
 if TYPE_CHECKING:
     import networkx as nx
 
-NETWORK_SUFFIXES = (".txt", ".graphml", ".json", ".npz")
+GRAPH_SUFFIXES = (".graphml", ".json", ".npz")
+NETWORK_SUFFIXES = (".txt", *GRAPH_SUFFIXES)
 """Edges (two nodes and a resistance a line), graphs as GraphML and as node-link JSON, and NumPy arrays."""
 
 _GROUND_NAME = "ground"

@@ -9,65 +9,89 @@ from numpy.typing import NDArray
 
 from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
-from resgrid.spice.parsed import KINDS, NOMINAL_TEMPERATURE, LateNames, ParsedDeck, rebase
+from resgrid.spice.dialects import DIALECTS
+from resgrid.spice.parsed import KINDS, LateNames, ParsedDeck, rebase
 from resgrid.spice.read.collect import Collector
-from resgrid.spice.read.diagnostics import CardError, Journal, Spot
+from resgrid.spice.read.commands import Contents
+from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
 from resgrid.spice.read.files import Source
 from resgrid.spice.read.plain import Bulk
-from resgrid.spice.read.rules import ReadingRules
 from resgrid.spice.read.scopes import Scope
 from resgrid.spice.read.subcircuits import Expander
-from resgrid.spice.read.tables import WIDTHS, NodeTable, Part, Sheet, joined_parts
+from resgrid.spice.read.tables import WIDTHS, Elements, NodeTable, Part, joined_parts
 
 _BULK_KINDS = ("resistor", "voltage source", "current source", "capacitor")
 
 
 def assemble_deck(collector: Collector, source: Source, limit: int | None) -> ParsedDeck:
     """Make the deck of everything that was collected."""
-    rules, journal = _ground_rules(collector), collector.journal
-    scope = Scope(collector.top, rules)
-    table = NodeTable(rules)
-    table.of("0", 0)
-    sheet = Sheet(table)
+    contents, diagnostics = collector.contents, collector.contents.diagnostics
+    scope = Scope(contents.top, diagnostics)
+    expander = Expander(contents)
+    elements = Elements(expander.node_table())
+    elements.nodes.of("0", 0)
     for origin, bulk in collector.bulks:
-        _add_bulk(bulk, origin, sheet)
-    expander = Expander(rules, journal, frozenset(collector.common))
-    expander.check_size(collector.top, limit)
-    journal.raise_errors()
-    expander.fill(scope, sheet, collector.top.cards)
-    journal.raise_errors()
-    title = _settle_title(collector, scope, sheet, expander)
-    temperatures = _temperatures(collector, scope)
-    journal.raise_errors()
-    parts = {kind: sheet.joined(kind) for kind in WIDTHS}
+        _add_bulk(bulk, origin, elements)
+    expander.check_size(limit)
+    diagnostics.raise_errors()
+    expander.fill(scope, elements, contents.top.cards)
+    diagnostics.raise_errors()
+    _settle_title(contents, scope, elements, expander)
+    temperatures = _temperatures(contents, scope)
+    diagnostics.raise_errors()
+    parts = {kind: elements.joined(kind) for kind in WIDTHS}
     files = tuple(source.name for source in collector.library.sources)
-    parts["resistor"] = _with_switches(parts, len(table.names), files, journal)
-    journal.raise_errors()
-    _note_oddities(parts, table, files, rules, journal)
-    return _deck(collector, source, title, parts, table, temperatures, tuple(sorted(expander.used)), files)
+    parts["resistor"] = _with_switches(parts, len(elements.nodes.names), files, diagnostics)
+    diagnostics.raise_errors()
+    _note_oddities(parts, elements.nodes, files, contents)
+    numbers, names = _by_first_use([parts[kind].nodes for kind in KINDS], elements.nodes.names, bool(collector.bulks))
+    temperature, nominal = temperatures
+    usual = DIALECTS[contents.rules.name].nominal_temperature
+    ohms, tc1, tc2 = _at_nominal(parts["resistor"], usual if nominal is None else nominal)
+    nodes = {kind: numbers[parts[kind].nodes] for kind in KINDS}
+    value = {kind: parts[kind].values[:, 0].copy() for kind in KINDS}
+    return ParsedDeck(
+        title=contents.title,
+        path=source.name,
+        dialect=contents.rules.name,
+        node_names=names,
+        resistor_nodes=nodes["resistor"],
+        resistance=ohms,
+        source_nodes=nodes["voltage source"],
+        source_volts=value["voltage source"],
+        current_nodes=nodes["current source"],
+        current_amps=value["current source"],
+        capacitor_nodes=nodes["capacitor"],
+        capacitance=value["capacitor"],
+        nonlinear_nodes=nodes["nonlinear resistor"],
+        nonlinear_current=value["nonlinear resistor"],
+        nonlinear_voltage=parts["nonlinear resistor"].values[:, 1].copy(),
+        element_names=LateNames({kind: parts[kind].names.make for kind in KINDS}),
+        place={kind: parts[kind].place for kind in KINDS},
+        files=files,
+        notes=diagnostics.notes(),
+        tc1=tc1,
+        tc2=tc2,
+        temperature=temperature,
+        nominal_temperature=nominal,
+        options=dict(contents.options),
+        subcircuits=tuple(sorted(expander.used)),
+    )
 
 
-def _ground_rules(collector: Collector) -> ReadingRules:
-    from dataclasses import replace
-
-    if collector.options.values.get("replaceground") != "true":
-        return collector.rules
-    return replace(collector.rules, grounds=frozenset({"0", "gnd", "gnd!", "ground"}))
-
-
-def _temperatures(collector: Collector, scope: Scope) -> tuple[float | None, float | None]:
-    found: list[float | None] = []
+def _temperatures(contents: Contents, scope: Scope) -> tuple[float | None, float | None]:
+    stated: list[float | None] = []
     for key in ("temp", "tnom"):
         try:
-            found.append(collector.options.temperature(key, scope))
+            stated.append(contents.temperature(key, scope))
         except CardError as error:
-            collector.journal.error(error)
-            found.append(None)
-    return found[0], found[1]
+            contents.diagnostics.error(error)
+            stated.append(None)
+    return stated[0], stated[1]
 
 
-def _add_bulk(bulk: Bulk, source: Source, sheet: Sheet) -> None:
-    way = sheet.table.of_all(bulk.node_names, source.number << 40 | bulk.node_line, bulk.short)
+def _add_bulk(bulk: Bulk, source: Source, elements: Elements) -> None:
+    numbers = elements.nodes.of_all(bulk.node_names, source.number << 40 | bulk.node_line, bulk.short)
     for code, kind in enumerate(_BULK_KINDS):
         chosen = bulk.kind == code
         if not chosen.any():
@@ -76,38 +100,34 @@ def _add_bulk(bulk: Bulk, source: Source, sheet: Sheet) -> None:
         place = np.empty((len(line), 2), dtype=np.int64)
         place[:, 0], place[:, 1] = source.number, line
         values = bulk.value[chosen][:, np.newaxis]
-        sheet.parts[kind].append(Part(bulk.names(chosen), way[bulk.nodes[chosen]], values, place, None))
+        elements.parts[kind].append(Part(bulk.names(chosen), numbers[bulk.nodes[chosen]], values, place, None))
 
 
-def _settle_title(collector: Collector, scope: Scope, sheet: Sheet, expander: Expander) -> str | None:
+def _settle_title(contents: Contents, scope: Scope, elements: Elements, expander: Expander) -> None:
     """Decide whether a first line that may be an element is one: if it reads as one and is wired to the rest."""
-    first = collector.first
+    first, diagnostics = contents.first, contents.diagnostics
     if first is None:
-        return collector.title
-    trial = Sheet(NodeTable(scope.rules), parts={kind: [] for kind in WIDTHS})
-    doubts = Journal()
-    Expander(scope.rules, doubts, expander.common).fill(scope, trial, [first])
+        return
+    doubts = Diagnostics()
+    trial = Elements(expander.node_table())
+    Expander(contents).fill(Scope(contents.top, doubts), trial, [first])
     reads = not doubts.errors
-    grounds = scope.rules.grounds
-    wired = any(name in sheet.table.number for name in trial.table.number if name not in grounds)
+    wired = any(name in elements.nodes.number for name in trial.nodes.number if name not in contents.grounds)
     if reads and wired:
-        expander.fill(scope, sheet, [first])
-        collector.journal.note(
-            "warning",
+        expander.fill(scope, elements, [first])
+        diagnostics.warn(
             first.spot(),
             "there is no title line: the first line is an element, and is kept; SPICE would take it for the title",
         )
-        return collector.title
+        return
     if len(first.joins) > 1:
-        collector.journal.error(first.error(None, "the first line, a title, is continued (+): a title line is missing"))
+        diagnostics.error(first.error(None, "the first line, a title, is continued (+): a title line is missing"))
     if reads:
-        collector.journal.note(
-            "warning", first.spot(), "the first line reads like an element, but is wired to nothing: it is the title"
-        )
-    return first.text.strip()
+        diagnostics.warn(first.spot(), "the first line reads like an element, but is wired to nothing: it is the title")
+    contents.title = first.text.strip()
 
 
-def _with_switches(parts: dict[str, Part], node_count: int, files: tuple[str, ...], journal: Journal) -> Part:
+def _with_switches(parts: dict[str, Part], node_count: int, files: tuple[str, ...], diagnostics: Diagnostics) -> Part:
     """Resistors, with every switch among them as the resistance of its state."""
     switches, resistors = parts["switch"], parts["resistor"]
     if not len(switches.names):
@@ -130,10 +150,10 @@ def _with_switches(parts: dict[str, Part], node_count: int, files: tuple[str, ..
             if tied[i]
             else "is controlled by nodes that no voltage source holds"
         )
-        journal.error(CardError(Spot(files[file], line), f"the switch {switches.names.make()[i]} {why}"))
+        diagnostics.error(CardError(Spot(files[file], line), f"the switch {switches.names.make()[i]} {why}"))
     if inside.any():
         file, line = switches.place[int(np.argmax(inside))].tolist()
-        journal.note("warning", Spot(files[file], line), "a switch within its hysteresis is off unless ON is said")
+        diagnostics.warn(Spot(files[file], line), "a switch within its hysteresis is off unless ON is said")
     values = np.zeros((len(on), 6))
     values[:, 0] = np.where(is_on, on, off)
     values[:, 4:] = math.nan
@@ -159,71 +179,21 @@ def _held_voltages(parts: dict[str, Part], node_count: int) -> tuple[NDArray[np.
     return forest.offset, forest.root
 
 
-def _note_oddities(
-    parts: dict[str, Part], table: NodeTable, files: tuple[str, ...], rules: ReadingRules, journal: Journal
-) -> None:
-    resistor = parts["resistor"]
+def _note_oddities(parts: dict[str, Part], nodes: NodeTable, files: tuple[str, ...], contents: Contents) -> None:
+    resistor, diagnostics, top = parts["resistor"], contents.diagnostics, Spot(files[0], 1)
     zero = np.flatnonzero(resistor.values[:, 0] == 0)
     if zero.size:
         file, line = resistor.place[zero[0]].tolist()
-        journal.note(
-            "warning",
-            Spot(files[file], line),
-            "0 ohm is a short (a 0 V source); ngspice takes 1 milliohm",
-            len(zero),
+        diagnostics.warn(
+            Spot(files[file], line), "0 ohm is a short (a 0 V source); ngspice takes 1 milliohm", len(zero)
         )
-    if table.aliases:
-        journal.note("info", Spot(files[0], 1), f"the node {', '.join(sorted(table.aliases))} is ground")
-    foreign = frozenset({"gnd", "gnd!", "ground"}) - rules.grounds if rules.name == "xyce" else frozenset()
-    strangers = sorted(name for name in foreign if name in table.number)
-    if strangers:
-        journal.note(
-            "warning",
-            Spot(files[0], 1),
-            f"the node {', '.join(strangers)} is not ground in {rules.name}, but is elsewhere",
+    if nodes.aliases:
+        diagnostics.inform(top, f"the node {', '.join(sorted(nodes.aliases))} is ground")
+    lookalikes = sorted((contents.rules.no_grounds - contents.grounds) & nodes.number.keys())
+    if lookalikes:
+        diagnostics.warn(
+            top, f"the node {', '.join(lookalikes)} is not ground in {contents.rules.name}, but is elsewhere"
         )
-
-
-def _deck(
-    collector: Collector,
-    source: Source,
-    title: str | None,
-    parts: dict[str, Part],
-    table: NodeTable,
-    temperatures: tuple[float | None, float | None],
-    subcircuits: tuple[str, ...],
-    files: tuple[str, ...],
-) -> ParsedDeck:
-    way, names = _by_first_use([parts[kind].nodes for kind in KINDS], table.names, bool(collector.bulks))
-    resistor = parts["resistor"]
-    temperature, nominal = temperatures
-    usual = 25.0 if collector.rules.name == "hspice" else NOMINAL_TEMPERATURE
-    ohms, tc1, tc2 = _at_nominal(resistor, usual if nominal is None else nominal)
-    nodes = {kind: way[parts[kind].nodes] for kind in KINDS}
-    return ParsedDeck(
-        title=title,
-        path=source.name,
-        dialect=collector.rules.name,
-        node_names=names,
-        resistor_nodes=nodes["resistor"],
-        resistance=ohms,
-        source_nodes=nodes["voltage source"],
-        source_volts=parts["voltage source"].values[:, 0].copy(),
-        current_nodes=nodes["current source"],
-        current_amps=parts["current source"].values[:, 0].copy(),
-        capacitor_nodes=nodes["capacitor"],
-        capacitance=parts["capacitor"].values[:, 0].copy(),
-        element_names=LateNames({kind: parts[kind].names.make for kind in KINDS}),
-        place={kind: parts[kind].place for kind in KINDS},
-        files=files,
-        notes=collector.journal.notes(),
-        tc1=tc1,
-        tc2=tc2,
-        temperature=temperature,
-        nominal_temperature=nominal,
-        options=dict(collector.options.values),
-        subcircuits=subcircuits,
-    )
 
 
 def _by_first_use(
@@ -234,12 +204,12 @@ def _by_first_use(
     if compiled:
         from resgrid.spice.read.kernels import first_uses
 
-        way, order = first_uses(used, len(names))
-        return way, tuple(map(names.__getitem__, order.tolist()))
-    way = np.full(len(names), -1, dtype=np.int32)
-    order = used[np.sort(np.unique(used, return_index=True)[1])]
-    way[order] = np.arange(len(order))
-    return way, tuple(map(names.__getitem__, order.tolist()))
+        number, order = first_uses(used, len(names))
+    else:
+        number = np.full(len(names), -1, dtype=np.int32)
+        order = used[np.sort(np.unique(used, return_index=True)[1])]
+        number[order] = np.arange(len(order))
+    return number, tuple(map(names.__getitem__, order.tolist()))
 
 
 def _at_nominal(

@@ -12,26 +12,39 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import Literal
 
-from resgrid.spice.read.diagnostics import CardError, Journal, Spot
-from resgrid.spice.read.rules import ReadingRules
+from resgrid.spice.dialects.reading import ReadingRules
+from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
+from resgrid.spice.read.files import Source
 
 Line = tuple[int, str]
 """A line's number, from 1, and its text."""
+
+_LANGUAGE = re.compile(r"\s*simulator\s+lang\s*=\s*(\w+)\s*")
 
 
 @dataclass(frozen=True, eq=False)
 class Card:
     """A statement: a line and those that continue it.
 
-    `text`: joined by blanks, comments stripped; `file`: index of its file; `name`: the file, as displayed; `line`:
-    its first line; `joins`: per piece: its offset in ``text``, its line, the column of its first character, from 1.
+    `text`: joined by blanks, comments stripped; `file`: index of its file; `name`: the file, as displayed; `rules`:
+    what it is read by; `joins`: per piece: its offset in ``text``, its line, the column of its first character, from 1.
     """
 
     text: str
     file: int
     name: str
-    line: int
+    rules: ReadingRules
     joins: tuple[tuple[int, int, int], ...]
+
+    @property
+    def line(self) -> int:
+        """Its first line."""
+        return self.joins[0][1]
+
+    @property
+    def first_word(self) -> str:
+        """Its first word, in lower case."""
+        return self.text.split(maxsplit=1)[0].lower()
 
     def spot(self, offset: int | None = None) -> Spot:
         """Place of a character of the text; of the whole card without one."""
@@ -47,50 +60,64 @@ class Card:
 
 @dataclass
 class _Pieces:
-    line: int
+    """Lines of a card while they come: their texts, lines and columns."""
+
+    source: Source
+    rules: ReadingRules
     texts: list[str]
     places: list[tuple[int, int]]
 
+    def card(self) -> Card:
+        joins: list[tuple[int, int, int]] = []
+        offset = 0
+        for text, (line, column) in zip(self.texts, self.places, strict=True):
+            joins.append((offset, line, column))
+            offset += len(text) + 1
+        return Card(" ".join(self.texts), self.source.number, self.source.name, self.rules, tuple(joins))
 
-def cards(lines: Iterable[Line], file: int, name: str, rules: ReadingRules, journal: Journal) -> Iterator[Card]:
-    """Join and strip lines into cards; blank lines and comments vanish."""
+
+def cards(lines: Iterable[Line], source: Source, rules: ReadingRules, diagnostics: Diagnostics) -> Iterator[Card]:
+    """Join and strip lines into cards; blank lines and comments vanish, and so do changes of the language."""
     pieces: _Pieces | None = None
-    glued = False
+    language, glued = rules, False
     for number, line in lines:
-        text = strip_comment(line, rules)
+        text = strip_comment(line, language)
         bare = text.strip()
         if not bare:
             continue
         column = len(text) - len(text.lstrip()) + 1
+        change = _LANGUAGE.fullmatch(text) if rules.spice is not None else None
         continues = bare[0] == "+"
         if (continues or glued) and pieces is None:
-            journal.error(CardError(Spot(name, number, column), "this line continues (+) nothing"))
+            diagnostics.error(CardError(Spot(source.name, number, column), "this line continues (+) nothing"))
             continue
         if pieces is not None and not (continues or glued):
-            yield _card(pieces, file, name)
+            yield pieces.card()
             pieces = None
+        if change is not None:
+            language = _language(change, rules, Spot(source.name, number, column))
+            continue
         if continues and not glued:
             bare, column = bare[1:], column + 1
-        glued = bare.endswith("\\\\")
-        bare = bare[:-2].rstrip() if glued else bare
+        mark = "\\" if language.instances else "\\\\"
+        glued = bare.endswith(mark)
+        bare = bare.removesuffix(mark).rstrip() if glued else bare
         if pieces is None and not bare.strip():
             glued = False
             continue
         if pieces is None:
-            pieces = _Pieces(number, [], [])
+            pieces = _Pieces(source, language, [], [])
         pieces.texts.append(bare)
         pieces.places.append((number, column))
     if pieces is not None:
-        yield _card(pieces, file, name)
+        yield pieces.card()
 
 
-def _card(pieces: _Pieces, file: int, name: str) -> Card:
-    joins: list[tuple[int, int, int]] = []
-    offset = 0
-    for text, (line, column) in zip(pieces.texts, pieces.places, strict=True):
-        joins.append((offset, line, column))
-        offset += len(text) + 1
-    return Card(" ".join(pieces.texts), file, name, pieces.line, tuple(joins))
+def _language(change: re.Match[str], rules: ReadingRules, spot: Spot) -> ReadingRules:
+    assert rules.spice is not None
+    if change[1] not in ("spectre", "spice"):
+        raise CardError(spot, f"the language {change[1]!r} is not read; spectre and spice are")
+    return rules if change[1] == "spectre" else rules.spice
 
 
 _DOLLAR = re.compile(r"(?:^|[\s,])\$")
@@ -101,22 +128,16 @@ def strip_comment(line: str, rules: ReadingRules) -> str:
 
     Examples
     --------
-    >>> from resgrid.spice.read.rules import NGSPICE
-    >>> strip_comment("R1 a 0 1k ; load", NGSPICE)
+    >>> from resgrid.spice.dialects import DIALECTS
+    >>> strip_comment("R1 a 0 1k ; load", DIALECTS["ngspice"].reading)
     'R1 a 0 1k '
     """
     if line.lstrip()[:1] == "*":
         return ""
-    end = len(line)
-    for mark in rules.comments:
-        place = line.find(mark)
-        if place >= 0:
-            end = min(end, place)
-    if rules.dollar_comments and "$" in line:
-        found = _DOLLAR.search(line)
-        if found is not None:
-            end = min(end, found.end() - 1)
-    return line[:end]
+    ends = [place for mark in rules.comments if (place := line.find(mark)) >= 0]
+    if rules.dollar_comments and "$" in line and (match := _DOLLAR.search(line)):
+        ends.append(match.end() - 1)
+    return line[: min(ends)] if ends else line
 
 
 Kind = Literal["word", "mark", "expression", "string"]
@@ -137,15 +158,15 @@ _KINDS: dict[str | None, Kind] = {
 
 @dataclass(frozen=True)
 class Token:
-    """A piece of a card.
-
-    `text`: without quotes or braces; `offset`: of its first character within the card's text, inside quotes or
-    braces.
-    """
+    """A piece of a card: its text without quotes or braces, and the offset of its first character in the card's."""
 
     kind: Kind
     text: str
     offset: int
+
+    def is_mark(self, text: str) -> bool:
+        """Whether it is one of these marks."""
+        return self.kind == "mark" and self.text in text
 
 
 def tokenise(card: Card) -> list[Token]:
@@ -154,6 +175,11 @@ def tokenise(card: Card) -> list[Token]:
     if wrong >= 0:
         raise card.error(wrong, f"{card.text[wrong]!r} is not closed, or closes nothing")
     return list(tokens)
+
+
+def without_parentheses(tokens: Iterable[Token]) -> list[Token]:
+    """Tokens, parentheses left out."""
+    return [token for token in tokens if not token.is_mark("()")]
 
 
 @lru_cache(maxsize=8192)
@@ -177,7 +203,7 @@ def _cut(text: str) -> tuple[tuple[Token, ...], int]:
 
 @dataclass(frozen=True)
 class Setting:
-    """``key=value`` of a card; several values where more follow after commas or blanks."""
+    """``key=value`` of a card, the key in lower case; several values where more follow after commas or blanks."""
 
     key: str
     offset: int
@@ -186,28 +212,49 @@ class Setting:
 
 def settings(card: Card, tokens: list[Token], several: frozenset[str] = frozenset()) -> list[Setting]:
     """Read ``key=value`` pairs; parentheses around them are ignored."""
-    plain = [token for token in tokens if not (token.kind == "mark" and token.text in "()")]
-    found: list[Setting] = []
+    if card.rules.instances:
+        return _unquoted_settings(card, tokens)
+    plain = without_parentheses(tokens)
+    pairs: list[Setting] = []
     i = 0
     while i < len(plain):
         key = plain[i]
-        if key.kind != "word" or i + 1 >= len(plain) or plain[i + 1].text != "=" or plain[i + 1].kind != "mark":
+        if key.kind != "word" or not _begins_pair(plain, i):
             raise card.error(key.offset, f"{key.text!r} was not expected here; key=value was")
         first = i + 2
-        last = first + 1
+        i = first + 1
         if key.text.lower() in several:
-            while last < len(plain) and not _begins_pair(plain, last):
-                last += 1
-        values = tuple(plain[first:last])
+            while i < len(plain) and not _begins_pair(plain, i):
+                i += 1
+        values = tuple(plain[first:i])
         if not values or values[0].kind == "mark":
             raise card.error(key.offset, f"{key.text!r} has no value")
-        found.append(Setting(key.text.lower(), key.offset, values))
-        i = last
-    return found
+        pairs.append(Setting(key.text.lower(), key.offset, values))
+    return pairs
+
+
+_KEY = re.compile(r"([^\W\d]\w*)\s*=(?!=)\s*")
+
+
+def _unquoted_settings(card: Card, tokens: list[Token]) -> list[Setting]:
+    """The same where expressions need neither quotes nor braces: a value ends where the next key begins."""
+    if not tokens:
+        return []
+    begin = tokens[0].offset
+    if tokens[0].kind == "mark" or _KEY.match(card.text, begin) is None:
+        raise card.error(begin, f"{tokens[0].text!r} was not expected here; key=value was")
+    keys = list(_KEY.finditer(card.text, begin))
+    pairs: list[Setting] = []
+    for key, stop in zip(keys, [*(key.start() for key in keys[1:]), len(card.text)], strict=True):
+        value = card.text[key.end() : stop].strip()
+        if not value:
+            raise card.error(key.start(), f"{key[1]!r} has no value")
+        pairs.append(Setting(key[1].lower(), key.start(), (Token("expression", value, key.end()),)))
+    return pairs
 
 
 def _begins_pair(tokens: list[Token], i: int) -> bool:
-    return i + 1 < len(tokens) and tokens[i + 1].kind == "mark" and tokens[i + 1].text == "="
+    return i + 1 < len(tokens) and tokens[i + 1].is_mark("=")
 
 
 def split_positional(tokens: list[Token]) -> tuple[list[Token], list[Token]]:

@@ -1,4 +1,4 @@
-"""Reading a deck: from a file to a `ParsedDeck`."""
+"""Reading a circuit: from a file to a `ParsedDeck`."""
 
 from __future__ import annotations
 
@@ -8,16 +8,21 @@ from pathlib import Path
 from typing import IO
 
 from resgrid.errors import InputError
+from resgrid.spice.dialects import DIALECTS
+from resgrid.spice.dialects.reading import ReadingRules
+from resgrid.spice.networks.read import is_network, read_network
 from resgrid.spice.parsed import ParsedDeck
 from resgrid.spice.read.assemble import assemble_deck
 from resgrid.spice.read.collect import Collector
-from resgrid.spice.read.diagnostics import Journal
+from resgrid.spice.read.commands import Contents
+from resgrid.spice.read.diagnostics import Diagnostics
 from resgrid.spice.read.files import Library, Source, read_bytes
 from resgrid.spice.read.plain import LEAST_BYTES
-from resgrid.spice.read.rules import guess_dialect, rules_named
 
 _HEAD = 4096
+_LOOKED_AT = 65536
 _STATED = re.compile(rb'"dialect": "([a-z]+)"')
+_SUFFIXES = {".scs": "spectre"}
 
 
 def read_spice(
@@ -26,23 +31,38 @@ def read_spice(
     dialect: str = "auto",
     root: str | os.PathLike[str] | None = None,
     max_elements: int | None = None,
+    measure: str | None = None,
+    sources: str | os.PathLike[str] | None = None,
+    grounds: str | os.PathLike[str] | None = None,
 ) -> ParsedDeck:
-    r"""Read a resistive deck.
+    r"""Read a resistive circuit: a deck, an edge list, a Circuitscape configuration, a graph, or a netlist's arrays.
 
-    Resistors, independent sources, capacitors (open), inductors (shorts) and switches with a known control voltage are
-    read, in subcircuits with parameters too; everything else is refused with its place.
+    Of a deck, resistors (those with ``I0 tanh(V/V0)`` in the form that is written here, too), independent sources,
+    capacitors (open), inductors (shorts) and switches with a known control voltage are read, in subcircuits with
+    parameters too; everything else is refused with its place.
+
+    Files that end in ``.ini`` are Circuitscape's configurations in advanced mode; ``.graphml``, node-link ``.json`` and
+    ``.npz`` hold whole netlists; ``.csv``, ``.tsv`` and a ``.txt`` that looks like one are lists of edges, a line
+    ``node node ohms`` (or siemens, if a heading says ``conductance``); ground is the node ``ground``.
 
     Parameters
     ----------
     path : path-like or text file
-        The deck.
-    dialect : {"auto", "ngspice", "ltspice", "xyce", "hspice"}
-        Whose rules to read it by; ``"auto"`` asks the deck's sidecar, then its text for signs; ngspice without.
+        The circuit.
+    dialect : {"auto", "ngspice", "ltspice", "xyce", "hspice", "spectre"}
+        Whose rules to read a deck by; ``"auto"`` asks the deck's sidecar, then the end of its name and its text for
+        signs; ngspice without.
     root : path-like, optional
         Folder below which files may be included; by default the deck's own.  Links are resolved before.
     max_elements : int, optional
         How many elements subcircuits may be expanded to; by default 500,000, or 5,000 a line if that is more, and at
         most 20 million.
+    measure : {"resistance", "conductance"}, optional
+        What the numbers of an edge list and of its grounds are, where no heading says; by default resistances.
+    sources : path-like, optional
+        Of an edge list: lines ``node amperes``, currents fed into nodes.
+    grounds : path-like, optional
+        Of an edge list: lines ``node ohms`` (or siemens) to ground; 0 ohm holds the node at 0 V.
 
     Returns
     -------
@@ -62,6 +82,9 @@ def read_spice(
     >>> deck.title, deck.node_names, deck.resistance.tolist()
     ('divider', ('0', 'in', 'out'), [1000.0, 1000.0])
     """
+    tables = measure is not None or sources is not None or grounds is not None
+    if isinstance(path, str | os.PathLike) and (tables or is_network(path)):
+        return read_network(path, measure=measure, sources=sources, grounds=grounds, root=root)
     return read_with(path, dialect=dialect, root=root, max_elements=max_elements)
 
 
@@ -75,15 +98,22 @@ def read_with(
 ) -> ParsedDeck:
     """Read a deck as `read_spice`; files of at least so many bytes go through the compiled loops."""
     if dialect != "auto":
-        rules_named(dialect)
+        _rules_of(dialect)
     library, source = _open(path, root)
-    rules = rules_named(_stated_dialect(source) or guess_dialect(source.data) if dialect == "auto" else dialect)
-    collector = Collector(library, rules, Journal(), quick=len(source.data) >= least_bytes)
+    rules = _rules_of(_dialect_of(source) if dialect == "auto" else dialect)
+    collector = Collector(library, Contents(rules, Diagnostics()), quick=len(source.data) >= least_bytes)
     try:
         collector.deck(source)
         return assemble_deck(collector, source, max_elements)
     except RecursionError:
         raise InputError(f"{source.name}: something in it is nested too deeply to be read") from None
+
+
+def _rules_of(dialect: str) -> ReadingRules:
+    known = {name: rules for name, rules in ((d.name, d.reading) for d in DIALECTS.values()) if rules is not None}
+    if dialect not in known:
+        raise InputError(f"decks of dialect {dialect!r} cannot be read; those of {', '.join(known)} can")
+    return known[dialect]
 
 
 def _open(
@@ -113,13 +143,19 @@ def _folder(root: str | os.PathLike[str]) -> Path:
     return folder
 
 
-def _stated_dialect(source: Source) -> str | None:
-    """Dialect in the sidecar of a deck, if there is one that says it."""
-    if source.path is None:
-        return None
-    try:
-        with source.path.with_name(source.path.name + ".json").open("rb") as sidecar:
-            found = _STATED.search(sidecar.read(_HEAD))
-    except OSError:
-        return None
-    return found.group(1).decode() if found is not None else None
+def _dialect_of(source: Source) -> str:
+    """Dialect that a deck's sidecar states, its name says, or its words show; ngspice without any sign."""
+    if source.path is not None:
+        try:
+            with source.path.with_name(source.path.name + ".json").open("rb") as sidecar:
+                stated = _STATED.search(sidecar.read(_HEAD))
+            if stated is not None:
+                return stated.group(1).decode()
+        except OSError:
+            pass
+        if source.path.suffix.lower() in _SUFFIXES:
+            return _SUFFIXES[source.path.suffix.lower()]
+    data = source.data
+    text = b"\n" + (data[:_LOOKED_AT] + data[-_LOOKED_AT:] if len(data) > 2 * _LOOKED_AT else data).lower()
+    readable = [dialect for dialect in DIALECTS.values() if dialect.reading is not None]
+    return next((d.name for d in readable if d.reading and any(sign in text for sign in d.reading.signs)), "ngspice")

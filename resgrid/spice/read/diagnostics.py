@@ -35,7 +35,7 @@ class TooManyErrorsError(InputError):
 
 
 @dataclass
-class Journal:
+class Diagnostics:
     """Errors and notes while a deck is being read."""
 
     errors: list[str] = field(default_factory=list)
@@ -53,13 +53,21 @@ class Journal:
         if self.errors:
             raise TooManyErrorsError("\n".join(self.errors))
 
-    def note(self, severity: Severity, spot: Spot, text: str, count: int = 1) -> None:
-        """Say something; what was said before with the same words is counted only."""
+    def warn(self, spot: Spot, text: str, count: int = 1) -> None:
+        """Note something that simulators disagree about, or that was probably not meant."""
+        self._note("warning", spot, text, count)
+
+    def inform(self, spot: Spot, text: str) -> None:
+        """Note something that is merely worth knowing."""
+        self._note("info", spot, text, 1)
+
+    def _note(self, severity: Severity, spot: Spot, text: str, count: int) -> None:
+        """Keep a note; one with the same words as another is counted only."""
         first, seen = self._notes.get((severity, text), (spot, 0))
         self._notes[severity, text] = (first, seen + count)
 
     def notes(self) -> tuple[Note, ...]:
-        """Everything that was said, in the order of places."""
+        """Everything that was noted, in the order of places."""
         return tuple(
             Note(severity, spot.file, spot.line, spot.column, text if count == 1 else f"{text} ({count} times)")
             for (severity, text), (spot, count) in self._notes.items()

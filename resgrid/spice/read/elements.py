@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import math
 import re
+import string
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import lru_cache, partial
 
-from resgrid.spice.read.cards import Card, Setting, Token, settings, split_positional, tokenise
-from resgrid.spice.read.diagnostics import Journal
-from resgrid.spice.read.expressions import Lookup
+from resgrid.spice.dialects import DIALECTS
+from resgrid.spice.read import spectre
+from resgrid.spice.read.cards import Card, Setting, Token, settings, split_positional, tokenise, without_parentheses
 from resgrid.spice.read.models import RESISTOR_KINDS, SWITCH_KINDS, modelled_resistor, modelled_switch
-from resgrid.spice.read.scopes import Model, Scope
-from resgrid.spice.read.tables import Sheet
-from resgrid.spice.read.waveforms import source_value
+from resgrid.spice.read.scopes import Block, Model, Scope
+from resgrid.spice.read.tables import Elements
+from resgrid.spice.read.waveforms import SourceValue, source_value
 
 REFUSED = {
     "d": "a diode",
@@ -37,71 +40,73 @@ REFUSED = {
 """Elements that are not linear resistive ones, by their letter."""
 
 _SEVERAL = frozenset({"tc"})
-_FREE_KEYS = frozenset({"ac", "noisy", "noise", "ic", "temp_ac"})
-_RESISTOR_KEYS = frozenset({"r", "resistance", "tc", "tc1", "tc2", "m", "scale", "temp", "dtemp", "l", "w"})
-_INDUCTOR_KEYS = frozenset({"l", "tc", "tc1", "tc2", "m", "scale", "temp", "dtemp", "nt", "rser", "ipk"})
-_CAPACITOR_KEYS = frozenset({"c", "tc", "tc1", "tc2", "m", "scale", "temp", "dtemp", "l", "w", "rser", "v", "irms"})
+_FREE_KEYS = frozenset({"ac", "noisy", "noise", "ic", "temp_ac", "isnoisy"})
+_VALUE_KEYS = frozenset({"tc", "tc1", "tc2", "m", "scale", "temp", "dtemp"})
+_SPECTRE_KEYS = {"trise": "dtemp"}
 
 
-def read_element(card: Card, scope: Scope, sheet: Sheet, journal: Journal) -> None:
-    """Read one element into the sheet of its block."""
-    letter = card.text[0].lower()
+@dataclass(frozen=True, eq=False)
+class Element:
+    """An element's card, cut.
+
+    `positional`: what stands without a key behind the nodes; `pairs`: what has one; `keys`: the values of those.
+    """
+
+    card: Card
+    name: str
+    nodes: list[str]
+    positional: list[Token]
+    pairs: list[Setting]
+    keys: dict[str, list[float]]
+
+    def value(self, key: str, default: float) -> float:
+        """First value of a key."""
+        return self.keys[key][0] if key in self.keys else default
+
+    @property
+    def multiplier(self) -> float:
+        """How many elements lie in parallel."""
+        return multiplier(self.card, self.value("m", 1.0))
+
+
+def letter_of(card: Card, block: Block) -> str:
+    """Letter of an element, in lower case."""
+    return spectre.letter_of(card, block) if card.rules.instances else card.text[0].lower()
+
+
+def read_element(card: Card, scope: Scope, elements: Elements) -> None:
+    """Read one element into those of its block."""
+    letter = letter_of(card, scope.block)
+    refused = card.rules.refused_elements.get(letter)
+    if refused is not None:
+        raise card.error(0, f"{card.text.split()[0]} is {refused}")
     reader = _READERS.get(letter)
     if reader is not None:
-        reader(card, tokenise(card), scope, sheet, journal)
+        reader(card, scope, elements)
     elif letter == "k":
-        journal.note("info", card.spot(), "coupled inductors (K) do nothing at direct current")
-    elif letter in REFUSED:
-        name = card.text.split()[0]
-        raise card.error(0, f"{name[:60]} is {REFUSED[letter]}; only R, V, I, C, L, S and X can be read")
-    else:
-        raise card.error(0, f"{card.text.split()[0][:60]!r} is no element and no command that is known")
+        scope.diagnostics.inform(card.spot(), "coupled inductors (K) do nothing at direct current")
+    elif not _read_nonlinear(card, scope, elements):
+        name = card.text.split()[0][:60]
+        if letter not in REFUSED:
+            raise card.error(0, f"{name!r} is no element and no command that is known")
+        form = f" and {_form(card.rules.name)}" if letter in "bg" else ""
+        raise card.error(0, f"{name} is {REFUSED[letter]}; only R, V, I, C, L, S and X{form} can be read")
 
 
 def read_nodes(card: Card, tokens: list[Token], count: int) -> tuple[list[str], list[Token]]:
-    """Take the names of the terminals, which may stand in parentheses, and return what follows them."""
+    """Take the names of the terminals, which may stand in parentheses or quotes, and return what follows them."""
     names: list[str] = []
     i = 1
     while len(names) < count and i < len(tokens):
         token = tokens[i]
-        if token.kind == "word":
+        if token.kind in ("word", "string"):
             names.append(token.text)
-        elif token.kind != "mark" or token.text == "=":
+        elif not token.is_mark("()"):
             raise card.error(token.offset, f"{token.text!r} was not expected here; a node was")
         i += 1
     if len(names) < count:
         raise card.error(None, f"{tokens[0].text} has {len(names)} node(s); it needs {count}")
-    if i < len(tokens) and tokens[i].kind == "mark" and tokens[i].text == ")":
-        i += 1
-    return names, tokens[i:]
-
-
-def number(scope: Scope, card: Card, token: Token, journal: Journal, lookup: Lookup | None = None) -> float:
-    """Value of a token; its names are looked up in the scope, or by ``lookup``, and its warning goes to the journal."""
-    value, warning = scope.value(card, token, lookup)
-    if warning:
-        journal.note("warning", card.spot(token.offset), warning)
-    return value
-
-
-def _keyed(
-    card: Card, pairs: list[Setting], known: frozenset[str], scope: Scope, journal: Journal
-) -> dict[str, list[float]]:
-    values: dict[str, list[float]] = {}
-    for setting in pairs:
-        if setting.key in scope.rules.annotations:
-            journal.note("info", card.spot(setting.offset), f"{setting.key}= changes nothing at direct current")
-            continue
-        if setting.key in _FREE_KEYS:
-            continue
-        if setting.key not in known:
-            raise card.error(
-                setting.offset, f"{setting.key!r} is not understood here; known are {', '.join(sorted(known))}"
-            )
-        if setting.key in values:
-            raise card.error(setting.offset, f"{setting.key!r} is given twice")
-        values[setting.key] = [number(scope, card, token, journal) for token in setting.values]
-    return values
+    return names, tokens[i + (i < len(tokens) and tokens[i].is_mark(")")) :]
 
 
 def multiplier(card: Card, value: float) -> float:
@@ -111,79 +116,113 @@ def multiplier(card: Card, value: float) -> float:
     return value
 
 
-def _read_resistor(card: Card, tokens: list[Token], scope: Scope, sheet: Sheet, journal: Journal) -> None:
-    nodes, rest = read_nodes(card, tokens, 2)
-    positional, tail = split_positional(rest)
-    pairs = settings(card, tail, _SEVERAL)
-    if scope.rules.spaced_lists:
-        _refuse_unspaced(card, pairs, scope.rules.name)
-    keyed = _keyed(card, pairs, _RESISTOR_KEYS, scope, journal)
-    model, stated = _model_and_values(card, positional, scope, journal, RESISTOR_KINDS)
-    stated += [keyed[key][0] for key in ("r", "resistance") if key in keyed]
+def _cut(card: Card, scope: Scope, known: str = "") -> Element:
+    """Cut the card of an element of two nodes, whose keys are the usual ones and those that are known."""
+    tokens = tokenise(card)
+    if card.rules.instances:
+        head, tail = split_positional(without_parentheses(tokens))
+        if len(head) != 4:
+            raise card.error(None, f"{tokens[0].text} has {len(head) - 2} node(s); it needs 2")
+        nodes, positional = [token.text for token in head[1:3]], head[3:]
+        if positional[0].text in spectre.PRIMITIVES:
+            positional = []
+        pairs = [Setting(_SPECTRE_KEYS.get(s.key, s.key), s.offset, s.values) for s in settings(card, tail)]
+    else:
+        nodes, rest = read_nodes(card, tokens, 2)
+        positional, tail = split_positional(rest)
+        pairs = settings(card, tail, _SEVERAL)
+    keys = _values_of(card, pairs, _VALUE_KEYS | set(known.split()), scope) if known else {}
+    return Element(card, tokens[0].text, nodes, positional, pairs, keys)
+
+
+def _values_of(
+    card: Card, pairs: list[Setting], known: frozenset[str] | set[str], scope: Scope
+) -> dict[str, list[float]]:
+    values: dict[str, list[float]] = {}
+    for pair in pairs:
+        if pair.key in card.rules.annotations:
+            scope.diagnostics.inform(card.spot(pair.offset), f"{pair.key}= changes nothing at direct current")
+            continue
+        if pair.key in _FREE_KEYS:
+            continue
+        if pair.key not in known:
+            raise card.error(pair.offset, f"{pair.key!r} is not understood here; known are {', '.join(sorted(known))}")
+        if pair.key in values:
+            raise card.error(pair.offset, f"{pair.key!r} is given twice")
+        values[pair.key] = [scope.number(card, token) for token in pair.values]
+    return values
+
+
+def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
+    element = _cut(card, scope, "r resistance l w")
+    if card.rules.spaced_lists:
+        _refuse_unspaced(card, element.pairs)
+    model, stated = _model_and_values(element, scope, RESISTOR_KINDS)
+    stated += [element.keys[key][0] for key in ("r", "resistance") if key in element.keys]
     if len(stated) > 1:
-        raise card.error(positional[-1].offset if positional else None, "more than one resistance is given")
+        offset = element.positional[-1].offset if element.positional else None
+        raise card.error(offset, "more than one resistance is given")
     ohms = stated[0] if stated else None
     first, second, nominal = 0.0, 0.0, math.nan
     if model is not None:
-        length, width = (keyed[key][0] if key in keyed else None for key in ("l", "w"))
+        length, width = (element.keys[key][0] if key in element.keys else None for key in ("l", "w"))
         modelled = modelled_resistor(model, scope, ohms, length, width, card)
         ohms, first, second, nominal = modelled.ohms, modelled.tc1, modelled.tc2, modelled.nominal
     elif ohms is None:
-        raise card.error(None, f"{tokens[0].text} has no value: give it ohms, r=, or a model")
-    elif "l" in keyed or "w" in keyed:
+        raise card.error(None, f"{element.name} has no value: give it ohms, r=, or a model")
+    elif "l" in element.keys or "w" in element.keys:
         raise card.error(None, "l and w mean something together with a model only")
-    first, second = _coefficients(card, keyed, first, second)
-    if "scale" in keyed and scope.rules.name != "ngspice":
-        raise card.error(None, f"scale= is understood for ngspice, not for {scope.rules.name}; put it into the value")
-    ohms *= keyed.get("scale", [1.0])[0] / multiplier(card, keyed.get("m", [1.0])[0])
+    first, second = _coefficients(element, first, second)
+    if "scale" in element.keys and not card.rules.scale_key:
+        raise card.error(None, f"scale= is not understood for {card.rules.name}; put it into the value")
+    ohms *= element.value("scale", 1.0) / element.multiplier
     if not math.isfinite(ohms):
-        raise card.error(None, f"{tokens[0].text} has {ohms} ohm")
-    own = (keyed.get("dtemp", [0.0])[0], keyed.get("temp", [math.nan])[0], nominal)
-    sheet.add("resistor", tokens[0].text, nodes, (ohms, first, second, *own), _at(card))
+        raise card.error(None, f"{element.name} has {ohms} ohm")
+    own = (element.value("dtemp", 0.0), element.value("temp", math.nan), nominal)
+    elements.add("resistor", element.name, element.nodes, (ohms, first, second, *own), card)
 
 
-def _refuse_unspaced(card: Card, pairs: list[Setting], dialect: str) -> None:
+def _refuse_unspaced(card: Card, pairs: list[Setting]) -> None:
     """Refuse lists in parentheses, without a blank between their values, or going on with a point."""
-    for first, second in (setting.values[:2] for setting in pairs if len(setting.values) > 1):
+    for first, second in (pair.values[:2] for pair in pairs if len(pair.values) > 1):
         gap = card.text[first.offset + len(first.text) : second.offset].strip("{}'")
         bracketed = card.text[: first.offset].rstrip(" {'").endswith("(")
         parted = gap.isspace() or (first.kind == "word" and gap[0] == "," and gap[1:].isspace())
         if bracketed or second.text[0] == "." or not parted:
-            raise card.error(first.offset, f"{dialect} reads this list otherwise, or not at all: write tc1=... tc2=...")
+            raise card.error(
+                first.offset, f"{card.rules.name} reads this list otherwise, or not at all: write tc1=... tc2=..."
+            )
 
 
-def _coefficients(card: Card, keyed: dict[str, list[float]], first: float, second: float) -> tuple[float, float]:
-    several = keyed.get("tc", [])
+def _coefficients(element: Element, first: float, second: float) -> tuple[float, float]:
+    several = element.keys.get("tc", [])
     if len(several) > 2:
-        raise card.error(None, f"tc= takes one or two values, not {len(several)}")
+        raise element.card.error(None, f"tc= takes one or two values, not {len(several)}")
     if several:
         first, second = several[0], several[1] if len(several) > 1 else second
-    return keyed.get("tc1", [first])[0], keyed.get("tc2", [second])[0]
+    return element.value("tc1", first), element.value("tc2", second)
 
 
-def _model_and_values(
-    card: Card, positional: list[Token], scope: Scope, journal: Journal, kinds: frozenset[str]
-) -> tuple[Model | None, list[float]]:
+def _model_and_values(element: Element, scope: Scope, kinds: frozenset[str]) -> tuple[Model | None, list[float]]:
     """What stands without a key: the name of a model, values."""
-    model: Model | None = None
-    values: list[float] = []
-    for token in positional:
-        found = scope.block.model(token.text.lower()) if token.kind == "word" else None
-        if found is None:
-            values.append(number(scope, card, token, journal))
-        elif found.kind not in kinds:
+    card, model, values = element.card, None, []
+    for token in element.positional:
+        named = scope.block.model(token.text.lower()) if token.kind == "word" else None
+        if named is None:
+            values.append(scope.number(card, token))
+        elif named.kind not in kinds:
             raise card.error(
-                token.offset, f"the model {token.text} is one of kind {found.kind!r}, not {sorted(kinds)[0]!r}"
+                token.offset, f"the model {token.text} is one of kind {named.kind!r}, not {sorted(kinds)[0]!r}"
             )
         elif model is not None:
             raise card.error(token.offset, "two models are given")
-        elif values and scope.rules.models_first and not _is_literal(positional[0]):
+        elif values and card.rules.models_first and not _is_literal(element.positional[0]):
             raise card.error(
                 token.offset,
-                f"{scope.rules.name} overlooks the model {token.text} after a value like this: write it first",
+                f"{card.rules.name} overlooks the model {token.text} after a value like this: write it first",
             )
         else:
-            model = found
+            model = named
     return model, values
 
 
@@ -191,60 +230,74 @@ def _is_literal(token: Token) -> bool:
     return token.kind == "word" and re.match(r"[+-]?\d", token.text) is not None
 
 
-def _read_source(card: Card, tokens: list[Token], scope: Scope, sheet: Sheet, journal: Journal) -> None:
-    nodes, rest = read_nodes(card, tokens, 2)
-    current = card.text[0] in "iI"
-    value, count = source_value(card, rest, scope, journal)
-    if current:
-        value *= multiplier(card, count)
-    elif count != 1:
-        multiplier(card, count)
-        journal.note("info", card.spot(), "m= changes nothing in a voltage source")
-    sheet.add("current source" if current else "voltage source", tokens[0].text, nodes, (value,), _at(card))
+def _read_source(kind: str, card: Card, scope: Scope, elements: Elements) -> None:
+    tokens = tokenise(card)
+    if card.rules.instances:
+        element = _cut(card, scope)
+        source = SourceValue(*spectre.source_value(card, element.pairs, scope))
+        name, nodes = element.name, element.nodes
+    else:
+        name = tokens[0].text
+        nodes, rest = read_nodes(card, tokens, 2)
+        source = source_value(card, rest, scope)
+    value = source.volts_or_amps
+    if kind == "current source":
+        value *= multiplier(card, source.count)
+    elif source.count != 1:
+        multiplier(card, source.count)
+        scope.diagnostics.inform(card.spot(), "m= changes nothing in a voltage source")
+    if source.series:
+        inner = f"{name}.rser"
+        elements.add("resistor", inner, (nodes[0], inner), _plain(source.series), card)
+        nodes = [inner, nodes[1]]
+    elements.add(kind, name, nodes, (value,), card)
 
 
-def _read_capacitor(card: Card, tokens: list[Token], scope: Scope, sheet: Sheet, journal: Journal) -> None:
-    nodes, rest = read_nodes(card, tokens, 2)
-    positional, tail = split_positional(rest)
-    pairs = settings(card, tail, _SEVERAL)
-    keyed = _keyed(card, pairs, _CAPACITOR_KEYS, scope, journal)
-    model, stated = _model_and_values(card, positional, scope, journal, frozenset({"c", "cap"}))
-    stated += keyed.get("c", [])
+def _plain(ohms: float) -> tuple[float, ...]:
+    """Values of a resistor that has nothing but ohms."""
+    return (ohms, 0.0, 0.0, 0.0, math.nan, math.nan)
+
+
+def _read_capacitor(card: Card, scope: Scope, elements: Elements) -> None:
+    element = _cut(card, scope, "c l w rser v irms")
+    model, stated = _model_and_values(element, scope, frozenset({"c", "cap", "capacitor"}))
+    stated += element.keys.get("c", [])
     if len(stated) > 1:
         raise card.error(None, "more than one capacitance is given")
     if not stated and model is None:
-        raise card.error(None, f"{tokens[0].text} has no value")
+        raise card.error(None, f"{element.name} has no value")
     if not stated:
-        journal.note("info", card.spot(), "the capacitance of a model is not computed: it is open at direct current")
-    farads = stated[0] * multiplier(card, keyed.get("m", [1.0])[0]) if stated else 0.0
-    if not 0 <= farads < math.inf:
-        raise card.error(None, f"{tokens[0].text} has {farads:g} F; a capacitance must not be negative")
-    sheet.add("capacitor", tokens[0].text, nodes, (farads,), _at(card))
-
-
-def _read_inductor(card: Card, tokens: list[Token], scope: Scope, sheet: Sheet, journal: Journal) -> None:
-    nodes, rest = read_nodes(card, tokens, 2)
-    positional, tail = split_positional(rest)
-    keyed = _keyed(card, settings(card, tail, _SEVERAL), _INDUCTOR_KEYS, scope, journal)
-    model, stated = _model_and_values(card, positional, scope, journal, frozenset({"l", "ind"}))
-    if not stated and model is None and "l" not in keyed:
-        raise card.error(None, f"{tokens[0].text} has no value")
-    series = keyed.get("rser", [0.0])[0]
-    if series:
-        journal.note("info", card.spot(), "an inductor with rser is a resistor at direct current")
-        sheet.add("resistor", tokens[0].text, nodes, (series, 0.0, 0.0, 0.0, math.nan, math.nan), _at(card))
-        return
-    if scope.rules.name == "ltspice":
-        journal.note(
-            "warning", card.spot(), "LTspice gives an inductor 1 milliohm unless rser=0 is said; it is a short here"
+        scope.diagnostics.inform(
+            card.spot(), "the capacitance of a model is not computed: it is open at direct current"
         )
-    journal.note("info", card.spot(), "an inductor is a short at direct current: a source of 0 V bears its name")
-    sheet.add("voltage source", tokens[0].text, nodes, (0.0,), _at(card))
+    farads = stated[0] * element.multiplier if stated else 0.0
+    if not 0 <= farads < math.inf:
+        raise card.error(None, f"{element.name} has {farads:g} F; a capacitance must not be negative")
+    elements.add("capacitor", element.name, element.nodes, (farads,), card)
 
 
-def _read_switch(card: Card, tokens: list[Token], scope: Scope, sheet: Sheet, _: Journal) -> None:
-    if scope.rules.name == "hspice":
-        raise card.error(0, f"{tokens[0].text} is an S element, which HSPICE takes for scattering parameters")
+def _read_inductor(card: Card, scope: Scope, elements: Elements) -> None:
+    element = _cut(card, scope, "l nt rser ipk r")
+    model, stated = _model_and_values(element, scope, frozenset({"l", "ind", "inductor"}))
+    if not stated and model is None and "l" not in element.keys:
+        raise card.error(None, f"{element.name} has no value")
+    series = element.value("rser", element.value("r", 0.0))
+    if series:
+        scope.diagnostics.inform(card.spot(), "an inductor with rser is a resistor at direct current")
+        elements.add("resistor", element.name, element.nodes, _plain(series), card)
+        return
+    if card.rules.inductor_ohms:
+        scope.diagnostics.warn(
+            card.spot(),
+            f"{DIALECTS[card.rules.name].label} gives an inductor {card.rules.inductor_ohms:g} ohm unless rser=0 "
+            "is said; it is a short here",
+        )
+    scope.diagnostics.inform(card.spot(), "an inductor is a short at direct current: a source of 0 V bears its name")
+    elements.add("voltage source", element.name, element.nodes, (0.0,), card)
+
+
+def _read_switch(card: Card, scope: Scope, elements: Elements) -> None:
+    tokens = tokenise(card)
     nodes, rest = read_nodes(card, tokens, 4)
     words = [token for token in rest if token.kind == "word"]
     if not words or len(words) != len(rest) or len(words) > 2:
@@ -257,17 +310,44 @@ def _read_switch(card: Card, tokens: list[Token], scope: Scope, sheet: Sheet, _:
         if words[1].text.lower() not in ("on", "off"):
             raise card.error(words[1].offset, f"{words[1].text!r} was not expected here; ON or OFF was")
         state = float(words[1].text.lower() == "on")
-    sheet.add("switch", tokens[0].text, nodes, modelled_switch(model, scope, state, card), _at(card))
+    elements.add("switch", tokens[0].text, nodes, modelled_switch(model, scope, state, card), card)
 
 
-def _at(card: Card) -> tuple[int, int]:
-    return card.file, card.line
+def _read_nonlinear(card: Card, scope: Scope, elements: Elements) -> bool:
+    """Read ``I = current tanh(V / voltage)`` in the form that this package writes; whether it is one."""
+    match = _nonlinear_form(card.rules.name).fullmatch(card.text.strip())
+    if match is None:
+        return False
+    shift = len(card.text) - len(card.text.lstrip())
+    tokens = (Token("word", match[key], match.start(key) + shift) for key in ("current", "voltage"))
+    amps, volts = (scope.number(card, token) for token in tokens)
+    if amps <= 0 or volts <= 0:
+        raise card.error(None, f"{match['name']} carries {amps:g} A at {volts:g} V; both must be positive")
+    elements.add("nonlinear resistor", match["name"], (match["a"], match["b"]), (amps, volts), card)
+    return True
 
 
-_READERS: dict[str, Callable[[Card, list[Token], Scope, Sheet, Journal], None]] = {
+@lru_cache(maxsize=64)
+def _nonlinear_form(dialect: str) -> re.Pattern[str]:
+    """What the dialect's template of a nonlinear resistor writes, blanks and case aside."""
+    groups = {"name": r"b\S*", "a": r"[^\s,()]+", "b": r"[^\s,()]+"}
+    pattern, seen = "", set()
+    for literal, key, *_ in string.Formatter().parse(DIALECTS[dialect].nonlinear_resistor):
+        pattern += re.escape(literal).replace(r"\ ", r"\s+")
+        if key is not None:
+            pattern += f"(?P={key})" if key in seen else f"(?P<{key}>{groups.get(key, r'[^*/()]+')})"
+            seen.add(key)
+    return re.compile(pattern, re.IGNORECASE)
+
+
+def _form(dialect: str) -> str:
+    return DIALECTS[dialect].nonlinear_resistor.format(name="B1", a="a", b="b", current="I0", voltage="V0")
+
+
+_READERS: dict[str, Callable[[Card, Scope, Elements], None]] = {
     "r": _read_resistor,
-    "v": _read_source,
-    "i": _read_source,
+    "v": partial(_read_source, "voltage source"),
+    "i": partial(_read_source, "current source"),
     "c": _read_capacitor,
     "l": _read_inductor,
     "s": _read_switch,

@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
 
+from resgrid.spice.dialects.reading import ReadingRules
 from resgrid.spice.read.numerals import parse_numeral
-from resgrid.spice.read.rules import RULES, ReadingRules
 
 _PARENS = "write parentheses"
 
@@ -74,8 +74,9 @@ def evaluate(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> floa
 
     Examples
     --------
-    >>> from resgrid.spice.read.rules import NGSPICE
-    >>> evaluate("2*r + 1k", NGSPICE, {"r": 3.0}.get, lambda name, values, lookup: None)
+    >>> from resgrid.spice.dialects import DIALECTS
+    >>> rules = DIALECTS["ngspice"].reading
+    >>> evaluate("2*r + 1k", rules, {"r": 3.0}.get, lambda name, values, lookup: None)
     1006.0
     """
     if len(text) > MAX_LENGTH:
@@ -84,7 +85,7 @@ def evaluate(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> floa
     if names is not None:
         values = tuple(map(lookup, names))
         if None not in values:
-            return _value_with(text, rules.name, values)
+            return _value_with(text, rules, values)
     return _value(text, rules, lookup, call)
 
 
@@ -98,10 +99,10 @@ def _names(text: str) -> tuple[str, ...] | None:
 
 
 @lru_cache(maxsize=65536)
-def _value_with(text: str, dialect: str, values: tuple[float, ...]) -> float:
+def _value_with(text: str, rules: ReadingRules, values: tuple[float, ...]) -> float:
     """Value of an expression without functions, given those of its parameters."""
     given = dict(zip(_names(text) or (), values, strict=True))
-    return _value(text, RULES[dialect], given.get, lambda *_: None)
+    return _value(text, rules, given.get, lambda *_: None)
 
 
 def _value(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> float:

@@ -9,16 +9,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from resgrid.spice.dialects.reading import ReadingRules
 from resgrid.spice.read.cards import Card
-from resgrid.spice.read.rules import ReadingRules
 from resgrid.spice.read.scopes import Model, Scope
 
-RESISTOR_KINDS = frozenset({"r", "res"})
+RESISTOR_KINDS = frozenset({"r", "res", "resistor"})
 SWITCH_KINDS = frozenset({"sw", "vswitch"})
 
 _DEFAULT_LENGTH = 10e-6
-_OFF_RESISTANCE = {"xyce": 1e6}
-_USUAL_OFF = 1e12
 _ALIASES = {
     "res": "r",
     "tc1r": "tc1",
@@ -35,27 +33,14 @@ _IGNORED_KEYS = frozenset({"level", "kf", "af", "ef", "lf", "wf", "noise", "bv_m
 _SWITCH_KEYS = frozenset({"ron", "roff", "vt", "vh", "von", "voff"})
 
 
-@dataclass(frozen=True)
-class ModelValues:
-    """What the keys of a model are worth in a scope."""
-
-    values: dict[str, float]
-
-    def get(self, key: str, default: float) -> float:
-        """Value of a key."""
-        return self.values.get(key, default)
-
-
 def model_values(model: Model, scope: Scope, known: frozenset[str]) -> dict[str, float]:
     """Evaluate the keys of a model, by the parameters of the block that it stands in."""
     values: dict[str, float] = {}
-    home = scope.of(model.block)
+    home, rules = scope.of(model.block), model.card.rules
     for setting in model.settings:
-        if setting.key in scope.rules.ignored_model_keys:
-            own = _ALIASES[setting.key]
-            raise model.card.error(
-                setting.offset, f"{scope.rules.name} ignores {setting.key}; write {own}, or leave it out"
-            )
+        own = rules.ignored_model_keys.get(setting.key)
+        if own is not None:
+            raise model.card.error(setting.offset, f"{rules.name} ignores {setting.key}; write {own}, or leave it out")
         key = _ALIASES.get(setting.key, setting.key)
         if key in _IGNORED_KEYS:
             continue
@@ -63,7 +48,7 @@ def model_values(model: Model, scope: Scope, known: frozenset[str]) -> dict[str,
             raise model.card.error(
                 setting.offset, f"{setting.key} is no parameter that a model of kind {model.kind} can have here"
             )
-        values[key] = home.value(model.card, setting.values[0])[0]
+        values[key] = home.number(model.card, setting.values[0])
     return values
 
 
@@ -83,16 +68,14 @@ def modelled_resistor(
     """Resistance of a resistor with a model."""
     values = model_values(model, scope, _RESISTOR_KEYS)
     if ohms is None:
-        ohms = _from_model(values, scope, length, width, card, model)
-    elif scope.rules.model_factor:
+        ohms = _from_model(values, length, width, card, model)
+    elif card.rules.model_factor:
         ohms *= values.get("r", 1.0)
     return ModelledResistor(ohms, values.get("tc1", 0.0), values.get("tc2", 0.0), values.get("tnom", math.nan))
 
 
-def _from_model(
-    values: dict[str, float], scope: Scope, length: float | None, width: float | None, card: Card, model: Model
-) -> float:
-    rules = scope.rules
+def _from_model(values: dict[str, float], length: float | None, width: float | None, card: Card, model: Model) -> float:
+    rules = card.rules
     span = values.get("l", _DEFAULT_LENGTH) if length is None else length
     broad = values.get("w", _DEFAULT_LENGTH) if width is None else width
     if _is_sheet(values, rules, span, broad, sized=length is not None or width is not None):
@@ -120,8 +103,7 @@ def _is_sheet(values: dict[str, float], rules: ReadingRules, span: float, broad:
 def modelled_switch(model: Model, scope: Scope, state: float, card: Card) -> tuple[float, float, float, float, float]:
     """Values of a switch: ohms on and off, voltages above which it is on and below which off, the state between."""
     values = model_values(model, scope, _SWITCH_KEYS)
-    rules = scope.rules
-    on, off = values.get("ron", 1.0), values.get("roff", _OFF_RESISTANCE.get(rules.name, _USUAL_OFF))
+    on, off = values.get("ron", 1.0), values.get("roff", card.rules.off_ohms)
     if model.kind == "vswitch" or "von" in values or "voff" in values:
         upper, lower = values.get("von", 1.0), values.get("voff", 0.0)
         state = math.nan

@@ -6,11 +6,14 @@ import math
 import re
 from dataclasses import dataclass
 
-from resgrid.spice.read.rules import MIL, ReadingRules
+from resgrid.spice.dialects.reading import ReadingRules
 
 _NUMBER = re.compile(r"([+-]?)(\d++(?:\.\d*+)?|\.\d++)(?:[eE]([+-]?\d{1,9}))?([^\W\d_]*+)")
 _D_NUMBER = re.compile(r"([+-]?)(\d++(?:\.\d*+)?|\.\d++)(?:[eEdD]([+-]?\d{1,9}))?([^\W\d_]*+)")
 _INFIX = re.compile(r"([+-]?)(\d++)(meg|[tgkmunpfµμ])(\d++)[^\W\d_]*+", re.IGNORECASE)
+MIL = 25.4e-6
+"""The suffix ``mil``, a thousandth of an inch, in metres."""
+
 _UNIT = "Ω"
 _NO_D = "{} does not everywhere take D for an exponent; write e"
 
@@ -31,10 +34,10 @@ def parse_numeral(text: str, rules: ReadingRules, *, computed: bool = False) -> 
 
     Examples
     --------
-    >>> from resgrid.spice.read.rules import NGSPICE
-    >>> parse_numeral("2.2kOhm", NGSPICE)
+    >>> from resgrid.spice.dialects import DIALECTS
+    >>> parse_numeral("2.2kOhm", DIALECTS["ngspice"].reading)
     Numeral(value=2200.0, warning='')
-    >>> parse_numeral("out", NGSPICE) is None
+    >>> parse_numeral("out", DIALECTS["ngspice"].reading) is None
     True
     """
     match = (_D_NUMBER if rules.d_exponents else _NUMBER).fullmatch(text)
@@ -42,6 +45,8 @@ def parse_numeral(text: str, rules: ReadingRules, *, computed: bool = False) -> 
         return _infix(text, rules) if _D_NUMBER.fullmatch(text) is None else f"{text!r}: {_NO_D.format(rules.name)}"
     sign, digits, exponent, letters = match.groups()
     power, unit, warning = _suffix(letters, rules)
+    if rules.instances and unit:
+        return f"{text!r} has letters behind its suffix: in Spectre M is mega, m is milli, and units are not written"
     if power is None and computed and rules.milli_mil:
         return f"{text!r}: mil is milli in an expression of {rules.name}, and 25.4e-6 elsewhere; write what is meant"
     if power is None:
@@ -53,6 +58,8 @@ def parse_numeral(text: str, rules: ReadingRules, *, computed: bool = False) -> 
 
 def _suffix(letters: str, rules: ReadingRules) -> tuple[int | None, str, str]:
     """Power of ten (None for ``mil``), what is left as a unit, and a warning."""
+    if rules.instances:
+        return rules.suffixes.get(letters[:1], 0), letters[letters[:1] in rules.suffixes :], ""
     folded = letters.lower()
     if folded.startswith("meg") and "meg" in rules.suffixes:
         return rules.suffixes["meg"], letters[3:], ""

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.spice.dialects.reading import ReadingRules
 from resgrid.spice.read.files import decode
 from resgrid.spice.read.numerals import Numeral, parse_numeral
-from resgrid.spice.read.rules import ReadingRules
 from resgrid.spice.read.tables import Names
 
 LEAST_BYTES = 40_000

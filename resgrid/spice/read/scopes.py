@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 
 from resgrid.errors import BudgetError
 from resgrid.spice.read.cards import Card, Setting, Token
-from resgrid.spice.read.diagnostics import CardError, Spot
+from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
 from resgrid.spice.read.expressions import ExpressionError, Lookup, evaluate
 from resgrid.spice.read.numerals import parse_numeral
-from resgrid.spice.read.rules import ReadingRules
 
 MAX_CHAIN = 40
 """How deep parameters may refer to each other (in order of their lines they may do so without end)."""
@@ -62,8 +61,8 @@ class Block:
 
     def model(self, name: str) -> Model | None:
         """Find a model here or further out."""
-        found = self.models.get(name)
-        return found if found is not None or self.outer is None else self.outer.model(name)
+        model = self.models.get(name)
+        return model if model is not None or self.outer is None else self.outer.model(name)
 
     def home_of_function(self, name: str) -> Block:
         """The block, here or further out, that defines a function; the outermost if none does."""
@@ -71,8 +70,8 @@ class Block:
 
     def block(self, name: str) -> Block | None:
         """Find a subcircuit here or further out."""
-        found = self.blocks.get(name)
-        return found if found is not None or self.outer is None else self.outer.block(name)
+        block = self.blocks.get(name)
+        return block if block is not None or self.outer is None else self.outer.block(name)
 
 
 @dataclass(eq=False)
@@ -80,7 +79,7 @@ class Scope:
     """The values that a block's parameters have in one of its uses."""
 
     block: Block
-    rules: ReadingRules
+    diagnostics: Diagnostics
     outer: Scope | None = None
     given: Mapping[str, float] = field(default_factory=dict)
     _known: dict[str, float] = field(default_factory=dict)
@@ -94,7 +93,7 @@ class Scope:
             try:
                 self.parameter(name)
             except (ExpressionError, CardError):
-                continue  # said when it is used
+                continue  # reported where it is used
         self._deep = True
 
     def parameter(self, name: str) -> float | None:
@@ -112,12 +111,8 @@ class Scope:
             )
         if len(self._busy) >= (MAX_CHAIN if self._deep else 1):
             raise definition.card.error(definition.offset, f"parameters refer to each other over {MAX_CHAIN} deep")
-        self._busy.append(name)
         self._outermost._calls = 0
-        try:
-            self._known[name] = self._defined(definition, self.parameter)
-        finally:
-            self._busy.pop()
+        self._known[name] = self._value_of(definition, name, self.parameter)
         return self._known[name]
 
     def function(self, name: str, values: list[float], lookup: Lookup) -> float | None:
@@ -128,32 +123,35 @@ class Scope:
         definition = self.block.functions.get(name)
         if definition is None:
             return None
-        key = f"{name}()"
+        key, card = f"{name}()", definition.card
         if len(values) != len(definition.arguments):
-            raise definition.card.error(
+            raise card.error(
                 definition.offset, f"{name} takes {len(definition.arguments)} argument(s), not {len(values)}"
             )
         if key in self._busy or len(self._busy) >= MAX_CHAIN:
-            raise definition.card.error(definition.offset, f"the function {name} calls itself")
+            raise card.error(definition.offset, f"the function {name} calls itself")
         self._outermost._calls += 1
         if self._outermost._calls > MAX_CALLS:
             raise BudgetError(
-                f"{definition.card.spot(definition.offset)}: one value takes more than {MAX_CALLS:,} calls of "
+                f"{card.spot(definition.offset)}: one value takes more than {MAX_CALLS:,} calls of "
                 "functions that call each other; give what they repeat a parameter of its own"
             )
         given = dict(zip(definition.arguments, values, strict=True))
-        further = lookup if self.rules.puts_in_text else self.parameter
+        further = lookup if card.rules.puts_in_text else self.parameter
+        return self._value_of(definition, key, lambda name: given[name] if name in given else further(name))
+
+    def _value_of(self, definition: Definition, key: str, lookup: Lookup) -> float:
         self._busy.append(key)
         try:
-            return self._defined(definition, lambda wanted: given[wanted] if wanted in given else further(wanted))
+            return self._evaluated(definition.card, definition.text, definition.offset, lookup)
         finally:
             self._busy.pop()
 
-    def _defined(self, definition: Definition, lookup: Lookup) -> float:
+    def _evaluated(self, card: Card, text: str, offset: int, lookup: Lookup) -> float:
         try:
-            return evaluate(definition.text, self.rules, lookup, self.function)
+            return evaluate(text, card.rules, lookup, self.function)
         except ExpressionError as error:
-            raise definition.card.error(definition.offset + error.offset, str(error)) from None
+            raise card.error(offset + error.offset, str(error)) from None
 
     @property
     def _outermost(self) -> Scope:
@@ -163,24 +161,23 @@ class Scope:
         """The scope of a block here or further out."""
         return self if self.block is block or self.outer is None else self.outer.of(block)
 
-    def value(self, card: Card, token: Token, lookup: Lookup | None = None) -> tuple[float, str]:
-        """Value of a token of a card, and a warning about it; ``lookup`` knows the names in formulas."""
+    def number(self, card: Card, token: Token, lookup: Lookup | None = None) -> float:
+        """Value of a token of a card; ``lookup`` knows the names in formulas, the scope's own if it is None."""
         computed = lookup is not None
         lookup = lookup or self.parameter
         self._outermost._calls = 0
-        if token.kind == "word":
-            numeral = parse_numeral(token.text, self.rules, computed=computed)
-            if numeral is not None and not isinstance(numeral, str):
-                return numeral.value, numeral.warning
-            if numeral is not None:
-                raise card.error(token.offset, numeral)
-            found = lookup(token.text.lower())
-            if found is None:
-                raise card.error(token.offset, f"{token.text!r} is neither a number nor a parameter nor a known model")
-            return found, ""
         if token.kind in ("expression", "string"):
-            try:
-                return evaluate(token.text, self.rules, lookup, self.function), ""
-            except ExpressionError as error:
-                raise card.error(token.offset + error.offset, str(error)) from None
-        raise card.error(token.offset, f"{token.text!r} was not expected here; a value was")
+            return self._evaluated(card, token.text, token.offset, lookup)
+        if token.kind == "mark":
+            raise card.error(token.offset, f"{token.text!r} was not expected here; a value was")
+        numeral = parse_numeral(token.text, card.rules, computed=computed)
+        if isinstance(numeral, str):
+            raise card.error(token.offset, numeral)
+        if numeral is not None:
+            if numeral.warning:
+                self.diagnostics.warn(card.spot(token.offset), numeral.warning)
+            return numeral.value
+        value = lookup(token.text.lower())
+        if value is None:
+            raise card.error(token.offset, f"{token.text!r} is neither a number nor a parameter nor a known model")
+        return value

@@ -9,13 +9,14 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.errors import BudgetError
-from resgrid.spice.read.cards import Card, Setting, settings, split_positional, tokenise
-from resgrid.spice.read.diagnostics import CardError, Journal
-from resgrid.spice.read.elements import multiplier, number, read_element
-from resgrid.spice.read.rules import ReadingRules
+from resgrid.errors import BudgetError, InputError
+from resgrid.spice.read.cards import Card, Setting, settings, split_positional, tokenise, without_parentheses
+from resgrid.spice.read.commands import Contents
+from resgrid.spice.read.diagnostics import CardError
+from resgrid.spice.read.elements import letter_of, multiplier, read_element
 from resgrid.spice.read.scopes import Block, Scope
-from resgrid.spice.read.tables import RESISTIVE, WIDTHS, Names, NodeTable, Part, Sheet, order_of, widened
+from resgrid.spice.read.spectre import PRIMITIVES
+from resgrid.spice.read.tables import RESISTIVE, WIDTHS, Elements, Names, NodeTable, Part, order_of, widened
 
 MAX_DEPTH = 50
 MAX_ELEMENTS = 20_000_000
@@ -60,24 +61,26 @@ class Flat:
 
 @dataclass(eq=False)
 class Expander:
-    """Flattens blocks, each once per set of parameters."""
+    """Flattens blocks, each once per set of parameters; `used`: names of those that are called."""
 
-    rules: ReadingRules
-    journal: Journal
-    common: frozenset[str]
+    contents: Contents
     used: set[str] = field(default_factory=set)
     _flats: dict[object, Flat] = field(default_factory=dict)
     _calls: dict[int, Call] = field(default_factory=dict)
     _sizes: dict[int, int] = field(default_factory=dict)
     _scopes: list[Scope] = field(default_factory=list)
 
-    def fill(self, scope: Scope, sheet: Sheet, cards: Iterable[Card]) -> None:
-        """Read the cards of a block into its sheet, calls expanded."""
+    def node_table(self) -> NodeTable:
+        """An empty table of nodes."""
+        return NodeTable(self.contents.grounds, exact=self.contents.rules.instances)
+
+    def fill(self, scope: Scope, elements: Elements, cards: Iterable[Card]) -> None:
+        """Read the cards of a block into its elements, calls expanded."""
         groups: dict[int, tuple[Flat, list[tuple[Call, float]]]] = {}
         names: set[str] = set()
         for card in cards:
             try:
-                if card.text[0] in "xX":
+                if letter_of(card, scope.block) == "x":
                     call = self._call(card, scope.block)
                     if call.name.lower() in names:
                         raise card.error(0, f"{call.name} is called twice; instances need names of their own")
@@ -86,16 +89,22 @@ class Expander:
                     flat = self._flat(call, given, scope)
                     groups.setdefault(id(flat), (flat, []))[1].append((call, factor))
                 else:
-                    read_element(card, scope, sheet, self.journal)
+                    read_element(card, scope, elements)
             except CardError as error:
-                self.journal.error(error)
+                scope.diagnostics.error(error)
         for flat, calls in groups.values():
-            _stamp(flat, calls, sheet)
+            _stamp(flat, calls, elements)
+        if elements.nodes.clashes:
+            raise InputError(
+                f"{', '.join(sorted(set(elements.nodes.clashes)))} and nodes that differ by case alone are different "
+                f"nodes in {self.contents.rules.name}, one here: rename some"
+            )
 
-    def check_size(self, block: Block, limit: int | None) -> None:
+    def check_size(self, limit: int | None) -> None:
         """Refuse decks that call themselves or grow beyond measure, before anything is expanded."""
-        count = self._size(block, [])
-        cards = len(self._calls) + len(block.cards)
+        top = self.contents.top
+        count = self._size(top, [])
+        cards = len(self._calls) + len(top.cards)
         allowed = min(MAX_ELEMENTS, max(FREE_GROWTH, MAX_GROWTH * cards)) if limit is None else limit
         if count > allowed:
             raise BudgetError(
@@ -108,17 +117,17 @@ class Expander:
             return self._sizes[id(block)]
         count = 0
         for card in block.cards:
-            if card.text[0] not in "xX":
-                count += 1
-                continue
             try:
+                if letter_of(card, block) != "x":
+                    count += 1
+                    continue
                 call = self._call(card, block)
                 if call.block in path or call.block is block:
                     raise card.error(0, f"the subcircuit {call.block.name!r} contains itself")
                 if len(path) >= MAX_DEPTH:
                     raise card.error(0, f"subcircuits are nested more than {MAX_DEPTH} deep")
             except CardError as error:
-                self.journal.error(error)
+                self.contents.diagnostics.error(error)
                 continue
             count += max(1, self._size(call.block, [*path, block]))
         self._sizes[id(block)] = count
@@ -128,44 +137,47 @@ class Expander:
         known = self._calls.get(id(card))
         if known is not None:
             return known
-        tokens = [token for token in tokenise(card) if not (token.kind == "mark" and token.text in "()")]
-        positional, tail = split_positional(tokens[1:])
-        if positional and positional[-1].text.lower() == "params:":
-            positional = positional[:-1]
-        if not positional or any(token.kind != "word" for token in positional):
-            raise card.error(None, f"{tokens[0].text} needs its nodes and the name of a subcircuit")
-        name = positional[-1]
-        found = block.block(name.text.lower())
-        if found is None:
-            raise card.error(name.offset, f"there is no subcircuit {name.text!r}; define it, or include its file")
-        nodes = tuple(token.text for token in positional[:-1])
-        if len(nodes) != len(found.ports):
+        positional, tail = split_positional(without_parentheses(tokenise(card)))
+        if positional[-1].text.lower() == "params:":
+            positional.pop()
+        if len(positional) < 2 or any(token.kind not in ("word", "string") for token in positional):
+            raise card.error(None, f"{card.text.split()[0]} needs its nodes and the name of a subcircuit")
+        instance, *terminals, name = positional
+        target = block.block(name.text.lower())
+        if target is None:
+            known_masters = f", or write {', '.join(PRIMITIVES)}" if card.rules.instances else ""
             raise card.error(
-                name.offset, f"{tokens[0].text} has {len(nodes)} node(s), but {found.name} has {len(found.ports)}"
+                name.offset,
+                f"there is no subcircuit {name.text!r}; define it, or include its file{known_masters}",
             )
-        call = Call(card, tokens[0].text, nodes, found, tuple(settings(card, tail)))
+        nodes = tuple(token.text for token in terminals)
+        if len(nodes) != len(target.ports):
+            raise card.error(
+                name.offset, f"{instance.text} has {len(nodes)} node(s), but {target.name} has {len(target.ports)}"
+            )
+        call = Call(card, instance.text, nodes, target, tuple(settings(card, tail)))
         self._calls[id(card)] = call
         return call
 
     def _given(self, call: Call, scope: Scope) -> tuple[dict[str, float], float]:
+        rules, block = call.card.rules, call.block
         given: dict[str, float] = {}
         factor = 1.0
         named: dict[str, set[str]] = {}
         for setting in call.given:
             names = named.setdefault(setting.key, set())
-            value = number(scope, call.card, setting.values[0], self.journal, _Recorder(scope, names))
-            if setting.key == "m" and "m" not in call.block.defaults:
+            value = scope.number(call.card, setting.values[0], _Recorder(scope, names))
+            if setting.key == "m" and "m" not in block.defaults:
                 factor = multiplier(call.card, value)
-                if self.rules.replaces_multipliers:
+                if rules.replaces_multipliers:
                     self._refuse_multiplier(call, setting, scope, factor)
-            elif setting.key in call.block.parameters:
+            elif setting.key in block.parameters:
                 given[setting.key] = value
             else:
                 raise call.card.error(
-                    setting.offset,
-                    f"{call.block.name} has no parameter {setting.key!r}; only {sorted(call.block.parameters)}",
+                    setting.offset, f"{block.name} has no parameter {setting.key!r}; only {sorted(block.parameters)}"
                 )
-        if self.rules.puts_in_text:
+        if rules.puts_in_text:
             self._refuse_captured(call, scope, given, named)
         return given, factor
 
@@ -174,17 +186,18 @@ class Expander:
         doubtful = [(s, n) for s in call.given for n in named[s.key] - {s.key} if n in call.block.parameters]
         if not doubtful:
             return
-        inside = Scope(call.block, self.rules, scope, given)
+        inside = Scope(call.block, scope.diagnostics, scope, given)
         for setting, name in sorted(doubtful, key=lambda one: (one[0].offset, one[1])):
             if inside.parameter(name) != scope.parameter(name):
                 raise call.card.error(
                     setting.offset,
-                    f"{self.rules.name} takes {name} in {setting.key}= for the {name} of {call.block.name}, other "
+                    f"{call.card.rules.name} takes {name} in {setting.key}= for the {name} of {call.block.name}, other "
                     f"simulators for the one where {call.name} stands: rename one of them",
                 )
 
     def _refuse_multiplier(self, call: Call, setting: Setting, scope: Scope, factor: float) -> None:
         """Refuse ``m=`` of a call where it is not the number of subcircuits in parallel."""
+        dialect = call.card.rules.name
         own = [card.text for card in call.block.cards if _OWN_MULTIPLIER.search(card.text)]
         deep = [
             card.text for card in call.block.cards if card.text[0] in "xX" or (card.text[0] in "sS" and factor != 1)
@@ -192,11 +205,11 @@ class Expander:
         if own or deep:
             what = f"takes the place of that of {own[0].split()[0]}" if own else f"does not reach {deep[0].split()[0]}"
             raise call.card.error(
-                setting.offset, f"in {self.rules.name} this m= {what}: call {call.block.name} several times instead"
+                setting.offset, f"in {dialect} this m= {what}: call {call.block.name} several times instead"
             )
         if "m" in call.block.parameters or scope.parameter("m") is not None:
             raise call.card.error(
-                setting.offset, f"in {self.rules.name} this m= changes the parameter m, too: rename the parameter"
+                setting.offset, f"in {dialect} this m= changes the parameter m, too: rename the parameter"
             )
 
     def _flat(self, call: Call, given: dict[str, float], outer: Scope) -> Flat:
@@ -208,46 +221,45 @@ class Expander:
         return self._flats[key]
 
     def _flatten(self, block: Block, given: dict[str, float], outer: Scope) -> Flat:
-        shared = next((port for port in block.ports if port.lower() in self.common), None)
+        contents = self.contents
+        shared = next((port for port in block.ports if port.lower() in contents.common), None)
         if shared is not None:
             raise CardError(
                 block.spot, f"{shared} is a terminal of {block.name} and .global; simulators differ on that: rename one"
             )
-        scope = Scope(block, self.rules, outer, given)
+        scope = Scope(block, outer.diagnostics, outer, given)
         self._scopes.append(scope)  # identifies its flats for as long as this lives
-        table = NodeTable(self.rules)
+        table = self.node_table()
         for i, port in enumerate(block.ports):
             table.names.append(port)
             table.number[port.lower()] = i
-        sheet = Sheet(table)
-        self.fill(scope, sheet, block.cards)
-        common = tuple(
-            i >= len(block.ports) and (name.lower() in self.common or name.lower() in self.rules.grounds)
-            for i, name in enumerate(table.names)
-        )
+        elements = Elements(table)
+        self.fill(scope, elements, block.cards)
+        everywhere = contents.common | contents.grounds
+        common = tuple(i >= len(block.ports) and name.lower() in everywhere for i, name in enumerate(table.names))
         return Flat(
             tuple(table.names),
             len(block.ports),
             common,
-            {kind: part for kind in WIDTHS if len((part := sheet.joined(kind)).names)},
+            {kind: part for kind in WIDTHS if len((part := elements.joined(kind)).names)},
         )
 
 
-def _stamp(flat: Flat, calls: list[tuple[Call, float]], sheet: Sheet) -> None:
+def _stamp(flat: Flat, calls: list[tuple[Call, float]], elements: Elements) -> None:
     """Put a flattened subcircuit in place of every call of it, at once."""
     factor = np.array([factor for _, factor in calls])
     place = np.array([(call.card.file, call.card.line) for call, _ in calls], dtype=np.int64)
     order = order_of(place)
-    way = _node_map(flat, [call for call, _ in calls], order.tolist(), sheet.table)
+    nodes = _node_map(flat, [call for call, _ in calls], order.tolist(), elements.nodes)
     for kind, part in flat.parts.items():
         count, names = len(part.names), part.names.make()
         values = np.tile(widened(kind, part.values), (len(calls), 1))
         if np.any(factor != 1.0):
             _multiply(kind, values, np.repeat(factor, count))
-        sheet.parts[kind].append(
+        elements.parts[kind].append(
             Part(
                 Names.given([f"{call.name}.{name}" for call, _ in calls for name in names]),
-                way[:, part.nodes].reshape(-1, part.nodes.shape[1]),
+                nodes[:, part.nodes].reshape(-1, part.nodes.shape[1]),
                 values,
                 np.tile(part.place, (len(calls), 1)),
                 np.repeat(order, count),
@@ -258,17 +270,19 @@ def _stamp(flat: Flat, calls: list[tuple[Call, float]], sheet: Sheet) -> None:
 def _node_map(flat: Flat, calls: list[Call], orders: list[int], table: NodeTable) -> NDArray[np.int64]:
     """Numbers in the table of the subcircuit's nodes, for every call; shape (calls, nodes)."""
     of = table.of
-    way = np.empty((len(calls), len(flat.names)), dtype=np.int64)
-    way[:, : flat.ports] = [[of(name, order) for name in call.nodes] for call, order in zip(calls, orders, strict=True)]
+    numbers = np.empty((len(calls), len(flat.names)), dtype=np.int64)
+    numbers[:, : flat.ports] = [
+        [of(name, order) for name in call.nodes] for call, order in zip(calls, orders, strict=True)
+    ]
     common = np.array(flat.common, dtype=np.bool_)
-    way[:, common] = [of(name, orders[0]) for name, is_common in zip(flat.names, flat.common, strict=True) if is_common]
+    numbers[:, common] = [of(flat.names[i], orders[0]) for i in np.flatnonzero(common).tolist()]
     own = np.flatnonzero(~common)[flat.ports :]
     names = [flat.names[i] for i in own.tolist()]
     inner = table.of_instances(
         [f"{call.name}.{name}" for call in calls for name in names], [order for order in orders for _ in names]
     )
-    way[:, own] = inner.reshape(len(calls), len(own))
-    return way
+    numbers[:, own] = inner.reshape(len(calls), len(own))
+    return numbers
 
 
 def _multiply(kind: str, values: NDArray[np.float64], factor: NDArray[np.float64]) -> None:

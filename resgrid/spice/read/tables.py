@@ -10,20 +10,21 @@ from itertools import compress
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.spice.read.rules import ReadingRules
+from resgrid.spice.read.cards import Card
 
 WIDTHS = {
     "resistor": (2, 6),
     "voltage source": (2, 1),
     "current source": (2, 1),
     "capacitor": (2, 1),
+    "nonlinear resistor": (2, 2),
     "switch": (4, 5),
 }
 """Per kind the number of nodes and of values.
 
 A resistor's values: ohms, tc1, tc2, by how much its temperature lies above the circuit's, its own temperature and its
-own nominal temperature (NaN where it has none).  A switch's: ohms when on, ohms when off, the voltages above (or below)
-which it is on and off, and the state between (1, 0).
+own nominal temperature (NaN where it has none).  A nonlinear resistor's: amperes and volts.  A switch's: ohms when on,
+ohms when off, the voltages above (or below) which it is on and off, and the state between (1, 0).
 """
 
 RESISTIVE = {"resistor": (0,), "switch": (0, 1)}
@@ -32,9 +33,15 @@ RESISTIVE = {"resistor": (0,), "switch": (0, 1)}
 
 @dataclass(eq=False)
 class NodeTable:
-    """Numbers of a block's nodes: names are folded, ground has its aliases, the spelling is that of the first use."""
+    """Numbers of a block's nodes: names are folded, ground has its aliases, the spelling is that of the first use.
 
-    rules: ReadingRules
+    `grounds`: names of ground, in lower case; `exact`: whether names that differ by case mean different nodes, which is
+    not borne here; `clashes`: such names.
+    """
+
+    grounds: frozenset[str]
+    exact: bool = False
+    clashes: list[str] = field(default_factory=list)
     names: list[str] = field(default_factory=list)
     aliases: set[str] = field(default_factory=set)
     _number: dict[str, int] = field(default_factory=dict)
@@ -57,29 +64,31 @@ class NodeTable:
     def of(self, name: str, order: int) -> int:
         """Number of a node, a new one where there is none yet."""
         folded = name.lower()
-        found = self._number.get(folded)
-        if found is None:
+        number = self._number.get(folded)
+        if number is None:
             self._dotted |= "." in folded
-            found = self.number.get(folded)
-        if found is None:
+            number = self.number.get(folded)
+        if number is None:
             return self._new(name, folded, order)
-        if order < self._spelling_place(found) and folded not in self.rules.grounds:
-            self.names[found] = name
-            self._spelt_at[found] = order
-        return found
+        if self.exact and name != self.names[number] and folded not in self.grounds:
+            self.clashes.append(name)
+        if order < self._spelling_place(number) and folded not in self.grounds:
+            self.names[number] = name
+            self._spelt_at[number] = order
+        return number
 
     def _new(self, name: str, folded: str, order: int) -> int:
-        ground = folded in self.rules.grounds
-        found = self._number["0"] if ground and "0" in self._number else len(self.names)
-        if found == len(self.names):
+        ground = folded in self.grounds
+        number = self._number["0"] if ground and "0" in self._number else len(self.names)
+        if number == len(self.names):
             self.names.append("0" if ground else name)
-            self._spelt_at[found] = order
+            self._spelt_at[number] = order
             self._entered += 1
-        self._number[folded] = found
+        self._number[folded] = number
         if ground:
-            self._number["0"] = found
+            self._number["0"] = number
             self.aliases |= {folded} - {"0"}
-        return found
+        return number
 
     def _spelling_place(self, number: int) -> int:
         known = self._spelt_at.get(number)
@@ -100,7 +109,7 @@ class NodeTable:
         if len(self.names) > 1:
             return np.fromiter(map(self.of, names, orders.tolist()), np.int64, len(names))
         is_ground = np.zeros(len(names), dtype=np.bool_)
-        is_ground[[i for i in short if names[i].lower() in self.rules.grounds]] = True
+        is_ground[[i for i in short if names[i].lower() in self.grounds]] = True
         self.aliases.update(name.lower() for name in compress(names, is_ground.tobytes()))
         self.aliases.discard("0")
         self.names.extend(compress(names, (~is_ground).tobytes()))
@@ -151,49 +160,30 @@ def order_of(place: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.asarray((place[:, 0] << 40) | place[:, 1])
 
 
-@dataclass(eq=False)
-class Rows:
-    """Elements of one kind while they come one by one."""
-
-    names: list[str] = field(default_factory=list)
-    nodes: list[tuple[int, ...]] = field(default_factory=list)
-    values: list[tuple[float, ...]] = field(default_factory=list)
-    place: list[tuple[int, int]] = field(default_factory=list)
+Row = tuple[str, tuple[int, ...], tuple[float, ...], tuple[int, int]]
+"""An element: its name, nodes, values, and place."""
 
 
 @dataclass(eq=False)
-class Sheet:
-    """Everything that a block holds."""
+class Elements:
+    """Everything that a block holds: elements that came one by one, and in bulk."""
 
-    table: NodeTable
-    rows: dict[str, Rows] = field(default_factory=lambda: {kind: Rows() for kind in WIDTHS})
+    nodes: NodeTable
+    rows: dict[str, list[Row]] = field(default_factory=lambda: {kind: [] for kind in WIDTHS})
     parts: dict[str, list[Part]] = field(default_factory=lambda: {kind: [] for kind in WIDTHS})
 
-    def add(
-        self, kind: str, name: str, nodes: Iterable[str], values: tuple[float, ...], place: tuple[int, int]
-    ) -> None:
+    def add(self, kind: str, name: str, nodes: Iterable[str], values: tuple[float, ...], card: Card) -> None:
         """Add one element."""
-        rows = self.rows[kind]
-        rows.names.append(name)
-        of, order = self.table.of, place[0] << 40 | place[1]
-        rows.nodes.append(tuple([of(node, order) for node in nodes]))
-        rows.values.append(values)
-        rows.place.append(place)
+        of, order = self.nodes.of, card.file << 40 | card.line
+        self.rows[kind].append((name, tuple([of(node, order) for node in nodes]), values, (card.file, card.line)))
 
     def joined(self, kind: str) -> Part:
         """All elements of a kind, in the order of the deck."""
-        rows = self.rows[kind]
-        if not rows.names:
+        if not self.rows[kind]:
             return joined_parts(kind, self.parts[kind])
-        width, count = WIDTHS[kind]
-        place = np.array(rows.place, dtype=np.int64).reshape(-1, 2)
-        own = Part(
-            Names.given(rows.names),
-            np.array(rows.nodes, dtype=np.int64).reshape(-1, width),
-            np.array(rows.values, dtype=np.float64).reshape(-1, count),
-            place,
-            order_of(place),
-        )
+        names, nodes, values, places = zip(*self.rows[kind], strict=True)
+        place = np.array(places, dtype=np.int64)
+        own = Part(Names.given(list(names)), np.array(nodes, np.int64), np.array(values), place, order_of(place))
         return joined_parts(kind, [own, *self.parts[kind]])
 
 
@@ -233,11 +223,13 @@ def _nothing(kind: str) -> Part:
 def _sorted(part: Part) -> Part:
     if part.order is None or np.all(part.order[1:] >= part.order[:-1]):
         return part
-    way = np.argsort(part.order, kind="stable")
+    order = np.argsort(part.order, kind="stable")
     make = part.names.make
 
     def sorted_names() -> list[str]:
         names = make()
-        return [names[i] for i in way.tolist()]
+        return [names[i] for i in order.tolist()]
 
-    return Part(Names(len(way), sorted_names), part.nodes[way], part.values[way], part.place[way], part.order[way])
+    return Part(
+        Names(len(order), sorted_names), part.nodes[order], part.values[order], part.place[order], part.order[order]
+    )

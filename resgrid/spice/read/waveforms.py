@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from resgrid.spice.read.cards import Card, Token
-from resgrid.spice.read.diagnostics import Journal
 from resgrid.spice.read.scopes import Scope
 
 _DELAYS = {"pulse": (2,), "sin": (3,), "sine": (3,), "exp": (2, 4), "pwl": (), "sffm": ()}
@@ -30,31 +29,42 @@ class Waveform:
     keys: dict[str, float]
 
 
-def source_value(card: Card, tokens: list[Token], scope: Scope, journal: Journal) -> tuple[float, float]:
+@dataclass(frozen=True)
+class SourceValue:
+    """Value of a source at direct current, how many lie in parallel, and a resistance in series, in ohms."""
+
+    volts_or_amps: float
+    count: float = 1.0
+    series: float = 0.0
+
+
+def source_value(card: Card, tokens: list[Token], scope: Scope) -> SourceValue:
     """Read what follows the nodes of an independent source.
 
     A value (with or without ``DC``) is the source's; failing that, the waveform's at time 0; failing that, 0.
     """
-    reader = _SourceReader(card, tokens, scope, journal)
+    reader = _SourceReader(card, tokens, scope)
     while reader.position < len(tokens):
         reader.step()
-    if reader.direct is not None:
-        return reader.direct, reader.count
-    if reader.waveform is not None:
-        journal.note("info", card.spot(), "a source without DC value has its waveform's value at time 0")
-        return _at_zero(card, reader.waveform), reader.count
+    value = reader.direct
+    if value is None and reader.waveform is not None:
+        scope.diagnostics.inform(card.spot(), "a source without DC value has its waveform's value at time 0")
+        value = _at_zero(card, reader.waveform)
     if not tokens:
-        journal.note("warning", card.spot(), "a source without any value is 0")
-    return 0.0, reader.count
+        scope.diagnostics.warn(card.spot(), "a source without any value is 0")
+    return SourceValue(0.0 if value is None else value, reader.count, reader.series)
 
 
+@dataclass
 class _SourceReader:
-    def __init__(self, card: Card, tokens: list[Token], scope: Scope, journal: Journal) -> None:
-        self.card, self.tokens, self.scope, self.journal = card, tokens, scope, journal
-        self.position = 0
-        self.direct: float | None = None
-        self.waveform: Waveform | None = None
-        self.count = 1.0
+    card: Card
+    tokens: list[Token]
+    scope: Scope
+    position: int = 0
+    direct: float | None = None
+    waveform: Waveform | None = None
+    count: float = 1.0
+    series: float = 0.0
 
     def step(self) -> None:
         token = self.tokens[self.position]
@@ -72,6 +82,9 @@ class _SourceReader:
         elif word == "m" and keyed:
             self.position += 2
             self.count = self._number(token)
+        elif word == "rser" and keyed and self.card.rules.series_resistance:
+            self.position += 2
+            self.series = self._number(token)
         elif word in _OTHER_WAVEFORMS or keyed:
             raise self.card.error(token.offset, f"{token.text!r} is not understood in a source at direct current")
         else:
@@ -85,17 +98,14 @@ class _SourceReader:
         self.direct = value
 
     def _is_mark(self, i: int, text: str) -> bool:
-        return i < len(self.tokens) and self.tokens[i].kind == "mark" and self.tokens[i].text == text
+        return i < len(self.tokens) and self.tokens[i].is_mark(text)
 
     def _number(self, after: Token) -> float:
         if self.position >= len(self.tokens):
             raise self.card.error(after.offset, f"{after.text!r} has no value")
         token = self.tokens[self.position]
         self.position += 1
-        value, warning = self.scope.value(self.card, token)
-        if warning:
-            self.journal.note("warning", self.card.spot(token.offset), warning)
-        return value
+        return self.scope.number(self.card, token)
 
     def _skip_numbers(self) -> None:
         for _ in range(2):

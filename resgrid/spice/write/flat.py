@@ -1,43 +1,36 @@
-"""From a netlist to the text of a flat deck."""
+"""From a netlist to a flat deck: one line an element, in the order of their nodes."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
+from string import Formatter
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.netlist import Netlist
+from resgrid.errors import CircuitError, InputError
+from resgrid.graphs import ELEMENTS
+from resgrid.netlist import GROUND, Netlist
+from resgrid.spice.check.rules import connected_parts, trapped_current_sources
 from resgrid.spice.dialects import dialect_named
 from resgrid.spice.dialects.record import Dialect
-from resgrid.spice.text.texts import Chosen, Texts, fill, names, numbers, weave
-from resgrid.spice.write.elements import (
-    ENDS,
-    NodeNames,
-    choose_elements,
-    held_nodes,
-    name_elements,
-    name_nodes,
-    renamed,
-    renamed_elements,
-)
+from resgrid.spice.write.names import INITIALS, name_elements, name_nodes
 
 _MAX_TITLE = 200
 
 
 @dataclass(frozen=True, eq=False)
-class FlatDeck:
+class Deck:
     """A deck's text, and what ties its names to the netlist.
 
     `netlist`: what was written; `text`: the deck, LF line ends; `dialect`: whose rules it keeps; `title`: its title,
     one line of ASCII; `nodes` (n,): nodes of the netlist that the deck holds, ascending, without ground;
-    `node_texts`: their names in the deck; `node_names` as strings; `sources` (s,): voltage sources of the netlist
-    that the deck holds, in its order; `source_texts`: their names in the deck; `source_names` as strings; `left_out`:
-    names (the netlist's) of the nodes that float and are left out; `renamed_nodes, renamed_elements`: name in the
-    deck to name in the netlist, where they differ; `resistors`: names of the resistors in the deck, in its order;
-    `resistor_value` in ohms goes with them.
+    `node_names`: their names in the deck; `sources` (s,): voltage sources of the netlist that the deck holds, in its
+    order; `source_names`: their names in the deck; `left_out`: names (the netlist's) of the nodes that float and are
+    left out; `renamed_nodes, renamed_elements`: name in the deck to name in the netlist, where they differ;
+    `resistors`: names of the resistors as the simulator has them; `resistor_value` in ohms goes with them; `parts`:
+    the files that the deck includes, by the end of their names.
     """
 
     netlist: Netlist
@@ -45,114 +38,100 @@ class FlatDeck:
     dialect: Dialect
     title: str
     nodes: NDArray[np.int64]
-    node_texts: Texts
+    node_names: list[str]
     sources: NDArray[np.int64]
-    source_texts: Texts
+    source_names: list[str]
     left_out: list[str]
     renamed_nodes: Mapping[str, str]
     renamed_elements: Mapping[str, str]
-    resistors: Texts
+    resistors: list[str]
     resistor_value: NDArray[np.float64]
-
-    @cached_property
-    def node_names(self) -> list[str]:
-        """Names of the nodes in the deck."""
-        return self.node_texts.strings()
-
-    @cached_property
-    def source_names(self) -> list[str]:
-        """Names of the voltage sources in the deck."""
-        return self.source_texts.strings()
+    parts: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
 class Additions:
     """What analyses ask of the lines of a deck.
 
-    `suffix`: per kind of source, what is added to the line of which of the netlist's elements (a waveform); `spread`:
-    standard deviation of the resistances, relative, to be drawn by the simulator; 0 for none.
+    `suffix`: what is added to the line of which of the netlist's voltage sources (a waveform); `spread`: standard
+    deviation of the resistances, relative, to be drawn by the simulator; 0 for none.
     """
 
-    suffix: Mapping[str, Mapping[int, str]] = field(default_factory=dict)
+    suffix: Mapping[int, str] = field(default_factory=dict)
     spread: float = 0.0
 
 
 _NOTHING = Additions()
 
 
-def format_deck(netlist: Netlist, *, dialect: str = "ngspice", title: str | None = None) -> str:
-    """Write a netlist as the text of a flat deck.
-
-    Floating nodes and the elements that touch them are left out, as are sources that close a (consistent) loop.
-
-    Parameters
-    ----------
-    netlist : Netlist
-    dialect : str
-        Whose rules to keep, one of `resgrid.spice.dialects.DIALECTS`.
-    title : str, optional
-        The first line; by default it tells the grid.
-
-    Returns
-    -------
-    str
-        The same netlist gives the same text, whatever the order of its elements.
-
-    Raises
-    ------
-    InputError
-        If the dialect is unknown, or nothing is left to write.
-    CircuitError
-        If sources contradict each other, or a current source feeds a floating part.
-    """
-    return flatten(netlist, dialect=dialect, title=title).text
-
-
 def flatten(
     netlist: Netlist, *, dialect: str = "ngspice", title: str | None = None, additions: Additions = _NOTHING
-) -> FlatDeck:
-    """Write a netlist as a flat deck; as `format_deck`, with the names that were used."""
+) -> Deck:
+    """Write a netlist as a flat deck; the same netlist gives the same text, whatever the order of its elements.
+
+    Floating nodes and the elements that touch them are left out, as are sources that close a (consistent) loop.
+    """
     rules = dialect_named(dialect)
-    held = held_nodes(netlist)
-    nodes = name_nodes(netlist, rules, held)
-    elements = choose_elements(netlist, held)
-    element_names = {kind: name_elements(netlist, kind, chosen, nodes) for kind, chosen in elements.items()}
+    held = _held_nodes(netlist)
+    names = name_nodes(netlist, rules, held)
+    elements = _choose_elements(netlist, held)
+    element_names = {kind: name_elements(netlist, kind, chosen, names) for kind, chosen in elements.items()}
     ohms = resistances(netlist.conductance[elements["resistor"]])
-    values = _values(netlist, elements, ohms)
     heading = tidy_title(_default_title(netlist) if title is None else title)
+    nodes = np.flatnonzero(held)
+    nodes = nodes[nodes != GROUND]
+    node_names = [names[node] for node in nodes.tolist()]
     left_out = netlist.names_of(np.flatnonzero(~held))
-    head = [heading, _census(rules, nodes, elements), *_left_out_line(netlist, elements, left_out)]
-    blocks = [
-        fill(_template(netlist, rules, kind, additions), len(chosen), {
-            "name": element_names[kind],
-            "a": nodes.texts.take(getattr(netlist, ENDS[kind])[chosen, 0]),
-            "b": nodes.texts.take(getattr(netlist, ENDS[kind])[chosen, 1]),
-            "suffix": _suffixes(chosen, additions.suffix.get(kind, {})),
-            **values[kind],
-        })
-        for kind, chosen in elements.items()
-    ]  # fmt: skip
-    head_lines = [f"{rules.comment}{line}\n" for line in head]
-    head_lines += [f"{line}\n" for line in _preamble(netlist, rules, elements, additions)]
-    body = [part for kind, block in zip(elements, blocks, strict=True) if len(block)
-            for part in (f"{rules.comment}{kind}s\n".encode(), block.data.data)]  # fmt: skip
-    end = f"{rules.end}\n" if rules.end else ""
-    text = b"".join(["".join(head_lines).encode(), *body, end.encode()]).decode("ascii")
-    return FlatDeck(
+    values = _values(netlist, elements, ohms)
+    lines = [
+        *(f"{rules.comment}{line}" for line in (heading, _census(rules, nodes, elements))),
+        *(f"{rules.comment}{line}" for line in _left_out_line(netlist, elements, left_out)),
+        *_preamble(netlist, rules, elements, additions),
+    ]
+    for kind, chosen in elements.items():
+        if chosen.size:
+            first, second = getattr(netlist, ELEMENTS[kind][0])[chosen].T.tolist()
+            ends = {"a": [names[node] for node in first], "b": [names[node] for node in second]}
+            suffix = [additions.suffix.get(number, "") for number in chosen.tolist()]
+            columns = {"name": element_names[kind], **ends, **values[kind], "suffix": suffix}
+            lines += [f"{rules.comment}{kind}s", *fill(_template(netlist, rules, kind, additions), columns)]
+    return Deck(
         netlist=netlist,
-        text=text,
+        text="\n".join([*lines, *([rules.end] if rules.end else []), ""]),
         dialect=rules,
         title=heading,
-        nodes=nodes.nodes,
-        node_texts=weave(len(nodes.nodes), nodes.texts.take(nodes.nodes)),
+        nodes=nodes,
+        node_names=node_names,
         sources=elements["voltage source"],
-        source_texts=element_names["voltage source"],
+        source_names=element_names["voltage source"],
         left_out=left_out,
-        renamed_nodes=renamed(netlist, nodes),
-        renamed_elements=renamed_elements(netlist, elements, element_names),
+        renamed_nodes=_renamed(node_names, netlist.node_names, nodes),
+        renamed_elements={
+            name: original
+            for kind, given in (netlist.element_names or {}).items()
+            for name, original in _renamed(element_names[kind], given, elements[kind]).items()
+        },
         resistors=element_names["resistor"],
         resistor_value=ohms,
     )
+
+
+def fill(template: str, columns: Mapping[str, Iterable[str]]) -> list[str]:
+    r"""Fill a `str.format` template once a row of its columns.
+
+    Examples
+    --------
+    >>> fill("r{name} {{{value}}}", {"name": ["a", "b"], "value": ["1.0", "2.0"], "unused": []})
+    ['ra {1.0}', 'rb {2.0}']
+    """
+    parts = [(literal.replace("{", "{{").replace("}", "}}"), name) for literal, name, *_ in Formatter().parse(template)]
+    by_position = "".join(literal + ("" if name is None else "{}") for literal, name in parts)
+    return list(map(by_position.format, *(columns[name] for _, name in parts if name is not None)))
+
+
+def plain(values: NDArray[np.float64]) -> list[str]:
+    """Numbers as ``repr`` writes them, without a minus in front of zero; shape (n,)."""
+    return list(map(repr, (values + 0.0).tolist()))
 
 
 def resistances(conductance: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -164,12 +143,9 @@ def resistances(conductance: NDArray[np.float64]) -> NDArray[np.float64]:
     Shapes: `conductance` (m,); returns (m,).
     """
     nearest = 1 / conductance
-    with np.errstate(all="ignore"):
-        scale = 10.0 ** (11 - np.floor(np.log10(nearest)))
-        short = np.rint(nearest * scale) / scale
     best = nearest.copy()
     found = np.zeros(best.shape, dtype=np.bool_)
-    for candidate in (short, nearest, np.nextafter(nearest, 0), np.nextafter(nearest, np.inf)):
+    for candidate in (rounded(nearest), nearest, np.nextafter(nearest, 0), np.nextafter(nearest, np.inf)):
         with np.errstate(all="ignore"):
             exact = ~found & (1 / candidate == conductance)
         best[exact] = candidate[exact]
@@ -177,30 +153,80 @@ def resistances(conductance: NDArray[np.float64]) -> NDArray[np.float64]:
     return best
 
 
+def rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Positive numbers rounded to 12 digits."""
+    with np.errstate(all="ignore"):
+        scale = 10.0 ** (11 - np.floor(np.log10(values)))
+        return np.asarray(np.rint(values * scale) / scale)
+
+
+def _held_nodes(netlist: Netlist) -> NDArray[np.bool_]:
+    """Which nodes a deck can hold: those that resistors and voltage sources join to ground; shape (node_count,)."""
+    part = connected_parts(netlist)
+    trapped = trapped_current_sources(netlist, part)
+    if trapped.size:
+        where = netlist.names_of(netlist.current_nodes[trapped[0]])
+        raise CircuitError(
+            f"current source {trapped[0]} from node {where[0]} to node {where[1]} feeds a floating part that lets no "
+            "current out: remove it, or join the part to ground"
+        )
+    held: NDArray[np.bool_] = part == part[GROUND]
+    if held.sum() < 2:
+        raise InputError("nothing is left to write: no node has a path of resistors or voltage sources to ground")
+    return held
+
+
+def _choose_elements(netlist: Netlist, held: NDArray[np.bool_]) -> dict[str, NDArray[np.int64]]:
+    """Numbers of the elements that the deck holds, per kind, in the order of their nodes and values."""
+    from resgrid.nodal.sources import tie_sources
+
+    with np.errstate(over="ignore"):
+        if np.isinf(1 / netlist.conductance).any():
+            raise InputError("a resistance is beyond the largest number; leave that resistor out: it is open")
+    parents = tie_sources(netlist).source
+    keep = {kind: held[getattr(netlist, ELEMENTS[kind][0])].all(axis=1) for kind in INITIALS}
+    in_tree = np.zeros(len(netlist.source_volts), dtype=np.bool_)
+    in_tree[parents[parents >= 0]] = True
+    keep["voltage source"] &= in_tree
+    order = {
+        "voltage source": netlist.source_volts,
+        "current source": netlist.current_amps,
+        "resistor": -netlist.conductance,
+        "nonlinear resistor": netlist.nonlinear_current,
+        "capacitor": netlist.capacitance,
+    }
+    chosen = {}
+    for kind, kept in keep.items():
+        numbers = np.flatnonzero(kept)
+        first, second = getattr(netlist, ELEMENTS[kind][0])[numbers].T
+        chosen[kind] = numbers[np.lexsort((order[kind][numbers], second, first))]
+    return chosen
+
+
 def _values(
     netlist: Netlist, elements: Mapping[str, NDArray[np.int64]], ohms: NDArray[np.float64]
-) -> dict[str, dict[str, Texts]]:
+) -> dict[str, dict[str, list[str]]]:
     """Columns of numbers, per kind, by the names that the dialects' templates have for them."""
-    chosen = elements["resistor"]
+    resistors, nonlinear = elements["resistor"], elements["nonlinear resistor"]
     none = np.zeros(len(netlist.conductance))
     return {
-        "voltage source": {"value": _plain(netlist.source_volts, elements["voltage source"])},
-        "current source": {"value": _plain(netlist.current_amps, elements["current source"])},
+        "voltage source": {"value": plain(netlist.source_volts[elements["voltage source"]])},
+        "current source": {"value": plain(netlist.current_amps[elements["current source"]])},
         "resistor": {
-            "value": numbers(ohms),
-            "tc1": _plain(none if netlist.tc1 is None else netlist.tc1, chosen),
-            "tc2": _plain(none if netlist.tc2 is None else netlist.tc2, chosen),
+            "value": plain(ohms),
+            "tc1": plain((none if netlist.tc1 is None else netlist.tc1)[resistors]),
+            "tc2": plain((none if netlist.tc2 is None else netlist.tc2)[resistors]),
         },
         "nonlinear resistor": {
-            "current": _plain(netlist.nonlinear_current, elements["nonlinear resistor"]),
-            "voltage": _plain(netlist.nonlinear_voltage, elements["nonlinear resistor"]),
+            "current": plain(netlist.nonlinear_current[nonlinear]),
+            "voltage": plain(netlist.nonlinear_voltage[nonlinear]),
         },
-        "capacitor": {"value": _plain(netlist.capacitance, elements["capacitor"])},
+        "capacitor": {"value": plain(netlist.capacitance[elements["capacitor"]])},
     }
 
 
-def _plain(values: NDArray[np.float64], chosen: NDArray[np.int64]) -> Texts:
-    return numbers(values[chosen] + 0.0)  # no minus in front of zero
+def _has_coefficients(netlist: Netlist) -> bool:
+    return any(tc is not None and tc.any() for tc in (netlist.tc1, netlist.tc2))
 
 
 def _template(netlist: Netlist, rules: Dialect, kind: str, additions: Additions) -> str:
@@ -208,16 +234,9 @@ def _template(netlist: Netlist, rules: Dialect, kind: str, additions: Additions)
     if kind == "resistor":
         if additions.spread:
             template = rules.spread_resistor.replace("{sigma}", repr(additions.spread))
-        if any(tc is not None and tc.any() for tc in (netlist.tc1, netlist.tc2)):
+        if _has_coefficients(netlist):
             template += rules.temperature_coefficients
-    return template + ("{suffix}\n" if additions.suffix.get(kind) else "\n")
-
-
-def _suffixes(chosen: NDArray[np.int64], suffix: Mapping[int, str]) -> Chosen | bytes:
-    if not suffix:
-        return b""
-    which = {number: i for i, number in enumerate(suffix, start=1)}
-    return names(["", *suffix.values()]).take(np.array([which.get(number, 0) for number in chosen.tolist()], np.int64))
+    return template + ("{suffix}" if kind == "voltage source" else "")
 
 
 def _preamble(
@@ -226,25 +245,24 @@ def _preamble(
     lines = list(rules.preamble)
     if elements["nonlinear resistor"].size:
         lines.append(rules.precise)
-    if additions.spread:
-        coefficients = any(tc is not None and tc.any() for tc in (netlist.tc1, netlist.tc2))
-        lines += spread_preamble(rules, additions.spread, temperature=coefficients)
-    return lines
+    return lines + spread_preamble(rules, additions.spread, temperature=_has_coefficients(netlist))
 
 
 def spread_preamble(rules: Dialect, sigma: float, *, temperature: bool = False) -> list[str]:
     """Lines that resistors of random value need in front of them; ``temperature``: whether they have coefficients."""
+    if not sigma:
+        return []
     defaults, passed = (" tc1=0 tc2=0", " tc1=tc1 tc2=tc2") if temperature else ("", "")
     return [line.format(sigma=repr(sigma), defaults=defaults, passed=passed) for line in rules.spread_preamble]
 
 
-def _census(rules: Dialect, nodes: NodeNames, elements: Mapping[str, NDArray[np.int64]]) -> str:
+def _census(rules: Dialect, nodes: NDArray[np.int64], elements: Mapping[str, NDArray[np.int64]]) -> str:
     counts = [f"{len(numbers)} {kind}s" for kind, numbers in elements.items() if numbers.size]
-    return f"{rules.name} dialect: " + ", ".join([f"{len(nodes.nodes)} nodes besides ground", *counts])
+    return f"{rules.name} dialect: " + ", ".join([f"{len(nodes)} nodes besides ground", *counts])
 
 
 def _left_out_line(netlist: Netlist, elements: Mapping[str, NDArray[np.int64]], left_out: list[str]) -> list[str]:
-    dropped = sum(len(getattr(netlist, ENDS[kind])) - len(numbers) for kind, numbers in elements.items())
+    dropped = sum(len(getattr(netlist, ELEMENTS[kind][0])) - len(numbers) for kind, numbers in elements.items())
     if not left_out and not dropped:
         return []
     return [
@@ -253,16 +271,23 @@ def _left_out_line(netlist: Netlist, elements: Mapping[str, NDArray[np.int64]], 
     ]
 
 
+def _renamed(names: Sequence[str], given: Sequence[str] | None, numbers: NDArray[np.int64]) -> dict[str, str]:
+    """Name in the deck to name in the netlist, where they differ; ``names`` has one entry a number."""
+    if given is None:
+        return {}
+    pairs = zip(names, (given[number] for number in numbers.tolist()), strict=True)
+    return {name: original for name, original in pairs if name != original}
+
+
 def _default_title(netlist: Netlist) -> str:
     if netlist.cell_map is None:
         return "resistor netlist"
-    cells = " x ".join(str(cells) for cells in netlist.cells.space.shape)
-    return f"resistor grid of {cells} cells, {netlist.cells.wiring.boundary} boundary"
+    cells = " x ".join(str(cells) for cells in netlist.cell_map.space.shape)
+    return f"resistor grid of {cells} cells, {netlist.cell_map.wiring.boundary} boundary"
 
 
 def tidy_title(title: str) -> str:
-    """Make one line of printable ASCII."""
-    # Decks are ASCII for the sake of old simulators; the scene keeps the title as it was written.
+    """Make one line of printable ASCII, for old simulators; the scene keeps the title as it was written."""
     tidy = " ".join(title.split()).encode("ascii", "replace").decode("ascii")
     printable = "".join(character if character.isprintable() else "?" for character in tidy)
     return printable[:_MAX_TITLE] or "resistor netlist"

@@ -5,16 +5,56 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.graphs import ELEMENTS
+from resgrid.netlist import GROUND, Netlist
+from resgrid.spice.dialects.record import Dialect
+
+INITIALS = {"voltage source": "v", "current source": "i", "resistor": "r", "nonlinear resistor": "b", "capacitor": "c"}
+"""The first letter of every element's name, by its kind; in the order of a deck."""
+
 _LEGAL = re.compile(r"[a-z][a-z0-9_]*")
 _ALL_LEGAL = re.compile(r"(?:[a-z][a-z0-9_]*\n)*")
-_FOREIGN = re.compile(r"[^a-z0-9_]+")
+_ILLEGAL = re.compile(r"[^a-z0-9_]+")
 _MAX_LENGTH = 200
 
 
-def legal_names(wanted: Sequence[str], initial: str, reserved: Iterable[str] = ()) -> list[str]:
-    """Names as close to the wanted ones as the rules allow.
+def name_nodes(netlist: Netlist, dialect: Dialect, held: NDArray[np.bool_]) -> list[str]:
+    """Name of every node in a deck, empty where the deck does not hold it.  Shapes: `held` (node_count,)."""
+    nodes = np.flatnonzero(held)
+    nodes = nodes[nodes != GROUND]
+    given = netlist.names_of(nodes)
+    if netlist.node_names is not None:
+        given = legal_names(given, "n", dialect.reserved)
+    names = [""] * netlist.node_count
+    for node, name in zip(nodes.tolist(), given, strict=True):
+        names[node] = name
+    names[GROUND] = dialect.ground
+    return names
 
-    A name that is legal keeps itself, its first bearer going first; of the others, capitals are folded, foreign
+
+def name_elements(netlist: Netlist, kind: str, numbers: NDArray[np.int64], node_names: Sequence[str]) -> list[str]:
+    """Names of elements: the file's where there are any, otherwise from their nodes.  Shapes: `numbers` (n,)."""
+    initial = INITIALS[kind]
+    given = (netlist.element_names or {}).get(kind)
+    if given is not None:
+        read = [given[number] for number in numbers.tolist()]
+        return legal_names([name if name[:1].lower() == initial else f"{initial}_{name}" for name in read], initial)
+    first, second = getattr(netlist, ELEMENTS[kind][0])[numbers].T
+    if kind == "current source":
+        first, second = np.where(second == GROUND, first, second), np.full(len(second), GROUND)
+    place = [f"_{name.removeprefix('n_')}" for name in node_names]
+    place[GROUND] = ""
+    ends = zip(first.tolist(), second.tolist(), strict=True)
+    return legal_names([f"{initial}{place[a]}{place[b]}" for a, b in ends], initial)
+
+
+def legal_names(names: Sequence[str], initial: str, reserved: Iterable[str] = ()) -> list[str]:
+    """Names as close to the given ones as the rules allow.
+
+    A name that is legal keeps itself, its first bearer going first; of the others, capitals are folded, illegal
     characters become ``_``, and a number is added where the result is taken.
 
     Examples
@@ -23,25 +63,25 @@ def legal_names(wanted: Sequence[str], initial: str, reserved: Iterable[str] = (
     ['a', 'a_2', 'b_1', 'n_7', 'gnd_2']
     """
     taken = set(reserved)
-    distinct = set(wanted)
-    if len(distinct) == len(wanted) and taken.isdisjoint(distinct) and _ALL_LEGAL.fullmatch("\n".join([*wanted, ""])):
-        return list(wanted)
-    names: list[str] = []
-    for name in wanted:
+    distinct = set(names)
+    if len(distinct) == len(names) and taken.isdisjoint(distinct) and _ALL_LEGAL.fullmatch("\n".join([*names, ""])):
+        return list(names)
+    legal: list[str] = []
+    for name in names:
         keeps = name not in taken and len(name) <= _MAX_LENGTH and _LEGAL.fullmatch(name) is not None
-        names.append(name if keeps else "")
+        legal.append(name if keeps else "")
         if keeps:
             taken.add(name)
     counters: dict[str, int] = {}
-    for i, name in enumerate(names):
+    for i, name in enumerate(legal):
         if not name:
-            names[i] = _free_name(_tidy(wanted[i], initial), taken, counters)
-            taken.add(names[i])
-    return names
+            legal[i] = _free_name(_tidy(names[i], initial), taken, counters)
+            taken.add(legal[i])
+    return legal
 
 
 def _tidy(name: str, initial: str) -> str:
-    tidy = _FOREIGN.sub("_", name.lower())[:_MAX_LENGTH]
+    tidy = _ILLEGAL.sub("_", name.lower())[:_MAX_LENGTH]
     return tidy if _LEGAL.fullmatch(tidy) else f"{initial}_{tidy}"
 
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from resgrid.errors import InputError
+from resgrid.graphs import ELEMENTS
 from resgrid.netlist import GROUND, Netlist
 from resgrid.spice.analyses import (
     Analysis,
@@ -22,7 +23,7 @@ from resgrid.spice.analyses import (
     kind_of,
 )
 from resgrid.spice.dialects.record import Dialect, Statements
-from resgrid.spice.write.flat import Additions, FlatDeck
+from resgrid.spice.write.flat import Additions, Deck
 
 _KINDS: dict[type[Analysis], str] = {
     OperatingAnalysis: "dc",
@@ -31,8 +32,8 @@ _KINDS: dict[type[Analysis], str] = {
     TemperatureAnalysis: "dc",
     MismatchAnalysis: "dc",
 }
-_SAME = ("node_count", "resistor_nodes", "source_nodes", "capacitor_nodes", "capacitance", "nonlinear_nodes",
-         "nonlinear_current", "nonlinear_voltage")  # fmt: skip
+_SAME_NODES, _SAME_VALUES = ("resistor", "voltage source"), ("capacitor", "nonlinear resistor")
+"""Kinds of element that a change of the scene leaves where they are, or as they are."""
 
 
 def only_one(analyses: Sequence[Analysis], kind: type[Analysis]) -> Any:
@@ -51,29 +52,46 @@ def additions(analyses: Sequence[Analysis], netlist: Netlist, rules: Dialect, af
     transient: TransientAnalysis | None = only_one(analyses, TransientAnalysis)
     if after is not None and transient is not None:
         _check_alike(netlist, after)
-        for source in np.flatnonzero(after.source_volts != netlist.source_volts).tolist():
-            low, high = float(netlist.source_volts[source]), float(after.source_volts[source])
-            suffix[source] = rules.piecewise.format(points=f"0.0 {low!r} {transient.step!r} {high!r}")
+        volts = _by_nodes(after, "voltage source", "volts")
+        for source, (pair, low) in enumerate(_by_nodes(netlist, "voltage source", "volts").items()):
+            if volts[pair] != low:
+                points = f"0.0 {low!r} {transient.step!r} {volts[pair]!r}"
+                suffix[source] = rules.piecewise.format(points=points)
     if only_one(analyses, NoiseAnalysis) is not None:
         if not len(netlist.source_volts):
             raise InputError("noise is referred to a voltage source, and there is none")
         suffix[0] = suffix.get(0, "") + rules.small_signal
     mismatch: MismatchAnalysis | None = only_one(analyses, MismatchAnalysis)
-    drawn = mismatch.sigma if mismatch is not None and mismatch.runs else 0.0
-    return Additions({"voltage source": suffix} if suffix else {}, drawn)
+    return Additions(suffix, mismatch.sigma if mismatch is not None and mismatch.runs else 0.0)
 
 
 def _check_alike(before: Netlist, after: Netlist) -> None:
-    for name in _SAME:
-        if not np.array_equal(getattr(before, name), getattr(after, name)):
-            raise InputError(
-                f"the scene after the change differs from the one before in {name}, not only in values: give both the "
-                "same grid, and write them in tile form (form='cells')"
-            )
+    for kind in (*_SAME_NODES, *_SAME_VALUES):
+        for key in ELEMENTS[kind][1]:
+            a, b = (_by_nodes(netlist, kind, key) for netlist in (before, after))
+            if a.keys() != b.keys() or (kind in _SAME_VALUES and a != b):
+                raise InputError(
+                    f"the scene after the change differs from the one before in its {kind}s, not only in values: give "
+                    "both the same grid, and write them in tile form (form='cells')"
+                )
+
+
+def _by_nodes(netlist: Netlist, kind: str, key: str) -> dict[tuple[str, str], float]:
+    """Sum of a value of elements, such as ``"conductance"``, by the names of their nodes."""
+    nodes, columns = ELEMENTS[kind]
+    values = getattr(netlist, columns[key])
+    names = netlist.names_of(np.arange(netlist.node_count))
+    if values is None:
+        return {}
+    total: dict[tuple[str, str], float] = {}
+    for (a, b), value in zip(getattr(netlist, nodes).tolist(), values.tolist(), strict=True):
+        pair = (names[a], names[b])
+        total[pair] = total.get(pair, 0.0) + value
+    return total
 
 
 def format_analyses(
-    name: str, deck: FlatDeck, analyses: Sequence[Analysis], after: Netlist | None, references: Sequence[str] = ()
+    name: str, deck: Deck, analyses: Sequence[Analysis], after: Netlist | None, references: Sequence[str] = ()
 ) -> str:
     """Write the file that includes a deck and asks for analyses."""
     rules, words = deck.dialect, deck.dialect.statements
@@ -105,7 +123,7 @@ def _check_number(words: Statements, dialect: str, analyses: Sequence[Analysis])
         raise InputError(f"{dialect} runs one analysis per file, not {asked}; write a deck for each")
 
 
-def _check_names(deck: FlatDeck, analyses: Sequence[Analysis], references: Sequence[str]) -> None:
+def _check_names(deck: Deck, analyses: Sequence[Analysis], references: Sequence[str]) -> None:
     if only_one(analyses, TransientAnalysis) is None and any(isinstance(item, Measure) for item in analyses):
         raise InputError("measure: it measures a transient, and none is asked for; add a TransientAnalysis")
     nodes, sources = {*deck.node_names, *references}, {*deck.source_names, *references}
@@ -121,7 +139,7 @@ def _check_names(deck: FlatDeck, analyses: Sequence[Analysis], references: Seque
             )
 
 
-def _statement(words: Statements, name: str, deck: FlatDeck, analysis: Analysis) -> list[str]:
+def _statement(words: Statements, name: str, deck: Deck, analysis: Analysis) -> list[str]:
     if isinstance(analysis, Probe | Measure) or (isinstance(analysis, MismatchAnalysis) and not analysis.runs):
         return []
     values: dict[str, Any] = {"deck": name, **_plain(analysis), **_source(deck)}
@@ -140,7 +158,7 @@ def _plain(analysis: Analysis) -> dict[str, Any]:
     return {key: repr(value) if isinstance(value, float) else value for key, value in asdict(analysis).items()}
 
 
-def _source(deck: FlatDeck) -> dict[str, str]:
+def _source(deck: Deck) -> dict[str, str]:
     if not deck.source_names:
         return {"source": "", "volts": ""}
     number = int(np.argmin(deck.sources))
@@ -179,7 +197,7 @@ def _measures(words: Statements, analyses: Sequence[Analysis]) -> list[str]:
     return [*words.measure_first, *lines, *words.measure_last] if lines else []
 
 
-def _change(deck: FlatDeck, transient: TransientAnalysis | None, after: Netlist | None) -> list[str]:
+def _change(deck: Deck, transient: TransientAnalysis | None, after: Netlist | None) -> list[str]:
     """Elements that turn the deck's scene into the next one: currents that a step switches on.
 
     What a changed resistor carries more, ``(g_after - g_before) V``, is a source of that current times the step;
@@ -196,26 +214,29 @@ def _change(deck: FlatDeck, transient: TransientAnalysis | None, after: Netlist 
     return [f"{rules.comment}the change of the scene", *lines]
 
 
-def _changed_elements(deck: FlatDeck, before: Netlist, after: Netlist) -> Iterator[str]:
+def _changed_elements(deck: Deck, before: Netlist, after: Netlist) -> Iterator[str]:
     rules = deck.dialect
-    names = dict(zip(deck.nodes.tolist(), deck.node_names, strict=True)) | {GROUND: rules.ground}
+    own = before.names_of(deck.nodes)
+    names = dict(zip(own, deck.node_names, strict=True)) | {before.node_name(GROUND): rules.ground}
     step = rules.voltage.format(a="scene_step", b=rules.ground)
-    difference = after.conductance - before.conductance
-    for number in np.flatnonzero(difference).tolist():
-        a, b = (names.get(node) for node in before.resistor_nodes[number].tolist())
-        if a is not None and b is not None:
-            value = f"({float(difference[number])!r})*{rules.voltage.format(a=a, b=b)}*{step}"
-            yield rules.behavioural_current.format(name=f"b_scene_{number}", a=a, b=b, value=value)
-    fed = _fed(after) - _fed(before)
-    for node in np.flatnonzero(fed).tolist():
-        if node in names and node != GROUND:
-            value = f"({float(fed[node])!r})*{step}"
-            yield rules.behavioural_current.format(
-                name=f"b_drive_{names[node]}", a=rules.ground, b=names[node], value=value
-            )
+    siemens = _by_nodes(after, "resistor", "conductance")
+    for number, ((first, second), value) in enumerate(_by_nodes(before, "resistor", "conductance").items()):
+        difference = siemens[first, second] - value
+        if difference and first in names and second in names:
+            a, b = names[first], names[second]
+            current = f"({difference!r})*{rules.voltage.format(a=a, b=b)}*{step}"
+            yield rules.behavioural_current.format(name=f"b_scene_{number}", a=a, b=b, value=current)
+    fed = _fed(after)
+    for node, amps in _fed(before).items():
+        difference = fed[node] - amps
+        if difference and node in names and node != before.node_name(GROUND):
+            current = f"({difference!r})*{step}"
+            name = f"b_drive_{names[node]}"
+            yield rules.behavioural_current.format(name=name, a=rules.ground, b=names[node], value=current)
 
 
-def _fed(netlist: Netlist) -> Any:
+def _fed(netlist: Netlist) -> dict[str, float]:
+    """Current that is fed into every node, in amperes."""
     count = netlist.node_count
     into, out = (np.bincount(netlist.current_nodes[:, end], netlist.current_amps, count) for end in (1, 0))
-    return into - out
+    return dict(zip(netlist.names_of(np.arange(count)), (into - out).tolist(), strict=True))

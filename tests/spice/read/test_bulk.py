@@ -6,9 +6,9 @@ import pytest
 from fuzz_decks import same
 from hypothesis import given, settings, strategies as st
 
+from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.read.deck import read_with
 from resgrid.spice.read.plain import scan
-from resgrid.spice.read.rules import NGSPICE
 
 floats = st.one_of(
     st.floats(allow_nan=False, allow_infinity=False),
@@ -21,7 +21,7 @@ spellings = st.sampled_from(("%r", "%.17g", "%.3e", "%.20f", "%.25e", "%g", "%.1
 def test_numbers_are_the_nearest_doubles(wanted: list[tuple[float, str]]) -> None:
     words = [spelling % value for value, spelling in wanted]
     data = "".join(f"R{i} a b {word}\n" for i, word in enumerate(words)).encode()
-    found = scan(data, 0, NGSPICE)
+    found = scan(data, 0, DIALECTS["ngspice"].reading)
     assert found is not None
     kept = dict(zip(found.names(found.kind == 0).make(), found.value.tolist(), strict=True))
     for i, word in enumerate(words):
@@ -38,7 +38,7 @@ def test_halfway_cases_round_to_even() -> None:
         mantissa = pick.randrange(2**52, 2**53)
         words.append(f"{2 * mantissa + 1}e{pick.randrange(-20, 20)}")
         words.append(repr(pick.uniform(0, 1) * 10.0 ** pick.randrange(-60, 60)))
-    found = scan("".join(f"R{i} a b {word}\n" for i, word in enumerate(words)).encode(), 0, NGSPICE)
+    found = scan("".join(f"R{i} a b {word}\n" for i, word in enumerate(words)).encode(), 0, DIALECTS["ngspice"].reading)
     assert found is not None
     assert found.value.tolist() == [float(word) for word in words]
 

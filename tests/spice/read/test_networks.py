@@ -4,7 +4,7 @@ import networkx as nx
 import numpy as np
 import pytest
 
-from resgrid import Netlist, read_network, solve
+from resgrid import Netlist, read_spice, solve
 from resgrid.errors import InputError
 from resgrid.spice.networks.circuitscape import read_circuitscape
 
@@ -22,7 +22,7 @@ def test_edge_lists(tmp_path: Path) -> None:
     )
     (tmp_path / "in.txt").write_text("v3 1\n")
     (tmp_path / "out.txt").write_text("v7 0\n")
-    netlist = read_network(tmp_path / "net.csv", sources=tmp_path / "in.txt", grounds=tmp_path / "out.txt")
+    netlist = read_spice(tmp_path / "net.csv", sources=tmp_path / "in.txt", grounds=tmp_path / "out.txt").netlist()
     nx.set_edge_attributes(graph, weight, "g")
     expected = nx.resistance_distance(graph, 3, 7, weight="g", invert_weight=False)
     assert voltages(netlist)["v3"] == pytest.approx(expected, rel=1e-10)
@@ -40,9 +40,9 @@ def test_edge_lists(tmp_path: Path) -> None:
     ],
 )
 def test_edge_lists_that_are_refused(tmp_path: Path, text: str, message: str) -> None:
-    (tmp_path / "net.txt").write_text(text)
-    with pytest.raises(InputError, match=r"net\.txt") as caught:
-        read_network(tmp_path / "net.txt")
+    (tmp_path / "net.csv").write_text(text)
+    with pytest.raises(InputError, match=r"net\.csv") as caught:
+        read_spice(tmp_path / "net.csv")
     assert message.replace("a edge", "an edge") in str(caught.value).replace("a edge", "an edge")
 
 
@@ -50,7 +50,7 @@ def test_nodes_must_be_on_an_edge(tmp_path: Path) -> None:
     (tmp_path / "net.txt").write_text("1.000 2.000 5\n")
     (tmp_path / "in.txt").write_text("3 1\n")
     with pytest.raises(InputError, match=r"in.txt:1: the node '3' is on no edge"):
-        read_network(tmp_path / "net.txt", sources=tmp_path / "in.txt")
+        read_spice(tmp_path / "net.txt", sources=tmp_path / "in.txt")
 
 
 def make_raster(folder: Path, name: str, rows: list[str]) -> None:
@@ -90,8 +90,8 @@ def test_rasters_by_hand(tmp_path: Path) -> None:
     assert merged.cell_node is not None
     assert merged.cell_node[0, 1] == merged.cell_node[1, 1]
     conducting = configuration(tmp_path, habitat_map_is_resistances=False, connect_using_avg_resistances=False)
-    assert voltages(read_network(conducting))["r0_c0"] == pytest.approx(2 * (1 / 2 + 1 / 4 + 1 / 3))
-    diagonal = voltages(read_network(configuration(tmp_path, connect_four_neighbors_only=False)))
+    assert voltages(read_spice(conducting).netlist())["r0_c0"] == pytest.approx(2 * (1 / 2 + 1 / 4 + 1 / 3))
+    diagonal = voltages(read_spice(configuration(tmp_path, connect_four_neighbors_only=False)).netlist())
     root = np.sqrt(2)
     way_b = 1 / (1 / 4 + 0)  # r0_c1 to r1_c1 by its face
     assert diagonal["r0_c0"] == pytest.approx(_diagonal_answer(root, way_b))
@@ -127,10 +127,10 @@ def test_configurations_that_are_refused(tmp_path: Path, change: dict[str, objec
     make_raster(tmp_path, "short.asc", ["1 1"])
     path = configuration(tmp_path, **change)
     if not message:
-        assert len(read_network(path).conductance) == 4
+        assert len(read_spice(path).resistance) == 4
         return
     with pytest.raises(InputError, match=message):
-        read_network(path)
+        read_spice(path)
 
 
 @pytest.mark.parametrize(

@@ -11,11 +11,13 @@ from support.simulators import run, waves
 
 from resgrid import read_spice, solve
 from resgrid.errors import BudgetError, InputError
+from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.read.expressions import ExpressionError, evaluate
-from resgrid.spice.read.rules import NGSPICE, RULES
 
 HEAD = ("title", "V1 in 0 10", "R0 in a 1k")
 SUBCIRCUIT = ".subckt s p q {}\nR9 p q {{r}}\n.ends"
+
+SPICES = [name for name in DIALECTS if name != "spectre"]
 
 
 def deck_in(folder: Path, *lines: str, head: tuple[str, ...] = HEAD, **files: str) -> Path:
@@ -163,7 +165,7 @@ def test_what_ngspice_reads_as_nobody_meant_it_is_refused(tmp_path: Path, name: 
     assert message in refusal(deck_in(tmp_path, *lines))
 
 
-@pytest.mark.parametrize("dialect", RULES)
+@pytest.mark.parametrize("dialect", SPICES)
 @pytest.mark.parametrize(
     ("source", "message"),
     [
@@ -191,7 +193,7 @@ def test_a_waveform_that_simulators_begin_differently_needs_a_dc_value(
 
 def test_a_terminal_that_is_global_is_refused_everywhere(tmp_path: Path) -> None:
     path = deck_in(tmp_path, ".global vv", ".subckt s vv\nR1 vv 0 1k\n.ends", "V2 vv 0 3", "X1 a s")
-    for dialect in RULES:
+    for dialect in SPICES:
         assert ":5: vv is a terminal of s and .global" in refusal(path, dialect)
 
 
@@ -265,7 +267,7 @@ def test_expressions_are_worth_what_ngspice_makes_of_them(
     worth: dict[str, float] = {}
     for text in texts:
         try:
-            value = evaluate(text, NGSPICE, VALUES.get, lambda *_: None)
+            value = evaluate(text, DIALECTS["ngspice"].reading, VALUES.get, lambda *_: None)
         except ExpressionError:
             continue
         if 1e-3 < math.fabs(value) < 1e9:

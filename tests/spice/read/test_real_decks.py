@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from resgrid import read_network, read_spice, solve
+from resgrid import read_spice, solve
 from resgrid.spice.networks.circuitscape import read_circuitscape
 from resgrid.spice.read.deck import read_with
 
@@ -52,7 +52,7 @@ def test_power_grid_without_title(cases: Path, least: int) -> None:
 @pytest.mark.parametrize("number", [1, 2])
 def test_networks_of_circuitscape(cases: Path, number: int) -> None:
     folder = cases / "circuitscape"
-    netlist = read_network(folder / f"mgNetworkVerify{number}.ini")
+    netlist = read_spice(folder / f"mgNetworkVerify{number}.ini").netlist()
     assert netlist.node_names is not None
     voltage = dict(zip(netlist.node_names, solve(netlist).voltage.tolist(), strict=True))
     expected = dict(

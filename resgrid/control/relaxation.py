@@ -54,7 +54,7 @@ Vector = NDArray[np.float64]
 
 @checked
 @dataclass(frozen=True, eq=False)
-class GridSettling:
+class Relaxation:
     """How a grid settles, and how fast compared to the robot.
 
     Attributes
@@ -102,23 +102,23 @@ class GridSettling:
         return (*((self.boundary,) if self.k > 0 else ()), *(("neumann",) if self.k < 1 else ()))
 
 
-def grid_settling(
+def make_relaxation(
     scene: Scene, *, method: str = "chip", pace: float = 10.0, omega: float = 1.8, patience: float = 40.0,
     k: float | None = None,
-) -> GridSettling:  # fmt: skip
+) -> Relaxation:  # fmt: skip
     """How the grid of a scene settles.
 
     Parameters
     ----------
     scene : Scene
     method, pace, omega, patience
-        As in `GridSettling`.
+        As in `Relaxation`.
     k : float, optional
         Share of the Dirichlet field; by default as the scene says.
 
     Returns
     -------
-    GridSettling
+    Relaxation
 
     Raises
     ------
@@ -130,17 +130,17 @@ def grid_settling(
     if share is not None:
         wiring = closed(wiring)
     wall = None if wiring.wall_resistance is None else wiring.wall_resistance / wiring.resistance
-    return GridSettling(method, pace, omega, patience, share, wiring.boundary, scene.edge, wall)
+    return Relaxation(method, pace, omega, patience, share, wiring.boundary, scene.edge, wall)
 
 
-class LiveGrid:
+class RelaxingGrid:
     """The voltages of a map that has changed, on their way from the old operating point to the new one.
 
     `before`: the map that the grid had settled to.
     """
 
-    def __init__(self, settling: GridSettling, before: ConfigurationSpace) -> None:
-        self._settling = settling
+    def __init__(self, relaxation: Relaxation, before: ConfigurationSpace) -> None:
+        self.relaxation = relaxation
         self._parts: list[_Part] = []
         self._owed = 0.0
         self.change(before)
@@ -152,12 +152,12 @@ class LiveGrid:
         kept = {part.boundary: part.per_cell() for part in self._parts}
         vars(self).pop("_end", None)
         self._parts = [
-            _Part(self._settling, boundary, space, kept.get(boundary)) for boundary in self._settling.boundaries()
+            _Part(self.relaxation, boundary, space, kept.get(boundary)) for boundary in self.relaxation.boundaries()
         ]
 
     def advance(self, cells: float) -> bool:
         """Let it settle while the robot could cross so many cells; whether anything was due."""
-        self._owed += cells * (self._settling.pace if self._settling.method != "chip" else 1.0 / TICK)
+        self._owed += cells * (self.relaxation.pace if self.relaxation.method != "chip" else 1.0 / TICK)
         due = int(self._owed * (1 + 1e-12))
         self._owed -= due
         moved = False
@@ -189,16 +189,16 @@ class LiveGrid:
         fields = [field_now(part.netlist, volts) for part, volts in zip(self._parts, voltages, strict=True)]
         if len(fields) == 1:
             return fields[0]
-        assert self._settling.k is not None
-        return blend(fields[0], fields[1], self._settling.k)
+        assert self.relaxation.k is not None
+        return blend(fields[0], fields[1], self.relaxation.k)
 
 
 class _Part:
     """One chip while it settles."""
 
-    def __init__(self, settling: GridSettling, boundary: str, space: ConfigurationSpace, cells: Vector | None) -> None:
+    def __init__(self, relaxation: Relaxation, boundary: str, space: ConfigurationSpace, cells: Vector | None) -> None:
         self.boundary = boundary
-        self.netlist = _compiled(settling, boundary, space)
+        self.netlist = _compiled(relaxation, boundary, space)
         self._dynamics = dynamics_of(self.netlist)
         node = self.netlist.cells.node
         volts = np.zeros(self.netlist.node_count)
@@ -207,7 +207,7 @@ class _Part:
         self._x = self._dynamics.state(volts)
         drive, solver = self._dynamics.drive, "direct" if self._dynamics.size <= _DIRECT else "auto"
         self._end = factor_resolvent(self._dynamics, 0.0, solver).solve(drive, rtol=1e-12) if len(drive) else drive
-        self._step = _stepping(self._dynamics, settling, solver)
+        self._step = _stepping(self._dynamics, relaxation, solver)
         self.settled = False
 
     @property
@@ -240,10 +240,10 @@ class _Part:
         return True
 
 
-def _stepping(dynamics: Dynamics, settling: GridSettling, solver: str) -> Callable[[Vector, int], Vector]:
+def _stepping(dynamics: Dynamics, relaxation: Relaxation, solver: str) -> Callable[[Vector, int], Vector]:
     """Many sweeps, or the chip for many ticks, as a function from state to state."""
-    if settling.method == "chip":
-        stepper = transient_stepper(dynamics.netlist, settling.pace * TICK, method="backward_euler", solver=solver)
+    if relaxation.method == "chip":
+        stepper = transient_stepper(dynamics.netlist, relaxation.pace * TICK, method="backward_euler", solver=solver)
 
         def charged(x: Vector, count: int) -> Vector:
             volts = dynamics.voltage(x)
@@ -256,7 +256,7 @@ def _stepping(dynamics: Dynamics, settling: GridSettling, solver: str) -> Callab
 
     matrix = sparse.csr_array(dynamics.conductance.coupling)
     rows = (matrix.indptr, matrix.indices, matrix.data, dynamics.conductance.diagonal, dynamics.drive)
-    omega = 0.0 if settling.method == "jacobi" else settling.omega
+    omega = 0.0 if relaxation.method == "jacobi" else relaxation.omega
 
     def relaxed(x: Vector, count: int) -> Vector:
         after, spare = x.copy(), np.empty_like(x)
@@ -266,17 +266,17 @@ def _stepping(dynamics: Dynamics, settling: GridSettling, solver: str) -> Callab
     return relaxed
 
 
-def _compiled(settling: GridSettling, boundary: str, space: ConfigurationSpace) -> Netlist:
+def _compiled(relaxation: Relaxation, boundary: str, space: ConfigurationSpace) -> Netlist:
     """A chip of 1 ohm and 1 farad, so that time counts in ``R C``, with its reference rail at 0 V."""
     neumann = boundary == "neumann"
     netlist = compile_space(
         space,
         boundary=boundary,
-        edge=settling.edge,
+        edge=relaxation.edge,
         resistance=1.0,
         supply=1.0 if neumann else -1.0,
         goal_voltage=0.0 if neumann else 1.0,
-        wall_resistance=settling.wall_resistance if boundary == "wall" else None,
+        wall_resistance=relaxation.wall_resistance if boundary == "wall" else None,
     )
     free = netlist.cells.free_node
     pairs = np.stack([free, np.full_like(free, GROUND)], axis=1)
@@ -300,3 +300,72 @@ def check_same_grid(before: ConfigurationSpace, after: ConfigurationSpace) -> No
     """Refuse two maps that are not of one grid."""
     if before.axes != after.axes or before.frame != after.frame:
         raise InputError(f"the map had {before.shape} cells and now has {after.shape}: one grid settles, give one grid")
+
+
+@dataclass(frozen=True, eq=False)
+class Wavefront:
+    """How a change of the map spreads.
+
+    Attributes
+    ----------
+    before, after : ConfigurationSpace
+        The map that the grid had settled to, and the one it is settling to.
+    cells : ndarray of float64, shape (t,)
+        When: in cells that the robot could have crossed.
+    potential : ndarray of float64, shape (t, *shape of the space)
+        At those times; NaN in cells without a node.
+    distance : ndarray of float64, shape (t,)
+        Largest distance of a potential from its end.
+    first : ndarray of float64, shape of the space
+        Potential before the change.
+    """
+
+    before: ConfigurationSpace
+    after: ConfigurationSpace
+    cells: NDArray[np.float64]
+    potential: NDArray[np.float64]
+    distance: NDArray[np.float64]
+    first: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for array in (self.cells, self.potential, self.distance, self.first):
+            array.flags.writeable = False
+
+
+def wavefront(
+    relaxation: Relaxation, before: ConfigurationSpace, after: ConfigurationSpace, cells: NDArray[np.float64]
+) -> Wavefront:
+    """Follow a change of the map through the grid.
+
+    Parameters
+    ----------
+    relaxation : Relaxation
+    before, after : ConfigurationSpace
+        Of the same axes.
+    cells : ndarray of float64, shape (t,)
+        When to look: in cells that the robot could have crossed since the change, ascending.
+
+    Returns
+    -------
+    Wavefront
+
+    Raises
+    ------
+    InputError
+        If the maps have different axes, or the times do not ascend.
+    CircuitError
+        If nothing can be driven.
+    """
+    when = np.asarray(cells, dtype=np.float64)
+    if when.ndim != 1 or not len(when) or not np.isfinite(when).all() or when[0] < 0 or np.any(when[1:] < when[:-1]):
+        raise InputError("times of a wavefront must be finite, at least 0 and ascending, in cells crossed")
+    check_same_grid(before, after)
+    grid = RelaxingGrid(relaxation, before)
+    first = grid.field.potential
+    grid.change(after)
+    frames, distance = [], []
+    for step in np.diff(when, prepend=0.0).tolist():
+        grid.advance(step)
+        frames.append(grid.field.potential)
+        distance.append(grid.distance)
+    return Wavefront(before, after, when.copy(), np.array(frames), np.array(distance), first)

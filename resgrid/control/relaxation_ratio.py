@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.control.log import Ending, Mode, Run
-from resgrid.control.settling import TICK, GridSettling, LiveGrid, check_same_grid
+from resgrid.control.relaxation import TICK, Relaxation, RelaxingGrid, check_same_grid
 from resgrid.control.simulation import Simulation
 from resgrid.errors import InputError
 from resgrid.space import ConfigurationSpace
@@ -22,12 +22,12 @@ _STEPS = 200
 
 
 @dataclass(frozen=True, eq=False)
-class SettlingSweep:
+class RelaxationSweep:
     """Runs of one robot on grids that settle at different paces.
 
     Attributes
     ----------
-    settling : GridSettling
+    relaxation : Relaxation
         What the runs share; its pace is not used.
     settle : float
         Sweeps, or units ``R C``, that the grid takes to settle to `BITS` bits after the change.
@@ -42,7 +42,7 @@ class SettlingSweep:
         How long a run takes on a grid that has settled before it begins, in cells.
     """
 
-    settling: GridSettling
+    relaxation: Relaxation
     settle: float
     pace: NDArray[np.float64]
     ratio: NDArray[np.float64]
@@ -74,13 +74,13 @@ class SettlingSweep:
         return float(below.max()) if len(below) else None
 
 
-def announced(sim: Simulation, settling: GridSettling) -> Simulation:
+def announce_hidden(sim: Simulation, relaxation: Relaxation) -> Simulation:
     """The same world, but at time 0 somebody puts the hidden obstacles on the map, and the grid begins to settle.
 
     Parameters
     ----------
     sim : Simulation
-    settling : GridSettling
+    relaxation : Relaxation
 
     Returns
     -------
@@ -96,43 +96,43 @@ def announced(sim: Simulation, settling: GridSettling) -> Simulation:
     if not truth.goal_count:
         raise InputError("the hidden obstacles cover every goal cell: move a goal, or an obstacle")
     controller = sim.controller.with_field(sim.resolve(truth))
-    return replace(sim, controller=controller, learn=False, settling=settling, before=sim.space)
+    return replace(sim, controller=controller, learn=False, relaxation=relaxation, before=sim.space)
 
 
-def settle_time(settling: GridSettling, before: ConfigurationSpace, after: ConfigurationSpace) -> float:
+def settling_time(relaxation: Relaxation, before: ConfigurationSpace, after: ConfigurationSpace) -> float:
     """Sweeps, or units ``R C``, until a grid has settled after a change of its map."""
     check_same_grid(before, after)
-    if settling.method == "chip":
+    if relaxation.method == "chip":
         step = 1.0
         while step < _LONGEST:
-            last, spent = _watched(replace(settling, pace=step / TICK), before, after, TICK * np.arange(1.0, 41.0))
+            last, spent = _watched(replace(relaxation, pace=step / TICK), before, after, TICK * np.arange(1.0, 41.0))
             if spent > 2 * last:
-                return _finely(settling, before, after, max(last, step))
+                return _finely(relaxation, before, after, max(last, step))
             step *= 2
     else:
         times = np.unique(np.round(1.05 ** np.arange(1.0, 330.0))).astype(np.float64)
-        last, spent = _watched(replace(settling, pace=1.0), before, after, times[times < _LONGEST])
+        last, spent = _watched(replace(relaxation, pace=1.0), before, after, times[times < _LONGEST])
         if spent > last:
             return max(last, 1.0)
     raise InputError(f"the grid has not settled after {spent:g} sweeps or units of R C")
 
 
-def _finely(settling: GridSettling, before: ConfigurationSpace, after: ConfigurationSpace, about: float) -> float:
+def _finely(relaxation: Relaxation, before: ConfigurationSpace, after: ConfigurationSpace, about: float) -> float:
     """The same with steps of 1/200 of a settling time that is known coarsely: it is too long, as that of slow steps is.
 
     A step h of backward Euler lets ``exp(-t / tau)`` take ``h / (2 tau)`` longer, and settling takes some 7 tau.
     """
     tick = about / _STEPS
-    fine = replace(settling, pace=tick / TICK)
+    fine = replace(relaxation, pace=tick / TICK)
     last, _ = _watched(fine, before, after, TICK * np.arange(1.0, 1.25 * _STEPS))
     return last + tick / 2
 
 
 def _watched(
-    settling: GridSettling, before: ConfigurationSpace, after: ConfigurationSpace, cells: ArrayLike
+    relaxation: Relaxation, before: ConfigurationSpace, after: ConfigurationSpace, cells: ArrayLike
 ) -> tuple[float, float]:
     """When a grid was seen out of its final band for the last time, and until when it was watched."""
-    grid = LiveGrid(settling, before)
+    grid = RelaxingGrid(relaxation, before)
     grid.change(after)
     last, now = 0.0, 0.0
     for time in np.asarray(cells, dtype=np.float64).tolist():
@@ -142,18 +142,18 @@ def _watched(
             last = now
         elif now > 2 * last + 40 * TICK:
             break
-    return last * settling.pace, now * settling.pace
+    return last * relaxation.pace, now * relaxation.pace
 
 
-def settling_sweep(
+def relaxation_sweep(
     sim: Simulation,
     start: ArrayLike,
-    settling: GridSettling,
+    relaxation: Relaxation,
     ratios: Sequence[float],
     *,
     max_steps: int = 20_000,
     progress: Callable[[int, int], object] | None = None,
-) -> SettlingSweep:
+) -> RelaxationSweep:
     """Let a robot go while its grid settles, at several ratios of both speeds.
 
     Parameters
@@ -161,10 +161,10 @@ def settling_sweep(
     sim : Simulation
         With hidden obstacles, which are put on the map at time 0 (`announced`).
     start : array_like of float, shape (ndim,)
-    settling : GridSettling
+    relaxation : Relaxation
         Its pace is not used.
     ratios : sequence of float
-        Cells that the robot crosses while the grid settles (`settle_time`).
+        Cells that the robot crosses while the grid settles (`settling_time`).
     max_steps : int
         Of every run.
     progress : callable, optional
@@ -172,7 +172,7 @@ def settling_sweep(
 
     Returns
     -------
-    SettlingSweep
+    RelaxationSweep
 
     Raises
     ------
@@ -183,18 +183,18 @@ def settling_sweep(
     if wanted.ndim != 1 or not len(wanted) or not (np.isfinite(wanted).all() and wanted[-1] > 0):
         raise InputError("ratios must be finite numbers above 0, at least one")
     truth = sim.plant.true_space(sim.space)
-    settle = settle_time(settling, sim.space, truth)
-    world = announced(sim, settling)
+    settle = settling_time(relaxation, sim.space, truth)
+    world = announce_hidden(sim, relaxation)
     cells = sim.controller.speed / float(sim.space.spacing.min())
-    instant = replace(world, settling=None, before=None).run(start, max_steps=max_steps)
+    instant = replace(world, relaxation=None, before=None).run(start, max_steps=max_steps)
     runs: list[Run] = []
     for number, ratio in enumerate(wanted.tolist()):
-        paced = replace(world, settling=replace(settling, pace=settle / ratio))
+        paced = replace(world, relaxation=replace(relaxation, pace=settle / ratio))
         runs.append(paced.run(start, max_steps=max_steps))
         if progress is not None:
             progress(number + 1, len(wanted))
-    return SettlingSweep(
-        settling=settling,
+    return RelaxationSweep(
+        relaxation=relaxation,
         settle=settle,
         pace=settle / wanted,
         ratio=wanted.copy(),

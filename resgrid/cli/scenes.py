@@ -1,0 +1,259 @@
+"""Scenes on the command line: read, changed as options say, cut into cells; what a verb does not heed is named."""
+
+from __future__ import annotations
+
+import math
+import os
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+import resgrid
+from resgrid.cli.options import Source
+from resgrid.cli.report import compute, say, stage
+from resgrid.errors import InputError
+
+if TYPE_CHECKING:
+    from resgrid.chip.build import Form
+    from resgrid.netlist import Netlist
+    from resgrid.nodal.operating_point import OperatingPoint
+    from resgrid.planning.road import Problem, Solution
+    from resgrid.scene import Chip, Scene
+    from resgrid.space import ConfigurationSpace
+    from resgrid.wiring import Wiring
+
+DECK_SUFFIXES = (".cir", ".sp", ".spice", ".ckt", ".net", ".cdl")
+SPECTRE_SUFFIX = ".scs"
+
+
+@dataclass(frozen=True, eq=False)
+class Job:
+    """A scene, the space that was cut from it, and how many threads may solve it."""
+
+    scene: Scene
+    space: ConfigurationSpace
+    threads: int = 1
+
+    @cached_property
+    def problem(self) -> Problem:
+        """What the scene asks for."""
+        from resgrid.planning.road import problem_of
+
+        return problem_of(self.scene, space=self.space)
+
+    @cached_property
+    def is_ideal(self) -> bool:
+        """Whether the scene's chip is nothing but its resistors and ideal rails."""
+        from resgrid.chip.passes import passes_of
+
+        return not passes_of(self.scene.chip)
+
+    def solution(self) -> Solution:
+        """The ideal circuits and fields that the scene asks for, with their drives scaled to the supply."""
+        from resgrid.planning.road import solve_problem
+
+        return solve_problem(self.problem, scaled=True, threads=self.threads, observe=_observe)
+
+    def solve(self, wiring: Wiring, *, ideal: bool = False) -> OperatingPoint:
+        """One circuit of the scene, as its chip is or as an ideal grid."""
+        from resgrid.planning.road import solve_circuit
+
+        return solve_circuit(self.space, threads=self.threads, observe=_observe, **self._circuit(wiring, ideal))
+
+    def compile(self, wiring: Wiring, *, ideal: bool = False, scaled: bool = True) -> Netlist:
+        """The same circuit unsolved; not scaled, the drive of an ideal one is left as it was compiled."""
+        from resgrid.planning.road import compile_circuit
+
+        options = self._circuit(wiring, ideal)
+        scaled = scaled or options["passes"] is not None
+        return compile_circuit(self.space, scaled=scaled, threads=self.threads, observe=_observe, **options)
+
+    def _circuit(self, wiring: Wiring, ideal: bool) -> dict[str, Any]:
+        from resgrid.chip.build import build_chip
+
+        if ideal or self.is_ideal:
+            return {"wiring": wiring, "passes": None}
+        return {"wiring": replace(wiring, rails="cells"), "passes": partial(build_chip, chip=self.scene.chip)}
+
+
+def open_job(source: Source, *, require_goal: bool = True) -> Job:
+    """Read a scene with its changes, and cut it into cells."""
+    from resgrid.scene import sample
+
+    with stage("read the scene"):
+        scene = _load_scene(source)
+    cells = math.prod(axis.cells for axis in scene.axes)
+    with stage("cut it into cells", seconds=3e-7 * cells) as progress:
+        space = sample(scene, require_goal=require_goal, progress=progress.count)
+    return Job(scene, space, source.threads)
+
+
+def _load_scene(source: Source) -> Scene:
+    from resgrid.scene import apply_overrides, read_scene
+
+    if Path(source.file).suffix.lower() in DECK_SUFFIXES:
+        raise InputError(f"{source.file}: this is a deck, and a scene or a map is needed; decks go to 'resgrid check'")
+    scene = _piped_scene(source) if source.file == "-" else read_scene(source.file, **source.map_options)
+    return apply_overrides(scene, source.changes) if source.changes else scene
+
+
+def _piped_scene(source: Source) -> Scene:
+    """A scene from standard input: TOML, or a map known by its first bytes."""
+    import tempfile
+
+    from resgrid.files import decode
+    from resgrid.scene import parse_scene, read_scene
+
+    data = sys.stdin.buffer.read()
+    if not data.strip():
+        raise InputError("standard input: nothing was piped in; give a scene file, or pipe one")
+    if not data.startswith(_MAP_BEGINNINGS) and source.map_options.get("format") is None:
+        return parse_scene(decode(data, Path("standard input")), "standard input")
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "standard_input"
+        file.write_bytes(data)
+        return read_scene(file, **source.map_options)
+
+
+_MAP_BEGINNINGS = (b"\x93NUMPY", b"type ", b"\x89PNG", b"P2", b"P5", b"BM", b"GIF8")
+
+FIRST_RUN = "the first solution on this machine also compiles its loops: half a minute, once"
+_KEPT_LOOP = "row_kernels.conductances_by_row*.nbi"
+
+
+def is_first_run() -> bool:
+    """Whether no compiled loops are kept yet, where numba keeps them."""
+    kept = os.environ.get("NUMBA_CACHE_DIR")
+    if kept:
+        return not any(Path(kept).glob(f"*/{_KEPT_LOOP}"))
+    return not any((Path(resgrid.__file__).parent / "nodal" / "__pycache__").glob(_KEPT_LOOP))
+
+
+def _observe(name: str, function: Callable[..., Any], *arguments: Any, iterates: bool = False, **options: Any) -> Any:
+    """Report a stage of the library."""
+    if iterates and is_first_run():
+        say(FIRST_RUN)
+    return compute(name, function, *arguments, iterates=iterates, **options)
+
+
+def require_starts(scene: Scene) -> None:
+    """Refuse a scene without a start."""
+    if not scene.starts:
+        where = scene.source or "scene"
+        raise InputError(f"{where}: there is no start; add starts = [[...]] to the scene, or say --start X,Y")
+
+
+def size_of(shape: Sequence[int]) -> str:
+    """A grid's size, for people."""
+    return " x ".join(str(size) for size in shape)
+
+
+def place_of(point: Sequence[float]) -> str:
+    """A point, for people."""
+    return "(" + ", ".join(f"{value:.6g}" for value in point) + ")"
+
+
+def element_counts(netlist: Netlist) -> dict[str, int]:
+    """How many nodes and elements a circuit has, as ``--json`` gives it."""
+    return {
+        "nodes": netlist.node_count,
+        "resistors": len(netlist.conductance),
+        "voltage_sources": len(netlist.source_volts),
+        "current_sources": len(netlist.current_amps),
+    }
+
+
+def solution_summary(name: str, op: OperatingPoint, space: ConfigurationSpace) -> dict[str, Any]:
+    """The figures of a solved chip, as ``--json`` gives them."""
+    from resgrid.space import Cell
+
+    free = space.cell == Cell.FREE
+    return {
+        "chip": name,
+        "nodes": op.netlist.node_count,
+        "resistors": len(op.netlist.conductance),
+        "free_cells": int(free.sum()),
+        "unreachable_cells": int((free & ~space.goal_connected).sum()),
+        "kcl_residual": op.kcl_residual,
+        "power": op.power,
+        "solver": op.method,
+        "iterations": op.iterations,
+        "backward_error": op.backward_error,
+        "entry_error": op.entry_error if math.isfinite(op.entry_error) else None,
+        "seconds": dict(op.seconds),
+    }
+
+
+_READ = "they say how voltages are read, and a circuit holds no meter; 'resgrid chip' heeds them"
+_WHY = {
+    "circuit": _READ,
+    "tiles": _READ,
+    "grid": "fields and paths are those of the ideal grid (decks hold the chip); 'resgrid chip' asks what they do to a "
+    "robot",
+}
+
+
+def say_unheeded(job: Job, form: Form | Literal["chip"], *, k: Sequence[float] = ()) -> dict[str, list[str]]:
+    """Name the keys of a scene that make no difference to what a verb makes of it."""
+    from resgrid.chip.build import keys_not_held
+
+    scene, problem = job.scene, job.problem
+    keys = [] if form == "chip" else [f"chip.{key}" for key in keys_not_held(scene.chip, form)]
+    if keys:
+        say(f"not heeded: {', '.join(keys)}: {_WHY[form]}")
+    if form != "grid":
+        k = several_k(scene)
+    if k:
+        say(
+            f"not heeded: k = {', '.join(f'{share:g}' for share in k)}: this is one chip or one blend; choose it with "
+            "--boundary or --k ('resgrid run' makes them all)"
+        )
+    wirings = problem.wirings.values() if form == "grid" else [problem.only_wiring()[1]]
+    drive = scene.drive is not None and not any(wiring.is_driven for wiring in wirings)
+    if drive:
+        say(f"not heeded: drive = {scene.drive!r}: here obstacles are a rail, and that drives the grid")
+    return {"not_heeded": [*keys, *(["k"] if k else []), *(["drive"] if drive else [])]}
+
+
+def several_k(scene: Scene) -> tuple[float, ...]:
+    """The blends of a scene that asks for several."""
+    return scene.k if len(scene.k) > 1 else ()
+
+
+def require_tiles(chip: Chip) -> None:
+    """Refuse a chip that an array of tiles cannot be."""
+    from resgrid.chip.build import READING, keys_not_held
+
+    keys = [f"chip.{key}" for key in keys_not_held(chip, "tiles") if key not in READING]
+    if keys:
+        raise InputError(
+            f"tiles cannot hold {', '.join(keys)}: write the flat form, which does, or remove them from [chip]"
+        )
+
+
+def assume_switches(job: Job, boundary: str) -> tuple[Job, dict[str, float]]:
+    """A scene whose chip has all the switches of its tiles; those that it does not describe are named, in ohms."""
+    from resgrid.spice.write.tiles import with_tile_switches
+
+    chip = with_tile_switches(job.scene.chip, boundary)
+    assumed = {f"chip.{key}": ohms for key, ohms in vars(chip).items() if ohms != getattr(job.scene.chip, key)}
+    if assumed:
+        values = ", ".join(f"{key} = {ohms:g}" for key, ohms in assumed.items())
+        say(f"tiles have switches, and [chip] does not describe all; assumed, in ohms: {values}")
+    return Job(replace(job.scene, chip=chip), job.space, job.threads), assumed
+
+
+def only_boundary(job: Job) -> tuple[str, int | None]:
+    """For the analyses of chips, until they live in their own room."""
+    wiring = job.problem.only_wiring()[1]
+    return wiring.boundary, None if wiring.start is None else 0
+
+
+def compile_options(job: Job, boundary: str, start: int | None) -> dict[str, Any]:
+    """For the analyses of chips, until they live in their own room."""
+    del boundary, start
+    wiring = job.problem.only_wiring()[1]
+    return {"boundary": wiring.boundary, "drive": wiring.drive, "edge": wiring.edge, "start": wiring.start}

@@ -1,0 +1,243 @@
+"""What a robot does while nothing touches it: follow the current, head for the goal, go back, leave lost cells."""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.control.belief import LiveMap, Sensor
+from resgrid.control.controller import RECOVERY, Nominal
+from resgrid.control.equipotential import following_velocity
+from resgrid.control.log import End, Ending, Mode
+from resgrid.errors import InputError
+from resgrid.space import Cell, ConfigurationSpace
+
+Vector = NDArray[np.float64]
+CellIndex = tuple[int, ...]
+
+LONGEST = 40.0
+"""Cells that a robot could have crossed while it stayed within half a cell: then it stands."""
+
+DITHERS = 10
+"""How often it is shaken before it is given up."""
+
+SAME = 1e-9
+"""Share of a cell within which two places are one."""
+
+_INSIDE = 2e-9
+
+
+class Patience:
+    """Notices that a robot stays within half a cell, by what it could have crossed at the speed of its command.
+
+    `spacing, place` (ndim,).
+    """
+
+    def __init__(self, spacing: Vector, place: Vector) -> None:
+        self._spacing = spacing
+        self.renew(place)
+
+    def renew(self, place: Vector) -> None:
+        """Begin anew here."""
+        self._anchor, self.crossed, self._dithers = place, 0.0, 0
+
+    def wait(self, place: Vector, cells: float) -> None:
+        """The robot is here, and could have crossed so many cells since it was asked last."""
+        if np.any(np.abs(place - self._anchor) > 0.5 * self._spacing):
+            self.renew(place)
+        else:
+            self.crossed += cells
+
+    @property
+    def lost(self) -> bool:
+        """Whether the robot has stood for long."""
+        return self.crossed >= LONGEST * (1.0 - 1e-9)
+
+    def shake(self) -> bool:
+        """Whether it may be shaken once more."""
+        if self._dithers >= DITHERS:
+            return False
+        self.crossed, self._dithers = 0.0, self._dithers + 1
+        return True
+
+
+class Choice(NamedTuple):
+    """What the robot would do if nothing touched it.
+
+    `velocity` (ndim,): without forces; `longest`: for how long at most, in seconds.
+    """
+
+    mode: Mode
+    velocity: Vector
+    longest: float = np.inf
+
+
+class Navigator:
+    """Chooses what to do, and remembers the way back and the cells that could not be reached."""
+
+    def __init__(self, live: LiveMap, sensor: Sensor, patience: Patience) -> None:
+        self._live, self._sensor, self._patience = live, sensor, patience
+        self._trail: list[Vector] = []
+        self._tried: set[CellIndex] = set()
+        self._lost = False
+        self._first: Vector | None = None
+        self.exit: CellIndex | None = None
+
+    def choose(self, believed: Vector, configuration: Vector, seen: Nominal, torque: Vector) -> Choice | End:
+        """What to do without contact, or how the run ends."""
+        live, controller = self._live, self._live.controller
+        if self._first is None:
+            self._first = believed
+        if seen.place == "goal":
+            return self._home(believed)
+        if seen.place == "off":
+            if live.grid is not None and live.space.goal_connected[tuple(live.space.split(believed)[0])]:
+                return Choice(Mode.WAITING, np.zeros_like(believed))
+            return self._recover(believed, configuration)
+        self._tried, self.exit, self._lost = set(), None, False
+        if controller.response == "equipotential" and torque.any():
+            following = following_velocity(seen.velocity, torque)
+            return Choice(Mode.FOLLOWING if following.any() else Mode.JAM, following)
+        slowed = np.abs(seen.velocity).max() / np.abs(controller.limited(seen.velocity)).max()
+        return Choice(Mode.STREAMLINE, seen.velocity, seen.longest * float(slowed))
+
+    def _home(self, believed: Vector) -> Choice | End:
+        """Straight to what solves the goal: in its own goal cell or, if that is obstructed, in one beside."""
+        offsets = goal_offsets(self._live.space, believed)
+        own = offsets[0][1]
+        if np.all(np.abs(own) <= self._sensor.noise + SAME * self._live.spacing):
+            return End(Ending.ARRIVED, "the robot is in a goal")
+        self.exit = next((cell for cell, _ in offsets if cell not in self._tried), None)
+        return self._straight(Mode.HOMING, own if self.exit is None else dict(offsets)[self.exit])
+
+    def _recover(self, believed: Vector, configuration: Vector) -> Choice | End:
+        """Back the way it came; but if no cell of it has a path any more, out to a cell beside that has one."""
+        if self._lost:
+            for cell, offset in exits(self._live.space, believed):
+                if cell not in self._tried:
+                    self.exit = cell
+                    return self._straight(Mode.RECOVERING, offset)
+            if self.exit is not None:  # Out of reach by now: it slid off what was in its way.
+                self.give_up_exit(configuration)
+        elif self._sensor.noise.any() or (self._sensor.bias.any() and not self._trail):
+            # Wrong belief may put the robot into a cell without a path, and no way back leads out of a mistake.
+            try:
+                return Choice(Mode.RECOVERING, self._live.controller.axis_nominal(believed).velocity)
+            except InputError as error:
+                return End(Ending.STALLED, str(error))
+        while self._trail:
+            offset = self._trail[-1] - configuration
+            if np.linalg.norm(offset) > SAME * float(self._live.spacing.min()):
+                return self._straight(Mode.RETREATING, offset)
+            self._trail.pop()
+        return self._no_path()
+
+    def _straight(self, mode: Mode, offset: Vector) -> Choice:
+        controller, length = self._live.controller, float(np.linalg.norm(offset))
+        velocity = controller.limited(offset * (controller.speed / length))
+        return Choice(mode, velocity, length / float(np.linalg.norm(velocity)))
+
+    def _no_path(self) -> End:
+        assert self._first is not None
+        space = self._live.space
+        cell = tuple(space.split(self._first)[0].tolist())
+        if space.cell[cell] != Cell.OBSTACLE:
+            message = "the obstacle cells learnt, with those of the map, separate the start from every goal"
+            return End(Ending.NO_PATH, message)
+        tried = f", and {len(self._tried)} beside it that have one could not be reached" if self._tried else ""
+        message = f"the start's own cell {cell} holds an obstacle, as was learnt, and so has no path to a goal{tried}"
+        return End(Ending.NO_PATH, message)
+
+    def fail(self, mode: Mode, configuration: Vector) -> None:
+        """What was chosen leads nowhere: a cell beside that cannot be reached, or a place that was touched itself."""
+        if self.exit is not None:
+            self.give_up_exit(configuration)
+        elif mode is Mode.RETREATING:
+            self._trail.pop()
+
+    def give_up_exit(self, configuration: Vector) -> None:
+        """Try another cell than the one it is on its way to."""
+        assert self.exit is not None
+        self._tried.add(self.exit)
+        self.exit = None
+        if self._lost:
+            self._patience.renew(configuration)
+
+    def remember(self, mode: Mode, before: Vector, after: Vector, *, pushed: bool) -> None:
+        """Keep the way back: every configuration that was left, so that each step of it has been taken before."""
+        away = np.abs(after - self._trail[-1]) if self._trail else np.zeros_like(before)
+        pushed_off = mode is Mode.RETREATING and pushed and np.any(away > SAME * self._live.spacing)
+        unsure = mode is Mode.RECOVERING and not self._sensor.exact
+        if pushed_off or not (mode is Mode.RETREATING or unsure):
+            self._trail.append(before)
+
+    def learnt(self, configuration: Vector) -> End | None:
+        """Look at a changed map: an end where neither a place the robot has been at nor one beside has a path left."""
+        self._tried, self.exit = set(), None
+        space = self._live.space
+        if not space.goal_count:
+            return End(Ending.GOAL_BLOCKED, "every goal cell was learnt to be obstacle")
+        been = self._sensor.believed(np.array([*self._trail, configuration]))
+        cells = tuple(space.split(been)[0].T)
+        self._lost = not np.any(space.goal_connected[cells] | (space.cell[cells] == Cell.GOAL))
+        if self._lost and not any(exits(space, place) for place in been[::-1]):
+            return self._no_path()
+        return None
+
+
+def goal_offset(space: ConfigurationSpace, place: Vector) -> Vector:
+    """From a place in a goal cell to the configuration there that solves the goal; 0 where the whole cell does.
+
+    One on the cell's border is taken 2e-9 of a cell inside it, where there is no doubt whose it is.
+    """
+    cell, local = space.split(place)
+    solution = (space.goal_point(cell) - space.lower) / space.spacing - cell
+    if np.isnan(solution).any():
+        return np.zeros(space.ndim)
+    return np.asarray((np.clip(solution, _INSIDE, 1.0 - _INSIDE) - local) * space.spacing)
+
+
+def goal_offsets(space: ConfigurationSpace, place: Vector) -> list[tuple[CellIndex, Vector]]:
+    """Goal cells whose goal may be taken from a place in one, and how far: its own, then those across its faces.
+
+    Neighbours that share a face make a convex box, so that straight lines there meet goal cells alone.
+    """
+    cell, local = space.split(place)
+    own = tuple(cell.tolist())
+    beside: dict[CellIndex, Vector] = {}
+    for axis, by in product(range(space.ndim), (-1, 1)):
+        step = by * np.eye(space.ndim, dtype=np.int64)[axis]
+        other = _neighbour(space, cell + step)
+        if other is None or other == own:
+            continue
+        offset = space.goal_point(other) - space.axis_centre(other) + (step + 0.5 - local) * space.spacing
+        if not np.isnan(offset).any():
+            beside.setdefault(other, offset)
+    nearest = sorted(beside.items(), key=lambda item: float(np.linalg.norm(item[1])))
+    return [(own, goal_offset(space, place)), *nearest]
+
+
+def exits(space: ConfigurationSpace, place: Vector) -> list[tuple[CellIndex, Vector]]:
+    """Cells with a path within `RECOVERY` cells of a place's own, and how far their centres are, the nearest first."""
+    cell, local = space.split(place)
+    most = int(RECOVERY)
+    nearest: dict[CellIndex, tuple[float, Vector]] = {}
+    for by in product(range(-most, most + 1), repeat=space.ndim):
+        if not 0 < sum(step * step for step in by) <= RECOVERY**2:
+            continue
+        other = _neighbour(space, cell + by)
+        if other is not None and (space.cell[other] == Cell.GOAL or space.goal_connected[other]):
+            offset = (np.array(by) + 0.5 - local) * space.spacing
+            length = float(np.linalg.norm(offset / space.spacing))
+            if other not in nearest or length < nearest[other][0]:
+                nearest[other] = length, offset
+    return [(other, offset) for other, (_, offset) in sorted(nearest.items(), key=lambda item: item[1][0])]
+
+
+def _neighbour(space: ConfigurationSpace, cell: NDArray[np.int64]) -> CellIndex | None:
+    """Index of a cell counted on across seams; None beyond an edge."""
+    other = np.where(space.periodic, cell % space.shape, cell)
+    return None if np.any(other < 0) or np.any(other >= space.shape) else tuple(other.tolist())

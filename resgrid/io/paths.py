@@ -1,0 +1,291 @@
+"""Paths as files: tables, records, arrays, and plans for ROS."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import cos, sin
+from pathlib import Path as FilePath
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.io.tables import Views, require_names, suffix_of, write
+from resgrid.planning.fields import Field
+from resgrid.planning.streamline import Path, ShortPath, Streamline, unwrap
+from resgrid.planning.timing import Trajectory
+from resgrid.robots import PointRobot
+from resgrid.space import ConfigurationSpace
+
+AnyPath = Path | Trajectory
+
+
+def write_path(path: AnyPath, target: str | os.PathLike[str]) -> FilePath:
+    """Write a path, whole or not at all, as the end of the file's name says.
+
+    Parameters
+    ----------
+    path : Streamline, ShortPath, Polyline or Trajectory
+        An arm's files say where its tip is.
+    target : path-like
+        ``.csv``, or ``-`` for standard output: a table with a header; ``.json``: one list a column; ``.npz``: one
+        array a column; ``.yaml``: a ``nav_msgs/Path`` for ROS.
+
+    Returns
+    -------
+    pathlib.Path
+        The target.
+
+    Raises
+    ------
+    InputError
+        If the name ends otherwise, the path does not fit, an axis has the name of another column, or the file cannot
+        be written.
+    """
+    space, suffix = path.space, suffix_of(target, _VIEWS, "a path")
+    if suffix == ".json":
+        require_names(space.axes, ["schema", *(axis.name for axis in space.axes)])
+
+    def columns() -> dict[str, NDArray[np.float64]]:
+        return path_columns(path)
+
+    views: Views = {
+        "table": columns,
+        "record": columns,
+        "arrays": columns,
+        "message": lambda: ros_plan(path),
+    }
+    return write(target, views, "a path")
+
+
+_VIEWS = ("table", "record", "arrays", "message")
+
+
+def path_columns(path: AnyPath) -> dict[str, NDArray[np.float64]]:
+    """A path as named columns, one entry a point, in world coordinates that are continuous across periodic seams.
+
+    Shapes: returns (n,).
+    """
+    space, points = path.space, _points(path)
+    names = column_names(space, timed=isinstance(path, Trajectory))
+    require_names(space.axes, names)
+    columns = [*points.T]
+    if space.robot is not None and space.robot.base is not None:
+        columns += [*space.robot.reference_point(points).T]
+    if isinstance(path, Trajectory):
+        columns = [path.times, *columns, *path.velocities.T]
+    return dict(zip(names, columns, strict=True))
+
+
+def column_names(space: ConfigurationSpace, *, timed: bool) -> list[str]:
+    """Names of the columns of a path."""
+    axes = [axis.name for axis in space.axes]
+    mounted = space.robot is not None and space.robot.base is not None
+    tip = [f"{space.robot.reference}_{name}" for name in "xy"] if mounted else []
+    return ["t", *axes, *tip, *(f"{name}_rate" for name in axes)] if timed else [*axes, *tip]
+
+
+def _points(path: AnyPath) -> NDArray[np.float64]:
+    return path.positions if isinstance(path, Trajectory) else unwrap(path)
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """The way from a start: a streamline, and what was made of it.
+
+    `start`: as it was asked for, in world coordinates; `field`: that it follows; `short`: its shortcut; `motion`: when
+    it is where.
+    """
+
+    streamline: Streamline
+    start: tuple[float, ...]
+    field: Field
+    short: ShortPath | None = None
+    motion: Trajectory | None = None
+
+    @property
+    def reached(self) -> bool:
+        """Whether it ends in a goal."""
+        return self.streamline.outcome == "reached"
+
+    @property
+    def final(self) -> Streamline | ShortPath | Trajectory:
+        """What the robot is to follow."""
+        return self.motion or self.short or self.streamline
+
+
+ADVICE = {
+    "no_path": "obstacles part it from every goal: open a way, make the robot smaller, or refine the grid",
+    "no_current": "the current here is too small to tell a direction: use --drive uniform",
+    "start_blocked": "the start lies in an obstacle: move it, make the robot smaller, or refine the grid",
+    "goal_blocked": "no free cell touches a goal: move the goal or open a way to it",
+}
+"""What to do about every outcome but success."""
+
+
+def write_routes(target: str | os.PathLike[str], routes: Sequence[Route], space: ConfigurationSpace) -> FilePath:
+    """Write routes, whole or not at all: a table or a record of all, arrays with numbers, a document for ROS each."""
+    views: Views = {
+        "table": lambda: _routes_table(routes, space),
+        "record": lambda: {"paths": [_with_columns(route, space) for route in routes]},
+        "arrays": lambda: _routes_arrays(routes, space),
+        "message": lambda: _documents(routes, space),
+    }
+    return write(target, views, "paths")
+
+
+def check_routes_file(target: str, space: ConfigurationSpace | None = None, *, timed: bool = False) -> None:
+    """Refuse a file that routes cannot be written to."""
+    suffix = suffix_of(target, _VIEWS, "paths")
+    if space is not None and suffix != ".yaml":
+        own = {".csv": ["path", "k", "outcome"], ".npz": ["points", "cells"]}.get(suffix, [])
+        require_names(space.axes, [*own, *column_names(space, timed=timed)])
+
+
+def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
+    """What is known of a route; points in world coordinates."""
+    path = route.streamline
+    record: dict[str, Any] = {
+        "outcome": str(path.outcome),
+        "goal": path.goal,
+        "length": path.length,
+        "clearance": path.clearance,
+        "log_duration": path.log_duration,
+        "start": list(route.start),
+        "k": route.field.k,
+        "certified": True,
+    }
+    if not route.reached:
+        record["message"] = ADVICE[path.outcome]
+    if points:
+        record |= {"points": path.points, "cells": path.cells}
+    if route.short is not None:
+        record["short"] = {"length": route.short.length, "clearance": route.short.clearance}
+    if route.motion is not None:
+        record["duration"] = route.motion.duration
+    return record
+
+
+def _routes_table(routes: Sequence[Route], space: ConfigurationSpace) -> dict[str, list[Any]]:
+    """One row a point, route after route."""
+    table: dict[str, list[Any]] = {name: [] for name in ("path", "k", "outcome")}
+    for number, route in enumerate(routes):
+        columns: dict[str, list[Any]] = {name: column.tolist() for name, column in _columns(route, space).items()}
+        count = len(next(iter(columns.values())))
+        head: dict[str, list[Any]] = {
+            "path": [number] * count,
+            "k": [route.field.k] * count,
+            "outcome": [str(route.streamline.outcome)] * count,
+        }
+        for name, column in (head | columns).items():
+            table.setdefault(name, []).extend(column)
+    return table
+
+
+def _columns(route: Route, space: ConfigurationSpace) -> dict[str, NDArray[np.float64]]:
+    """A streamline's points as they are; shortened or timed ones continuous across seams."""
+    columns = path_columns(route.final)
+    if route.final is route.streamline:
+        columns |= {axis.name: route.streamline.points[:, number] for number, axis in enumerate(space.axes)}
+    return columns
+
+
+def _with_columns(route: Route, space: ConfigurationSpace) -> dict[str, Any]:
+    """A route's record, with the columns that its points do not hold."""
+    columns = _columns(route, space)
+    if route.final is route.streamline:
+        axes = {axis.name for axis in space.axes}
+        columns = {name: column for name, column in columns.items() if name not in axes}
+    return route_record(route) | ({"columns": columns} if columns else {})
+
+
+def _routes_arrays(routes: Sequence[Route], space: ConfigurationSpace) -> dict[str, Any]:
+    paths = [route.streamline for route in routes]
+    arrays: dict[str, Any] = {
+        "outcome": [str(path.outcome) for path in paths],
+        "goal": [-1 if path.goal is None else path.goal for path in paths],
+        "length": [path.length for path in paths],
+        "clearance": [path.clearance for path in paths],
+        "k": [route.field.k for route in routes],
+        "start": [route.start for route in routes],
+    }
+    for number, route in enumerate(routes):
+        columns = {"points": route.streamline.points, "cells": route.streamline.cells, **_columns(route, space)}
+        arrays |= {f"{name}_{number}": column for name, column in columns.items()}
+    return arrays
+
+
+def _documents(routes: Sequence[Route], space: ConfigurationSpace) -> str:
+    """A message for each route; one that reaches no goal has no poses."""
+    _require_plane(space)
+    return "---\n".join(ros_plan(route.final) if route.reached else _message([], [], [], "map") for route in routes)
+
+
+def ros_plan(path: AnyPath, *, frame_id: str = "map") -> str:
+    """A path as the text of a ``nav_msgs/Path`` message, which ``ros2 topic pub`` takes.
+
+    Every pose looks towards the next, the last one as the one before; a turning polygon as its angle says.  A
+    trajectory's times are the stamps.
+
+    Parameters
+    ----------
+    path : Streamline, ShortPath, Polyline or Trajectory
+        In a space of two axes with one unit, or of a turning polygon.
+    frame_id : str
+        The frame that the poses are given in.
+
+    Returns
+    -------
+    str
+
+    Raises
+    ------
+    InputError
+        If the robot does not move in the plane.
+    """
+    space, points = path.space, _points(path)
+    _require_plane(space)
+    places, own = points[:, :2], (space.robot or PointRobot()).heading(points)
+    yaws = headings(places) if own is None else own
+    times = path.times if isinstance(path, Trajectory) else np.zeros(len(points))
+    return _message(times.tolist(), places.tolist(), yaws.tolist(), frame_id)
+
+
+def _message(times: Sequence[float], places: Sequence[Sequence[float]], yaws: Sequence[float], frame_id: str) -> str:
+    """A ``nav_msgs/Path`` as YAML."""
+
+    def header(time: float) -> dict[str, Any]:
+        seconds, nanoseconds = divmod(round(time * 1e9), 10**9)
+        return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame_id}
+
+    def pose(place: Sequence[float], yaw: float) -> dict[str, Any]:
+        position = {"x": place[0], "y": place[1], "z": 0.0}
+        return {"position": position, "orientation": {"x": 0.0, "y": 0.0, "z": sin(yaw / 2), "w": cos(yaw / 2)}}
+
+    rows = zip(times, places, yaws, strict=True)
+    poses = [{"header": header(time), "pose": pose(place, yaw)} for time, place, yaw in rows]
+    dumper = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
+    return yaml.dump({"header": header(0.0), "poses": poses}, Dumper=dumper, sort_keys=False, default_flow_style=None)
+
+
+def _require_plane(space: ConfigurationSpace) -> None:
+    """Refuse a plan for ROS of what does not move in the plane."""
+    robot = space.robot or PointRobot()
+    flat = space.ndim == 2 and space.axes[0].unit == space.axes[1].unit and robot.moves_in_workspace
+    if not flat and robot.heading(np.zeros((1, space.ndim))) is None:
+        what = f"a {type(robot).__name__} with axes {', '.join(axis.name for axis in space.axes)}"
+        raise InputError(f"a plan for ROS holds poses in the plane, not {what}; write .csv, .json or .npz")
+
+
+def headings(place: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Direction from every place to the next that differs, in radians; the last as the one before, alone 0."""
+    step = np.diff(place, axis=0)
+    moved = np.flatnonzero(np.any(step != 0, axis=1))
+    if not len(moved):
+        return np.zeros(len(place))
+    angle = np.arctan2(step[moved, 1], step[moved, 0])
+    return np.asarray(angle[np.minimum(np.searchsorted(moved, np.arange(len(place))), len(moved) - 1)])

@@ -1,0 +1,118 @@
+"""Runs of a robot under control as files: a log of every step, and what each run came to."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.control.log import Mode, Run
+from resgrid.io.tables import Views, require_names, suffix_of, write
+from resgrid.space import Axis
+
+_STEP = {"": "configuration", "_believed": "believed", "_rate": "velocity", "_torque": "torque", "_push": "push"}
+"""Ends of the names of columns, one for each axis, and the arrays of a run that they hold."""
+
+_CONTACT = ("contact_x", "contact_y", "force_x", "force_y", "part", "body", "sticking")
+
+
+def write_run(run: Run | Sequence[Run], file: str | os.PathLike[str]) -> Path:
+    """Write every step of a run, or of several, whole or not at all.
+
+    Parameters
+    ----------
+    run : Run or sequence of Run
+    file : path-like
+        ``.csv``, or ``-`` for standard output: a table, one step a line, in world coordinates, with the strongest
+        contact of the step; ``.npz``: every array of run ``i``, with ``_i`` at the end of its name.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        If the file's name ends otherwise, an axis has the name of another column, or the file cannot be written.
+    """
+    runs = [run] if isinstance(run, Run) else list(run)
+    return write(file, _views(runs), "a run")
+
+
+def check_run_file(file: str | os.PathLike[str], axes: Sequence[Axis] = ()) -> None:
+    """Refuse a file that runs with some axes cannot be written to."""
+    if suffix_of(file, _views(()), "a run") == ".csv":
+        require_names(axes, _names(axes))
+
+
+def run_record(run: Run) -> dict[str, Any]:
+    """What a run came to."""
+    modes, counts = np.unique(run.mode, return_counts=True)
+    return {
+        "outcome": str(run.ending),
+        "message": run.message,
+        "goal": run.goal,
+        "start": run.configuration[0],
+        "end": run.configuration[-1],
+        "k": run.field.k,
+        "time": run.time[-1],
+        "steps": len(run.time) - 1,
+        "modes": {Mode(mode).name.lower(): count for mode, count in zip(modes.tolist(), counts.tolist(), strict=True)},
+        "cells_learnt": int(run.learnt.sum()),
+        "resolves": len(run.lessons),
+        "contacts": len(run.contacts.step),
+        "parts_touched": np.unique(run.contacts.part),
+        "penetration": run.penetration,
+    }
+
+
+def _views(runs: Sequence[Run]) -> Views:
+    return {"table": lambda: _table(runs), "arrays": lambda: _arrays(runs)}
+
+
+def _names(axes: Sequence[Axis]) -> list[str]:
+    return [
+        "run", "k", "t", "mode", *(axis.name + end for end in _STEP for axis in axes), "contacts", *_CONTACT,
+    ]  # fmt: skip
+
+
+def _table(runs: Sequence[Run]) -> dict[str, list[Any]]:
+    """One row a step, run after run."""
+    names = _names(runs[0].space.axes)
+    require_names(runs[0].space.axes, names)
+    rows = [(number, run.field.k, *row) for number, run in enumerate(runs) for row in _rows(run)]
+    return dict(zip(names, map(list, zip(*rows, strict=True)), strict=True))
+
+
+def _rows(run: Run) -> list[list[Any]]:
+    contacts = run.contacts
+    size = np.hypot(*contacts.force.T)
+    values = np.hstack([getattr(run, name) for name in _STEP.values()]).tolist()
+    rows = []
+    for step, (time, mode) in enumerate(zip(run.time.tolist(), run.mode.tolist(), strict=True)):
+        first, last = np.searchsorted(contacts.step, [step, step + 1]).tolist()
+        strongest: list[Any] = [None] * len(_CONTACT)
+        if last > first:
+            one = first + int(np.argmax(size[first:last]))
+            strongest = [*contacts.point[one].tolist(), *contacts.force[one].tolist()]
+            strongest += [int(column[one]) for column in (contacts.part, contacts.body, contacts.sticking)]
+        rows.append([time, Mode(mode).name.lower(), *values[step], last - first, *strongest])
+    return rows
+
+
+def _arrays(runs: Sequence[Run]) -> dict[str, NDArray[np.generic]]:
+    arrays: dict[str, NDArray[np.generic]] = {
+        "k": np.array([run.field.k for run in runs]),
+        "start": np.array([run.configuration[0] for run in runs]),
+        "outcome": np.array([str(run.ending) for run in runs]),
+        "mode_names": np.array([mode.name.lower() for mode in Mode]),
+    }
+    for number, run in enumerate(runs):
+        columns = {name: getattr(run, name) for name in ("time", "mode", *_STEP.values(), "learnt")}
+        columns |= {f"contact_{name}": column for name, column in vars(run.contacts).items()}
+        arrays |= {f"{name}_{number}": column for name, column in columns.items()}
+    return arrays

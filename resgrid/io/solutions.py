@@ -1,0 +1,187 @@
+"""Operating points as files: the field of a space as arrays, any other circuit node by node and element by element."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.io.tables import Views, suffix_of, write
+from resgrid.netlist import Netlist
+from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.spice.balance import power_balance
+from resgrid.spice.ir_drop import ir_drop
+from resgrid.spice.run.rawfile import format_raw, raw_vectors
+
+
+class _Elements(NamedTuple):
+    """Elements of one kind: values in SI units, currents from the first node to the second, power dissipated."""
+
+    names: list[str]
+    nodes: NDArray[np.int32]
+    value: NDArray[np.float64]
+    current: NDArray[np.float64]
+    power: NDArray[np.float64]
+
+
+def write_solution(
+    op: OperatingPoint,
+    file: str | os.PathLike[str],
+    *,
+    title: str = "resistor network",
+    form: str = "binary",
+    about: Mapping[str, Any] | None = None,
+) -> Path:
+    """Write what a circuit's meters read, whole or not at all.
+
+    Parameters
+    ----------
+    op : OperatingPoint
+    file : path-like
+        Of a space's circuit ``.npz``: ``potential`` (NaN where there is no node), ``log_drop`` where it exists, and
+        ``cell``, one dimension per axis.  Of any other circuit ``.csv``: a table of nodes, then elements; ``.json``,
+        ``.npz``: the same by names; ``.raw``: for waveform viewers.  ``-`` is standard output (arrays of a space, the
+        table otherwise).
+    title : str
+        First line of a raw file.
+    form : {"binary", "ascii"}
+        Of a raw file.
+    about : mapping, optional
+        What else a JSON file says, before everything else.
+
+    Returns
+    -------
+    Path
+
+    Raises
+    ------
+    InputError
+        If the file's name ends otherwise, the potential of a space's circuit is not defined, or the file cannot be
+        written.
+    """
+    return write(file, _views(op, title, form, about or {}), "a solution")
+
+
+def check_solution_file(file: str | os.PathLike[str], *, of_space: bool) -> None:
+    """Refuse a file that a solution cannot be written to."""
+    suffix_of(file, ("arrays",) if of_space else ("table", "record", "arrays", "waveforms"), "a solution")
+
+
+def solution_record(op: OperatingPoint, worst: int = 10) -> dict[str, Any]:
+    """What the meters of a circuit read, with its worst drops from the supply and the sources that deliver most."""
+    netlist = op.netlist
+    drops, balance = ir_drop(op), power_balance(op)
+    lowest = drops.worst(worst)
+    return {
+        "kcl_residual": op.kcl_residual,
+        "power": op.power,
+        "power_delivered": balance.delivered,
+        "power_imbalance": balance.imbalance,
+        "floating_nodes": netlist.names_of(op.floating),
+        "worst_drops": [
+            {"node": name, "voltage": op.voltage[i], "supply": drops.supply[i], "drop": drops.drop[i]}
+            for name, i in zip(netlist.names_of(lowest), lowest.tolist(), strict=True)
+        ],
+        "supplies": _supplies(op, worst),
+        "solver": op.method,
+        "seconds": dict(op.seconds),
+    }
+
+
+def _supplies(op: OperatingPoint, count: int) -> list[dict[str, Any]]:
+    amps = np.nan_to_num(np.abs(op.source_current), nan=np.inf)
+    names = _names(op.netlist, "voltage source", "v", len(amps))
+    order = np.argsort(-amps, kind="stable")[:count].tolist()
+    return [{"name": names[i], "volts": op.netlist.source_volts[i], "amps": op.source_current[i]} for i in order]
+
+
+def _views(op: OperatingPoint, title: str, form: str, about: Mapping[str, Any]) -> Views:
+    if op.netlist.cell_map is not None:
+        return {"arrays": lambda: _field_arrays(op)}
+    return {
+        "table": lambda: _table(op),
+        "record": lambda: {**about, **solution_record(op), **_record(op)},
+        "arrays": lambda: _arrays(op),
+        "waveforms": lambda: format_raw(raw_vectors(op), title=title, form=form),
+    }
+
+
+def _field_arrays(op: OperatingPoint) -> dict[str, NDArray[Any]]:
+    cell_map = op.netlist.cell_map
+    if cell_map is None or op.potential is None:
+        raise InputError("this circuit has more rails or drives than a potential is defined for; write it as a deck")
+    per_node = {"potential": op.potential, "log_drop": op.log_drop}
+    per_cell = {
+        name: np.where(cell_map.node >= 0, value[cell_map.node], np.nan)
+        for name, value in per_node.items()
+        if value is not None
+    }
+    return {**per_cell, "cell": cell_map.space.cell}
+
+
+def _table(op: OperatingPoint) -> dict[str, list[Any]]:
+    """One row a node, then one an element."""
+    nodes = _node_names(op)
+    blank = [None] * len(nodes)
+    table: dict[str, list[Any]] = {
+        "kind": ["node"] * len(nodes), "name": nodes, "first": blank, "second": blank, "value": blank,
+        "voltage": op.voltage.tolist(), "current": blank, "power": blank,
+    }  # fmt: skip
+    for kind, elements in _elements(op).items():
+        across = op.voltage[elements.nodes[:, 0]] - op.voltage[elements.nodes[:, 1]]
+        first, second = ([nodes[i] for i in ends] for ends in elements.nodes.T.tolist())
+        columns = [[kind] * len(elements.names), elements.names, first, second]
+        columns += [column.tolist() for column in (elements.value, across, elements.current, elements.power)]
+        table = {name: values + more for (name, values), more in zip(table.items(), columns, strict=True)}
+    return table
+
+
+def _record(op: OperatingPoint) -> dict[str, Any]:
+    nodes = _node_names(op)
+    elements = {
+        kind: {
+            name: {"first": nodes[a], "second": nodes[b], "value": value, "current": current, "power": power}
+            for name, (a, b), value, current, power in zip(*(list(column) for column in columns), strict=True)
+        }
+        for kind, columns in _elements(op).items()
+    }
+    return {"voltages": dict(zip(nodes, op.voltage.tolist(), strict=True)), "elements": elements}
+
+
+def _arrays(op: OperatingPoint) -> dict[str, Any]:
+    arrays: dict[str, Any] = {"node": np.array(_node_names(op)), "voltage": op.voltage}
+    for kind, elements in _elements(op).items():
+        key = kind.replace(" ", "_")
+        columns = elements._asdict() | {"name": np.array(elements.names, dtype=np.str_)}
+        columns.pop("names")
+        arrays |= {f"{key}_{name}": column for name, column in columns.items()}
+    return arrays
+
+
+def _elements(op: OperatingPoint) -> dict[str, _Elements]:
+    netlist, balance = op.netlist, power_balance(op)
+    columns = {
+        "resistor": (netlist.resistor_nodes, 1 / netlist.conductance, op.resistor_current, balance.resistor_power),
+        "voltage source": (netlist.source_nodes, netlist.source_volts, op.source_current, -balance.source_power),
+        "current source": (
+            netlist.current_nodes, netlist.current_amps, netlist.current_amps, -balance.current_source_power,
+        ),
+    }  # fmt: skip
+    return {
+        kind: _Elements(_names(netlist, kind, kind[0], len(rest[0])), *rest)
+        for kind, rest in zip(columns, columns.values(), strict=True)
+    }
+
+
+def _names(netlist: Netlist, kind: str, letter: str, count: int) -> list[str]:
+    given = (netlist.element_names or {}).get(kind)
+    return list(given) if given is not None else [f"{letter}{i + 1}" for i in range(count)]
+
+
+def _node_names(op: OperatingPoint) -> list[str]:
+    return op.netlist.names_of(np.arange(op.netlist.node_count))

@@ -1,0 +1,126 @@
+"""Values to files: each offers views of itself (a table, a record, arrays), each format encodes one of them."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import os
+import sys
+import zipfile
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from io import BytesIO, StringIO
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from resgrid.errors import InputError
+from resgrid.files import write_bytes
+from resgrid.space import Axis
+
+SCHEMA = 1
+
+Views = Mapping[str, Callable[[], Any]]
+"""What a value is in files, by the names of views, made when asked for."""
+
+
+class Format(NamedTuple):
+    """A kind of file: which view of a value it holds, and how that becomes bytes."""
+
+    view: str
+    encode: Callable[[Any], bytes]
+
+
+def csv_bytes(table: Mapping[str, Sequence[Any]]) -> bytes:
+    """Named columns of one length as comma-separated text; empty where there is no number."""
+    text = StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(table)
+    writer.writerows(zip(*map(_cells, table.values()), strict=True))
+    return text.getvalue().encode()
+
+
+def _cells(column: Sequence[Any]) -> list[Any]:
+    values = column.tolist() if isinstance(column, np.ndarray) else column
+    return ["" if isinstance(value, float) and math.isnan(value) else value for value in values]
+
+
+def json_bytes(record: Mapping[str, Any]) -> bytes:
+    """A record as one JSON object."""
+    return f"{json_text(record)}\n".encode()
+
+
+def json_text(record: Mapping[str, Any]) -> str:
+    """One JSON object as text, with its schema number first."""
+    return json.dumps({"schema": SCHEMA, **as_json(record)}, allow_nan=False, indent=2)
+
+
+def as_json(value: Any) -> Any:
+    """Values that JSON knows: finite numbers, text, lists, objects, null."""
+    if hasattr(value, "tolist"):
+        value = value.tolist()
+    if isinstance(value, Mapping):
+        return {str(key): as_json(entry) for key, entry in value.items()}
+    if isinstance(value, list | tuple):
+        return [as_json(entry) for entry in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int) else str(value)
+
+
+def npz_bytes(arrays: Mapping[str, Any]) -> bytes:
+    """Named arrays as NumPy reads them; the same arrays give the same bytes."""
+    data = BytesIO()
+    with zipfile.ZipFile(data, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, array in arrays.items():
+            entry = BytesIO()
+            np.lib.format.write_array(entry, np.asanyarray(array), allow_pickle=False)
+            archive.writestr(zipfile.ZipInfo(f"{name}.npy"), entry.getvalue(), zipfile.ZIP_DEFLATED)
+    return data.getvalue()
+
+
+FORMATS: dict[str, Format] = {
+    ".csv": Format("table", csv_bytes),
+    ".json": Format("record", json_bytes),
+    ".npz": Format("arrays", npz_bytes),
+    ".yaml": Format("message", str.encode),
+    ".raw": Format("waveforms", bytes),
+}
+"""Every format, by the end of the file's name; ``-`` takes the first that a value offers a view for."""
+
+
+def suffix_of(target: str | os.PathLike[str], views: Collection[str], kind: str) -> str:
+    """The format of a file that is to hold a value with some views; refused where there is none."""
+    known = [suffix for suffix, form in FORMATS.items() if form.view in views]
+    suffix = known[0] if os.fspath(target) == "-" else Path(target).suffix.lower()
+    if suffix not in known:
+        *others, last = known
+        words = f"{', '.join(others)} or {last}" if others else last
+        raise InputError(f"cannot write {kind} as {os.fspath(target)!r}: its name must end in {words}")
+    return suffix
+
+
+def write(target: str | os.PathLike[str], views: Views, kind: str) -> Path:
+    """Write a value, whole or not at all, as the end of the file's name says; ``-`` is standard output."""
+    form = FORMATS[suffix_of(target, views, kind)]
+    return emit(target, form.encode(views[form.view]()))
+
+
+def emit(target: str | os.PathLike[str], data: bytes) -> Path:
+    """Write bytes to a file, whole or not at all; ``-`` is standard output."""
+    if os.fspath(target) == "-":
+        sys.stdout.flush()
+        sys.stdout.buffer.write(data)
+        return Path(target)
+    return write_bytes(target, data)
+
+
+def require_names(axes: Iterable[Axis], names: Sequence[str]) -> None:
+    """Refuse columns of which two would have the name of an axis."""
+    for axis in axes:
+        if names.count(axis.name) > 1:
+            raise InputError(
+                f"axis {axis.name!r} has a name that this file needs for something else; rename the axis, or write "
+                "another format"
+            )

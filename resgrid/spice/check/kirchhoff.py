@@ -1,0 +1,111 @@
+"""Where a deck is wrong: its own elements, held against the voltages that it should have."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.errors import InputError
+from resgrid.spice.parsed import ParsedDeck
+from resgrid.spice.read.deck import read_with
+from resgrid.spice.write.expected import Expected
+
+_MAX_FINDINGS = 5
+_ROUNDING = 64 * np.finfo(np.float64).eps
+
+
+def inspect_deck(data: bytes, expected: Expected, tolerance: float) -> list[str]:
+    """Say where a flat deck contradicts the voltages that are expected of it.
+
+    Kirchhoff's current law is evaluated at every node with the deck's own values and the expected voltages; this sees
+    a changed element even where the voltages hardly move.
+    """
+    try:
+        circuit = read_with(io.BytesIO(data), dialect="ngspice")
+    except InputError as error:
+        return [_by_line(text) for text in str(error).split("\n")][:_MAX_FINDINGS]
+    problems = [_by_line(str(note)) for note in circuit.notes if note.severity == "warning"]
+    strangers = [number for number, name in enumerate(circuit.node_names) if number and name not in expected.voltage]
+    problems += [
+        f"line {_lines_at(circuit, number)[0]} names the node {circuit.node_names[number]}, which is not expected"
+        for number in strangers[:_MAX_FINDINGS]
+    ]
+    missing = sorted(expected.voltage.keys() - set(circuit.node_names))
+    problems += [f"node {name} has no element" for name in missing[:_MAX_FINDINGS]]
+    if not strangers:
+        voltage = np.array([0.0, *(expected.voltage[name] for name in circuit.node_names[1:])])
+        problems += _wrong_sources(circuit, voltage, expected.supply * tolerance)
+        problems += _wrong_nodes(circuit, voltage, max(tolerance, 4 * expected.kcl_residual))
+    return problems[:_MAX_FINDINGS]
+
+
+def _by_line(text: str) -> str:
+    return text.replace("<text>:", "line ")
+
+
+def _wrong_sources(circuit: ParsedDeck, voltage: NDArray[np.float64], allowed: float) -> list[str]:
+    plus, minus = voltage[circuit.source_nodes].T
+    error = np.abs(plus - minus - circuit.source_volts)
+    line = circuit.place["voltage source"][:, 1]
+    return [
+        f"line {line[i]}: the source sets {circuit.source_volts[i]:g} V, but {plus[i] - minus[i]:g} V is expected"
+        for i in np.argsort(-error, kind="stable").tolist()
+        if error[i] > allowed
+    ]
+
+
+def _wrong_nodes(circuit: ParsedDeck, voltage: NDArray[np.float64], tolerance: float) -> list[str]:
+    count = len(circuit.node_names)
+    net, through, noise = np.zeros(count), np.zeros(count), np.zeros(count)
+    for ends, current, rounding in _currents(circuit, voltage):
+        for column, sign in ((0, 1.0), (1, -1.0)):
+            net += np.bincount(ends[:, column], sign * current, count)
+            through += np.bincount(ends[:, column], np.abs(current), count)
+            noise += np.bincount(ends[:, column], rounding, count)
+    held = np.zeros(count, dtype=np.bool_)
+    held[[0, *circuit.source_nodes.ravel()]] = True
+    allowed = tolerance * through + noise
+    excess = np.where(held, 0.0, np.abs(net)) / np.where(allowed > 0, allowed, 1.0)
+    return [
+        f"at node {circuit.node_names[node]} the currents do not add up: {abs(net[node]):.3g} A is left over "
+        f"({_shown(_lines_at(circuit, node))})"
+        for node in np.argsort(-excess, kind="stable")[:_MAX_FINDINGS].tolist()
+        if excess[node] > 1
+    ]
+
+
+def _currents(
+    circuit: ParsedDeck, voltage: NDArray[np.float64]
+) -> Iterator[tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]]:
+    """Ends of elements, their currents from the first to the second, and what rounding of voltages may change in it."""
+    first, second = voltage[circuit.resistor_nodes].T
+    with np.errstate(divide="ignore"):
+        conductance = np.where(circuit.resistance > 0, 1 / circuit.resistance, np.inf)
+    size = _ROUNDING * (np.abs(first) + np.abs(second))
+    with np.errstate(invalid="ignore"):
+        yield circuit.resistor_nodes, conductance * (first - second), conductance * size
+    yield circuit.current_nodes, circuit.current_amps, np.zeros(len(circuit.current_amps))
+    first, second = voltage[circuit.nonlinear_nodes].T
+    current, scale = circuit.nonlinear_current, circuit.nonlinear_voltage
+    size = _ROUNDING * (np.abs(first) + np.abs(second))
+    yield circuit.nonlinear_nodes, current * np.tanh((first - second) / scale), current / scale * size
+
+
+def _lines_at(circuit: ParsedDeck, node: int) -> list[int]:
+    ends = {
+        "resistor": circuit.resistor_nodes,
+        "voltage source": circuit.source_nodes,
+        "current source": circuit.current_nodes,
+        "nonlinear resistor": circuit.nonlinear_nodes,
+        "capacitor": circuit.capacitor_nodes,
+    }
+    lines = [circuit.place[kind][(ends[kind] == node).any(axis=1), 1] for kind in ends]
+    return list(np.sort(np.concatenate(lines)).tolist())
+
+
+def _shown(lines: list[int]) -> str:
+    more = " and more" if len(lines) > _MAX_FINDINGS else ""
+    return f"lines {', '.join(map(str, lines[:_MAX_FINDINGS]))}{more}"

@@ -1,0 +1,221 @@
+"""What dot commands say: subcircuits, parameters, functions, models, options and temperatures."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+from resgrid.spice.dialects import DIALECTS
+from resgrid.spice.dialects.reading import ReadingRules
+from resgrid.spice.read.cards import Card, Token, settings, split_positional, tokenise, without_parentheses
+from resgrid.spice.read.diagnostics import CardError, Diagnostics
+from resgrid.spice.read.models import RESISTOR_KINDS, SWITCH_KINDS
+from resgrid.spice.read.scopes import Block, Definition, Model, Scope
+
+_PLAIN_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+
+
+@dataclass(eq=False)
+class Contents:
+    """What the cards of a deck say.
+
+    `top`: the deck's own level; `open`: blocks whose end has not come yet, the deck first; `first`: a first line that
+    may be an element; `common`: global nodes, in lower case; `options`: by name in lower case, a flag has the value
+    ``""``.
+    """
+
+    rules: ReadingRules
+    diagnostics: Diagnostics
+    top: Block = field(default_factory=lambda: Block(""))
+    open: list[Block] = field(init=False)
+    title: str | None = None
+    first: Card | None = None
+    common: set[str] = field(default_factory=set)
+    grounds: frozenset[str] = field(init=False)
+    options: dict[str, str] = field(default_factory=dict)
+    _temperatures: dict[str, tuple[Card, Token]] = field(default_factory=dict)
+    _spellings: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.open = [self.top]
+        self.grounds = self.rules.grounds
+
+    @property
+    def block(self) -> Block:
+        """The innermost block that is open."""
+        return self.open[-1]
+
+    def temperature(self, key: str, scope: Scope) -> float | None:
+        """The deck's temperature (``temp``) or nominal temperature (``tnom``), in degrees Celsius, if it says one."""
+        stated = self._temperatures.get(f".{key}") or self._temperatures.get(key)
+        return None if stated is None else scope.number(*stated)
+
+    def _spell(self, card: Card, name: str, offset: int) -> None:
+        """Refuse names that differ by case alone, where they differ."""
+        if card.rules.instances and self._spellings.setdefault(name.lower(), name) != name:
+            other = self._spellings[name.lower()]
+            raise card.error(offset, f"{name} and {other} are two names in {card.rules.name}, one here: rename one")
+
+    def _subcircuit(self, card: Card) -> None:
+        positional, tail = split_positional(without_parentheses(tokenise(card)[1:]))
+        if positional and positional[-1].text.lower() == "params:":
+            positional = positional[:-1]
+        if not positional or any(token.kind != "word" for token in positional):
+            raise card.error(0, ".subckt needs a name and its terminals")
+        outer = self.block
+        name = positional[0]
+        block = Block(name.text, outer, [token.text for token in positional[1:]], spot=card.spot())
+        self.open.append(block)
+        self._spell(card, name.text, name.offset)
+        folded = [port.lower() for port in block.ports]
+        if len(set(folded)) != len(folded):
+            raise card.error(name.offset, f"the subcircuit {name.text} has two terminals of one name")
+        if not self.rules.grounds.isdisjoint(folded):
+            raise card.error(
+                name.offset, f"the subcircuit {name.text} has ground among its terminals; ground is global"
+            )
+        if name.text.lower() in outer.blocks:
+            raise card.error(name.offset, f"the subcircuit {name.text} is defined twice")
+        outer.blocks[name.text.lower()] = block
+        for setting in settings(card, tail):
+            block.defaults.add(setting.key)
+            token = setting.values[0]
+            block.parameters[setting.key] = Definition(token.text, card, token.offset)
+
+    def _ends(self, card: Card) -> None:
+        words = card.text.split()
+        if len(self.open) == 1:
+            raise card.error(0, f"{words[0]} ends nothing")
+        block = self.open.pop()
+        if len(words) > 1 and words[1].lower() != block.name.lower():
+            raise card.error(0, f"{words[0]} {words[1]} ends the subcircuit {block.name}: one is missing, or misspelt")
+
+    def _parameters(self, card: Card) -> None:
+        tokens = tokenise(card)[1:]
+        if any(token.is_mark("(") for token in tokens) and not card.rules.instances:
+            self._function(card)
+            return
+        parameters = self.block.parameters
+        for setting in settings(card, tokens):
+            token = setting.values[0]
+            self._spell(card, card.text[setting.offset : setting.offset + len(setting.key)], setting.offset)
+            if setting.key in parameters:
+                self.diagnostics.warn(card.spot(setting.offset), "a parameter is defined again: the last counts")
+            parameters[setting.key] = Definition(token.text, card, token.offset)
+
+    def _function(self, card: Card) -> None:
+        """``.func f(x, y) {body}`` and ``.param f(x, y) = 'body'``."""
+        tokens = tokenise(card)[1:]
+        texts = [token.text if token.kind in ("mark", "word") else "" for token in tokens]
+        if len(tokens) < 4 or texts[1] != "(" or ")" not in texts:
+            raise card.error(0, "a function is defined like this: .func f(x) {2*x}")
+        close = texts.index(")")
+        body = [token for token in tokens[close + 1 :] if not token.is_mark("=")]
+        if len(body) != 1 or body[0].kind == "mark":
+            raise card.error(body[0].offset if body else 0, "the body of a function stands in braces or quotes, once")
+        arguments = tuple(text.lower() for text in texts[2:close])
+        self.block.functions[texts[0].lower()] = Definition(body[0].text, card, body[0].offset, arguments)
+
+    def _model(self, card: Card) -> None:
+        tokens = tokenise(card)[1:]
+        if len(tokens) < 2 or tokens[0].kind != "word" or tokens[1].kind != "word":
+            raise card.error(0, ".model needs a name and a kind")
+        models, name, kind = self.block.models, tokens[0].text.lower(), tokens[1].text.lower()
+        if name in models:
+            counts = "first" if self.rules.first_counts else "last"
+            self.diagnostics.warn(card.spot(), f"a model is defined again: the {counts} one counts")
+            if self.rules.first_counts:
+                return
+        try:
+            keys = tuple(settings(card, tokens[2:]))
+        except CardError:
+            if kind in RESISTOR_KINDS | SWITCH_KINDS:
+                raise
+            keys = ()
+        models[name] = Model(tokens[0].text, kind, keys, card, self.block)
+
+    def _global(self, card: Card) -> None:
+        names = [word.lower() for word in card.text.split()[1:]]
+        if card.rules.instances and names:  # the first one is ground
+            self.grounds |= {names.pop(0)}
+        self.common.update(names)
+
+    def _title(self, card: Card) -> None:
+        self.title = card.text.split(maxsplit=1)[1] if " " in card.text.strip() else self.title
+
+    def _connect(self, card: Card) -> None:
+        raise card.error(0, ".connect is not understood; join the two nodes by a source of 0 V")
+
+    def _options(self, card: Card) -> None:
+        tokens = tokenise(card)[1 + card.rules.instances :]
+        seen: set[str] = set()
+        i = 0
+        while i < len(tokens):
+            key = tokens[i].text.lower()
+            keyed = i + 2 < len(tokens) and tokens[i + 1].is_mark("=")
+            if key not in seen or not self.rules.first_counts:
+                self._set_option(key, card, tokens[i], tokens[i + 2] if keyed else None)
+            seen.add(key)
+            i += 3 if keyed else 1
+        self.diagnostics.inform(card.spot(), "options are noted, not obeyed, but for temp and tnom")
+
+    def _set_option(self, key: str, card: Card, token: Token, value: Token | None) -> None:
+        if key in self.rules.refused_options:
+            raise card.error(token.offset, f".option {key} adds elements, which is not done here: write them out")
+        if key in DIALECTS[self.rules.name].quirks.shunt_options:
+            self.diagnostics.warn(
+                card.spot(token.offset), f".option {key} ties every node to ground, which is not done here"
+            )
+        self.options[key] = "" if value is None else value.text
+        if key in ("temp", "tnom") and value is not None:
+            self._set_temperature(key, card, value)
+
+    def _temperature(self, card: Card) -> None:
+        tokens = tokenise(card)[1:]
+        if not tokens:
+            raise card.error(0, ".temp needs a temperature")
+        if len(tokens) > 1:
+            if self.rules.braced_temperatures:
+                raise card.error(
+                    tokens[1].offset, f"{self.rules.name} ignores a .temp of several temperatures: name one"
+                )
+            self.diagnostics.warn(card.spot(), ".temp asks for several runs; the first temperature counts")
+        self._set_temperature(".temp" if self.rules.temp_command_first else "temp", card, tokens[0])
+
+    def _set_temperature(self, key: str, card: Card, token: Token) -> None:
+        if token.kind == "word" and self.rules.braced_temperatures and _PLAIN_NUMBER.fullmatch(token.text) is None:
+            raise card.error(
+                token.offset, f"{self.rules.name} ignores a temperature that is no plain number: use braces"
+            )
+        self._temperatures[key] = (card, token)
+
+    def _preprocess(self, card: Card) -> None:
+        words = card.text.lower()
+        if "replaceground" in words and "true" in words:
+            self.grounds = frozenset({"0", "gnd", "gnd!", "ground"})
+        else:
+            self.diagnostics.inform(card.spot(), ".preprocess is noted, not obeyed: the operating point is solved")
+
+
+COMMANDS: dict[str, Callable[[Contents, Card], None]] = {
+    ".subckt": Contents._subcircuit,
+    ".macro": Contents._subcircuit,
+    ".ends": Contents._ends,
+    ".eom": Contents._ends,
+    ".param": Contents._parameters,
+    ".params": Contents._parameters,
+    ".parameters": Contents._parameters,
+    ".global_param": Contents._parameters,
+    ".func": Contents._function,
+    ".model": Contents._model,
+    ".global": Contents._global,
+    ".temp": Contents._temperature,
+    ".option": Contents._options,
+    ".options": Contents._options,
+    ".opt": Contents._options,
+    ".title": Contents._title,
+    ".connect": Contents._connect,
+    ".preprocess": Contents._preprocess,
+}
+"""Commands that change what a deck says, in lower case."""

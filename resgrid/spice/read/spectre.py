@@ -1,0 +1,98 @@
+"""Spectre's own language where it differs from SPICE: statements begin with words, elements are instances."""
+
+from __future__ import annotations
+
+from resgrid.spice.read.cards import Card, Setting
+from resgrid.spice.read.scopes import Block, Scope
+
+PRIMITIVES = {
+    "resistor": "r",
+    "capacitor": "c",
+    "inductor": "l",
+    "vsource": "v",
+    "isource": "i",
+    "bsource": "b",
+    "iprobe": "v",
+}
+"""Masters that are read, and the letter of SPICE's element."""
+
+STATEMENTS = {
+    "subckt": ".subckt",
+    "ends": ".ends",
+    "parameters": ".param",
+    "global": ".global",
+    "model": ".model",
+    "include": ".include",
+    "ic": ".ic",
+    "nodeset": ".nodeset",
+    "save": ".save",
+    "print": ".print",
+    "plot": ".plot",
+    "protect": ".protect",
+    "unprotect": ".unprotect",
+    "statistics": ".mc",
+}
+"""What statements begin with, and the dot command of SPICE that says the same."""
+
+_ANALYSES = (
+    *("dc", "ac", "tran", "noise", "xf", "sp", "stb", "sens", "pz", "hb", "pss", "pac", "pnoise", "pxf", "psp", "pstb"),
+    *("qpss", "qpac", "qpnoise", "envlp", "dcmatch", "info", "check", "checklimit", "set", "shell"),
+)
+_MASTERS = {
+    "options": ".options",
+    **dict.fromkeys(_ANALYSES, ".op"),
+    **dict.fromkeys(("sweep", "montecarlo", "alter", "altergroup"), ".step"),
+}
+_REFUSED = frozenset(
+    (
+        *("ahdl_include", "else", "endsection", "export", "function", "if", "inline", "library", "local", "paramset"),
+        *("real", "section", "veriloga"),
+    )
+)
+_WAVEFORMS = frozenset(
+    (
+        *("wave", "file", "val0", "val1", "period", "delay", "rise", "fall", "width", "sinedc", "ampl", "freq"),
+        *("sinephase", "edgetype", "td1", "tau1", "td2", "tau2"),
+    )
+)
+_SMALL_SIGNAL = frozenset(("mag", "phase", "pacmag", "pacphase", "xfmag", "isnoisy"))
+
+
+def words_of(card: Card) -> list[str]:
+    """Words in front of the first ``key=``, parentheses left out."""
+    head, keyed, _ = card.text.partition("=")
+    words = head.replace("(", " ").replace(")", " ").split()
+    return words[:-1] if keyed else words
+
+
+def statement_of(card: Card) -> str:
+    """The dot command of SPICE that a statement corresponds to; empty for an instance."""
+    words = words_of(card) or [card.text.split()[0]]
+    if words[0] in _REFUSED:
+        raise card.error(0, f"{words[0]} is not understood; write out what it stands for")
+    return STATEMENTS.get(words[0]) or (_MASTERS.get(words[-1], "") if len(words) > 1 else "")
+
+
+def letter_of(card: Card, block: Block) -> str:
+    """Letter of the SPICE element that an instance is: that of its master, or of the master's model."""
+    master = (words_of(card) or [""])[-1]
+    model = block.model(master.lower())
+    if model is not None and model.kind not in PRIMITIVES:
+        raise card.error(0, f"{master} is a model of kind {model.kind!r}; only {', '.join(PRIMITIVES)} can be read")
+    return PRIMITIVES.get(master if model is None else model.kind, "x")
+
+
+def source_value(card: Card, pairs: list[Setting], scope: Scope) -> tuple[float, float]:
+    """Value at direct current of a source, and how many lie in parallel."""
+    values: dict[str, float] = {}
+    waveform = False
+    for pair in pairs:
+        if pair.key in ("dc", "m"):
+            values[pair.key] = scope.number(card, pair.values[0])
+        elif pair.key in _WAVEFORMS or (pair.key == "type" and pair.values[0].text != "dc"):
+            waveform = True
+        elif pair.key != "type" and pair.key not in _SMALL_SIGNAL:
+            raise card.error(pair.offset, f"{pair.key!r} is not understood in a source at direct current")
+    if waveform and "dc" not in values:
+        raise card.error(None, "a source with a waveform alone: say its value at direct current, dc=...")
+    return values.get("dc", 0.0), values.get("m", 1.0)

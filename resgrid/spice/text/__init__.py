@@ -1,1 +1,0 @@
-"""Text in bulk: columns of names and numbers put together in one array of bytes."""

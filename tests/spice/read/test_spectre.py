@@ -1,0 +1,148 @@
+"""Decks in Spectre's language, and what this package writes for any simulator, read back."""
+
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import resgrid as rg
+from resgrid.spice.dialects import DIALECTS
+
+DECK = """// a divider
+simulator lang=spectre
+global 0 vdd!
+parameters rload=2k \\
+           half = rload/2
+subckt divider (in out)
+parameters r=1 scale=2.0
+r1 (in out) resistor r=r*scale
+r2 (out 0) resistor r=r tc1=1e-3 m=2  // two in parallel
+ends divider
+model thin resistor tc1=2e-3
+v1 (vdd! 0) vsource dc=1.5 type=dc
+i1 (0 b) isource dc=1m m=2
+x1 (vdd! mid) divider r=half
+x2 (mid
++   b) divider r=(rload + 1K) scale=3
+r3 b 0 thin r=1M
+c1 (b 0) capacitor c=1p
+l1 (b c) inductor l=1n
+p1 (c d) iprobe
+r4 (d 0) resistor r=10k
+save b
+simulatorOptions options temp=27 reltol=1e-9
+dcOp dc write="spectre.dc" maxiters=150
+sweeps sweep param=temp values=[0 27] {
+  point dc oppoint=rawfile
+}
+simulator lang=spice
+r5 d 0 5m
+.param x=1meg
+r6 d 0 {x}
+simulator lang=spectre
+r7 (d 0) resistor r=5m
+"""
+
+
+def read(text: str, dialect: str = "auto") -> rg.ParsedDeck:
+    return rg.read_spice(io.StringIO(text), dialect=dialect)
+
+
+def test_a_deck_in_both_languages() -> None:
+    deck = read(DECK)
+    assert (deck.dialect, deck.title, deck.temperature) == ("spectre", "a divider", 27.0)
+    ohms = dict(zip(deck.element_names["resistor"], deck.resistance.tolist(), strict=True))
+    assert ohms == {
+        "x1.r1": 2000.0, "x1.r2": 500.0, "x2.r1": 9000.0, "x2.r2": 1500.0, "r3": 1e6, "r4": 1e4, "r5": 5e-3, "r6": 1e6,
+        "r7": 5e-3,
+    }  # fmt: skip
+    assert deck.tc1 is not None
+    assert dict(zip(ohms, deck.tc1.tolist(), strict=True))["r3"] == 2e-3
+    assert deck.source_volts.tolist() == [1.5, 0.0, 0.0]
+    assert deck.current_amps.tolist() == [2e-3]
+    assert deck.capacitance.tolist() == [1e-12]
+    assert np.isfinite(rg.solve(deck).voltage).all()
+    assert [note.line for note in deck.notes if "several runs" in note.text] == [25]
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("r1 (a 0) resistor r=1meg", ":3:21: '1meg' has letters behind its suffix"),
+        ("r1 (a 0) resistor r=x", ":3:21: there is no parameter 'x'"),
+        ("r1 (a) resistor r=1", ":3: r1 has 1 node"),
+        ("d1 (a 0) diode area=1", "there is no subcircuit 'diode'"),
+        ("b1 (a 0) bsource i=v(a,0)**2", "only .* can be read"),
+        ("v1 (a 0) vsource type=pulse val0=1", "dc="),
+        ("v1 (a 0) vsource dc=1 phi=2", ":3:23: 'phi' is not understood"),
+        ("r1 (a 0) resistor r=1 wrong=2", ":3:23: 'wrong' is not understood"),
+        ("library x", ":3:1: library is not understood"),
+        ("statistics {", "not closed"),
+        ("parameters A=1\nparameters a=2", ":4:12: a and A are two names in spectre"),
+        ("r1 (a 0) resistor r=1\nr2 (A 0) resistor r=1", "differ by case alone"),
+        ("m1 (a 0) nch w=1\nmodel nch bsim4 vth=1", "model of kind 'bsim4'"),
+        ("simulator lang=verilog", "verilog"),
+    ],
+)
+def test_what_is_not_understood_is_refused_with_its_place(line: str, message: str) -> None:
+    with pytest.raises(rg.InputError, match=message):
+        read(f"// title\nsimulator lang=spectre\n{line}\n")
+
+
+def saturating(seed: int) -> rg.Netlist:
+    """A small circuit of every kind of element that decks hold."""
+    rng = np.random.default_rng(seed)
+    return rg.Netlist(
+        5,
+        [[1, 2], [2, 3], [3, 0], [4, 0]],
+        10.0 ** rng.uniform(-6, 0, 4),
+        source_nodes=[[1, 0]],
+        source_volts=[2.5],
+        current_nodes=[[0, 3]],
+        current_amps=[1e-3],
+        capacitor_nodes=[[2, 0]],
+        capacitance=[1e-12],
+        tc1=rng.normal(size=4) * 1e-3,
+        tc2=rng.normal(size=4) * 1e-6,
+        nonlinear_nodes=[[2, 4], [3, 4]],
+        nonlinear_current=10.0 ** rng.uniform(-9, 0, 2),
+        nonlinear_voltage=rng.uniform(0.01, 1, 2),
+        node_names=("0", "in", "a", "b", "c"),
+    )
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_deck_is_read_as_it_was_written(tmp_path: Path, dialect: str, seed: int) -> None:
+    netlist = saturating(seed)
+    path = tmp_path / "deck.cir"
+    rg.write_spice(netlist, path, dialect)
+    circuit = rg.read_spice(path)
+    back = circuit.netlist()
+    assert circuit.dialect == dialect
+    number = {name: node for node, name in enumerate(back.names_of(range(5)))}
+    same = np.array([number[name] for name in netlist.names_of(range(5))])
+    for nodes, values in (
+        ("resistor_nodes", ("conductance", "tc1", "tc2")),
+        ("source_nodes", ("source_volts",)),
+        ("current_nodes", ("current_amps",)),
+        ("capacitor_nodes", ("capacitance",)),
+        ("nonlinear_nodes", ("nonlinear_current", "nonlinear_voltage")),
+    ):
+        ends = [tuple(pair) for pair in same[getattr(netlist, nodes)].tolist()]
+        order = [[tuple(pair) for pair in getattr(back, nodes).tolist()].index(pair) for pair in ends]
+        for value in values:
+            assert getattr(back, value)[order] == pytest.approx(getattr(netlist, value), rel=1e-15), value
+    again = rg.write_spice(back, tmp_path / "again.cir", dialect)
+    assert rg.read_spice(again.path).nonlinear_current.tolist() == circuit.nonlinear_current.tolist()
+
+
+@pytest.mark.parametrize("dialect", DIALECTS)
+@pytest.mark.parametrize("text", ["b1 a 0 i=1*tanh(v(0,a)/1)", "b1 a 0 i=-1*tanh(v(a,0)/1)", "b1 a 0 i=v(a,0)"])
+def test_other_behavioural_sources_are_refused(dialect: str, text: str) -> None:
+    if dialect != "spectre":
+        with pytest.raises(rg.InputError, match=r"behavioural|positive|controlled"):
+            read(f"t\n{text}\n", dialect)
