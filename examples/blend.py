@@ -28,11 +28,11 @@ def main(folder: Path = Path("out/blend")) -> dict[float, tuple[float, float]]:
         print(f"k = {k:g}: {paths[k].length:.2f} m long, {paths[k].clearance:.3f} m clear of obstacles")
     assert paths[1.0].clearance > paths[0.0].clearance
 
-    axes = rg.plot_potential(neumann)
-    rg.plot_streamlines(list(paths.values()), space, axes, k=list(paths))
+    axes = rg.draw(neumann)
+    rg.draw(list(paths.values()), axes, space=space, k=list(paths))
     axes.set_title("Blends over the Neumann potential", fontsize=9)
     folder.mkdir(parents=True, exist_ok=True)
-    print(f"the figure is {rg.save_figure(axes.figure, folder / 'blend.png')}")
+    print(f"the figure is {rg.save_figure(axes, folder / 'blend.png')}")
     return {k: (path.length, path.clearance) for k, path in paths.items()}
 
 

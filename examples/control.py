@@ -49,12 +49,12 @@ def main(folder: Path = Path("out/control")) -> dict[str, float]:
         assert asked < 10_000, "the robot did not arrive"
 
     folder.mkdir(parents=True, exist_ok=True)
-    axes = rg.plot_potential(field)
+    axes = rg.draw(field)
     planned = rg.streamline(field, scene.starts[0])
-    rg.plot_streamlines([planned], field.space, axes)
+    rg.draw([planned], axes, space=field.space)
     axes.plot(*np.array(way).T, color="black", label="way of the robot, pushed from 12 s to 14 s", zorder=5)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), fontsize=7, frameon=False, ncols=2)
-    rg.save_figure(axes.figure, folder / "control.png")
+    rg.save_figure(axes, folder / "control.png")
     off = max(float(np.linalg.norm(planned.points - point, axis=1).min()) for point in way)
     print(f"arrived after {robot.time:.2f} s and {asked} commands, at most {off:.2f} m off the first streamline")
     return {"time": robot.time, "commands": asked, "off": off}

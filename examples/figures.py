@@ -20,9 +20,10 @@ from pathlib import Path
 import numpy as np
 
 import resgrid as rg
+from resgrid.control.announced import relaxation_sweep
 from resgrid.grids import label_regions
 from resgrid.plot import new_figure
-from resgrid.plot.paint import paint_cells
+from resgrid.plot.plane import paint_cells
 from resgrid.plot.style import refresh_legend
 
 SCENES = Path(__file__).resolve().parent / "scenes"
@@ -104,8 +105,8 @@ def draw_knobs(curve: rg.ClearanceCurve, walls: rg.ClearanceCurve, cell: float) 
     """Mean clearance against both knobs, side by side: the blend of two chips, and the wall resistor of one."""
     figure = new_figure(9.0, 3.8)
     left = figure.add_subplot(1, 2, 1)
-    rg.plot_clearance_curve(curve, left, unit="rad", cell=cell)
-    rg.plot_clearance_curve(walls, figure.add_subplot(1, 2, 2, sharey=left), unit="rad", cell=cell)
+    rg.draw(curve, left, unit="rad", cell=cell)
+    rg.draw(walls, figure.add_subplot(1, 2, 2, sharey=left), unit="rad", cell=cell)
     return figure
 
 
@@ -157,11 +158,11 @@ def figure_14(folder: Path) -> None:
     cell[34, 4:6] = rg.Cell.GOAL
     space = rg.ConfigurationSpace([rg.Axis("x", 0, 4, 40, unit="m"), rg.Axis("y", 0, 3.2, 32, unit="m")], cell)
     field = rg.plan(space, k=0.2).field
-    axes = rg.plot_velocities(field, point=(1.65, 1.84), force=(0.15, 1.0), admittance=0.15)
+    axes = rg.draw_velocities(field, point=(1.65, 1.84), force=(0.15, 1.0), admittance=0.15)
     axes.fill([1.2, 2.1, 2.1, 1.2], [1.2, 1.2, 1.78, 1.78], color="#b96b6b", zorder=3, label="obstacle not on the map")
     axes.set_title("Figure 14", fontsize=10)
     refresh_legend(axes)
-    rg.save_figure(axes.figure, folder / "figure_14.png")
+    rg.save_figure(axes, folder / "figure_14.png")
     print("figure 14: a contact force F turns the velocity V0 by A F, or onto the equipotential")
 
 
@@ -174,7 +175,7 @@ def control_problem(folder: Path, name: str, *, free: int, blind: int, learning:
 
     # The map's field alone: no contact, all the way on a streamline.
     run = rg.simulation(bare, k=0.98, field=planner.field).run(start)
-    control_figure(folder, free, run, bare, f"{scene.title}, k = 0.98: the free run.")
+    control_figure(folder, free, run, f"{scene.title}, k = 0.98: the free run.")
     numbers[f"figure_{free}_arrived"] = run.ending == rg.Ending.ARRIVED
 
     # The hidden obstacle is felt; while it is, the robot follows the equipotential.  Nothing is computed again.
@@ -182,7 +183,7 @@ def control_problem(folder: Path, name: str, *, free: int, blind: int, learning:
     run = sim.run(start)
     parts = sorted({int(part) + 1 for part in run.contacts.part})
     caption = f"A hidden obstacle deflects link {parts[0]} (force in red); nothing is recomputed."
-    control_figure(folder, blind, run, scene, f"{scene.title}, k = 0.98. {caption}")
+    control_figure(folder, blind, run, f"{scene.title}, k = 0.98. {caption}")
     tip = scene.robot.reference_point(run.configuration[run.contacts.step])
     numbers[f"figure_{blind}_arrived"] = run.ending == rg.Ending.ARRIVED
     numbers[f"figure_{blind}_from_tip"] = float(np.linalg.norm(tip - run.contacts.point, axis=1).min())
@@ -194,26 +195,26 @@ def control_problem(folder: Path, name: str, *, free: int, blind: int, learning:
     if learning is not None:
         numbers[f"figure_{learning}_arrived"] = taught.ending == rg.Ending.ARRIVED
         caption = f"{numbers[f'{name}_learnt']} cells learnt (circles) in {len(taught.lessons)} re-solve."
-        control_figure(folder, learning, taught, scene, f"{scene.title}, k = 0.98. {caption}")
+        control_figure(folder, learning, taught, f"{scene.title}, k = 0.98. {caption}")
 
     # Other blends.  Far from the goal a weight of 0.98 acts almost as Neumann: the map of shares shows where.
     shares = (0.98, 0.0, 0.5, 1.0)
     for world, number, kind in ((bare, free, "the free run"), (scene, blind, "with the hidden obstacle")):
         fields = [planner.at(k).field for k in shares]
         runs = [rg.simulation(world, k=k, field=f, learn=False).run(start) for k, f in zip(shares, fields, strict=True)]
-        figure = rg.plot_runs_by_k(runs, shares, world, title=f"As figure {number}: {kind}, at several k")
+        figure = rg.draw(runs, title=f"As figure {number}: {kind}, at several k")
         rg.save_figure(figure, folder / f"figure_{number}_by_k.png")
         numbers[f"{name}_by_k_{number}"] = sum(run.ending == rg.Ending.ARRIVED for run in runs)
     rg.save_figure(
-        rg.plot_dirichlet_share(planner.obstacle_field, planner.open_field, 0.98).figure, folder / f"share_{name}.png"
+        rg.draw_dirichlet_share(planner.obstacle_field, planner.open_field, 0.98), folder / f"share_{name}.png"
     )
     share = rg.dirichlet_share(planner.obstacle_field, planner.open_field, 0.98)[planner.space.goal_connected]
     numbers[f"{name}_mostly_neumann"] = float(np.mean(share < 0.5))
     return numbers
 
 
-def control_figure(folder: Path, number: int, run: rg.Run, scene: rg.Scene, caption: str) -> None:
-    rg.save_figure(rg.plot_run(run, scene, title=f"Figure {number}", caption=caption), folder / f"figure_{number}.png")
+def control_figure(folder: Path, number: int, run: rg.Run, caption: str) -> None:
+    rg.save_figure(rg.draw(run, title=f"Figure {number}", caption=caption), folder / f"figure_{number}.png")
     print(f"figure {number}: {caption}")
 
 
@@ -224,14 +225,13 @@ def settling(folder: Path, scene: rg.Scene, ratios: tuple[float, ...] = RATIOS) 
     """The hidden obstacle is put on the map while the robot is on its way; how fast may it be against the grid."""
     sim, numbers, sweeps = rg.simulation(scene, k=0.98), {}, []
     for method in ("chip", "jacobi", "sor"):
-        sweep = rg.relaxation_sweep(sim, scene.starts[0], rg.make_relaxation(scene, method=method, k=0.98), ratios)
+        sweep = relaxation_sweep(sim, scene.starts[0], rg.Relaxation(method), ratios)
         sweeps.append(sweep)
         numbers |= {f"{method}_safe": sweep.safe_ratio, f"{method}_fails": sweep.failing_ratio}
         print(f"{method}: arrives up to {sweep.safe_ratio} cells a settling time, fails from {sweep.failing_ratio}")
-    rg.save_figure(rg.plot_settling_sweep(sweeps).figure, folder / "settling.png")
-    settles = rg.make_relaxation(scene, pace=4.0, k=0.98)
-    front = rg.wavefront(settles, sim.space, sim.plant.true_space(sim.space), np.array([0, 1, 3, 10, 30, 100.0]))
-    rg.save_figure(rg.plot_wavefront(front), folder / "wavefront.png")
+    rg.save_figure(rg.draw(sweeps), folder / "settling.png")
+    front = rg.wavefront(rg.announce_hidden(sim, rg.Relaxation(pace=4.0)), np.array([0, 1, 3, 10, 30, 100.0]))
+    rg.save_figure(rg.draw(front), folder / "wavefront.png")
     return numbers
 
 
@@ -239,12 +239,10 @@ def animations(folder: Path) -> None:
     """The robot that learns; and the wavefront of an obstacle that is put on the map while the robot moves."""
     scene = rg.read_scene(SCENES / "chair.toml")
     sim = rg.simulation(scene, k=0.98)
-    rg.save_animation(rg.run_frames(sim.run(scene.starts[0]), scene), folder / "chair.gif")
-    settles = rg.make_relaxation(scene, pace=4.0, k=0.98)
-    world = rg.announce_hidden(sim, settles)
-    front = rg.wavefront(settles, sim.space, world.space, np.arange(80) * 0.75)
-    frames = rg.wavefront_frames(front, world.run(scene.starts[0]))
-    rg.save_animation(frames, folder / "wavefront.gif", rate=10)
+    rg.animate(sim.run(scene.starts[0]), folder / "chair.gif")
+    world = rg.announce_hidden(sim, rg.Relaxation(pace=4.0))
+    front = rg.wavefront(world, np.arange(80) * 0.75)
+    rg.animate(front, folder / "wavefront.gif", run=world.run(scene.starts[0]), rate=10)
 
 
 def strips(scene: rg.Scene, space: rg.ConfigurationSpace) -> np.ndarray:
@@ -269,10 +267,7 @@ def figure_1(folder, scene, space, virtual, bands) -> None:
         "Problem A, a small goal just above an obstacle. Strips along the singularities part the torus of angles into\n"
         "two bands: the arm cannot pass from one to the other, but the goal has an inverse solution in each."
     )
-    figure = rg.plot_pair(
-        [scene.starts[0]], scene.robot, space, scene.obstacles, scene.goals, virtual=virtual, title="Figure 1",
-        caption=caption,
-    )  # fmt: skip
+    figure = rg.draw_pair([scene.starts[0]], scene, space, virtual=virtual, title="Figure 1", caption=caption)
     for (label, band), colour in zip(bands.items(), ("#dcebf5", "#f7e6d3"), strict=True):
         paint_cells(space, band & (space.cell == rg.Cell.FREE), colour, label, figure.axes[1])
     refresh_legend(figure.axes[1])
@@ -281,8 +276,8 @@ def figure_1(folder, scene, space, virtual, bands) -> None:
 
 
 def save(folder, number, path, scene, space, virtual, caption, verdict=None, separating=()) -> None:
-    figure = rg.plot_pair(
-        path, scene.robot, space, scene.obstacles, scene.goals, virtual=virtual, verdict=verdict,
+    figure = rg.draw_pair(
+        path, scene, space, virtual=virtual, verdict=verdict,
         separating=separating, title=f"Figure {number}", caption=caption,
     )  # fmt: skip
     rg.save_figure(figure, folder / f"figure_{number:02}.png")
@@ -292,8 +287,10 @@ def save(folder, number, path, scene, space, virtual, caption, verdict=None, sep
 def family(folder, number, paths, scene, space, virtual, caption) -> None:
     figure = new_figure(7.4, 4.6)
     left, right = figure.subplots(1, 2)
-    rg.plot_tip_ways(paths, scene.robot, space, scene.obstacles, scene.goals, left)
-    rg.plot_configurations(paths, space, right, virtual=virtual)
+    rg.draw_tips(paths, scene, left)
+    rg.draw(space, right, virtual=virtual)
+    rg.draw(paths, right, space=space)
+    right.set_title("Configuration space", fontsize=8)
     figure.suptitle(f"Figure {number}", fontsize=10)
     figure.supxlabel("\n" + caption, fontsize=7, x=0.02, ha="left")
     rg.save_figure(figure, folder / f"figure_{number:02}.png")

@@ -62,7 +62,7 @@ def main(folder: Path = Path("out/lesson")) -> dict[str, float]:
     # 9. Look at it: the circuit with the voltages on its nodes; beside it the same voltages as a landscape, and the
     #    path downhill.
     folder.mkdir(parents=True, exist_ok=True)
-    rg.save_figure(draw(netlist, point, field, path), folder / "lesson.png")
+    rg.save_figure(draw(point, field, path), folder / "lesson.png")
 
     # 10. Do not take our word for it: this deck runs in any SPICE.
     rg.write_spice(netlist, folder / "lesson.cir")
@@ -70,19 +70,19 @@ def main(folder: Path = Path("out/lesson")) -> dict[str, float]:
     return {"above_goal": above_goal, "into_goal": into_goal, "length": path.length}
 
 
-def draw(netlist: rg.Netlist, point: rg.OperatingPoint, field: rg.Field, path: rg.Streamline) -> object:
+def draw(point: rg.OperatingPoint, field: rg.Field, path: rg.Streamline) -> object:
     from resgrid.plot import new_figure
 
     figure = new_figure(12.0, 7.6)
     grid = figure.add_gridspec(2, 2, width_ratios=[2.1, 1.0])
     circuit = figure.add_subplot(grid[:, 0])
     picture, arrows = (figure.add_subplot(grid[row, 1]) for row in range(2))
-    rg.plot_circuit(netlist, point, circuit)
+    rg.draw(point, circuit)
     circuit.set_title("The circuit: one node a cell, one resistor between neighbours", fontsize=10)
-    rg.plot_potential(field, picture, scale="linear")
-    rg.plot_streamlines([path], field.space, picture)
+    rg.draw(field, picture, scale="linear")
+    rg.draw([path], picture, space=field.space)
     picture.set_title("Its voltages, and the path", fontsize=10)
-    rg.plot_currents(field, arrows)
+    rg.draw(field, arrows, quantity="currents")
     arrows.set_title("Its currents", fontsize=10)
     return figure
 

@@ -33,23 +33,12 @@ from .chip.sensitivity import (
 from .chip.settling import Settling as Settling, analyse_settling as analyse_settling
 from .chip.yields import Yield as Yield, analyse_yield as analyse_yield
 from .compiler import compile_space as compile_space
+from .control.announced import Wavefront as Wavefront, announce_hidden as announce_hidden, wavefront as wavefront
 from .control.controller import Controller as Controller, make_controller as make_controller
 from .control.equipotential import equipotential_velocity as equipotential_velocity
-from .control.learning import resolver as resolver
 from .control.log import Ending as Ending, Mode as Mode, Run as Run
-from .control.plant import Plant as Plant, make_plant as make_plant
 from .control.pushes import Push as Push, random_pushes as random_pushes
-from .control.relaxation import (
-    Relaxation as Relaxation,
-    Wavefront as Wavefront,
-    make_relaxation as make_relaxation,
-    wavefront as wavefront,
-)
-from .control.relaxation_ratio import (
-    RelaxationSweep as RelaxationSweep,
-    announce_hidden as announce_hidden,
-    relaxation_sweep as relaxation_sweep,
-)
+from .control.relaxation import Relaxation as Relaxation
 from .control.simulation import Simulation as Simulation, simulation as simulation
 from .errors import (
     AccuracyError as AccuracyError,
@@ -125,44 +114,15 @@ from .planning.workspace import (
     workspace_path as workspace_path,
 )
 from .plot import (
-    plot_bits_histogram as plot_bits_histogram,
-    plot_circuit as plot_circuit,
-    plot_clearance_curve as plot_clearance_curve,
-    plot_configurations as plot_configurations,
-    plot_criticality as plot_criticality,
-    plot_currents as plot_currents,
-    plot_dirichlet_share as plot_dirichlet_share,
-    plot_exploration as plot_exploration,
-    plot_noise as plot_noise,
-    plot_pair as plot_pair,
-    plot_path as plot_path,
-    plot_potential as plot_potential,
-    plot_power as plot_power,
-    plot_precision as plot_precision,
-    plot_precision_page as plot_precision_page,
-    plot_profile as plot_profile,
-    plot_robot_path as plot_robot_path,
-    plot_run as plot_run,
-    plot_runs_by_k as plot_runs_by_k,
-    plot_scene_page as plot_scene_page,
-    plot_sensitivity as plot_sensitivity,
-    plot_separation as plot_separation,
-    plot_served as plot_served,
-    plot_settling as plot_settling,
-    plot_settling_curve as plot_settling_curve,
-    plot_settling_sweep as plot_settling_sweep,
-    plot_slices as plot_slices,
-    plot_space as plot_space,
-    plot_streamlines as plot_streamlines,
-    plot_tip_ways as plot_tip_ways,
-    plot_velocities as plot_velocities,
-    plot_wavefront as plot_wavefront,
-    plot_workspace as plot_workspace,
-    plot_yield as plot_yield,
-    run_frames as run_frames,
-    save_animation as save_animation,
+    animate as animate,
+    draw as draw,
+    draw_dirichlet_share as draw_dirichlet_share,
+    draw_page as draw_page,
+    draw_pair as draw_pair,
+    draw_robot as draw_robot,
+    draw_tips as draw_tips,
+    draw_velocities as draw_velocities,
     save_figure as save_figure,
-    wavefront_frames as wavefront_frames,
 )
 from .robots import (
     Arm as Arm,
@@ -177,6 +137,7 @@ from .robots import (
 )
 from .scene import (
     Chip as Chip,
+    Control as Control,
     CostArea as CostArea,
     Defects as Defects,
     GoalCell as GoalCell,
@@ -186,16 +147,14 @@ from .scene import (
     Query as Query,
     Readout as Readout,
     Scene as Scene,
-    apply_overrides as apply_overrides,
-    free_volume_lost as free_volume_lost,
     occupancy_grid as occupancy_grid,
     parse_quantity as parse_quantity,
     parse_scene as parse_scene,
     read_queries as read_queries,
     read_scene as read_scene,
     sample as sample,
-    scene_schema as scene_schema,
 )
+from .scene.schema import scene_schema as scene_schema
 from .space import Axis as Axis, Cell as Cell, ConfigurationSpace as ConfigurationSpace
 from .spice.analyses import (
     Measure as Measure,
@@ -206,16 +165,19 @@ from .spice.analyses import (
     TemperatureAnalysis as TemperatureAnalysis,
     TransientAnalysis as TransientAnalysis,
 )
-from .spice.balance import PowerBalance as PowerBalance, power_balance as power_balance
-from .spice.check.agreement import check_deck as check_deck, check_spice as check_spice
-from .spice.check.comparison import Agreement as Agreement
+from .spice.check.agreement import Agreement as Agreement
+from .spice.check.deck import check_deck as check_deck
 from .spice.check.predictions import Prediction as Prediction, predict_simulators as predict_simulators
 from .spice.check.rules import check_rules as check_rules
 from .spice.check.violation import Violation as Violation
-from .spice.ir_drop import IrDrop as IrDrop, ir_drop as ir_drop
 from .spice.parsed import Note as Note, ParsedDeck as ParsedDeck
+from .spice.power import (
+    IrDrop as IrDrop,
+    PowerBalance as PowerBalance,
+    ir_drop as ir_drop,
+    power_balance as power_balance,
+)
 from .spice.read.deck import read_spice as read_spice
-from .spice.run.forecast import Forecast as Forecast, forecast_run as forecast_run
 from .spice.run.ngspice import run_ngspice as run_ngspice
 from .spice.run.rawfile import write_raw as write_raw
 from .spice.write.files import write_spice as write_spice

@@ -114,7 +114,7 @@ def test_values_that_no_array_holds_and_names_that_name_nothing_are_refused(tmp_
         lambda: rg.random_pushes(-1, 2, until=1.0, size=1.0, duration=0.1),
         lambda: rg.random_pushes(0, 0, until=1.0, size=1.0, duration=0.1),
         lambda: rg.random_pushes(0, 2, until=np.inf, size=1.0, duration=0.1),
-        lambda: rg.plot_separation(rg.separation(space, (0.5, 6.5)), virtual=np.zeros((8, 8))),
+        lambda: rg.draw(rg.separation(space, (0.5, 6.5)), virtual=np.zeros((8, 8))),
     ):
         with pytest.raises(InputError):
             call()

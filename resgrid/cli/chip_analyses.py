@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from resgrid.cli.chip_parameters import MEANING, written
+from resgrid.cli.chip_parameters import written
 from resgrid.cli.chip_report import Section, shown
 from resgrid.cli.chip_study import Study
 from resgrid.cli.report import Report
@@ -25,7 +25,7 @@ _SHARES = (0.0, 0.01, 0.02, 0.05, 0.1)
 _MULTIPLES = (0.0, 0.3, 1.0, 3.0, 10.0)
 _EXPLORED = 32
 _MOST_DECISIONS = 400
-Pictures = dict[str, tuple[str, str, Any, dict[str, Any]]]
+Pictures = dict[str, tuple[str, Any, dict[str, Any]]]
 """By name: what a picture shows, the function that draws it, and what that takes."""
 
 
@@ -40,14 +40,14 @@ def _power(study: Study, made: Path, report: Report) -> Section:
     with report.stage("power"):
         result = analyse_power(study.point)
     text = [f"The chip takes {shown(result.total, 'W')} once it has settled."]
-    pictures = _draw(study, made, {"power": ("heat by cell, and the hottest resistors", "plot_power", result, {})})
+    pictures = _draw(study, made, {"power": ("heat by cell, and the hottest resistors", result, {})})
     if result.largest_droop > 0:
         text.append(
             f"Behind switches and rails, obstacle and goal cells lie up to {shown(result.largest_droop, 'V')} off the "
             "voltage that they are tied to."
         )
         what = "how far every obstacle and goal cell lies off the voltage that it is tied to"
-        pictures += _draw(study, made, {"droop": (what, "plot_power", result, {"quantity": "droop"})})
+        pictures += _draw(study, made, {"droop": (what, result, {"quantity": "droop"})})
     return Section("power", "Power", tuple(text), result.readings, pictures, result.to_json())
 
 
@@ -65,8 +65,8 @@ def _settling(study: Study, made: Path, report: Report) -> Section:
         *_linearised(study),
     )
     wanted: Pictures = {
-        "settling": ("when each cell has settled", "plot_settling", result, {}),
-        "settling_curve": ("the last node on its way to its final voltage", "plot_settling_curve", result, {}),
+        "settling": ("when each cell has settled", result, {}),
+        "settling_curve": ("the last node on its way to its final voltage", result, {"quantity": "curve"}),
     }
     return Section("settling", "Settling", text, result.readings, _draw(study, made, wanted), result.to_json())
 
@@ -97,7 +97,7 @@ def _noise(study: Study, made: Path, report: Report) -> Section:
         f"{worst / step:.2g} steps of a {study.bits}-bit converter.",
         *_linearised(study),
     )
-    pictures = _draw(study, made, {"noise": ("rms noise of every cell in that band", "plot_noise", result, {})})
+    pictures = _draw(study, made, {"noise": ("rms noise of every cell in that band", result, {})})
     return Section("noise", "Noise", text, result.readings, pictures, result.to_json())
 
 
@@ -114,7 +114,7 @@ def _sensitivity(study: Study, made: Path, report: Report) -> Section:
         f"The {len(cells)} steps of the way lead to the lowest neighbour; a resistor changes one when it brings the "
         "runner-up level with it. A changed step is not yet a lost robot.",
     )
-    wanted: Pictures = {"sensitivity": ("resistors by the drift that changes a step", "plot_sensitivity", result, {})}
+    wanted: Pictures = {"sensitivity": ("resistors by the drift that changes a step", result, {})}
     return Section("sensitivity", "Sensitivity", text, result.readings, _draw(study, made, wanted), result.to_json())
 
 
@@ -161,9 +161,9 @@ def _precision(study: Study, made: Path, report: Report) -> Section:
     ]
     pictures: tuple[tuple[str, str], ...] = ()
     if study.flat:
-        from resgrid.plot import plot_precision_page, save_figure
+        from resgrid.plot import draw, save_figure
 
-        save_figure(plot_precision_page(results, bits=study.bits), made / "precision.png")
+        save_figure(draw(results, bits=study.bits), made / "precision.png")
         what = "bits that every start needs (left), how many starts need how many, and how many a read-out serves"
         pictures = (("precision.png", what),)
     data = {"boundaries": {name: result.to_json() for name, result in results.items()}}
@@ -214,7 +214,7 @@ def _yield(study: Study, made: Path, report: Report) -> Section:
         "that is strictly lower than its own; stuck, or back where it has been, it is lost.",
         _tried(study, result.trials, random=result.random),
     )
-    pictures = _draw(study, made, {"yield": ("chips on which each start is served", "plot_yield", result, {})})
+    pictures = _draw(study, made, {"yield": ("chips on which each start is served", result, {})})
     return Section("yield", "Yield", text, result.readings, pictures, result.to_json())
 
 
@@ -242,9 +242,7 @@ def _exploration(study: Study, made: Path, report: Report) -> Section:
         f"The least `{result.second}` that serves 99 % of the starts, by `{result.first}`: {told}.",
         f"{result.trials} chips at every point, the same dies throughout.",
     )
-    pictures = _draw(
-        study, made, {"exploration": ("yield over two values of the chip", "plot_exploration", result, {})}, always=True
-    )
+    pictures = _draw(study, made, {"exploration": ("yield over two values of the chip", result, {})}, always=True)
     return Section("exploration", "Exploration", text, result.readings, pictures, result.to_json())
 
 
@@ -276,14 +274,17 @@ def _defects(study: Study, made: Path, report: Report) -> Section:
           f"{len(result.open)}, those with the largest currents (--seconds).",)),
     )  # fmt: skip
     wanted: Pictures = {
-        "opens": ("starts lost when an element is open", "plot_criticality", result, {"fault": "open"}),
-        "shorts": ("starts lost when an element is shorted", "plot_criticality", result, {"fault": "short"}),
+        "opens": ("starts lost when an element is open", result, {"fault": "open"}),
+        "shorts": ("starts lost when an element is shorted", result, {"fault": "short"}),
     }
     return Section("defects", "Defects", text, result.readings, _draw(study, made, wanted), result.to_json())
 
 
 def _told(key: str, value: Any) -> str:
-    return written(value, MEANING[key][0])
+    from resgrid.scene import Chip
+    from resgrid.scene.table import described_keys
+
+    return written(value, described_keys(Chip)[key][0])
 
 
 def _worst(result: Criticality) -> str:
@@ -310,13 +311,13 @@ def _missing(name: str, title: str, why: str) -> Section:
 
 
 def _draw(study: Study, made: Path, wanted: Pictures, *, always: bool = False) -> tuple[tuple[str, str], ...]:
-    """Draw pictures, by name: what it shows, the function, and its arguments.  Maps need two axes."""
-    from resgrid import plot
+    """Draw pictures, by name: what it shows, the result, and options.  Maps need two axes."""
+    from resgrid.plot import draw, save_figure
 
     pictures = []
-    for name, (what, function, result, options) in wanted.items():
-        if study.flat or always or function == "plot_settling_curve":
-            plot.save_figure(getattr(plot, function)(result, **options).figure, made / f"{name}.png")
+    for name, (what, result, options) in wanted.items():
+        if study.flat or always or options.get("quantity") == "curve":
+            save_figure(draw(result, **options), made / f"{name}.png")
             pictures.append((f"{name}.png", what))
     return tuple(pictures)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,10 +16,10 @@ from resgrid.cli.scenes import open_job, place_of, require_starts, say_unheeded
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
+    from resgrid.control.announced import Wavefront
     from resgrid.control.log import Run
     from resgrid.control.pushes import Push
     from resgrid.control.simulation import Simulation
-    from resgrid.plot.films import Frame
     from resgrid.scene import Scene
 
 FRAMES = 120
@@ -148,9 +148,10 @@ def command(
                 progress.advance()
     if output is not None:
         write_run([run for _, run in runs], output)
-    for file, frames, rate in ((animate, _run_frames, 20.0), (wavefront, _wavefront_frames, 10.0)):
-        if file is not None:
-            _draw(file, frames(*runs[0], scene), rate)
+    if animate is not None:
+        _draw(animate, runs[0][1], count=FRAMES)
+    if wavefront is not None:
+        _draw(wavefront, _front(*runs[0]), run=runs[0][1], rate=10.0)
     records = [
         run_record(run) | {"start": start, "cell_motion": sim.plant.cell_motion}
         for start, (sim, run) in zip(starts, runs, strict=True)
@@ -162,7 +163,7 @@ def command(
 
 def _check_films(animate: str | None, wavefront: str | None, announce: bool) -> None:
     """Refuse animations that cannot be made, before anything is computed."""
-    from resgrid.plot.films import check_animation
+    from resgrid.plot.animations import check_animation
 
     for file in (animate, wavefront):
         if file is not None:
@@ -175,11 +176,11 @@ def _simulation(
     scene: Scene, k: float | None, settle: str | None, pace: float, announce: bool, motion: dict[str, Any]
 ) -> Simulation:
     """The scene in motion, while its grid settles if that is asked for."""
-    from resgrid.control.relaxation import make_relaxation
-    from resgrid.control.relaxation_ratio import announce_hidden
+    from resgrid.control.announced import announce_hidden
+    from resgrid.control.relaxation import Relaxation
     from resgrid.control.simulation import simulation
 
-    relaxation = None if settle is None else make_relaxation(scene, method=settle, pace=pace, k=k)
+    relaxation = None if settle is None else Relaxation(settle, pace)
     sim = simulation(scene, k=k, **motion)
     if relaxation is None:
         return sim
@@ -218,33 +219,23 @@ def _one_or_each(numbers: tuple[float, ...]) -> float | tuple[float, ...]:
     return numbers[0] if len(numbers) == 1 else numbers
 
 
-def _run_frames(_sim: Simulation, run: Run, scene: Scene) -> Iterable[Frame]:
-    from resgrid.plot.animations import run_frames
-
-    return run_frames(run, scene, count=FRAMES)
-
-
-def _wavefront_frames(sim: Simulation, run: Run, _scene: Scene) -> Iterable[Frame]:
+def _front(sim: Simulation, run: Run) -> Wavefront:
     """The change of the potential for as long as the robot was on its way."""
     import numpy as np
 
-    from resgrid.control.relaxation import wavefront
-    from resgrid.plot.animations import wavefront_frames
+    from resgrid.control.announced import wavefront
 
-    assert sim.relaxation is not None
-    assert sim.before is not None
     crossed = float(run.time[-1]) * sim.controller.speed / float(sim.space.spacing.min())
     with stage("follow the wavefront", seconds=10.0):
-        front = wavefront(sim.relaxation, sim.before, sim.space, np.linspace(0.0, crossed, FRAMES))
-    return wavefront_frames(front, run)
+        return wavefront(sim, np.linspace(0.0, crossed, FRAMES))
 
 
-def _draw(file: str, frames: Iterable[Frame], rate: float) -> None:
-    from resgrid.plot.films import save_animation
+def _draw(file: str, value: Run | Wavefront, **options: Any) -> None:
+    from resgrid.plot import animate
 
     say(f"drawing {FRAMES} frames for {file}")
     with stage(f"draw {Path(file).name}", steps=FRAMES) as progress:
-        save_animation(frames, file, rate=rate, progress=lambda _: progress.advance())
+        animate(value, file, progress=lambda _: progress.advance(), **options)
     say(f"wrote {file}")
 
 

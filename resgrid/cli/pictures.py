@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from resgrid.cli.paths import Plan
 from resgrid.cli.scenes import Job
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes  # noqa: TID251
     from matplotlib.figure import Figure  # noqa: TID251
 
     from resgrid.planning.fields import Field
@@ -34,16 +35,16 @@ def draw_all(folder: Path, job: Job, plan: Plan) -> dict[str, str]:
     return files
 
 
-def draw_picture(what: str, job: Job, plan: Plan) -> Figure:
+def draw_picture(what: str, job: Job, plan: Plan) -> Axes | Figure:
     """Draw one picture."""
     if not plan.fields and what != "space":
         raise InputError("no start can be driven, so there is no field to draw: use --drive uniform, or move the start")
     return PICTURES[what](job, plan, plan.fields[0] if plan.fields else None)
 
 
-def _album(job: Job, plan: Plan) -> dict[str, tuple[str, Callable[[], Figure]]]:
+def _album(job: Job, plan: Plan) -> dict[str, tuple[str, Callable[[], Axes | Figure]]]:
     """Pictures of a plan: file name, what it shows, and how it is drawn."""
-    album: dict[str, tuple[str, Callable[[], Figure]]] = {}
+    album: dict[str, tuple[str, Callable[[], Axes | Figure]]] = {}
     several = len(plan.fields) > 1
     for number, field in enumerate(plan.fields if job.space.ndim <= PAGE_AXES else ()):
         mark = f"chip_{number}" if job.scene.drive == "start" else f"k_{field.k:g}"
@@ -59,11 +60,11 @@ def _album(job: Job, plan: Plan) -> dict[str, tuple[str, Callable[[], Figure]]]:
 
 
 def _page(job: Job, plan: Plan, field: Field | None) -> Figure:
-    from resgrid.plot import plot_scene_page
+    from resgrid.plot import draw_page
 
     assert field is not None
     own = [route for route in plan.routes if not route.field.is_flowing or route.field is field]
-    return plot_scene_page(field, [route.streamline for route in own], title=_title(job, plan, field))
+    return draw_page(field, [route.streamline for route in own], title=_title(job, plan, field))
 
 
 def _title(job: Job, plan: Plan, field: Field) -> str:
@@ -72,32 +73,30 @@ def _title(job: Job, plan: Plan, field: Field) -> str:
     return ", ".join(part for part in (job.scene.title, mark) if part)
 
 
-def _space(job: Job, _plan: Plan, _field: Field | None = None) -> Figure:
-    from resgrid.plot import plot_space
+def _space(job: Job, _plan: Plan, _field: Field | None = None) -> Any:
+    from resgrid.plot import draw
 
-    return _figure(plot_space(job.space))
-
-
-def _potential(_job: Job, _plan: Plan, field: Field | None) -> Figure:
-    from resgrid.plot import plot_potential
-
-    assert field is not None
-    return _figure(plot_potential(field))
+    return draw(job.space)
 
 
-def _currents(_job: Job, _plan: Plan, field: Field | None) -> Figure:
-    from resgrid.plot import plot_currents
+def _potential(_job: Job, _plan: Plan, field: Field | None) -> Any:
+    from resgrid.plot import draw
 
-    assert field is not None
-    return _figure(plot_currents(field))
+    return draw(field)
 
 
-def _paths(job: Job, plan: Plan, _field: Field | None = None) -> Figure:
-    from resgrid.plot import plot_space, plot_streamlines
+def _currents(_job: Job, _plan: Plan, field: Field | None) -> Any:
+    from resgrid.plot import draw
 
-    axes = plot_space(job.space)
+    return draw(field, quantity="currents")
+
+
+def _paths(job: Job, plan: Plan, _field: Field | None = None) -> Any:
+    from resgrid.plot import draw
+
+    axes = draw(job.space)
     lines, shares = [route.streamline for route in plan.routes], [route.field.k for route in plan.routes]
-    return _figure(plot_streamlines(lines, job.space, axes, k=shares))
+    return draw(lines, axes, space=job.space, k=shares)
 
 
 def _has_body(job: Job) -> bool:
@@ -106,8 +105,7 @@ def _has_body(job: Job) -> bool:
 
 
 def _robot(job: Job, plan: Plan, _field: Field | None = None) -> Figure:
-    from resgrid.plot import plot_pair, plot_robot_path
-    from resgrid.robots import Ball, Box, HalfSpace, Polygon
+    from resgrid.plot import add_title, draw_pair, draw_robot, figure_of
 
     if not _has_body(job):
         raise InputError(
@@ -116,36 +114,28 @@ def _robot(job: Job, plan: Plan, _field: Field | None = None) -> Figure:
     route = next((route for route in plan.routes if route.reached), None)
     if route is None:
         raise InputError("--what robot: no path reaches a goal, so there is nothing to drive along")
-    scene, kinds = job.scene, Box | Ball | Polygon | HalfSpace
-    goals = [goal for goal in scene.goals if isinstance(goal, kinds) and goal.ndim == 2]
-    parts = route.streamline, scene.robot, job.space, scene.obstacles, goals
+    scene = job.scene
     if job.space.ndim == 2:
-        return plot_pair(*parts, title=scene.title)
-    figure = _figure(plot_robot_path(*parts))
-    figure.suptitle(scene.title, fontsize=10)
+        return draw_pair(route.streamline, scene, job.space, title=scene.title)
+    figure = figure_of(draw_robot(route.streamline, scene))
+    add_title(figure, scene.title)
     return figure
 
 
-def _circuit(_job: Job, plan: Plan, _field: Field | None = None) -> Figure:
-    from resgrid.plot import plot_circuit
+def _circuit(_job: Job, plan: Plan, _field: Field | None = None) -> Any:
+    from resgrid.plot import draw
 
-    op = next(iter(plan.operating_points.values()))
-    return _figure(plot_circuit(op.netlist, op))
+    return draw(next(iter(plan.operating_points.values())))
 
 
 def _slices(_job: Job, plan: Plan, field: Field | None) -> Figure:
-    from resgrid.plot import plot_slices
+    from resgrid.plot import draw_slices
 
     assert field is not None
-    return plot_slices(field, paths=[route.streamline for route in plan.routes if route.field.is_flowing])
+    return draw_slices(field, paths=[route.streamline for route in plan.routes if route.field.is_flowing])
 
 
-def _figure(axes: object) -> Figure:
-    figure: Figure = axes.figure  # type: ignore[attr-defined]
-    return figure
-
-
-PICTURES: dict[str, Callable[..., Figure]] = {
+PICTURES: dict[str, Callable[..., Axes | Figure]] = {
     "page": _page,
     "space": _space,
     "potential": _potential,

@@ -1,43 +1,42 @@
-"""Animations: a robot under control, the wavefront of a new obstacle; pictures one by one."""
+"""Animations: a robot under control, the wavefront of a new obstacle; as GIF with one palette, or MP4 by ffmpeg."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+from collections.abc import Callable, Iterator
+from itertools import chain
+from pathlib import Path
+from subprocess import CalledProcessError
 from typing import Any
 
 import numpy as np
+from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from PIL import Image
 
+from resgrid.control.announced import Wavefront
 from resgrid.control.log import Mode, Run
-from resgrid.control.relaxation import Wavefront
-from resgrid.errors import InputError
-from resgrid.planning.streamline import Polyline
+from resgrid.errors import InputError, ToolMissingError
+from resgrid.files import atomic_path
 from resgrid.plot.control import (
     FORCE,
-    LEARNT,
     MODES,
-    bodies_of,
-    dress_workspace,
-    mark_start,
+    draw_configurations,
+    draw_lessons,
+    force_scale,
     panel_aspect,
-    plot_run_configurations,
-    seam_shifts,
-    wrapped,
-    zoom,
-)
-from resgrid.plot.control_maps import add_change_bar, draw_change, draw_wavefront
+    scene_of,
+)  # fmt: skip
+from resgrid.plot.diagrams import add_change_bar, draw_change, draw_moment
 from resgrid.plot.figures import new_figure, panel_height
-from resgrid.plot.films import MOST_FRAMES, Frame
-from resgrid.plot.plane import plane_of
-from resgrid.plot.robots import plot_robot_path, skeleton
-from resgrid.plot.style import TEXT, refresh_legend
-from resgrid.scene.scene import Scene
+from resgrid.plot.plane import plane_of, seam_shifts, wrapped
+from resgrid.plot.style import TEXT, mark_start, refresh_legend
+from resgrid.plot.workspace import draw_robot, fill, skeleton
 
 ROBOT = "#0072B2"
-MODE_WORDS = {
+MODE_TEXTS = {
     Mode.STREAMLINE: "follows its streamline",
     Mode.PUSHED: "is pushed",
     Mode.SLIDING: "slides along an obstacle",
@@ -51,50 +50,161 @@ MODE_WORDS = {
     Mode.WAITING: "waits for the grid to settle",
     Mode.ARRIVED: "has arrived",
 }
+SUFFIXES = (".gif", ".mp4")
+MOST_FRAMES = 600
+_COLOURS = 255
 _DPI = 100
 _HELD = 12
+"""Frames for which the last one is shown."""
+
 _PANEL = 3.6
 
 
-def run_frames(run: Run, scene: Scene, *, count: int = 120) -> Iterator[Frame]:
-    """Pictures of a controlled motion: workspace with contact forces, configuration space, what the robot does.
+def animate(
+    value: Run | Wavefront,
+    path: str | os.PathLike[str],
+    *,
+    run: Run | None = None,
+    count: int = 120,
+    rate: float = 20.0,
+    progress: Callable[[int], object] | None = None,
+) -> Path:
+    """Write an animation of a controlled motion, or of a change of the map that spreads through the grid.
 
     Parameters
     ----------
-    run : Run
-    scene : Scene
-        The one that it was simulated in.
+    value : Run or Wavefront
+        A run is shown in its workspace with contact forces, in configuration space, and in words; a wavefront, of a
+        space with two axes, at each of its times.
+    path : path-like
+        Its suffix, ``.gif`` or ``.mp4``, says the format; MP4 needs ffmpeg.  An interruption leaves no file behind.
+    run : Run, optional
+        A robot that moved meanwhile, at its nominal speed, to be marked on a wavefront.
     count : int
-        How many, evenly in time, 2 to `MOST_FRAMES`; the last one is held for a moment.
+        Frames of a run, evenly in time; the last one is held for a moment.
+    rate : float
+        Frames a second, at most 100.
+    progress : callable, optional
+        Called with the number of frames drawn.
 
-    Yields
-    ------
-    ndarray of uint8, shape (height, width, 3)
+    Returns
+    -------
+    Path
+        The path.
 
     Raises
     ------
     InputError
-        If the count is out of range.
+        If the suffix is unknown, a number out of range, or the path cannot be written.
+    ToolMissingError
+        If ffmpeg is asked for and not installed.
     """
+    if not 0 < rate <= 100:
+        raise InputError(f"rate = {rate}, but an animation shows more than 0 and at most 100 frames a second")
+    writer = _writer(path, rate)
+    frames = _run_frames(value, count) if isinstance(value, Run) else _wavefront_frames(value, run)
+    with atomic_path(path) as temporary:
+        figure = next(frames)
+        try:
+            with writer.saving(figure, str(temporary), _DPI):
+                for number, _ in enumerate(chain([figure], frames), 1):
+                    writer.grab_frame()
+                    if progress is not None:
+                        progress(number)
+        except CalledProcessError as error:
+            raise InputError(f"ffmpeg could not write {Path(path).name}: {error.stderr.strip()}") from error
+    return Path(path)
+
+
+def check_animation(path: str | os.PathLike[str]) -> None:
+    """Refuse a file that no animation can be written to, before anything is drawn; errors as `animate`."""
+    _writer(path, 20.0)
+
+
+def _writer(path: str | os.PathLike[str], rate: float) -> AbstractMovieWriter:
+    suffix = Path(path).suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InputError(f"cannot write an animation as {str(path)!r}: its suffix must be {' or '.join(SUFFIXES)}")
+    if suffix == ".gif":
+        return _GifWriter(fps=rate)  # type: ignore[arg-type]
+    if not FFMpegWriter.isAvailable():
+        raise ToolMissingError("MP4 needs ffmpeg, which is not installed; install it, or name the file .gif")
+    return FFMpegWriter(fps=rate, codec="h264")  # type: ignore[arg-type]
+
+
+class _GifWriter(PillowWriter):
+    """One palette for all frames, so that no colour changes from frame to frame."""
+
+    _frames: list[Image.Image]
+
+    def finish(self) -> None:
+        """Write all frames: first their colours decide the palette, then each is drawn in it."""
+        if not self._frames:
+            return
+        colours, number_of = _palette(map(_packed, self._frames))
+
+        def in_palette(frame: Image.Image) -> Image.Image:
+            picture = Image.fromarray(number_of[_packed(frame)])
+            picture.putpalette(colours.tobytes())
+            return picture
+
+        first, *rest = map(in_palette, self._frames)
+        duration = max(round(100 / self.fps), 1) * 10
+        first.save(self.outfile, format="GIF", save_all=True, append_images=rest, duration=duration, loop=0)
+
+
+def _packed(frame: Image.Image) -> NDArray[np.uint32]:
+    """Colours as one number each, shape (height, width)."""
+    red, green, blue = np.moveaxis(np.asarray(frame.convert("RGB"), dtype=np.uint32), -1, 0)
+    return np.asarray(red << 16 | green << 8 | blue)
+
+
+def _palette(frames: Iterator[NDArray[np.uint32]]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """At most 255 colours, and the number of the nearest for every colour seen, by the colour's own number.
+
+    Half of them are the most frequent, counting pixels that a frame changes, half those farthest from all others.
+    Shapes: returns (n, 3), (2**24,).
+    """
+    from scipy.spatial import KDTree
+
+    counts = dict[int, int]()
+    last: NDArray[np.uint32] | None = None
+    for frame in frames:
+        values, number = np.unique(frame if last is None else frame[frame != last], return_counts=True)
+        for colour, more in zip(values.tolist(), number.tolist(), strict=True):
+            counts[colour] = counts.get(colour, 0) + more
+        last = frame
+    seen = np.array(sorted(counts, key=lambda colour: -counts[colour]), dtype=np.uint32)
+    points = np.stack([seen >> 16, seen >> 8 & 255, seen & 255], axis=1).astype(np.float64)
+    chosen = list(range(min(len(seen), _COLOURS // 2)))
+    distance = np.asarray(KDTree(points[chosen]).query(points)[0])
+    while len(chosen) < _COLOURS and distance.max() > 0:
+        chosen.append(int(distance.argmax()))
+        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
+    number_of = np.zeros(1 << 24, dtype=np.uint8)
+    number_of[seen] = KDTree(points[chosen]).query(points)[1]
+    return points[chosen].astype(np.uint8), number_of
+
+
+def _run_frames(run: Run, count: int) -> Iterator[Figure]:
+    """The figure of a run, drawn anew for every frame."""
     if not 2 <= count <= MOST_FRAMES - _HELD:
         raise InputError(f"count = {count}, but an animation has 2 to {MOST_FRAMES - _HELD} frames")
     flat = run.space.ndim == 2
-    figure = new_figure(8.6 if flat else 4.6, panel_height(_PANEL, panel_aspect(run.space, scene)) + 0.4)
-    left = figure.add_subplot(1, 2, 1) if flat else figure.add_subplot()
-    moving: list[_WorkspaceArtists | _ConfigurationArtists] = [_WorkspaceArtists(run, scene, left)]
+    figure = new_figure(8.6 if flat else 4.6, panel_height(_PANEL, panel_aspect(run)) + 0.4)
+    panels: list[_Workspace | _Configurations] = [_Workspace(run, figure.add_subplot(1, 1 + flat, 1))]
     if flat:
-        moving.append(_ConfigurationArtists(run, scene, figure.add_subplot(1, 2, 2)))
+        panels.append(_Configurations(run, figure.add_subplot(1, 2, 2)))
     figure.suptitle(" ", fontsize=TEXT + 2)
     _settle_layout(figure)
     for row in frame_rows(run, count).tolist():
-        for artists in moving:
-            artists.show(row)
+        for panel in panels:
+            panel.show(row)
         mode = Mode(run.mode[row])
-        figure.suptitle(f"{run.time[row]:.2f} s: the robot {MODE_WORDS[mode]}", fontsize=TEXT + 2, color=MODES[mode][0])
-        frame = _drawn(figure)
-        yield frame
+        figure.suptitle(f"{run.time[row]:.2f} s: the robot {MODE_TEXTS[mode]}", fontsize=TEXT + 2, color=MODES[mode][0])
+        yield figure
     for _ in range(_HELD):
-        yield frame
+        yield figure
 
 
 def frame_rows(run: Run, count: int) -> NDArray[np.int64]:
@@ -105,122 +215,97 @@ def frame_rows(run: Run, count: int) -> NDArray[np.int64]:
     return np.unique([*rows.tolist(), *lessons, len(run.time) - 1])[: MOST_FRAMES - _HELD]
 
 
-class _WorkspaceArtists:
-    """What moves in the workspace."""
+class _Workspace:
+    """The robot in its workspace at one moment."""
 
-    def __init__(self, run: Run, scene: Scene, axes: Axes) -> None:
-        self._run, self._scene, self._axes = run, scene, axes
-        known, hidden, goals = bodies_of(scene)
-        begin = Polyline(run.configuration[:1], run.space)
-        plot_robot_path(begin, scene.robot, run.space, (*known, *hidden), goals, axes, ghosts=1)
-        dress_workspace(scene, hidden, axes)
-        zoom(run, scene, axes)
-        self._tips = scene.robot.reference_point(run.configuration)
-        (self._way,) = axes.plot([], [], color=ROBOT, linewidth=1.0, alpha=0.7, zorder=4)
-        mark_start(self._tips[0], axes)
+    def __init__(self, run: Run, axes: Axes) -> None:
+        self._run, self._axes = run, axes
+        self._scene = scene_of(run)
+        draw_robot(run.configuration[:1], self._scene, axes, ghosts=1)
+        self._tips = self._scene.robot.reference_point(run.configuration)
+        (self._path,) = axes.plot([], [], color=ROBOT, linewidth=1.0, alpha=0.7, zorder=4)
+        mark_start(self._tips[:1], axes)
         axes.plot([], [], color=ROBOT, linewidth=0, marker="o", label="robot")
-        contacts = run.contacts
-        if len(contacts.step):
+        self._scale = 0.0
+        if len(run.contacts.step):
             axes.plot([], [], color=FORCE, linewidth=2, label="contact force")
+            self._scale = force_scale(run.contacts, axes)
         refresh_legend(axes)
-        self._outlines = list[Any]()
-        self._unit = 0.12 * float(np.abs(np.diff(axes.get_xlim()))[0])
-        self._largest = float(np.hypot(*contacts.force.T).max()) if len(contacts.step) else 1.0
+        self._moving = list[Any]()
 
     def show(self, row: int) -> None:
-        for artist in self._outlines:
+        """Draw the robot, and what it touches, at a row of the log."""
+        axes, robot, pose = self._axes, self._scene.robot, self._run.configuration[row]
+        for artist in self._moving:
             artist.remove()
-        self._outlines.clear()
-        self._way.set_data(*self._tips[: row + 1].T)
-        robot, pose = self._scene.robot, self._run.configuration[row]
+        self._path.set_data(*self._tips[: row + 1].T)
         bodies = [shape for shape in robot.shapes_at(pose) if shape.area]
+        self._moving = [patch for shape in bodies for patch in fill(shape, axes, color=ROBOT, alpha=0.6, zorder=7.5)]
         joints = skeleton(robot, pose)
         if len(joints):
-            self._outlines += self._axes.plot(*joints.T, color=ROBOT, linewidth=3, marker="o", zorder=8)
+            self._moving += axes.plot(*joints.T, color=ROBOT, linewidth=3, marker="o", zorder=8)
         elif not bodies:
-            self._outlines += self._axes.plot(*self._tips[row], color=ROBOT, marker="o", markersize=7, zorder=8)
-        for shape in bodies:
-            for part in getattr(shape, "geoms", [shape]):
-                self._outlines += self._axes.fill(*part.exterior.xy, color=ROBOT, alpha=0.6, zorder=7.5)
+            self._moving += axes.plot(*self._tips[row], color=ROBOT, marker="o", markersize=7, zorder=8)
         contacts = self._run.contacts
         for number in np.flatnonzero(contacts.step == row).tolist():
-            tail, force = contacts.point[number], contacts.force[number] * (self._unit / self._largest)
-            self._outlines += self._axes.plot(*np.stack([tail, tail + force]).T, color=FORCE, linewidth=2, zorder=9)
-            self._outlines += self._axes.plot(*tail, "o", color=FORCE, markersize=4, zorder=9)
+            tail, force = contacts.point[number], contacts.force[number] * self._scale
+            self._moving += axes.plot(*np.stack([tail, tail + force]).T, color=FORCE, linewidth=2, zorder=9)
+            self._moving += axes.plot(*tail, "o", color=FORCE, markersize=4, zorder=9)
 
 
-class _ConfigurationArtists:
-    """What moves in a configuration space of two axes."""
+class _Configurations:
+    """The robot in a configuration space of two axes at one moment."""
 
-    def __init__(self, run: Run, scene: Scene, axes: Axes) -> None:
-        self._run, self._axes = run, axes
-        plot_run_configurations(run, scene, axes, way=False)
-        mark_start(wrapped(run.configuration[0], run.space), axes)
-        (self._place,) = axes.plot([], [], "o", color=ROBOT, markersize=5, zorder=6, label="robot")
-        self._ways = [axes.plot([], [], color=ROBOT, linewidth=1.4, zorder=4)[0] for _ in seam_shifts(run.space)]
-        self._cells = axes.scatter([], [], s=5, facecolor="none", edgecolor=LEARNT, linewidth=0.6, zorder=3)
-        if run.lessons:
-            axes.scatter([], [], s=9, facecolor="none", edgecolor=LEARNT, linewidth=0.6, label="cell learnt")
+    def __init__(self, run: Run, axes: Axes) -> None:
+        self._run = run
+        draw_configurations(run, axes, path=False)
+        mark_start(wrapped(run.configuration[:1], run.space), axes)
+        (self._robot,) = axes.plot([], [], "o", color=ROBOT, markersize=5, zorder=9, label="robot")
+        self._paths = [axes.plot([], [], color=ROBOT, linewidth=1.4, zorder=4)[0] for _ in seam_shifts(run.space)]
+        self._learnt = draw_lessons(np.empty((0, 2)), axes) if run.lessons else None
         refresh_legend(axes)
 
     def show(self, row: int) -> None:
+        """Draw where the robot is, where it was, and what it has learnt, at a row of the log."""
         run = self._run
-        way = run.configuration[: row + 1]
-        for line, by in zip(self._ways, seam_shifts(run.space), strict=True):
-            line.set_data(*(way + by).T)
-        place = wrapped(way[-1], run.space)
-        self._place.set_data(place[:1], place[1:])
-        self._place.set_color(MODES[Mode(run.mode[row])][0])
+        path = run.configuration[: row + 1]
+        for line, shift in zip(self._paths, seam_shifts(run.space), strict=True):
+            line.set_data(*(path + shift).T)
+        self._robot.set_data(*wrapped(path[-1:], run.space).T)
+        self._robot.set_color(MODES[Mode(run.mode[row])][0])
         cells = [lesson.cells for lesson in run.lessons if lesson.step <= row]
-        if cells:
-            self._cells.set_offsets(run.space.centre(np.concatenate(cells)))
+        if self._learnt is not None and cells:
+            self._learnt.set_offsets(run.space.centre(np.concatenate(cells)))
 
 
-def wavefront_frames(front: Wavefront, run: Run | None = None) -> Iterator[Frame]:
-    """Pictures of a change of the map that spreads through the grid, one for each of its times.
-
-    Parameters
-    ----------
-    front : Wavefront
-        Of a space with two axes.
-    run : Run, optional
-        A robot that moved meanwhile, at its nominal speed; its place is marked.
-
-    Yields
-    ------
-    ndarray of uint8, shape (height, width, 3)
-
-    Raises
-    ------
-    InputError
-        If there are too many times, or the space does not have two axes.
-    """
+def _wavefront_frames(front: Wavefront, run: Run | None) -> Iterator[Figure]:
+    """The figure of a wavefront, drawn anew for each of its times, with the robot's place at that time."""
     if len(front.cells) > MOST_FRAMES:
         raise InputError(f"{len(front.cells)} times, but an animation has at most {MOST_FRAMES} frames")
     figure = new_figure(5.2, panel_height(_PANEL, plane_of(front.after).aspect) + 0.2)
     axes = figure.add_subplot()
-    image = draw_wavefront(front, 0, axes)
+    image = draw_moment(front, 0, axes)
     aspect = axes.get_aspect()
     add_change_bar(image, axes)
     places = np.full((len(front.cells), 2), np.nan) if run is None else _places(front, run)
     (trail,) = axes.plot([], [], color="black", linewidth=0, marker=".", markersize=2, zorder=5)
-    (robot,) = axes.plot([], [], "o", color="black", markersize=6, zorder=6, label="robot" if run else "")
+    (robot,) = axes.plot([], [], "o", color="black", markersize=6, zorder=9, label="robot" if run else "")
     if run is not None:
-        mark_start(places[0], axes)
+        mark_start(places[:1], axes)
     refresh_legend(axes)
     _settle_layout(figure)
     image.set_visible(False)
     for row in range(len(front.cells)):
-        later = draw_change(front, row, axes)
+        change = draw_change(front, row, axes)
         axes.set_aspect(aspect)
         trail.set_data(*places[: row + 1].T)
         robot.set_data(*places[row : row + 1].T)
-        yield _drawn(figure)
-        later.remove()
+        yield figure
+        change.remove()
 
 
 def _places(front: Wavefront, run: Run) -> NDArray[np.float64]:
-    """Where the robot was at the times of a wavefront."""
+    """Where the robot was at the times of a wavefront, shape (times, 2)."""
     speeds = np.linalg.norm(run.velocity, axis=1)
     seconds = front.cells * float(front.after.spacing.min()) / max(float(speeds.max()), 1e-300)
     rows = np.searchsorted(run.time, seconds).clip(0, len(run.time) - 1)
@@ -233,10 +318,3 @@ def _settle_layout(figure: Figure) -> None:
     for _ in range(2):  # axes of a fixed aspect find their place in two rounds
         figure.canvas.draw()
     figure.set_layout_engine("none")
-
-
-def _drawn(figure: Figure) -> Frame:
-    canvas = figure.canvas
-    assert isinstance(canvas, FigureCanvasAgg)
-    canvas.draw()  # type: ignore[no-untyped-call]
-    return np.asarray(canvas.buffer_rgba())[..., :3].copy()  # type: ignore[no-untyped-call]

@@ -1,38 +1,54 @@
-"""Curves of a chip: how it settles over time, and how many starts a read-out serves against its bits."""
+"""Curves of a chip: how it settles, what bits its starts need, and what becomes of its yield over two values."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
+from resgrid.chip.exploration import Exploration
 from resgrid.chip.precision import Precision
 from resgrid.chip.settling import Settling
 from resgrid.errors import InputError
-from resgrid.plot.chips import plot_precision
-from resgrid.plot.figures import axes_or_new, new_figure, panel_height
+from resgrid.plot.chip_maps import draw_precision, draw_settling
+from resgrid.plot.fields import add_colour_bar
+from resgrid.plot.figures import PAGE, add_title, axes_or_new, new_figure, panel_height
 from resgrid.plot.plane import plane_of
-from resgrid.plot.style import FAILURE, LINE_STYLES, PATHS, TEXT, dress, refresh_legend
+from resgrid.plot.style import FAILURE, LINE_STYLES, PATHS, SMALL, TEXT, dress, refresh_legend, strength_map
+from resgrid.scene.quantities import format_quantity
 
-_PAGE = 7.4
+_MOST_LABELS = 80
+_CONTOUR = "#E69F00"
+_UNITS = {
+    "resistance": "Ω",
+    "on": "Ω",
+    "off": "Ω",
+    "offset": "V",
+    "supply": "V",
+    "voltage": "V",
+    "capacitance": "F",
+    "bandwidth": "Hz",
+    "temperature": "°C",
+    "width": "m",
+    "length": "m",
+}
+"""By the last word of a key."""
 
 
-def plot_settling_curve(result: Settling, ax: Axes | None = None) -> Axes:
-    """Draw how far the last node is from its final voltage over time, and the slowest exponential beside it.
+def draw_settled(result: Settling, ax: Axes | None = None, *, quantity: str = "map") -> Axes:
+    """Draw when every cell has settled, or the curve of the last node on its way."""
+    if quantity not in ("map", "curve"):
+        raise InputError(f"quantity = {quantity!r} is unknown; it may be one of map, curve")
+    return draw_settling(result, ax) if quantity == "map" else draw_settling_curve(result, ax)
 
-    Parameters
-    ----------
-    result : Settling
-    ax : matplotlib.axes.Axes, optional
-        Made when None.
 
-    Returns
-    -------
-    matplotlib.axes.Axes
-    """
+def draw_settling_curve(result: Settling, ax: Axes | None = None) -> Axes:
+    """Draw how far the last node is from its final voltage over time, and the slowest exponential beside it."""
     axes = axes_or_new(ax, 0.7)
     band = result.span / 2.0 ** (result.bits + 1)
     times, distance = result.times, result.distance
@@ -57,38 +73,29 @@ def plot_settling_curve(result: Settling, ax: Axes | None = None) -> Axes:
     return axes
 
 
-def plot_served(results: Mapping[str, Precision], ax: Axes | None = None, *, bits: int = 10) -> Axes:
-    """Draw the share of starts that a read-out serves against its bits.
+def draw_precisions(
+    results: Mapping[str, Precision], ax: Axes | None = None, *, quantity: str = "page", bits: int = 10, title: str = ""
+) -> Axes | Figure:
+    """Draw precision by name, e.g. of the boundary: a page, the share of starts served, or a histogram of bits."""
+    if quantity not in ("page", "served", "histogram"):
+        raise InputError(f"quantity = {quantity!r} is unknown; it may be one of page, served, histogram")
+    if quantity == "served":
+        return _draw_served(results, ax, bits)
+    if quantity == "histogram":
+        return _draw_histogram(results, ax, bits)
+    if ax is not None:
+        raise InputError("a page of precision has several panels, and is not drawn into one ax: leave ax out")
+    return _precision_page(results, bits, title)
 
-    Parameters
-    ----------
-    results : mapping of str to Precision
-        By name, e.g. of the boundary.
-    ax : matplotlib.axes.Axes, optional
-        Made when None.
-    bits : int
-        A read-out to mark.
 
-    Returns
-    -------
-    matplotlib.axes.Axes
-
-    Raises
-    ------
-    InputError
-        If there is nothing to draw.
-    """
-    if not results:
-        raise InputError("there is nothing to draw: give at least one precision analysis")
+def _draw_served(results: Mapping[str, Precision], ax: Axes | None, bits: int) -> Axes:
+    """The share of starts that a read-out serves against its bits."""
     axes = axes_or_new(ax, 0.6)
-    most = max(bits + 2.0, *(_largest(result) for result in results.values()))
+    most = _most_bits(results, bits)
     ticks = np.linspace(0.0, most, 400)
     for number, (name, result) in enumerate(results.items()):
         share = np.searchsorted(np.sort(result.starts), ticks, side="right") / max(len(result.starts), 1)
-        axes.plot(
-            ticks, share, color=PATHS[number % len(PATHS)], linestyle=LINE_STYLES[number % len(LINE_STYLES)],
-            linewidth=1.4, label=f"{name}: {result.sentence(bits)}",
-        )  # fmt: skip
+        axes.plot(ticks, share, **_line(number), label=f"{name}: {result.sentence(bits)}")
     axes.axvline(bits, color="black", linewidth=0.8, linestyle=LINE_STYLES[3])
     axes.set(xlabel="bits of the read-out", ylabel="starts served", xlim=(0.0, most), ylim=(0.0, 1.03))
     axes.yaxis.set_major_formatter(PercentFormatter(1.0))
@@ -97,38 +104,13 @@ def plot_served(results: Mapping[str, Precision], ax: Axes | None = None, *, bit
     return axes
 
 
-def plot_bits_histogram(results: Mapping[str, Precision], ax: Axes | None = None, *, bits: int = 10) -> Axes:
-    """Draw how many starts need how many bits.
-
-    Parameters
-    ----------
-    results : mapping of str to Precision
-        By name, e.g. of the boundary.
-    ax : matplotlib.axes.Axes, optional
-        Made when None.
-    bits : int
-        A read-out to mark.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-
-    Raises
-    ------
-    InputError
-        If there is nothing to draw.
-    """
-    if not results:
-        raise InputError("there is nothing to draw: give at least one precision analysis")
+def _draw_histogram(results: Mapping[str, Precision], ax: Axes | None, bits: int) -> Axes:
+    """How many starts need how many whole bits: one that needs 9.3 is served by 10."""
     axes = axes_or_new(ax, 0.6)
-    most = int(np.ceil(max(bits + 2.0, *(_largest(result) for result in results.values()))))
+    most = int(np.ceil(_most_bits(results, bits)))
     for number, (name, result) in enumerate(results.items()):
-        # A start that needs 9.3 bits is served by 10.
         whole = np.ceil(result.starts[np.isfinite(result.starts)])
-        axes.hist(
-            whole, bins=[k - 0.5 for k in range(most + 2)], histtype="step", color=PATHS[number % len(PATHS)],
-            linestyle=LINE_STYLES[number % len(LINE_STYLES)], linewidth=1.4, label=name,
-        )  # fmt: skip
+        axes.hist(whole, bins=[k - 0.5 for k in range(most + 2)], histtype="step", **_line(number), label=name)
     axes.axvline(bits, color="black", linewidth=0.8, linestyle=LINE_STYLES[3])
     axes.set(xlabel="whole bits that a start needs", ylabel="starts", xlim=(0.0, most + 0.5))
     axes.xaxis.set_major_locator(MaxNLocator(integer=True))
@@ -137,49 +119,85 @@ def plot_bits_histogram(results: Mapping[str, Precision], ax: Axes | None = None
     return axes
 
 
-def plot_precision_page(results: Mapping[str, Precision], *, bits: int = 10, title: str = "") -> Figure:
-    """Draw the precision problem on a page: maps side by side, a histogram, and the share of starts served.
-
-    Parameters
-    ----------
-    results : mapping of str to Precision
-        By name, e.g. ``{"Dirichlet": ..., "Neumann": ..., "wall": ...}``, all of spaces of two axes.
-    bits : int
-        A read-out to mark.
-    title : str
-        Above the figure.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        If there is nothing to draw, or a space does not have two axes.
-    """
-    if not results:
-        raise InputError("there is nothing to draw: give at least one precision analysis")
+def _precision_page(results: Mapping[str, Precision], bits: int, title: str) -> Figure:
+    """Maps side by side, a histogram, and the share of starts served."""
     aspect = max(plane_of(result.space).aspect for result in results.values())
-    width = _PAGE / len(results)
-    height = panel_height(width - 1.0, aspect) + 0.2
-    figure = new_figure(_PAGE, height + 3.2)
-    parts = figure.subfigures(2, 1, squeeze=False, height_ratios=[height, 3.2])
-    above, below = parts[:, 0]
-    maps = above.subplots(1, len(results), squeeze=False)[0]
+    height = panel_height(PAGE / len(results) - 1.0, aspect) + 0.2
+    figure = new_figure(PAGE, height + 3.2)
+    above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=[height, 3.2])[:, 0]
     most = max(_largest(result) for result in results.values())
+    maps = above.subplots(1, len(results), squeeze=False)[0]
     for axes, (name, result) in zip(maps, results.items(), strict=True):
-        plot_precision(result, axes, most=most)
+        draw_precision(result, axes, most=most)
         axes.set_title(name, fontsize=TEXT + 1)
         refresh_legend(axes, columns=2)
     left, right = below.subplots(1, 2)
-    plot_bits_histogram(results, left, bits=bits)
-    plot_served(results, right, bits=bits)
-    if title:
-        figure.suptitle(title, fontsize=TEXT + 2)
+    _draw_histogram(results, left, bits)
+    _draw_served(results, right, bits)
+    add_title(figure, title)
     return figure
+
+
+def _line(number: int) -> dict[str, Any]:
+    colour, style = PATHS[number % len(PATHS)], LINE_STYLES[number % len(LINE_STYLES)]
+    return {"color": colour, "linestyle": style, "linewidth": 1.4}
+
+
+def _most_bits(results: Mapping[str, Precision], bits: int) -> float:
+    return max(bits + 2.0, *(_largest(result) for result in results.values()))
 
 
 def _largest(result: Precision) -> float:
     finite = result.starts[np.isfinite(result.starts)]
     return float(finite.max(initial=1.0))
+
+
+def draw_exploration(result: Exploration, ax: Axes | None = None, *, share: float = 0.99) -> Axes:
+    """Draw the yield over two values of a chip, with contours, and the cheapest points of a yield asked for."""
+    axes = axes_or_new(ax, 0.8)
+    values = 100.0 * result.share.T
+    image = axes.imshow(
+        values, origin="lower", aspect="auto", cmap=strength_map(), norm=Normalize(0, 100), interpolation="nearest"
+    )
+    levels = [level for level in (50.0, 90.0, 99.0) if values.min() < level < values.max()]
+    if min(values.shape) > 1 and levels:
+        lines = axes.contour(values, levels=levels, colors=_CONTOUR, linewidths=1.4)
+        axes.clabel(lines, fmt=lambda level: f"{level:g} %", fontsize=SMALL)
+    if values.size <= _MOST_LABELS:
+        for (row, column), value in np.ndenumerate(values):
+            colour = "white" if value > 62 else "black"
+            text = f"{np.floor(10 * value + 1e-6) / 10:.4g}"
+            axes.text(column, row - 0.28, text, ha="center", va="center", fontsize=SMALL, color=colour)
+    _mark_cheapest(result, share, axes)
+    for axis, key, ticks in (
+        (axes.xaxis, result.first, result.first_values),
+        (axes.yaxis, result.second, result.second_values),
+    ):
+        axis.set_ticks(range(len(ticks)), [_tick_text(key, tick) for tick in ticks])
+        unit = _UNITS.get(key.split("_")[-1].split(".")[-1])
+        axis.set_label_text(key.replace("_", " ").replace(".", ", ") + (f" ({unit})" if unit else ""))
+    add_colour_bar(image, axes, "starts served (%)")
+    axes.set_title(f"{result.trials} chips at every point", fontsize=TEXT)
+    dress(axes)
+    refresh_legend(axes)
+    return axes
+
+
+def _mark_cheapest(result: Exploration, share: float, axes: Axes) -> None:
+    marks = [(column, value) for column, value in enumerate(result.cheapest(share)) if value is not None]
+    if marks:
+        rows = [result.second_values.index(value) for _, value in marks]
+        axes.plot(
+            [column for column, _ in marks], rows, linestyle="", marker="o", markersize=6, color="white",
+            markeredgecolor=FAILURE, markeredgewidth=1.6,
+            label=f"least {result.second.rpartition('.')[2]} for {100 * share:g} %",
+        )  # fmt: skip
+
+
+def _tick_text(key: str, value: Any) -> str:
+    """A value as its owner would write it."""
+    if value is None:
+        return "none"
+    if key in {"mismatch", "defects.open_density", "defects.short_density"}:
+        return f"{100 * value:g} %"
+    return format_quantity(value, "", 3) if isinstance(value, float) else f"{value}"

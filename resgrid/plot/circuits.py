@@ -1,178 +1,160 @@
-"""Pictures of small circuits."""
+"""Pictures of small circuits: compiled ones where their cells are, others (`graphs`) as networkx places them."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import LineCollection
 from matplotlib.lines import Line2D
-from matplotlib.patches import Rectangle
 from matplotlib.patheffects import withStroke
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from resgrid.errors import InputError
-from resgrid.netlist import CellMap, Netlist
+from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.plot.figures import new_figure
-from resgrid.plot.graphs import plot_graph
-from resgrid.plot.schematic import HALF, MARGIN, Box, Schematic, schematic_of
+from resgrid.plot.schematic import HALF, Schematic, schematic_of
 from resgrid.plot.style import GOAL, OBSTACLE, SMALL, add_swatch, height_map, refresh_legend
-from resgrid.plot.supplies import SUPPLY_GAP, SUPPLY_HEIGHT, draw_supplies, supplies_of, supply_rows
-from resgrid.plot.symbols import INK, engineering, zigzag
-from resgrid.plot.voltages import voltage_texts
+from resgrid.plot.workspace import fill
+from resgrid.scene.quantities import format_quantity, prefix_of
+from resgrid.space import Cell
+
+INK = "#202020"
+HALO = [withStroke(linewidth=1.8, foreground="white")]
+SYMBOLS = {
+    "resistor": "Resistor",
+    "voltage source": "SourceV",
+    "current source": "SourceI",
+    "capacitor": "Capacitor",
+}
+"""What schemdraw calls every kind of element."""
 
 MOST_CELLS_A_SIDE = 10
+_BODY = 0.36
+"""Length of a symbol without its leads, in cells."""
+
 _INCHES = 0.8
-_HALO = [withStroke(linewidth=1.8, foreground="white")]
 _DRIVE = "#8E2A84"
+_SUPPLY_GAP, _SUPPLY_HEIGHT, _SUPPLY_WIDTH = 0.5, 1.5, 2.4
+"""In cells: between the drawing and the first row of supplies, and the size of one."""
 
 
-def plot_circuit(netlist: Netlist, op: OperatingPoint | None = None, ax: Axes | None = None) -> Axes:
-    """Draw a small netlist as a circuit: nodes where their cells are, with names and voltages, resistors, supplies.
+@contextmanager
+def symbols_on(axes: Axes) -> Iterator[Any]:
+    """A drawing of schemdraw that symbols are added to, drawn on the axes in the end."""
+    import schemdraw
 
-    Parameters
-    ----------
-    netlist : Netlist
-        Compiled from a space of one or two axes with at most 10 cells a side; without a map of cells, at most 40 nodes.
-    op : OperatingPoint, optional
-        Its voltages are written beside the nodes, its source currents beside the supplies.
-    ax : matplotlib.axes.Axes, optional
-        Made when None, large enough to be read.
+    drawing = schemdraw.Drawing(canvas=axes, show=False)
+    drawing.config(fontsize=SMALL, lw=0.9, color=INK)
+    yield drawing
+    drawing.draw(show=False)
 
-    Returns
-    -------
-    matplotlib.axes.Axes
 
-    Raises
-    ------
-    InputError
-        If the circuit is too large to be read or has nonlinear resistors, or the operating point belongs to another
-        netlist.
-    """
-    if netlist.nonlinear_nodes.size:
-        raise InputError("a circuit with nonlinear resistors is not drawn; use plot_potential and plot_currents")
-    if op is not None and not op.is_of(netlist):
-        raise InputError("the operating point belongs to another netlist; solve this one first")
-    cell_map = netlist.cell_map
-    if cell_map is None or len(cell_map.resistor_face) != len(netlist.resistor_nodes):
-        return plot_graph(netlist, op, ax)
-    _require_small(cell_map)
-    plan = schematic_of(cell_map)
-    supplies = supplies_of(netlist, cell_map, op)
-    rows = supply_rows(supplies, plan.across)
-    axes = _new_axes(plan, len(rows)) if ax is None else ax
-    _draw_rails(plan, cell_map, netlist, axes)
-    _draw_resistors(plan, cell_map, netlist, axes)
+def add_symbol(drawing: Any, kind: str, start: ArrayLike, end: ArrayLike) -> None:
+    """Add an element from one point to another: a source from plus to minus, or along its current."""
+    import schemdraw.elements
+
+    first, last = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
+    if kind == "voltage source":  # schemdraw puts the plus at the end
+        first, last = last, first
+    body = min(_BODY, 0.6 * float(np.linalg.norm(last - first)))
+    drawing.add(getattr(schemdraw.elements, SYMBOLS[kind])().scale(body).endpoints(tuple(first), tuple(last)))
+
+
+def add_ground(drawing: Any, at: ArrayLike) -> None:
+    """Add a ground symbol below a point."""
+    import schemdraw.elements
+
+    drawing.add(schemdraw.elements.Ground().scale(_BODY).at(tuple(np.asarray(at, dtype=np.float64))))
+
+
+def draw_compiled(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) -> Axes:
+    """Draw a netlist compiled from a space of one or two axes: nodes where their cells are, resistors, supplies."""
+    plan = schematic_of(netlist.cells)
+    supplies = _supplies(netlist, op)
+    per_row = int((max(plan.across, 4) + 1) / _SUPPLY_WIDTH)
+    left, right, bottom, top = _limits(plan, -(-len(supplies) // per_row))
+    axes = new_figure(_INCHES * (right - left), _INCHES * (top - bottom) + 0.5).add_subplot() if ax is None else ax
+    _draw_rails(plan, netlist, axes)
+    with symbols_on(axes) as drawing:
+        for start, end in zip(plan.start, plan.end, strict=True):
+            add_symbol(drawing, "resistor", start, end)
+        for number, supply in enumerate(supplies):
+            row, column = divmod(number, per_row)
+            _draw_supply(
+                drawing, axes, supply, 0.3 + _SUPPLY_WIDTH * column, -HALF - _SUPPLY_GAP - _SUPPLY_HEIGHT * row
+            )
+    axes.add_line(Line2D([], [], color=INK, linewidth=0.9, label=resistor_note(netlist)))
+    _draw_seams(plan, netlist, axes)
     _draw_nodes(plan, netlist, op, axes)
-    _draw_drive(netlist, cell_map, axes)
-    draw_supplies(axes, rows, -MARGIN - SUPPLY_GAP)
-    _finish(plan, len(rows), axes)
+    _draw_drive(netlist, axes)
+    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+    axes.set_axis_off()
+    refresh_legend(axes, columns=3 if plan.across >= 6 else 2, gap=0.6)
     return axes
 
 
-def _require_small(cell_map: CellMap) -> None:
-    shape = cell_map.space.shape
-    if len(shape) > 2:
-        raise InputError(
-            f"a circuit is drawn for one or two axes, this space has {len(shape)}; use plot_slices for its field"
-        )
-    if max(shape) > MOST_CELLS_A_SIDE:
-        size = " x ".join(str(n) for n in shape)
-        raise InputError(
-            f"a circuit of {size} cells cannot be read; at most {MOST_CELLS_A_SIDE} a side are drawn.  "
-            "Use plot_potential and plot_currents, or sample the scene more coarsely"
-        )
+def _limits(plan: Schematic, rows: int) -> tuple[float, float, float, float]:
+    """Left, right, bottom and top of the drawing."""
+    around = HALF + 0.2 + (0.75 if plan.seam.any() else 0.0)
+    left, right = -around, max(plan.across + around, 5.6 - around)
+    return left, right, -HALF - _SUPPLY_GAP - _SUPPLY_HEIGHT * rows, plan.up + HALF + 0.2
 
 
-def _new_axes(plan: Schematic, rows: int) -> Axes:
-    left, right, bottom, top = _limits(plan, rows)
-    return new_figure(_INCHES * (right - left), _INCHES * (top - bottom) + 0.5).add_subplot()
-
-
-def _draw_rails(plan: Schematic, cell_map: CellMap, netlist: Netlist, axes: Axes) -> None:
-    for side in plan.frame:
-        axes.plot(*side.T, color=OBSTACLE, linewidth=3.0, solid_capstyle="projecting", zorder=1)
-    for boxes, colour in ((plan.obstacles, OBSTACLE), (plan.goals, GOAL)):
-        for left, bottom, width, height in boxes:
-            axes.add_patch(Rectangle((left, bottom), width, height, facecolor=colour, linewidth=0, zorder=2.5))
-    for left, bottom, width, height in plan.open_cells:
-        axes.add_patch(
-            Rectangle(
-                (left, bottom), width, height, facecolor="#eeeeee", edgecolor="#999999", hatch="////", linewidth=0.5
-            )
-        )
-    if plan.obstacles or plan.frame:
-        add_swatch(axes, "obstacle rail", OBSTACLE)
-    add_swatch(axes, "goal rail", GOAL)
-    if plan.open_cells:
+def _draw_rails(plan: Schematic, netlist: Netlist, axes: Axes) -> None:
+    cells = netlist.cells
+    for area, colour, label in ((plan.obstacles, OBSTACLE, "obstacle rail"), (plan.goals, GOAL, "goal rail")):
+        if not area.is_empty:
+            fill(area, axes, facecolor=colour, linewidth=0, zorder=2.5)
+            add_swatch(axes, label, colour)
+    if not plan.open_cells.is_empty:
+        fill(plan.open_cells, axes, facecolor="#eeeeee", edgecolor="#999999", hatch="////", linewidth=0.5)
         add_swatch(axes, "no node (open)", "#dddddd")
-    _name_boxes(plan.goals, cell_map, netlist, axes)
-    if cell_map.wiring.rails == "cells":
-        _name_boxes(plan.obstacles, cell_map, netlist, axes, "white")
-
-
-def _name_boxes(boxes: Sequence[Box], cell_map: CellMap, netlist: Netlist, axes: Axes, colour: str = "black") -> None:
-    """Write each rail's name into its first square."""
-    node = cell_map.node.reshape(cell_map.node.shape[0], -1)
-    named: set[int] = set()
-    for left, bottom, width, height in boxes:
-        if (width, height) != (2 * HALF, 2 * HALF):
-            continue
-        number = int(node[int(left), int(bottom)])
-        if number not in named:
-            named.add(number)
-            axes.text(
-                left + HALF, bottom + HALF, netlist.node_name(number), ha="center", va="center", fontsize=SMALL,
-                color=colour, zorder=6,
-            )  # fmt: skip
-
-
-def _draw_resistors(plan: Schematic, cell_map: CellMap, netlist: Netlist, axes: Axes) -> None:
-    lines = LineCollection(list(zigzag(plan.start, plan.end)), colors=INK, linewidths=0.9, zorder=2, gid="resistors")
-    axes.add_collection(lines, autolim=False)
-    axes.add_line(Line2D([], [], color=INK, linewidth=0.9, label=resistor_note(netlist)))
-    _draw_seams(plan, cell_map, netlist, axes)
+    named = [(Cell.GOAL, "black")] + [(Cell.OBSTACLE, "white")] * (cells.wiring.rails == "cells")
+    for code, colour in named:  # each rail's name in its first square
+        places = np.argwhere(cells.space.cell == code)
+        nodes, first = np.unique(cells.node[tuple(places.T)], return_index=True)
+        for name, place in zip(netlist.names_of(nodes), places[first] + 0.5, strict=True):
+            x, y = (*place, 0.5)[:2]
+            axes.text(x, y, name, ha="center", va="center", fontsize=SMALL, color=colour, zorder=6)
 
 
 def resistor_note(netlist: Netlist) -> str:
     """What the resistors measure: their values if there are few, otherwise the range."""
-    drawn = np.ones(len(netlist.conductance), dtype=np.bool_)
-    if netlist.cell_map is not None:
-        drawn = netlist.cells.resistor_face >= 0
+    drawn = (
+        np.ones(len(netlist.conductance), np.bool_) if netlist.cell_map is None else netlist.cells.resistor_face >= 0
+    )
     hidden = int(np.count_nonzero(~drawn))
     rest = f"; not drawn: {hidden} of switches, rails, loads" if hidden else ""
     resistance = 1.0 / netlist.conductance[drawn]
-    ohms = Counter(engineering(float(value), "Ω") for value in resistance)
+    ohms = Counter(format_quantity(float(value), "Ω", 3) for value in resistance)
     if len(ohms) > 3:
-        return f"resistor, {engineering(resistance.min(), 'Ω')} to {engineering(resistance.max(), 'Ω')}{rest}"
+        lowest, highest = (format_quantity(value, "Ω", 3) for value in (resistance.min(), resistance.max()))
+        return f"resistor, {lowest} to {highest}{rest}"
     values = (f"{count} of {value}" if len(ohms) > 1 else value for value, count in ohms.most_common())
     return f"resistor, {', '.join(values)}{rest}"
 
 
-def _draw_seams(plan: Schematic, cell_map: CellMap, netlist: Netlist, axes: Axes) -> None:
+def _draw_seams(plan: Schematic, netlist: Netlist, axes: Axes) -> None:
     """A resistor across a seam ends in a terminal; so does a wire from its other node, and each names the other."""
-    names = netlist.names_of(netlist.resistor_nodes.ravel())
-    for number in np.flatnonzero(plan.seam).tolist():
-        first, second = names[2 * number : 2 * number + 2]
-        before, after = (first, second) if cell_map.resistor_upward[number] else (second, first)
-        terminal = plan.start[number]
-        axis = int(np.argmax(np.abs(plan.end[number] - terminal)))
+    for terminal, end, number in zip(plan.start[plan.seam], plan.end[plan.seam], plan.resistor[plan.seam], strict=True):
+        names = netlist.names_of(netlist.resistor_nodes[number])
+        before, after = names if netlist.cells.resistor_upward[number] else names[::-1]
+        axis = int(np.argmax(np.abs(end - terminal)))
         wire = np.repeat(terminal[None], 2, axis=0)
-        wire[:, axis] = (-MARGIN, 0.5)
+        wire[:, axis] = (-HALF, 0.5)
         axes.plot(*wire.T, color=INK, linewidth=0.9, zorder=2)
         for place, name, outward in ((wire[0], before, -1), (terminal, after, 1)):
             axes.plot(*place, marker="o", markersize=3, markerfacecolor="white", markeredgecolor=INK, zorder=3)
-            shift = np.zeros(2)
-            shift[axis] = 0.08 * outward
-            x, y = (place + shift).tolist()
-            text = axes.text(x, y, f"to {name}", fontsize=SMALL, ha="center", va="center")
-            if axis == 0:
-                text.set_horizontalalignment("left" if outward > 0 else "right")
-            else:
-                text.set_verticalalignment("bottom" if outward > 0 else "top")
+            x, y = place + 0.08 * outward * np.eye(2)[axis]
+            sides = ("left", "center") if outward > 0 else ("right", "center")
+            ups = ("center", "bottom") if outward > 0 else ("center", "top")
+            ha, va = sides if axis == 0 else ups
+            axes.text(x, y, f"to {name}", fontsize=SMALL, ha=ha, va=va)
 
 
 def _draw_nodes(plan: Schematic, netlist: Netlist, op: OperatingPoint | None, axes: Axes) -> None:
@@ -183,43 +165,81 @@ def _draw_nodes(plan: Schematic, netlist: Netlist, op: OperatingPoint | None, ax
         colours = height_map()(np.nan_to_num(op.potential[plan.dot_node]))
     axes.scatter(plan.dot[:, 0], plan.dot[:, 1], s=20, c=colours, edgecolor=INK, linewidth=0.7, zorder=4)
     texts, unit = voltage_texts(op, plan.dot_node)
+    style: dict[str, Any] = {"ha": "left", "fontsize": SMALL, "path_effects": HALO, "zorder": 6}
     for (x, y), name, text in zip(plan.dot, netlist.names_of(plan.dot_node), texts, strict=True):
-        axes.text(
-            x + 0.1, y - 0.11, name, ha="left", va="top", fontsize=SMALL, color="#666666", path_effects=_HALO, zorder=6
-        )
-        axes.text(
-            x + 0.1, y + 0.11, text, ha="left", va="bottom", fontsize=SMALL, path_effects=_HALO, zorder=6, gid="volts"
-        )
+        axes.text(x + 0.12, y - 0.11, name, va="top", color="#666666", **style)
+        axes.text(x + 0.12, y + 0.11, text, va="bottom", gid="volts", **style)
     label = f"node: name, and voltage above it in {unit}" if op is not None else "node"
     axes.scatter([], [], s=20, c="#41b6c4" if op is not None else INK, edgecolor=INK, linewidth=0.7, label=label)
 
 
-def _draw_drive(netlist: Netlist, cell_map: CellMap, axes: Axes) -> None:
+def voltage_texts(op: OperatingPoint | None, nodes: NDArray[np.integer[Any]]) -> tuple[list[str], str]:
+    """Voltages of nodes, to a ten-thousandth of the largest voltage in the circuit, and their unit."""
+    if op is None:
+        return [""] * len(nodes), "V"
+    largest = float(np.nanmax(np.abs(op.voltage), initial=0.0))
+    power, prefix = (0, "") if 0.5 < largest < 1 else prefix_of(largest)
+    digits = 4 - max(int(np.floor(np.log10(largest or 1.0) + 1e-9)) - power, 0)
+    return [f"{value / 10.0**power:.{digits}f}" for value in op.voltage[nodes].tolist()], f"{prefix}V"
+
+
+def _draw_drive(netlist: Netlist, axes: Axes) -> None:
+    """An arrow into every node that a current is fed into."""
     if not len(netlist.current_nodes):
         return
-    cells = netlist.cell_of_node()
-    up = cell_map.node.size // cell_map.node.shape[0]
-    for node in netlist.current_nodes[:, 1].tolist():
-        x, y = (index + 0.5 for index in divmod(int(cells[node]), up))
+    cell = netlist.cell_of_node()[netlist.current_nodes[:, 1]]
+    shape = netlist.cells.space.shape
+    for x, y in np.stack(np.unravel_index(cell, (*shape, 1)[:2]), axis=1) + 0.5:
         axes.annotate(
             "", (x - 0.05, y - 0.05), (x - 0.32, y - 0.32), zorder=3,
             arrowprops={"arrowstyle": "-|>", "color": _DRIVE, "linewidth": 1.0, "mutation_scale": 6, "shrinkB": 1.5},
         )  # fmt: skip
-    amps = engineering(float(netlist.current_amps.max()), "A")
-    axes.add_line(
-        Line2D([], [], linestyle="", marker=r"$\nearrow$", markersize=8, color=_DRIVE, label=f"current source, {amps}")
-    )
+    label = f"current source, {format_quantity(float(netlist.current_amps.max()), 'A', 3)}"
+    axes.add_line(Line2D([], [], linestyle="", marker=r"$\nearrow$", markersize=8, color=_DRIVE, label=label))
 
 
-def _limits(plan: Schematic, rows: int) -> tuple[float, float, float, float]:
-    """Left, right, bottom and top of the drawing."""
-    around = MARGIN + 0.2 + (0.75 if plan.seam.any() else 0.0)
-    left, right = -around, max(plan.across + around, 5.6 - around)
-    return left, right, -MARGIN - SUPPLY_GAP - SUPPLY_HEIGHT * rows, plan.up + MARGIN + 0.2
+@dataclass(frozen=True)
+class _Supply:
+    """Voltage sources drawn as one symbol: of one rail, or of one kind of cells; `amps` into the plus terminals."""
+
+    name: str
+    colour: str
+    volts: float
+    amps: float | None
+    count: int
 
 
-def _finish(plan: Schematic, rows: int, axes: Axes) -> None:
-    left, right, bottom, top = _limits(plan, rows)
-    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
-    axes.set_axis_off()
-    refresh_legend(axes, columns=3 if plan.across >= 6 else 2, gap=0.6)
+def _supplies(netlist: Netlist, op: OperatingPoint | None) -> list[_Supply]:
+    """The voltage sources of a netlist: one for each rail, and for each kind of cell with a source of its own."""
+    groups: dict[tuple[str, str, float], list[int]] = {}
+    for number, (plus, volts) in enumerate(zip(netlist.source_nodes[:, 0], netlist.source_volts, strict=True)):
+        groups.setdefault((*_rail_of(int(plus), netlist), float(volts)), []).append(number)
+    return [
+        _Supply(name, colour, volts, None if op is None else float(op.source_current[numbers].sum()), len(numbers))
+        for (name, colour, volts), numbers in groups.items()
+    ]
+
+
+def _rail_of(node: int, netlist: Netlist) -> tuple[str, str]:
+    """What a voltage source ties, and its colour."""
+    cells = netlist.cells
+    if node == cells.obstacle_node:
+        return "obstacle", OBSTACLE
+    if node in cells.goal_nodes:
+        return netlist.node_name(node), GOAL
+    cell = int(netlist.cell_of_node()[node])
+    code = cells.space.cell.ravel()[cell] if cell >= 0 else Cell.FREE
+    kinds = {Cell.OBSTACLE: ("obstacle cells", OBSTACLE), Cell.GOAL: ("goal cells", GOAL)}
+    return kinds.get(code) or (netlist.node_name(node), INK)
+
+
+def _draw_supply(drawing: Any, axes: Axes, supply: _Supply, x: float, y: float) -> None:
+    axes.plot([x - 0.28, x + 0.28], [y, y], color=supply.colour, linewidth=3.0, solid_capstyle="butt", zorder=2)
+    add_symbol(drawing, "voltage source", (x, y), (x, y - 1.0))
+    add_ground(drawing, (x, y - 1.0))
+    volts = format_quantity(supply.volts, "V", 3)
+    lines = [supply.name, volts] if supply.count == 1 else [f"{supply.count} {supply.name}", f"{volts} each"]
+    if supply.amps is not None and np.isfinite(supply.amps):
+        verb = "takes" if supply.amps > 0 else "gives"
+        lines.append(f"{verb} {format_quantity(abs(supply.amps), 'A', 3)}")
+    axes.text(x + 0.34, y - 0.5, "\n".join(lines), va="center", ha="left", fontsize=SMALL, linespacing=1.25)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -14,77 +15,47 @@ from matplotlib.patches import Polygon
 from numpy.typing import NDArray
 
 from resgrid.planning.fields import Field
-from resgrid.plot.arrows import current_arrows
-from resgrid.plot.blocks import block_means, block_size
 from resgrid.plot.figures import axes_or_new
-from resgrid.plot.ghosts import add_border, fill_open_walls
-from resgrid.plot.plane import MOST_CELLS, Plane, draw_cells, draw_image, finish, plane_of
-from resgrid.plot.shading import Shading, no_drop, shading_of, span
+from resgrid.plot.plane import (
+    MOST_CELLS,
+    VIRTUAL,
+    Plane,
+    block_means,
+    block_size,
+    draw_cells,
+    draw_image,
+    finish,
+    paint_cells,
+    plane_of,
+)  # fmt: skip
+from resgrid.plot.shading import Shading, add_border, fill_open_walls, no_drop, shading_of, span
 from resgrid.plot.style import NO_DROP, SMALL, add_swatch, height_map, refresh_legend, strength_map
 from resgrid.space import ConfigurationSpace
 
 _ARROWS = 26
+_ARROW_LENGTH = 0.85
+"""In blocks of cells."""
 
 
-def plot_space(space: ConfigurationSpace, ax: Axes | None = None) -> Axes:
-    """Draw obstacles, goals, and the conductivity if there is one.
-
-    Parameters
-    ----------
-    space : ConfigurationSpace
-        Of two axes.
-    ax : matplotlib.axes.Axes, optional
-        Made when None.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-
-    Raises
-    ------
-    InputError
-        If the space does not have two axes.
-    """
+def draw_space(space: ConfigurationSpace, ax: Axes | None = None, *, virtual: NDArray[np.bool_] | None = None) -> Axes:
+    """Draw obstacles, goals, the conductivity if there is one; obstacle cells that stand for no body are paler."""
     plane = plane_of(space)
     axes = axes_or_new(ax, plane.aspect)
     if space.conductivity is not None:
-        _draw_conductivity(plane, space.conductivity, axes)
+        low, high = float(space.conductivity.min()), float(space.conductivity.max())
+        norm = LogNorm(low, high) if high > 30 * low else _spanning(low, high)
+        image = draw_image(plane, space.conductivity, axes, cmap=height_map(), norm=norm, zorder=0.5)
+        add_colour_bar(image, axes, "conductivity (relative)")
     draw_cells(plane, axes)
+    if virtual is not None:
+        paint_cells(space, virtual, VIRTUAL, "virtual obstacle", axes)
     finish(plane, axes)
     refresh_legend(axes)
     return axes
 
 
-def plot_potential(
-    field: Field,
-    ax: Axes | None = None,
-    *,
-    scale: str = "auto",
-    contours: bool = True,
-) -> Axes:
-    """Draw the potential as an image with equipotential lines.
-
-    Parameters
-    ----------
-    field : Field
-        Of two axes.
-    ax : matplotlib.axes.Axes, optional
-        Made when None.
-    scale : {"auto", "linear", "log"}
-        The potential, or decades of the drop from the high rail, which still tell cells apart where the potential
-        rounds to 1; ``"auto"`` takes decades where the drop spans more than two.
-    contours : bool
-        Whether to draw equipotentials.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-
-    Raises
-    ------
-    InputError
-        If the space does not have two axes, or the scale does not fit the field.
-    """
+def draw_potential(field: Field, ax: Axes | None = None, *, scale: str = "auto", contours: bool = True) -> Axes:
+    """Draw the potential of a field of two axes as an image with equipotential lines."""
     plane = plane_of(field.space)
     shading = shading_of(field, scale)
     axes = axes_or_new(ax, plane.aspect)
@@ -97,46 +68,19 @@ def plot_potential(
     return axes
 
 
-def plot_currents(field: Field, ax: Axes | None = None) -> Axes:
-    """Draw the direction of the current by arrows of one length, and its magnitude by their colour.
-
-    Parameters
-    ----------
-    field : Field
-        Of two axes.
-    ax : matplotlib.axes.Axes, optional
-        Made when None.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-
-    Raises
-    ------
-    InputError
-        If the space does not have two axes.
-    """
+def draw_currents(field: Field, ax: Axes | None = None) -> Axes:
+    """Draw the direction of the current by arrows of one length, and its magnitude by their colour."""
     plane = plane_of(field.space)
     axes = axes_or_new(ax, plane.aspect)
     draw_cells(plane, axes)
     arrows = current_arrows(field, -(-plane.cells_shown // _ARROWS))
     if len(arrows.tail):
-        position = plane.place(field.space.axis_centre(arrows.tail))
-        vector = plane.turn(arrows.vector)
+        width = max(0.06 * axes.get_window_extent().width / min(plane.cells_shown, _ARROWS), 1.0)
         quiver = axes.quiver(
-            *position.T,
-            *vector.T,
-            arrows.decades,
-            cmap=strength_map(),
-            norm=_spanning(arrows.decades),
-            angles="xy",
-            scale_units="xy",
-            scale=1.0,
-            pivot="mid",
-            units="dots",
-            width=_shaft_width(axes, plane.cells_shown),
-            zorder=3,
-        )
+            *plane.place(field.space.axis_centre(arrows.tail)).T, *plane.turn(arrows.vector).T, arrows.decades,
+            cmap=strength_map(), norm=_spanning(*span(arrows.decades)), angles="xy", scale_units="xy", scale=1.0,
+            pivot="mid", units="dots", width=width, zorder=3,
+        )  # fmt: skip
         add_colour_bar(quiver, axes, r"$\log_{10}$ of current, in supply / $R$")
     finish(plane, axes)
     refresh_legend(axes)
@@ -201,19 +145,55 @@ def _draw_contours(plane: Plane, shading: Shading, values: NDArray[np.float64], 
     axes.add_line(Line2D([], [], color="black", alpha=0.55, linewidth=0.5, label=shading.lines))
 
 
-def _draw_conductivity(plane: Plane, conductivity: NDArray[np.float64], axes: Axes) -> None:
-    low, high = float(conductivity.min()), float(conductivity.max())
-    norm = LogNorm(low, high) if high > 30 * low else Normalize(low, high if high > low else low + 1.0)
-    image = draw_image(plane, conductivity, axes, cmap=height_map(), norm=norm, zorder=0.5)
-    add_colour_bar(image, axes, "conductivity (relative)")
-
-
-def _spanning(values: NDArray[np.float64]) -> Normalize:
-    low, high = span(values)
+def _spanning(low: float, high: float) -> Normalize:
     return Normalize(low, high if high > low else low + 1.0)
 
 
-def _shaft_width(axes: Axes, cells: int) -> float:
-    """Shaft of an arrow in dots: about a tenth of its length."""
-    width: float = axes.get_window_extent().width
-    return max(0.06 * width / min(cells, _ARROWS), 1.0)
+class Arrows(NamedTuple):
+    """Arrows of the current, all equally long when measured in cells.
+
+    `tail` (n, 2): cells that show one; `vector` (n, 2): in axis units; `decades` (n,): log10 of the current through the
+    cell, in units of supply / resistance.
+    """
+
+    tail: NDArray[np.int64]
+    vector: NDArray[np.float64]
+    decades: NDArray[np.float64]
+
+
+def current_arrows(field: Field, block: int) -> Arrows:
+    """One arrow in each block of cells, by the velocity at a cell's centre, the mean of opposite faces (Pollock 1988).
+
+    It is computed from logarithms, so that currents of 1e-400 still have a direction.
+    """
+    cells = nearest_to_middles(field.space.goal_connected, block)
+    log_face, sign = _both_faces(field.face_log_current, cells), _both_faces(field.face_direction, cells)
+    largest = log_face.max(axis=(1, 2))
+    flowing = np.isfinite(largest)
+    cells, log_face, sign, largest = cells[flowing], log_face[flowing], sign[flowing], largest[flowing]
+    mean = (sign * np.exp(log_face - largest[:, None, None])).mean(axis=2)
+    length = np.linalg.norm(mean, axis=1)
+    moving = length > 0
+    vector = mean[moving] / length[moving, None] * field.space.spacing * block * _ARROW_LENGTH
+    return Arrows(cells[moving], vector, (largest[moving] + np.log(length[moving])) / np.log(10.0))
+
+
+def nearest_to_middles(eligible: NDArray[np.bool_], block: int) -> NDArray[np.int64]:
+    """In every block of cells, the eligible one nearest to the middle.  Returns (n, 2)."""
+    padded = np.pad(eligible, [(0, -size % block) for size in eligible.shape])
+    rows, columns = padded.shape[0] // block, padded.shape[1] // block
+    blocks = padded.reshape(rows, block, columns, block).swapaxes(1, 2).reshape(rows * columns, block * block)
+    offset = np.arange(block) - (block - 1) / 2
+    distance = (offset[:, None] ** 2 + offset**2).ravel()
+    best = np.where(blocks, distance, np.inf).argmin(axis=1)
+    found = np.flatnonzero(blocks.any(axis=1))
+    row, column = np.divmod(found, columns)
+    inner_row, inner_column = np.divmod(best[found], block)
+    return np.stack([row * block + inner_row, column * block + inner_column], axis=1).astype(np.int64)
+
+
+def _both_faces(faces: Sequence[NDArray[Any]], cells: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Values on the lower and upper face of cells across both axes, shape (n, 2, 2)."""
+    i, j = cells.T
+    across, up = faces
+    return np.array([[across[i, j], across[i + 1, j]], [up[i, j], up[i, j + 1]]], dtype=np.float64).transpose(2, 0, 1)

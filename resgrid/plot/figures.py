@@ -14,9 +14,11 @@ from matplotlib.figure import Figure
 
 from resgrid.errors import InputError
 from resgrid.files import write_bytes
-from resgrid.plot.style import DPI
+from resgrid.plot.style import DPI, TEXT
 
 FORMATS = ("png", "pdf", "svg")
+PAGE = 7.4
+"""Width in inches of a figure that a page of two columns bears unscaled."""
 
 # What would otherwise hold the date or the version of matplotlib.
 _NO_METADATA: dict[str, dict[str, None]] = {
@@ -39,29 +41,50 @@ def axes_or_new(axes: Axes | None, aspect: float = 1.0) -> Axes:
     return new_figure(4.8, panel_height(3.6, aspect)).add_subplot() if axes is None else axes
 
 
+def add_title(figure: Figure, title: str, caption: str = "") -> None:
+    """Write a title above a figure and a caption below it, if there are any."""
+    if title:
+        figure.suptitle(title, fontsize=TEXT + 2)
+    if caption:
+        figure.supxlabel("\n" + caption, fontsize=TEXT - 1, x=0.02, ha="left")
+
+
+def caption_height(caption: str) -> float:
+    """Height in inches of a caption below a figure."""
+    return 0.15 * (caption.count("\n") + 2) if caption else 0.0
+
+
 def panel_height(width: float, aspect: float) -> float:
     """Height in inches of a figure whose drawing is so wide, with labels and a legend below."""
     return min(max(width * aspect, 1.0), 2.2 * width) + 1.1
 
 
-def render_figure(figure: Figure, file_format: str, *, dpi: float = DPI) -> bytes:
-    """Render a figure as a file's content."""
+def render_figure(picture: Axes | Figure, file_format: str, *, dpi: float = DPI) -> bytes:
+    """Render a picture as a file's content."""
     if file_format not in FORMATS:
         raise InputError(f"the picture format {file_format!r} is unknown; it may be one of {', '.join(FORMATS)}")
     if not 10 <= dpi <= 2400:
         raise InputError(f"dpi = {dpi}, but a picture has 10 to 2400 dots per inch")
     buffer = io.BytesIO()
     with mpl.rc_context(_SETTINGS):
-        figure.savefig(buffer, format=file_format, dpi=dpi, metadata=_NO_METADATA[file_format])
+        figure_of(picture).savefig(buffer, format=file_format, dpi=dpi, metadata=_NO_METADATA[file_format])
     return buffer.getvalue()
 
 
-def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: float = DPI) -> Path:
-    """Write a figure, whole or not at all.
+def figure_of(picture: Axes | Figure) -> Figure:
+    """The figure that a picture, one or several axes, is drawn on."""
+    figure = picture.get_figure(root=True)
+    assert figure is not None
+    return figure
+
+
+def save_figure(picture: Axes | Figure, path: str | os.PathLike[str], *, dpi: float = DPI) -> Path:
+    """Write a picture, whole or not at all.
 
     Parameters
     ----------
-    figure : matplotlib.figure.Figure
+    picture : matplotlib.axes.Axes or matplotlib.figure.Figure
+        What `draw` returned.
     path : path-like
         Its suffix, ``.png``, ``.pdf`` or ``.svg``, says the format.
     dpi : float
@@ -81,4 +104,4 @@ def save_figure(figure: Figure, path: str | os.PathLike[str], *, dpi: float = DP
     if suffix not in FORMATS:
         allowed = ", ".join("." + name for name in FORMATS)
         raise InputError(f"cannot save a picture as {str(path)!r}: its suffix must be one of {allowed}")
-    return write_bytes(path, render_figure(figure, suffix, dpi=dpi))
+    return write_bytes(path, render_figure(picture, suffix, dpi=dpi))

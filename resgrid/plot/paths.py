@@ -1,4 +1,4 @@
-"""Pictures of streamlines."""
+"""Pictures of paths in configuration space, of what separates a start from the goals, and of clearance."""
 
 from __future__ import annotations
 
@@ -11,73 +11,44 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.patheffects import Normal, Stroke
+from matplotlib.ticker import FixedLocator, NullLocator
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
+from resgrid.planning.planner import ClearanceCurve
+from resgrid.planning.separation import Separation
 from resgrid.planning.streamline import Outcome, Streamline
+from resgrid.plot.fields import draw_space
 from resgrid.plot.figures import axes_or_new
-from resgrid.plot.plane import Plane, finish, plane_of
-from resgrid.plot.style import FAILURE, GOAL, LINE_STYLES, PATHS, refresh_legend
-from resgrid.space import ConfigurationSpace
+from resgrid.plot.plane import Plane, finish, paint_cells, plane_of
+from resgrid.plot.style import FAILURE, GOAL, LINE_STYLES, PATHS, TEXT, dress, refresh_legend
+from resgrid.space import Cell, ConfigurationSpace
 
 _FEW = 40
+_REGION = "#9ecae1"
 
 
-def plot_streamlines(
-    paths: Sequence[Streamline],
-    space: ConfigurationSpace,
-    ax: Axes | None = None,
-    *,
-    k: Sequence[float] | None = None,
+def draw_streamlines(
+    paths: Sequence[Streamline], space: ConfigurationSpace, ax: Axes | None = None, *, k: Sequence[float] | None = None
 ) -> Axes:
-    """Draw streamlines, their starts and their ends; a cross marks a start that leads nowhere.
-
-    Parameters
-    ----------
-    paths : sequence of Streamline
-    space : ConfigurationSpace
-        Of two axes: lines break at its periodic seams.
-    ax : matplotlib.axes.Axes, optional
-        Made when None.
-    k : sequence of float, optional
-        Blend of each path; paths of one blend share a colour and a line style, and the legend names it.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-
-    Raises
-    ------
-    InputError
-        If the space does not have two axes, or ``k`` or the paths do not match.
-    """
+    """Draw streamlines, their starts and ends, a cross where a start leads nowhere; those of one k share a colour."""
     plane = plane_of(space)
     if k is not None and len(k) != len(paths):
         raise InputError(f"{len(k)} values of k for {len(paths)} paths; give one for each")
     require_paths(paths, space)
     axes = axes_or_new(ax, plane.aspect)
-    draw_streamlines(paths, space, plane, axes, k)
+    blends = [None] * len(paths) if k is None else k
+    reached = [path for path in paths if path.outcome == Outcome.REACHED]
+    for rank, blend in enumerate(sorted(set(blends), key=lambda blend: blend or 0.0)):
+        own = [each for each, at in zip(paths, blends, strict=True) if at == blend and each.outcome == Outcome.REACHED]
+        if own:
+            _draw_lines([plane.place(line) for path in own for line in seam_pieces(path, space)], axes, rank, blend)
+    if reached:
+        _draw_ends(reached, plane, axes)
+    _draw_failures([path for path in paths if path.outcome != Outcome.REACHED], plane, axes)
     finish(plane, axes, [path.axis_points for path in paths])
     refresh_legend(axes)
     return axes
-
-
-def plot_path(path: Streamline, space: ConfigurationSpace, ax: Axes | None = None) -> Axes:
-    """Draw one streamline; as `plot_streamlines` otherwise.
-
-    Parameters
-    ----------
-    path : Streamline
-    space : ConfigurationSpace
-        Of two axes.
-    ax : matplotlib.axes.Axes, optional
-        Made when None.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-    """
-    return plot_streamlines([path], space, ax)
 
 
 def require_paths(paths: Sequence[Streamline], space: ConfigurationSpace) -> None:
@@ -87,26 +58,7 @@ def require_paths(paths: Sequence[Streamline], space: ConfigurationSpace) -> Non
             raise InputError(f"path {number} has {path.axis_points.shape[-1]} coordinates, the space {space.ndim} axes")
 
 
-def draw_streamlines(
-    paths: Sequence[Streamline],
-    space: ConfigurationSpace,
-    plane: Plane,
-    axes: Axes,
-    k: Sequence[float] | None = None,
-) -> None:
-    """Draw streamlines of a space with two axes, without touching limits or legend."""
-    reached = [number for number, path in enumerate(paths) if path.outcome == Outcome.REACHED]
-    kinds: Sequence[float | None] = [None] if k is None else sorted(set(k))
-    for rank, kind in enumerate(kinds):
-        mine = [paths[number] for number in reached if k is None or k[number] == kind]
-        if mine:
-            _draw_lines([plane.place(line) for path in mine for line in pieces(path, space)], axes, rank, _label(kind))
-    if reached:
-        _draw_ends([paths[number] for number in reached], plane, axes)
-    _draw_failures([path for path in paths if path.outcome != Outcome.REACHED], plane, axes)
-
-
-def pieces(path: Streamline, space: ConfigurationSpace) -> list[NDArray[np.float64]]:
+def seam_pieces(path: Streamline, space: ConfigurationSpace) -> list[NDArray[np.float64]]:
     """Cut a streamline where it crosses a periodic seam.  Returns (n, ndim)."""
     points = path.axis_points
     if len(points) < 2:
@@ -120,30 +72,17 @@ def pieces(path: Streamline, space: ConfigurationSpace) -> list[NDArray[np.float
     return [np.concatenate([starts[first:last], ends[last - 1 : last]]) for first, last in pairwise(bounds)]
 
 
-def _label(k: float | None) -> str:
-    if k is None:
-        return "path"
-    kind = {0.0: " (Neumann)", 1.0: " (Dirichlet)"}.get(k, "")
-    return f"$k$ = {k:g}{kind}"
-
-
-def _draw_lines(lines: list[NDArray[np.float64]], axes: Axes, rank: int, label: str) -> None:
+def _draw_lines(lines: list[NDArray[np.float64]], axes: Axes, rank: int, k: float | None) -> None:
     few = len(lines) <= _FEW
     width = 1.5 if few else 0.5
     effects: list[Any] = [Stroke(linewidth=width + 1.4, foreground="white"), Normal()] if few else []
-    axes.add_collection(
-        LineCollection(
-            lines,
-            colors=PATHS[rank % len(PATHS)],
-            linestyles=[LINE_STYLES[rank % len(LINE_STYLES)]] if few else "solid",
-            linewidths=width,
-            alpha=1.0 if few else 0.6,
-            path_effects=effects,
-            label=label,
-            zorder=4,
-        ),
-        autolim=False,
-    )
+    kind = {0.0: " (Neumann)", 1.0: " (Dirichlet)"}.get(-1.0 if k is None else k, "")
+    drawn = LineCollection(
+        lines, colors=PATHS[rank % len(PATHS)], linestyles=[LINE_STYLES[rank % len(LINE_STYLES)]] if few else "solid",
+        linewidths=width, alpha=1.0 if few else 0.6, path_effects=effects, zorder=4,
+        label="path" if k is None else f"$k$ = {k:g}{kind}",
+    )  # fmt: skip
+    axes.add_collection(drawn, autolim=False)
 
 
 def _draw_ends(paths: list[Streamline], plane: Plane, axes: Axes) -> None:
@@ -168,3 +107,49 @@ def _draw_failures(paths: list[Streamline], plane: Plane, axes: Axes) -> None:
             label=f"{outcome.value.replace('_', ' ')} ({count} start{'s' if count > 1 else ''})", zorder=6,
             path_effects=[Stroke(linewidth=3.0, foreground="white"), Normal()] if count <= _FEW else [],
         )  # fmt: skip
+
+
+def draw_separation(result: Separation, ax: Axes | None = None, *, virtual: NDArray[np.bool_] | None = None) -> Axes:
+    """Draw the cells that a start can reach, and the obstacles that must go for a goal to be reached."""
+    space = result.space
+    axes = draw_space(space, ax, virtual=virtual)
+    paint_cells(space, result.region & (space.cell == Cell.FREE), _REGION, "can be reached from the start", axes)
+    paint_cells(space, result.mask, FAILURE, "must go for a goal to be reached", axes)
+    x, y = space.centre(result.start)
+    reached = result.outcome is Outcome.REACHED
+    axes.scatter(
+        x, y, s=34, marker="o" if reached else "X", facecolor="white", edgecolor="black", linewidth=0.9, zorder=6,
+        label=f"start: {result.outcome.value.replace('_', ' ')}",
+    )  # fmt: skip
+    refresh_legend(axes, columns=2)
+    return axes
+
+
+def draw_clearance_curve(curve: ClearanceCurve, ax: Axes | None = None, *, unit: str = "", cell: float = 0.0) -> Axes:
+    """Draw the mean clearance of paths against k or the wall resistance, with the spread between starts.
+
+    A bar of half a cell's width, if that is given, shows how small a difference means nothing.
+    """
+    axes = axes_or_new(ax, 0.7)
+    part = curve.clearance[:, curve.counted]
+    low, high = np.percentile(part, [25, 75], axis=1)
+    axes.fill_between(curve.value, low, high, color=PATHS[3], alpha=0.18, linewidth=0, label="half of the starts")
+    axes.plot(
+        curve.value, curve.mean, color=PATHS[3], marker="o", markersize=3.5, linewidth=1.4,
+        label=f"mean of {int(curve.counted.sum())} starts",
+    )  # fmt: skip
+    if cell:
+        axes.errorbar(
+            0.93 if curve.knob == "k" else 0.07, low.min() + cell / 4, yerr=cell / 4, color="black", linewidth=0.9,
+            capsize=2.5, label="half a cell", transform=axes.get_yaxis_transform(),
+        )  # fmt: skip
+    suffix = f" ({unit})" if unit else ""
+    axes.set_xlabel("$k$ (0 Neumann, 1 Dirichlet)" if curve.knob == "k" else "wall resistance (Ω)", fontsize=TEXT)
+    axes.set_ylabel(f"clearance of the path{suffix}", fontsize=TEXT)
+    if curve.knob != "k" and (curve.value[np.isfinite(curve.value)] > 0).sum() > 1:
+        axes.set_xscale("symlog", linthresh=float(curve.value[curve.value > 0].min()))
+        axes.xaxis.set_major_locator(FixedLocator(curve.value[np.isfinite(curve.value)].tolist()))
+        axes.xaxis.set_minor_locator(NullLocator())
+    dress(axes)
+    axes.legend(fontsize=TEXT - 1, frameon=False)
+    return axes

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -17,21 +18,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
 from resgrid.grids import label_regions
-from resgrid.plot.blocks import block_colours, block_means, block_size
 from resgrid.plot.style import GOAL, OBSTACLE, UNREACHABLE, add_swatch, axis_label, dress
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
 MOST_CELLS = 1024
 """Cells along an axis above which pictures show means over blocks."""
 
+VIRTUAL = "#8c8c8c"
+"""Colour of obstacle cells that stand for no body."""
+
 _VISIBLE = 0.015
 _SMALL_PART = 0.6
 _MOST_RINGS = 30
-
-PICTURES = (
-    "one axis: plot_profile; two axes: plot_space, plot_potential, plot_currents, plot_streamlines, plot_circuit; "
-    "three axes: plot_slices"
-)
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,15 +109,13 @@ class Plane:
         """Picture components of vectors in axis units, shape ``(..., 2)``."""
         return np.asarray(vectors @ self.matrix[:2, :2].T)
 
-    def unreachable(self) -> NDArray[np.bool_]:
-        """Free cells from which no goal can be reached."""
-        return np.asarray((self.cell == Cell.FREE) & ~self.connected)
-
 
 def plane_of(space: ConfigurationSpace) -> Plane:
     """Plane of a space with two axes, in the world."""
     if space.ndim != 2:
-        raise InputError(f"this picture needs a space of two axes, this one has {space.ndim} ({PICTURES})")
+        raise InputError(
+            f"this picture needs a space of two axes, this one has {space.ndim}; draw(field) shows one to three axes"
+        )
     x, y = space.axes
     return Plane(x, y, space.cell, _connected(space), _matrix(space))
 
@@ -134,6 +130,15 @@ def plane_slice(space: ConfigurationSpace, axis: int, index: int) -> Plane:
 def _connected(space: ConfigurationSpace) -> NDArray[np.bool_]:
     """Cells that lead to a goal; all of them where there is none yet, for then nothing is cut off from it."""
     return space.goal_connected if (space.cell == Cell.GOAL).any() else np.ones(space.shape, dtype=np.bool_)
+
+
+def kinds_of(cell: NDArray[np.uint8], connected: NDArray[np.bool_]) -> list[tuple[str, str, NDArray[np.bool_]]]:
+    """Label, colour and cells of what is drawn over a field; free cells without a way to a goal among them."""
+    return [
+        ("obstacle", OBSTACLE, cell == Cell.OBSTACLE),
+        ("goal", GOAL, cell == Cell.GOAL),
+        ("no way to a goal", UNREACHABLE, (cell == Cell.FREE) & ~connected),
+    ]
 
 
 def draw_image(plane: Plane, values: NDArray[Any], axes: Axes, **style: Any) -> AxesImage:
@@ -159,12 +164,7 @@ def draw_image(plane: Plane, values: NDArray[Any], axes: Axes, **style: Any) -> 
 def draw_cells(plane: Plane, axes: Axes, **style: Any) -> AxesImage:
     """Draw obstacles, goals and unreachable cells over whatever else there is, and put them into the legend."""
     colours = np.zeros((*plane.cell.shape, 4), dtype=np.uint8)
-    kinds = (
-        ("obstacle", OBSTACLE, plane.cell == Cell.OBSTACLE),
-        ("goal", GOAL, plane.cell == Cell.GOAL),
-        ("no way to a goal", UNREACHABLE, plane.unreachable()),
-    )
-    for label, colour, where in kinds:
+    for label, colour, where in kinds_of(plane.cell, plane.connected):
         if where.any():
             colours[where] = np.round(255 * np.array(to_rgba(colour)))
             add_swatch(axes, label, colour)
@@ -208,3 +208,58 @@ def _matrix(space: ConfigurationSpace) -> NDArray[np.float64]:
         matrix[:2, :2] = space.frame.turned_to_world(np.eye(2)).T
         matrix[:2, 2] = space.to_world((0.0, 0.0))
     return matrix
+
+
+def paint_cells(space: ConfigurationSpace, mask: NDArray[np.bool_], colour: str, label: str, axes: Axes) -> None:
+    """Paint the cells of a mask over whatever else there is, and name them in the legend, if there are any."""
+    if not mask.any():
+        return
+    pixels = np.zeros((*space.shape, 4), dtype=np.uint8)
+    pixels[mask] = np.round(255 * np.array(to_rgba(colour)))
+    aspect = axes.get_aspect()
+    draw_image(plane_of(space), pixels, axes, zorder=2.2)
+    axes.set_aspect(aspect)
+    add_swatch(axes, label, colour)
+
+
+def seam_shifts(space: ConfigurationSpace) -> list[NDArray[np.float64]]:
+    """Shifts in the world by which what crosses seams is drawn again."""
+    turns = [range(-2, 3) if ring else range(1) for ring in space.periodic]
+    return list(space.frame.turned_to_world(np.array(list(product(*turns))) * (space.upper - space.lower)))
+
+
+def wrapped(points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:
+    """Points of the world brought back into the grid across periodic seams."""
+    own, extent = space.from_world(points), space.upper - space.lower
+    return space.to_world(np.where(space.periodic, space.lower + np.mod(own - space.lower, extent), own))
+
+
+def block_size(shape: tuple[int, ...], most: int) -> int:
+    """Cells along each side of a block, so that there are at most ``most`` blocks along either axis."""
+    return -(-max(shape[:2]) // most)
+
+
+def block_means(values: NDArray[np.float64], block: int) -> NDArray[np.float64]:
+    """Means over square blocks of cells."""
+    if block == 1:
+        return values
+    known = np.isfinite(values)
+    count = _block_sums(known.astype(np.float64), block)
+    total = _block_sums(np.where(known, values, 0.0), block)
+    return np.where(count > 0, total / np.maximum(count, 1.0), np.nan)
+
+
+def block_colours(colours: NDArray[np.uint8], block: int) -> NDArray[np.uint8]:
+    """Blend colours over square blocks of cells; as `block_means` otherwise.  Shapes: `colours` (n, m, 4)."""
+    if block == 1:
+        return colours
+    opacity = colours[..., 3].astype(np.float64)
+    weight = _block_sums(opacity, block)
+    parts = [_block_sums(colours[..., part] * opacity, block) / np.maximum(weight, 1.0) for part in range(3)]
+    return np.round(np.stack([*parts, weight / block**2], axis=-1)).astype(np.uint8)
+
+
+def _block_sums(values: NDArray[Any], block: int) -> NDArray[np.float64]:
+    padded = np.pad(values, [(0, -size % block) for size in values.shape])
+    rows, columns = (size // block for size in padded.shape)
+    return np.asarray(padded.reshape(rows, block, columns, block).sum(axis=(1, 3)), dtype=np.float64)

@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import re
 
+import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.lines import Line2D
+from numpy.typing import NDArray
 
 from resgrid.space import Axis
 
@@ -19,6 +22,7 @@ GOAL = "#E69F00"
 UNREACHABLE = "#c4c4c4"
 NO_DROP = "#e8d3e4"
 FAILURE = "#B2182B"
+HIDDEN = "#b96b6b"
 PATHS = ("#D55E00", "#000000", "#CC79A7", "#0072B2", "#009E73", "#F0E442")
 LINE_STYLES: tuple[str | tuple[int, tuple[float, ...]], ...] = (
     "-",
@@ -38,18 +42,16 @@ _GREEK = re.compile(r"(alpha|beta|gamma|theta|phi|psi|omega)(?:_(\w+))?")
 
 def height_map() -> Colormap:
     """Colours of a height: dark at the goal, pale where it is highest; light enough to draw on."""
-    import matplotlib as mpl
-
-    base = mpl.colormaps["YlGnBu_r"]
-    return LinearSegmentedColormap.from_list("height", [base(0.08 + 0.92 * i / 63) for i in range(64)], N=256)
+    return _part_of("YlGnBu_r", 0.08, 1.0)
 
 
 def strength_map() -> Colormap:
     """Colours of a current on white paper: dark where it is strong, still visible where it is weak."""
-    import matplotlib as mpl
+    return _part_of("YlGnBu", 0.35, 1.0)
 
-    base = mpl.colormaps["YlGnBu"]
-    return LinearSegmentedColormap.from_list("strength", [base(0.35 + 0.65 * i / 63) for i in range(64)], N=256)
+
+def _part_of(name: str, low: float, high: float) -> Colormap:
+    return LinearSegmentedColormap.from_list(name, mpl.colormaps[name](np.linspace(low, high, 64)), N=256)
 
 
 def axis_label(axis: Axis, *, world: bool = False) -> str:
@@ -76,6 +78,24 @@ def add_swatch(axes: Axes, label: str, colour: str, *, edge: str = "#00000080") 
     axes.add_line(
         Line2D([], [], linestyle="", marker="s", markersize=6, color=colour, markeredgecolor=edge, label=label)
     )
+
+
+def mark_start(places: NDArray[np.float64], axes: Axes, label: str = "start") -> None:
+    """White discs where motions start, shape (n, 2)."""
+    _mark(places, axes, "o", 22, "white", label)
+
+
+def mark_goal(places: NDArray[np.float64], axes: Axes, label: str = "goal") -> None:
+    """Stars where goals are, shape (n, 2)."""
+    _mark(places, axes, "*", 70, GOAL, label)
+
+
+def _mark(places: NDArray[np.float64], axes: Axes, marker: str, size: float, colour: str, label: str) -> None:
+    if len(places):
+        axes.scatter(
+            places[:, 0], places[:, 1], s=size, marker=marker, facecolor=colour, edgecolor="black", linewidth=0.8,
+            zorder=8, label=label,
+        )  # fmt: skip
 
 
 def refresh_legend(axes: Axes, columns: int = 3, gap: float = 4.6) -> None:

@@ -24,7 +24,7 @@ from resgrid.planning.streamline import Outcome, length_of, unwrap
 from resgrid.planning.timing import time_path
 from resgrid.planning.trace import streamline, streamlines
 from resgrid.planning.workspace import replay, workspace_path
-from resgrid.plot.paths import pieces
+from resgrid.plot.paths import seam_pieces
 from resgrid.robots import CellSet
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -147,6 +147,6 @@ def test_what_uses_paths_goes_all_the_way(tmp_path: Path) -> None:
     columns = json.loads(write_path(path, tmp_path / "path.json").read_text())
     assert (columns["x"][-1], columns["y"][-1]) == pytest.approx(goal)
     assert replay(path, [CellSet(space.axes, cell == 1)]) is None
-    lines = pieces(path, space)
+    lines = seam_pieces(path, space)
     np.testing.assert_allclose(lines[-1][-1], (9.25, 2.75))
     assert sum(map(length_of, lines)) == pytest.approx(path.length)

@@ -1,29 +1,65 @@
 import numpy as np
 import pytest
+from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.compiler import compile_space
-from resgrid.nodal.solve import solve
-from resgrid.planning.fields import Field
-from resgrid.space import Axis, Cell, ConfigurationSpace
+
+ROOM = """
+schema = 1
+title = "Room"
+starts = [[4.2, 7.2]]
+k = [0.98]
+[robot]
+type = "point"
+[grid]
+axes = [{ name = "x", lower = 0, upper = 8, cells = 16 }, { name = "y", lower = 0, upper = 8, cells = 16 }]
+[[goal]]
+point = [4.2, 0.7]
+[[hidden]]
+shape = "rectangle"
+lower = [2.5, 3.0]
+upper = [6.2, 4.0]
+"""
 
 
 @pytest.fixture(scope="session")
-def space() -> ConfigurationSpace:
+def space() -> rg.ConfigurationSpace:
     """7 x 5 cells of 0.5 m x 0.25 m: a wall, a walled-in pocket, a goal; nothing symmetric."""
     cell = np.zeros((7, 5), dtype=np.uint8)
-    cell[2, 1:4] = Cell.OBSTACLE
-    cell[4:7, 2:5] = Cell.OBSTACLE
-    cell[5, 3] = Cell.FREE
-    cell[6, 0] = Cell.GOAL
-    return ConfigurationSpace([Axis("x", 1.0, 4.5, 7), Axis("y", -1.0, 0.25, 5)], cell)
+    cell[2, 1:4] = rg.Cell.OBSTACLE
+    cell[4:7, 2:5] = rg.Cell.OBSTACLE
+    cell[5, 3] = rg.Cell.FREE
+    cell[6, 0] = rg.Cell.GOAL
+    return rg.ConfigurationSpace([rg.Axis("x", 1.0, 4.5, 7), rg.Axis("y", -1.0, 0.25, 5)], cell)
 
 
 @pytest.fixture(scope="session")
-def field(space: ConfigurationSpace) -> Field:
-    return rg.field(solve(compile_space(space)))
+def field(space: rg.ConfigurationSpace) -> rg.Field:
+    return rg.field(rg.solve(rg.compile_space(space)))
 
 
 @pytest.fixture(scope="session")
-def neumann(space: ConfigurationSpace) -> Field:
-    return rg.field(solve(compile_space(space, boundary="neumann")))
+def neumann(space: rg.ConfigurationSpace) -> rg.Field:
+    return rg.field(rg.solve(rg.compile_space(space, boundary="neumann")))
+
+
+@pytest.fixture(scope="session")
+def cube() -> rg.Field:
+    cell = np.zeros((6, 5, 4), dtype=np.uint8)
+    cell[3, :, :2], cell[5, 4, 3] = rg.Cell.OBSTACLE, rg.Cell.GOAL
+    return rg.field(rg.solve(rg.compile_space(space_of(cell))))
+
+
+@pytest.fixture(scope="session")
+def line() -> rg.Field:
+    return rg.field(rg.solve(rg.compile_space(space_of([0, 0, 2, 0, 0, 1, 0, 1]))))
+
+
+@pytest.fixture(scope="session")
+def scene() -> rg.Scene:
+    return rg.parse_scene(ROOM, "room")
+
+
+@pytest.fixture(scope="session")
+def run(scene: rg.Scene) -> rg.Run:
+    return rg.simulation(scene).run(scene.starts[0])

@@ -1,7 +1,10 @@
+"""Pictures of a chip: what is drawn is what was computed."""
+
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from matplotlib.collections import LineCollection
 from support.dynamics import small_scene, with_capacitors
 from support.spaces import space_of
 
@@ -11,18 +14,6 @@ from resgrid.chip.power import Power, analyse_power
 from resgrid.chip.precision import Precision, analyse_precision
 from resgrid.chip.sensitivity import analyse_sensitivity
 from resgrid.chip.settling import Settling, analyse_settling
-from resgrid.plot import (
-    plot_bits_histogram,
-    plot_noise,
-    plot_power,
-    plot_precision,
-    plot_precision_page,
-    plot_sensitivity,
-    plot_served,
-    plot_settling,
-    plot_settling_curve,
-    save_figure,
-)
 
 
 @pytest.fixture(scope="module")
@@ -56,7 +47,7 @@ def pixels(axes) -> np.ndarray:
 
 
 def test_a_map_shows_when_each_cell_settles(settled: Settling) -> None:
-    axes = plot_settling(settled)
+    axes = rg.draw(settled)
     cell_map = settled.netlist.cells
     shown = pixels(axes)
     free = cell_map.space.cell == 0
@@ -67,7 +58,7 @@ def test_a_map_shows_when_each_cell_settles(settled: Settling) -> None:
 
 
 def test_the_curve_crosses_the_band_where_it_has_settled(settled: Settling) -> None:
-    axes = plot_settling_curve(settled)
+    axes = rg.draw(settled, quantity="curve")
     curve = axes.lines[0]
     band = settled.span / 2**9
     crossing = np.interp(-np.log(band), -np.log(curve.get_ydata()), curve.get_xdata())
@@ -77,7 +68,7 @@ def test_the_curve_crosses_the_band_where_it_has_settled(settled: Settling) -> N
 
 @pytest.mark.parametrize("quantity", ["total", "limit", "resistance"])
 def test_a_map_shows_the_noise(noise: Noise, quantity: str) -> None:
-    axes = plot_noise(noise, quantity=quantity)
+    axes = rg.draw(noise, quantity=quantity)
     cell_map = noise.netlist.cells
     shown, free = pixels(axes), cell_map.space.cell == 0
     ratio = shown[free] / getattr(noise, quantity)[cell_map.node[free]]
@@ -86,7 +77,7 @@ def test_a_map_shows_the_noise(noise: Noise, quantity: str) -> None:
 
 
 def test_heat_and_its_ten_hottest_resistors(power: Power) -> None:
-    axes = plot_power(power)
+    axes = rg.draw(power)
     assert len(axes.collections[0].get_segments()) == 10
     heat = pixels(axes)
     assert np.nanmax(heat) == pytest.approx(1e6 * np.nanmax(power.cell_heat))
@@ -97,7 +88,7 @@ def test_heat_and_its_ten_hottest_resistors(power: Power) -> None:
 def test_droop_lies_on_rail_cells() -> None:
     netlist = small_scene(rails="cells")
     power = analyse_power(rg.solve(netlist))
-    axes = plot_power(power, quantity="droop")
+    axes = rg.draw(power, quantity="droop")
     shown = pixels(axes)
     assert np.isfinite(shown[netlist.cells.space.cell != 0]).all()
     assert np.isnan(shown[netlist.cells.space.cell == 0]).all()
@@ -105,7 +96,7 @@ def test_droop_lies_on_rail_cells() -> None:
 
 def test_resistors_that_decide_are_drawn_where_they_are(op: rg.OperatingPoint) -> None:
     result = analyse_sensitivity(op, (5, 5))
-    axes = plot_sensitivity(result, drift=0.8)
+    axes = rg.draw(result, drift=0.8)
     flips = result.flips(0.8)
     segments = axes.collections[1].get_segments()
     assert 0 < len(flips) == len(segments)
@@ -120,7 +111,7 @@ def test_resistors_that_decide_are_drawn_where_they_are(op: rg.OperatingPoint) -
 def test_maps_of_bits(bits: dict[str, Precision]) -> None:
     result = bits["Dirichlet"]
     for starts in (True, False):
-        axes = plot_precision(result, starts=starts)
+        axes = rg.draw(result, starts=starts)
         wanted = result.start_bits if starts else result.cell_bits
         assert pixels(axes)[result.space.goal_connected] == pytest.approx(wanted[result.space.goal_connected])
     assert axes.get_title() == result.sentence()
@@ -131,46 +122,83 @@ def test_starts_that_no_bits_serve_are_named() -> None:
     cell[0, 0] = 2
     cell[3:5, 1:] = 1
     netlist = rg.compile_space(space_of(cell), boundary="neumann", drive="start", start=(3, 0))
-    axes = plot_precision(analyse_precision(rg.solve(netlist)))
+    axes = rg.draw(analyse_precision(rg.solve(netlist)))
     assert "no number of bits will do" in [text.get_text() for text in axes.get_legend().get_texts()]
 
 
 def test_the_share_served_rises_to_one(bits: dict[str, Precision]) -> None:
-    axes = plot_served(bits)
+    axes = rg.draw(bits, quantity="served")
     for line, result in zip(axes.lines, bits.values(), strict=False):
         share = line.get_ydata()
         assert (np.diff(share) >= 0).all()
         assert share[-1] == 1.0
         assert np.interp(10, line.get_xdata(), share) == pytest.approx(result.served(10), abs=0.02)
-    counts = plot_bits_histogram(bits)
-    assert "starts" in counts.get_ylabel()
 
 
-def test_the_page_has_a_map_each_and_two_curves(bits: dict[str, Precision], tmp_path) -> None:
-    figure = plot_precision_page(bits, title="Precision")
-    figure.canvas.draw()
+def test_the_page_has_a_map_each_with_one_scale(bits: dict[str, Precision]) -> None:
+    figure = rg.draw(bits, title="Precision")
     maps = [axes for axes in figure.findobj(lambda artist: hasattr(artist, "images")) if axes.images]
     assert [axes.get_title() for axes in maps] == list(bits)
     assert len({axes.images[0].get_clim() for axes in maps}) == 1
-    sizes = [text.get_fontsize() for text in figure.findobj(lambda artist: hasattr(artist, "get_fontsize"))]
-    assert min(sizes) >= 7
-    assert save_figure(figure, tmp_path / "page.png").stat().st_size > 0
 
 
-def test_what_cannot_be_drawn_is_refused(noise: Noise, power: Power) -> None:
-    for draw in (plot_served, plot_bits_histogram, plot_precision_page):
-        with pytest.raises(rg.InputError, match="nothing to draw"):
-            draw({})
-    with pytest.raises(rg.InputError, match="limit"):
-        plot_noise(noise, quantity="colour")
-    with pytest.raises(rg.InputError, match="droop"):
-        plot_power(power, quantity="sound")
+def test_what_cannot_be_drawn_is_refused(noise: Noise, power: Power, bits: dict[str, Precision]) -> None:
+    for value in (noise, power, bits):
+        with pytest.raises(rg.InputError, match="'colour' is unknown; it may be one of"):
+            rg.draw(value, quantity="colour")
     with pytest.raises(rg.InputError, match="band"):
-        plot_noise(analyse_noise(small_scene()), quantity="total")
+        rg.draw(analyse_noise(small_scene()), quantity="total")
     cube = np.zeros((4, 4, 4), dtype=np.uint8)
     cube[0, 0, 0] = 2
     solid = with_capacitors(rg.compile_space(space_of(cube)), 1e-12)
     with pytest.raises(rg.InputError, match="two axes"):
-        plot_settling(analyse_settling(solid))
+        rg.draw(analyse_settling(solid))
     with pytest.raises(rg.InputError, match="not compiled"):
-        plot_noise(analyse_noise(small_scene().replace(cell_map=None)))
+        rg.draw(analyse_noise(small_scene().replace(cell_map=None)))
+
+
+def plain_space() -> rg.ConfigurationSpace:
+    cell = np.zeros((7, 6), dtype=np.uint8)
+    cell[2:5, 3] = 1
+    cell[1, 1] = 2
+    return space_of(cell)
+
+
+CHIP = rg.Chip(mismatch=0.05, goal_switch_on=200.0, readout=rg.Readout(bits=7))
+
+
+def test_yield_is_drawn_by_start() -> None:
+    result = rg.analyse_yield(rg.ideal_netlist(plain_space(), CHIP), CHIP, most=32, batch=32)
+    axes = rg.draw(result)
+    shown = pixels(axes)
+    assert np.nanmax(shown) == pytest.approx(100 * np.nanmax(result.probability))
+    assert f"{100 * result.overall.value:.1f} %" in axes.get_title()
+    assert "32 chips" in axes.get_title()
+
+
+def test_exploration_marks_the_cheapest_points() -> None:
+    result = rg.explore_yield(plain_space(), CHIP, ("mismatch", [0.0, 0.1]), ("readout.bits", [4, 8, 16]), trials=8)
+    axes = rg.draw(result, share=0.9)
+    np.testing.assert_allclose(axes.images[0].get_array(), 100 * result.share.T)
+    (marks,) = (line for line in axes.lines if line.get_marker() == "o")
+    expected = [result.second_values.index(value) for value in result.cheapest(0.9)]
+    assert list(marks.get_ydata()) == expected
+    assert [label.get_text() for label in axes.get_xticklabels()] == ["0 %", "10 %"]
+    single = rg.explore_yield(plain_space(), CHIP, ("readout.offset", [1e-3]), ("readout.bits", [8]), trials=2)
+    assert rg.draw(single).get_xlabel() == "readout, offset (V)"
+
+
+@pytest.mark.parametrize("chip", [CHIP, rg.Chip(saturation_voltage=0.5)])
+def test_criticality_draws_the_elements_that_cost_starts(chip: rg.Chip) -> None:
+    netlist = rg.build_chip(rg.ideal_netlist(plain_space(), chip), chip)
+    result = rg.analyse_criticality(netlist, rg.Readout(bits=7), seconds=5.0)
+    for fault in ("open", "short"):
+        axes = rg.draw(result, fault=fault)
+        drawn = [lines.get_array() for lines in axes.collections if isinstance(lines, LineCollection)]
+        values = np.concatenate([array for array in drawn if array is not None])
+        bent = bool(netlist.cell_map.nonlinear_face.size)
+        lost = getattr(result, fault)[len(netlist.conductance) if bent else 0 :]
+        face = netlist.cells.nonlinear_face if bent else netlist.cells.resistor_face
+        assert sorted(values) == sorted(lost[(lost > 0) & (face[: len(lost)] >= 0)])
+    with pytest.raises(rg.InputError, match="fault"):
+        rg.draw(result, fault="bent")

@@ -1,18 +1,16 @@
+"""Paths are drawn as they are, broken at seams; and pages hold everything."""
+
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings, strategies as st
 from matplotlib.collections import LineCollection, PathCollection
+from support.spaces import space_of, spaces
 
 import resgrid as rg
-from resgrid.compiler import compile_space
-from resgrid.errors import InputError
-from resgrid.nodal.solve import solve
-from resgrid.planning.fields import Field
-from resgrid.planning.trace import streamline
-from resgrid.plot import plot_path, plot_streamlines
-from resgrid.plot.paths import pieces
-from resgrid.space import Axis, Cell, ConfigurationSpace
+from resgrid.plot.paths import seam_pieces
 
 
 def lines_of(axes) -> dict[str, list[np.ndarray]]:
@@ -23,56 +21,49 @@ def marks_of(axes) -> dict[str, np.ndarray]:
     return {c.get_label(): np.asarray(c.get_offsets()) for c in axes.collections if isinstance(c, PathCollection)}
 
 
-def test_a_path_is_drawn_as_it_is(field: Field) -> None:
-    path = streamline(field, cell=(0, 4))
-    axes = plot_path(path, field.space)
+def test_a_path_is_drawn_as_it_is(field: rg.Field) -> None:
+    path = rg.streamline(field, cell=(0, 4))
+    axes = rg.draw(path, space=field.space)
     (line,) = lines_of(axes)["path"]
     assert np.allclose(line, path.points)
     assert np.allclose(marks_of(axes)["start"], path.points[:1])
     assert np.allclose(marks_of(axes)["goal reached"], path.points[-1:])
 
 
-def test_paths_of_one_blend_share_a_colour(field: Field, neumann: Field) -> None:
-    starts = [(0, 4), (3, 2)]
-    paths = [streamline(each, cell=cell) for each in (neumann, field) for cell in starts]
-    axes = plot_streamlines(paths, field.space, k=[0.0, 0.0, 1.0, 1.0])
-    drawn = lines_of(axes)
-    assert {label: len(lines) for label, lines in drawn.items()} == {
+def test_paths_of_one_blend_share_a_colour(field: rg.Field, neumann: rg.Field) -> None:
+    paths = [rg.streamline(each, cell=cell) for each in (neumann, field) for cell in [(0, 4), (3, 2)]]
+    axes = rg.draw(paths, space=field.space, k=[0.0, 0.0, 1.0, 1.0])
+    assert {label: len(lines) for label, lines in lines_of(axes).items()} == {
         "$k$ = 0 (Neumann)": 2,
         "$k$ = 1 (Dirichlet)": 2,
     }
-    colours = {tuple(c.get_colors()[0]) for c in axes.collections if isinstance(c, LineCollection)}
-    assert len(colours) == 2
+    assert len({tuple(c.get_colors()[0]) for c in axes.collections if isinstance(c, LineCollection)}) == 2
     assert len(marks_of(axes)["start"]) == 2
+    with pytest.raises(rg.InputError, match="1 values of k for 4 paths"):
+        rg.draw(paths, space=field.space, k=[1.0])
 
 
-def test_failures_are_crosses_that_name_their_outcome(field: Field) -> None:
-    paths = [streamline(field, cell=cell) for cell in [(5, 3), (2, 2), (2, 1), (0, 0)]]
-    marks = marks_of(plot_streamlines(paths, field.space))
+def test_failures_are_crosses_that_name_their_outcome(field: rg.Field) -> None:
+    paths = [rg.streamline(field, cell=cell) for cell in [(5, 3), (2, 2), (2, 1), (0, 0)]]
+    marks = marks_of(rg.draw(paths, space=field.space))
     assert np.allclose(marks["no path (1 start)"], [field.space.centre((5, 3))])
     assert len(marks["start blocked (2 starts)"]) == 2
     assert len(marks["start"]) == 1
-
-
-def test_k_must_match_the_paths(field: Field) -> None:
-    with pytest.raises(InputError, match="1 values of k for 2 paths"):
-        plot_streamlines([streamline(field, cell=(0, 0))] * 2, field.space, k=[1.0])
 
 
 @pytest.mark.parametrize("cells", [2, 3, 9])
 def test_lines_break_at_seams_and_keep_their_length(cells: int) -> None:
     """On a ring of any size no segment is longer than its cell, and the pieces add up to the path."""
     cell = np.zeros((cells, 6), dtype=np.uint8)
-    cell[0, 0] = Cell.GOAL
-    ring = ConfigurationSpace([Axis("a", 0.0, float(cells), cells, periodic=True), Axis("y", 0.0, 6.0, 6)], cell)
+    cell[0, 0] = rg.Cell.GOAL
     if cells > 3:
-        cell[3, :5] = Cell.OBSTACLE
-        ring = ConfigurationSpace(ring.axes, cell)
-    field = rg.field(solve(compile_space(ring, boundary="neumann")))
+        cell[3, :5] = rg.Cell.OBSTACLE
+    ring = space_of(cell, periodic=(True, False))
+    field = rg.field(rg.solve(rg.compile_space(ring, boundary="neumann")))
     crossed = 0
     for start in [(cells - 1 + 0.3, 4.6), (cells - 1 + 0.9, 5.2), (cells / 2 + 0.1, 5.5)]:
-        path = streamline(field, start=start)
-        parts = pieces(path, ring)
+        path = rg.streamline(field, start=start)
+        parts = seam_pieces(path, ring)
         crossed += len(parts) - 1
         steps = [np.linalg.norm(np.diff(part, axis=0), axis=1) for part in parts]
         assert max(step.max() for step in steps) <= np.sqrt(2) + 1e-12
@@ -80,4 +71,53 @@ def test_lines_break_at_seams_and_keep_their_length(cells: int) -> None:
         for before, after in pairwise(parts):
             assert sorted([before[-1, 0], after[0, 0]]) == pytest.approx([0.0, float(cells)])
     assert crossed > 0
-    plot_path(path, ring)
+
+
+def test_a_page_has_its_panels_side_by_side_or_stacked(field: rg.Field) -> None:
+    figure = rg.draw_page(field, [rg.streamline(field, cell=(0, 4))], title="Title")
+    assert [axes.get_title() for axes in figure.axes[:2]] == ["Potential and paths", "Current"]
+    assert figure.get_suptitle() == "Title"
+    figure.canvas.draw()
+    above, below = (axes.get_position() for axes in figure.axes[:2])
+    assert above.y0 > below.y1  # 3.5 m x 1.25 m: wide, so stacked
+    titles = [axes.title.get_window_extent() for axes in figure.axes[:2]]
+    assert not titles[0].overlaps(titles[1])
+    assert not figure._suptitle.get_window_extent().overlaps(titles[0])
+    figure = rg.draw_page(rg.field(rg.solve(rg.compile_space(space_of(np.eye(4, dtype=int) * 2)))))
+    figure.canvas.draw()
+    left, right = (axes.get_position() for axes in figure.axes[:2])
+    assert left.x1 < right.x0
+
+
+def test_a_path_is_bold_only_in_its_slice(cube: rg.Field) -> None:
+    path = rg.streamline(cube, cell=(0, 0, 0))
+    labelled = [line for axes in rg.draw_page(cube, [path]).axes for line in axes.lines]
+    bold = [line.get_xydata() for line in labelled if line.get_label() == "path in the slice"]
+    assert len(bold) == 3  # one a slice: z = 3.5, y = 4.5, x = 5.5
+    inside = path.points[path.points[:, 2] >= 3.0][:, :2]
+    assert np.allclose(bold[0][~np.isnan(bold[0][:, 0])], inside)
+
+
+def test_paths_of_other_spaces_are_refused(field: rg.Field, cube: rg.Field, line: rg.Field) -> None:
+    for each, other in ((field, cube), (cube, line), (line, field)):
+        path = rg.streamline(other, cell=(0,) * other.space.ndim)
+        with pytest.raises(rg.InputError, match="coordinates, the space"):
+            rg.draw_page(each, [path])
+
+
+@settings(max_examples=12)
+@given(spaces(), st.sampled_from(["dirichlet", "neumann", "wall"]), st.booleans())
+def test_every_field_has_a_page(space: rg.ConfigurationSpace, boundary: str, periodic: bool) -> None:
+    """Whatever the shape: thin, tiny, without obstacles, all of one value."""
+    assume(space.ndim < 4)
+    axes = [replace(axis, periodic=periodic and number == 0) for number, axis in enumerate(space.axes)]
+    space = rg.ConfigurationSpace(axes, space.cell, space.conductivity)
+    options = {"wall_resistance": 1e4} if boundary == "wall" else {}
+    try:
+        field = rg.field(rg.solve(rg.compile_space(space, boundary=boundary, **options)))
+    except rg.CircuitError:
+        assume(False)
+    paths = [rg.streamline(field, cell=cell) for cell in np.argwhere(space.cell != rg.Cell.GOAL)[::3].tolist()]
+    figure = rg.draw_page(field, paths)
+    figure.canvas.draw()
+    assert figure.axes

@@ -12,19 +12,18 @@ from matplotlib.image import AxesImage
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.control.announced import RelaxationSweep, Wavefront
 from resgrid.control.controller import make_controller
 from resgrid.control.equipotential import following_velocity
-from resgrid.control.relaxation import Wavefront
-from resgrid.control.relaxation_ratio import RelaxationSweep
 from resgrid.errors import InputError
 from resgrid.planning.blend import dirichlet_share
 from resgrid.planning.fields import Field
 from resgrid.planning.trace import streamline
 from resgrid.plot.fields import add_colour_bar, draw_shading
-from resgrid.plot.figures import axes_or_new, new_figure
-from resgrid.plot.plane import Plane, draw_cells, draw_image, finish, plane_of
+from resgrid.plot.figures import PAGE, axes_or_new, new_figure
+from resgrid.plot.plane import draw_cells, draw_image, finish, paint_cells, plane_of
 from resgrid.plot.shading import shading_of
-from resgrid.plot.style import FAILURE, PATHS, SMALL, add_swatch, dress, refresh_legend
+from resgrid.plot.style import FAILURE, HIDDEN, PATHS, SMALL, dress, refresh_legend
 from resgrid.space import Cell
 
 _FAINT = 1e-4
@@ -33,7 +32,7 @@ _FAINT = 1e-4
 _UNITS = {"jacobi": "Jacobi sweeps", "sor": "SOR sweeps", "chip": "chip, units of $RC$"}
 
 
-def plot_velocities(
+def draw_velocities(
     field: Field, point: ArrayLike, force: ArrayLike, admittance: ArrayLike, ax: Axes | None = None
 ) -> Axes:
     """Draw what control does at one point: the diagram of figure 14 of Connolly & Grupen (1992).
@@ -94,7 +93,7 @@ def _arrow(axes: Axes, tail: NDArray[np.float64], vector: NDArray[np.float64], c
     )  # fmt: skip
 
 
-def plot_dirichlet_share(dirichlet: Field, neumann: Field, k: float, ax: Axes | None = None) -> Axes:
+def draw_dirichlet_share(dirichlet: Field, neumann: Field, k: float, ax: Axes | None = None) -> Axes:
     """Draw where a blend is Dirichlet and where it is Neumann, whatever its weight says.
 
     Parameters
@@ -129,28 +128,8 @@ def plot_dirichlet_share(dirichlet: Field, neumann: Field, k: float, ax: Axes | 
     return axes
 
 
-def plot_settling_sweep(sweeps: Sequence[RelaxationSweep], ax: Axes | None = None) -> Axes:
-    """Draw how long a robot takes to arrive while its grid settles, over the ratio of both speeds.
-
-    Parameters
-    ----------
-    sweeps : sequence of RelaxationSweep
-        Of the same world.
-    ax : matplotlib.axes.Axes, optional
-        Made when None.
-
-    Returns
-    -------
-    matplotlib.axes.Axes
-        A cross where the robot did not arrive.
-
-    Raises
-    ------
-    InputError
-        If there is none.
-    """
-    if not sweeps:
-        raise InputError("there is no sweep to draw: give at least one")
+def draw_sweeps(sweeps: Sequence[RelaxationSweep], ax: Axes | None = None) -> Axes:
+    """Draw how long a robot takes while its grid settles, over the ratio of both speeds; a cross where it fails."""
     axes = new_figure(5.4, 3.8).add_subplot() if ax is None else ax
     for sweep, colour, marker in zip(sweeps, (PATHS[3], PATHS[0], PATHS[4]), "osD", strict=False):
         came = sweep.arrived
@@ -173,25 +152,8 @@ def plot_settling_sweep(sweeps: Sequence[RelaxationSweep], ax: Axes | None = Non
     return axes
 
 
-def plot_wavefront(front: Wavefront, shown: Sequence[int] | None = None) -> Figure:
-    """Draw how a change of the map spreads, as a row of pictures.
-
-    Parameters
-    ----------
-    front : Wavefront
-        Of a space with two axes.
-    shown : sequence of int, optional
-        Which of its times; by default at most six of them.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-
-    Raises
-    ------
-    InputError
-        If the space does not have two axes.
-    """
+def draw_wavefront(front: Wavefront, *, shown: Sequence[int] | None = None) -> Figure:
+    """Draw how a change of the map spreads, as a row of pictures, one for each of the times shown, by default six."""
     plane_of(front.after)
     count = len(front.cells)
     rows = np.unique(np.linspace(0, count - 1, min(count, 6)).astype(int)) if shown is None else np.asarray(shown)
@@ -199,10 +161,10 @@ def plot_wavefront(front: Wavefront, shown: Sequence[int] | None = None) -> Figu
         raise InputError(f"shown = {shown!r} must be at least one of the numbers of its times, 0 to {count - 1}")
     columns = min(len(rows), 3)
     lines = -(-len(rows) // columns)
-    figure = new_figure(7.4, 2.6 * lines + 0.4)
+    figure = new_figure(PAGE, 2.6 * lines + 0.4)
     for place, row in enumerate(rows.tolist(), 1):
         axes = figure.add_subplot(lines, columns, place)
-        image = draw_wavefront(front, row, axes)
+        image = draw_moment(front, row, axes)
         if place % columns == 0 or place == len(rows):
             add_change_bar(image, axes)
         if place <= len(rows) - columns:
@@ -212,19 +174,20 @@ def plot_wavefront(front: Wavefront, shown: Sequence[int] | None = None) -> Figu
     return figure
 
 
-def draw_wavefront(front: Wavefront, row: int, axes: Axes) -> AxesImage:
+def draw_moment(front: Wavefront, row: int, axes: Axes) -> AxesImage:
     """One moment of a wavefront: how far the potential is from where it was."""
     plane = plane_of(front.after)
     image = draw_change(front, row, axes)
     draw_cells(plane, axes)
-    mark_new(front, plane, axes)
+    new = (front.after.cell == Cell.OBSTACLE) & (front.before.cell != Cell.OBSTACLE)
+    paint_cells(front.after, new, HIDDEN, "new obstacle", axes)
     finish(plane, axes)
     return image
 
 
 def draw_change(front: Wavefront, row: int, axes: Axes) -> AxesImage:
     """What moves in a wavefront: the change of the potential since the map changed, and the title."""
-    limit = wavefront_limit(front)
+    limit = _largest_change(front)
     scale = SymLogNorm(limit * _FAINT, vmin=-limit, vmax=limit)
     change = front.potential[row] - front.first
     when, left = f"{front.cells[row]:.3g} cells crossed since the map changed", f"{front.distance[row]:.2g}"
@@ -241,16 +204,7 @@ def add_change_bar(image: AxesImage, axes: Axes) -> None:
     image.colorbar.set_ticks([*-decades[::-1], 0.0, *decades])
 
 
-def mark_new(front: Wavefront, plane: Plane, axes: Axes) -> None:
-    """Paint the cells that became obstacles."""
-    new = (front.after.cell == Cell.OBSTACLE) & (front.before.cell != Cell.OBSTACLE)
-    colours = np.zeros((*plane.cell.shape, 4), dtype=np.uint8)
-    colours[new] = (185, 107, 107, 255)
-    draw_image(plane, colours, axes, zorder=2.3)
-    add_swatch(axes, "new obstacle", "#b96b6b")
-
-
-def wavefront_limit(front: Wavefront) -> float:
+def _largest_change(front: Wavefront) -> float:
     """Largest change of the potential worth a colour."""
     change = np.abs(front.potential - front.first)
     finite = change[np.isfinite(change)]

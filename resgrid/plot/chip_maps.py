@@ -1,0 +1,271 @@
+"""Maps of what a chip does, cell by cell and resistor by resistor: settling, noise, heat, bits, yield, faults."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.collections import LineCollection
+from matplotlib.colors import LogNorm, Normalize
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from numpy.typing import NDArray
+
+from resgrid.chip.criticality import Criticality
+from resgrid.chip.noise import Noise
+from resgrid.chip.power import Power
+from resgrid.chip.precision import Precision
+from resgrid.chip.sensitivity import Sensitivity
+from resgrid.chip.settling import Settling
+from resgrid.chip.yields import Yield
+from resgrid.errors import InputError
+from resgrid.netlist import CellMap, Netlist
+from resgrid.plot.fields import add_colour_bar
+from resgrid.plot.figures import axes_or_new
+from resgrid.plot.plane import draw_cells, draw_image, finish, paint_cells, plane_of
+from resgrid.plot.schematic import crossed_faces
+from resgrid.plot.style import FAILURE, TEXT, add_swatch, refresh_legend, strength_map
+from resgrid.scene.quantities import format_quantity, prefix_of
+from resgrid.space import Cell, ConfigurationSpace
+
+_NO_BITS_DO = "#e8d3e4"
+_HARMLESS = "#c8c8c8"
+_MOST_DRIFT = 100.0
+"""Drift in per cent above which a resistor is left out of the picture."""
+
+_HEAT_DECADES = 5.0
+_NOISE = {
+    "total": ("rms noise within the band", "V"),
+    "limit": ("rms noise, all frequencies", "V"),
+    "resistance": ("resistance to the rails", "Ω"),
+}
+_POWER = {"heat": ("heat per cell", "W"), "droop": ("droop of rail cells", "V")}
+
+
+def draw_settling(result: Settling, ax: Axes | None = None) -> Axes:
+    """Draw when every cell has settled."""
+    values = _of_free_cells(result.netlist.cells, result.node_time)
+    axes = draw_map(result.netlist.cells.space, values, ax, f"time to settle to {result.bits} bits", "s")
+    settled, slowest = (format_quantity(t, "s", 3) for t in (result.settle_time, float(result.time_constants[0])))
+    axes.set_title(f"settles in {settled}; slowest time constant {slowest}", fontsize=TEXT)
+    return axes
+
+
+def draw_noise(result: Noise, ax: Axes | None = None, *, quantity: str | None = None) -> Axes:
+    """Draw the thermal noise of every cell within the band or over all frequencies, or its resistance to the rails."""
+    shown = quantity or ("resistance" if result.total is None else "total")
+    label, unit = _known(shown, _NOISE)
+    values = getattr(result, shown)
+    if values is None:
+        raise InputError("the noise within a band was not computed: give the analysis a band")
+    cells = result.netlist.cells
+    axes = draw_map(cells.space, _of_free_cells(cells, values), ax, label, unit)
+    if shown == "total" and result.band is not None:
+        low, high = (format_quantity(limit, "Hz", 3) for limit in result.band)
+        axes.set_title(f"thermal noise from {low} to {high} at {result.temperature:.4g} K", fontsize=TEXT)
+    return axes
+
+
+def draw_power(result: Power, ax: Axes | None = None, *, quantity: str = "heat") -> Axes:
+    """Draw where heat arises, with the hottest resistors, or how far rail cells droop."""
+    label, unit = _known(quantity, _POWER)
+    netlist = result.point.netlist
+    cells = netlist.cells
+    if quantity == "droop":
+        droop = np.where(cells.node >= 0, np.abs(result.droop[cells.node]), np.nan)
+        axes = draw_map(cells.space, droop, ax, label, unit, rails=True)
+        axes.set_title(f"largest droop {format_quantity(result.largest_droop, 'V', 3)}", fontsize=TEXT)
+        return axes
+    heat = np.where(cells.space.cell == Cell.FREE, result.cell_heat, np.nan)
+    hottest = max(float(np.nanmax(heat, initial=0.0)), 0.0)
+    axes = draw_map(
+        cells.space, np.maximum(heat, hottest * 10.0**-_HEAT_DECADES), ax, label, unit, log=hottest > 0
+    )  # fmt: skip
+    worst = result.worst()
+    worst = worst[result.resistor[worst] > 0]
+    lines = draw_resistors(netlist, worst, axes)
+    lines.set(color=FAILURE, linewidth=2.0, label=f"the {len(worst)} hottest resistors")
+    axes.set_title(f"{format_quantity(result.total, 'W', 3)} in all", fontsize=TEXT)
+    refresh_legend(axes)
+    return axes
+
+
+def draw_sensitivity(result: Sensitivity, ax: Axes | None = None, *, drift: float = 0.01) -> Axes:
+    """Draw the resistors by the drift of each that changes a robot's step; in red where the given drift does."""
+    netlist = result.point.netlist
+    space = netlist.cells.space
+    plane = plane_of(space)
+    axes = axes_or_new(ax, plane.aspect)
+    draw_cells(plane, axes)
+    per_cent = 100.0 * result.flip_drift[: len(netlist.conductance)]
+    shown = np.flatnonzero(per_cent <= _MOST_DRIFT)
+    if shown.size:
+        order = shown[np.argsort(-per_cent[shown], kind="stable")]
+        lines = draw_resistors(netlist, order, axes)
+        lowest = max(float(per_cent[order].min()), 0.01)
+        lines.set(
+            array=np.maximum(per_cent[order], lowest), cmap=strength_map().reversed(), linewidth=1.6,
+            norm=LogNorm(lowest, max(float(per_cent[order].max()), 2 * lowest)),
+        )  # fmt: skip
+        add_colour_bar(lines, axes, "drift of one resistor that changes a step (%)")
+        _plain_ticks(lines)
+    flips = result.flips(drift)
+    marked = draw_resistors(netlist, flips[flips < len(netlist.conductance)], axes)
+    marked.set(color=FAILURE, linewidth=2.4, label=f"{len(flips)} resistors: {100 * drift:g} % suffices")
+    x, y = plane.place(space.axis_centre(result.cells)).T
+    axes.scatter(x, y, s=9, color="white", edgecolor="black", linewidth=0.7, zorder=5, label="decisions")
+    finish(plane, axes)
+    refresh_legend(axes, columns=2)
+    return axes
+
+
+def draw_precision(
+    result: Precision, ax: Axes | None = None, *, starts: bool = True, most: float | None = None
+) -> Axes:
+    """Draw the converter bits that every start, or the cell itself, needs, on a colour scale up to the most."""
+    values = result.start_bits if starts else result.cell_bits
+    shown = np.where(np.isfinite(values), values, np.nan)
+    label = f"bits that a {'start' if starts else 'cell'} needs"
+    norm = None if most is None else Normalize(0.0, most)
+    axes = draw_map(result.space, shown, ax, label, "bit", norm=norm)
+    never = np.isinf(values) & result.space.goal_connected
+    paint_cells(result.space, never, _NO_BITS_DO, "no number of bits will do", axes)
+    refresh_legend(axes)
+    axes.set_title(result.sentence(), fontsize=TEXT)
+    return axes
+
+
+def draw_yield(result: Yield, ax: Axes | None = None) -> Axes:
+    """Draw on which share of the chips a robot reaches the goal, start by start."""
+    per_cent, label = 100.0 * result.probability, "chips on which a start is served"
+    axes = draw_map(result.space, per_cent, ax, label, "%", norm=Normalize(0, 100))
+    overall = result.overall
+    interval = f" ({100 * overall.low:.1f} to {100 * overall.high:.1f} %)" if result.random else ""
+    chips = f"{result.trials} {'chip' if result.trials == 1 else 'chips'}"
+    axes.set_title(f"{100 * overall.value:.1f} % of the starts are served{interval}; {chips}", fontsize=TEXT)
+    return axes
+
+
+def draw_criticality(result: Criticality, ax: Axes | None = None, *, fault: str = "open") -> Axes:
+    """Draw how many starts every resistor costs when it is open, or shorted; switches as dots in their cells."""
+    if fault not in ("open", "short"):
+        raise InputError(f"fault = {fault!r} is unknown; it may be open or short")
+    netlist, cells = result.netlist, result.netlist.cells
+    plane = plane_of(cells.space)
+    axes = axes_or_new(ax, plane.aspect)
+    draw_cells(plane, axes)
+    lost = result.open if fault == "open" else result.short
+    norm = LogNorm(1.0, max(float(np.nanmax(lost, initial=0.0)), 2.0))
+    saturates = bool(cells.nonlinear_face.size)
+    face = cells.nonlinear_face if saturates else cells.resistor_face
+    value = lost[len(netlist.conductance) :] if saturates else lost[: len(face)]
+    grid = np.flatnonzero((face >= 0) & np.isfinite(value))
+    draw_resistors(netlist, grid[value[grid] == 0], axes, face).set(color=_HARMLESS, linewidth=0.8)
+    order = grid[np.argsort(value[grid], kind="stable")]
+    order = order[value[order] > 0]
+    lines = draw_resistors(netlist, order, axes, face)
+    lines.set(array=value[order], cmap=strength_map(), norm=norm, linewidth=2.0)
+    cell, worst = _switches(netlist, lost)
+    if cell.size:
+        x, y = plane.place(cells.space.axis_centre(np.stack(np.unravel_index(cell, cells.space.shape), axis=1))).T
+        axes.scatter(
+            x, y, c=worst, cmap=strength_map(), norm=norm, s=16, marker="s", edgecolor="white", linewidth=0.4,
+            zorder=5, label="a switch or load of the cell",
+        )  # fmt: skip
+    finish(plane, axes)
+    add_colour_bar(lines, axes, "starts lost")
+    _plain_ticks(lines)
+    critical = int((np.nan_to_num(lost) > 0).sum())
+    what = "open" if fault == "open" else f"shorted by {format_quantity(result.short_resistance, 'Ω', 3)}"
+    axes.set_title(
+        f"{what}: {critical} of {result.examined:,} elements cost some of {result.served} starts", fontsize=TEXT
+    )
+    refresh_legend(axes)
+    return axes
+
+
+def _switches(netlist: Netlist, lost: NDArray[np.float64]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Cells with a switch or load whose fault costs starts, and how many the worst of theirs costs."""
+    extra = np.flatnonzero(netlist.cells.resistor_face < 0)
+    cell = netlist.cell_of_node()[netlist.resistor_nodes[extra, 0]]
+    own = (cell >= 0) & (np.nan_to_num(lost[extra]) > 0)
+    worst = np.zeros(netlist.cells.space.cell.size)
+    np.maximum.at(worst, cell[own], lost[extra[own]])
+    costly = np.flatnonzero(worst > 0)
+    return costly, worst[costly]
+
+
+def draw_map(
+    space: ConfigurationSpace,
+    values: NDArray[np.float64],
+    ax: Axes | None,
+    label: str,
+    unit: str,
+    *,
+    norm: Normalize | None = None,
+    log: bool = False,
+    rails: bool = False,
+) -> Axes:
+    """Draw a value per cell with its colour bar; under obstacles and goals, or (``rails``) on them."""
+    plane = plane_of(space)
+    axes = axes_or_new(ax, plane.aspect)
+    values = np.where(np.isfinite(values), values, np.nan)
+    power, prefix = (0, "") if unit in ("bit", "%") else prefix_of(float(np.nanmax(np.abs(values), initial=0.0)))
+    values = values / 10.0**power
+    low, high = float(np.nanmin(values, initial=np.inf)), float(np.nanmax(values, initial=-np.inf))
+    if norm is None and low == high:
+        norm = Normalize(0.9 * low, 1.1 * high or 1.0)
+    elif log:
+        norm = LogNorm(low, high)
+    image = draw_image(plane, values, axes, cmap=strength_map(), norm=norm, zorder=2.1 if rails else 0.5)
+    draw_cells(plane, axes)
+    if rails:
+        add_swatch(axes, "droop: on obstacles and goals", "white")
+    finish(plane, axes)
+    add_colour_bar(image, axes, f"{label} ({prefix}{unit})")
+    if log:
+        _plain_ticks(image)
+    refresh_legend(axes)
+    return axes
+
+
+def _plain_ticks(mappable: ScalarMappable) -> None:
+    """Write 0.01, 20, 500 on a logarithmic colour bar."""
+    bar = mappable.colorbar
+    low, high = mappable.get_clim()
+    if bar is not None and low and high:
+        steps = (1.0,) if high > 1e3 * low else (1.0, 2.0, 5.0)
+        bar.ax.yaxis.set_major_locator(LogLocator(subs=steps, numticks=12))
+        bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+        bar.ax.yaxis.set_minor_locator(NullLocator())
+
+
+def draw_resistors(
+    netlist: Netlist, which: NDArray[np.int64], axes: Axes, faces: NDArray[np.integer[Any]] | None = None
+) -> LineCollection:
+    """Draw resistors as segments between the centres of their cells, to the border where they lead to the edge.
+
+    ``faces`` are those that the numbers stand for, by default the resistors'.
+    """
+    space = netlist.cells.space
+    across, index = crossed_faces((netlist.cells.resistor_face if faces is None else faces)[which], space.shape)
+    along = np.eye(space.ndim)[across]
+    ends = index[:, None] + 0.5 - 0.5 * along[:, None] + [[-0.5], [0.5]] * along[:, None]
+    segments = space.to_world(space.lower + np.clip(ends, 0.0, space.shape) * space.spacing)
+    segments[across < 0] = np.nan
+    lines = LineCollection(list(segments), zorder=4, capstyle="butt")
+    axes.add_collection(lines, autolim=False)
+    return lines
+
+
+def _known(quantity: str, table: dict[str, tuple[str, str]]) -> tuple[str, str]:
+    """Label and unit of a quantity."""
+    if quantity not in table:
+        raise InputError(f"quantity = {quantity!r} is unknown; it may be one of {', '.join(table)}")
+    return table[quantity]
+
+
+def _of_free_cells(cells: CellMap, value: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Values of nodes on the free cells, NaN elsewhere; shape of the space."""
+    return np.where((cells.space.cell == Cell.FREE) & (cells.node >= 0), value[cells.node], np.nan)

@@ -1,0 +1,166 @@
+"""One function for all pictures: a table says which picture a value has."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from resgrid.chip.criticality import Criticality
+from resgrid.chip.exploration import Exploration
+from resgrid.chip.noise import Noise
+from resgrid.chip.power import Power
+from resgrid.chip.precision import Precision
+from resgrid.chip.sensitivity import Sensitivity
+from resgrid.chip.settling import Settling
+from resgrid.chip.yields import Yield
+from resgrid.control.announced import RelaxationSweep, Wavefront
+from resgrid.control.log import Run
+from resgrid.doors import guarded
+from resgrid.errors import InputError
+from resgrid.netlist import Netlist
+from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.planning.fields import Field
+from resgrid.planning.planner import ClearanceCurve
+from resgrid.planning.separation import Separation
+from resgrid.planning.streamline import Streamline
+from resgrid.plot.chip_curves import draw_exploration, draw_precisions, draw_settled
+from resgrid.plot.chip_maps import (
+    draw_criticality,
+    draw_noise,
+    draw_power,
+    draw_precision,
+    draw_sensitivity,
+    draw_yield,
+)  # fmt: skip
+from resgrid.plot.control import draw_run, draw_runs
+from resgrid.plot.diagrams import draw_sweeps, draw_wavefront
+from resgrid.plot.fields import draw_space
+from resgrid.plot.graphs import draw_circuit
+from resgrid.plot.pages import draw_field
+from resgrid.plot.paths import draw_clearance_curve, draw_separation, draw_streamlines
+from resgrid.plot.workspace import draw_scene
+from resgrid.scene.scene import Scene
+from resgrid.space import ConfigurationSpace
+
+Picture = Callable[..., Axes | Figure]
+
+
+def _draw_operating_point(op: OperatingPoint, ax: Axes | None = None) -> Axes:
+    return draw_circuit(op.netlist, ax, op=op)
+
+
+def _draw_path(path: Streamline, space: ConfigurationSpace, ax: Axes | None = None) -> Axes:
+    return draw_streamlines([path], space, ax)
+
+
+PICTURES: dict[type, Picture] = {
+    ClearanceCurve: draw_clearance_curve,
+    ConfigurationSpace: draw_space,
+    Criticality: draw_criticality,
+    Exploration: draw_exploration,
+    Field: draw_field,
+    Netlist: draw_circuit,
+    Noise: draw_noise,
+    OperatingPoint: _draw_operating_point,
+    Power: draw_power,
+    Precision: draw_precision,
+    Run: draw_run,
+    Scene: draw_scene,
+    Sensitivity: draw_sensitivity,
+    Separation: draw_separation,
+    Streamline: _draw_path,
+    Settling: draw_settled,
+    Wavefront: draw_wavefront,
+    Yield: draw_yield,
+}
+"""The picture of a value, by its type: a function of the value, perhaps an ax, and options."""
+
+PICTURES_OF_MANY: dict[type, Picture] = {
+    Precision: draw_precisions,
+    Run: draw_runs,
+    RelaxationSweep: draw_sweeps,
+    Streamline: draw_streamlines,
+}
+"""The picture of several values together: of a sequence, of precisions a mapping from their names."""
+
+
+def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
+    """Draw a value: a scene, a space, a field, paths, a circuit, a run, or what a study of a chip found.
+
+    ==================  ===========================================  =================================================
+    value               picture                                      options
+    ==================  ===========================================  =================================================
+    scene               workspace: obstacles, goals, starts
+    space               cells and conductivity                       ``virtual`` (mask drawn paler)
+    field               potential of one to three axes, or currents  ``quantity`` ("potential", "currents"), ``scale``
+                                                                     ("auto", "linear", "log": decades of the drop),
+                                                                     ``contours``; of three axes ``axis``, ``indices``
+    paths               streamlines, over what the ax shows          ``k`` (blend of each)
+    netlist             circuit diagram                              ``op`` (voltages to write)
+    operating point     circuit diagram with voltages
+    separation          what keeps a start from the goals            ``virtual``
+    clearance curve     mean and spread against k                    ``unit``, ``cell`` (width, for an error bar)
+    run                 workspace and configuration space            ``title``, ``caption``
+    runs                the same motion at several k                 ``title``, ``caption``
+    settling            when each cell has settled                   ``quantity`` ("map", "curve")
+    noise               rms noise, resistance to the rails           ``quantity`` ("total", "limit", "resistance")
+    power               heat, droop of the rails                     ``quantity`` ("heat", "droop")
+    precision           converter bits that starts need              ``starts``, ``most``
+    {name: precision}   maps, histogram, share served                ``quantity`` ("page", "served", "histogram"),
+                                                                     ``bits``, ``title``
+    sensitivity         resistors that change a step                 ``drift``
+    criticality         resistors that cost starts                   ``fault`` ("open", "short")
+    yield               share of chips that serve each start
+    exploration         yield over two values                        ``share``
+    sweeps              time to arrive while the grid settles
+    wavefront           how a new obstacle spreads                   ``shown`` (numbers of its times)
+    ==================  ===========================================  =================================================
+
+    Parameters
+    ----------
+    value : object
+        One of the above.
+    ax : matplotlib.axes.Axes, optional
+        Where to draw; made when None.  Pictures of several panels make a figure of their own.
+    **options
+        As the table says.
+
+    Returns
+    -------
+    matplotlib.axes.Axes or matplotlib.figure.Figure
+        The axes, or the figure where there are several; `save_figure` takes both.
+
+    Raises
+    ------
+    InputError
+        If the value has no picture, an option does not belong to it, or the value cannot be drawn.
+    """
+    picture = _picture_of(value)
+    takes = list(inspect.signature(picture).parameters)[1:]
+    unknown = [name for name in options if name not in takes]
+    if unknown:
+        allowed = ", ".join(name for name in takes if name != "ax") or "no option"
+        raise InputError(f"{unknown[0]} is no option of a picture of {_named(value)}; it takes {allowed}")
+    if ax is not None and "ax" not in takes:
+        raise InputError(f"a picture of {_named(value)} has several panels, and is not drawn into one ax: leave ax out")
+    return guarded("draw", picture)(value, **options, **({"ax": ax} if "ax" in takes else {}))
+
+
+def _picture_of(value: object) -> Picture:
+    table, one = PICTURES, value
+    if isinstance(value, Mapping | Sequence) and not isinstance(value, str | bytes) and len(value):
+        table, one = PICTURES_OF_MANY, next(iter(value.values() if isinstance(value, Mapping) else value))
+    for kind, picture in table.items():
+        if isinstance(one, kind):
+            return picture
+    known = ", ".join(kind.__name__ for kind in PICTURES)
+    raise InputError(f"{_named(value)} has no picture; there are pictures of {known}")
+
+
+def _named(value: object) -> str:
+    name = type(value).__name__
+    return f"{'an' if name[0] in 'AEIOU' else 'a'} {name}"

@@ -1,0 +1,353 @@
+"""Pictures of the workspace: obstacles, goals, and the robot itself along a path."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import shapely
+from matplotlib.axes import Axes
+from matplotlib.collections import LineCollection
+from matplotlib.colors import to_hex, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+from matplotlib.patheffects import Normal, Stroke
+from numpy.typing import NDArray
+from shapely.geometry.polygon import orient
+
+from resgrid.errors import InputError
+from resgrid.planning.separation import Separation
+from resgrid.planning.streamline import Polyline, ShortPath, Streamline, unwrap
+from resgrid.planning.workspace import dense
+from resgrid.plot.fields import draw_space
+from resgrid.plot.figures import PAGE, add_title, axes_or_new, caption_height, new_figure
+from resgrid.plot.paths import draw_separation, draw_streamlines
+from resgrid.plot.plane import paint_cells, plane_of, seam_shifts
+from resgrid.plot.style import (
+    FAILURE,
+    GOAL,
+    HIDDEN,
+    OBSTACLE,
+    PATHS,
+    TEXT,
+    add_swatch,
+    dress,
+    mark_goal,
+    mark_start,
+    refresh_legend,
+)  # fmt: skip
+from resgrid.robots import CellSet, HalfSpace, Robot, Shape, to_shapely
+from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint
+from resgrid.scene.scene import Scene
+from resgrid.space import Cell, ConfigurationSpace
+
+Way = Streamline | ShortPath | Polyline | NDArray[np.float64]
+
+_GHOSTS = 12
+_START, _EARLY, _LATE, _END = "#2b2b2b", "#b5b5b5", "#7fb2d6", "#0072B2"
+
+
+def draw_scene(scene: Scene, ax: Axes | None = None) -> Axes:
+    """Draw the workspace of a scene: obstacles, those that the map does not show, goals, and the starts."""
+    axes = _draw_surroundings(scene, ax)
+    places = np.array([_reference(start, scene) for start in scene.starts]).reshape(-1, 2)
+    mark_start(places, axes)
+    _frame(axes, scene, [places])
+    refresh_legend(axes)
+    return axes
+
+
+def draw_robot(
+    path: Way, scene: Scene, ax: Axes | None = None, *, ghosts: int = _GHOSTS, colour: str = PATHS[0]
+) -> Axes:
+    """Draw a scene's robot along a path: black at the start, blue at the end, pale between; and its reference point.
+
+    Parameters
+    ----------
+    path : Streamline, ShortPath, Polyline or ndarray of float64, shape (n, ndim)
+        An array holds points of the world.
+    scene : Scene
+        Of a robot that moves in the plane.
+    ax : matplotlib.axes.Axes, optional
+        Made when None.
+    ghosts : int
+        How many poses to draw, at least 1; evenly spaced along the way that the robot's points move.
+    colour : str
+        Of the path of the reference point (an arm's tip).
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        If the path does not fit the scene, or the robot does not move in the plane.
+    """
+    if not 1 <= ghosts <= 1000:
+        raise InputError(f"ghosts = {ghosts}, but 1 to 1000 poses can be drawn")
+    robot = scene.robot
+    poses = _dense(path, scene)
+    axes = _draw_surroundings(scene, ax)
+    shown = poses[_evenly(poses, robot, ghosts)]
+    for number, pose in enumerate(shown):
+        _draw_pose(robot, pose, axes, number, len(shown))
+    tip = robot.reference_point(poses)
+    if len(tip) > 1:
+        effects = [Stroke(linewidth=2.4, foreground="white"), Normal()]
+        label = f"path of the {robot.reference}"
+        axes.plot(tip[:, 0], tip[:, 1], color=colour, linewidth=1.4, zorder=6, path_effects=effects, label=label)
+        mark_start(tip[:1], axes, "")
+        mark_goal(tip[-1:], axes, "")
+    if robot.base is not None:
+        axes.scatter([robot.base[0]], [robot.base[1]], s=30, marker="s", facecolor="black", zorder=7, label="base")
+    _frame(axes, scene, [tip, *_outlines(robot, shown)])
+    refresh_legend(axes)
+    return axes
+
+
+def draw_tips(paths: Sequence[Streamline], scene: Scene, ax: Axes | None = None) -> Axes:
+    """Draw where an arm's tip, or another robot's reference point, goes along many paths.
+
+    Parameters
+    ----------
+    paths : sequence of Streamline
+    scene : Scene
+        Of a robot that moves in the plane.
+    ax : matplotlib.axes.Axes, optional
+        Made when None.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+
+    Raises
+    ------
+    InputError
+        If a path does not fit the scene, or the robot does not move in the plane.
+    """
+    robot = scene.robot
+    axes = _draw_surroundings(scene, ax)
+    lines = [robot.reference_point(_dense(path, scene)) for path in paths]
+    label = f"paths of the {robot.reference}"
+    axes.add_collection(LineCollection(lines, colors=PATHS[0], linewidths=0.6, alpha=0.8, zorder=4, label=label))
+    for row, size, face in ((0, 5, "white"), (-1, 4, GOAL)):
+        ends = np.array([line[row] for line in lines]).reshape(-1, 2)
+        axes.scatter(ends[:, 0], ends[:, 1], s=size, facecolor=face, edgecolor="black", linewidth=0.3, zorder=5)
+    _frame(axes, scene, lines)
+    refresh_legend(axes)
+    return axes
+
+
+def draw_pair(
+    path: Way,
+    scene: Scene,
+    space: ConfigurationSpace,
+    *,
+    others: Sequence[Streamline] = (),
+    virtual: NDArray[np.bool_] | None = None,
+    verdict: Separation | None = None,
+    separating: Sequence[Shape] = (),
+    title: str = "",
+    caption: str = "",
+) -> Figure:
+    """Draw a robot along a path in its workspace, beside the path in a configuration space of two axes.
+
+    This is the layout of Connolly & Grupen (1992).
+
+    Parameters
+    ----------
+    path : Streamline, ShortPath or array_like of float, shape (n, ndim)
+        An array holds points of the world.  The robot is drawn along it; at its start alone where it goes nowhere.
+    scene : Scene
+        Of a robot that moves in the plane.
+    space : ConfigurationSpace
+        Of two axes.
+    others : sequence of Streamline
+        More paths for the configuration space.
+    virtual : ndarray of bool, shape of the space, optional
+        Obstacle cells that stand for no body, such as strips along singularities; drawn paler.
+    verdict : Separation, optional
+        Of the path's start, where it reaches no goal: the configuration space then shows what separates it.
+    separating : sequence of Shape
+        Obstacles of the workspace to be marked as those that separate.
+    title, caption : str
+        Above and below the figure.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        18.8 cm wide.
+
+    Raises
+    ------
+    InputError
+        If the space does not have two axes, or the robot does not move in the plane.
+    """
+    figure = new_figure(PAGE, 4.4 + caption_height(caption))
+    left, right = figure.subplots(1, 2)
+    draw_robot(path, scene, left)
+    mark_shapes(separating, left, FAILURE, "keeps it from the goals")
+    refresh_legend(left)
+    if verdict is not None:
+        draw_separation(verdict, right, virtual=virtual)
+    else:
+        draw_space(space, right, virtual=virtual)
+        lines = [path, *others] if isinstance(path, Streamline) else list(others)
+        if lines:
+            draw_streamlines(lines, space, right)
+        if not isinstance(path, Streamline):
+            _draw_line(path if isinstance(path, np.ndarray) else unwrap(path), space, right)
+    right.set_title("Configuration space", fontsize=TEXT)
+    add_title(figure, title, caption)
+    return figure
+
+
+def _draw_line(points: NDArray[np.float64], space: ConfigurationSpace, axes: Axes) -> None:
+    """A polyline of the world in configuration space, with copies where it crosses seams, and its first point."""
+    for shift in seam_shifts(space) if len(points) > 1 else ():
+        axes.plot(*(points + shift).T, color=PATHS[0], linewidth=1.5, zorder=4, label="path")
+    mark_start(points[:1], axes)
+    refresh_legend(axes)
+
+
+def empty_space(scene: Scene) -> ConfigurationSpace:
+    """The configuration space of a scene without its obstacles and goals."""
+    return ConfigurationSpace(
+        scene.axes, np.zeros([axis.cells for axis in scene.axes], np.uint8), frame=scene.frame, robot=scene.robot
+    )
+
+
+def mark_shapes(shapes: Sequence[Shape], axes: Axes, colour: str, label: str, order: float = 2.2) -> None:
+    """Fill shapes of the workspace with a colour, and name it in the legend."""
+    for shape in shapes:
+        fill(to_shapely(shape), axes, facecolor=colour, edgecolor="#00000080", linewidth=0.5, zorder=order)
+    if shapes:
+        add_swatch(axes, label, colour)
+
+
+def fill(shape: Any, axes: Axes, **style: Any) -> list[PathPatch]:
+    """Fill a shapely polygon, or several, holes left open."""
+    patches = []
+    for part in map(orient, getattr(shape, "geoms", [shape])):
+        rings = [part.exterior, *part.interiors]
+        path = Path.make_compound_path(*(Path(np.asarray(ring.coords)[:, :2], closed=True) for ring in rings))
+        patches.append(PathPatch(path, **style))
+        axes.add_patch(patches[-1])
+    return patches
+
+
+def _draw_surroundings(scene: Scene, ax: Axes | None) -> Axes:
+    """Obstacles, cells of a map, hidden obstacles and goals of a scene whose robot moves in the plane."""
+    if scene.robot.moves_in_workspace and scene.ndim != 2:
+        raise InputError(f"the workspace of a scene with {scene.ndim} axes is not a plane: sample it, and draw fields")
+    axes = axes_or_new(ax)
+    if scene.map is not None:
+        known = ConfigurationSpace(scene.map.axes, scene.map.cell, frame=scene.map_frame)
+        for code, colour, label in ((Cell.OBSTACLE, OBSTACLE, "obstacle"), (Cell.GOAL, GOAL, "goal")):
+            paint_cells(known, known.cell == code, colour, label, axes)
+    mark_shapes(scene.obstacles, axes, OBSTACLE, "obstacle", 2.0)
+    mark_shapes(scene.hidden, axes, HIDDEN, "hidden obstacle", 2.4)
+    mark_shapes(_goal_regions(scene), axes, GOAL, "goal", 1.5)
+    mark_goal(goal_places(scene), axes)
+    unit = "m" if scene.robot.base is not None else scene.axes[0].unit
+    axes.set(aspect="equal", xlabel=f"x ({unit})", ylabel=f"y ({unit})")
+    axes.set_title("Workspace", fontsize=TEXT)
+    dress(axes)
+    return axes
+
+
+def _goal_regions(scene: Scene) -> list[Shape]:
+    return [
+        goal for goal in scene.goals if isinstance(goal, Shape) and not isinstance(goal, CellSet) and goal.ndim == 2
+    ]
+
+
+def goal_places(scene: Scene) -> NDArray[np.float64]:
+    """Where the robot's reference point is at goals that are places, cells or configurations, shape (g, 2)."""
+    places = [_goal_place(goal, scene) for goal in scene.goals if not isinstance(goal, Shape)]
+    return np.array(places).reshape(-1, 2)
+
+
+def _goal_place(goal: Goal, scene: Scene) -> NDArray[np.float64]:
+    match goal:
+        case GoalPoint(point) if len(point) == 2:
+            return np.array(point)
+        case GoalPoint(point):
+            return _reference(point, scene)
+        case GoalCell(cell):
+            return _reference(empty_space(scene).centre(np.array(cell)), scene)
+        case GoalJoints(lower, upper):
+            return _reference((np.array(lower) + upper) / 2, scene)
+    raise InputError(f"where a {type(goal).__name__} lies in the plane is not known")
+
+
+def _reference(configuration: Any, scene: Scene) -> NDArray[np.float64]:
+    """Where the robot's reference point is in a configuration of the world, shape (2,)."""
+    return scene.robot.reference_point(np.reshape(configuration, (1, -1)))[0, :2]
+
+
+def _dense(path: Way, scene: Scene) -> NDArray[np.float64]:
+    """Configurations in the world close enough for smooth lines, whatever the scale of the workspace."""
+    own = Polyline(path, empty_space(scene)) if isinstance(path, np.ndarray) else path
+    travel = float(scene.robot.travel(own.line[:-1], own.line[1:]).sum())
+    return own.space.to_world(dense(own, travel / 400)[0] if travel else own.line)
+
+
+def _evenly(poses: NDArray[np.float64], robot: Robot, count: int) -> NDArray[np.int64]:
+    """Numbers of poses that are evenly spaced along what the robot's points travel."""
+    along = np.concatenate([[0.0], np.cumsum(robot.travel(poses[:-1], poses[1:]))])
+    return np.unique(np.searchsorted(along, np.linspace(0.0, along[-1], count)).clip(0, len(poses) - 1))
+
+
+def _draw_pose(robot: Robot, pose: NDArray[np.float64], axes: Axes, number: int, count: int) -> None:
+    """One pose of several: strong at both ends."""
+    label = {0: "robot at the start", count - 1: "robot at the end"}.get(number) if number else "robot at the start"
+    share = number / max(count - 1, 1)
+    pale = (1 - share) * np.array(to_rgb(_EARLY)) + share * np.array(to_rgb(_LATE))
+    colour = to_rgb(_START if number == 0 else _END) if label else tuple(pale)
+    order = 3.0 + share / 2 + bool(label)
+    bodies = [shape for shape in robot.shapes_at(pose) if shape.area]
+    for shape in bodies:
+        fill(
+            shape, axes, facecolor=(*colour, 0.75 if label else 0.25), edgecolor=colour,
+            linewidth=1.2 if label else 0.6, zorder=order,
+        )  # fmt: skip
+    joints = skeleton(robot, pose)
+    if len(joints):
+        axes.plot(
+            *joints.T, color=colour, linewidth=2.4 if label else 1.0, marker="o",
+            markersize=3.6 if label else 1.6, solid_capstyle="round", zorder=order, label=label,
+        )  # fmt: skip
+    elif label and bodies:
+        add_swatch(axes, label, to_hex(colour))
+
+
+def skeleton(robot: Robot, pose: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Joints of a robot whose parts are segments, one after the other, shape (n, 2); else none."""
+    cores = [part.core[0] for part in robot.parts(pose[np.newaxis])]
+    if not all(isinstance(core, shapely.LineString) for core in cores):
+        return np.empty((0, 2))
+    points = shapely.get_coordinates(cores)
+    return np.asarray(points[np.append(True, np.any(np.diff(points, axis=0) != 0, axis=1))])
+
+
+def _outlines(robot: Robot, poses: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    return [shapely.get_coordinates(shape) for pose in poses for shape in robot.shapes_at(pose)]
+
+
+def _frame(axes: Axes, scene: Scene, lines: list[NDArray[np.float64]]) -> None:
+    """Limits around lines and bounded shapes; an arm's hold its reach, so that its pictures can be compared."""
+    shapes = (*scene.obstacles, *scene.hidden, *_goal_regions(scene))
+    corners = [np.array(shape.bounds) for shape in shapes if not isinstance(shape, HalfSpace | CellSet)]
+    robot = scene.robot
+    if robot.base is not None:
+        corners.append(np.add([[-robot.reach] * 2, [robot.reach] * 2], robot.base))
+    elif scene.ndim == 2:
+        corners.append(plane_of(empty_space(scene)).corners)
+    everything = np.concatenate([*lines, *corners, goal_places(scene)])
+    low, high = everything.min(axis=0), everything.max(axis=0)
+    margin = 0.05 * float((high - low).max())
+    axes.set(xlim=(low[0] - margin, high[0] + margin), ylim=(low[1] - margin, high[1] + margin))

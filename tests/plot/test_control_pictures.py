@@ -1,0 +1,182 @@
+"""Pictures and animations of control: what is on them, and that files are whole or not there."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from matplotlib.figure import Figure
+from matplotlib.quiver import Quiver
+from PIL import Image
+
+import resgrid as rg
+from resgrid.control.announced import RelaxationSweep, Wavefront, wavefront
+from resgrid.control.log import Mode
+from resgrid.control.relaxation import Relaxation
+from resgrid.errors import InputError, ToolMissingError
+from resgrid.plot.animations import check_animation, frame_rows
+
+
+def labels(axes) -> set[str]:
+    return {text.get_text() for text in axes.get_legend().get_texts()}
+
+
+def test_a_run_shows_forces_modes_and_lessons(run: rg.Run) -> None:
+    left, right = rg.draw(run, title="t", caption="c").axes
+    assert {"hidden obstacle", "contact force"} <= labels(left)
+    named = {Mode(mode).name.lower() for mode in set(run.mode)} - {"arrived", "dithering"}
+    assert named | {"cell learnt", "hidden obstacle", "start"} <= labels(right)
+    circles = next(c for c in right.collections if c.get_label() == "cell learnt")
+    assert len(circles.get_offsets()) == run.learnt.sum()
+    arrows = next(c for c in left.collections if isinstance(c, Quiver))
+    drawn, felt = np.stack([arrows.U, arrows.V], axis=1), run.contacts.force
+    if len(felt) <= len(drawn):
+        ratio = np.hypot(*drawn.T) / np.hypot(*felt.T)
+        np.testing.assert_allclose(ratio, ratio[0])
+        assert np.all(np.sum(drawn * felt, axis=1) > 0)
+
+
+def test_runs_at_several_k_share_a_picture(run: rg.Run) -> None:
+    figure = rg.draw([run, replace(run, field=replace(run.field, k=0.5))])
+    assert {"k = 0.98", "k = 0.5"} <= labels(figure.axes[0]) & labels(figure.axes[1])
+
+
+def test_the_velocity_diagram_adds_up(field) -> None:
+    axes = rg.draw_velocities(field, (2.0, 0.0), (0.3, 1.0), 0.1)
+    arrows = {c.get_label(): np.array([c.U[0], c.V[0]]) for c in axes.collections if isinstance(c, Quiver)}
+    nominal = arrows["nominal velocity $V_0$"]
+    np.testing.assert_allclose(nominal + arrows["answer $AF$"], arrows["$V = V_0 + AF$"])
+    along = arrows[r"along the equipotential, $v_\phi$"]
+    assert abs(along @ nominal) < 1e-12 * (nominal @ nominal)
+    assert along @ [0.3, 1.0] >= 0
+    assert {"the robot's equipotential", "streamline"} <= labels(axes)
+
+
+def test_the_share_of_dirichlet_lies_between_none_and_all(space, field, neumann) -> None:
+    share = rg.dirichlet_share(field, neumann, 0.98)
+    assert np.nanmin(share) >= 0 and np.nanmax(share) <= 1
+    assert np.all(rg.dirichlet_share(field, neumann, 1.0)[space.goal_connected] == 1)
+    with pytest.raises(InputError, match="0 <= k <= 1"):
+        rg.dirichlet_share(field, neumann, 2.0)
+    axes = rg.draw_dirichlet_share(field, neumann, 0.98)
+    assert axes.images
+
+
+def test_a_sweep_marks_what_did_not_arrive() -> None:
+    ratio = np.array([100.0, 10.0])
+    sweep = RelaxationSweep(
+        Relaxation("sor"), 50.0, 50 / ratio, ratio, (rg.Ending.STALLED, rg.Ending.ARRIVED), np.array([80.0, 20.0]),
+        np.array([40.0, 0.0]), 19.0,
+    )  # fmt: skip
+    assert (sweep.safe_ratio, sweep.failing_ratio) == (10.0, 100.0)
+    axes = rg.draw([sweep])
+    assert {"did not arrive", "SOR sweeps: settles in 50"} <= labels(axes)
+
+
+@pytest.fixture(scope="module")
+def front(scene: rg.Scene) -> Wavefront:
+    sim = rg.simulation(scene)
+    return wavefront(rg.announce_hidden(sim, rg.Relaxation(pace=2.0)), np.array([0.0, 1, 5]))
+
+
+def test_a_wavefront_is_a_row_of_pictures_and_an_animation(front: Wavefront, run: rg.Run, tmp_path) -> None:
+    figure = rg.draw(front)
+    assert len([axes for axes in figure.axes if axes.get_title()]) == 3
+    with pytest.raises(InputError, match="0 to 2"):
+        rg.draw(front, shown=[3])
+    file = rg.animate(front, tmp_path / "front.gif", run=run, rate=5)
+    with Image.open(file) as picture:
+        assert picture.n_frames == 3
+        assert picture.info["duration"] == 200
+
+
+def frames_of(file) -> list[np.ndarray]:
+    with Image.open(file) as picture:
+        return [np.asarray((picture.seek(number), picture.convert("RGB"))[1]) for number in range(picture.n_frames)]
+
+
+def test_an_animation_of_a_run_holds_its_lessons_and_its_end(run: rg.Run, tmp_path) -> None:
+    assert {0, len(run.time) - 1} <= set(frame_rows(run, 6).tolist())
+    drawn: list[int] = []
+    first, *_, last = frames_of(rg.animate(run, tmp_path / "run.gif", count=3, progress=drawn.append))
+    assert drawn == list(range(1, len(drawn) + 1))
+    middle = first.shape[1] // 2
+    for frame in (first, last):
+        for panel in (frame[:, :middle], frame[:, middle:]):
+            assert (panel == [230, 159, 0]).all(axis=2).any()  # the goal
+    changed = (first != last).any(axis=2)
+    assert changed[:, :middle].any() and changed[:, middle:].any()
+    near_blue = np.abs(first[:, :middle].astype(int) - [0, 114, 178]).sum(axis=2) < 120
+    assert near_blue.sum() > 40  # the robot, besides its mark in the legend
+    np.testing.assert_array_equal(first[[0, -1]], 255)  # nothing is cut at the border
+    np.testing.assert_array_equal(first[:, [0, -1]], 255)
+    with pytest.raises(InputError, match="frames"):
+        rg.animate(run, tmp_path / "b.gif", count=1)
+
+
+def test_a_colour_is_the_same_in_every_frame(front: Wavefront, monkeypatch, tmp_path) -> None:
+    """A patch keeps its colour to the bit, whatever gradients come and go around it in 300 other colours."""
+    ramp = np.linspace(0, 255, 90).astype(np.uint8)
+    images = []
+    for number in range(5):
+        image = np.zeros((60, 90, 3), np.uint8)
+        image[..., number % 3], image[..., (number + 1) % 3] = ramp, ramp[:60, None] // (number + 1)
+        image[4:9, 4:9] = (230, 159, 0)
+        images.append(image)
+
+    def frames(_front, _run):
+        figure = Figure(figsize=(0.9, 0.6), dpi=100)
+        for image in images:
+            figure.clear()
+            figure.figimage(image)
+            yield figure
+
+    monkeypatch.setattr("resgrid.plot.animations._wavefront_frames", frames)
+    for drawn, expected in zip(frames_of(rg.animate(front, tmp_path / "a.gif")), images, strict=True):
+        np.testing.assert_array_equal(drawn[4:9, 4:9], expected[4:9, 4:9])
+        assert np.abs(drawn.astype(int) - expected).max() <= 24
+
+
+def test_an_animation_that_is_interrupted_leaves_nothing(front: Wavefront, tmp_path, monkeypatch) -> None:
+    def interrupt(_number: int) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        rg.animate(front, tmp_path / "a.gif", progress=interrupt)
+    with pytest.raises(InputError, match=r"\.gif or \.mp4"):
+        rg.animate(front, tmp_path / "a.png")
+    with pytest.raises(InputError, match="rate"):
+        rg.animate(front, tmp_path / "a.gif", rate=0)
+    assert not list(tmp_path.iterdir())
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(ToolMissingError, match="ffmpeg"):
+        check_animation("a.mp4")
+
+
+FAKE = """#!{python}
+import sys
+if "{mode}" == "fail":
+    sys.stdin.buffer.read(1); sys.stderr.write("no such codec"); sys.exit(3)
+open(sys.argv[-1], "wb").write(sys.argv[sys.argv.index("-s") + 1].encode() + b" " + sys.stdin.buffer.read())
+"""
+
+
+def test_mp4_goes_through_ffmpeg(front: Wavefront, tmp_path, monkeypatch) -> None:
+    """A stand-in for ffmpeg that keeps what it is fed; and one that fails."""
+    tool = tmp_path / "bin" / "ffmpeg"
+    tool.parent.mkdir()
+    monkeypatch.setenv("PATH", str(tool.parent))
+    for mode in ("keep", "fail"):
+        tool.write_text(FAKE.format(python=sys.executable, mode=mode))
+        tool.chmod(0o755)
+        if mode == "keep":
+            size, _, pixels = rg.animate(front, tmp_path / "a.mp4").read_bytes().partition(b" ")
+            width, height = map(int, size.split(b"x"))
+            assert len(pixels) == 3 * 4 * width * height  # three frames
+            assert width % 2 == height % 2 == 0
+        else:
+            with pytest.raises(InputError, match="no such codec"):
+                rg.animate(front, tmp_path / "b.mp4")
+            assert not (tmp_path / "b.mp4").exists()

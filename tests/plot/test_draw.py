@@ -1,0 +1,139 @@
+"""Every value has its picture: with data, axes that say what they show, legible text, the same bytes every time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.text import Text
+from support.dynamics import small_scene
+from support.spaces import space_of
+
+import resgrid as rg
+from resgrid.chip.noise import analyse_noise
+from resgrid.chip.power import analyse_power
+from resgrid.chip.precision import analyse_precision
+from resgrid.chip.sensitivity import analyse_sensitivity
+from resgrid.chip.settling import analyse_settling
+from resgrid.plot import pictures, render_figure
+from resgrid.plot.figures import figure_of
+
+CHIP = rg.Chip(mismatch=0.05, goal_switch_on=200.0, readout=rg.Readout(bits=7))
+
+
+def small_space() -> rg.ConfigurationSpace:
+    cell = np.zeros((7, 6), dtype=np.uint8)
+    cell[2:5, 3], cell[1, 1] = rg.Cell.OBSTACLE, rg.Cell.GOAL
+    return space_of(cell)
+
+
+@cache
+def small_op() -> rg.OperatingPoint:
+    return rg.solve(small_scene())
+
+
+@cache
+def small_planner() -> rg.Planner:
+    return rg.plan(small_space(), k=0.5)
+
+
+def of_chip(what: str) -> Any:
+    netlist = rg.build_chip(rg.ideal_netlist(small_space(), CHIP), CHIP)
+    match what:
+        case "yield":
+            return rg.analyse_yield(rg.ideal_netlist(small_space(), CHIP), CHIP, most=8, batch=8)
+        case "criticality":
+            return rg.analyse_criticality(netlist, rg.Readout(bits=7), seconds=5.0)
+    return rg.explore_yield(small_space(), CHIP, ("mismatch", [0.0, 0.1]), ("readout.bits", [4, 8]), trials=2)
+
+
+def paths() -> list[rg.Streamline]:
+    return [small_planner().path(start) for start in ((0.5, 5.5), (6.5, 4.5))]
+
+
+ALBUM: dict[str, Callable[[rg.Run], Any]] = {
+    "scene": lambda run: rg.draw(run.scene),
+    "space": lambda _: rg.draw(small_space()),
+    "potential": lambda _: rg.draw(small_planner().field),
+    "currents": lambda _: rg.draw(small_planner().field, quantity="currents"),
+    "paths": lambda _: rg.draw(paths(), space=small_space(), k=[0.5, 0.5]),
+    "page": lambda _: rg.draw_page(small_planner().field, paths(), title="Page"),
+    "netlist": lambda _: rg.draw(rg.compile_space(small_space())),
+    "circuit": lambda _: rg.draw(rg.solve(rg.compile_space(small_space(), boundary="neumann"))),
+    "separation": lambda _: rg.draw(rg.separation(small_space(), (6.5, 0.5))),
+    "clearance": lambda _: rg.draw(rg.clearance_curve(small_planner(), (0.0, 1.0), [(0.5, 5.5)]), unit="m"),
+    "share": lambda _: rg.draw_dirichlet_share(small_planner().obstacle_field, small_planner().open_field, 0.5),
+    "velocities": lambda _: rg.draw_velocities(small_planner().field, (5.2, 4.8), (0.3, 1.0), 0.1),
+    "run": lambda run: rg.draw(run, title="Run", caption="Two\nlines"),
+    "runs": lambda run: rg.draw([run, run]),
+    "robot": lambda run: rg.draw_robot(run.configuration, run.scene),
+    "wavefront": lambda run: rg.draw(
+        rg.wavefront(rg.announce_hidden(rg.simulation(run.scene), rg.Relaxation(pace=2.0)), np.array([0.0, 5.0]))
+    ),
+    "settling": lambda _: rg.draw(analyse_settling(small_scene(), bits=8)),
+    "settling curve": lambda _: rg.draw(analyse_settling(small_scene(), bits=8), quantity="curve"),
+    "noise": lambda _: rg.draw(analyse_noise(small_scene(), band=(0.0, 1e6))),
+    "power": lambda _: rg.draw(analyse_power(small_op())),
+    "precision": lambda _: rg.draw(analyse_precision(small_op())),
+    "precisions": lambda _: rg.draw({"Dirichlet": analyse_precision(small_op())}, title="Precision"),
+    "sensitivity": lambda _: rg.draw(analyse_sensitivity(small_op(), (5, 5)), drift=0.8),
+    "yield": lambda _: rg.draw(of_chip("yield")),
+    "criticality": lambda _: rg.draw(of_chip("criticality"), fault="short"),
+    "exploration": lambda _: rg.draw(of_chip("exploration"), share=0.9),
+}
+
+
+@pytest.mark.parametrize("name", ALBUM)
+def test_every_picture_has_data_units_legible_text_and_the_same_bytes_twice(name: str, run: rg.Run) -> None:
+    first, second = (figure_of(ALBUM[name](run)) for _ in range(2))
+    assert render_figure(first, "png", dpi=60) == render_figure(second, "png", dpi=60)
+    drawn = [axes for axes in first.findobj(Axes) if axes.axison]
+    assert drawn or first.axes[0].lines  # a circuit has no axes
+    for axes in drawn:
+        assert axes.has_data()
+        assert axes.get_xlabel() or axes.get_ylabel() or axes in first.axes[0].child_axes or axes.get_title()
+    sizes = [text.get_fontsize() for text in first.findobj(Text) if text.get_text() and text.get_visible()]
+    assert min(sizes) >= 7
+
+
+def test_a_new_picture_is_a_function_and_a_line_of_the_table(monkeypatch) -> None:
+    class Reading:
+        value = 3.0
+
+    def draw_reading(reading: Reading, ax: Axes | None = None, *, colour: str = "black") -> Axes:
+        axes = Figure().add_subplot() if ax is None else ax
+        axes.plot([0, reading.value], color=colour)
+        return axes
+
+    monkeypatch.setitem(pictures.PICTURES, Reading, draw_reading)
+    axes = rg.draw(Reading(), colour="red")
+    assert axes.lines[0].get_color() == "red"
+    assert rg.draw(Reading(), axes) is axes
+
+
+def test_what_has_no_picture_and_options_that_do_not_belong_are_refused(run: rg.Run, space, field, cube) -> None:
+    with pytest.raises(rg.InputError, match=r"a dict has no picture; there are pictures of .*Field"):
+        rg.draw({})
+    with pytest.raises(rg.InputError, match=r"colour is no option of a picture of a ConfigurationSpace; .*virtual"):
+        rg.draw(space, colour="red")
+    with pytest.raises(rg.InputError, match="contours = 3 must be True or False"):
+        rg.draw(field, contours=3)
+    for value in (run, cube):
+        with pytest.raises(rg.InputError, match="leave ax out"):
+            rg.draw(value, rg.draw(space))
+    deep = space_of(np.diag([2, 0])[:, :, None, None] * np.ones((1, 1, 2, 2), int))
+    with pytest.raises(rg.InputError, match="a field of 4 axes has no picture: fix an axis"):
+        rg.draw(rg.plan(deep).field)
+    with pytest.raises(rg.InputError, match="a space of two axes, this one has 3"):
+        rg.draw(cube.space)
+
+
+def test_an_axes_given_is_used_and_returned(field: rg.Field) -> None:
+    axes = rg.draw(field.space)
+    assert rg.draw(field, axes) is axes
+    assert [text.get_text() for text in axes.get_legend().get_texts()].count("obstacle") == 1
