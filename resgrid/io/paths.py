@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import cos, sin
-from pathlib import Path as FilePath
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from resgrid.errors import InputError
 from resgrid.io.tables import Views, require_names, suffix_of, write
 from resgrid.planning.fields import Field
-from resgrid.planning.streamline import Path, ShortPath, Streamline, unwrap
+from resgrid.planning.streamline import AnyPath, ShortPath, Streamline, unwrap
 from resgrid.planning.timing import Trajectory
 from resgrid.robots import PointRobot
 from resgrid.space import ConfigurationSpace
 
-AnyPath = Path | Trajectory
+Timed = AnyPath | Trajectory
 
 
-def write_path(path: AnyPath, target: str | os.PathLike[str]) -> FilePath:
+def write_path(path: Timed, target: str | os.PathLike[str]) -> Path:
     """Write a path, whole or not at all, as the end of the file's name says.
 
     Parameters
@@ -65,7 +65,7 @@ def write_path(path: AnyPath, target: str | os.PathLike[str]) -> FilePath:
 _VIEWS = ("table", "record", "arrays", "message")
 
 
-def path_columns(path: AnyPath) -> dict[str, NDArray[np.float64]]:
+def path_columns(path: Timed) -> dict[str, NDArray[np.float64]]:
     """A path as named columns, one entry a point, in world coordinates that are continuous across periodic seams.
 
     Shapes: returns (n,).
@@ -89,7 +89,7 @@ def column_names(space: ConfigurationSpace, *, timed: bool) -> list[str]:
     return ["t", *axes, *tip, *(f"{name}_rate" for name in axes)] if timed else [*axes, *tip]
 
 
-def _points(path: AnyPath) -> NDArray[np.float64]:
+def _points(path: Timed) -> NDArray[np.float64]:
     return path.positions if isinstance(path, Trajectory) else unwrap(path)
 
 
@@ -127,7 +127,7 @@ ADVICE = {
 """What to do about every outcome but success."""
 
 
-def write_routes(target: str | os.PathLike[str], routes: Sequence[Route], space: ConfigurationSpace) -> FilePath:
+def write_routes(target: str | os.PathLike[str], routes: Sequence[Route], space: ConfigurationSpace) -> Path:
     """Write routes, whole or not at all: a table or a record of all, arrays with numbers, a document for ROS each."""
     views: Views = {
         "table": lambda: _routes_table(routes, space),
@@ -225,7 +225,7 @@ def _documents(routes: Sequence[Route], space: ConfigurationSpace) -> str:
     return "---\n".join(ros_plan(route.final) if route.reached else _message([], [], [], "map") for route in routes)
 
 
-def ros_plan(path: AnyPath, *, frame_id: str = "map") -> str:
+def ros_plan(path: Timed, *, frame_id: str = "map") -> str:
     """A path as the text of a ``nav_msgs/Path`` message, which ``ros2 topic pub`` takes.
 
     Every pose looks towards the next, the last one as the one before; a turning polygon as its angle says.  A

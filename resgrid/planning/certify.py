@@ -12,7 +12,7 @@ from resgrid.axis import rounding
 from resgrid.errors import CertificateError, InputError
 from resgrid.planning.certify_motion import check_motion
 from resgrid.planning.clearance import clearance_of, face_shares
-from resgrid.planning.streamline import Outcome, Path, Streamline, length_of
+from resgrid.planning.streamline import AnyPath, Outcome, Streamline, length_of
 from resgrid.space import Cell, ConfigurationSpace
 
 Cells = set[tuple[int, ...]]
@@ -193,7 +193,7 @@ def _plain(cell: NDArray[np.int64]) -> tuple[int, ...]:
     return tuple(cell.tolist())
 
 
-def certify_free(path: Path) -> None:
+def certify_free(path: AnyPath) -> None:
     """Check that no segment of a polyline meets an obstacle cell or leaves the grid.
 
     Of every segment one of two things must hold: all closed cells it touches, at corners too, are free or goal cells;

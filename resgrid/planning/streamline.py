@@ -191,10 +191,10 @@ class Polyline:
         return self.space.from_world(self.points)
 
 
-Path = Streamline | ShortPath | Polyline
+AnyPath = Streamline | ShortPath | Polyline
 
 
-def unwrap(path: Path) -> NDArray[np.float64]:
+def unwrap(path: AnyPath) -> NDArray[np.float64]:
     """Points of a path in the world, in continuous coordinates, which may leave the range of a periodic axis.
 
     A point differs from the path's own by whole turns only; the start by none.
@@ -211,7 +211,7 @@ def unwrap(path: Path) -> NDArray[np.float64]:
     return path.space.to_world(path.line)
 
 
-def robot_of(path: Path) -> Robot:
+def robot_of(path: AnyPath) -> Robot:
     """The robot whose path it is; a point where the space knows of none."""
     robot = path.space.robot
     if robot is None:

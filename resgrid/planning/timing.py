@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number
 from resgrid.errors import InputError
-from resgrid.planning.streamline import Path, Polyline, robot_of, unwrap
+from resgrid.planning.streamline import AnyPath, Polyline, robot_of, unwrap
 from resgrid.space import ConfigurationSpace
 
 Limits = float | Sequence[float] | NDArray[np.float64]
@@ -56,7 +56,7 @@ class Trajectory:
     positions: NDArray[np.float64]
     velocities: NDArray[np.float64]
     accelerations: NDArray[np.float64]
-    path: Path
+    path: AnyPath
     motion: Trajectory | None = None
 
     def __post_init__(self) -> None:
@@ -160,7 +160,7 @@ class Trajectory:
 
 
 def time_path(
-    path: Path, *, velocity_limits: Limits, acceleration_limits: Limits | None = None, tolerance: float | None = None
+    path: AnyPath, *, velocity_limits: Limits, acceleration_limits: Limits | None = None, tolerance: float | None = None
 ) -> Trajectory:
     """Time a path as fast as limits allow.
 
@@ -210,14 +210,14 @@ def time_path(
     return Trajectory(*_blended(corners, velocity, acceleration, within / 2), path)
 
 
-def _default_tolerance(path: Path) -> float:
+def _default_tolerance(path: AnyPath) -> float:
     if isinstance(path, Polyline):
         return 0.0
     clearance = np.inf if np.isnan(path.clearance) else path.clearance
     return float(min(clearance / 2, path.space.spacing.min() / 4))
 
 
-def _load(name: str, limits: Limits, path: Path) -> Load:
+def _load(name: str, limits: Limits, path: AnyPath) -> Load:
     """How limits weigh vectors of the world."""
     each = _checked_limits(name, limits, path.space)
     if np.ndim(limits) == 0 and robot_of(path).moves_in_workspace:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from resgrid.arguments import check_number
 from resgrid.errors import InputError
-from resgrid.planning.streamline import Path, robot_of, unwrap
+from resgrid.planning.streamline import AnyPath, robot_of, unwrap
 from resgrid.robots import Part, Shape
 from resgrid.robots.geometry import Obstacle, obstacles_of
 from resgrid.scene.world import along_axes
@@ -41,7 +41,7 @@ class Collision:
     obstacle: int
 
 
-def workspace_path(path: Path) -> NDArray[np.float64]:
+def workspace_path(path: AnyPath) -> NDArray[np.float64]:
     """Where the robot's reference point goes in the workspace: of an arm, its tip.
 
     Parameters
@@ -57,7 +57,7 @@ def workspace_path(path: Path) -> NDArray[np.float64]:
     return robot_of(path).reference_point(unwrap(path))
 
 
-def workspace_clearance(path: Path, obstacles: Sequence[Shape], *, step: float = 0.01) -> float:
+def workspace_clearance(path: AnyPath, obstacles: Sequence[Shape], *, step: float = 0.01) -> float:
     """Smallest distance from the whole robot to the obstacles along a path, with exact geometry.
 
     Parameters
@@ -85,7 +85,7 @@ def workspace_clearance(path: Path, obstacles: Sequence[Shape], *, step: float =
     return nearest
 
 
-def replay(path: Path, obstacles: Sequence[Shape], *, step: float = 0.01) -> Collision | None:
+def replay(path: AnyPath, obstacles: Sequence[Shape], *, step: float = 0.01) -> Collision | None:
     """Drive the whole robot along a path, with exact geometry, until it enters an obstacle.
 
     Parameters
@@ -120,7 +120,7 @@ def replay(path: Path, obstacles: Sequence[Shape], *, step: float = 0.01) -> Col
 
 
 def _poses(
-    path: Path, obstacles: Sequence[Shape], step: float
+    path: AnyPath, obstacles: Sequence[Shape], step: float
 ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64], list[Part], list[Obstacle]]]:
     """A few thousand configurations at a time, the segments they lie on, the robot's parts there, and the obstacles."""
     robot, space = robot_of(path), path.space
@@ -132,7 +132,7 @@ def _poses(
         yield configurations[some], segment[some], robot.parts(own[some]), solids
 
 
-def dense(path: Path, step: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def dense(path: AnyPath, step: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Configurations along a path, so close that no point of the robot moves farther than a step between two.
 
     Shapes: returns `configurations` (m, ndim), in axis units, `segment` (m,).

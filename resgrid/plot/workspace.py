@@ -14,12 +14,12 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.patheffects import Normal, Stroke
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.polygon import orient
 
 from resgrid.errors import InputError
 from resgrid.planning.separation import Separation
-from resgrid.planning.streamline import Polyline, ShortPath, Streamline, unwrap
+from resgrid.planning.streamline import AnyPath, Polyline, Streamline, unwrap
 from resgrid.planning.workspace import dense
 from resgrid.plot.fields import draw_space
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, caption_height, new_figure
@@ -43,7 +43,7 @@ from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.scene import Scene
 from resgrid.space import Cell, ConfigurationSpace
 
-Way = Streamline | ShortPath | Polyline | NDArray[np.float64]
+Way = AnyPath | ArrayLike
 
 _GHOSTS = 12
 _START, _EARLY, _LATE, _END = "#2b2b2b", "#b5b5b5", "#7fb2d6", "#0072B2"
@@ -66,7 +66,7 @@ def draw_robot(
 
     Parameters
     ----------
-    path : Streamline, ShortPath, Polyline or ndarray of float64, shape (n, ndim)
+    path : Streamline, ShortPath, Polyline or array_like of float, shape (n, ndim)
         An array holds points of the world.
     scene : Scene
         Of a robot that moves in the plane.
@@ -199,7 +199,7 @@ def draw_pair(
         if lines:
             draw_streamlines(lines, space, right)
         if not isinstance(path, Streamline):
-            _draw_line(path if isinstance(path, np.ndarray) else unwrap(path), space, right)
+            _draw_line(unwrap(path if isinstance(path, AnyPath) else Polyline(path, space)), space, right)
     right.set_title("Configuration space", fontsize=TEXT)
     add_title(figure, title, caption)
     return figure
@@ -291,7 +291,7 @@ def _reference(configuration: Any, scene: Scene) -> NDArray[np.float64]:
 
 def _dense(path: Way, scene: Scene) -> NDArray[np.float64]:
     """Configurations in the world close enough for smooth lines, whatever the scale of the workspace."""
-    own = Polyline(path, empty_space(scene)) if isinstance(path, np.ndarray) else path
+    own = path if isinstance(path, AnyPath) else Polyline(path, empty_space(scene))
     travel = float(scene.robot.travel(own.line[:-1], own.line[1:]).sum())
     return own.space.to_world(dense(own, travel / 400)[0] if travel else own.line)
 
