@@ -76,6 +76,7 @@ from .planning.separation import (
 from .planning.shortcut import shorten as shorten
 from .planning.streamline import (
     Outcome as Outcome,
+    Polyline as Polyline,
     ShortPath as ShortPath,
     Streamline as Streamline,
     unwrap as unwrap,
