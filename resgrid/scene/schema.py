@@ -278,7 +278,7 @@ SceneFile: Any = create_model(
     control=_key("control", value_of(Control), Control()),
 )
 _ROBOT: TypeAdapter[Robot] = TypeAdapter(_one_of(KINDS["robot"], _robot_kind))
-TABLES = {
+TABLES: dict[str, Any] = {
     "": SceneFile,
     "links": Link,
     "grid": Grid,
