@@ -52,7 +52,7 @@ bench: $(INSTALLED_BENCH)
 	$(BENCH_VENV)/bin/python -m benchmarks $(SECTIONS) --scale $(BENCH) --seed $(SEED) $(if $(ROUNDS),--rounds $(ROUNDS))
 
 fuzz: $(INSTALLED_DEV)
-	$(BIN)/python tests/fuzz_decks.py $(or $(COUNT),100000)
+	RESGRID_MUTATED_DECKS=$(or $(COUNT),100000) $(BIN)/python -m pytest -q tests/spice/read/test_mutated_decks.py
 
 golden: $(INSTALLED)
 	$(BIN)/resgrid compile examples/scenes/lesson.toml -o $(GOLDEN)/lesson_dirichlet.cir

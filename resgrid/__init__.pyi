@@ -151,7 +151,7 @@ from .spice.check.deck import check_deck as check_deck
 from .spice.check.predictions import Prediction as Prediction, predict_simulators as predict_simulators
 from .spice.check.rules import check_rules as check_rules
 from .spice.check.violation import Violation as Violation
-from .spice.parsed import Note as Note, ParsedDeck as ParsedDeck
+from .spice.circuit import Circuit as Circuit, Note as Note
 from .spice.power import (
     IrDrop as IrDrop,
     PowerBalance as PowerBalance,

@@ -75,7 +75,6 @@ class Motion:
 
 @verb(
     "path",
-    short="Follow the current from starts to a goal.",
     examples=(
         "resgrid path map.yaml --goal 5,0 --start=-5,-4 -o path.yaml",
         "resgrid path rooms.toml --k 0,0.9,1 --shorten --speed 1 --acceleration 2 -o paths.csv",
