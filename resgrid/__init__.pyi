@@ -34,8 +34,11 @@ from .chip.settling import Settling as Settling, analyse_settling as analyse_set
 from .chip.yields import Yield as Yield, analyse_yield as analyse_yield
 from .compiler import compile_space as compile_space
 from .control.announced import Wavefront as Wavefront, announce_hidden as announce_hidden, wavefront as wavefront
-from .control.controller import Controller as Controller, make_controller as make_controller
-from .control.equipotential import equipotential_velocity as equipotential_velocity
+from .control.controller import (
+    Controller as Controller,
+    equipotential_velocity as equipotential_velocity,
+    make_controller as make_controller,
+)
 from .control.log import Ending as Ending, Mode as Mode, Run as Run
 from .control.pushes import Push as Push, random_pushes as random_pushes
 from .control.relaxation import Relaxation as Relaxation

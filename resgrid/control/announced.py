@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.control.learning import solve_again
+from resgrid.control.belief import solve_again
 from resgrid.control.log import Ending, Mode, Run
 from resgrid.control.relaxation import TICK, Relaxation, RelaxingGrid
 from resgrid.control.simulation import Simulation

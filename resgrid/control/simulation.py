@@ -95,9 +95,9 @@ class Simulation:
         contact proves a new cell, and the lesson was not the last.  (Contact begins at a small gap, so that a point
         that lies on a border between cells may prove nothing new at first: a robot that stands still is shaken loose.)
         (3) A lesson holds only cells in which the conservative rule finds an obstacle that is truly there
-        (`proven_cells`), so a start that has a path in the true world's conservative map never loses it; after a lesson
-        the robot goes back the way it came, which is free because it came that way, to the last cell that still has a
-        path.  That cell exists unless the start's own has none left.  Then it tries the cells that have one within
+        (`Plant.proven_cells`), so a start that has a path in the true world's conservative map never loses it; after a
+        lesson the robot goes back the way it came, which is free because it came that way, to the last cell that still
+        has a path. That cell exists unless the start's own has none left. Then it tries the cells that have one within
         `RECOVERY` cells of where it is, straight and one by one, and only where none can be reached is no path
         announced: the start's own cell holds an obstacle, or the cells learnt, with those of the map, separate it from
         every goal.
