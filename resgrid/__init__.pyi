@@ -53,6 +53,7 @@ from .errors import (
     ToolMissingError as ToolMissingError,
 )
 from .frame import Frame as Frame
+from .io.networks import write_network as write_network
 from .io.paths import ros_plan as ros_plan, write_path as write_path
 from .io.runs import write_run as write_run
 from .io.solutions import write_solution as write_solution
@@ -139,6 +140,7 @@ from .robots import (
 )
 from .scene import (
     Chip as Chip,
+    Control as Control,
     CostArea as CostArea,
     Defects as Defects,
     GoalCell as GoalCell,
@@ -148,16 +150,14 @@ from .scene import (
     Query as Query,
     Readout as Readout,
     Scene as Scene,
-    apply_overrides as apply_overrides,
-    free_volume_lost as free_volume_lost,
     occupancy_grid as occupancy_grid,
     parse_quantity as parse_quantity,
     parse_scene as parse_scene,
     read_queries as read_queries,
     read_scene as read_scene,
     sample as sample,
-    scene_schema as scene_schema,
 )
+from .scene.schema import scene_schema as scene_schema
 from .space import Axis as Axis, Cell as Cell, ConfigurationSpace as ConfigurationSpace
 from .spice.analyses import (
     Measure as Measure,

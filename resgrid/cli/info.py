@@ -39,7 +39,7 @@ def command(source: Source | None, schema: bool, versions: bool) -> int:
     if (source is not None) + schema + versions != 1:
         raise InputError("give a SCENE, or --schema, or --versions (one of them)")
     if schema:
-        from resgrid.scene import scene_schema
+        from resgrid.scene.schema import scene_schema
 
         click.echo(json.dumps(scene_schema(), indent=2))
     elif versions:

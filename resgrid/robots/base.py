@@ -48,6 +48,9 @@ class Robot(ABC):
     base: Point | None = None
     """Where it is mounted; None if it moves freely."""
 
+    turning_length: float | None = None
+    """What a heading of one radian counts as, as the third coordinate of a configuration; None if it does not turn."""
+
     @property
     def reach(self) -> float:
         """Largest distance of its reference point from the base."""
