@@ -176,9 +176,8 @@ def _simulation(
     scene: Scene, k: float | None, settle: str | None, pace: float, announce: bool, motion: dict[str, Any]
 ) -> Simulation:
     """The scene in motion, while its grid settles if that is asked for."""
-    from resgrid.control.announced import announce_hidden
     from resgrid.control.relaxation import Relaxation
-    from resgrid.control.simulation import simulation
+    from resgrid.control.simulation import announce_hidden, simulation
 
     relaxation = None if settle is None else Relaxation(settle, pace)
     sim = simulation(scene, k=k, **motion)

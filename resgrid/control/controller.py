@@ -269,8 +269,9 @@ def make_controller(
     field : Field
     speed : float, optional
         Per second; by default a twentieth of the longest axis each second.
-    admittance : array_like of float, shape (n, n), (n,) or (), optional
-        A matrix, its diagonal, or one number for all axes; by default a unit force changes the velocity by the speed.
+    admittance : array_like of float, shape (n, n), (n * n,), (n,) or (), optional
+        A matrix, row by row if it is flat, its diagonal, or one number for all axes; by default a unit force changes
+        the velocity by the speed.
     speed_limits : array_like of float, shape (n,) or (), optional
         Of each coordinate of the world, per second; by default five times the speed.
     response : {"admittance", "equipotential"}
@@ -294,8 +295,12 @@ def make_controller(
         limits = np.asarray(fastest if speed_limits is None else speed_limits, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError("speed, admittance and speed_limits must be numbers") from None
-    matrix = matrix * np.eye(space.ndim) if matrix.ndim == 0 else np.diag(matrix) if matrix.ndim == 1 else matrix
-    limits = np.full(space.ndim, float(limits)) if limits.ndim == 0 else limits
+    ndim = space.ndim
+    if matrix.size == 1:
+        matrix = matrix.ravel()[0] * np.eye(ndim)
+    elif matrix.ndim == 1:
+        matrix = matrix.reshape(ndim, ndim) if len(matrix) == ndim**2 else np.diag(matrix)
+    limits = np.full(ndim, limits.ravel()[0]) if limits.size == 1 else limits
     return Controller(field, matrix, pace, limits, response)
 
 
