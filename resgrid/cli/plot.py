@@ -28,7 +28,6 @@ CIRCUIT_CELLS = 8
 
 @verb(
     "plot",
-    short="Draw a scene, its potential, currents, paths or circuit.",
     examples=("resgrid plot map.yaml --what space -o map.png", "resgrid plot rooms.toml --k 0.9 -o page.pdf"),
 )
 @with_source()

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 @verb(
     "run",
-    short="Do it all: paths, pictures, and decks checked in SPICE.",
     examples=(
         "resgrid run rooms.toml",
         "resgrid run map.yaml --goal 5,0 --start=-5,-4 --robot-radius 0.3 --k 0.9 -o out/mine",

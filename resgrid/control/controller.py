@@ -299,7 +299,10 @@ def make_controller(
     if matrix.size == 1:
         matrix = matrix.ravel()[0] * np.eye(ndim)
     elif matrix.ndim == 1:
-        matrix = matrix.reshape(ndim, ndim) if len(matrix) == ndim**2 else np.diag(matrix)
+        if len(matrix) not in (ndim, ndim**2):
+            numbers = f"give 1 number, {ndim}, or {ndim**2} for a matrix row by row"
+            raise InputError(f"admittance = {matrix.tolist()}: {numbers}")
+        matrix = np.diag(matrix) if len(matrix) == ndim else matrix.reshape(ndim, ndim)
     limits = np.full(ndim, limits.ravel()[0]) if limits.size == 1 else limits
     return Controller(field, matrix, pace, limits, response)
 

@@ -130,7 +130,7 @@ def test_monotone_branches_leave_no_local_minimum(
     for cell in np.argwhere(space.goal_connected):
         path = rg.streamline(field, cell=cell)
         assert path.outcome == rg.streamline(ideal, cell=cell).outcome
-        rg.certify(path, field)
+        rg.certify(path)
 
 
 def test_the_bottom_of_a_long_corridor_is_still_told_apart() -> None:
@@ -251,7 +251,7 @@ def test_slope_and_heat_are_those_of_the_drop_however_high_the_resistor_lies(sca
     )
     point = rg.solve(netlist)
     drop = scale * np.arctanh(share)
-    np.testing.assert_allclose(rg.analyse_power(point).nonlinear, [share * scale * drop], rtol=1e-9)
+    np.testing.assert_allclose(rg.study(point).power().nonlinear, [share * scale * drop], rtol=1e-9)
     np.testing.assert_allclose(small_signal(point).conductance[-1], (1 - share) * (1 + share), rtol=1e-9)
 
 
