@@ -27,7 +27,7 @@ class FlowGrid(NamedTuple):
     """A grid and the currents through its faces.
 
     `code, served` (cells,): what each cell is, and whether it is a goal or has a path to one; `shape, corner, spacing,
-    periodic` (n,): of the axes; `first_face` (n,), `face_stride` (n, n): where the faces of each axis lie in `direction,
+    periodic` (n,): of the axes; `first_face` (n,), `face_stride` (n, n): where faces of each axis lie in `direction,
     log_current` (faces,).
     """
 
