@@ -81,7 +81,8 @@ class Expander:
         names: set[str] = set()
         for card in cards:
             try:
-                if letter_of(card, scope.block) == "x":
+                letter = letter_of(card, scope.block)
+                if letter == "x":
                     call = self._call(card, scope.block)
                     if call.name.lower() in names:
                         raise card.error(0, f"{call.name} is called twice; instances need names of their own")
@@ -90,7 +91,7 @@ class Expander:
                     flat = self._flat(call, given, scope)
                     groups.setdefault(id(flat), (flat, []))[1].append((call, factor))
                 else:
-                    read_element(card, scope, elements)
+                    read_element(card, letter, scope, elements)
             except CardError as error:
                 scope.diagnostics.error(error)
         for flat, calls in groups.values():
