@@ -24,7 +24,8 @@ from resgrid.spice.write.expected import expect
 from resgrid.spice.write.flat import Deck, flatten
 from resgrid.spice.write.sidecar import format_sidecar, sidecar_path
 from resgrid.spice.write.statements import additions, format_analyses, only_one
-from resgrid.spice.write.tiles import difference_from_ideal, tile_values, write_tiles
+from resgrid.spice.write.tile_deck import write_tiles
+from resgrid.spice.write.tiles import difference_from_ideal, tile_values
 
 Form = Literal["flat", "cells"]
 
