@@ -24,6 +24,7 @@ from resgrid.chip.passes import editing
 from resgrid.chip.passes.spread import without_stranded_currents
 from resgrid.chip.readout import Eyes, Floor, eyes_of, floor_of, walk
 from resgrid.errors import CircuitError, InputError
+from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import Netlist
 from resgrid.nodal.solve import solve
 from resgrid.nodal.superlu import symmetric_factors
@@ -40,6 +41,7 @@ _LEAKY, _BRIDGE = 1e-3, 1e-9
 _WORST = 10
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Criticality:
     """What single faults do to a chip.
@@ -69,8 +71,7 @@ class Criticality:
     bits: int
     ideal: bool
 
-    def __post_init__(self) -> None:
-        self.open.flags.writeable = self.short.flags.writeable = False
+    _repr_html_ = picture_html
 
     @property
     def examined(self) -> int:

@@ -17,6 +17,7 @@ from resgrid.chip.figures import Proportion, Reading, json_form
 from resgrid.chip.trials import Experiment, Tally, prepare, run_trials
 from resgrid.chip.yields import Progress, count_trials, overall_of
 from resgrid.errors import InputError
+from resgrid.frozen import frozen, picture_html
 from resgrid.scene.chip import Chip, Readout
 from resgrid.space import ConfigurationSpace
 
@@ -24,6 +25,7 @@ _TABLES = ("readout", "defects")
 Point = tuple[int, int]
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Exploration:
     """Yield over two values of a chip.
@@ -52,9 +54,7 @@ class Exploration:
     trials: int
     confidence: float
 
-    def __post_init__(self) -> None:
-        for array in (self.share, self.low, self.high):
-            array.flags.writeable = False
+    _repr_html_ = picture_html
 
     def cheapest(self, share: float = 0.99) -> list[Any]:
         """The first of the second values from which on the yield stays at or above a share, for each first value.

@@ -20,6 +20,7 @@ from resgrid.arguments import check_number, check_whole, is_number
 from resgrid.chip.figures import Reading, json_form
 from resgrid.chip.impedance import estimate, find_exactly, impedance_of
 from resgrid.errors import InputError
+from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import Netlist
 from resgrid.nodal.dynamics import (
     Dynamics,
@@ -41,6 +42,7 @@ _HIGHEST = 1e300
 _EXACT_PLANE, _EXACT_VOLUME = 300_000, 15_000
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Noise:
     """Thermal noise of every node's voltage; 0 on rails, NaN where a node floats.
@@ -78,10 +80,7 @@ class Noise:
     total_error: NDArray[np.float64] | None
     exact: bool
 
-    def __post_init__(self) -> None:
-        for array in (self.resistance, self.resistance_error, self.limit, self.total, self.total_error):
-            if array is not None:
-                array.flags.writeable = False
+    _repr_html_ = picture_html
 
     @property
     def density(self) -> NDArray[np.float64]:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.chip.figures import Reading, json_form
+from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import GROUND, Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.secant import nonlinear_drops
@@ -34,6 +35,7 @@ class RailPower:
     watts: float
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Power:
     """The power of a chip at its operating point.
@@ -65,9 +67,7 @@ class Power:
     node: NDArray[np.float64]
     droop: NDArray[np.float64]
 
-    def __post_init__(self) -> None:
-        for array in (self.resistor, self.nonlinear, self.node, self.droop):
-            array.flags.writeable = False
+    _repr_html_ = picture_html
 
     @property
     def total(self) -> float:

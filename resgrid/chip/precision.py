@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from resgrid.arguments import check_optional
 from resgrid.chip.figures import Reading, json_form
 from resgrid.errors import InputError
+from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import CellMap
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.space import Cell, ConfigurationSpace
@@ -139,6 +140,7 @@ def _open_faces(cell_map: CellMap, around: NDArray[np.int64]) -> NDArray[np.bool
     return np.asarray(inside & may[around].all(axis=1))
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Precision:
     """Converter bits that the cells of a space need.
@@ -166,9 +168,7 @@ class Precision:
     following: NDArray[np.int64]
     boundary: str
 
-    def __post_init__(self) -> None:
-        for array in (self.cell_bits, self.start_bits, self.following):
-            array.flags.writeable = False
+    _repr_html_ = picture_html
 
     @property
     def starts(self) -> NDArray[np.float64]:

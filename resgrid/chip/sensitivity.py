@@ -16,6 +16,7 @@ from resgrid.chip.adjoint import adjoint_of, ends_of
 from resgrid.chip.figures import Reading, json_form
 from resgrid.chip.precision import Steps, steps_of
 from resgrid.errors import InputError
+from resgrid.frozen import frozen, picture_html
 from resgrid.nodal.factors.factor import Factor
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.secant import small_signal
@@ -25,6 +26,7 @@ from resgrid.space import Cell
 _WORST = 10
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Sensitivity:
     """How firmly a robot's steps are decided.
@@ -57,9 +59,7 @@ class Sensitivity:
     flip_drift: NDArray[np.float64]
     decision: NDArray[np.int64]
 
-    def __post_init__(self) -> None:
-        for array in (self.cells, self.best, self.runner_up, self.margin, self.flip_drift, self.decision):
-            array.flags.writeable = False
+    _repr_html_ = picture_html
 
     def flips(self, drift: float = 0.01) -> NDArray[np.int64]:
         """Numbers of the resistors whose relative drift by so much changes a decision, weakest first."""

@@ -21,6 +21,7 @@ from resgrid.chip.modes import (
 )
 from resgrid.chip.motion import SPAN, Motion, motions
 from resgrid.errors import AccuracyError, InputError
+from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import Netlist
 from resgrid.nodal.dynamics import Dynamics, charge_basis, dynamics_of, factor_resolvent
 from resgrid.nodal.energy import EnergyMeter
@@ -141,6 +142,7 @@ def _curve(motion: Motion, deviation: Floats, first: float, last: float) -> tupl
     return np.append(0.0, times), np.concatenate([np.abs(deviation).max(keepdims=True), *parts])
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Settling:
     """How the node voltages approach the operating point after the sources are switched at time 0.
@@ -195,9 +197,7 @@ class Settling:
     times: NDArray[np.float64]
     distance: NDArray[np.float64]
 
-    def __post_init__(self) -> None:
-        for array in (self.time_constants, self.mode, self.node_time, self.final, self.times, self.distance):
-            array.flags.writeable = False
+    _repr_html_ = picture_html
 
     @property
     def settle_time(self) -> float:

@@ -17,6 +17,7 @@ from resgrid.chip.figures import Proportion, Reading, effective_trials, json_for
 from resgrid.chip.trials import Experiment, Tally, fingerprint, load_tally, prepare, run_trials, save_tally
 from resgrid.die import seed_of
 from resgrid.errors import InputError
+from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import Netlist
 from resgrid.scene.chip import Chip
 from resgrid.space import ConfigurationSpace
@@ -28,6 +29,7 @@ Progress = Callable[[int, int, Proportion], None]
 """Told after every batch: trials done, trials expected in all, and the overall yield so far."""
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Yield:
     """How many robots reach the goal on chips of one kind.
@@ -60,9 +62,7 @@ class Yield:
     random: bool
     confidence: float
 
-    def __post_init__(self) -> None:
-        for array in (self.starts, self.reached):
-            array.flags.writeable = False
+    _repr_html_ = picture_html
 
     @property
     def probability(self) -> NDArray[np.float64]:

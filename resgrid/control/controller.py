@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.control.equipotential import following_velocity
 from resgrid.doors import checked
 from resgrid.errors import InputError
+from resgrid.frozen import frozen
 from resgrid.planning.fields import Field
 from resgrid.space import Cell
 
@@ -43,6 +44,7 @@ class Nominal(NamedTuple):
 
 
 @checked
+@frozen
 @dataclass(frozen=True, eq=False)
 class Controller:
     """Harmonic control of a robot that takes velocities (Connolly & Grupen 1992, section 3.4).

@@ -11,12 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.arguments import check_number, check_whole
 from resgrid.doors import checked
 from resgrid.errors import InputError
+from resgrid.frozen import frozen
 
 Force = Callable[[float, NDArray[np.float64]], ArrayLike]
 """Generalised force at a time, in seconds, and a configuration; of a point or a disc both in the world."""
 
 
 @checked
+@frozen
 @dataclass(frozen=True, eq=False)
 class Push:
     """A constant generalised force for a while.

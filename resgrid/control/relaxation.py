@@ -29,6 +29,7 @@ from resgrid.compiler import compile_space
 from resgrid.control.learning import scene_share
 from resgrid.doors import checked
 from resgrid.errors import InputError
+from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import GROUND, Netlist
 from resgrid.nodal.dynamics import Dynamics, dynamics_of, factor_resolvent
 from resgrid.nodal.transient import transient_stepper
@@ -302,6 +303,7 @@ def check_same_grid(before: ConfigurationSpace, after: ConfigurationSpace) -> No
         raise InputError(f"the map had {before.shape} cells and now has {after.shape}: one grid settles, give one grid")
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Wavefront:
     """How a change of the map spreads.
@@ -327,9 +329,7 @@ class Wavefront:
     distance: NDArray[np.float64]
     first: NDArray[np.float64]
 
-    def __post_init__(self) -> None:
-        for array in (self.cells, self.potential, self.distance, self.first):
-            array.flags.writeable = False
+    _repr_html_ = picture_html
 
 
 def wavefront(

@@ -12,6 +12,7 @@ from resgrid.control.log import Ending, Mode, Run
 from resgrid.control.relaxation import TICK, Relaxation, RelaxingGrid, check_same_grid
 from resgrid.control.simulation import Simulation
 from resgrid.errors import InputError
+from resgrid.frozen import frozen
 from resgrid.space import ConfigurationSpace
 
 BITS = 10
@@ -21,6 +22,7 @@ _LONGEST = 10_000_000
 _STEPS = 200
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class RelaxationSweep:
     """Runs of one robot on grids that settle at different paces.
@@ -50,10 +52,6 @@ class RelaxationSweep:
     time: NDArray[np.float64]
     waited: NDArray[np.float64]
     instant: float
-
-    def __post_init__(self) -> None:
-        for array in (self.pace, self.ratio, self.time, self.waited):
-            array.flags.writeable = False
 
     @property
     def arrived(self) -> NDArray[np.bool_]:

@@ -15,6 +15,7 @@ from scipy import sparse
 
 from resgrid.budget import require_memory
 from resgrid.errors import AccuracyError, InputError
+from resgrid.frozen import frozen
 from resgrid.netlist import GROUND, CellMap, Netlist
 from resgrid.nodal.factors.factor import Factor
 from resgrid.nodal.operating_point import OperatingPoint
@@ -25,6 +26,7 @@ from resgrid.nodal.watch import Watch
 from resgrid.space import Cell
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Walk:
     """A random walk on the free cells of a space: one factorisation, for many questions.
@@ -168,6 +170,7 @@ def _to_goal(netlist: Netlist, node_goal: NDArray[np.int64], unknown: NDArray[np
     return sparse.coo_array((conductance, (goal.astype(np.int64), row.astype(np.int64))), shape=shape).tocsr()
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Risk:
     """What happens to a random walk from the centre of every cell.  All arrays have the shape of the space.
@@ -196,10 +199,6 @@ class Risk:
     steps: NDArray[np.float64]
     time_given_success: NDArray[np.float64]
     steps_given_success: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        for array in vars(self).values():
-            array.flags.writeable = False
 
 
 def risk(circuit: Netlist | OperatingPoint | Walk) -> Risk:
@@ -263,6 +262,7 @@ def _ratio(numerator: Scaled, denominator: Scaled) -> NDArray[np.float64]:
     return np.asarray(quotient * power(exponent), dtype=np.float64)
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Absorption:
     """Where a random walk from the centre of every cell ends.
@@ -277,10 +277,6 @@ class Absorption:
 
     probability: NDArray[np.float64]
     log_probability: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        self.probability.flags.writeable = False
-        self.log_probability.flags.writeable = False
 
     @property
     def likeliest(self) -> NDArray[np.int32]:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import AccuracyError, InputError
+from resgrid.frozen import frozen, picture_html
 from resgrid.planning.barriers import Barriers, group_obstacles, link
 from resgrid.planning.fields import Field, goal_blocked
 from resgrid.planning.streamline import Outcome
@@ -43,6 +44,7 @@ class Obstruction:
     alone: tuple[int, ...]
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Separation:
     """Whether a start is separated from the goals, and by what.
@@ -75,8 +77,7 @@ class Separation:
     obstructions: tuple[Obstruction, ...]
     edge: bool
 
-    def __post_init__(self) -> None:
-        self.region.flags.writeable = False
+    _repr_html_ = picture_html
 
     @cached_property
     def separating(self) -> tuple[int, ...]:
@@ -228,6 +229,7 @@ def _carries_current(field: Field) -> NDArray[np.bool_]:
     return flows
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Blocking:
     """Which parts of a scene keep a start from every goal.
@@ -256,10 +258,6 @@ class Blocking:
     parts: Mapping[str, NDArray[np.bool_]]
     alone: tuple[str, ...]
     least: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        for mask in self.parts.values():
-            mask.flags.writeable = False
 
     @property
     def mask(self) -> NDArray[np.bool_]:

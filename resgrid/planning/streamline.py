@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.axis import rounding
 from resgrid.errors import InputError
 from resgrid.frame import Frame
+from resgrid.frozen import frozen
 from resgrid.space import ConfigurationSpace
 
 
@@ -25,6 +26,7 @@ class Outcome(StrEnum):
     GOAL_BLOCKED = "goal_blocked"
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Streamline:
     """The way of a robot that follows the current from a start to a goal; its `points` lie in the world.
@@ -64,9 +66,10 @@ class Streamline:
     log_duration: float
     frame: Frame
 
-    def __post_init__(self) -> None:
-        self.axis_points.flags.writeable = False
-        self.cells.flags.writeable = False
+    def __repr__(self) -> str:
+        end = f"{self.outcome}" + ("" if self.goal is None else f" goal {self.goal}")
+        measures = f"length {self.length:.4g}, clearance {self.clearance:.4g}"
+        return f"<Streamline {end}: {len(self.axis_points):,} points, {measures}>"
 
     @cached_property
     def points(self) -> NDArray[np.float64]:
@@ -79,6 +82,7 @@ class Streamline:
         return np.concatenate([self.cells, self.cells[-1:]])[: len(self.axis_points)]
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class ShortPath:
     """A streamline with straight lines in place of its bends; made by `shorten`, checked by `certify_free`.
@@ -108,9 +112,6 @@ class ShortPath:
     original_length: float
     clearance: float
     frame: Frame
-
-    def __post_init__(self) -> None:
-        self.axis_points.flags.writeable = False
 
     @cached_property
     def points(self) -> NDArray[np.float64]:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import AccuracyError, InputError
+from resgrid.frozen import frozen
 from resgrid.planning.fields import Field, goal_blocked
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.space import Cell, ConfigurationSpace
@@ -24,6 +25,7 @@ from resgrid.space import Cell, ConfigurationSpace
 _BATCH = 1 << 18
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Traces:
     """The ends of many streamlines.

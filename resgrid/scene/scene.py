@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.frame import Frame
+from resgrid.frozen import frozen, picture_html
 from resgrid.robots import Box, PointRobot, Robot, Sampling, Shape
 from resgrid.robots.shapes import Point
 from resgrid.scene.chip import Chip
@@ -66,6 +67,7 @@ class CostArea:
     conductivity: float
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class MapCells:
     """What was read from a map file.
@@ -80,9 +82,6 @@ class MapCells:
 
     cell: NDArray[np.uint8]
     table: Mapping[str, Any]
-
-    def __post_init__(self) -> None:
-        self.cell.flags.writeable = False
 
 
 @checked
@@ -150,6 +149,15 @@ class Scene:
     def __post_init__(self) -> None:
         if not self.edge:
             object.__setattr__(self, "edge", tuple("periodic" if axis.periodic else "obstacle" for axis in self.axes))
+
+    def __repr__(self) -> str:
+        cells = " x ".join(str(axis.cells) for axis in self.axes)
+        parts = ("obstacles", "hidden", "goals", "starts")
+        counts = ", ".join(f"{len(getattr(self, part))} {part}" for part in parts if getattr(self, part))
+        source = "" if self.map is None else ", map"
+        return f"<Scene {self.title!r}: {type(self.robot).__name__} on {cells} cells{source}, {counts or 'empty'}>"
+
+    _repr_html_ = picture_html
 
     @property
     def ndim(self) -> int:

@@ -7,9 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.frozen import frozen
 from resgrid.nodal.operating_point import OperatingPoint
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class PowerBalance:
     """Tellegen's theorem, element by element.

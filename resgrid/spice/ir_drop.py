@@ -7,11 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.frozen import frozen
 from resgrid.netlist import GROUND, Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.spice.subject import connected_parts_of
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class IrDrop:
     """The drop of every node from its supply.
