@@ -16,17 +16,18 @@ import shapely.affinity
 import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.control.controller import make_controller
-from resgrid.control.learning import resolver
 from resgrid.control.log import Ending, Run
 from resgrid.control.plant import make_plant
 from resgrid.control.pushes import random_pushes
 from resgrid.control.simulation import Simulation, simulation
 from resgrid.grids import label_regions
 from resgrid.nodal.solve import solve
+from resgrid.planning.road import solve_field
 from resgrid.planning.trace import streamline
 from resgrid.robots import Arm, Ball, Box, DiscRobot, PointRobot, Polygon, PolygonRobot, Robot, Shape, to_shapely
 from resgrid.scene import read_scene
 from resgrid.space import Axis, Cell, ConfigurationSpace
+from resgrid.wiring import Wiring
 
 SCENES = Path(__file__).parents[1] / "examples" / "scenes"
 
@@ -106,7 +107,7 @@ def box_and_u() -> None:
         "box": [Box((3.6, 4.0), (5.1, 5.0))],
         "U": [Box((2.5, 3.0), (7.5, 3.5)), Box((2.5, 3.0), (3.0, 7.0)), Box((7.0, 3.0), (7.5, 7.0))],
     }
-    field = resolver(k=0.98)(space := ConfigurationSpace(axes, cell))
+    field = solve_field(space := ConfigurationSpace(axes, cell), Wiring(), 0.98)
     for name, hidden in solids.items():
         plant = make_plant(DiscRobot(0.2), axes, [], hidden)
         lower, upper = ((1.0, 6.0), (9.0, 9.5)) if name == "box" else ((3.5, 4.5), (6.5, 6.5))
@@ -117,7 +118,7 @@ def box_and_u() -> None:
         for learn in (False, True):
             for response in ("equipotential", "admittance"):
                 controller = make_controller(field, response=response)
-                sim = Simulation(controller, plant, resolver(k=0.98), learn=learn)
+                sim = Simulation(controller, plant, learn=learn)
                 runs = [sim.run(start, max_steps=6000) for start in starts]
                 wrong = sum(false_cells(run, truth) for run in runs)
                 how = f"hidden {name}, {'learning' if learn else 'not learning'}, {response}"
@@ -165,10 +166,9 @@ def world(seed: int) -> Simulation | None:
     space = ConfigurationSpace(axes, cell)
     if not space.goal_connected.any():
         return None
-    solve_again = resolver(k=0.98)
-    controller = make_controller(solve_again(space))
+    controller = make_controller(solve_field(space, Wiring(), 0.98))
     plant = make_plant(robot, axes, known, hidden)
-    return Simulation(controller, plant, solve_again, friction=float(rng.uniform(0, 0.5)))
+    return Simulation(controller, plant, friction=float(rng.uniform(0, 0.5)))
 
 
 def connected(cell: np.ndarray, periodic: np.ndarray) -> np.ndarray:

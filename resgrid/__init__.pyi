@@ -33,23 +33,12 @@ from .chip.sensitivity import (
 from .chip.settling import Settling as Settling, analyse_settling as analyse_settling
 from .chip.yields import Yield as Yield, analyse_yield as analyse_yield
 from .compiler import compile_space as compile_space
+from .control.announced import Wavefront as Wavefront, announce_hidden as announce_hidden, wavefront as wavefront
 from .control.controller import Controller as Controller, make_controller as make_controller
 from .control.equipotential import equipotential_velocity as equipotential_velocity
-from .control.learning import resolver as resolver
 from .control.log import Ending as Ending, Mode as Mode, Run as Run
-from .control.plant import Plant as Plant, make_plant as make_plant
 from .control.pushes import Push as Push, random_pushes as random_pushes
-from .control.relaxation import (
-    Relaxation as Relaxation,
-    Wavefront as Wavefront,
-    make_relaxation as make_relaxation,
-    wavefront as wavefront,
-)
-from .control.relaxation_ratio import (
-    RelaxationSweep as RelaxationSweep,
-    announce_hidden as announce_hidden,
-    relaxation_sweep as relaxation_sweep,
-)
+from .control.relaxation import Relaxation as Relaxation
 from .control.simulation import Simulation as Simulation, simulation as simulation
 from .errors import (
     AccuracyError as AccuracyError,
@@ -147,6 +136,7 @@ from .robots import (
 )
 from .scene import (
     Chip as Chip,
+    Control as Control,
     CostArea as CostArea,
     Defects as Defects,
     GoalCell as GoalCell,
@@ -156,16 +146,14 @@ from .scene import (
     Query as Query,
     Readout as Readout,
     Scene as Scene,
-    apply_overrides as apply_overrides,
-    free_volume_lost as free_volume_lost,
     occupancy_grid as occupancy_grid,
     parse_quantity as parse_quantity,
     parse_scene as parse_scene,
     read_queries as read_queries,
     read_scene as read_scene,
     sample as sample,
-    scene_schema as scene_schema,
 )
+from .scene.schema import scene_schema as scene_schema
 from .space import Axis as Axis, Cell as Cell, ConfigurationSpace as ConfigurationSpace
 from .spice.analyses import (
     Measure as Measure,
@@ -176,16 +164,19 @@ from .spice.analyses import (
     TemperatureAnalysis as TemperatureAnalysis,
     TransientAnalysis as TransientAnalysis,
 )
-from .spice.balance import PowerBalance as PowerBalance, power_balance as power_balance
-from .spice.check.agreement import check_deck as check_deck, check_spice as check_spice
-from .spice.check.comparison import Agreement as Agreement
+from .spice.check.agreement import Agreement as Agreement
+from .spice.check.deck import check_deck as check_deck
 from .spice.check.predictions import Prediction as Prediction, predict_simulators as predict_simulators
 from .spice.check.rules import check_rules as check_rules
 from .spice.check.violation import Violation as Violation
-from .spice.ir_drop import IrDrop as IrDrop, ir_drop as ir_drop
 from .spice.parsed import Note as Note, ParsedDeck as ParsedDeck
+from .spice.power import (
+    IrDrop as IrDrop,
+    PowerBalance as PowerBalance,
+    ir_drop as ir_drop,
+    power_balance as power_balance,
+)
 from .spice.read.deck import read_spice as read_spice
-from .spice.run.forecast import Forecast as Forecast, forecast_run as forecast_run
 from .spice.run.ngspice import run_ngspice as run_ngspice
 from .spice.run.rawfile import write_raw as write_raw
 from .spice.write.files import write_spice as write_spice

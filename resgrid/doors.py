@@ -12,7 +12,7 @@ import sys
 import types
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields
-from typing import IO, Any, Literal, TypeVar, Union, get_args, get_origin
+from typing import IO, Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,7 +32,6 @@ SOURCES = {
     "ConfigurationSpace": "rg.sample(scene)",
     "Controller": "rg.make_controller(field)",
     "Field": "rg.field(rg.solve(netlist)), or rg.plan(scene).field",
-    "Relaxation": "rg.make_relaxation(scene)",
     "Netlist": "rg.compile_space(space), or rg.read_spice(file).netlist()",
     "OperatingPoint": "rg.solve(netlist)",
     "ParsedDeck": "rg.read_spice(file)",
@@ -117,6 +116,8 @@ class _Names(dict[str, Any]):
 def _accepts(hint: Any) -> Accepts:  # noqa: PLR0911
     """Whether values are of a type; unknown kinds of types accept anything."""
     origin, parts = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return _accepts(parts[0])
     if origin in (Union, types.UnionType):
         rest, takes_arrays = _without_array(parts)
         accepted = [*map(_accepts, rest), *([_is_array] if takes_arrays else [])]
@@ -218,9 +219,11 @@ def _complaint(key: str, value: Any, hint: Any) -> str:
     return f"{key} = {_short(value)} must be {', or '.join(ways)}"
 
 
-def _words(hint: Any) -> list[str]:
+def _words(hint: Any) -> list[str]:  # noqa: PLR0911
     """What a type is called."""
     origin, parts = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return _words(parts[0])
     if origin in (Union, types.UnionType):
         rest, takes_arrays = _without_array(parts)
         return [word for part in rest for word in _words(part)] + ["numbers"] * takes_arrays

@@ -26,11 +26,14 @@ class Frame:
         World coordinates of the origin of the space.
     yaw : float
         Angle from the world's x axis to the space's, in radians, anticlockwise.
+    turning_length : float or None
+        Of a robot that turns: a third coordinate is its heading times this length, and turns along with the space.
     """
 
     x: float = 0.0
     y: float = 0.0
     yaw: float = 0.0
+    turning_length: float | None = None
 
     @property
     def is_world(self) -> bool:
@@ -52,10 +55,10 @@ class Frame:
         Raises
         ------
         InputError
-            If the frame is turned or moved and the points are not in the plane.
+            If the frame is turned or moved and the points are not in the plane, or not places with a heading.
         """
         space = np.array(points, dtype=np.float64)
-        return space if self.is_world else self._planar(space) @ self._rotation.T + (self.x, self.y)
+        return space if self.is_world else self._turned(space, self._rotation.T) + self._offset(space)
 
     def from_world(self, points: ArrayLike) -> NDArray[np.float64]:
         """Space coordinates of points given in the world; the inverse of `to_world`.
@@ -73,26 +76,36 @@ class Frame:
         Raises
         ------
         InputError
-            If the frame is turned or moved and the points are not in the plane.
+            If the frame is turned or moved and the points are not in the plane, or not places with a heading.
         """
         world = np.array(points, dtype=np.float64)
-        return world if self.is_world else (self._planar(world) - (self.x, self.y)) @ self._rotation
+        return world if self.is_world else self._turned(world - self._offset(world), self._rotation)
 
     def turned_to_world(self, vectors: ArrayLike) -> NDArray[np.float64]:
         """World components of vectors (velocities, forces, differences) given along the axes, shape (..., ndim)."""
         along = np.array(vectors, dtype=np.float64)
-        return along if self.yaw == 0 else self._planar(along) @ self._rotation.T
+        return along if self.yaw == 0 else self._turned(along, self._rotation.T)
 
     def turned_from_world(self, vectors: ArrayLike) -> NDArray[np.float64]:
         """Components along the axes of vectors given in the world, shape (..., ndim)."""
         world = np.array(vectors, dtype=np.float64)
-        return world if self.yaw == 0 else self._planar(world) @ self._rotation
+        return world if self.yaw == 0 else self._turned(world, self._rotation)
 
     @cached_property
     def _rotation(self) -> NDArray[np.float64]:
         return np.array([[cos(self.yaw), -sin(self.yaw)], [sin(self.yaw), cos(self.yaw)]])
 
-    def _planar(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
-        if points.shape[-1:] != (2,):
+    def _offset(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
+        self._check_size(points)
+        return np.array((self.x, self.y, self.yaw * (self.turning_length or 0.0))[: points.shape[-1]])
+
+    def _turned(self, points: NDArray[np.float64], rotation: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Vectors with their first two components turned."""
+        self._check_size(points)
+        plane = points[..., :2] @ rotation
+        return plane if points.shape[-1] == 2 else np.concatenate([plane, points[..., 2:]], axis=-1)
+
+    def _check_size(self, points: NDArray[np.float64]) -> None:
+        sizes = (2,) if self.turning_length is None else (2, 3)
+        if not points.shape or points.shape[-1] not in sizes:
             raise InputError(f"this map lies in the plane: a point needs 2 coordinates, got shape {points.shape}")
-        return points

@@ -310,7 +310,7 @@ class ConfigurationSpace:
 
 
 def _checked_frame(axes: tuple[Axis, ...], frame: Frame) -> Frame:
-    if not frame.is_world and len(axes) != 2:
+    if not frame.is_world and len(axes) != (2 if frame.turning_length is None else 3):
         raise InputError(f"only a plane may be moved or turned in the world, and this space has {len(axes)} axes")
     return frame
 

@@ -6,10 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
 from PIL import Image
-
-from resgrid.cli import main
+from support.cli import call
 
 README = Path(__file__).resolve().parents[1] / "README.md"
 
@@ -36,6 +34,6 @@ def test_the_commands_for_a_map_of_one_s_own_run_as_written(tmp_path: Path, monk
     assert [line.split()[0] for line in lines] == ["info", "plot", "run"]
     monkeypatch.chdir(tmp_path)
     for line in lines:
-        result = CliRunner().invoke(main, shlex.split(line), prog_name="resgrid")
+        result = call(*shlex.split(line))
         assert result.exit_code == 0, f"{line}: {result.stderr}"
     assert "goal 0" in result.stdout

@@ -13,7 +13,7 @@ from resgrid.nodal.solve import solve
 from resgrid.planning.certify import certify
 from resgrid.planning.fields import Field
 from resgrid.planning.trace import streamline, streamlines
-from resgrid.scene import apply_overrides, read_queries, read_scene, sample
+from resgrid.scene import GoalCell, read_queries, read_scene, sample
 from resgrid.space import Cell, ConfigurationSpace
 
 MAPS = {
@@ -117,7 +117,7 @@ def test_scenario_ends_are_reachable_and_no_path_is_too_short(cases: Path, name:
     queries = read_queries(scenario)
     scene = read_scene(map_file)
     space_at: Callable[[tuple[int, ...]], ConfigurationSpace] = lambda cell: sample(  # noqa: E731
-        apply_overrides(scene, {"goal_cell": cell})
+        scene.replace(goal=GoalCell(cell))
     )
     first = space_at(queries[0].goal)
     parts, _ = ndimage.label(first.cell != Cell.OBSTACLE)

@@ -10,11 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from click.testing import CliRunner
 from numpy.typing import ArrayLike, NDArray
+from support.cli import call
 
 import resgrid as rg
-from resgrid.cli import main
 from resgrid.robots import Ball
 from resgrid.scene import GoalJoints, GoalPoint
 
@@ -262,13 +261,13 @@ def test_the_command_line_agrees_with_python(worlds: tuple[World, World], tmp_pa
     told = []
     for world in worlds:
         words = [str(world.file), f"--goal={world.say(GOAL)}", f"--start={world.say(START)}"]
-        result = CliRunner().invoke(main, ["path", *words, "--json"])
+        result = call("path", *words, "--json")
         assert result.exit_code == 0, result.output
         (path,) = json.loads(result.stdout)["paths"]
         same(path["points"], rg.plan(world.scene()).path(world.at(START)).points)
         log = tmp_path / "log.csv"
         words += ["--speed", "0.4", f"--push=1,0.5,{','.join(map(repr, world.turn((0.3, -0.3)).tolist()))}"]
-        result = CliRunner().invoke(main, ["control", *words, "-o", str(log), "--json"])
+        result = call("control", *words, "-o", log, "--json")
         assert result.exit_code == 0, result.output
         run = json.loads(result.stdout)["runs"][0]
         rows = list(csv.DictReader(log.read_text().splitlines()))

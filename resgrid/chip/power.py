@@ -13,8 +13,8 @@ from resgrid.chip.figures import Reading, json_form
 from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import GROUND, Netlist
 from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.nodal.secant import nonlinear_drops
 from resgrid.space import Cell
+from resgrid.spice.power import PowerBalance, power_balance
 
 _WORST = 10
 
@@ -139,11 +139,8 @@ def analyse_power(point: OperatingPoint) -> Power:
     Power
     """
     netlist = point.netlist
-    volts = np.nan_to_num(point.voltage)
-    with np.errstate(under="ignore"):
-        heat = point.resistor_current**2 / netlist.conductance
-        nonlinear = point.nonlinear_amps * nonlinear_drops(point)
-    taken, fed = netlist.current_nodes.T
+    balance = power_balance(point)
+    heat, nonlinear = balance.resistor_power, balance.nonlinear_power
     count = netlist.node_count
     halves = np.zeros(count)
     for ends, watts in ((netlist.resistor_nodes, heat), (netlist.nonlinear_nodes, nonlinear)):
@@ -151,8 +148,8 @@ def analyse_power(point: OperatingPoint) -> Power:
             halves += 0.5 * np.bincount(ends[:, column], watts, count)
     return Power(
         point=point,
-        rails=_rails(point),
-        current_sources=float(np.sum(netlist.current_amps * (volts[fed] - volts[taken]))),
+        rails=_rails(point, balance),
+        current_sources=float(balance.current_source_power.sum()),
         resistor=heat,
         nonlinear=nonlinear,
         node=halves,
@@ -160,7 +157,7 @@ def analyse_power(point: OperatingPoint) -> Power:
     )
 
 
-def _rails(point: OperatingPoint) -> tuple[RailPower, ...]:
+def _rails(point: OperatingPoint, balance: PowerBalance) -> tuple[RailPower, ...]:
     netlist = point.netlist
     groups: dict[tuple[str, float], list[int]] = {}
     names = _rail_names(netlist)
@@ -171,7 +168,9 @@ def _rails(point: OperatingPoint) -> tuple[RailPower, ...]:
     result = []
     for (name, volts), numbers in groups.items():
         amps = -point.source_current[numbers]
-        result.append(RailPower(name, volts, len(numbers), float(amps.sum()), float(volts * amps.sum())))
+        result.append(
+            RailPower(name, volts, len(numbers), float(amps.sum()), float(balance.source_power[numbers].sum()))
+        )
     return tuple(result)
 
 

@@ -19,8 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from resgrid.netlist import Netlist
-    from resgrid.spice.check.agreement import Run
-    from resgrid.spice.check.comparison import Agreement
+    from resgrid.spice.check.agreement import Agreement
     from resgrid.spice.check.predictions import Prediction
     from resgrid.spice.check.violation import Severity, Violation
     from resgrid.spice.parsed import ParsedDeck
@@ -58,15 +57,14 @@ def command(source: Source, rules: bool, deck: str | None, tolerance: float, tim
 
     --rules checks the electrical rules instead, and says for each simulator whether it would get the answer right.
     """
-    from resgrid.spice.check.agreement import Run
     from resgrid.spice.run import engine_named
 
-    run = Run(engine, tolerance, timeout)
     engine_named(engine)
     if not 0 < tolerance < 1:
         raise InputError(f"--tolerance {tolerance}: it must lie between 0 and 1, for it is relative to the supply")
     if not 0 < timeout < float("inf"):
         raise InputError(f"--timeout {timeout}: it must be a positive number of seconds")
+    limits = {"engine": engine, "tolerance": tolerance, "timeout": timeout}
     given = is_deck(source.file)
     if given and deck is not None:
         raise InputError(f"{source.file} is a deck already; --deck goes with a scene")
@@ -75,10 +73,10 @@ def command(source: Source, rules: bool, deck: str | None, tolerance: float, tim
     if rules:
         return _check_rules(source, given)
     if given:
-        agreement = _check_deck(source, run)
+        agreement = _check_deck(source, limits)
         finish(agreement_data(agreement), agreement_lines(agreement))
     else:
-        agreement, unheeded = _check_scene(source, deck, run)
+        agreement, unheeded = _check_scene(source, deck, limits)
         finish(agreement_data(agreement) | unheeded, agreement_lines(agreement))
     return NOT_VERIFIED if agreement.agrees is None else 0 if agreement.agrees else NEGATIVE
 
@@ -110,26 +108,22 @@ def _check_rules(source: Source, given: bool) -> int:
     return 0 if passes else NEGATIVE
 
 
-def _check_scene(source: Source, deck: str | None, run: Run) -> tuple[Agreement, dict[str, list[str]]]:
+def _check_scene(source: Source, deck: str | None, limits: dict[str, Any]) -> tuple[Agreement, dict[str, list[str]]]:
     """A scene is held against its own deck, or against one that is given."""
-    from resgrid.spice.check.agreement import check_deck, check_spice
+    from resgrid.spice.check.deck import check_deck
 
     job = open_job(source)
     unheeded = say_unheeded(job, "circuit")
     op = job.solve(job.problem.only_wiring()[1])
-    _forecast(op.netlist, run)
-    limits: dict[str, Any] = vars(run)
+    _forecast(op.netlist, limits)
     with stage("simulate"):
-        if deck is not None:
-            return check_deck(deck, reference=op, **limits), unheeded
-        return check_spice(op.netlist, op, **limits), unheeded
+        return check_deck(deck or op, reference=op if deck else None, **limits), unheeded
 
 
-def _check_deck(source: Source, run: Run) -> Agreement:
+def _check_deck(source: Source, limits: dict[str, Any]) -> Agreement:
     """A deck with a sidecar is held against that, any other against its own solution."""
-    from resgrid.spice.check.agreement import check_deck, check_read_deck
+    from resgrid.spice.check.deck import check_deck
     from resgrid.spice.check.rules import check_rules
-    from resgrid.spice.run.ngspice import read_deck
     from resgrid.spice.write.sidecar import sidecar_path
 
     refuse_scene_options(source)
@@ -138,19 +132,18 @@ def _check_deck(source: Source, run: Run) -> Agreement:
         raise InputError(
             f"{path}: no simulator reads this; make a deck of it (resgrid convert {path} -o FILE.cir) and check that"
         )
-    data = read_deck(path)
     if sidecar_path(path).exists():
-        _forecast(_readable(source), run)
+        _forecast(_readable(source), limits)
         with stage("simulate"):
-            return check_deck(path, **vars(run))
+            return check_deck(path, **limits)
     deck = open_deck(source)
     violations = [violation for violation in check_rules(deck) if violation.rule != "reading"]
     for line in _violation_lines(violations, least="warning"):
         say(line)
     op = solve_deck(deck)
-    _forecast(deck, run)
+    _forecast(deck, limits)
     with stage("simulate"):
-        return check_read_deck(deck, op, data, run, source.root)
+        return check_deck(deck, reference=op, root=source.root, **limits)
 
 
 def _readable(source: Source) -> ParsedDeck | None:
@@ -161,29 +154,29 @@ def _readable(source: Source) -> ParsedDeck | None:
         return None
 
 
-def _forecast(circuit: Netlist | ParsedDeck | None, run: Run) -> None:
+def _forecast(circuit: Netlist | ParsedDeck | None, limits: dict[str, Any]) -> None:
     """Say what the simulator will take, and refuse what will not end in time."""
-    from resgrid.spice.run.forecast import costs_named, forecast_run, require_time
+    from resgrid.spice.run.forecast import forecast, require_time
     from resgrid.spice.run.ngspice import ngspice_version
 
     if circuit is None:
         return
-    version = ngspice_version() if run.engine == "ngspice" else ""
-    expected = forecast_run(circuit, costs_named(run.engine, version))
-    require_time(expected, run.timeout)
+    version = ngspice_version() if limits["engine"] == "ngspice" else ""
+    expected = forecast(circuit, limits["engine"], version)
+    require_time(expected, limits["timeout"])
     (say if expected.seconds > _LONG else detail)(str(expected))
 
 
 def check_written(deck: Path, netlist: Netlist, asked: bool | None, folder: Path) -> Agreement | str:
     """The simulator's verdict on a deck that was just written, or why there is none."""
-    from resgrid.spice.check.agreement import check_deck
-    from resgrid.spice.run.forecast import costs_named, forecast_run
+    from resgrid.spice.check.deck import check_deck
+    from resgrid.spice.run.forecast import forecast
     from resgrid.spice.run.ngspice import ngspice_version
 
     if asked is False:
         return "not simulated: --no-check"
     try:
-        expected = forecast_run(netlist, costs_named("ngspice", ngspice_version()))
+        expected = forecast(netlist, version=ngspice_version())
         if asked is None and expected.seconds > PATIENCE:
             timeout = f" --timeout {3 * expected.seconds:.0f}" if 3 * expected.seconds > TIMEOUT else ""
             return f"not simulated, for {expected}; 'resgrid check {folder / deck.name}{timeout}' does it"

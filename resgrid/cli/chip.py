@@ -18,7 +18,7 @@ from resgrid.errors import InputError
 from resgrid.files import SUMMARY, whole_folder
 
 if TYPE_CHECKING:
-    from resgrid.spice.check.comparison import Agreement
+    from resgrid.spice.check.agreement import Agreement
 
 
 @verb(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from resgrid.cli.chip_parameters import MEANING, written
+from resgrid.cli.chip_parameters import written
 from resgrid.cli.chip_report import Section, shown
 from resgrid.cli.chip_study import Study
 from resgrid.cli.report import Report
@@ -281,7 +281,10 @@ def _defects(study: Study, made: Path, report: Report) -> Section:
 
 
 def _told(key: str, value: Any) -> str:
-    return written(value, MEANING[key][0])
+    from resgrid.scene import Chip
+    from resgrid.scene.table import described_keys
+
+    return written(value, described_keys(Chip)[key][0])
 
 
 def _worst(result: Criticality) -> str:

@@ -16,9 +16,9 @@ from resgrid.cli.scenes import open_job, place_of, require_starts, say_unheeded
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
+    from resgrid.control.announced import Wavefront
     from resgrid.control.log import Run
     from resgrid.control.pushes import Push
-    from resgrid.control.relaxation import Wavefront
     from resgrid.control.simulation import Simulation
     from resgrid.scene import Scene
 
@@ -176,11 +176,11 @@ def _simulation(
     scene: Scene, k: float | None, settle: str | None, pace: float, announce: bool, motion: dict[str, Any]
 ) -> Simulation:
     """The scene in motion, while its grid settles if that is asked for."""
-    from resgrid.control.relaxation import make_relaxation
-    from resgrid.control.relaxation_ratio import announce_hidden
+    from resgrid.control.announced import announce_hidden
+    from resgrid.control.relaxation import Relaxation
     from resgrid.control.simulation import simulation
 
-    relaxation = None if settle is None else make_relaxation(scene, method=settle, pace=pace, k=k)
+    relaxation = None if settle is None else Relaxation(settle, pace)
     sim = simulation(scene, k=k, **motion)
     if relaxation is None:
         return sim
@@ -223,13 +223,11 @@ def _front(sim: Simulation, run: Run) -> Wavefront:
     """The change of the potential for as long as the robot was on its way."""
     import numpy as np
 
-    from resgrid.control.relaxation import wavefront
+    from resgrid.control.announced import wavefront
 
-    assert sim.relaxation is not None
-    assert sim.before is not None
     crossed = float(run.time[-1]) * sim.controller.speed / float(sim.space.spacing.min())
     with stage("follow the wavefront", seconds=10.0):
-        return wavefront(sim.relaxation, sim.before, sim.space, np.linspace(0.0, crossed, FRAMES))
+        return wavefront(sim, np.linspace(0.0, crossed, FRAMES))
 
 
 def _draw(file: str, value: Run | Wavefront, **options: Any) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -40,7 +39,7 @@ def command(source: Source | None, schema: bool, versions: bool) -> int:
     if (source is not None) + schema + versions != 1:
         raise InputError("give a SCENE, or --schema, or --versions (one of them)")
     if schema:
-        from resgrid.scene import scene_schema
+        from resgrid.scene.schema import scene_schema
 
         click.echo(json.dumps(scene_schema(), indent=2))
     elif versions:
@@ -111,12 +110,12 @@ def describe_deck(deck: ParsedDeck) -> dict[str, Any]:
     """What there is in a deck, as ``--json`` gives it."""
     import numpy as np
 
-    from resgrid.spice.run.forecast import forecast_run
+    from resgrid.spice.run.forecast import forecast
     from resgrid.spice.subject import subject_of
 
     part = subject_of(deck).part
     ohms = deck.resistance[deck.resistance > 0]
-    forecast = forecast_run(deck)
+    run = forecast(deck)
     return {
         **deck_data(deck),
         "smallest_resistance": float(ohms.min()) if ohms.size else None,
@@ -124,8 +123,8 @@ def describe_deck(deck: ParsedDeck) -> dict[str, Any]:
         "shorts": int((deck.resistance == 0).sum() + (deck.source_volts == 0).sum()),
         "supply_volts": np.unique(deck.source_volts[deck.source_volts != 0])[:100].tolist(),
         "floating_nodes": int((part != part[0]).sum()),
-        "ngspice_seconds": forecast.seconds,
-        "ngspice_memory_bytes": forecast.memory,
+        "ngspice_seconds": run.seconds,
+        "ngspice_memory_bytes": run.memory,
     }
 
 
@@ -152,6 +151,7 @@ def _deck_lines(data: dict[str, Any]) -> Iterable[str]:
 def installed_versions() -> dict[str, str | None]:
     """Versions of this package, Python, the packages it needs and the simulator; None for what is absent."""
     import platform
+    from importlib import metadata
 
     versions: dict[str, str | None] = {"resgrid": metadata.version("resgrid"), "python": platform.python_version()}
     versions |= {name: metadata.version(name) for name in PACKAGES}

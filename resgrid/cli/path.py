@@ -10,8 +10,7 @@ import click
 
 from resgrid.cli.failures import NEGATIVE
 from resgrid.cli.options import NUMBERS, Source, output_option, verb, with_source
-from resgrid.cli.paths import Plan, plan_routes, route_line
-from resgrid.cli.queries import answer_queries
+from resgrid.cli.paths import answer_queries, plan_routes, route_line
 from resgrid.cli.report import finish
 from resgrid.cli.scenes import open_job, require_starts, say_unheeded
 from resgrid.errors import InputError
@@ -124,7 +123,7 @@ def command(
     motion.check_axes(job.space)
     if output is not None:
         check_routes_file(output, job.space, timed=bool(speed))
-    plan: Plan = plan_routes(job)
+    plan = plan_routes(job)
     routes = [motion.applied(route, job.space) for route in plan.routes]
     if output is not None:
         write_routes(output, routes, job.space)

@@ -20,7 +20,7 @@ from resgrid.files import SUMMARY, whole_folder
 
 if TYPE_CHECKING:
     from resgrid.nodal.operating_point import OperatingPoint
-    from resgrid.spice.check.comparison import Agreement
+    from resgrid.spice.check.agreement import Agreement
 
     Circuits = Mapping[str, OperatingPoint]
     Checks = Mapping[str, Agreement | str]

@@ -92,7 +92,8 @@ def open_job(source: Source, *, require_goal: bool = True) -> Job:
 
 
 def _load_scene(source: Source) -> Scene:
-    from resgrid.scene import apply_overrides, read_scene
+    from resgrid.scene import read_scene
+    from resgrid.scene.overrides import apply_overrides
 
     if Path(source.file).suffix.lower() in DECK_SUFFIXES:
         raise InputError(f"{source.file}: this is a deck, and a scene or a map is needed; decks go to 'resgrid check'")
@@ -106,19 +107,21 @@ def _piped_scene(source: Source) -> Scene:
 
     from resgrid.files import decode
     from resgrid.scene import parse_scene, read_scene
+    from resgrid.scene.maps.formats import FORMATS
 
     data = sys.stdin.buffer.read()
     if not data.strip():
         raise InputError("standard input: nothing was piped in; give a scene file, or pipe one")
-    if not data.startswith(_MAP_BEGINNINGS) and source.map_options.get("format") is None:
+    if (
+        not data.startswith(tuple(begin for entry in FORMATS.values() for begin in entry.magic))
+        and source.map_options.get("format") is None
+    ):
         return parse_scene(decode(data, Path("standard input")), "standard input")
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "standard_input"
         file.write_bytes(data)
         return read_scene(file, **source.map_options)
 
-
-_MAP_BEGINNINGS = (b"\x93NUMPY", b"type ", b"\x89PNG", b"P2", b"P5", b"BM", b"GIF8")
 
 FIRST_RUN = "the first solution on this machine also compiles its loops: half a minute, once"
 _KEPT_LOOP = "row_kernels.conductances_by_row*.nbi"

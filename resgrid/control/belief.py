@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.control.controller import Controller
-from resgrid.control.learning import Resolve
+from resgrid.control.learning import solve_again
 from resgrid.control.plant import Plant
 from resgrid.control.relaxation import RelaxingGrid
 from resgrid.space import Cell, ConfigurationSpace
@@ -43,10 +43,10 @@ class Sensor:
 class LiveMap:
     """The map that the robot goes by, and the controller on its field: solved at once, or on a grid that relaxes."""
 
-    def __init__(self, controller: Controller, resolve: Resolve, grid: RelaxingGrid | None) -> None:
+    def __init__(self, controller: Controller, grid: RelaxingGrid | None = None) -> None:
         self.space: ConfigurationSpace = controller.field.space
         self.controller = controller if grid is None else controller.with_field(grid.field)
-        self.grid, self._resolve, self._read_at = grid, resolve, 0.0
+        self.grid, self._read_at = grid, 0.0
 
     @property
     def spacing(self) -> Vector:
@@ -69,7 +69,7 @@ class LiveMap:
     def solve(self) -> None:
         """The field of the map as it is now."""
         if self.grid is None:
-            self.controller = self.controller.with_field(self._resolve(self.space))
+            self.controller = self.controller.with_field(solve_again(self.controller.field, self.space))
             return
         self.grid.change(self.space)
         self.controller = self.controller.with_field(self.grid.field)

@@ -177,7 +177,7 @@ def plant_of(scene: Scene) -> Plant:
             raise InputError(f"hidden[{number}]: an obstacle to be touched needs an area; make it thicker")
     known: list[Shape] = list(scene.obstacles)
     if scene.map is not None:
-        known.append(CellSet(scene.axes, scene.map.cell == Cell.OBSTACLE))
+        known.append(scene.map.obstacles)
     return make_plant(scene.robot, scene.axes, known, scene.hidden, frame=scene.frame)
 
 

@@ -18,7 +18,7 @@ cells that no current leaves.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -26,18 +26,15 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.compiler import compile_space
-from resgrid.control.learning import scene_share
 from resgrid.doors import checked
 from resgrid.errors import InputError
-from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import GROUND, Netlist
 from resgrid.nodal.dynamics import Dynamics, dynamics_of, factor_resolvent
 from resgrid.nodal.transient import transient_stepper
 from resgrid.planning.blend import blend
 from resgrid.planning.fields import Field, read_field
-from resgrid.planning.road import closed, require_uniform, scene_wiring
-from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
+from resgrid.wiring import Wiring
 
 METHODS = ("jacobi", "sor", "chip")
 
@@ -69,20 +66,12 @@ class Relaxation:
         Factor of over-relaxation, in (0, 2).
     patience : float
         How long the robot stands still before it gives up: in cells that it might have crossed.
-    k, boundary, edge
-        As `resgrid.plan` takes them.
-    wall_resistance : float or None
-        For walls: in units of the resistance between neighbours.
     """
 
     method: str = "chip"
     pace: float = 10.0
     omega: float = 1.8
     patience: float = 40.0
-    k: float | None = None
-    boundary: str = "dirichlet"
-    edge: str | tuple[str, ...] = "obstacle"
-    wall_resistance: float | None = None
 
     def __post_init__(self) -> None:
         if self.method not in METHODS:
@@ -93,68 +82,29 @@ class Relaxation:
             raise InputError(f"omega = {self.omega}, but over-relaxation converges for factors between 0 and 2 only")
         if not 0 < self.patience < np.inf:
             raise InputError(f"patience = {self.patience}, but it is finite and above 0, in cells")
-        if self.k is not None and not 0 <= self.k <= 1:
-            raise InputError(f"k = {self.k}, but a blend needs 0 <= k <= 1 (1 is Dirichlet, 0 is Neumann)")
-
-    def boundaries(self) -> tuple[str, ...]:
-        """The chips it takes: one, or for a blend two."""
-        if self.k is None:
-            return (self.boundary,)
-        return (*((self.boundary,) if self.k > 0 else ()), *(("neumann",) if self.k < 1 else ()))
-
-
-def make_relaxation(
-    scene: Scene, *, method: str = "chip", pace: float = 10.0, omega: float = 1.8, patience: float = 40.0,
-    k: float | None = None,
-) -> Relaxation:  # fmt: skip
-    """How the grid of a scene settles.
-
-    Parameters
-    ----------
-    scene : Scene
-    method, pace, omega, patience
-        As in `Relaxation`.
-    k : float, optional
-        Share of the Dirichlet field; by default as the scene says.
-
-    Returns
-    -------
-    Relaxation
-
-    Raises
-    ------
-    InputError
-        If a value is impossible, or the scene is driven by its start.
-    """
-    require_uniform(scene, "control")
-    share, wiring = scene_share(scene, k), scene_wiring(scene)
-    if share is not None:
-        wiring = closed(wiring)
-    wall = None if wiring.wall_resistance is None else wiring.wall_resistance / wiring.resistance
-    return Relaxation(method, pace, omega, patience, share, wiring.boundary, scene.edge, wall)
 
 
 class RelaxingGrid:
     """The voltages of a map that has changed, on their way from the old operating point to the new one.
 
-    `before`: the map that the grid had settled to.
+    `before`: the field that the grid had settled to; it says how the grid is wired and blended.
     """
 
-    def __init__(self, relaxation: Relaxation, before: ConfigurationSpace) -> None:
-        self.relaxation = relaxation
-        self._parts: list[_Part] = []
+    def __init__(self, relaxation: Relaxation, before: Field) -> None:
+        self.relaxation, self.before = relaxation, before
+        halves = (before.wiring, before.wiring.opened()) if before.boundary == "blend" else (before.wiring,)
+        self._parts = [_Part(relaxation, wiring, before.space) for wiring in halves]
         self._owed = 0.0
-        self.change(before)
-        for part in self._parts:
-            part.settle()
 
     def change(self, space: ConfigurationSpace) -> None:
         """Put another map on the rails; all other nodes keep their voltages."""
-        kept = {part.boundary: part.per_cell() for part in self._parts}
+        before = self.before.space
+        if before.axes != space.axes or before.frame != space.frame:
+            raise InputError(
+                f"the map had {before.shape} cells and now has {space.shape}: one grid settles, give one grid"
+            )
         vars(self).pop("_end", None)
-        self._parts = [
-            _Part(self.relaxation, boundary, space, kept.get(boundary)) for boundary in self.relaxation.boundaries()
-        ]
+        self._parts = [_Part(self.relaxation, part.wiring, space, part.per_cell()) for part in self._parts]
 
     def advance(self, cells: float) -> bool:
         """Let it settle while the robot could cross so many cells; whether anything was due."""
@@ -188,28 +138,26 @@ class RelaxingGrid:
 
     def _shown(self, voltages: list[Vector]) -> Field:
         fields = [field_now(part.netlist, volts) for part, volts in zip(self._parts, voltages, strict=True)]
-        if len(fields) == 1:
-            return fields[0]
-        assert self.relaxation.k is not None
-        return blend(fields[0], fields[1], self.relaxation.k)
+        return fields[0] if len(fields) == 1 else blend(fields[0], fields[1], self.before.k)
 
 
 class _Part:
-    """One chip while it settles."""
+    """One chip while it settles: at its end, or from the voltages of cells before."""
 
-    def __init__(self, relaxation: Relaxation, boundary: str, space: ConfigurationSpace, cells: Vector | None) -> None:
-        self.boundary = boundary
-        self.netlist = _compiled(relaxation, boundary, space)
+    def __init__(
+        self, relaxation: Relaxation, wiring: Wiring, space: ConfigurationSpace, cells: Vector | None = None
+    ) -> None:
+        self.wiring, self.netlist = wiring, _compiled(wiring, space)
         self._dynamics = dynamics_of(self.netlist)
-        node = self.netlist.cells.node
-        volts = np.zeros(self.netlist.node_count)
-        if cells is not None:
-            volts[node[node >= 0]] = np.nan_to_num(cells[node >= 0])
-        self._x = self._dynamics.state(volts)
         drive, solver = self._dynamics.drive, "direct" if self._dynamics.size <= _DIRECT else "auto"
         self._end = factor_resolvent(self._dynamics, 0.0, solver).solve(drive, rtol=1e-12) if len(drive) else drive
         self._step = _stepping(self._dynamics, relaxation, solver)
-        self.settled = False
+        self.settled = cells is None
+        self._x = self._end.copy()
+        if cells is not None:
+            node, volts = self.netlist.cells.node, np.zeros(self.netlist.node_count)
+            volts[node[node >= 0]] = np.nan_to_num(cells[node >= 0])
+            self._x = self._dynamics.state(volts)
 
     @property
     def voltage(self) -> Vector:
@@ -225,10 +173,6 @@ class _Part:
         """Voltage of every cell, NaN where there is none."""
         node = self.netlist.cells.node
         return np.where(node >= 0, self.voltage[node], np.nan)
-
-    def settle(self) -> None:
-        """Jump to the end."""
-        self._x, self.settled = self._end.copy(), True
 
     def advance(self, count: int) -> bool:
         """Make so many steps, unless it has settled; whether any was made."""
@@ -267,18 +211,12 @@ def _stepping(dynamics: Dynamics, relaxation: Relaxation, solver: str) -> Callab
     return relaxed
 
 
-def _compiled(relaxation: Relaxation, boundary: str, space: ConfigurationSpace) -> Netlist:
+def _compiled(wiring: Wiring, space: ConfigurationSpace) -> Netlist:
     """A chip of 1 ohm and 1 farad, so that time counts in ``R C``, with its reference rail at 0 V."""
-    neumann = boundary == "neumann"
-    netlist = compile_space(
-        space,
-        boundary=boundary,
-        edge=relaxation.edge,
-        resistance=1.0,
-        supply=1.0 if neumann else -1.0,
-        goal_voltage=0.0 if neumann else 1.0,
-        wall_resistance=relaxation.wall_resistance if boundary == "wall" else None,
-    )
+    supply, goal = (1.0, 0.0) if wiring.is_driven else (-1.0, 1.0)
+    wall = None if wiring.wall_resistance is None else wiring.wall_resistance / wiring.resistance
+    unit = replace(wiring, resistance=1.0, supply=supply, goal_voltage=goal, wall_resistance=wall)
+    netlist = compile_space(space, unit)
     free = netlist.cells.free_node
     pairs = np.stack([free, np.full_like(free, GROUND)], axis=1)
     return netlist.replace(capacitor_nodes=pairs, capacitance=np.ones(len(free)))
@@ -295,77 +233,3 @@ def field_now(netlist: Netlist, voltage: Vector) -> Field:
         log_amps = np.log(np.abs(drop)) + np.log(netlist.conductance)
     resistors = (cells.resistor_face, cells.resistor_upward, np.sign(drop).astype(np.int8), log_amps)
     return read_field(cells, volts, height / volts, None, resistors)
-
-
-def check_same_grid(before: ConfigurationSpace, after: ConfigurationSpace) -> None:
-    """Refuse two maps that are not of one grid."""
-    if before.axes != after.axes or before.frame != after.frame:
-        raise InputError(f"the map had {before.shape} cells and now has {after.shape}: one grid settles, give one grid")
-
-
-@frozen
-@dataclass(frozen=True, eq=False)
-class Wavefront:
-    """How a change of the map spreads.
-
-    Attributes
-    ----------
-    before, after : ConfigurationSpace
-        The map that the grid had settled to, and the one it is settling to.
-    cells : ndarray of float64, shape (t,)
-        When: in cells that the robot could have crossed.
-    potential : ndarray of float64, shape (t, *shape of the space)
-        At those times; NaN in cells without a node.
-    distance : ndarray of float64, shape (t,)
-        Largest distance of a potential from its end.
-    first : ndarray of float64, shape of the space
-        Potential before the change.
-    """
-
-    before: ConfigurationSpace
-    after: ConfigurationSpace
-    cells: NDArray[np.float64]
-    potential: NDArray[np.float64]
-    distance: NDArray[np.float64]
-    first: NDArray[np.float64]
-
-    _repr_html_ = picture_html
-
-
-def wavefront(
-    relaxation: Relaxation, before: ConfigurationSpace, after: ConfigurationSpace, cells: NDArray[np.float64]
-) -> Wavefront:
-    """Follow a change of the map through the grid.
-
-    Parameters
-    ----------
-    relaxation : Relaxation
-    before, after : ConfigurationSpace
-        Of the same axes.
-    cells : ndarray of float64, shape (t,)
-        When to look: in cells that the robot could have crossed since the change, ascending.
-
-    Returns
-    -------
-    Wavefront
-
-    Raises
-    ------
-    InputError
-        If the maps have different axes, or the times do not ascend.
-    CircuitError
-        If nothing can be driven.
-    """
-    when = np.asarray(cells, dtype=np.float64)
-    if when.ndim != 1 or not len(when) or not np.isfinite(when).all() or when[0] < 0 or np.any(when[1:] < when[:-1]):
-        raise InputError("times of a wavefront must be finite, at least 0 and ascending, in cells crossed")
-    check_same_grid(before, after)
-    grid = RelaxingGrid(relaxation, before)
-    first = grid.field.potential
-    grid.change(after)
-    frames, distance = [], []
-    for step in np.diff(when, prepend=0.0).tolist():
-        grid.advance(step)
-        frames.append(grid.field.potential)
-        distance.append(grid.distance)
-    return Wavefront(before, after, when.copy(), np.array(frames), np.array(distance), first)

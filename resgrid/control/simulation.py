@@ -12,14 +12,14 @@ from resgrid.arguments import check_whole
 from resgrid.control.belief import LiveMap, Sensor
 from resgrid.control.contact import Body
 from resgrid.control.controller import Controller, make_controller
-from resgrid.control.learning import Resolve, scene_resolver
 from resgrid.control.log import Ending, Run
 from resgrid.control.loop import Loop
 from resgrid.control.plant import Plant, plant_of
 from resgrid.control.pushes import Force, Push, force_of
-from resgrid.control.relaxation import Relaxation, RelaxingGrid, check_same_grid
+from resgrid.control.relaxation import Relaxation, RelaxingGrid
 from resgrid.errors import InputError
 from resgrid.planning.fields import Field
+from resgrid.planning.road import require_uniform, scene_wiring, solve_field
 from resgrid.planning.trace import one_start
 from resgrid.scene import sample
 from resgrid.scene.scene import Scene
@@ -35,8 +35,6 @@ class Simulation:
     controller : Controller
         With the field of the map as it is before anything is learnt.
     plant : Plant
-    resolve : callable
-        From a changed space to its field.
     friction : float
         Coefficient mu of Coulomb friction.
     learn : bool
@@ -46,20 +44,19 @@ class Simulation:
         share of its largest motion across a cell.
     relaxation : Relaxation or None
         How the grid settles while the robot follows it; None: at once.
-    before : ConfigurationSpace or None
-        Then, the map that the grid had settled to at time 0; None: the same one.
+    before : Field or None
+        Then, what the grid had settled to at time 0; None: the controller's field.
     scene : Scene or None
         What it was made from.
     """
 
     controller: Controller
     plant: Plant
-    resolve: Resolve
     friction: float = 0.2
     learn: bool = True
     step: float = 0.2
     relaxation: Relaxation | None = None
-    before: ConfigurationSpace | None = None
+    before: Field | None = None
     scene: Scene | None = None
 
     def __post_init__(self) -> None:
@@ -140,7 +137,7 @@ class Simulation:
         sensor = Sensor(self.plant, _offsets(bias, ndim, "bias"), _offsets(noise, ndim, "noise"), rng)
         push_at = force_of(pushes, ndim)
         body = Body(self.plant, self._checked_start(start), self.step, self.margin)
-        live = LiveMap(self.controller, self.resolve, self._grid())
+        live = LiveMap(self.controller, self._grid())
         loop = Loop(self.plant, body, sensor, live, push_at, rng, friction=self.friction, learn=self.learn)
         end, goal = loop.run(max_steps), None
         if end.ending is Ending.ARRIVED:
@@ -171,10 +168,8 @@ class Simulation:
         """The grid at time 0, already on the rails of the map as it is now; None if it settles at once."""
         if self.relaxation is None:
             return None
-        before = self.space if self.before is None else self.before
-        check_same_grid(before, self.space)
-        grid = RelaxingGrid(self.relaxation, before)
-        if before is not self.space:
+        grid = RelaxingGrid(self.relaxation, self.before or self.controller.field)
+        if self.before is not None:
             grid.change(self.space)
         return grid
 
@@ -223,12 +218,13 @@ def simulation(
         If nothing can be driven.
     """
     plant = plant_of(scene)
-    resolve = scene_resolver(scene, k)
+    require_uniform(scene, "control")
+    share = k if k is not None else next(iter(scene.k), None)
     controller = make_controller(
-        resolve(sample(scene)) if field is None else field,
+        solve_field(sample(scene), scene_wiring(scene), share) if field is None else field,
         speed=speed, admittance=admittance, speed_limits=speed_limits, response=response,
     )  # fmt: skip
-    return Simulation(controller, plant, resolve, friction, learn, step, scene=scene)
+    return Simulation(controller, plant, friction, learn, step, scene=scene)
 
 
 def _offsets(value: ArrayLike, ndim: int, what: str) -> NDArray[np.float64]:

@@ -14,8 +14,7 @@ from resgrid.errors import InputError
 from resgrid.io.tables import Views, suffix_of, write
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.spice.balance import power_balance
-from resgrid.spice.ir_drop import ir_drop
+from resgrid.spice.power import ir_drop, power_balance
 from resgrid.spice.run.rawfile import format_raw, raw_vectors
 
 

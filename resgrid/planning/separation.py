@@ -22,8 +22,7 @@ from resgrid.planning.barriers import Barriers, group_obstacles, link
 from resgrid.planning.fields import Field, goal_blocked
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import one_start, start_cells
-from resgrid.robots import CellSet
-from resgrid.scene import MapCells, Scene, sample
+from resgrid.scene import Scene, sample
 from resgrid.scene.world import to_space
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -327,8 +326,7 @@ def blocking_parts(scene: Scene, space: ConfigurationSpace) -> dict[str, NDArray
         for number, shape in enumerate(scene.obstacles)
     }
     if scene.map is not None:
-        cells = CellSet(scene.axes, scene.map.cell == Cell.OBSTACLE)
-        parts["map"] = plain.occupancy(scene.axes, [cells], scene.sampling) & ~itself
+        parts["map"] = plain.occupancy(scene.axes, [scene.map.obstacles], scene.sampling) & ~itself
     if plain != scene.robot:
         parts["singularity"] = scene.robot.occupancy(scene.axes, [], scene.sampling) & ~itself
     blocked = space.cell == Cell.OBSTACLE
@@ -351,9 +349,7 @@ def _blockers(space: ConfigurationSpace, masks: list[NDArray[np.bool_]]) -> NDAr
 
 def _whole_goal(scene: Scene) -> NDArray[np.bool_]:
     """Goal cells as they are where nothing blocks any, shape of the space."""
-    cells = scene.map
-    if cells is not None:
-        cells = MapCells(np.where(cells.cell == Cell.OBSTACLE, np.uint8(Cell.FREE), cells.cell), cells.table)
+    cells = scene.map and scene.map.without_obstacles()
     robot = scene.robot.bare(self_collision=False)
     return np.asarray(sample(dataclasses.replace(scene, robot=robot, obstacles=(), map=cells)).cell == Cell.GOAL)
 

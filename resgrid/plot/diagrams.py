@@ -12,10 +12,9 @@ from matplotlib.image import AxesImage
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.control.announced import RelaxationSweep, Wavefront
 from resgrid.control.controller import make_controller
 from resgrid.control.equipotential import following_velocity
-from resgrid.control.relaxation import Wavefront
-from resgrid.control.relaxation_ratio import RelaxationSweep
 from resgrid.errors import InputError
 from resgrid.planning.blend import dirichlet_share
 from resgrid.planning.fields import Field

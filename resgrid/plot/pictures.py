@@ -18,9 +18,8 @@ from resgrid.chip.precision import Precision
 from resgrid.chip.sensitivity import Sensitivity
 from resgrid.chip.settling import Settling
 from resgrid.chip.yields import Yield
+from resgrid.control.announced import RelaxationSweep, Wavefront
 from resgrid.control.log import Run
-from resgrid.control.relaxation import Wavefront
-from resgrid.control.relaxation_ratio import RelaxationSweep
 from resgrid.doors import guarded
 from resgrid.errors import InputError, ResgridError
 from resgrid.netlist import Netlist

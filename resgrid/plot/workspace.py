@@ -39,7 +39,8 @@ from resgrid.plot.style import (
     refresh_legend,
 )  # fmt: skip
 from resgrid.robots import CellSet, HalfSpace, Robot, Shape, to_shapely
-from resgrid.scene.scene import Goal, GoalCell, GoalJoints, GoalPoint, Scene
+from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint
+from resgrid.scene.scene import Scene
 from resgrid.space import Cell, ConfigurationSpace
 
 _GHOSTS = 12
@@ -240,7 +241,7 @@ def _draw_surroundings(scene: Scene, ax: Axes | None) -> Axes:
         raise InputError(f"the workspace of a scene with {scene.ndim} axes is not a plane: sample it, and draw fields")
     axes = axes_or_new(ax)
     if scene.map is not None:
-        known = ConfigurationSpace(scene.axes, scene.map.cell, frame=scene.frame)
+        known = ConfigurationSpace(scene.map.axes, scene.map.cell, frame=scene.map_frame)
         for code, colour, label in ((Cell.OBSTACLE, OBSTACLE, "obstacle"), (Cell.GOAL, GOAL, "goal")):
             paint_cells(known, known.cell == code, colour, label, axes)
     mark_shapes(scene.obstacles, axes, OBSTACLE, "obstacle", 2.0)

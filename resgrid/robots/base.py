@@ -48,6 +48,9 @@ class Robot(ABC):
     base: Point | None = None
     """Where it is mounted; None if it moves freely."""
 
+    turning_length: float | None = None
+    """What a heading of one radian counts as, as the third coordinate of a configuration; None if it does not turn."""
+
     @property
     def reach(self) -> float:
         """Largest distance of its reference point from the base."""
@@ -146,16 +149,6 @@ class Robot(ABC):
         """
         return self
 
-    def implied_axes(self) -> tuple[dict[str, Any], ...]:
-        """What it knows of its axes before a scene says anything.
-
-        Returns
-        -------
-        tuple of dict
-            Keys of the axes, in order; none where a scene must say all.
-        """
-        return ()
-
     def axes_on_map(self, axes: Sequence[Axis], headings: int) -> tuple[Axis, ...]:  # noqa: ARG002
         """Axes of its configuration space on a map of the plane.
 
@@ -189,6 +182,10 @@ class Robot(ABC):
         InputError
             If their number or kind does not fit.
         """
+
+    def implied_axes(self) -> tuple[dict[str, Any], ...]:
+        """What is known of its axes before a scene says anything: keys of tables of axes."""
+        return ()
 
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge
 from numpy.typing import NDArray
 
 from resgrid.doors import checked
@@ -39,7 +41,7 @@ class PointRobot(Robot):
     moves_in_workspace = True
     remedy = "make the robot's radius smaller"
 
-    radius: float = 0.0
+    radius: Annotated[float, Ge(0)] = 0.0
 
     def __post_init__(self) -> None:
         if not 0 <= float(self.radius) <= LARGEST:

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, isfinite, pi, tau
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
+from annotated_types import Gt
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.doors import checked
@@ -54,7 +55,7 @@ class PolygonRobot(Robot):
     """
 
     vertices: tuple[Point, ...]
-    turning_length: float = 1.0
+    turning_length: Annotated[float, Gt(0)] = 1.0
 
     def __post_init__(self) -> None:
         if not (isfinite(self.turning_length) and 0 < self.turning_length <= 1e9):

@@ -2,110 +2,136 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field, fields
-from sys import float_info
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Annotated, Literal
+
+from annotated_types import Ge, Gt, Le, Len
 
 from resgrid.errors import InputError
+from resgrid.scene.quantities import Listed, Quantity
 
-SERIES = ("E6", "E12", "E24", "E48", "E96", "E192")
-MOST_BITS = 32
 ABSOLUTE_ZERO = -273.15
-SMALLEST, LARGEST = 1e-30, 1e30
-"""Limits of all values in SI units, so that their products and squares are numbers, too."""
+
+Ohms = Annotated[float, Gt(0), Quantity("ohm")]
+OhmsOrNone = Annotated[float, Ge(0), Quantity("ohm")]
+Metres = Annotated[float, Gt(0), Quantity("m")]
+Volts = Annotated[float, Quantity("V")]
+Share = Annotated[float, Ge(0), Quantity("", share=True)]
+Density = Annotated[float, Ge(0), Le(1), Quantity("", share=True)]
 
 
 @dataclass(frozen=True)
 class Readout:
-    """How node voltages are measured; None where it is ideal.
+    """How node voltages are measured; ideal where it does not say.
 
     Attributes
     ----------
     input_resistance : float or None
-        From every cell's node to ground, in ohms.
+        From every cell's node to ground, by the read-out.
     offset : float or None
-        Standard deviation of the offset voltage, in volts.
+        Standard deviation of a node's measurement, the same at every measurement of the node.
     noise_bandwidth : float or None
-        Equivalent noise bandwidth, in hertz.
+        Equivalent noise bandwidth of a measurement.
     bits : int or None
         Of the converter, 1 to 32.
     range : tuple of float or None
-        Lowest and highest voltage that the converter tells, in volts; None means from rail to rail.
+        Lowest and highest voltage that the converter tells; without it from rail to rail.
+
+    Raises
+    ------
+    InputError
+        If such a read-out cannot be.
     """
 
-    input_resistance: float | None = None
-    offset: float | None = None
-    noise_bandwidth: float | None = None
-    bits: int | None = None
-    range: tuple[float, float] | None = None
+    input_resistance: Ohms | None = None
+    offset: Annotated[float, Ge(0), Quantity("V")] | None = None
+    noise_bandwidth: Annotated[float, Gt(0), Quantity("Hz")] | None = None
+    bits: Annotated[int, Ge(1), Le(32)] | None = None
+    range: tuple[Volts, Volts] | None = None
 
     def __post_init__(self) -> None:
-        _raise(_readout_problems(self))
+        _check(self, _readout_problems)
 
 
 @dataclass(frozen=True)
 class Defects:
-    """Faults of fabrication.
+    """Faults of fabrication: shares of the grid's resistors.
 
     Attributes
     ----------
-    open_density, short_density : float
-        Share of the grid's resistors that are open, and that are shorted, each at least 0, together at most 1.
+    open_density : float
+        Share of the resistors that are open.
+    short_density : float
+        Share of the resistors that are shorted; with the open ones at most all.
     short_resistance : float
-        Resistance of a short, in ohms.
+        Of a short.
+
+    Raises
+    ------
+    InputError
+        If such faults cannot be.
     """
 
-    open_density: float = 0.0
-    short_density: float = 0.0
-    short_resistance: float = 1.0
+    open_density: Density = 0.0
+    short_density: Density = 0.0
+    short_resistance: Ohms = 1.0
 
     def __post_init__(self) -> None:
-        _raise(_defect_problems(self))
+        _check(self, _defect_problems)
 
 
 @dataclass(frozen=True)
 class Chip:
     """What a chip is made of, in SI units; ideal where it does not say.
 
+    Every value may also be given as an engineering value such as ``"4k7"``, shares as ``"10 %"``.
+
     Attributes
     ----------
     resistance : float
-        Between neighbours along the finest axis at conductivity 1, in ohms.
+        Between neighbours along the finest axis at conductivity 1.
     supply : float
-        Obstacle rail (or driven start) above the goal rail, in volts; not 0.
+        Obstacle rail (or driven start) above the goal rail; not 0.
     wall_resistance : float or None
-        In series with every obstacle contact where ``boundary = "wall"``, in ohms, at least 0.
+        In series with every obstacle contact where ``boundary = "wall"``.
     capacitance : float or None
-        From every cell's node to ground, in farads.
-    goal_switch_on, goal_switch_off, obstacle_switch_on, obstacle_switch_off : float or None
-        Resistance of the switches between a cell's node and the rails, closed and open, in ohms; None is a wire
-        and no connection.
-    internodal_switch_on, internodal_switch_off : float or None
-        Resistance of the switches in series with the resistors between cells, closed and open, in ohms.
+        From every cell's node to ground.
+    goal_switch_on, obstacle_switch_on : float or None
+        Closed switch between a cell's node and this rail; a wire where nothing is said.
+    goal_switch_off, obstacle_switch_off : float or None
+        The same switch, open; no connection where nothing is said.
+    internodal_switch_on : float or None
+        Closed switch in series with every resistor between cells.
+    internodal_switch_off : float or None
+        The same switch, open.
     mismatch : float or None
-        Standard deviation of a resistance, as a share of its mean, at least 0 and below 1.
+        Standard deviation of a resistance, as a share of its mean, below 1.
     pelgrom : float or None
-        Instead: ``A_R`` in % µm, for a standard deviation ``A_R / sqrt(W L)`` (Pelgrom, Duinmaijer & Welbers 1989).
-    width, length : float or None
-        ``W`` and ``L`` of a resistor, in metres.
+        Instead: ``A_R``, for a standard deviation ``A_R / sqrt(W L)`` (Pelgrom, Duinmaijer & Welbers 1989).
+    width : float or None
+        ``W`` of a resistor.
+    length : float or None
+        ``L`` of a resistor.
     gradient : tuple of float or None
         Growth of the resistance from one end of the die to the other along every axis (missing ones: 0), as a share of
         its nominal value, which the middle of the die has.
     temperature : float or None
-        Of the die, in degrees Celsius; None is the nominal 27.
-    tc1, tc2 : float or None
-        Temperature coefficients of the grid's resistors, in 1/K and 1/K^2.
+        Of the die; nominal is 27.
+    tc1 : float or None
+        First temperature coefficient of the grid's resistors, from 27 degrees Celsius.
+    tc2 : float or None
+        Second temperature coefficient of the grid's resistors.
     preferred : str or None
-        Series of preferred values that resistances are taken from, ``"E6"`` to ``"E192"`` (IEC 60063).
+        Series of preferred values that resistances are taken from (IEC 60063).
     sheet_resistance : float or None
-        Instead: of the polysilicon that resistors of the given width are drawn in, in ohms per square.
+        Instead: per square of the polysilicon that resistors of the given width are drawn in.
     drawing_grid : float
-        Step of drawn lengths, in metres.
+        Step of drawn lengths.
     rail_resistance : float or None
-        Of a rail between neighbouring cells, in ohms.
+        Of a stretch of rail between neighbouring cells.
     saturation_voltage : float or None
-        ``V0`` of nonlinear resistors ``I0 tanh(dV / V0)`` in place of linear ones, in volts; ``I0 = V0 / R``.
+        ``V0`` of nonlinear resistors ``I0 tanh(dV / V0)`` in place of linear ones, with ``I0 = V0 / R``.
     seed : int
         Of everything random about the chip.
     readout : Readout
@@ -119,137 +145,64 @@ class Chip:
         If such a chip cannot be.
     """
 
-    resistance: float = 10e3
-    supply: float = 1.0
-    wall_resistance: float | None = None
-    capacitance: float | None = None
-    goal_switch_on: float | None = None
-    goal_switch_off: float | None = None
-    obstacle_switch_on: float | None = None
-    obstacle_switch_off: float | None = None
-    internodal_switch_on: float | None = None
-    internodal_switch_off: float | None = None
-    mismatch: float | None = None
-    pelgrom: float | None = None
-    width: float | None = None
-    length: float | None = None
-    gradient: tuple[float, ...] | None = None
-    temperature: float | None = None
-    tc1: float | None = None
-    tc2: float | None = None
-    preferred: str | None = None
-    sheet_resistance: float | None = None
-    drawing_grid: float = 5e-9
-    rail_resistance: float | None = None
-    saturation_voltage: float | None = None
-    seed: int = 0
+    resistance: Ohms = 10e3
+    supply: Volts = 1.0
+    wall_resistance: OhmsOrNone | None = None
+    capacitance: Annotated[float, Ge(0), Quantity("F")] | None = None
+    goal_switch_on: Ohms | None = None
+    goal_switch_off: Ohms | None = None
+    obstacle_switch_on: Ohms | None = None
+    obstacle_switch_off: Ohms | None = None
+    internodal_switch_on: Ohms | None = None
+    internodal_switch_off: Ohms | None = None
+    mismatch: Share | None = None
+    pelgrom: Annotated[float, Ge(0), Quantity("% µm")] | None = None
+    width: Metres | None = None
+    length: Metres | None = None
+    gradient: Annotated[tuple[Annotated[float, Quantity("", share=True)], ...], Len(1, 4), Listed()] | None = None
+    temperature: Annotated[float, Quantity("°C")] | None = None
+    tc1: Annotated[float, Quantity("1/K")] | None = None
+    tc2: Annotated[float, Quantity("1/K^2")] | None = None
+    preferred: Literal["E6", "E12", "E24", "E48", "E96", "E192"] | None = None
+    sheet_resistance: Ohms | None = None
+    drawing_grid: Metres = 5e-9
+    rail_resistance: OhmsOrNone | None = None
+    saturation_voltage: Annotated[float, Gt(0), Quantity("V")] | None = None
+    seed: Annotated[int, Ge(0), Le(2**128 - 1)] = 0
     readout: Readout = field(default_factory=Readout)
     defects: Defects = field(default_factory=Defects)
 
     def __post_init__(self) -> None:
-        _raise(_chip_problems(self))
+        for name, kind in (("readout", Readout), ("defects", Defects)):
+            if not isinstance(getattr(self, name), kind):
+                raise InputError(f"{name} = {getattr(self, name)!r} must be a {kind.__name__}")
+        _check(self, _supply_problems, _switch_problems, _spread_problems, _value_problems, _heat_problems)
 
 
-_POSITIVE = (
-    "resistance",
-    "goal_switch_on",
-    "goal_switch_off",
-    "obstacle_switch_on",
-    "obstacle_switch_off",
-    "internodal_switch_on",
-    "internodal_switch_off",
-    "width",
-    "length",
-    "sheet_resistance",
-    "drawing_grid",
-    "saturation_voltage",
-    "input_resistance",
-    "noise_bandwidth",
-    "short_resistance",
-)
-_NOT_NEGATIVE = (
-    "wall_resistance",
-    "capacitance",
-    "mismatch",
-    "pelgrom",
-    "rail_resistance",
-    "offset",
-    "open_density",
-    "short_density",
-)
+def _check(value: Readout | Defects | Chip, *laws: Callable[..., Iterable[str]]) -> None:
+    """Refuse a value whose fields are impossible, or break a law together."""
+    from resgrid.scene.table import check_fields
 
-
-def _raise(problems: Iterator[str]) -> None:
-    found = list(problems)
-    if found:
-        raise InputError("; ".join(found))
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= float_info.max
-
-
-def _are_numbers(values: object) -> bool:
-    return isinstance(values, tuple | list) and all(_is_number(value) for value in values)
-
-
-def _numbers(value: Any) -> Iterator[str]:
-    for item in fields(value):
-        number = getattr(value, item.name)
-        if number is None or not item.type.startswith("float"):
-            continue
-        if not _is_number(number):
-            yield f"{item.name} = {number!r} must be a finite number"
-        elif item.name in _POSITIVE and number <= 0:
-            yield f"{item.name} = {number:g} must be greater than 0"
-        elif item.name in _NOT_NEGATIVE and number < 0:
-            yield f"{item.name} = {number:g} must be at least 0"
-        elif abs(number) > LARGEST:
-            yield f"{item.name} = {number:g} must not exceed {LARGEST:g}"
-        elif 0 < abs(number) < SMALLEST:
-            yield f"{item.name} = {number:g} is too small: it must be {SMALLEST:g} or more"
-
-
-def _whole(name: str, number: object, least: int, most: int) -> Iterator[str]:
-    if isinstance(number, bool) or not isinstance(number, int) or not least <= number <= most:
-        yield f"{name} = {number!r} must be a whole number from {least} to {most}"
+    check_fields(value)
+    broken = [problem for law in laws for problem in law(value)]
+    if broken:
+        raise InputError("; ".join(broken))
 
 
 def _readout_problems(readout: Readout) -> Iterator[str]:
-    yield from _numbers(readout)
-    if readout.bits is not None:
-        yield from _whole("bits", readout.bits, 1, MOST_BITS)
-    if readout.range is not None:
-        limits = readout.range
-        shown = list(limits) if isinstance(limits, tuple) else limits
-        if not _are_numbers(limits) or len(limits) != 2 or not limits[0] < limits[1]:
-            yield f"range = {shown!r} must be the lowest and the highest voltage of the converter, the lower first"
-        elif max(map(abs, limits)) > LARGEST:
-            yield f"range = {shown!r} must not exceed {LARGEST:g} V"
+    if readout.range is not None and not readout.range[0] < readout.range[1]:
+        shown = list(readout.range)
+        yield f"range = {shown} must be the lowest and the highest voltage of the converter, the lower first"
 
 
 def _defect_problems(defects: Defects) -> Iterator[str]:
-    wrong = list(_numbers(defects))
-    yield from wrong
-    if not wrong and (both := defects.open_density + defects.short_density) > 1:
+    if (both := defects.open_density + defects.short_density) > 1:
         yield f"open_density + short_density = {both:g}, but no more than all resistors (1 or 100 %) can be faulty"
 
 
-def _chip_problems(chip: Chip) -> Iterator[str]:
-    wrong = list(_numbers(chip))
-    for name, kind in (("readout", Readout), ("defects", Defects)):
-        if not isinstance(getattr(chip, name), kind):
-            wrong.append(f"{name} = {getattr(chip, name)!r} must be a {kind.__name__}")
-    yield from wrong
-    if wrong:
-        return
+def _supply_problems(chip: Chip) -> Iterator[str]:
     if chip.supply == 0:
         yield "supply = 0 drives nothing; give the voltage between the rails"
-    yield from _whole("seed", chip.seed, 0, 2**128 - 1)
-    yield from _switch_problems(chip)
-    yield from _spread_problems(chip)
-    yield from _value_problems(chip)
-    yield from _heat_problems(chip)
     if chip.defects.short_density > 0 and chip.defects.short_resistance >= chip.resistance:
         yield (
             f"defects.short_resistance = {chip.defects.short_resistance:g} ohm is no short of a resistor of "
@@ -277,10 +230,8 @@ def _spread_problems(chip: Chip) -> Iterator[str]:
             "pelgrom needs the area of a resistor: give width and length (or width and sheet_resistance, from which "
             "the length follows)"
         )
-    gradient = () if chip.gradient is None else chip.gradient
-    if not _are_numbers(gradient):
-        yield f"gradient = {gradient!r} must hold finite shares, one for each axis"
-    elif sum(abs(share) for share in gradient) >= 2:
+    gradient = chip.gradient or ()
+    if sum(abs(share) for share in gradient) >= 2:
         yield (
             f"gradient = {list(gradient)} takes a resistance below 0 in a corner of the die; "
             "its shares must add up to less than 2 (200 %)"
@@ -288,8 +239,6 @@ def _spread_problems(chip: Chip) -> Iterator[str]:
 
 
 def _value_problems(chip: Chip) -> Iterator[str]:
-    if chip.preferred is not None and chip.preferred not in SERIES:
-        yield f"preferred = {chip.preferred!r} is unknown; it may be one of {', '.join(SERIES)}"
     if chip.sheet_resistance is None:
         return
     if chip.preferred is not None:

@@ -8,37 +8,67 @@ from pathlib import Path
 from typing import Any
 
 from resgrid.errors import InputError
-from resgrid.scene.build import build_scene, document_of, map_data
+from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, Polygon, Robot
+from resgrid.scene.goals import CostArea, GoalJoints
+from resgrid.scene.maps.data import MapData
+from resgrid.scene.read import build_scene
 from resgrid.scene.scene import Scene
+from resgrid.scene.table import plain
 
 SHORT = {"resistance": "chip.resistance", "supply": "chip.supply", "radius": "robot.radius"}
 PLACES = {"goal": "point", "goal_cell": "cell", "start": "point", "start_cell": "cell"}
+_LISTS = {"obstacle": "obstacles", "hidden": "hidden", "goal": "goals", "area": "areas"}
+_SHAPES = {Box: ("rectangle", "box"), Ball: ("circle", "sphere"), Polygon: ("polygon",), HalfSpace: ("half_plane",)}
+
+
+def document_of(scene: Scene) -> dict[str, Any]:
+    """The document that describes a scene; the inverse of `build_scene`."""
+    document = {"schema": 1, "robot": _robot_table(scene.robot), "starts": plain(scene.starts)}
+    for key in ("title", "boundary", "drive", "sampling", "edge", "k", "chip", "control"):
+        value = getattr(scene, key)
+        if value is not None:
+            document[key] = plain(value)
+    if scene.map is not None:
+        document["map"] = plain(scene.map.table)
+    if scene.map is None or ("headings" not in scene.map.table and len(scene.map.axes) != len(scene.axes)):
+        document["grid"] = {"axes": [plain(axis) for axis in scene.axes]}
+    for key, attribute in _LISTS.items():
+        document[key] = [_table(value) for value in getattr(scene, attribute)]
+    return document
+
+
+def _table(value: Any) -> dict[str, Any]:
+    """The table of a shape, a goal or an area."""
+    if isinstance(value, CostArea):
+        return _table(value.shape) | {"conductivity": value.conductivity}
+    if isinstance(value, GoalJoints):
+        lower, upper = list(value.lower), list(value.upper)
+        return {"joints": lower} if lower == upper else {"joints_lower": lower, "joints_upper": upper}
+    names = _SHAPES.get(type(value))
+    kind = {} if names is None else {"shape": names[0 if value.ndim == 2 else -1]}
+    return {**kind, **plain(value)}
+
+
+def _robot_table(robot: Robot) -> dict[str, Any]:
+    kinds = {kind: name for name, kind in ROBOTS.items()}
+    if type(robot) not in kinds:
+        raise InputError(f"a scene file cannot describe a {type(robot).__name__}; register it in resgrid.robots.ROBOTS")
+    table = {"type": kinds[type(robot)], **plain(robot)}
+    if isinstance(robot, Arm):
+        columns = zip(table.pop("lengths"), table.pop("widths"), table.pop("limits"), strict=True)
+        links = [{"length": length, "width": width, "limits": limits} for length, width, limits in columns]
+        table["links"] = [{key: value for key, value in link.items() if value is not None} for link in links]
+    return table
 
 
 def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     """The same scene with some keys changed, checked like a scene file.
 
-    Parameters
-    ----------
-    scene : Scene
-        The scene.
-    changes : mapping of str to object
-        From key path to new value.  A path is written as in error messages (``chip.resistance``,
-        ``obstacle[2].radius``, or with dots: ``obstacle.2.radius``); ``resistance``, ``supply`` and ``radius`` alone
-        are enough.  ``goal``, ``goal_cell``, ``start`` and ``start_cell`` take one place or a list of them and replace
-        all goals or starts; world coordinates, or cell indices counted from 0.  A text is read as TOML would read it
-        (``"4.5"`` is a number, ``"[0, 1]"`` a list), as numbers separated by commas, or else as itself.
-
-    Returns
-    -------
-    Scene
-
-    Raises
-    ------
-    InputError
-        If a key or a value is wrong; one message lists all problems.
-    BudgetError
-        If a map is read anew and would not fit in memory.
+    A key path is written as in error messages (``chip.resistance``, ``obstacle[2].radius``, or with dots:
+    ``obstacle.2.radius``); ``resistance``, ``supply`` and ``radius`` alone are enough.  ``goal``, ``goal_cell``,
+    ``start`` and ``start_cell`` take one place or a list of them and replace all goals or starts; world coordinates, or
+    cell indices counted from 0.  A text is read as TOML would read it (``"4.5"`` is a number, ``"[0, 1]"`` a list), as
+    numbers separated by commas, or else as itself.
     """
     document = document_of(scene)
     changes_by_key = {SHORT.get(key, key): value for key, value in changes.items()}
@@ -57,8 +87,9 @@ def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     if "grid.cells" in changes_by_key and isinstance(document.get("grid"), dict):
         for axis in document["grid"].get("axes", []):
             axis.pop("cells", None)
-    same_map = scene.map is not None and document.get("map") == dict(scene.map.table)
-    known = map_data(scene) if same_map and "grid" not in document else None
+    known = None
+    if scene.map is not None and document.get("map") == plain(scene.map.table):
+        known = MapData(scene.map.axes, scene.map_frame, scene.map.cell, scene.map.conductivity)
     return build_scene(document, scene.source or "scene", Path(), known=known)
 
 
@@ -86,10 +117,10 @@ def _places(key: str, changes: Mapping[str, Any]) -> list[dict[str, Any]] | None
         return None
     places = []
     for name, value in given:
-        entries = _plain(value)
+        entries = plain(value)
         nested = isinstance(entries, list) and bool(entries) and isinstance(entries[0], list | dict | str)
         for entry in entries if nested else [entries]:
-            parsed = _plain(_parsed(entry))
+            parsed = plain(_parsed(entry))
             places.append(parsed if isinstance(parsed, dict) else {PLACES[name]: parsed})
     return places
 
@@ -101,7 +132,7 @@ def _set(document: dict[str, Any], key: str, value: Any) -> None:
         step = _step(node, part, ".".join(parts[: position + 1]))
         node = node.setdefault(step, {}) if isinstance(node, dict) else node[step]
     last = _step(node, parts[-1], key)
-    parsed = _plain(_parsed(value))
+    parsed = plain(_parsed(value))
     if parsed is None and isinstance(node, dict):
         node.pop(last, None)
     else:
@@ -122,14 +153,3 @@ def _step(node: Any, part: str, key: str) -> Any:
 
 def _parsed(value: Any) -> Any:
     return parse_value(value) if isinstance(value, str) else value
-
-
-def _plain(value: Any) -> Any:
-    """Lists for tuples and arrays, Python numbers for NumPy's: what TOML could have held."""
-    if hasattr(value, "tolist"):
-        return value.tolist()
-    if isinstance(value, list | tuple):
-        return [_plain(entry) for entry in value]
-    if isinstance(value, Mapping):
-        return {key: _plain(entry) for key, entry in value.items()}
-    return value

@@ -3,9 +3,17 @@
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from math import floor, isfinite, log10
+from typing import TYPE_CHECKING, Any
 
 from resgrid.errors import InputError
+
+if TYPE_CHECKING:
+    from pydantic_core import CoreSchema
+
+SMALLEST, LARGEST = 1e-30, 1e30
+"""Limits of all values in SI units, so that their products and squares are numbers, too."""
 
 EXPONENTS = {
     "T": 12,
@@ -27,6 +35,60 @@ PATTERN = r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+|meg|[TGMkmuµμnpf])?|[+-]?\d+
 _NUMBER = re.compile(r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?", re.ASCII)
 _SCALED = re.compile(r"([+-]?(?:\d+(?:\.\d*)?|\.\d+))(meg|[TGMkmuµμnpf])", re.ASCII)
 _INFIX = re.compile(r"([+-]?\d+)([TGMkmuµμnpf])(\d+)", re.ASCII)
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """Annotation of a number of a chip: its unit, and that it may be written as an engineering value.
+
+    A `share` may be written as a percentage, too.
+    """
+
+    unit: str
+    share: bool = False
+
+    def read(self, value: object) -> float:
+        """The number that was written; pydantic's kind of error where it is none."""
+        try:
+            number = parse_share(value) if self.share else parse_quantity(value)
+        except InputError as error:
+            raise ValueError(str(error)) from None
+        if abs(number) > LARGEST:
+            raise ValueError(f"must not exceed {LARGEST:g}, got {number:g}")
+        if 0 < abs(number) < SMALLEST:
+            raise ValueError(f"is too small: it must be {SMALLEST:g} or more, got {number:g}")
+        return number
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        """How pydantic reads it."""
+        from pydantic_core import core_schema
+
+        return core_schema.no_info_before_validator_function(self.read, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        """How a JSON Schema describes it."""
+        text = f"(({PATTERN}) *%|{PATTERN})" if self.share else f"({PATTERN})"
+        described = {"anyOf": [handler(schema), {"type": "string", "pattern": f"^{text}$"}]}
+        return {**described, "unit": self.unit} if self.unit else described
+
+
+@dataclass(frozen=True)
+class Listed:
+    """Annotation of a list that may be written as its only entry."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> CoreSchema:
+        """How pydantic reads it."""
+        from pydantic_core import core_schema
+
+        def listed(value: Any) -> Any:
+            return value if isinstance(value, list | tuple | dict) else [value]
+
+        return core_schema.no_info_before_validator_function(listed, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> dict[str, Any]:
+        """How a JSON Schema describes it."""
+        several = handler(schema)
+        return {"anyOf": [several["items"], several]}
 
 
 def parse_quantity(value: object) -> float:

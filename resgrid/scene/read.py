@@ -4,18 +4,25 @@ from __future__ import annotations
 
 import os
 import tomllib
+from collections.abc import Mapping
+from math import isclose
 from pathlib import Path
 from typing import Any
 
 from resgrid.errors import InputError
 from resgrid.files import decode, read_bytes
-from resgrid.scene.build import build_scene
-from resgrid.scene.maps.formats import COMMON, FORMATS, format_of
-from resgrid.scene.overrides import apply_overrides
-from resgrid.scene.scene import Scene
-from resgrid.scene.toml_lines import key_lines
+from resgrid.frame import Frame
+from resgrid.robots import ROBOTS, Robot
+from resgrid.scene.consistency import Parts, Problem, inconsistencies
+from resgrid.scene.maps.data import MapData
+from resgrid.scene.maps.formats import COMMON, FORMATS, format_of, read_map
+from resgrid.scene.scene import MapCells, Scene, check_attributes, edge_rules, start_point
+from resgrid.scene.toml_lines import Path as KeyPath, key_lines
+from resgrid.scene.words import report
+from resgrid.space import Axis
 
 MAP_OPTIONS = (*COMMON[1:], *dict.fromkeys(option for entry in FORMATS.values() for option in entry.options))
+_LISTS = ("obstacle", "hidden", "goal", "start", "starts", "area")
 
 
 def read_scene(path: str | os.PathLike[str], **options: Any) -> Scene:
@@ -27,9 +34,9 @@ def read_scene(path: str | os.PathLike[str], **options: Any) -> Scene:
         ``.toml`` is a scene; ``.yaml`` a ROS map, ``.map`` a MovingAI map, ``.npy`` an array, pictures are plain maps.
         Anything else is recognised by its first bytes.
     **options
-        For maps, how to read them: ``format``, ``dialect``, ``unknown``, ``lethal``, ``passable``, ``threshold``,
-        ``spacing``, ``origin``, ``unit``.  For every scene, keys to change as in `apply_overrides`, such as
-        ``goal=(3.5, 4.5)`` or ``boundary="neumann"``.
+        For maps, how to read them: ``format``, ``dialect``, ``unknown``, ``lethal``, ``least_conductivity``,
+        ``passable``, ``threshold``, ``spacing``, ``origin``, ``unit``, ``periodic``, ``headings``.  For every scene,
+        what `Scene.replace` takes, such as ``goal=(3.5, 4.5)``, ``k=0.5`` or ``boundary="neumann"``.
 
     Returns
     -------
@@ -43,17 +50,17 @@ def read_scene(path: str | os.PathLike[str], **options: Any) -> Scene:
         If a map would not fit in memory.
     """
     file = Path(path)
+    check_attributes(options, *MAP_OPTIONS)
+    table = {key: options.pop(key) for key in MAP_OPTIONS if key in options}
     if file.suffix.lower() == ".toml":
-        scene = parse_scene(decode(read_bytes(file), file), str(file), file.parent)
-        changes = {f"map.{key}" if key in MAP_OPTIONS else key: value for key, value in options.items()}
+        raw, lines = _toml(decode(read_bytes(file), file), str(file))
+        if table:
+            raw["map"] = {**raw.get("map", {}), **table}
     else:
-        table = {key: options.pop(key) for key in MAP_OPTIONS if key in options}
-        table["format"] = format_of(file, table)
-        table = {key: list(value) if isinstance(value, tuple) else value for key, value in table.items()}
-        raw = {"schema": 1, "title": file.stem, "map": {"file": file.name, **table}}
-        scene = build_scene(raw, str(file), file.parent)
-        changes = options
-    return apply_overrides(scene, changes) if changes else scene
+        table |= {"file": file.name, "format": format_of(file, table)}
+        raw, lines = {"schema": 1, "title": file.stem, "map": table}, {}
+    scene = build_scene(raw, str(file), file.parent, lines)
+    return scene.replace(**options) if options else scene
 
 
 def parse_scene(text: str, source: str = "scene", folder: str | os.PathLike[str] = ".") -> Scene:
@@ -79,26 +86,177 @@ def parse_scene(text: str, source: str = "scene", folder: str | os.PathLike[str]
     BudgetError
         If a map would not fit in memory.
     """
+    raw, lines = _toml(text, source)
+    return build_scene(raw, source, Path(folder), lines)
+
+
+def _toml(text: str, source: str) -> tuple[dict[str, Any], dict[KeyPath, int]]:
     text = text.replace("\r\n", "\n")
     try:
-        raw = tomllib.loads(text)
+        return tomllib.loads(text), key_lines(text)
     except tomllib.TOMLDecodeError as error:
         last = text.rstrip("\n").split("\n")
         end = f"at line {len(last)}, column {len(last[-1]) + 1}, the end of the document"
         raise InputError(f"{source}: this is not TOML: {str(error).replace('at end of document', end)}") from None
     except (RecursionError, ValueError) as error:
         raise InputError(f"{source}: this is not TOML that can be read ({error})") from None
-    return build_scene(raw, source, Path(folder), key_lines(text))
 
 
-def scene_schema() -> dict[str, Any]:
-    """The JSON Schema of scene files.
+def build_scene(
+    raw: Mapping[str, Any],
+    source: str,
+    folder: Path,
+    lines: dict[KeyPath, int] | None = None,
+    known: MapData | None = None,
+) -> Scene:
+    """Check a document and make the scene it describes; `known`: its map, if it has been read already."""
+    from resgrid.scene.schema import robot_of
+    from resgrid.scene.validate import validate
 
-    Returns
-    -------
-    dict
-        JSON Schema, draft 2020-12.
-    """
-    from resgrid.scene.document import SceneDocument
+    raw = _with_footprint(raw)
+    robot = robot_of(raw.get("robot", {}))
+    raw = _with_axes(raw, robot)
+    document, problems, numbers = validate(raw)
+    if robot is None:  # what its axes lack, it might have said
+        problems = [problem for problem in problems if problem[0][:1] != ("grid",) or "is missing" not in problem[1]]
+    problems += _one_ground(raw, robot)
+    parts = _parts(raw, document, robot, numbers)
+    problems += [problem for problem in inconsistencies(parts) if problem[0] not in {path for path, _ in problems}]
+    if problems:
+        raise InputError(report(problems, source, lines))
+    assert robot is not None
+    axes, frame, cells = _ground(document, robot, source, folder, known)
+    problems = inconsistencies(_parts(raw, document, robot, numbers, axes))
+    if problems:
+        raise InputError(report(problems, source, lines))
+    starts = (
+        start_point(start, axes, frame, f"{source}: start[{number}]") for number, start in enumerate(document.start)
+    )
+    return Scene(
+        axes=axes,
+        title=document.title,
+        robot=robot,
+        obstacles=tuple(document.obstacle),
+        hidden=tuple(document.hidden),
+        goals=tuple(document.goal),
+        starts=(*document.starts, *starts),
+        areas=tuple(document.area),
+        map=cells,
+        frame=frame,
+        boundary=document.boundary,
+        drive=document.drive,
+        edge=edge_rules(document.edge, axes),
+        k=document.k,
+        chip=document.chip,
+        control=document.control,
+        sampling=document.sampling,
+        source=source,
+    )
 
-    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **SceneDocument.model_json_schema(by_alias=True)}
+
+def _ground(
+    document: Any, robot: Robot, source: str, folder: Path, known: MapData | None
+) -> tuple[tuple[Axis, ...], Frame, MapCells | None]:
+    """Axes and frame of the space, and the cells of the map."""
+    grid = None if document.grid is None else tuple(table.axis() for table in document.grid.axes)
+    if document.map is None:
+        assert grid is not None
+        return grid, Frame(), None
+    if "\0" in document.map.file:
+        raise InputError(f"{source}: map.file: {document.map.file!r} is no name of a file")
+    table = {key: value for key, value in document.map.model_dump().items() if value is not None}
+    table["file"] = str((folder / document.map.file).resolve())
+    data = known or read_map(Path(table["file"]), table)
+    cells = MapCells(data.axes, data.cell, table, data.conductivity)
+    if grid is None:
+        return (*cells.space_of(robot, data.frame), cells)
+    if not data.frame.is_world:
+        raise InputError(f"{source}: map.file: a robot with a grid of its own needs a map that is not turned")
+    return grid, Frame(), cells
+
+
+def _one_ground(raw: Mapping[str, Any], robot: Robot | None) -> list[Problem]:
+    if "grid" in raw and "map" in raw and (robot is None or robot.moves_in_workspace):
+        return [(("map",), "a scene has either a [grid] or a [map]; remove one of them")]
+    if "map" in raw and "grid" not in raw and robot is not None:
+        try:
+            robot.axes_on_map((), 1)
+        except InputError as error:
+            return [(("map",), str(error))]
+    if "grid" not in raw and "map" not in raw:
+        return [((), 'a scene needs a [grid] with axes, or a [map] with file = "..."')]
+    return []
+
+
+def _parts(
+    raw: Mapping[str, Any],
+    document: Any,
+    robot: Robot | None,
+    numbers: Mapping[str, list[int]],
+    axes: tuple[Axis, ...] | None = None,
+) -> Parts:
+    """What a document says, as far as it is right, for what must hold between its parts."""
+    grid = raw.get("grid")
+    tables = grid.get("axes") if isinstance(grid, Mapping) else None
+    tables = tables if isinstance(tables, list) else []
+    names = [table.get("name") if isinstance(table, Mapping) else None for table in tables]
+    if axes is None and document.grid is not None:
+        axes = tuple(table.axis() for table in document.grid.axes)
+    kind = raw.get("robot", {}).get("type", "point") if isinstance(raw.get("robot", {}), Mapping) else None
+    return Parts(
+        robot=robot or ROBOTS.get(str(kind)),
+        axes=axes,
+        ndim=(len(tables) if axes is None else len(axes)) or None,
+        names=[name if isinstance(name, str) else None for name in names],
+        boundary=document.boundary,
+        drive=document.drive,
+        edge=document.edge,
+        k=document.k,
+        has_wall="wall_resistance" in (raw.get("chip") or {}),
+        values={
+            (key, number): value
+            for key in _LISTS
+            for number, value in zip(numbers.get(key, ()), getattr(document, key), strict=False)
+        },
+    )
+
+
+def _with_footprint(raw: Mapping[str, Any]) -> Mapping[str, Any]:
+    """A document whose robot's ``footprint`` is the vertices of a polygon."""
+    robot = raw.get("robot")
+    if not isinstance(robot, Mapping) or "footprint" not in robot:
+        return raw
+    vertices = {"type": "polygon", "vertices": robot["footprint"]}
+    return {**raw, "robot": {**vertices, **{key: value for key, value in robot.items() if key != "footprint"}}}
+
+
+def _with_axes(raw: Mapping[str, Any], robot: Robot | None) -> Mapping[str, Any]:
+    """A document whose axes say everything that its robot, and ``grid.cells``, imply."""
+    grid = raw.get("grid")
+    if not isinstance(grid, Mapping):
+        return raw
+    implied = robot.implied_axes() if robot else ()
+    cells, axes = grid.get("cells"), grid.get("axes")
+    if axes is None and implied and cells is not None:
+        axes = [{} for _ in implied]
+    if not isinstance(axes, list):
+        return raw
+    each = cells if isinstance(cells, list) else [cells] * len(axes)
+    full = [
+        _with_implied(axis, dict(enumerate(implied)).get(number, {}), dict(enumerate(each)).get(number))
+        for number, axis in enumerate(axes)
+    ]
+    return {**raw, "grid": {**grid, "axes": full}}
+
+
+def _with_implied(axis: Any, implied: Mapping[str, Any], cells: Any) -> Any:
+    if not isinstance(axis, Mapping):
+        return axis
+    full = {**implied, **axis}
+    if implied.get("periodic") and "periodic" not in axis and ("lower" in axis or "upper" in axis):
+        spans = [(ends["lower"], ends["upper"]) for ends in (full, implied)]
+        are_numbers = all(isinstance(end, int | float) for span in spans for end in span)
+        full["periodic"] = are_numbers and isclose(*(high - low for low, high in spans), rel_tol=1e-9)
+    if cells is not None and not {"cells", "spacing"} & set(full):
+        full["cells"] = cells
+    return full

@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.budget import require_grid_memory
 from resgrid.errors import InputError
-from resgrid.robots import Box, CellSet, GoalCells, PointRobot, Progress, Shape
+from resgrid.robots import Box, GoalCells, PointRobot, Progress, Shape
 from resgrid.robots.goals import joined
 from resgrid.robots.shapes import Point
+from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.maps.formats import format_of
 from resgrid.scene.maps.pictures import THRESHOLD, read_raster
-from resgrid.scene.scene import Goal, GoalCell, GoalJoints, GoalPoint, Scene
-from resgrid.scene.world import located, to_space
+from resgrid.scene.scene import Scene
+from resgrid.scene.world import check_cell, located, to_space
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
 
@@ -71,37 +73,10 @@ def sample(scene: Scene, *, require_goal: bool = True, progress: Progress | None
     )
 
 
-def free_volume_lost(scene: Scene) -> float:
-    """What the conservative rule costs: the share of the volume, free by cell centres, that it takes away.
-
-    Some of that is truly lost, in cells that an obstacle only touches; the rest is the price of a bound that no
-    configuration can break.  It halves with the width of the cells.
-
-    Parameters
-    ----------
-    scene : Scene
-        The scene; its ``sampling`` does not matter.
-
-    Returns
-    -------
-    float
-        From 0 to 1.
-
-    Raises
-    ------
-    InputError
-        If an obstacle does not fit the robot.
-    """
-    obstacles = _obstacles(scene)
-    sure = scene.robot.occupancy(scene.axes, obstacles, "conservative")
-    centres = scene.robot.occupancy(scene.axes, obstacles, "centre")
-    return float((sure & ~centres).sum() / max(1, (~centres).sum()))
-
-
 def _obstacles(scene: Scene) -> list[Shape]:
     shapes = [to_space(shape, scene.frame) for shape in scene.obstacles]
     if scene.map is not None:
-        shapes.append(CellSet(scene.axes, scene.map.cell == Cell.OBSTACLE))
+        shapes.append(scene.map.obstacles)
     return shapes
 
 
@@ -147,7 +122,7 @@ def _region(scene: Scene, goal: Goal) -> GoalCells:
         case GoalJoints(lower, upper):
             return PointRobot().goal_cells(scene.axes, to_space(Box(lower, upper), scene.frame))
         case GoalPoint(point):
-            return scene.robot.goal_cells(scene.axes, point)
+            return scene.robot.goal_cells(scene.axes, tuple(scene.frame.from_world(point).tolist()))
         case GoalCell():
             raise AssertionError("a cell is no region")
     return scene.robot.goal_cells(scene.axes, to_space(goal, scene.frame))
@@ -157,17 +132,15 @@ def _one_cell(scene: Scene, goal: GoalPoint | GoalCell, key: str) -> tuple[tuple
     """The cell, and the point in it that is meant: none (NaN) where the whole cell is."""
     if isinstance(goal, GoalPoint):
         return located(scene.axes, scene.frame, goal.point, key)
-    if not all(0 <= index < axis.cells for index, axis in zip(goal.cell, scene.axes, strict=True)):
-        size = " x ".join(str(axis.cells) for axis in scene.axes)
-        raise InputError(f"{key}: cell {list(goal.cell)} is not in the grid of {size} cells (counted from 0)")
+    check_cell(scene.axes, goal.cell, key)
     return goal.cell, (np.nan,) * scene.ndim
 
 
 def _map_goals(scene: Scene, blocked: NDArray[np.bool_], where: str) -> GoalCells:
-    if scene.map is None:
+    if scene.map is None or not (scene.map.cell == Cell.GOAL).any():
         return GoalCells(np.zeros_like(blocked), np.empty((0, scene.ndim)))
-    goals = scene.map.cell == Cell.GOAL
-    if goals.any() and blocked[goals].all():
+    goals = _over_map(scene, scene.map.cell == Cell.GOAL, f"{where}: the goal cells of the map")
+    if blocked[goals].all():
         raise InputError(
             f"{where}: all goal cells of the map lie within the robot's radius of obstacles; make it smaller"
         )
@@ -176,13 +149,27 @@ def _map_goals(scene: Scene, blocked: NDArray[np.bool_], where: str) -> GoalCell
 
 
 def _conductivity(scene: Scene) -> NDArray[np.float64] | None:
-    if not scene.areas:
+    costs = None if scene.map is None else scene.map.conductivity
+    if not scene.areas and costs is None:
         return None
     conductivity = np.ones(tuple(axis.cells for axis in scene.axes))
+    if costs is not None:
+        conductivity[:] = _over_map(scene, costs, "map.least_conductivity: the costs of places")
     for area in scene.areas:
         inside = PointRobot().occupancy(scene.axes, [to_space(area.shape, scene.frame)], "centre")
         conductivity[inside] = area.conductivity
     return conductivity
+
+
+def _over_map(scene: Scene, values: NDArray[Any], what: str) -> NDArray[Any]:
+    """Values of the cells of the map as those of the space, whatever the heading."""
+    assert scene.map is not None
+    if scene.axes[: values.ndim] != scene.map.axes:
+        raise InputError(
+            f"{what} mean nothing to a robot whose configurations are no places of the map; leave them out"
+        )
+    shape = tuple(axis.cells for axis in scene.axes)
+    return np.broadcast_to(values.reshape(values.shape + (1,) * (scene.ndim - values.ndim)), shape)
 
 
 def _place(goal: Goal) -> str:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,56 +14,22 @@ from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.frozen import frozen, picture_html
-from resgrid.robots import Box, PointRobot, Robot, Sampling, Shape
+from resgrid.robots import Ball, Box, CellSet, HalfSpace, PointRobot, Polygon, Robot, Sampling, Shape
 from resgrid.robots.shapes import Point
 from resgrid.scene.chip import Chip
-from resgrid.space import Axis
+from resgrid.scene.consistency import Parts, inconsistencies
+from resgrid.scene.control import Control
+from resgrid.scene.goals import CostArea, Goal, GoalCell, GoalJoints, GoalPoint
+from resgrid.scene.words import report, suggestion
+from resgrid.scene.world import cell_centre
+from resgrid.space import Axis, Cell
 
+Boundary = Literal["dirichlet", "neumann", "wall"]
+Drive = Literal["uniform", "start"]
+EdgeRule = Literal["obstacle", "open", "periodic"]
 
-@checked
-@dataclass(frozen=True)
-class GoalPoint:
-    """A goal that is the cell around a point, in world coordinates; for an arm, the cells that bring its tip there."""
-
-    point: Point
-
-
-@checked
-@dataclass(frozen=True)
-class GoalCell:
-    """A goal that is one cell, by its index."""
-
-    cell: tuple[int, ...]
-
-
-@checked
-@dataclass(frozen=True)
-class GoalJoints:
-    """A goal in configuration space: a box of configurations, or the cell around a single one.
-
-    Attributes
-    ----------
-    lower, upper : tuple of float
-        Corners, in world coordinates (of an arm its angles); equal for a single configuration.
-    """
-
-    lower: Point
-    upper: Point
-
-    def __post_init__(self) -> None:
-        Box(self.lower, self.upper)
-
-
-Goal = Shape | GoalPoint | GoalCell | GoalJoints
-
-
-@checked
-@dataclass(frozen=True)
-class CostArea:
-    """A region that conducts better (above 1) or worse (below 1): streamlines prefer what conducts."""
-
-    shape: Shape
-    conductivity: float
+HEADINGS = 36
+"""Cells of the third axis of a turning robot on a map that does not say."""
 
 
 @frozen
@@ -74,14 +39,34 @@ class MapCells:
 
     Attributes
     ----------
+    axes : tuple of Axis
+        Of the map; those of the scene, unless its robot turns or is an arm.
     cell : ndarray of uint8
-        `resgrid.space.Cell` codes on the scene's axes, before obstacles grow by the robot's radius.
+        `resgrid.space.Cell` codes on these axes, before obstacles grow by the robot's radius.
     table : mapping
         The ``[map]`` table it came from; ``file`` is an absolute path.
+    conductivity : ndarray of float64 or None
+        Of its cells; None where the map says nothing of costs.
     """
 
+    axes: tuple[Axis, ...]
     cell: NDArray[np.uint8]
     table: Mapping[str, Any]
+    conductivity: NDArray[np.float64] | None = None
+
+    @property
+    def obstacles(self) -> CellSet:
+        """The cells that are obstacles, as a shape of the map's own frame."""
+        return CellSet(self.axes, self.cell == Cell.OBSTACLE)
+
+    def space_of(self, robot: Robot, frame: Frame) -> tuple[tuple[Axis, ...], Frame]:
+        """Axes and frame of the configuration space of a robot on this map."""
+        axes = robot.axes_on_map(self.axes, self.table.get("headings", HEADINGS))
+        return tuple(axes), dataclasses.replace(frame, turning_length=robot.turning_length)
+
+    def without_obstacles(self) -> MapCells:
+        """The same map, free where obstacles were."""
+        return dataclasses.replace(self, cell=np.where(self.cell == Cell.OBSTACLE, np.uint8(Cell.FREE), self.cell))
 
 
 @checked
@@ -122,6 +107,8 @@ class Scene:
         Blends asked for, each in [0, 1]: the share of the Dirichlet field.  Empty: no blend, ``boundary`` decides.
     chip : Chip
         Component values.
+    control : Control
+        How the robot is moved.
     sampling : {"conservative", "centre"}
         Whether a cell is free when all of it is, or when its centre is.
     source : str or None
@@ -138,17 +125,21 @@ class Scene:
     areas: tuple[CostArea, ...] = ()
     map: MapCells | None = None
     frame: Frame = field(default_factory=Frame)
-    boundary: str = "dirichlet"
-    drive: str | None = None
-    edge: tuple[str, ...] = ()
+    boundary: Boundary = "dirichlet"
+    drive: Drive | None = None
+    edge: tuple[EdgeRule, ...] = ()
     k: tuple[float, ...] = ()
     chip: Chip = field(default_factory=Chip)
+    control: Control = field(default_factory=Control)
     sampling: Sampling = "conservative"
     source: str | None = None
 
     def __post_init__(self) -> None:
         if not self.edge:
             object.__setattr__(self, "edge", tuple("periodic" if axis.periodic else "obstacle" for axis in self.axes))
+        problems = inconsistencies(self._parts())
+        if problems:
+            raise InputError(report(problems, self.source or "scene"))
 
     def __repr__(self) -> str:
         cells = " x ".join(str(axis.cells) for axis in self.axes)
@@ -164,13 +155,19 @@ class Scene:
         """Number of axes."""
         return len(self.axes)
 
+    @property
+    def map_frame(self) -> Frame:
+        """Where the cells of the map lie in the world."""
+        return dataclasses.replace(self.frame, turning_length=None)
+
     def replace(self, **changes: Any) -> Scene:
-        """The same scene with other values, checked like a scene file.
+        """The same scene with other values.
 
         Parameters
         ----------
         **changes
-            New values of the attributes.
+            New values of the attributes.  Also ``goal`` and ``start``: one place or a list of them, each a point of the
+            world, a `GoalCell`, or, for goals, a `GoalJoints` or a shape; ``k`` and ``edge`` may be one value for all.
 
         Returns
         -------
@@ -180,13 +177,81 @@ class Scene:
         ------
         InputError
             If there is no such attribute, or a value does not fit.
-        """
-        from resgrid.scene.build import rebuilt
 
-        names = [attribute.name for attribute in dataclasses.fields(self)]
-        for name in changes:
-            if name not in names:
-                near = get_close_matches(name, names, 1)
-                hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(names)}"
-                raise InputError(f"a scene has no {name!r}; {hint}")
-        return rebuilt(dataclasses.replace(self, **changes))
+        Examples
+        --------
+        >>> from resgrid.space import Axis
+        >>> scene = Scene((Axis("x", 0.0, 4.0, 4), Axis("y", 0.0, 3.0, 3)))
+        >>> scene.replace(goal=(3.5, 0.5), boundary="neumann").goals
+        (GoalPoint(point=(3.5, 0.5)),)
+        """
+        check_attributes(changes)
+        if "robot" in changes and self.map is not None and "axes" not in changes:
+            changes["axes"], changes["frame"] = self.map.space_of(changes["robot"], self.map_frame)
+        axes, frame = changes.get("axes", self.axes), changes.get("frame", self.frame)
+        if "goal" in changes:
+            goals = _places("goal", changes.pop("goal"))
+            changes["goals"] = tuple(GoalPoint(goal) if isinstance(goal, tuple) else goal for goal in goals)
+        if "start" in changes:
+            starts = _places("start", changes.pop("start"))
+            changes["starts"] = tuple(start_point(start, axes, frame) for start in starts)
+        if isinstance(changes.get("k"), int | float):
+            changes["k"] = (float(changes["k"]),)
+        if isinstance(changes.get("edge"), str):
+            changes["edge"] = edge_rules((changes["edge"],), axes)
+        return dataclasses.replace(self, **changes)
+
+    def _parts(self) -> Parts:
+        lists: dict[str, tuple[Any, ...]] = {
+            "obstacle": self.obstacles,
+            "hidden": self.hidden,
+            "goal": self.goals,
+            "starts": self.starts,
+            "area": self.areas,
+        }
+        return Parts(
+            robot=self.robot,
+            axes=self.axes,
+            ndim=self.ndim,
+            names=[axis.name for axis in self.axes],
+            boundary=self.boundary,
+            drive=self.drive,
+            edge=self.edge,
+            k=self.k,
+            has_wall=self.chip.wall_resistance is not None,
+            values={(key, number): value for key, values in lists.items() for number, value in enumerate(values)},
+        )
+
+
+def check_attributes(names: Iterable[str], *also: str) -> None:
+    """Refuse what is no attribute of a scene, nor one of other names."""
+    known = [*(attribute.name for attribute in dataclasses.fields(Scene)), "goal", "start", *also]
+    for name in names:
+        if name not in known:
+            hint = suggestion(name, known) or f"there are {', '.join(known)}"
+            raise InputError(f"a scene has no {name!r}; {hint}")
+
+
+def edge_rules(rules: Sequence[EdgeRule], axes: Sequence[Axis]) -> tuple[EdgeRule, ...]:
+    """The rule of every axis, from one for all or one each; periodic axes have no border."""
+    each = [rules[0]] * len(axes) if len(rules) == 1 else rules
+    return tuple("periodic" if axis.periodic else rule for axis, rule in zip(axes, each, strict=True))
+
+
+def start_point(start: GoalPoint | GoalCell | Point, axes: tuple[Axis, ...], frame: Frame, key: str = "start") -> Point:
+    """World coordinates of a start."""
+    if isinstance(start, GoalCell):
+        return cell_centre(axes, frame, start.cell, key)
+    return start.point if isinstance(start, GoalPoint) else start
+
+
+def _places(key: str, given: Any) -> list[Any]:
+    """One place or several, as a list of places: points as tuples, everything else as it is."""
+    if isinstance(given, GoalPoint | GoalCell | GoalJoints | Box | Ball | Polygon | HalfSpace):
+        return [given]
+    entries = given.tolist() if hasattr(given, "tolist") else given
+    if not isinstance(entries, list | tuple) or not entries:
+        raise InputError(f"{key} = {given!r} must be a list of numbers, a goal, or a list of these")
+    if isinstance(entries[0], int | float):
+        return [tuple(entries)]
+    return [place for entry in entries for place in _places(key, entry)]

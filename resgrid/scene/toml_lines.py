@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from bisect import bisect_right
+from collections.abc import Mapping
 
 Path = tuple[str | int, ...]
 
@@ -12,7 +13,7 @@ def key_lines(text: str) -> dict[Path, int]:
     return _Scanner(text).run()
 
 
-def line_of(lines: dict[Path, int], path: Path) -> int | None:
+def line_of(lines: Mapping[Path, int], path: Path) -> int | None:
     """Line of a key path, or of the nearest thing around it."""
     for length in range(len(path), 0, -1):
         if path[:length] in lines:

@@ -30,10 +30,26 @@ def located(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -> tup
     return tuple(cell.tolist()), within
 
 
+def cell_centre(axes: tuple[Axis, ...], frame: Frame, cell: tuple[int, ...], key: str) -> Point:
+    """World coordinates of the centre of a cell."""
+    check_cell(axes, cell, key)
+    inside = [axis.lower + (index + 0.5) * axis.spacing for index, axis in zip(cell, axes, strict=True)]
+    return tuple(np.asarray(frame.to_world(inside)).tolist())
+
+
+def check_cell(axes: tuple[Axis, ...], cell: tuple[int, ...], key: str) -> None:
+    """Refuse a cell that is not in the grid."""
+    if len(cell) != len(axes) or not all(0 <= index < axis.cells for index, axis in zip(cell, axes, strict=True)):
+        size = " x ".join(str(axis.cells) for axis in axes)
+        raise InputError(f"{key}: cell {list(cell)} is not in the grid of {size} cells (counted from 0)")
+
+
 def to_space(shape: Shape, frame: Frame) -> Shape:
     """A shape of the world in the coordinates of the space."""
     if frame.is_world:
         return shape
+    if shape.ndim != 2:
+        raise InputError("a region with headings does not fit a turned map; give a point (x, y, heading), or a place")
     match shape:
         case Box(lower, upper):
             # A line turned by rounding has corners that coincide, or edges that cross.

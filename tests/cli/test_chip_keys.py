@@ -11,7 +11,7 @@ import pytest
 
 import resgrid as rg
 from resgrid.chip.build import READING, chip_keys
-from resgrid.scene.chip_tables import ChipTable, DefectsTable, ReadoutTable
+from resgrid.scene.schema import scene_schema
 from resgrid.spice.dialects import DIALECTS
 
 SHEET = {"sheet_resistance": 250.0, "width": 1e-6}
@@ -101,9 +101,9 @@ each_key = pytest.mark.parametrize("scenes_of", KEYS, indirect=True)
 
 
 def test_every_key_of_the_schema_is_decided() -> None:
-    tables = {"readout": ReadoutTable, "defects": DefectsTable}
-    keys = {key for key in ChipTable.model_fields if key not in tables}
-    keys |= {f"{name}.{key}" for name, table in tables.items() for key in table.model_fields}
+    tables = {name: scene_schema()["$defs"][name]["properties"] for name in ("Chip", "Readout", "Defects")}
+    keys = set(tables["Chip"]) - {"readout", "defects"}
+    keys |= {f"{name.lower()}.{key}" for name in ("Readout", "Defects") for key in tables[name]}
     assert keys == set(KEYS) == {key for key, _ in chip_keys(rg.Chip())}
 
 

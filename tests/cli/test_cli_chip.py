@@ -8,18 +8,14 @@ import re
 import shutil
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-from click.testing import CliRunner
+from support.cli import COMMAND, call
 from support.simulators import run, verdict, waves
 
-from resgrid.cli import main
-
-COMMAND = [sys.executable, "-c", "from resgrid.cli import main; main(prog_name='resgrid')"]
 QUICK = ["--most", 64, "--half-width", 0.02, "--seconds", 1]
 CHIPS = {
     "linear": [],
@@ -28,8 +24,7 @@ CHIPS = {
 
 
 def report(scene: Path, folder: Path, *words: object) -> Path:
-    command = ["chip", str(scene), "-o", str(folder), "-q", *map(str, words)]
-    result = CliRunner().invoke(main, command, prog_name="resgrid")
+    result = call("chip", scene, "-o", folder, "-q", *words)
     assert result.exit_code == 0, result.stderr
     return folder
 

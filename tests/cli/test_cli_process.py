@@ -12,10 +12,10 @@ import sys
 from pathlib import Path
 
 import pytest
+from support.cli import COMMAND
 
 import resgrid
 
-COMMAND = [sys.executable, "-c", "from resgrid.cli import main; main(prog_name='resgrid')"]
 LIGHT = {"resgrid", "click", "lazy_loader", *sys.stdlib_module_names}
 
 
@@ -55,17 +55,6 @@ def test_public_names_are_real_and_documented():
     assert dir(resgrid) == resgrid.__all__
     with pytest.raises(AttributeError, match="no attribute 'solv'"):
         _ = resgrid.solv
-
-
-def test_every_verb_has_help_and_completion():
-    done = subprocess.run([*COMMAND, "--help"], capture_output=True, text=True, check=True)
-    verbs = ["run", "compile", "solve", "path", "plot", "check", "info"]
-    commands = done.stdout[done.stdout.index("Commands:") :]
-    positions = [commands.index(f"\n  {verb} ") for verb in verbs]
-    assert positions == sorted(positions)
-    environment = {**os.environ, "_RESGRID_COMPLETE": "bash_complete", "COMP_WORDS": "resgrid compi", "COMP_CWORD": "1"}
-    done = subprocess.run(COMMAND, capture_output=True, text=True, check=True, env=environment)
-    assert done.stdout.split() == ["plain,compile"]
 
 
 def test_a_reader_that_leaves_is_no_error(scenes):

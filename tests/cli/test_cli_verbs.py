@@ -306,17 +306,11 @@ def test_a_goal_on_a_coloured_dot_is_told_its_grey_and_the_nearest_free_place(ca
     assert call("info", picture, "--goal", "2.5,1.5", "--threshold", "90").exit_code == 0
 
 
-def test_every_verb_that_takes_a_scene_takes_the_robot_s_radius(answer, call, picture):
-    from resgrid.cli.entry import VERBS, main
-
+def test_obstacles_grow_by_the_robot_s_radius(answer, call, picture):
     assert (
         answer("info", picture, "--robot-radius", "1.2")["obstacle_cells"] > answer("info", picture)["obstacle_cells"]
     )
     assert "robot.radius" in call("info", picture, "--robot-radius", "-1").stderr
-    for verb in VERBS:
-        command = main.get_command(None, verb)
-        options = {name for parameter in command.params for name in parameter.opts}
-        assert ("--goal" in options) == ("--robot-radius" in options), verb
 
 
 def test_a_quiet_verb_that_writes_a_file_prints_nothing(call, room, tmp_path):

@@ -5,16 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import example, given, settings, strategies as st
-from support.hidden import square
+from support.hidden import controlled, square
 
 from resgrid.control.belief import LiveMap
-from resgrid.control.controller import make_controller
-from resgrid.control.learning import INSIDE, proven_cells, resolver, scene_resolver
+from resgrid.control.learning import INSIDE, proven_cells, solve_again
 from resgrid.control.plant import make_plant
+from resgrid.control.simulation import simulation
 from resgrid.errors import CircuitError, InputError
+from resgrid.planning.road import solve_field
 from resgrid.robots import Arm, Ball, Box, DiscRobot, Polygon, PolygonRobot, Robot
 from resgrid.scene import Scene
+from resgrid.scene.scene import GoalCell
 from resgrid.space import Axis, Cell, ConfigurationSpace
+from resgrid.wiring import Wiring
 
 BAR = PolygonRobot(((-0.5, -0.1), (0.5, -0.1), (0.5, 0.1), (-0.5, 0.1)), turning_length=0.5)
 TURNING = (Axis("x", -2, 2, 12), Axis("y", -2, 2, 12), BAR.turning_axis(12))
@@ -61,7 +64,7 @@ def test_learning_takes_cells_out_and_leaves_the_rest() -> None:
     space = square()
     cells = np.zeros(space.shape, bool)
     cells[3:5, 2], cells[8, 1] = True, True
-    live = LiveMap(make_controller(resolver()(space)), resolver(), None)
+    live = LiveMap(controlled(space))
     live.mark(cells)
     np.testing.assert_array_equal(live.space.cell == Cell.OBSTACLE, cells)
     assert live.space.goal_count == 0
@@ -72,22 +75,30 @@ def test_a_blend_without_any_obstacle_is_the_one_asked_for_and_follows_its_neuma
     cell = np.zeros((6, 6), np.uint8)
     cell[2, 2] = Cell.GOAL
     torus = ConfigurationSpace([Axis("a", 0, 1, 6, True), Axis("b", 0, 1, 6, True)], cell)
-    blend, neumann = resolver(k=0.98)(torus), resolver(k=0.0)(torus)
+    blend, neumann = solve_field(torus, Wiring(), 0.98), solve_field(torus, Wiring(), 0.0)
     assert (blend.k, neumann.k) == (0.98, 0.0)
     np.testing.assert_allclose(blend.potential, 0.02 * neumann.potential)
     for axis in range(2):
         np.testing.assert_allclose(blend.face_current(axis), 0.02 * neumann.face_current(axis), atol=1e-15)
     with pytest.raises(CircuitError, match="nothing is driven"):
-        resolver(k=1.0)(torus)
+        solve_field(torus, Wiring(), 1.0)
     with pytest.raises(CircuitError, match="nothing is driven"):
-        resolver()(torus)
+        solve_field(torus, Wiring())
 
 
 def test_a_scene_says_how_to_solve_again() -> None:
     space = square()
-    scene = Scene(space.axes, k=(0.3, 0.9))
-    assert scene_resolver(scene)(space).k == 0.3
-    assert scene_resolver(scene, 0.5)(space).k == 0.5
-    assert scene_resolver(scene.replace(k=()))(space).boundary == "dirichlet"
+    scene = Scene(space.axes, k=(0.3, 0.9), goals=(GoalCell((8, 1)),))
+    for made, k, boundary in (
+        (simulation(scene), 0.3, "blend"),
+        (simulation(scene, k=0.5), 0.5, "blend"),
+        (simulation(scene, k=0.0), 0.0, "neumann"),
+        (simulation(scene.replace(k=())), 1.0, "dirichlet"),
+    ):
+        field = made.controller.field
+        assert (field.k, field.boundary) == (k, boundary)
+        again = solve_again(field, field.space)
+        assert (again.k, again.boundary) == (k, boundary)
+        np.testing.assert_array_equal(again.potential, field.potential)
     with pytest.raises(InputError, match="one start at a time"):
-        scene_resolver(scene.replace(k=(), boundary="neumann", drive="start", starts=((1.0, 1.0),)))
+        simulation(scene.replace(k=(), boundary="neumann", drive="start", starts=((1.0, 1.0),)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from support.hidden import hiding
+from support.hidden import controlled, hiding
 
 from resgrid.control.log import Ending, Mode, Run
 from resgrid.control.pushes import Push, random_pushes
@@ -153,7 +153,7 @@ def test_a_start_within_an_obstacle_or_outside_is_refused_and_a_blocked_one_told
     cell[3, 3] = Cell.OBSTACLE
     cell[:, 5] = Cell.OBSTACLE
     mapped = ConfigurationSpace(sim.space.axes, cell)
-    walled = Simulation(sim.controller.with_field(sim.resolve(mapped)), sim.plant, sim.resolve)
+    walled = Simulation(controlled(mapped, response="equipotential"), sim.plant)
     assert walled.run((1.7, 1.7)).ending is Ending.START_BLOCKED
     assert walled.run((1.0, 6.0)).ending is Ending.NO_PATH
     at_goal = sim.run((4.2, 0.7))
@@ -167,10 +167,8 @@ def test_pushes_do_not_prevent_arrival(seed: int) -> None:
     cell = np.zeros((16, 16), np.uint8)
     cell[3:12, 6:8], cell[8, 1] = Cell.OBSTACLE, Cell.GOAL
     sim = hiding([Box((1.5, 3.0), (6.0, 4.0))], learn=False)
-    known = Simulation(
-        sim.controller.with_field(sim.resolve(ConfigurationSpace(sim.space.axes, cell))), sim.plant, sim.resolve,
-        learn=False,
-    )  # fmt: skip
+    mapped = ConfigurationSpace(sim.space.axes, cell)
+    known = Simulation(controlled(mapped, response="equipotential"), sim.plant, learn=False)
     rng = np.random.default_rng(seed)
     cells = np.argwhere(known.space.goal_connected)
     start = known.space.centre(cells[rng.integers(len(cells))])

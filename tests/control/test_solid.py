@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 import shapely
 from hypothesis import assume, given, settings, strategies as st
-from support.hidden import hiding, square
+from support.hidden import controlled, hiding, square
 
 from resgrid.control.controller import make_controller
-from resgrid.control.learning import resolver
 from resgrid.control.log import End, Ending, Mode, Recorder, Run
 from resgrid.control.plant import Plant, make_plant
 from resgrid.control.pushes import Push
@@ -95,11 +94,11 @@ def test_nothing_is_entered_whatever_the_push_the_step_the_width_and_the_cell(ro
     axes = axes_of(robot, cells)
     cell = np.zeros(tuple(axis.cells for axis in axes), np.uint8)
     cell[tuple(rng.integers(0, cell.shape))] = Cell.GOAL
-    space, resolve = ConfigurationSpace(axes, cell), resolver(k=0.9)
+    space = ConfigurationSpace(axes, cell)
     plant = make_plant(robot, axes, [], shapes_of(rng, 4))
     start = space.lower + rng.random(len(axes)) * (space.upper - space.lower)
     assume(gaps(plant, start[np.newaxis])[0] > 0)
-    sim = Simulation(make_controller(resolve(space)), plant, resolve, learn=learn, step=step)
+    sim = Simulation(controlled(space, 0.9), plant, learn=learn, step=step)
     pushes = [Push(*rng.uniform(0.5, 8.0, 2), rng.normal(size=len(axes)) * 8.0) for _ in range(3)]
     run = sim.run(start, pushes=pushes, max_steps=300)
     assert nearest_on_the_way(plant, run.configuration) >= 0
@@ -130,9 +129,9 @@ def test_a_push_through_a_disc_slides_along_it() -> None:
     arm = Arm((1.0, 1.0), angles="absolute")
     cell = np.zeros((30, 30), np.uint8)
     cell[2, 2] = Cell.GOAL
-    space, resolve = ConfigurationSpace(arm.axes(30), cell), resolver(k=0.98)
+    space = ConfigurationSpace(arm.axes(30), cell)
     plant = make_plant(arm, space.axes, [], [Ball((1.1, -0.1), 0.1)])
-    sim = Simulation(make_controller(resolve(space)), plant, resolve, learn=False)
+    sim = Simulation(controlled(space), plant, learn=False)
     run = sim.run((2.0, -2.7), pushes=[Push(0.0, 20.0, np.array([-2.0, 1.0]))], max_steps=3000)
     assert len(run.contacts.step) > 10
     assert nearest_on_the_way(plant, run.configuration) > 0
@@ -168,9 +167,9 @@ def test_an_arm_that_lies_along_a_side_lifts_off(gap) -> None:
     arm = Arm((1.0, 1.0), angles="absolute")
     cell = np.zeros((48, 48), np.uint8)
     cell[20, 20] = Cell.GOAL
-    space, resolve = ConfigurationSpace(arm.axes(48), cell), resolver(k=0.5)
+    space = ConfigurationSpace(arm.axes(48), cell)
     plant = make_plant(arm, space.axes, [], [Box((0.5, gap), (2.5, 0.5))])
-    run = Simulation(make_controller(resolve(space)), plant, resolve, learn=False).run((0.0, 0.0))
+    run = Simulation(controlled(space, 0.5), plant, learn=False).run((0.0, 0.0))
     assert run.ending is Ending.ARRIVED, run.message
     assert run.penetration == 0
 
@@ -191,7 +190,7 @@ def test_in_the_wedge_between_an_obstacle_and_the_end_of_an_axis_time_goes_on(ro
 def test_depth_is_measured_between_rows_and_an_entry_is_no_arrival() -> None:
     """Two rows on either side of a needle a tenth of a millimetre thick."""
     space = square()
-    field = resolver(k=0.98)(space)
+    field = controlled(space).field
     for solid in (Box((1.0, 3.0), (7.0, 3.0001)), Ball((4.0, 3.0), 1e-4)):
         plant = make_plant(PointRobot(), space.axes, [], [solid])
         none = np.zeros(2)
@@ -250,17 +249,16 @@ def test_who_moves_is_not_stalled() -> None:
     cell = np.zeros((16, 800), np.uint8)
     cell[14, 400] = Cell.GOAL
     flat = ConfigurationSpace([Axis("x", 0, 8, 16), Axis("y", 0, 8, 800)], cell)
-    resolve = resolver(k=0.98)
-    wide = Simulation(make_controller(resolve(flat)), make_plant(PointRobot(), flat.axes, []), resolve, learn=False)
+    wide = Simulation(controlled(flat), make_plant(PointRobot(), flat.axes, []), learn=False)
     assert wide.run((1.25, 4.0)).ending is Ending.ARRIVED
 
 
 @pytest.mark.parametrize("cells", [16, 32])
 def test_who_starts_beside_an_obstacle_leaves_its_lost_cell(cells) -> None:
     """The start's own cell turns out to be an obstacle cell, and the one beside it leads to the goal."""
-    space, resolve = square(cells, goal=(cells // 2, cells // 16)), resolver(k=0.98)
+    space = square(cells, goal=(cells // 2, cells // 16))
     plant = make_plant(DiscRobot(0.2), space.axes, [], [Box((2.5, 3.0), (6.2, 4.0))])
-    sim = Simulation(make_controller(resolve(space)), plant, resolve)
+    sim = Simulation(controlled(space), plant)
     run = sim.run((4.1, 4.201))
     assert run.space.cell[tuple(run.space.locate((4.1, 4.201)))] == Cell.OBSTACLE
     assert run.ending is Ending.ARRIVED, run.message
@@ -278,9 +276,8 @@ def test_no_path_says_why() -> None:
 def with_goal_point(point: tuple[float, float], hidden: list[Shape], learn: bool = True) -> Simulation:
     space = square()
     space = ConfigurationSpace(space.axes, space.cell, goal_points=[point])
-    resolve = resolver(k=0.98)
     plant = make_plant(PointRobot(), space.axes, [], hidden)
-    return Simulation(make_controller(resolve(space)), plant, resolve, learn=learn)
+    return Simulation(controlled(space), plant, learn=learn)
 
 
 @pytest.mark.parametrize("point", [(4.05, 0.52), (4.5, 1.0), (4.25, 0.75)])

@@ -12,9 +12,9 @@ from matplotlib.quiver import Quiver
 from PIL import Image
 
 import resgrid as rg
+from resgrid.control.announced import RelaxationSweep, Wavefront, wavefront
 from resgrid.control.log import Mode
-from resgrid.control.relaxation import Relaxation, Wavefront, wavefront
-from resgrid.control.relaxation_ratio import RelaxationSweep
+from resgrid.control.relaxation import Relaxation
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.plot.animations import check_animation, frame_rows
 
@@ -78,9 +78,7 @@ def test_a_sweep_marks_what_did_not_arrive() -> None:
 @pytest.fixture(scope="module")
 def front(scene: rg.Scene) -> Wavefront:
     sim = rg.simulation(scene)
-    return wavefront(
-        rg.make_relaxation(scene, pace=2.0), sim.space, sim.plant.true_space(sim.space), np.array([0.0, 1, 5])
-    )
+    return wavefront(rg.announce_hidden(sim, rg.Relaxation(pace=2.0)), np.array([0.0, 1, 5]))
 
 
 def test_a_wavefront_is_a_row_of_pictures_and_an_animation(front: Wavefront, run: rg.Run, tmp_path) -> None:

@@ -20,7 +20,6 @@ from resgrid.chip.power import analyse_power
 from resgrid.chip.precision import analyse_precision
 from resgrid.chip.sensitivity import analyse_sensitivity
 from resgrid.chip.settling import analyse_settling
-from resgrid.control.relaxation import wavefront
 from resgrid.plot import pictures, render_figure
 from resgrid.plot.figures import figure_of
 
@@ -74,7 +73,7 @@ ALBUM: dict[str, Callable[[rg.Run], Any]] = {
     "runs": lambda run: rg.draw([run, run]),
     "robot": lambda run: rg.draw_robot(run.configuration, run.scene),
     "wavefront": lambda run: rg.draw(
-        wavefront(rg.make_relaxation(run.scene, pace=2.0), rg.sample(run.scene), run.space, np.array([0.0, 5.0]))
+        rg.wavefront(rg.announce_hidden(rg.simulation(run.scene), rg.Relaxation(pace=2.0)), np.array([0.0, 5.0]))
     ),
     "settling": lambda _: rg.draw(analyse_settling(small_scene(), bits=8)),
     "settling curve": lambda _: rg.draw(analyse_settling(small_scene(), bits=8), quantity="curve"),

@@ -10,7 +10,8 @@ from resgrid.robots import Ball, Box, DiscRobot, HalfSpace, PointRobot, Polygon,
 from resgrid.robots.geometry import edges_of
 from resgrid.robots.kernels import Plane
 from resgrid.robots.polygon import mark_sum
-from resgrid.scene import apply_overrides, read_scene, sample
+from resgrid.scene import read_scene, sample
+from resgrid.scene.overrides import apply_overrides
 from resgrid.space import Axis, Cell
 
 OBSTACLES = [

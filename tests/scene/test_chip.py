@@ -9,7 +9,7 @@ import pytest
 
 import resgrid as rg
 from resgrid.scene import Chip, Defects, Readout
-from resgrid.scene.build import document_of
+from resgrid.scene.overrides import apply_overrides, document_of
 
 SCENE = """
 schema = 1
@@ -105,7 +105,7 @@ def test_a_chip_survives_the_way_through_a_document() -> None:
     assert raw["chip"]["gradient"] == [0.1]
     assert raw["chip"]["readout"] == {"bits": 8, "range": [0.0, 1.0]}
     assert scene.replace(chip=Chip(mismatch=0.2)).chip.mismatch == 0.2
-    changed = rg.apply_overrides(scene, {"chip.readout.bits": "12", "chip.mismatch": "4 %"})
+    changed = apply_overrides(scene, {"chip.readout.bits": "12", "chip.mismatch": "4 %"})
     assert (changed.chip.readout.bits, changed.chip.mismatch) == (12, 0.04)
 
 
@@ -154,11 +154,11 @@ def test_absurd_chips_get_one_clear_message(text: str, message: str) -> None:
 @pytest.mark.parametrize(
     ("values", "message"),
     [
-        ({"resistance": -1.0}, "resistance = -1 must be greater than 0"),
-        ({"resistance": float("nan")}, "must be a finite number"),
-        ({"supply": "1"}, "must be a finite number"),
-        ({"seed": 1.5}, "seed = 1.5 must be a whole number"),
-        ({"preferred": "E7"}, "it may be one of E6"),
+        ({"resistance": -1.0}, "resistance: must be greater than 0, got -1.0"),
+        ({"resistance": float("nan")}, "write a finite number"),
+        ({"supply": "1 V"}, "'1 V' is not a value"),
+        ({"seed": 1.5}, "seed: must be a whole number, got 1.5"),
+        ({"preferred": "E7"}, "it may be E6 or E12"),
     ],
 )
 def test_chips_made_in_python_are_checked_too(values: dict[str, object], message: str) -> None:
@@ -167,24 +167,24 @@ def test_chips_made_in_python_are_checked_too(values: dict[str, object], message
 
 
 def test_a_converter_made_in_python_has_at_least_one_bit() -> None:
-    with pytest.raises(rg.InputError, match="bits = 0 must be a whole number from 1 to 32"):
+    with pytest.raises(rg.InputError, match="bits: must be at least 1, got 0"):
         Readout(bits=0)
 
 
 @pytest.mark.parametrize(
-    "gradient", [0.0, 0.1, float("nan"), "x", True, (None,), ("x",), (True,), (float("nan"),)], ids=str
+    "gradient", [float("nan"), "x", True, (), (None,), ("x",), (True,), (float("nan"),), (0.1,) * 5], ids=str
 )
 def test_gradients_made_in_python_are_several_numbers(gradient: object) -> None:
-    with pytest.raises(rg.InputError, match="must hold finite shares"):
+    with pytest.raises(rg.InputError, match=r"^gradient"):
         Chip(gradient=gradient)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("limits", [5.0, "ab", True, (None, 1.0), ("x", 1.0), (0.0, 1.0, 2.0), (1.0, 0.0)], ids=str)
 def test_ranges_made_in_python_are_two_numbers(limits: object) -> None:
-    with pytest.raises(rg.InputError, match="must be the lowest and the highest voltage"):
+    with pytest.raises(rg.InputError, match=r"^range"):
         Readout(range=limits)  # type: ignore[arg-type]
 
 
 def test_densities_of_defects_are_numbers() -> None:
-    with pytest.raises(rg.InputError, match="open_density = 'x' must be a finite number"):
+    with pytest.raises(rg.InputError, match="open_density: 'x' is not a value"):
         Defects(open_density="x")  # type: ignore[arg-type]

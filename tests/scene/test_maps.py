@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import resgrid as rg
 from resgrid.errors import InputError, ResgridError
 from resgrid.scene import read_queries, read_scene, sample
 from resgrid.scene.maps.pictures import read_pgm
@@ -174,7 +175,7 @@ def test_thresholds_of_plain_pictures(tmp_path):
         ({"spacing": -1}, "greater than 0"),
         ({"origin": (1, 2, 3)}, "needs 2 coordinates"),
         ({"threshold": "x"}, "whole number"),
-        ({"treshold": 3}, "unknown key"),
+        ({"treshold": 3}, "did you mean 'threshold'"),
     ):
         with pytest.raises(InputError, match=expected):
             read_scene(file, **options)
@@ -271,9 +272,9 @@ def test_a_scene_may_stand_on_a_map(tmp_path):
 def test_goals_of_a_map_survive_the_radius_or_are_reported(tmp_path):
     codes = np.array([[1, 2, 2, 2]])
     np.save(tmp_path / "a.npy", codes)
-    assert cells(tmp_path / "a.npy", radius=0.5).tolist() == [[1, 1, 2, 2]]
+    assert cells(tmp_path / "a.npy", robot=rg.PointRobot(0.5)).tolist() == [[1, 1, 2, 2]]
     with pytest.raises(InputError, match="goal cells"):
-        cells(tmp_path / "a.npy", radius=5.0)
+        cells(tmp_path / "a.npy", robot=rg.PointRobot(5.0))
 
 
 @pytest.mark.parametrize("mode", ["L", "RGBA"])

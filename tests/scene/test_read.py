@@ -5,7 +5,9 @@ import numpy as np
 import pytest
 
 from resgrid.errors import BudgetError, InputError
-from resgrid.scene import apply_overrides, parse_scene, read_scene, sample, scene_schema
+from resgrid.scene import parse_scene, read_scene, sample
+from resgrid.scene.overrides import apply_overrides
+from resgrid.scene.schema import scene_schema
 
 GRID = """
 schema = 1
@@ -106,7 +108,7 @@ resistance = "10kohm"
             "goal[0]: this goal lies inside an obstacle",
         ),
         ("starts = [[1, 1], [1, -1]]" + GRID + GOAL, "starts[1]: the point [1.0, -1.0] lies outside"),
-        (GRID + GOAL + "[[start]]\ncell = [0, 3]", "the start cell [0, 3] is not in the grid"),
+        (GRID + GOAL + "[[start]]\ncell = [0, 3]", "start[0]: cell [0, 3] is not in the grid"),
         (GRID + GOAL + "[[start]]\n", "a start needs point"),
         (GRID + "[[goal]]\nshape = 3", "goal[0]"),
         (GRID + '[[goal]]\nshape = "point"\nat = [1, 2]', "shape = 'point' is no shape, for a place needs none; write"),

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import resgrid as rg
 from resgrid.errors import InputError
 from resgrid.scene import occupancy_grid, read_scene, sample
 
@@ -133,9 +134,9 @@ def test_a_turned_origin(tmp_path):
     assert np.allclose(space.centre([3, 1]), [9.25, 21.75])
     blocked = scene.replace(obstacles=())
     assert sample(blocked).cell.sum() == 2
-    wall = read_scene(file, goal=(9.25, 21.75), obstacle=[{"shape": "rectangle", "lower": [9, 20], "upper": [9.5, 21]}])
+    wall = read_scene(file, goal=(9.25, 21.75), obstacles=(rg.Box((9, 20), (9.5, 21)),))
     assert np.argwhere(sample(wall).cell == 1).tolist() == [[0, 1], [1, 1]]
-    half = read_scene(file, goal=(9.25, 21.75), obstacle=[{"shape": "half_plane", "normal": [0, 1], "offset": 20.5}])
+    half = read_scene(file, goal=(9.25, 21.75), obstacles=(rg.HalfSpace((0, 1), 20.5),))
     assert np.argwhere(sample(half).cell == 1).tolist() == [[0, 0], [0, 1]]
     with pytest.raises(InputError, match=r"starts\[0\].* in the map's frame"):
         sample(read_scene(file, goal=(9.25, 21.75), start=(10.5, 20)))
@@ -200,8 +201,8 @@ def test_the_robots_radius_grows_map_obstacles(tmp_path):
     pixels = np.full((9, 9), 254)
     pixels[4, 4] = 0
     file = write(tmp_path, pixels)
-    assert sample(read_scene(file, radius=0.5), require_goal=False).cell.sum() == 9
-    assert sample(read_scene(file, radius=0.51), require_goal=False).cell.sum() == 21
+    assert sample(read_scene(file, robot=rg.PointRobot(0.5)), require_goal=False).cell.sum() == 9
+    assert sample(read_scene(file, robot=rg.PointRobot(0.51)), require_goal=False).cell.sum() == 21
 
 
 def test_aliases_are_read_and_never_merged(tmp_path):

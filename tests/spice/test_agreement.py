@@ -14,8 +14,8 @@ from support.spaces import serpentine, space_of
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.nodal.solve import solve
-from resgrid.spice.check.agreement import check_deck, check_spice
-from resgrid.spice.check.comparison import compare
+from resgrid.spice.check.agreement import compare
+from resgrid.spice.check.deck import check_deck
 from resgrid.spice.check.kirchhoff import inspect_deck
 from resgrid.spice.run.ngspice import Simulation
 from resgrid.spice.write.expected import expect
@@ -47,7 +47,7 @@ def lines_of(deck: Path) -> list[str]:
 @given(st.integers(0, 2**32 - 1), st.sampled_from([0.0, 2.0, 6.0]), st.booleans())
 def test_ngspice_agrees_with_a_dense_solution(seed: int, decades: float, drive: bool) -> None:
     netlist = random_grid(seed, decades=decades, drive=drive)
-    agreement = check_spice(netlist, dense_solution(netlist))
+    agreement = check_deck(dense_solution(netlist))
     assert agreement.findings == ()
     assert agreement.agrees
     assert agreement.nodes == netlist.node_count - 1
@@ -62,7 +62,7 @@ def test_ngspice_agrees_on_compiled_spaces(rules: dict[str, str], seed: int) -> 
     cell = (rng.random((12, 12)) < 0.3).astype(np.uint8)
     cell[2:4, 5], cell[9, 9] = 2, 2
     netlist = compile_space(space_of(cell), resistance=10e3, **rules)
-    agreement = check_spice(netlist, solve(netlist))
+    agreement = check_deck(netlist)
     assert agreement.findings == ()
     assert agreement.agrees
 
@@ -72,7 +72,7 @@ def test_a_wrong_solution_is_told_with_its_worst_node() -> None:
     point = dense_solution(netlist)
     voltage = point.voltage.copy()
     voltage[3] += 1e-6
-    agreement = check_spice(netlist, replace(point, voltage=voltage))
+    agreement = check_deck(replace(point, voltage=voltage))
     assert not agreement.agrees
     assert agreement.worst[0][0] == "node_3"
     assert agreement.max_abs_error == pytest.approx(1e-6, rel=1e-6)

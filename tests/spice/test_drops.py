@@ -7,8 +7,7 @@ from support.circuits import random_grid
 
 from resgrid.netlist import Netlist
 from resgrid.nodal.solve import solve
-from resgrid.spice.balance import power_balance
-from resgrid.spice.ir_drop import ir_drop
+from resgrid.spice.power import ir_drop, power_balance
 
 
 def test_each_net_has_its_own_supply() -> None:

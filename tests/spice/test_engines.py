@@ -10,8 +10,7 @@ import pytest
 from support.circuits import random_grid
 
 from resgrid.errors import BudgetError, InputError, ToolMissingError
-from resgrid.nodal.solve import solve
-from resgrid.spice.check.agreement import check_spice
+from resgrid.spice.check.deck import check_deck
 from resgrid.spice.run import engine_named
 from resgrid.spice.run.eecircuit import find_module, simulate_eecircuit
 
@@ -51,7 +50,7 @@ def fake_node(folder: Path, monkeypatch: pytest.MonkeyPatch, body: str = "") -> 
 
 def test_the_engine_answers_as_ngspice_does(engine: Path) -> None:
     netlist = random_grid(5)
-    agreement = check_spice(netlist, solve(netlist), engine="eecircuit")
+    agreement = check_deck(netlist, engine="eecircuit")
     assert agreement.agrees, agreement.findings
     assert (agreement.simulator, agreement.version) == ("eecircuit-engine", "45.2")
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from resgrid.errors import BudgetError, InputError
 from resgrid.netlist import Netlist
-from resgrid.spice.run.forecast import core_of, costs_named, forecast_run, require_time
+from resgrid.spice.run.forecast import core_of, forecast, require_time
 from resgrid.spice.subject import subject_of
 
 
@@ -56,7 +56,7 @@ def random_graph(size: int, rounds: int) -> Netlist:
     ],
 )
 def test_measured_times_are_foretold_within_a_factor_of_three(netlist: Netlist, seconds: float) -> None:
-    assert seconds / 3 < forecast_run(netlist).seconds < seconds * 3
+    assert seconds / 3 < forecast(netlist).seconds < seconds * 3
 
 
 def test_trees_and_chains_have_no_core() -> None:
@@ -81,15 +81,15 @@ def test_rails_are_no_part_of_the_core() -> None:
 
 
 def test_what_would_not_end_in_time_is_refused_with_advice() -> None:
-    slow = forecast_run(box(256, 256))
-    assert slow.slow and "min" in str(slow)
+    slow = forecast(box(256, 256))
+    assert "min" in str(slow)
     with pytest.raises(BudgetError, match=r"4 min.*60 s is allowed.*--engine eecircuit"):
         require_time(slow, 60.0)
-    fast = forecast_run(box(256, 256), "eecircuit")
-    assert not fast.slow and 2 < fast.seconds < 15
+    fast = forecast(box(256, 256), "eecircuit")
+    assert 2 < fast.seconds < 15
     require_time(fast, 60.0)
     with pytest.raises(InputError, match="nothing is known"):
-        forecast_run(box(4, 4), "spice3")
+        forecast(box(4, 4), "spice3")
 
 
 @pytest.mark.parametrize(
@@ -105,4 +105,4 @@ def test_what_would_not_end_in_time_is_refused_with_advice() -> None:
     ],
 )
 def test_newer_versions_are_known_to_be_faster(engine: str, version: str, costs: str) -> None:
-    assert costs_named(engine, version) == costs
+    assert forecast(box(4, 4), engine, version).engine == costs

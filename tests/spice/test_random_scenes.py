@@ -19,6 +19,6 @@ def test_ngspice_agrees(space: rg.ConfigurationSpace, options: dict[str, object]
     if options.get("boundary") == "neumann":
         netlist = rg.scale_drive(netlist, point)
         point = rg.solve(netlist)
-    agreement = rg.check_spice(netlist, point)
+    agreement = rg.check_deck(point)
     assert agreement.agrees, agreement.findings
     assert agreement.max_relative_error < 1e-9

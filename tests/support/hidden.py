@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from resgrid.control.controller import make_controller
-from resgrid.control.learning import resolver
+from resgrid.control.controller import Controller, make_controller
 from resgrid.control.plant import make_plant
 from resgrid.control.simulation import Simulation
+from resgrid.planning.road import solve_field
 from resgrid.robots import DiscRobot, Robot, Shape
 from resgrid.space import Axis, Cell, ConfigurationSpace
+from resgrid.wiring import Wiring
 
 
 def square(cells: int = 16, size: float = 8.0, goal: tuple[int, int] = (8, 1)) -> ConfigurationSpace:
@@ -19,9 +22,14 @@ def square(cells: int = 16, size: float = 8.0, goal: tuple[int, int] = (8, 1)) -
     return ConfigurationSpace([Axis("x", 0, size, cells), Axis("y", 0, size, cells)], cell)
 
 
+def controlled(space: ConfigurationSpace, k: float = 0.98, **options: Any) -> Controller:
+    """The controller of a blend on a space."""
+    return make_controller(solve_field(space, Wiring(), k), **options)
+
+
 def hiding(hidden: list[Shape], *, robot: Robot | None = None, k: float = 0.98, **options: object) -> Simulation:
     """A disc in that square, with obstacles that its map does not show."""
-    space, resolve = square(), resolver(k=k)
+    space = square()
     response = str(options.pop("response", "equipotential"))
     plant = make_plant(robot or DiscRobot(0.2), space.axes, [], hidden)
-    return Simulation(make_controller(resolve(space), response=response), plant, resolve, **options)  # type: ignore[arg-type]
+    return Simulation(controlled(space, k, response=response), plant, **options)  # type: ignore[arg-type]

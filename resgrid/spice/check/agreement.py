@@ -1,243 +1,156 @@
-"""Whether an outside simulator agrees with resgrid, and where it does not."""
+"""What a simulator found, held against what is expected."""
 
 from __future__ import annotations
 
-import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Literal
 
-from resgrid.errors import InputError
-from resgrid.netlist import Netlist
-from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.spice.check.comparison import Agreement, compare, unverified
-from resgrid.spice.check.kirchhoff import inspect_deck
-from resgrid.spice.dialects import dialect_named
-from resgrid.spice.run import engine_named
-from resgrid.spice.run.ngspice import Simulation, read_deck, simulate
-from resgrid.spice.write.expected import expect
-from resgrid.spice.write.flat import flatten
-from resgrid.spice.write.sidecar import altered_files, read_sidecar, sidecar_path, with_parts
+from resgrid.spice.run import SIMULATED
+from resgrid.spice.run.ngspice import VERSIONS, Simulation
+from resgrid.spice.write.expected import Expected
 
-if TYPE_CHECKING:
-    from resgrid.spice.check.external import Runnable
-    from resgrid.spice.parsed import ParsedDeck
-
+Reference = Literal["sidecar", "scene", "solve"]
 _SHOWN = 5
-_SIMULATED = "ngspice"
-
-
-def check_spice(
-    netlist: Netlist,
-    operating_point: OperatingPoint,
-    *,
-    dialect: str = "ngspice",
-    engine: str = "ngspice",
-    tolerance: float = 1e-9,
-    timeout: float = 600.0,
-) -> Agreement:
-    """Ask the simulator whether it agrees with an operating point.
-
-    Parameters
-    ----------
-    netlist : Netlist
-    operating_point : OperatingPoint
-        Its solution.
-    dialect : str
-        Of the deck that is simulated; what runs here reads ngspice's.
-    engine : str
-        Which simulator, one of `resgrid.spice.run.ENGINES`.
-    tolerance : float
-        Relative to the supply, the largest voltage difference in the circuit.
-    timeout : float
-        How long the simulator may take, in seconds.
-
-    Returns
-    -------
-    Agreement
-
-    Raises
-    ------
-    InputError
-        If the netlist and the operating point do not belong together.
-    CircuitError
-        If the netlist makes no deck.
-    ToolMissingError
-        If the simulator is not installed.
-    BudgetError
-        If it does not end in time.
-    """
-    _check_tolerance(tolerance)
-    run = engine_named(engine)
-    if dialect_named(dialect).name != _SIMULATED:
-        raise InputError(
-            f"no simulator of dialect {dialect!r} is run here: check the circuit with dialect = {_SIMULATED!r}, or "
-            "write the deck and check its file, which is read first"
-        )
-    deck = flatten(netlist, dialect=dialect)
-    simulation = run(deck.text.encode("ascii"), timeout=timeout)
-    return compare(expect(deck, operating_point), simulation, tolerance=tolerance, reference="solve")
-
-
-def check_deck(
-    path: str | os.PathLike[str],
-    *,
-    tolerance: float = 1e-9,
-    reference: OperatingPoint | None = None,
-    dialect: str = "auto",
-    root: str | os.PathLike[str] | None = None,
-    engine: str = "ngspice",
-    timeout: float = 600.0,
-) -> Agreement:
-    """Check a deck: its bytes against its sidecar's hash, its elements and the simulator against the expected voltages.
-
-    A deck without a sidecar is read and solved, and the simulator is held against that.  The simulator is given the
-    deck itself, with the files that it includes, where that is safe.  Otherwise (control blocks, another dialect, files
-    from elsewhere) it is given what was read, and the deck is not verified: ``agrees`` is not True.
-
-    Parameters
-    ----------
-    path : path-like
-        The deck.
-    tolerance : float
-        Relative to the supply, the largest voltage difference in the circuit.
-    reference : OperatingPoint, optional
-        Solution of the scene to compare with; by default the sidecar is the reference.  A sidecar's hash is compared
-        either way.
-    dialect : str
-        Of a deck without sidecar, as in `read_spice`.
-    root : path-like, optional
-        Folder that the includes of such a deck may not leave, as in `read_spice`.
-    engine : str
-        Which simulator, one of `resgrid.spice.run.ENGINES`.
-    timeout : float
-        How long the simulator may take, in seconds.
-
-    Returns
-    -------
-    Agreement
-
-    Raises
-    ------
-    InputError
-        If the deck or its sidecar cannot be read.
-    CircuitError
-        If a deck without sidecar has no operating point.
-    ToolMissingError
-        If the simulator is not installed.
-    BudgetError
-        If it does not end in time.
-    """
-    _check_tolerance(tolerance)
-    engine_named(engine)
-    deck = Path(path)
-    data = read_deck(deck)
-    has_sidecar = sidecar_path(deck).exists()
-    if reference is None and not has_sidecar:
-        return _check_foreign(deck, data, dialect, root, Run(engine, tolerance, timeout))
-    sidecar = read_sidecar(deck) if has_sidecar else None
-    name = _SIMULATED if dialect == "auto" else dialect
-    name = dialect_named(name if sidecar is None else sidecar.dialect).name
-    findings = [] if sidecar is None else altered_files(data, sidecar)
-    if reference is not None:
-        expected = expect(flatten(reference.netlist, dialect=name), reference)
-    elif sidecar is not None:
-        expected = sidecar.expected
-    has_parts, why = sidecar is not None and bool(sidecar.parts), ""
-    if name == _SIMULATED and sidecar is not None and sidecar.parts:
-        data = with_parts(deck, data, sidecar)
-    elif name == _SIMULATED:
-        findings += inspect_deck(data, expected, tolerance)
-    else:
-        job = _translated(deck, name)
-        data, why = job.data, job.why
-    simulation = _simulate_or_refuse(data, engine, str(deck), timeout, direct=name != _SIMULATED)
-    if has_parts:  # the inner nodes of tiles are nobody's business
-        known = {node: volts for node, volts in simulation.voltage.items() if node in expected.voltage}
-        simulation = replace(simulation, voltage=known)
-    found = compare(
-        expected,
-        simulation,
-        tolerance=tolerance,
-        reference="scene" if reference is not None else "sidecar",
-        findings=findings,
-    )
-    return unverified(found, why) if why else found
 
 
 @dataclass(frozen=True)
-class Run:
-    """Which simulator is asked, how close it must come, and how long it may take, in seconds."""
+class Agreement:
+    """The outcome of a comparison with a simulator.
 
-    engine: str
+    Attributes
+    ----------
+    reference : {"sidecar", "scene", "solve"}
+        Where the expected voltages come from.
+    agrees : bool or None
+        Whether nothing at all was found; None where nothing was, but the simulator did not run the deck itself.
+    verified : bool
+        Whether the simulator was given the deck itself, byte for byte but for its analyses.
+    max_abs_error : float or None
+        Largest difference of a node's voltage, in volts; None if nothing could be compared.
+    max_relative_error : float or None
+        The same relative to the supply (the largest voltage difference in the circuit).
+    nodes : int
+        Number of nodes compared.
+    simulator, version : str
+        Who was asked.
+    tolerance : float
+        Largest relative error that still agrees.
+    findings : tuple of str
+        What is wrong and where; empty if they agree.
+    worst : tuple of (str, float, float)
+        Node, expected and simulated voltage, the largest differences first.
+    remark : str
+        What else is to be known of the comparison, empty if nothing; where it is not verified, why.
+    as_read : Agreement or None
+        Where the deck itself was not run: the comparison with what was read of it, written anew.  It tests the solution
+        and not the reading; the deck's own figures are None, and its number of nodes 0.
+    """
+
+    reference: Reference
+    agrees: bool | None
+    max_abs_error: float | None
+    max_relative_error: float | None
+    nodes: int
+    simulator: str
+    version: str
     tolerance: float
-    timeout: float
+    findings: tuple[str, ...]
+    worst: tuple[tuple[str, float, float], ...]
+    remark: str = ""
+    verified: bool = True
+    as_read: Agreement | None = None
 
 
-def check_read_deck(
-    deck: ParsedDeck, point: OperatingPoint, data: bytes, run: Run, root: str | os.PathLike[str] | None = None
+def compare(
+    expected: Expected,
+    simulation: Simulation,
+    *,
+    tolerance: float = 1e-9,
+    reference: Reference = "solve",
+    findings: Sequence[str] = (),
 ) -> Agreement:
-    """Hold a simulator against our solution of somebody's deck; the places of the worst nodes are told."""
-    from resgrid.spice.check.external import expected_of, places_of, runnable
-
-    job = runnable(deck, data, root=None if root is None else Path(root), engine=run.engine)
-    expected = expected_of(deck, point, as_written=job.as_written)
-    simulation = _simulated(job, deck.path, run)
-    found = compare(expected, simulation, tolerance=run.tolerance, reference="solve")
-    if not job.as_written:
-        return unverified(found, job.why)
-    if found.agrees:
-        return found
-    places = places_of(deck, (name for name, *_ in found.worst))
-    located = tuple(_with_place(finding, places) for finding in found.findings)
-    return replace(found, findings=(*located, *_explanations(deck)))
-
-
-def _simulated(job: Runnable, source: str, run: Run) -> Simulation:
-    if job.files:
-        return simulate(job.data, source=source, timeout=run.timeout, direct=True, files=job.files, place=job.place)
-    return engine_named(run.engine)(job.data, source=source, timeout=run.timeout, direct=True)
-
-
-def _explanations(deck: ParsedDeck) -> list[str]:
-    """Why a simulator may disagree: what it is known to make of such a deck."""
-    from resgrid.spice.check.predictions import predict_simulators
-
-    verdict = next(verdict for verdict in predict_simulators(deck) if verdict.simulator == _SIMULATED)
-    return [] if verdict.outcome == "right" else [f"this was to be expected: {verdict}"]
-
-
-def _with_place(finding: str, places: Mapping[str, str]) -> str:
-    name = finding.removeprefix("node ").partition(":")[0]
-    return f"{places[name]}: {finding}" if finding.startswith("node ") and name in places else finding
+    """Compare what a simulator said with what is expected."""
+    shared = [name for name in expected.voltage if name in simulation.voltage]
+    # NaN is larger than every difference
+    error = {name: _distance(expected.voltage[name], simulation.voltage[name]) for name in shared}
+    worst = sorted(shared, key=lambda name: -error[name])[:_SHOWN]
+    largest = error[worst[0]] if worst else None
+    found = [
+        *findings,
+        *simulation.complaints,
+        *_unmatched(expected.voltage, simulation.voltage, "node"),
+        *_unmatched(expected.source_current, simulation.source_current, "voltage source"),
+        *_differences(expected, simulation, [name for name in worst if error[name] > tolerance * expected.supply]),
+        *_source_differences(expected, simulation, tolerance),
+    ]
+    finite = largest is not None and largest < float("inf")
+    return Agreement(
+        reference=reference,
+        agrees=not found and bool(shared),
+        max_abs_error=largest if finite else None,
+        max_relative_error=largest / expected.supply if finite and largest is not None else None,
+        nodes=len(shared),
+        simulator=simulation.simulator,
+        version=simulation.version,
+        tolerance=tolerance,
+        findings=tuple(found),
+        worst=tuple((name, expected.voltage[name], simulation.voltage[name]) for name in worst if error[name] > 0),
+        remark=_remark(simulation),
+    )
 
 
-def _check_foreign(path: Path, data: bytes, dialect: str, root: str | os.PathLike[str] | None, run: Run) -> Agreement:
-    from resgrid.nodal.solve import solve
-    from resgrid.spice.read.deck import read_spice
-
-    deck = read_spice(path, dialect=dialect, root=root)
-    return check_read_deck(deck, solve(deck.netlist()), data, run, root)
+def _remark(simulation: Simulation) -> str:
+    if simulation.simulator != SIMULATED or simulation.version in (*VERSIONS, "not run"):
+        return ""
+    return f"resgrid is tried with {SIMULATED} {' and '.join(VERSIONS)}; this is version {simulation.version}"
 
 
-def _translated(path: Path, dialect: str) -> Runnable:
-    """A deck of another simulator's dialect, read and written anew for the one that is run."""
-    from resgrid.spice.check.external import rewritten
-    from resgrid.spice.read.deck import read_spice
+def unverified(found: Agreement, why: str) -> Agreement:
+    """What a comparison with what was read of a deck, written anew, says of the deck itself: nothing good."""
+    return replace(
+        found,
+        agrees=None if found.agrees else False,
+        max_abs_error=None,
+        max_relative_error=None,
+        nodes=0,
+        worst=(),
+        remark=why,
+        verified=False,
+        as_read=found,
+    )
 
-    why = f"it is written for {dialect}, and only {_SIMULATED} is run here"
-    return rewritten(read_spice(path, dialect=dialect), why)
+
+def _distance(expected: float, got: float) -> float:
+    difference = abs(got - expected)
+    return difference if difference < float("inf") else float("inf")
 
 
-def _check_tolerance(tolerance: float) -> None:
-    if not 0 < tolerance < 1:
-        raise InputError(f"tolerance = {tolerance} must lie between 0 and 1: it is relative to the supply")
+def _unmatched(expected: Mapping[str, object], got: Mapping[str, object], what: str) -> list[str]:
+    missing = [name for name in expected if name not in got]
+    strange = [name for name in got if name not in expected]
+    return [
+        f"{len(names)} {what}{'s' if len(names) > 1 else ''} {verb}: {', '.join(names[:_SHOWN])}"
+        for names, verb in ((missing, "absent from the simulation"), (strange, "simulated but not expected"))
+        if names
+    ]
 
 
-def _simulate_or_refuse(data: bytes, simulator: str, source: str, timeout: float, *, direct: bool) -> Simulation:
-    """A deck with commands in it is not run, and that is an answer: it is not the deck that was written."""
-    try:
-        return engine_named(simulator)(data, source=source, timeout=timeout, direct=direct)
-    except InputError as error:
-        return Simulation({}, {}, simulator, "not run", (str(error),))
+def _differences(expected: Expected, simulation: Simulation, names: list[str]) -> list[str]:
+    return [
+        f"node {name}: {simulation.simulator} finds {simulation.voltage[name]!r} V, expected "
+        f"{expected.voltage[name]!r} V"
+        for name in names
+    ]
+
+
+def _source_differences(expected: Expected, simulation: Simulation, tolerance: float) -> list[str]:
+    allowed = tolerance * expected.current_scale
+    return [
+        f"voltage source {name}: {simulation.simulator} finds {simulation.source_current[name]!r} A, "
+        f"expected {amps!r} A"
+        for name, amps in expected.source_current.items()
+        if amps is not None
+        and name in simulation.source_current
+        and not _distance(amps, simulation.source_current[name]) <= allowed
+    ][:_SHOWN]

@@ -2,7 +2,8 @@
 
 McRae, Shah & Edelman (2016), *Circuitscape: modeling landscape connectivity to promote conservation and human health*,
 and the user guide of Circuitscape 5.  Between neighbouring cells lies the mean of their resistances (or the
-conductance that is the mean of their conductances); diagonal neighbours are sqrt(2) further apart.
+conductance that is the mean of their conductances); diagonal neighbours are sqrt(2) further apart.  Rasters are ESRI
+ASCII grids.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import configparser
 import os
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,48 +19,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.netlist import Netlist
-from resgrid.spice.networks.edges import Measure, NetworkParts, grounded_netlist, read_table
-from resgrid.spice.read.files import decode, normalise, read_bytes
+from resgrid.spice.networks.edges import Measure, Network, read_edges
+from resgrid.spice.read.files import decode, normalise, read_bytes, read_text
 
 _TRUE, _FALSE = frozenset({"true", "yes", "1"}), frozenset({"false", "no", "0"})
 _CONFLICTS = ("keepall", "rmvsrc", "rmvgnd", "rmvall")
 _UNSUPPORTED = ("use_mask", "use_reclass_table", "use_variable_source_strengths", "use_included_pairs")
-
-
 _KEYS = frozenset({"ncols", "nrows", "xllcorner", "yllcorner", "xllcenter", "yllcenter", "cellsize", "nodata_value"})
 _MAX_CELLS = 2**28
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _LIST = re.compile(r"\s*([-+.\deE]+[ \t,]+){2}[-+.\deE]+[ \t]*\n")
-
-
-@dataclass(frozen=True, eq=False)
-class Raster:
-    """A raster map.
-
-    `source`: the file, as displayed; `values` (rows, columns): top row first; `present` (rows, columns): whether a
-    cell has a value.
-    """
-
-    source: str
-    values: NDArray[np.float64]
-    present: NDArray[np.bool_]
-
-    def filled(self, value: float) -> NDArray[np.float64]:
-        """Values, with ``value`` where there is none."""
-        return np.where(self.present, self.values, value)
-
-
-@dataclass(frozen=True, eq=False)
-class Network:
-    """A resistor network that was read.
-
-    `cell_node` (rows, columns): node of every cell of a raster, top row first, -1 where there is none; None for a
-    plain network.
-    """
-
-    netlist: Netlist
-    cell_node: NDArray[np.int64] | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,10 +42,10 @@ class _Configuration:
         value = self.values.get(key, default)
         if value is None:
             raise InputError(f"{self.path}: the key {key!r} is missing")
-        return value
+        return value.strip()
 
     def flag(self, key: str, default: bool = False) -> bool:
-        word = self.text(key, str(default)).strip().lower()
+        word = self.text(key, str(default)).lower()
         if word in _TRUE or word in _FALSE:
             return word in _TRUE
         raise InputError(f"{self.path}: {key} = {word!r} is neither True nor False")
@@ -86,40 +55,51 @@ class _Configuration:
 
     def file(self, key: str) -> Path:
         """A file that the configuration names: as it says, or beside it."""
-        wanted = self.text(key).strip()
-        for candidate in (self.folder / wanted, self.folder / Path(wanted.replace("\\", "/")).name):
+        name = self.text(key)
+        for candidate in (self.folder / name, self.folder / Path(name.replace("\\", "/")).name):
             try:
                 path = candidate.resolve()
                 if path.is_relative_to(self.root) and path.is_file():
                     return path
             except (OSError, ValueError, RuntimeError):
                 continue
-        raise InputError(f"{self.path}: {key} = {wanted!r} is no file at or below {str(self.root)!r}")
+        raise InputError(f"{self.path}: {key} = {name!r} is no file at or below {str(self.root)!r}")
 
 
-def read_circuitscape(path: str | os.PathLike[str], *, root: str | os.PathLike[str] | None = None) -> Network:
-    """Read a Circuitscape configuration in advanced mode, and the files it names."""
+def read_circuitscape(
+    path: str | os.PathLike[str], *, root: str | os.PathLike[str] | None = None
+) -> tuple[Network, NDArray[np.int64] | None]:
+    """Read a Circuitscape configuration in advanced mode, and the files it names.
+
+    Of a raster also the node of every cell, shape (rows, columns), top row first, -1 where there is none.
+    """
     configuration = _read_configuration(path, root)
-    scenario = configuration.text("scenario").strip().lower()
+    scenario = configuration.text("scenario").lower()
     if scenario != "advanced":
         raise InputError(f"{configuration.path}: the scenario {scenario!r} is not read; only 'advanced' is one circuit")
     for key in _UNSUPPORTED:
         if configuration.flag(key):
             raise InputError(f"{configuration.path}: {key} is not understood; apply it to the files first")
-    kind = configuration.text("data_type", "raster").strip().lower()
-    if kind == "network":
-        return _network(configuration)
+    kind = configuration.text("data_type", "raster").lower()
     if kind == "raster":
-        return _raster(configuration)
-    raise InputError(f"{configuration.path}: data_type = {kind!r} is neither 'network' nor 'raster'")
+        return _read_rasters(configuration)
+    if kind != "network":
+        raise InputError(f"{configuration.path}: data_type = {kind!r} is neither 'network' nor 'raster'")
+    network = read_edges(
+        configuration.file("habitat_file"),
+        configuration.file("source_file"),
+        configuration.file("ground_file"),
+        measure=configuration.measure("habitat_map_is_resistances"),
+        ground_measure=configuration.measure("ground_file_is_resistances"),
+    )
+    return _settled(configuration, network), None
 
 
 def _read_configuration(path: str | os.PathLike[str], root: str | os.PathLike[str] | None) -> _Configuration:
     name = os.fspath(path)
-    text = decode(normalise(read_bytes(Path(name), name), name))
     parser = configparser.ConfigParser(interpolation=None, strict=False)
     try:
-        parser.read_string(text, source=name)
+        parser.read_string(read_text(path), source=name)
     except configparser.Error as error:
         raise InputError(f"{name} is no configuration: {str(error).splitlines()[0]}") from None
     values = {key: value for section in parser.sections() for key, value in parser.items(section)}
@@ -127,40 +107,58 @@ def _read_configuration(path: str | os.PathLike[str], root: str | os.PathLike[st
     return _Configuration(name, folder, folder if root is None else Path(root).resolve(), values)
 
 
-def _network(configuration: _Configuration) -> Network:
-    edges = read_table(configuration.file("habitat_file"), 2, "edge")
-    parts = NetworkParts.of_edges(edges, configuration.measure("habitat_map_is_resistances"))
-    parts.feed(read_table(configuration.file("source_file"), 1, "source"))
-    parts.ground(
-        read_table(configuration.file("ground_file"), 1, "ground"), configuration.measure("ground_file_is_resistances")
-    )
-    parts.amps, parts.to_ground = _settled(configuration, parts.amps, parts.to_ground)
-    return Network(parts.netlist())
-
-
-def _settled(
-    configuration: _Configuration, amps: NDArray[np.float64], to_ground: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _settled(configuration: _Configuration, network: Network) -> Network:
     """What the options of the advanced mode make of sources and grounds."""
+    amps, to_ground = network.amps, network.to_ground
     if configuration.flag("use_unit_currents"):
         amps = (amps != 0).astype(np.float64)
     if configuration.flag("use_direct_grounds"):
         to_ground = np.where(to_ground > 0, np.inf, to_ground)
-    policy = configuration.text("remove_src_or_gnd", "keepall").strip().lower()
+    policy = configuration.text("remove_src_or_gnd", "keepall").lower()
     if policy not in _CONFLICTS:
         raise InputError(f"{configuration.path}: remove_src_or_gnd = {policy!r} is none of {', '.join(_CONFLICTS)}")
     both = (amps != 0) & (to_ground > 0)
-    if policy in ("rmvsrc", "rmvall"):
-        amps = np.where(both, 0.0, amps)
-    if policy in ("rmvgnd", "rmvall"):
-        to_ground = np.where(both, 0.0, to_ground)
-    return amps, to_ground
+    return replace(
+        network,
+        amps=np.where(both, 0.0, amps) if policy in ("rmvsrc", "rmvall") else amps,
+        to_ground=np.where(both, 0.0, to_ground) if policy in ("rmvgnd", "rmvall") else to_ground,
+    )
 
 
-def _raster(configuration: _Configuration) -> Network:
-    habitat = read_raster(configuration.file("habitat_file"))
-    conductance = _cell_conductance(habitat, configuration.measure("habitat_map_is_resistances"))
-    polygon = _polygons(configuration, habitat)
+@dataclass(frozen=True, eq=False)
+class _Raster:
+    """Values (rows, columns), top row first, and which cells have one."""
+
+    source: str
+    values: NDArray[np.float64]
+    present: NDArray[np.bool_]
+
+    def filled(self, value: float) -> NDArray[np.float64]:
+        """Values, with ``value`` where there is none."""
+        return np.where(self.present, self.values, value)
+
+    def siemens(self, measure: Measure) -> NDArray[np.float64]:
+        """Conductance of every cell, 0 where there is nothing."""
+        if measure == "conductance":
+            return self.filled(0.0)
+        with np.errstate(divide="ignore"):
+            return np.where(self.present, 1.0 / self.values, 0.0)
+
+
+def _read_rasters(configuration: _Configuration) -> tuple[Network, NDArray[np.int64]]:
+    habitat = _read_raster(configuration.file("habitat_file"))
+    measure = configuration.measure("habitat_map_is_resistances")
+    wrong = habitat.present & ((habitat.values < 0) | ((habitat.values == 0) & (measure == "resistance")))
+    if wrong.any():
+        row, column = np.argwhere(wrong)[0].tolist()
+        raise InputError(
+            f"{habitat.source}: the cell in row {row}, column {column} (from 0) has a {measure} of "
+            f"{habitat.values[row, column]:g}; regions without resistance are short-circuit polygons"
+        )
+    conductance = habitat.siemens(measure)
+    polygon = np.zeros(conductance.shape)
+    if configuration.flag("use_polygons"):
+        polygon = np.maximum(_like(configuration, "polygon_file", habitat).filled(0.0), 0.0)
     node, names = _number_cells(conductance, polygon)
     edges, value = _links(
         conductance,
@@ -168,52 +166,23 @@ def _raster(configuration: _Configuration) -> Network:
         mean_resistance=configuration.flag("connect_using_avg_resistances"),
         diagonals=not configuration.flag("connect_four_neighbors_only"),
     )
-    amps = _gathered(_like(configuration, "source_file", habitat).filled(0.0), node, len(names))
-    tied = _ground_conductance(configuration, habitat)
-    amps, to_ground = _settled(configuration, amps, _gathered(tied, node, len(names)))
-    return Network(grounded_netlist(names, edges, value, amps, to_ground), node)
+    ground = _like(configuration, "ground_file", habitat)
+    if np.any(ground.filled(0.0) < 0):
+        raise InputError(f"{ground.source}: a ground has a negative value")
+    amps = _like(configuration, "source_file", habitat).filled(0.0)
+    tied = ground.siemens(configuration.measure("ground_file_is_resistances"))
+    network = Network(names, edges, value, _gathered(amps, node, len(names)), _gathered(tied, node, len(names)))
+    return _settled(configuration, network), node
 
 
-def _cell_conductance(habitat: Raster, measure: Measure) -> NDArray[np.float64]:
-    """Conductance of every cell in siemens, 0 where there is nothing."""
-    values = habitat.filled(0.0)
-    wrong = habitat.present & ((values < 0) | ((values == 0) & (measure == "resistance")))
-    if wrong.any():
-        row, column = np.argwhere(wrong)[0].tolist()
-        raise InputError(
-            f"{habitat.source}: the cell in row {row}, column {column} (from 0) has a {measure} of "
-            f"{values[row, column]:g}; regions without resistance are short-circuit polygons"
-        )
-    if measure == "conductance":
-        return values
-    return np.where(habitat.present, 1.0 / np.where(habitat.present, values, 1.0), 0.0)
-
-
-def _like(configuration: _Configuration, key: str, habitat: Raster) -> Raster:
-    raster = read_raster(configuration.file(key))
+def _like(configuration: _Configuration, key: str, habitat: _Raster) -> _Raster:
+    raster = _read_raster(configuration.file(key))
     if raster.values.shape != habitat.values.shape:
         raise InputError(
             f"{raster.source} has {raster.values.shape[0]} x {raster.values.shape[1]} cells, but the habitat has "
             f"{habitat.values.shape[0]} x {habitat.values.shape[1]}"
         )
     return raster
-
-
-def _polygons(configuration: _Configuration, habitat: Raster) -> NDArray[np.float64]:
-    if not configuration.flag("use_polygons"):
-        return np.zeros(habitat.values.shape)
-    return np.maximum(_like(configuration, "polygon_file", habitat).filled(0.0), 0.0)
-
-
-def _ground_conductance(configuration: _Configuration, habitat: Raster) -> NDArray[np.float64]:
-    raster = _like(configuration, "ground_file", habitat)
-    values = raster.filled(0.0)
-    if np.any(values < 0):
-        raise InputError(f"{raster.source}: a ground has a negative value")
-    if configuration.measure("ground_file_is_resistances") == "conductance":
-        return values
-    with np.errstate(divide="ignore"):
-        return np.where(raster.present, 1.0 / values, 0.0)
 
 
 def _number_cells(
@@ -258,14 +227,13 @@ def _gathered(values: NDArray[np.float64], node: NDArray[np.int64], count: int) 
     return np.asarray(np.bincount(node[there], values[there], count), dtype=np.float64)
 
 
-def read_raster(path: str | os.PathLike[str]) -> Raster:
+def _read_raster(path: Path) -> _Raster:
     """Read an ESRI ASCII grid."""
-    source = os.fspath(path)
-    data = read_bytes(Path(source), source)
+    source = str(path)
+    data = read_bytes(path, source)
     if data.startswith(_TIFF):
         raise InputError(f"{source} is a GeoTIFF, which is not read here; write it as an ESRI ASCII grid (.asc)")
-    text = decode(normalise(data, source))
-    header, body = _header(text, source)
+    header, body = _header(decode(normalise(data, source)), source)
     if not header and _LIST.match(body):
         raise InputError(f"{source} is a list of points, which is not read here; write it as an ESRI ASCII grid (.asc)")
     rows, columns = (_count(header, key, source) for key in ("nrows", "ncols"))
@@ -278,27 +246,26 @@ def read_raster(path: str | os.PathLike[str]) -> Raster:
         values = np.array(list(map(float, words)), dtype=np.float64).reshape(rows, columns)
     except ValueError as error:
         raise InputError(f"{source}: a cell is no number ({error})") from None
-    present = np.isfinite(values) & (values != header.get("nodata_value", -9999.0))
-    if not np.all(np.isfinite(values) | np.isnan(values)):
+    if np.isinf(values).any():
         raise InputError(f"{source}: a cell is infinite")
-    return Raster(source, values, present)
+    return _Raster(source, values, np.isfinite(values) & (values != header.get("nodata_value", -9999.0)))
 
 
 def _header(text: str, source: str) -> tuple[dict[str, float], str]:
+    """What the lines in front of the cells say, and the rest of the text."""
     header: dict[str, float] = {}
-    position = 0
-    while position < len(text):
-        end = text.find("\n", position)
-        words = text[position : end if end >= 0 else len(text)].split()
-        if words and words[0].lower() not in _KEYS:
-            break
-        if words:
-            try:
-                header[words[0].lower()] = float(words[1])
-            except (IndexError, ValueError):
-                raise InputError(f"{source}: the header line {words[0]!r} has no number") from None
-        position = end + 1 if end >= 0 else len(text)
-    return header, text[position:]
+    lines = text.split("\n")
+    for number, line in enumerate(lines):
+        words = line.split()
+        if not words:
+            continue
+        if words[0].lower() not in _KEYS:
+            return header, "\n".join(lines[number:])
+        try:
+            header[words[0].lower()] = float(words[1])
+        except (IndexError, ValueError):
+            raise InputError(f"{source}: the header line {words[0]!r} has no number") from None
+    return header, ""
 
 
 def _count(header: dict[str, float], key: str, source: str) -> int:

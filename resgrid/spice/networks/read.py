@@ -34,10 +34,10 @@ def read_network(
     """Read a network as if it were a deck."""
     suffix = Path(path).suffix.lower()
     if suffix not in (*GRAPH_SUFFIXES, ".ini"):
-        return _circuit(read_edges(path, measure, sources, grounds), os.fspath(path))
+        return _circuit(read_edges(path, sources, grounds, measure, measure).netlist(), os.fspath(path))
     if measure is not None or sources is not None or grounds is not None:
         raise InputError(f"{os.fspath(path)} names its own sources, grounds and measure; leave those options out")
-    netlist = read_circuitscape(path, root=root).netlist if suffix == ".ini" else read_graph(path)
+    netlist = read_circuitscape(path, root=root)[0].netlist() if suffix == ".ini" else read_graph(path)
     return _circuit(netlist, os.fspath(path))
 
 

@@ -9,6 +9,7 @@ after an operator, a choice within the first branch of a choice.
 from __future__ import annotations
 
 import math
+import operator
 import re
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,23 +29,7 @@ _TOKEN = re.compile(
     r"|(?P<name>[A-Za-z_][\w.$#@]*)"
     r"|(?P<operator>\*\*|==|!=|<>|<=|>=|&&|\|\||[-+*/%\\^!<>?:(),])|(?P<end>$))"
 )
-_BINARY = {
-    "||": 1,
-    "&&": 2,
-    "==": 3,
-    "!=": 3,
-    "<>": 3,
-    "<": 3,
-    ">": 3,
-    "<=": 3,
-    ">=": 3,
-    "+": 4,
-    "-": 4,
-    "*": 5,
-    "/": 5,
-    "%": 5,
-    "\\": 5,
-}
+_PRODUCT = 5
 _POWERS = frozenset({"**", "^"})
 _STATISTICS = frozenset(
     ("agauss", "gauss", "aunif", "unif", "limit", "mc", "flat", "rand", "random", "normal", "table", "v", "i", "ddt")
@@ -178,16 +163,15 @@ class _Reader:
 
     def _binary(self, level: int) -> float:
         left = self._signed()
-        while level <= _BINARY.get(self._now.text, 0):
-            operator = self._now
+        while self._now.text in _BINARY and level <= _BINARY[self._now.text][0]:
+            token = self._now
             self.position += 1
-            left = self._apply(operator, left, self._binary(_BINARY[operator.text] + 1))
+            own_level, function = _BINARY[self.rules.operators.get(token.text, token.text)]
+            right = self._binary(own_level + 1)
+            if token.text in ("/", "\\", "%") and right == 0:
+                raise ExpressionError(token.offset, "division by zero")
+            left = float(function(left, right))
         return left
-
-    def _apply(self, operator: _Token, a: float, b: float) -> float:
-        if operator.text in ("/", "\\", "%") and b == 0:
-            raise ExpressionError(operator.offset, "division by zero")
-        return float(_OPERATIONS[self.rules.operators.get(operator.text, operator.text)](a, b))
 
     def _signed(self) -> float:
         sign = self._now
@@ -199,7 +183,7 @@ class _Reader:
         self.position += 1
         if sign.text == "!":
             return float(not self._signed())
-        value = self._binary(_BINARY["*"]) if leads else self._signed()
+        value = self._binary(_PRODUCT) if leads else self._signed()
         return -value if sign.text == "-" else value
 
     def _refuse_misread(self, sign: _Token) -> None:
@@ -212,15 +196,15 @@ class _Reader:
     def _power(self) -> float:
         negated = self.position > 0 and self.tokens[self.position - 1].text == "!"
         base = self._atom()
-        operator = self._now
-        if operator.text not in _POWERS:
+        sign = self._now
+        if sign.text not in _POWERS:
             return base
-        if operator.text not in self.rules.powers:
+        if sign.text not in self.rules.powers:
             raise ExpressionError(
-                operator.offset, f"{operator.text!r} is no power in {self.rules.name} (perhaps exclusive or); write **"
+                sign.offset, f"{sign.text!r} is no power in {self.rules.name} (perhaps exclusive or); write **"
             )
         if negated and self.rules.narrow_parser:
-            raise ExpressionError(operator.offset, f"{self.rules.name} takes the power of what ! gives: {_PARENS}")
+            raise ExpressionError(sign.offset, f"{self.rules.name} takes the power of what ! gives: {_PARENS}")
         self.position += 1
         negative = self._now
         if negative.text == "-":
@@ -230,7 +214,7 @@ class _Reader:
         exponent = self._atom()
         if self._now.text in _POWERS:
             raise ExpressionError(self._now.offset, "a power of a power: simulators disagree, write parentheses")
-        return _raise(operator, base, -exponent if negative.text == "-" else exponent)
+        return _raise(sign, base, -exponent if negative.text == "-" else exponent)
 
     def _atom(self) -> float:
         token = self._now
@@ -270,31 +254,31 @@ class _Reader:
         return _built_in(token, values, self.rules) if value is None else value
 
 
-_OPERATIONS: dict[str, Callable[[float, float], float | bool]] = {
-    "||": lambda a, b: bool(a or b),
-    "&&": lambda a, b: bool(a and b),
-    "==": lambda a, b: a == b,
-    "!=": lambda a, b: a != b,
-    "<>": lambda a, b: a != b,
-    "<": lambda a, b: a < b,
-    ">": lambda a, b: a > b,
-    "<=": lambda a, b: a <= b,
-    ">=": lambda a, b: a >= b,
-    "+": lambda a, b: a + b,
-    "-": lambda a, b: a - b,
-    "*": lambda a, b: a * b,
-    "/": lambda a, b: a / b,
-    "%": math.fmod,
-    "% of the quotient": lambda a, b: a - b * math.trunc(a / b),
-    "\\": lambda a, b: math.trunc(a / b),
-    "\\ of the magnitude": lambda a, b: math.trunc(abs(a / b)),
+_BINARY: dict[str, tuple[int, Callable[[float, float], float | bool]]] = {
+    "||": (1, lambda a, b: bool(a or b)),
+    "&&": (2, lambda a, b: bool(a and b)),
+    "==": (3, operator.eq),
+    "!=": (3, operator.ne),
+    "<>": (3, operator.ne),
+    "<": (3, operator.lt),
+    ">": (3, operator.gt),
+    "<=": (3, operator.le),
+    ">=": (3, operator.ge),
+    "+": (4, operator.add),
+    "-": (4, operator.sub),
+    "*": (_PRODUCT, operator.mul),
+    "/": (_PRODUCT, operator.truediv),
+    "%": (_PRODUCT, math.fmod),
+    "% of the quotient": (_PRODUCT, lambda a, b: a - b * math.trunc(a / b)),
+    "\\": (_PRODUCT, lambda a, b: math.trunc(a / b)),
+    "\\ of the magnitude": (_PRODUCT, lambda a, b: math.trunc(abs(a / b))),
 }
-"""What operators do; `ReadingRules.operators` says where a dialect's differ from their symbols."""
+"""How tightly operators bind, and what they do; `ReadingRules.operators` says where a dialect's differ."""
 
 
-def _raise(operator: _Token, base: float, exponent: float) -> float:
+def _raise(token: _Token, base: float, exponent: float) -> float:
     if base < 0 and exponent % 2:
-        raise ExpressionError(operator.offset, f"{base!r} to the power {exponent!r}: simulators disagree about that")
+        raise ExpressionError(token.offset, f"{base!r} to the power {exponent!r}: simulators disagree about that")
     return float(base**exponent)
 
 
@@ -316,44 +300,32 @@ def _built_in(token: _Token, values: list[float], rules: ReadingRules) -> float:
         raise ExpressionError(token.offset, f"{token.text}({shown}) has no value") from None
 
 
-def _nearest(x: float) -> float:
-    return float(round(x))
-
-
+_ONE_ARGUMENT: dict[str, Callable[[float], float]] = {
+    **{name: getattr(math, name) for name in ("sqrt", "exp", "log10", "floor", "ceil")},
+    **{name: getattr(math, name) for name in ("sin", "cos", "tan", "asin", "acos", "atan")},
+    **{name: getattr(math, name) for name in ("sinh", "cosh", "tanh", "asinh", "acosh", "atanh")},
+    "ln": math.log,
+    "abs": abs,
+    "int": math.trunc,
+    "nint": round,
+    "sgn": lambda x: (x > 0) - (x < 0),
+    "step": lambda x: x > 0,
+    "step_half": lambda x: x > 0.5,
+    "ramp": lambda x: max(x, 0.0),
+}
+_TWO_ARGUMENTS: dict[str, Callable[[float, float], float]] = {
+    "min": min,
+    "max": max,
+    "atan2": math.atan2,
+    "hypot": math.hypot,
+    "pow": math.pow,
+    "pow_integer": lambda x, y: math.pow(x, math.trunc(y)),
+    "pwr": lambda x, y: math.pow(abs(x), y),
+    "pwr_signed": lambda x, y: math.copysign(math.pow(abs(x), y), x),
+}
 FUNCTIONS: dict[str, tuple[int, Callable[..., float]]] = {
-    "sqrt": (1, math.sqrt),
-    "exp": (1, math.exp),
-    "ln": (1, math.log),
-    "log10": (1, math.log10),
-    "abs": (1, abs),
-    "int": (1, math.trunc),
-    "nint": (1, _nearest),
-    "floor": (1, math.floor),
-    "ceil": (1, math.ceil),
-    "sgn": (1, lambda x: (x > 0) - (x < 0)),
-    "sin": (1, math.sin),
-    "cos": (1, math.cos),
-    "tan": (1, math.tan),
-    "asin": (1, math.asin),
-    "acos": (1, math.acos),
-    "atan": (1, math.atan),
-    "sinh": (1, math.sinh),
-    "cosh": (1, math.cosh),
-    "tanh": (1, math.tanh),
-    "asinh": (1, math.asinh),
-    "acosh": (1, math.acosh),
-    "atanh": (1, math.atanh),
-    "step": (1, lambda x: x > 0),
-    "step_half": (1, lambda x: x > 0.5),
-    "ramp": (1, lambda x: max(x, 0.0)),
-    "min": (2, min),
-    "max": (2, max),
-    "atan2": (2, math.atan2),
-    "hypot": (2, math.hypot),
-    "pow": (2, math.pow),
-    "pow_integer": (2, lambda x, y: math.pow(x, math.trunc(y))),
-    "pwr": (2, lambda x, y: math.pow(abs(x), y)),
-    "pwr_signed": (2, lambda x, y: math.copysign(math.pow(abs(x), y), x)),
+    **{name: (1, function) for name, function in _ONE_ARGUMENT.items()},
+    **{name: (2, function) for name, function in _TWO_ARGUMENTS.items()},
     "if": (3, lambda condition, this, that: this if condition else that),
     "limit": (3, lambda x, low, high: min(max(x, min(low, high)), max(low, high))),
 }

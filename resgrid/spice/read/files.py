@@ -118,3 +118,9 @@ def decode(data: bytes) -> str:
         return data.decode()
     except UnicodeDecodeError:
         return data.decode("latin-1")
+
+
+def read_text(path: str | os.PathLike[str]) -> str:
+    """Text of a file: LF line ends, a final one."""
+    name = os.fspath(path)
+    return decode(normalise(read_bytes(Path(name), name), name))

@@ -15,7 +15,6 @@ from numba import njit
 from numpy.typing import NDArray
 
 from resgrid.jit import inner
-from resgrid.spice.read.decimal_kernels import read_decimal
 
 Bytes = NDArray[np.uint8]
 
@@ -109,14 +108,13 @@ class NodeHash(NamedTuple):
 
 
 class CardTable(NamedTuple):
-    """Plain cards: kinds, spans of names, nodes, bits of values, how those were read, their spans, lines."""
+    """Plain cards: kinds, spans of names, nodes, spans of values, whether those are decimal numbers, lines."""
 
     kind: NDArray[np.uint8]
     name: NDArray[np.int32]
     nodes: NDArray[np.int32]
-    value: NDArray[np.uint64]
-    outcome: NDArray[np.uint8]
-    token: NDArray[np.int32]
+    value: NDArray[np.int32]
+    decimal: NDArray[np.bool_]
     line: NDArray[np.int32]
 
 
@@ -221,15 +219,32 @@ def cut(  # noqa: PLR0912, PLR0915
 
 
 @njit(cache=True, inline="always")
-def _begins_number(c: int) -> bool:
-    """Whether it is a digit, a sign or a point."""
-    return 48 <= c <= 57 or 45 <= c <= 46 or c == 43
-
-
-@njit(cache=True, inline="always")
 def _is_strange(c: int) -> bool:
     """Whether it is a control character, or part of one that may be blank beyond ASCII."""
     return c < 32 or c > 126
+
+
+@njit(cache=True, inline="always")
+def _is_digit(c: int) -> bool:
+    return 48 <= c <= 57
+
+
+@inner
+def _is_decimal(text: Bytes, start: int, stop: int) -> bool:
+    """Whether a word is a number without a suffix: a sign, digits with a point among them, an exponent."""
+    i = start + (text[start] == 45 or text[start] == 43)
+    digits, points = 0, 0
+    while i < stop and (_is_digit(text[i]) or (text[i] == 46 and points == 0)):
+        points += text[i] == 46
+        digits += text[i] != 46
+        i += 1
+    if i < stop and text[i] | 32 == 101:
+        i += 1
+        i += i < stop and (text[i] == 45 or text[i] == 43)
+        digits *= i < stop
+        while i < stop and _is_digit(text[i]):
+            i += 1
+    return i == stop and digits > 0
 
 
 @inner
@@ -269,12 +284,12 @@ def _card(
     stop = _skip_blanks(text, v_stop)
     if text[stop] != 10 or min(a - name_stop, b - a_stop, v - b_stop, v_stop - v) == 0:
         return -1, node_count
-    if not _begins_number(text[v]):
+    if not (_is_digit(text[v]) or 45 <= text[v] <= 46 or text[v] == 43):  # a sign or a point
         return -1, node_count
     if has_slashes and _comments_out(text, start, v_stop):
         return -1, node_count
-    cards.outcome[card], cards.value[card] = read_decimal(text, v, v_stop)
-    cards.token[card, 0], cards.token[card, 1] = v, v_stop
+    cards.decimal[card] = _is_decimal(text, v, v_stop)
+    cards.value[card, 0], cards.value[card, 1] = v, v_stop
     cards.name[card, 0], cards.name[card, 1] = start, name_stop
     node = _node(text, a, a_stop, a_key, known, node_count, line)
     node_count += node == node_count

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,9 @@ from resgrid.spice.dialects.reading import ReadingRules
 from resgrid.spice.read.files import decode
 from resgrid.spice.read.numerals import Numeral, parse_numeral
 from resgrid.spice.read.tables import Names
+
+if TYPE_CHECKING:
+    from resgrid.spice.read.kernels import CardTable
 
 LEAST_BYTES = 40_000
 """Below this size the compiled loops cost more to load than they save."""
@@ -74,21 +77,25 @@ def scan(data: bytes, start: int, rules: ReadingRules) -> Bulk | None:
         keys=np.empty(2 * rows + 1, dtype=np.uint64),
         spans=np.empty((2 * rows + 1, 3), dtype=np.int64),
     )
-    kind, outcome = np.empty(rows, dtype=np.uint8), np.empty(rows, dtype=np.uint8)
-    name, nodes, token = (np.empty((rows, 2), dtype=np.int32) for _ in range(3))
-    value, line = np.empty(rows), np.empty(rows, dtype=np.int32)
+    cards = CardTable(
+        kind=np.empty(rows, dtype=np.uint8),
+        name=np.empty((rows, 2), dtype=np.int32),
+        nodes=np.empty((rows, 2), dtype=np.int32),
+        value=np.empty((rows, 2), dtype=np.int32),
+        decimal=np.empty(rows, dtype=np.bool_),
+        line=np.empty(rows, dtype=np.int32),
+    )
     other = np.empty((rows + 1, 3), dtype=np.int64)
-    cards = CardTable(kind, name, nodes, value.view(np.uint64), outcome, token, line)
     first_line = data.count(b"\n", 0, start) + 1
     ended, count, others, node_count = cut(
         text, start, first_line, b"//" in data, _comment_starts(rules), _words(rules), known, cards, other
     )
     if ended == TOO_HARD:
         return None
-    value = value[:count]
-    plain = _read_values(text, value, outcome[:count], token[:count], rules)
-    plain &= (kind[:count] != _CAPACITOR) | (value >= 0)
-    other = _with_demoted(other[:others], line[:count][~plain], data)
+    cards = CardTable._make(column[:count] for column in cards)
+    value = _values(text, cards, rules)
+    plain = np.isfinite(value) & ((cards.kind != _CAPACITOR) | (value >= 0))
+    other = _with_demoted(other[:others], cards.line[~plain], data)
     keep = slice(count) if plain.all() else np.flatnonzero(plain)
     spans = known.spans[:node_count]
     longest = max(map(len, rules.grounds))
@@ -96,12 +103,12 @@ def scan(data: bytes, start: int, rules: ReadingRules) -> Bulk | None:
         node_names=_texts(text, spans[:, :2]),
         node_line=spans[:, 2],
         short=np.flatnonzero(spans[:, 1] - spans[:, 0] <= longest).tolist(),
-        kind=kind[keep],
+        kind=cards.kind[keep],
         text=text,
-        span=name[keep],
-        nodes=nodes[keep],
-        value=value if plain.all() else value[plain],
-        line=line[keep],
+        span=cards.name[keep],
+        nodes=cards.nodes[keep],
+        value=value[keep],
+        line=cards.line[keep],
         other=other,
     )
 
@@ -118,33 +125,21 @@ def _comment_starts(rules: ReadingRules) -> NDArray[np.bool_]:
     return starts
 
 
-def _read_values(
-    text: NDArray[np.uint8],
-    value: NDArray[np.float64],
-    outcome: NDArray[np.uint8],
-    token: NDArray[np.int32],
-    rules: ReadingRules,
-) -> NDArray[np.bool_]:
-    """Read the numbers that the compiled loop left; returns which cards have one without any doubt about it."""
-    from resgrid.spice.read.decimal_kernels import LONG, OTHER
-
-    plain = np.ones(len(value), dtype=np.bool_)
-    long = np.flatnonzero(outcome == LONG)
-    if long.size:
-        value[long] = list(map(float, _texts(text, token[long])))
-        plain[long] = np.isfinite(value[long]) & (value[long] != 0)
-    read: dict[str, float | None] = {}
-    for card, word in zip(
-        np.flatnonzero(outcome == OTHER).tolist(), _texts(text, token[outcome == OTHER]), strict=True
-    ):
+def _values(text: NDArray[np.uint8], cards: CardTable, rules: ReadingRules) -> NDArray[np.float64]:
+    """Values of cards, NaN or infinite where there is any doubt about one; shape (n,)."""
+    value = np.full(len(cards.kind), np.nan)
+    decimal = cards.decimal
+    value[decimal] = np.fromiter(map(float, _words_at(text, cards.value[decimal])), np.float64)
+    zero = np.flatnonzero(value == 0)
+    underflows = [word.lower().partition(b"e")[0].strip(b"+-0.") != b"" for word in _words_at(text, cards.value[zero])]
+    value[zero[underflows]] = np.nan
+    read: dict[bytes, float] = {}
+    for card, word in zip(np.flatnonzero(~decimal).tolist(), _words_at(text, cards.value[~decimal]), strict=True):
         if word not in read:
-            numeral = parse_numeral(word, rules)
-            read[word] = numeral.value if isinstance(numeral, Numeral) and not numeral.warning else None
-        known = read[word]
-        plain[card] = known is not None
-        if known is not None:
-            value[card] = known
-    return plain
+            numeral = parse_numeral(word.decode("ascii"), rules)
+            read[word] = numeral.value if isinstance(numeral, Numeral) and not numeral.warning else np.nan
+        value[card] = read[word]
+    return value
 
 
 def _with_demoted(other: NDArray[np.int64], lines: NDArray[np.int32], data: bytes) -> NDArray[np.int64]:
@@ -156,6 +151,12 @@ def _with_demoted(other: NDArray[np.int64], lines: NDArray[np.int32], data: byte
     starts = np.where(lines > 1, ends[np.maximum(lines.astype(np.int64) - 2, 0)] + 1, 0)
     rows = np.concatenate([other, np.stack([starts, stops, lines.astype(np.int64)], axis=1)])
     return rows[np.argsort(rows[:, 2], kind="stable")]
+
+
+def _words_at(text: NDArray[np.uint8], spans: NDArray[np.integer[Any]]) -> list[bytes]:
+    from resgrid.spice.read.kernels import gather
+
+    return gather(text, spans.astype(np.int64)).tobytes().split(b"\n")[:-1]
 
 
 def _texts(text: NDArray[np.uint8], spans: NDArray[np.integer[Any]]) -> list[str]:

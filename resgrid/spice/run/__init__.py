@@ -17,6 +17,9 @@ class Engine(Protocol):
         ...
 
 
+SIMULATED = "ngspice"
+"""The dialect that all of them read."""
+
 ENGINES: dict[str, Engine] = {"ngspice": simulate, "eecircuit": simulate_eecircuit}
 
 

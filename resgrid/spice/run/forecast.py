@@ -1,4 +1,4 @@
-"""How long a simulator will take, and how much memory, told before it starts.
+"""How long a simulator will take, and how much memory, estimated before it starts.
 
 ngspice up to version 41 orders its matrix by Markowitz's rule with linear searches.  Measured with version 39 on grids
 of 16^2 to 256^2 cells, cubes of 10^3 to 26^3 nodes, four dimensions, chains, trees and random networks, its time goes
@@ -20,9 +20,7 @@ from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.parsed import ParsedDeck
 from resgrid.spice.subject import Subject, connected_parts_of, subject_of
 
-SLOW = 60.0
-"""Seconds from which a run counts as slow."""
-
+_FIRST_WITH_KLU = 42
 _RANDOM_WIDTH = 0.117
 """Random networks have few levels: their width counts as at most this times the neighbours and ``size**(2/3)``."""
 
@@ -35,20 +33,10 @@ COSTS = {engine: costs for dialect in DIALECTS.values() for engine, costs in dia
 class Forecast:
     """What a run of a simulator is expected to take.
 
-    Attributes
-    ----------
-    engine : str
-        ``"ngspice"`` (Markowitz ordering), ``"ngspice-klu"`` or ``"eecircuit"`` (both KLU).
-    seconds : float
-        Wall-clock time; right within a factor of three or so.
-    memory : float
-        Peak memory, in bytes.
-    core_nodes : int
-        Nodes whose elimination fills the matrix: what is left when loose ends and known voltages are taken away.
-    core_width : float
-        Nodes of the core a breadth-first level.
-    slow : bool
-        Whether it takes more than a minute.
+    `engine`: ``"ngspice"`` (Markowitz ordering), ``"ngspice-klu"`` or ``"eecircuit"`` (both KLU); `seconds`: wall-clock
+    time, right within a factor of three or so; `memory`: at its peak, in bytes; `core_nodes`: nodes whose elimination
+    fills the matrix: what is left when loose ends and known voltages are taken away; `core_width`: nodes of the core a
+    breadth-first level.
     """
 
     engine: str
@@ -57,11 +45,6 @@ class Forecast:
     core_nodes: int
     core_width: float
 
-    @property
-    def slow(self) -> bool:
-        """Whether it takes more than a minute."""
-        return self.seconds > SLOW
-
     def __str__(self) -> str:
         return (
             f"{self.engine} will take about {_duration(self.seconds)} and {self.memory / 2**20:,.0f} MiB "
@@ -69,34 +52,9 @@ class Forecast:
         )
 
 
-_FIRST_WITH_KLU = 42
-
-
-def costs_named(engine: str, version: str) -> str:
-    """Key of `COSTS` for an engine: ngspice is another from version 42 on, the first with KLU."""
-    major = version.partition(".")[0].rstrip("+")
-    has_klu = engine == "ngspice" and major.isdecimal() and int(major) >= _FIRST_WITH_KLU
-    return "ngspice-klu" if has_klu else engine
-
-
-def forecast_run(circuit: Netlist | ParsedDeck, engine: str = "ngspice") -> Forecast:
-    """Foretell time and memory of a simulator's operating point, in time proportional to the elements.
-
-    Parameters
-    ----------
-    circuit : Netlist or ParsedDeck
-    engine : {"ngspice", "ngspice-klu", "eecircuit"}
-        A key of `COSTS`; see `costs_named`.
-
-    Returns
-    -------
-    Forecast
-
-    Raises
-    ------
-    InputError
-        If nothing is known of the engine.
-    """
+def forecast(circuit: Netlist | ParsedDeck, engine: str = "ngspice", version: str = "") -> Forecast:
+    """Time and memory of a simulator's operating point, in time proportional to the elements."""
+    engine = _engine_of(engine, version)
     if engine not in COSTS:
         raise InputError(f"nothing is known of the engine {engine!r}; it may be one of {', '.join(COSTS)}")
     subject = subject_of(circuit)
@@ -106,6 +64,13 @@ def forecast_run(circuit: Netlist | ParsedDeck, engine: str = "ngspice") -> Fore
     seconds = costs.start + costs.element * elements + costs.core * width**costs.width_power * size**costs.size_power
     memory = costs.start_bytes + costs.element_bytes * elements + costs.fill_bytes * size * width
     return Forecast(engine, seconds, memory, size, width)
+
+
+def _engine_of(engine: str, version: str) -> str:
+    """Ngspice is another engine from version 42 on, the first with KLU."""
+    major = version.partition(".")[0].rstrip("+")
+    has_klu = engine == "ngspice" and major.isdecimal() and int(major) >= _FIRST_WITH_KLU
+    return "ngspice-klu" if has_klu else engine
 
 
 def require_time(expected: Forecast, timeout: float) -> None:

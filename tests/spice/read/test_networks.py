@@ -84,11 +84,11 @@ def test_rasters_by_hand(tmp_path: Path) -> None:
     make_raster(tmp_path, "in.asc", ["2 -9999 -9999", "-9999 -9999 -9999"])
     make_raster(tmp_path, "out.asc", ["-9999 -9999 -9999", "-9999 -9999 0"])
     make_raster(tmp_path, "same.asc", ["-9999 4 -9999", "-9999 4 -9999"])
-    assert voltages(read_circuitscape(configuration(tmp_path)).netlist)["r0_c0"] == pytest.approx(2 * (2 + 4 + 3))
-    merged = read_circuitscape(configuration(tmp_path, use_polygons=True, polygon_file="same.asc"))
-    assert voltages(merged.netlist)["r0_c0"] == pytest.approx(2 * (2 + 3))
-    assert merged.cell_node is not None
-    assert merged.cell_node[0, 1] == merged.cell_node[1, 1]
+    assert voltages(read_spice(configuration(tmp_path)).netlist())["r0_c0"] == pytest.approx(2 * (2 + 4 + 3))
+    merged, node = read_circuitscape(configuration(tmp_path, use_polygons=True, polygon_file="same.asc"))
+    assert voltages(merged.netlist())["r0_c0"] == pytest.approx(2 * (2 + 3))
+    assert node is not None
+    assert node[0, 1] == node[1, 1]
     conducting = configuration(tmp_path, habitat_map_is_resistances=False, connect_using_avg_resistances=False)
     assert voltages(read_spice(conducting).netlist())["r0_c0"] == pytest.approx(2 * (1 / 2 + 1 / 4 + 1 / 3))
     diagonal = voltages(read_spice(configuration(tmp_path, connect_four_neighbors_only=False)).netlist())
@@ -141,4 +141,4 @@ def test_maps_in_other_formats_are_named(tmp_path: Path, content: bytes, kind: s
     make_raster(tmp_path, "out.asc", ["-9999 -9999", "-9999 0"])
     (tmp_path / "in.asc").write_bytes(content)
     with pytest.raises(InputError, match=kind):
-        read_circuitscape(configuration(tmp_path))
+        read_spice(configuration(tmp_path))

@@ -65,9 +65,9 @@ def test_networks_of_circuitscape(cases: Path, number: int) -> None:
 @pytest.mark.parametrize(("number", "error"), [(2, 1e-7), (5, 1e-7)])
 def test_rasters_of_circuitscape(cases: Path, number: int, error: float) -> None:
     folder = cases / "circuitscape" / f"raster{number}"
-    network = read_circuitscape(folder / f"mgVerify{number}.ini")
-    assert network.cell_node is not None
-    voltage = solve(network.netlist).voltage
-    found = np.where(network.cell_node >= 0, voltage[network.cell_node], 0.0)
+    network, node = read_circuitscape(folder / f"mgVerify{number}.ini")
+    assert node is not None
+    voltage = solve(network.netlist()).voltage
+    found = np.where(node >= 0, voltage[node], 0.0)
     expected = np.loadtxt(folder / f"mgVerify{number}_voltmap.asc", skiprows=6)
     assert np.max(np.abs(found - expected)) < error * np.max(np.abs(expected))

@@ -1,4 +1,4 @@
-"""How fast a robot may be while its grid settles: the pace of settling at which arrival fails."""
+"""Hidden obstacles that are announced: how the change spreads, and how fast a robot may be while its grid settles."""
 
 from __future__ import annotations
 
@@ -8,11 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.control.learning import solve_again
 from resgrid.control.log import Ending, Mode, Run
-from resgrid.control.relaxation import TICK, Relaxation, RelaxingGrid, check_same_grid
+from resgrid.control.relaxation import TICK, Relaxation, RelaxingGrid
 from resgrid.control.simulation import Simulation
 from resgrid.errors import InputError
-from resgrid.frozen import frozen
+from resgrid.frozen import frozen, picture_html
 from resgrid.space import ConfigurationSpace
 
 BITS = 10
@@ -93,54 +94,124 @@ def announce_hidden(sim: Simulation, relaxation: Relaxation) -> Simulation:
     truth = sim.plant.true_space(sim.space)
     if not truth.goal_count:
         raise InputError("the hidden obstacles cover every goal cell: move a goal, or an obstacle")
-    controller = sim.controller.with_field(sim.resolve(truth))
-    return replace(sim, controller=controller, learn=False, relaxation=relaxation, before=sim.space)
+    field = sim.controller.field
+    controller = sim.controller.with_field(solve_again(field, truth))
+    return replace(sim, controller=controller, learn=False, relaxation=relaxation, before=field)
 
 
-def settling_time(relaxation: Relaxation, before: ConfigurationSpace, after: ConfigurationSpace) -> float:
-    """Sweeps, or units ``R C``, until a grid has settled after a change of its map."""
-    check_same_grid(before, after)
+@frozen
+@dataclass(frozen=True, eq=False)
+class Wavefront:
+    """How a change of the map spreads.
+
+    Attributes
+    ----------
+    before, after : ConfigurationSpace
+        The map that the grid had settled to, and the one it is settling to.
+    cells : ndarray of float64, shape (t,)
+        When: in cells that the robot could have crossed.
+    potential : ndarray of float64, shape (t, *shape of the space)
+        At those times; NaN in cells without a node.
+    distance : ndarray of float64, shape (t,)
+        Largest distance of a potential from its end.
+    first : ndarray of float64, shape of the space
+        Potential before the change.
+    """
+
+    before: ConfigurationSpace
+    after: ConfigurationSpace
+    cells: NDArray[np.float64]
+    potential: NDArray[np.float64]
+    distance: NDArray[np.float64]
+    first: NDArray[np.float64]
+
+    _repr_html_ = picture_html
+
+
+def wavefront(world: Simulation, cells: NDArray[np.float64]) -> Wavefront:
+    """Follow a change of the map through the grid.
+
+    Parameters
+    ----------
+    world : Simulation
+        As `announce_hidden` makes it.
+    cells : ndarray of float64, shape (t,)
+        When to look: in cells that the robot could have crossed since the change, ascending.
+
+    Returns
+    -------
+    Wavefront
+
+    Raises
+    ------
+    InputError
+        If nothing was announced, or the times do not ascend.
+    CircuitError
+        If nothing can be driven.
+    """
+    when = np.asarray(cells, dtype=np.float64)
+    if when.ndim != 1 or not len(when) or not np.isfinite(when).all() or when[0] < 0 or np.any(when[1:] < when[:-1]):
+        raise InputError("times of a wavefront must be finite, at least 0 and ascending, in cells crossed")
+    grid = _grid_before(world)
+    first = grid.field.potential
+    grid.change(world.space)
+    frames, distance = [], []
+    for step in np.diff(when, prepend=0.0).tolist():
+        grid.advance(step)
+        frames.append(grid.field.potential)
+        distance.append(grid.distance)
+    return Wavefront(grid.before.space, world.space, when.copy(), np.array(frames), np.array(distance), first)
+
+
+def settling_time(world: Simulation) -> float:
+    """Sweeps, or units ``R C``, until the grid of a world where something was announced has settled."""
+    relaxation = _grid_before(world).relaxation
     if relaxation.method == "chip":
         step = 1.0
         while step < _LONGEST:
-            last, spent = _watched(replace(relaxation, pace=step / TICK), before, after, TICK * np.arange(1.0, 41.0))
+            last, spent = _watched(world, step / TICK, TICK * np.arange(1.0, 41.0))
             if spent > 2 * last:
-                return _finely(relaxation, before, after, max(last, step))
+                return _finely(world, max(last, step))
             step *= 2
     else:
         times = np.unique(np.round(1.05 ** np.arange(1.0, 330.0))).astype(np.float64)
-        last, spent = _watched(replace(relaxation, pace=1.0), before, after, times[times < _LONGEST])
+        last, spent = _watched(world, 1.0, times[times < _LONGEST])
         if spent > last:
             return max(last, 1.0)
     raise InputError(f"the grid has not settled after {spent:g} sweeps or units of R C")
 
 
-def _finely(relaxation: Relaxation, before: ConfigurationSpace, after: ConfigurationSpace, about: float) -> float:
+def _finely(world: Simulation, about: float) -> float:
     """The same with steps of 1/200 of a settling time that is known coarsely: it is too long, as that of slow steps is.
 
     A step h of backward Euler lets ``exp(-t / tau)`` take ``h / (2 tau)`` longer, and settling takes some 7 tau.
     """
     tick = about / _STEPS
-    fine = replace(relaxation, pace=tick / TICK)
-    last, _ = _watched(fine, before, after, TICK * np.arange(1.0, 1.25 * _STEPS))
+    last, _ = _watched(world, tick / TICK, TICK * np.arange(1.0, 1.25 * _STEPS))
     return last + tick / 2
 
 
-def _watched(
-    relaxation: Relaxation, before: ConfigurationSpace, after: ConfigurationSpace, cells: ArrayLike
-) -> tuple[float, float]:
+def _watched(world: Simulation, pace: float, cells: NDArray[np.float64]) -> tuple[float, float]:
     """When a grid was seen out of its final band for the last time, and until when it was watched."""
-    grid = RelaxingGrid(relaxation, before)
-    grid.change(after)
+    grid = _grid_before(world, pace)
+    grid.change(world.space)
     last, now = 0.0, 0.0
-    for time in np.asarray(cells, dtype=np.float64).tolist():
+    for time in cells.tolist():
         grid.advance(time - now)
         now = time
         if grid.distance > 0.5 / 2**BITS:
             last = now
         elif now > 2 * last + 40 * TICK:
             break
-    return last * relaxation.pace, now * relaxation.pace
+    return last * pace, now * pace
+
+
+def _grid_before(world: Simulation, pace: float | None = None) -> RelaxingGrid:
+    """The grid as it had settled before something was announced, at a pace of its own."""
+    if world.relaxation is None or world.before is None:
+        raise InputError("nothing was announced in this world: make it with announce_hidden")
+    relaxation = world.relaxation if pace is None else replace(world.relaxation, pace=pace)
+    return RelaxingGrid(relaxation, world.before)
 
 
 def relaxation_sweep(
@@ -180,9 +251,8 @@ def relaxation_sweep(
     wanted = np.sort(np.asarray(ratios, dtype=np.float64))[::-1]
     if wanted.ndim != 1 or not len(wanted) or not (np.isfinite(wanted).all() and wanted[-1] > 0):
         raise InputError("ratios must be finite numbers above 0, at least one")
-    truth = sim.plant.true_space(sim.space)
-    settle = settling_time(relaxation, sim.space, truth)
     world = announce_hidden(sim, relaxation)
+    settle = settling_time(world)
     cells = sim.controller.speed / float(sim.space.spacing.min())
     instant = replace(world, relaxation=None, before=None).run(start, max_steps=max_steps)
     runs: list[Run] = []

@@ -1,0 +1,317 @@
+"""The schema of scene files: their keys, and what each may hold.  Imported only when a scene is read or described."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from math import ulp
+from typing import Annotated, Any, Literal
+
+from annotated_types import Ge, Gt, Le, Len
+from pydantic import (
+    ConfigDict,
+    Discriminator,
+    Field,
+    Strict,
+    Tag,
+    TypeAdapter,
+    ValidationInfo,
+    create_model,
+    field_validator,
+    model_validator,
+)
+
+from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, PointRobot, Polygon, Robot
+from resgrid.robots.shapes import LARGEST
+from resgrid.scene.chip import Chip, Defects, Readout
+from resgrid.scene.control import Control
+from resgrid.scene.goals import CostArea, GoalCell, GoalJoints, GoalPoint
+from resgrid.scene.quantities import Listed
+from resgrid.scene.scene import Boundary, Drive, EdgeRule, Scene
+from resgrid.scene.table import Table, either, filled_as, meanings, table_of, value_of
+from resgrid.space import Axis
+
+Coordinates = Annotated[tuple[float, ...], Strict(False), Len(1, 4)]
+Pair = Annotated[tuple[float, ...], Strict(False), Len(2, 2)]
+Count = Annotated[int, Ge(1)]
+
+SHAPES: dict[str, tuple[type, bool]] = {
+    "rectangle": (Box, True),
+    "box": (Box, False),
+    "circle": (Ball, True),
+    "sphere": (Ball, False),
+    "polygon": (Polygon, True),
+    "half_plane": (HalfSpace, False),
+}
+"""Shapes by what a file calls them, and whether that name is for the plane alone."""
+
+
+class Joints(Table):
+    """One configuration of the robot: the cell around it."""
+
+    joints: Annotated[Coordinates, Field(description="Of an arm its angles.")]
+
+
+class JointBox(Table):
+    """A box of configurations."""
+
+    joints_lower: Annotated[Coordinates, Field(description="Its lower corner.")]
+    joints_upper: Annotated[Coordinates, Field(description="Its upper corner.")]
+
+
+class Link(Table):
+    """A link of an arm."""
+
+    length: Annotated[float, Gt(0), Field(description="From joint to joint.")]
+    width: Annotated[float, Ge(0), Field(description="Of the capsule around it.")] = 0.0
+    limits: Annotated[
+        Pair | None, Field(description="Range of its joint, in radians; without it the joint turns all the way round.")
+    ] = None
+
+    @model_validator(mode="after")
+    def _is_possible(self) -> Link:
+        if self.limits is not None and not self.limits[0] < self.limits[1]:
+            raise ValueError(f"limits = {list(self.limits)} are reversed: the lower limit comes first")
+        return self
+
+
+def _arm(links: list[Link], **rest: Any) -> Arm:
+    lengths, widths, limits = zip(*((link.length, link.width, link.limits) for link in links), strict=True)
+    return Arm(lengths=lengths, widths=widths, limits=limits, **rest)
+
+
+def _arm_table() -> Any:
+    """The table of an arm: that of its value, with one list of links in place of three."""
+    whole = table_of(Arm, ("type", "arm"))
+    keys: dict[str, Any] = {name: (field.rebuild_annotation(), field) for name, field in whole.model_fields.items()}
+    for name in ("lengths", "widths", "limits"):
+        del keys[name]
+    keys["links"] = (Annotated[list[Link], Len(1, 4)], Field(description="From the base to the tip."))
+    return create_model("arm", __base__=Table, __doc__=whole.__doc__, **keys)
+
+
+def _area(shape: type, name: str, is_planar: bool) -> Any:
+    """A shape with a conductivity."""
+    about = Field(description=meanings(CostArea)["conductivity"])
+    keys: dict[str, Any] = {"conductivity": (Annotated[float, Gt(0)], about)}
+    table: Any = create_model(name, __base__=table_of(shape, ("shape", name), is_planar), **keys)
+    return filled_as(table, lambda conductivity, **keys: CostArea(shape(**keys), conductivity), "shape")
+
+
+def _robot(name: str, robot: type[Robot]) -> Any:
+    return filled_as(_arm_table(), _arm, "type") if robot is Arm else value_of(robot, ("type", name))
+
+
+_SHAPES = {name: value_of(shape, ("shape", name), planar) for name, (shape, planar) in SHAPES.items()}
+_PLACES = {"point": value_of(GoalPoint), "cell": value_of(GoalCell)}
+_JOINTS = {
+    "joints": filled_as(Joints, lambda joints: GoalJoints(joints, joints)),
+    "joints_lower": filled_as(JointBox, lambda **corners: GoalJoints(*corners.values())),
+}
+KINDS: dict[str, dict[str, Any]] = {
+    "obstacle": _SHAPES,
+    "hidden": _SHAPES,
+    "goal": _SHAPES | _PLACES | _JOINTS,
+    "start": _PLACES,
+    "area": {name: _area(shape, name, planar) for name, (shape, planar) in SHAPES.items()},
+    "robot": {name: _robot(name, robot) for name, robot in ROBOTS.items()},
+}
+"""Tables that come in several kinds, by the kind."""
+
+
+def _kind_of(places: tuple[str, ...]) -> Callable[[Any], str | None]:
+    def kind(table: Any) -> str | None:
+        shape = table.get("shape") if isinstance(table, dict) else None
+        if isinstance(shape, str):
+            return shape if shape not in places else None  # a place has no shape
+        return next((key for key in places if isinstance(table, dict) and key in table), None)
+
+    return kind
+
+
+def _robot_kind(table: Any) -> str | None:
+    kind = table.get("type", "point") if isinstance(table, dict) else None
+    return kind if isinstance(kind, str) else None
+
+
+def _one_of(kinds: Mapping[str, Any], kind_of: Callable[[Any], str | None]) -> Any:
+    return Annotated[either(Annotated[kind, Tag(name)] for name, kind in kinds.items()), Discriminator(kind_of)]
+
+
+def _nothing_required(schema: dict[str, Any]) -> None:
+    """A robot may bring along what its axes leave out; only then may they."""
+    schema.pop("required", None)
+
+
+class AxisTable(Table):
+    """One axis of the grid; what an arm's or a turning polygon's axes leave out, the robot decides."""
+
+    model_config = ConfigDict(json_schema_extra=_nothing_required)
+
+    name: Annotated[str, Len(1), Field(pattern=r"^[A-Za-z][A-Za-z0-9_]*$", description="Such as x.")]
+    lower: Annotated[float, Field(description="Where its first cell begins.")]
+    upper: Annotated[float, Field(description="Where its last cell ends.")]
+    cells: Annotated[Count | None, Field(description="How many cells it has; this or spacing.")] = None
+    spacing: Annotated[float | None, Gt(0), Field(description="Width of its cells; this or cells.")] = None
+    periodic: Annotated[bool, Field(description="Whether its ends are joined.")] = False
+    unit: Annotated[str, Field(description="For people.")] = "m"
+
+    @model_validator(mode="after")
+    def _is_possible(self) -> AxisTable:
+        if not self.lower < self.upper:
+            raise ValueError(f"lower = {self.lower} must lie below upper = {self.upper}")
+        if max(abs(self.lower), abs(self.upper)) > LARGEST:
+            raise ValueError(f"lower and upper must not exceed {LARGEST:g}")
+        if (self.cells is None) == (self.spacing is None):
+            raise ValueError("give either cells or spacing, not " + ("both" if self.cells else "neither"))
+        if self.spacing is not None:
+            count = (self.upper - self.lower) / self.spacing
+            if count > 1e18 or round(count) < 1 or abs(count - round(count)) > 1e-6 * max(1.0, count * 1e-3):
+                raise ValueError(
+                    f"spacing = {self.spacing} does not divide upper - lower = {self.upper - self.lower} into whole "
+                    "cells; change one of them, or give cells"
+                )
+        if (self.upper - self.lower) / self.count() < 64 * ulp(max(abs(self.lower), abs(self.upper))):
+            raise ValueError("the cells are too narrow to be told apart in floating point; move the axis towards 0")
+        return self
+
+    def count(self) -> int:
+        """Number of cells."""
+        return self.cells or round((self.upper - self.lower) / (self.spacing or 1.0))
+
+    def axis(self) -> Axis:
+        """The axis this table describes."""
+        return Axis(self.name, float(self.lower), float(self.upper), self.count(), self.periodic, self.unit)
+
+
+class Grid(Table):
+    """The grid; an arm's axes need say nothing at all."""
+
+    model_config = ConfigDict(json_schema_extra=_nothing_required)
+
+    axes: Annotated[list[AxisTable], Len(1, 4), Field(description="One to four.")]
+    cells: Annotated[
+        Count | Annotated[list[Count], Len(1, 4)] | None,
+        Field(description="Numbers of cells of axes that do not say: one for all, or one each."),
+    ] = None
+
+    @field_validator("cells")
+    @classmethod
+    def _is_one_each(cls, cells: Any, info: ValidationInfo) -> Any:
+        axes = info.data.get("axes")
+        if isinstance(cells, list) and axes and len(cells) != len(axes):
+            raise ValueError(f"needs one number for each of the {len(axes)} axes (or one for all), got {len(cells)}")
+        return cells
+
+
+class Map(Table):
+    """A map file instead of a grid, and how to read it; each format takes its own options."""
+
+    file: Annotated[str, Len(1), Field(description="Its name, seen from the scene's folder.")]
+    format: Annotated[
+        Literal["auto", "ros", "movingai", "image", "epic", "npy"],
+        Field(description="Otherwise by the end of its name, or its first bytes."),
+    ] = "auto"
+    dialect: Annotated[Literal["nav2", "ros1"] | None, Field(description="ROS: whose reader is meant.")] = None
+    unknown: Annotated[
+        Literal["obstacle", "free"] | None, Field(description="ROS: what cells of unknown occupancy are.")
+    ] = None
+    lethal: (
+        Annotated[int, Ge(1), Le(100), Field(description="ROS: occupancy from which a cell is an obstacle.")] | None
+    ) = None
+    least_conductivity: Annotated[
+        Annotated[float, Gt(0), Le(1)] | None,
+        Field(description="ROS: values below lethal as cost; an occupancy p conducts this to the power of p / lethal."),
+    ] = None
+    passable: Annotated[str | None, Field(description="MovingAI: letters of free terrain.")] = None
+    threshold: Annotated[
+        Annotated[int, Ge(0), Le(65536)] | None, Field(description="Pictures: grey value from which a pixel is free.")
+    ] = None
+    spacing: Annotated[float | None, Gt(0), Field(description="Pictures and arrays: width of a cell.")] = None
+    origin: Annotated[Coordinates | None, Field(description="Pictures and arrays: their lower corner.")] = None
+    unit: Annotated[str | None, Field(description="Pictures and arrays: of lengths.")] = None
+    periodic: Annotated[
+        Annotated[tuple[str, ...], Strict(False), Listed()] | None,
+        Field(description="Axes whose ends are joined, by name."),
+    ] = None
+    headings: Annotated[
+        Count | None, Field(description="Cells of the third axis, of a robot that turns; 36 if it does not say.")
+    ] = None
+
+
+_ABOUT = meanings(Scene)
+_TABLES = {"obstacle": "obstacles", "goal": "goals", "start": "starts", "area": "areas"}
+
+
+def _key(name: str, kind: Any, default: Any, *marks: Any, about: str = "") -> tuple[Any, Any]:
+    text = about or _ABOUT[_TABLES.get(name, name)]
+    hint = Annotated[(kind, *marks)] if marks else kind
+    return (hint, Field(default, description=text))
+
+
+def _list_of(name: str, kind_of: Callable[[Any], str | None]) -> tuple[Any, Any]:
+    return _key(name, list[_one_of(KINDS[name], kind_of)], [])  # type: ignore[misc]
+
+
+_EDGES = Annotated[tuple[EdgeRule, ...], Strict(False), Listed()]
+_BLENDS = Annotated[tuple[Annotated[float, Ge(0), Le(1)], ...], Strict(False), Listed()]
+SceneFile: Any = create_model(
+    "Scene",
+    __base__=Table,
+    __doc__="A resgrid scene.",
+    schema_=(Literal[1], Field(alias="schema", description="Version of this format.")),
+    title=_key("title", str, ""),
+    boundary=_key("boundary", Boundary, "dirichlet"),
+    drive=_key("drive", Drive | None, None),
+    edge=_key("edge", _EDGES, ("obstacle",)),
+    sampling=_key("sampling", Literal["conservative", "centre"], "conservative"),
+    k=_key("k", _BLENDS, ()),
+    robot=_key("robot", _one_of(KINDS["robot"], _robot_kind), PointRobot()),
+    grid=_key("grid", Grid | None, None, about="The cells; this or a map."),
+    map=_key("map", Map | None, None),
+    obstacle=_list_of("obstacle", _kind_of(())),
+    hidden=_list_of("hidden", _kind_of(())),
+    goal=_list_of("goal", _kind_of(("point", "cell", "joints", "joints_lower"))),
+    start=_list_of("start", _kind_of(("point", "cell"))),
+    starts=_key("starts", list[Coordinates], []),
+    area=_list_of("area", _kind_of(())),
+    chip=_key("chip", value_of(Chip), Chip()),
+    control=_key("control", value_of(Control), Control()),
+)
+_ROBOT: TypeAdapter[Robot] = TypeAdapter(_one_of(KINDS["robot"], _robot_kind))
+_NAMED = {
+    "": SceneFile,
+    "links": Link,
+    "grid": Grid,
+    "axes": AxisTable,
+    "map": Map,
+    "chip": table_of(Chip),
+    "control": table_of(Control),
+    "readout": table_of(Readout),
+    "defects": table_of(Defects),
+}
+
+
+def keys_of(path: tuple[str | int, ...], kind: str | None) -> list[str]:
+    """The keys that a table may hold, by its path and, if there are several, its kind."""
+    name = next((part for part in reversed(path) if isinstance(part, str)), "")
+    table: Any = _NAMED.get(name) or (KINDS[name][kind].__origin__ if kind in KINDS.get(name, {}) else None)
+    return [] if table is None else [field.alias or key for key, field in table.model_fields.items()]
+
+
+def robot_of(table: Any) -> Robot | None:
+    """The robot that a table describes; None if it describes none."""
+    try:
+        return _ROBOT.validate_python(table)
+    except ValueError:
+        return None
+
+
+def scene_schema() -> dict[str, Any]:
+    """The JSON Schema of scene files.
+
+    Returns
+    -------
+    dict
+        JSON Schema, draft 2020-12.
+    """
+    return {"$schema": "https://json-schema.org/draft/2020-12/schema", **SceneFile.model_json_schema(by_alias=True)}

@@ -1,0 +1,174 @@
+"""Whether an outside simulator agrees with resgrid, and where it does not."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from resgrid.errors import InputError
+from resgrid.netlist import Netlist
+from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.nodal.solve import solve
+from resgrid.spice.check.agreement import Agreement, Reference, compare, unverified
+from resgrid.spice.check.external import Runnable, expected_of, places_of, runnable, written_anew
+from resgrid.spice.check.kirchhoff import inspect_deck
+from resgrid.spice.check.predictions import predict_simulators
+from resgrid.spice.dialects import dialect_named
+from resgrid.spice.parsed import ParsedDeck
+from resgrid.spice.read.deck import read_spice
+from resgrid.spice.run import SIMULATED, engine_named
+from resgrid.spice.run.ngspice import Simulation, read_deck, simulate
+from resgrid.spice.write.expected import expect
+from resgrid.spice.write.flat import flatten
+from resgrid.spice.write.sidecar import Sidecar, altered_files, read_sidecar, sidecar_path, with_parts
+
+
+@dataclass(frozen=True)
+class _Limits:
+    """Which simulator is asked, how close it must come, and how long it may take, in seconds."""
+
+    engine: str
+    tolerance: float
+    timeout: float
+
+    def __post_init__(self) -> None:
+        engine_named(self.engine)
+        if not 0 < self.tolerance < 1:
+            raise InputError(f"tolerance = {self.tolerance} must lie between 0 and 1: it is relative to the supply")
+
+    def run(self, data: bytes, source: str, *, direct: bool) -> Simulation:
+        """Ask the simulator for the operating point of a deck's content."""
+        return engine_named(self.engine)(data, source=source, timeout=self.timeout, direct=direct)
+
+
+def check_deck(
+    deck: str | os.PathLike[str] | ParsedDeck | Netlist | OperatingPoint,
+    *,
+    tolerance: float = 1e-9,
+    reference: OperatingPoint | None = None,
+    dialect: str = "auto",
+    root: str | os.PathLike[str] | None = None,
+    engine: str = "ngspice",
+    timeout: float = 600.0,
+) -> Agreement:
+    """Ask the simulator whether it finds the voltages that are expected of a deck.
+
+    A deck with a sidecar is checked three times: its bytes against the sidecar's hash, its elements and the simulator
+    against the sidecar's voltages.  Any other deck is read and solved, and the simulator is held against that; so is a
+    netlist, of which a deck is written.  The simulator is given the deck itself, with the files that it includes,
+    where that is safe.  Otherwise (control blocks, another dialect, files from elsewhere) it is given what was read,
+    and the deck is not verified: ``agrees`` is not True.
+
+    Parameters
+    ----------
+    deck : path-like, ParsedDeck, Netlist or OperatingPoint
+        A deck's file, or a circuit.
+    tolerance : float
+        Relative to the supply, the largest voltage difference in the circuit.
+    reference : OperatingPoint, optional
+        Solution of the scene to compare a file with, instead of its sidecar; of a deck that was read, its solution, if
+        it is known.  A sidecar's hash is compared either way.
+    dialect : str
+        Of a file without sidecar, as in `read_spice`.
+    root : path-like, optional
+        Folder that the includes of such a deck may not leave, as in `read_spice`.
+    engine : {"ngspice", "eecircuit"}
+    timeout : float
+        How long the simulator may take, in seconds.
+
+    Returns
+    -------
+    Agreement
+
+    Raises
+    ------
+    InputError
+        If the deck or its sidecar cannot be read.
+    CircuitError
+        If a circuit has no operating point, or makes no deck.
+    ToolMissingError
+        If the simulator is not installed.
+    BudgetError
+        If it does not end in time.
+    """
+    limits = _Limits(engine, tolerance, timeout)
+    if isinstance(deck, Netlist | OperatingPoint):
+        op = solve(deck) if isinstance(deck, Netlist) else deck
+        written = flatten(op.netlist, dialect=SIMULATED)
+        simulation = limits.run(written.text.encode("ascii"), "deck", direct=False)
+        return compare(expect(written, op), simulation, tolerance=tolerance)
+    if isinstance(deck, ParsedDeck):
+        return _check_external(deck, read_deck(Path(deck.path)), reference, limits, root)
+    path = Path(deck)
+    data = read_deck(path)
+    sidecar = read_sidecar(path) if sidecar_path(path).exists() else None
+    if reference is None and sidecar is None:
+        return _check_external(read_spice(path, dialect=dialect, root=root), data, None, limits, root)
+    return _check_own(path, data, sidecar, reference, dialect, limits)
+
+
+def _check_own(
+    path: Path, data: bytes, sidecar: Sidecar | None, reference: OperatingPoint | None, dialect: str, limits: _Limits
+) -> Agreement:
+    """A deck that we wrote, against its sidecar or a scene's solution."""
+    name = dialect_named((SIMULATED if dialect == "auto" else dialect) if sidecar is None else sidecar.dialect).name
+    findings = [] if sidecar is None else altered_files(data, sidecar)
+    if reference is not None:
+        expected = expect(flatten(reference.netlist, dialect=name), reference)
+    else:
+        assert sidecar is not None
+        expected = sidecar.expected
+    why = ""
+    tiled = sidecar if sidecar is not None and sidecar.parts and name == SIMULATED else None
+    if name != SIMULATED:
+        why = f"it is written for {name}, and only {SIMULATED} is run here"
+        data = written_anew(read_spice(path, dialect=name))
+    elif tiled is not None:
+        data = with_parts(path, data, tiled)
+    else:
+        findings += inspect_deck(data, expected, limits.tolerance)
+    try:
+        simulation = limits.run(data, str(path), direct=bool(why))
+    except InputError as error:  # a deck with commands is not run, and that is an answer: it is not what was written
+        simulation = Simulation({}, {}, limits.engine, "not run", (str(error),))
+    if tiled is not None:  # the inner nodes of tiles are nobody's business
+        known = {node: volts for node, volts in simulation.voltage.items() if node in expected.voltage}
+        simulation = replace(simulation, voltage=known)
+    origin: Reference = "sidecar" if reference is None else "scene"
+    found = compare(expected, simulation, tolerance=limits.tolerance, reference=origin, findings=findings)
+    return unverified(found, why) if why else found
+
+
+def _check_external(
+    deck: ParsedDeck,
+    data: bytes,
+    op: OperatingPoint | None,
+    limits: _Limits,
+    root: str | os.PathLike[str] | None,
+) -> Agreement:
+    """Somebody's deck, against our solution of it; the places of the worst nodes are told."""
+    op = solve(deck.netlist()) if op is None else op
+    job = runnable(deck, data, root=None if root is None else Path(root), engine=limits.engine)
+    found = compare(expected_of(deck, op, as_written=not job.why), _simulated(job, deck.path, limits),
+                    tolerance=limits.tolerance)  # fmt: skip
+    if job.why:
+        return unverified(found, job.why)
+    if found.agrees:
+        return found
+    places = places_of(deck, [name for name, *_ in found.worst])
+    prediction = next(item for item in predict_simulators(deck) if item.simulator == SIMULATED)
+    known = [] if prediction.outcome == "right" else [f"this was to be expected: {prediction}"]
+    return replace(found, findings=(*(_with_place(finding, places) for finding in found.findings), *known))
+
+
+def _simulated(job: Runnable, source: str, limits: _Limits) -> Simulation:
+    if not job.files:
+        return limits.run(job.data, source, direct=True)
+    return simulate(job.data, source=source, timeout=limits.timeout, direct=True, files=job.files, place=job.place)
+
+
+def _with_place(finding: str, places: Mapping[str, str]) -> str:
+    name = finding.removeprefix("node ").partition(":")[0]
+    return f"{places[name]}: {finding}" if finding.startswith("node ") and name in places else finding
