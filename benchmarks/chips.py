@@ -19,7 +19,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from benchmarks.rows import Row, Scale, Spread
-from resgrid.chip.build import conductance_samples, ideal_netlist
+from resgrid.chip.studies import study
 from resgrid.netlist import Netlist
 from resgrid.nodal.many import solve_many
 from resgrid.nodal.solve import solve
@@ -77,13 +77,13 @@ class Throughput:
 def measure(count: int, side: int) -> Throughput:
     """Solve mismatched chips, and the same matrices by spsolve, block by block in turn."""
     kind = Chip(mismatch=0.02)
-    ideal = ideal_netlist(grid(side), kind)
+    ideal = study(grid(side), kind).ideal
     solve_many(ideal, np.tile(ideal.conductance, (2, 1)))  # compiled
     seconds = np.zeros((4, 2))
     error, size = 0.0, max(count // _BLOCKS, 1)
     for begin in range(0, count, size):
         seeds = [(0, k) for k in range(begin, min(begin + size, count))]
-        (circuit, conductance), *seconds_drawn = timed(lambda seeds=seeds: conductance_samples(ideal, kind, seeds))
+        (circuit, conductance), *seconds_drawn = timed(lambda seeds=seeds: study(ideal, kind).conductances(seeds))
         found, *ours = timed(lambda c=circuit, g=conductance: solve_many(c, g, rtol=_RTOL))
         ready = matrices(circuit, conductance)
         theirs_found, *theirs = timed(lambda ready=ready: [spsolve(matrix, rhs) for matrix, rhs, _ in ready])

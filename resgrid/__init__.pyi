@@ -1,37 +1,17 @@
 """What `resgrid` offers, and where it lives; read at run time too, so that names are imported when first used."""
 
-from .chip.build import (
-    build_chip as build_chip,
-    compile_chip as compile_chip,
-    conductance_samples as conductance_samples,
-    ideal_netlist as ideal_netlist,
-    mismatch_factors as mismatch_factors,
-)
-from .chip.criticality import Criticality as Criticality, analyse_criticality as analyse_criticality
-from .chip.decks import write_chip_decks as write_chip_decks
-from .chip.exploration import Exploration as Exploration, chip_with as chip_with, explore_yield as explore_yield
-from .chip.figures import Proportion as Proportion
-from .chip.noise import (
-    Noise as Noise,
-    analyse_noise as analyse_noise,
-    noise_covariance as noise_covariance,
-    noise_density as noise_density,
-)
-from .chip.passes import (
-    apply_passes as apply_passes,
-    passes_from_json as passes_from_json,
-    passes_of as passes_of,
-    passes_to_json as passes_to_json,
-)
-from .chip.power import Power as Power, analyse_power as analyse_power
-from .chip.precision import Precision as Precision, analyse_precision as analyse_precision
-from .chip.sensitivity import (
-    Sensitivity as Sensitivity,
-    analyse_sensitivity as analyse_sensitivity,
-    voltage_sensitivity as voltage_sensitivity,
-)
-from .chip.settling import Settling as Settling, analyse_settling as analyse_settling
-from .chip.yields import Yield as Yield, analyse_yield as analyse_yield
+from .chip import passes as passes
+from .chip.build import build_chip as build_chip
+from .chip.criticality import Criticality as Criticality
+from .chip.exploration import Exploration as Exploration
+from .chip.figures import Figure as Figure, Proportion as Proportion
+from .chip.noise import Noise as Noise
+from .chip.power import Power as Power
+from .chip.precision import Precision as Precision
+from .chip.sensitivity import Sensitivity as Sensitivity
+from .chip.settling import Settling as Settling
+from .chip.studies import Study as Study, study as study
+from .chip.yields import Yield as Yield
 from .compiler import compile_space as compile_space
 from .control.announced import Wavefront as Wavefront, announce_hidden as announce_hidden, wavefront as wavefront
 from .control.controller import Controller as Controller, make_controller as make_controller
@@ -50,6 +30,7 @@ from .errors import (
     ToolMissingError as ToolMissingError,
 )
 from .frame import Frame as Frame
+from .io.networks import write_network as write_network
 from .io.paths import ros_plan as ros_plan, write_path as write_path
 from .io.runs import write_run as write_run
 from .io.solutions import write_solution as write_solution

@@ -1,4 +1,8 @@
-"""A chip's die: what its resistors are, whatever passes made of them, and the random numbers of their places."""
+"""A chip's die: what its resistors are, whatever passes made of them, and the random numbers of their places.
+
+Every random effect draws from a stream of its own, and a value belongs to a place on the die, not to a row of an array:
+the same seed gives the same chip whatever the order of the passes, and whichever scene the chip is switched to.
+"""
 
 from __future__ import annotations
 
@@ -11,50 +15,41 @@ from resgrid.errors import InputError
 from resgrid.grids import face_counts
 from resgrid.netlist import Netlist
 
+Seed = int | tuple[int, ...]
+"""Entropy, or entropy and the spawn key of a child, as whole numbers that JSON can hold."""
 
-def identities(netlist: Netlist) -> int:
+MISMATCH, DEFECTS, OFFSET, NOISE = 1, 2, 3, 4
+"""The streams of one chip."""
+
+
+def place_count(netlist: Netlist) -> int:
     """How many resistors a chip of this kind may have: the faces of its grid, or else the resistors of its netlist."""
     if netlist.cell_map is None:
         return len(netlist.conductance) + len(netlist.nonlinear_current)
     return sum(face_counts(netlist.cells.space.shape))
 
 
-def identity(netlist: Netlist) -> tuple[NDArray[np.integer[Any]], NDArray[np.int64]]:
-    """What resistors and nonlinear resistors are on the die, whatever passes did: their faces, -1 for extra ones."""
+def places(netlist: Netlist) -> tuple[NDArray[np.integer[Any]], NDArray[np.integer[Any]]]:
+    """The places of resistors and of nonlinear resistors: the faces they cross; -1 for switches, rails and loads."""
     if netlist.cell_map is None:
-        m = len(netlist.conductance)
-        return np.arange(m), np.arange(m, m + len(netlist.nonlinear_current))
+        linear = len(netlist.conductance)
+        return np.arange(linear), np.arange(linear, place_count(netlist))
     return netlist.cells.resistor_face, netlist.cells.nonlinear_face
 
 
 def on_grid(netlist: Netlist) -> NDArray[np.bool_]:
     """Which resistors are the grid's own, shape (resistors,)."""
-    return np.asarray(identity(netlist)[0] >= 0)
-
-
-def per_resistor(netlist: Netlist, value: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Spread a factor of every face over the resistors and the nonlinear resistors; 1 for those that cross none.
-
-    Shapes: `value` (identities,); returns `linear` (resistors,), `nonlinear` (nonlinear resistors,).
-    """
-    padded = np.append(value, 1.0)
-    linear, nonlinear = identity(netlist)
-    return padded[linear], padded[nonlinear]
+    return np.asarray(places(netlist)[0] >= 0)
 
 
 def scaled(netlist: Netlist, factor: NDArray[np.float64]) -> Netlist:
-    """Multiply the resistance of the grid's resistors.  Shapes: `factor` (identities,)."""
-    linear, nonlinear = per_resistor(netlist, factor)
+    """Multiply the resistances of the grid by the factors of their places, shape (places,)."""
+    linear, nonlinear = places(netlist)
+    padded = np.append(factor, 1.0)  # place -1
     return netlist.replace(
-        conductance=netlist.conductance / linear, nonlinear_current=netlist.nonlinear_current / nonlinear
+        conductance=netlist.conductance / padded[linear],
+        nonlinear_current=netlist.nonlinear_current / padded[nonlinear],
     )
-
-
-Seed = int | tuple[int, ...]
-"""Entropy, or entropy and the spawn key of a child, as whole numbers that JSON can hold."""
-
-MISMATCH, DEFECTS, OFFSET, NOISE = 1, 2, 3, 4
-"""The streams of one chip."""
 
 
 def seed_of(seed: Any) -> Seed:
@@ -76,31 +71,13 @@ def generator(seed: Seed, stream: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(entropy, spawn_key=(*key, stream)))
 
 
-def mismatch_terms(deviation: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The terms of `mismatch_factors` for standard deviations that are shares of the mean.
+def mismatch_factors(count: int, deviation: float | NDArray[np.float64], seed: Seed) -> NDArray[np.float64]:
+    """What fabrication multiplies the resistances of one chip by: ``exp(s z - s^2 / 2)``, log-normal, of mean 1.
 
-    Shapes: `deviation` (places,); returns `spread, shift` (places,).
+    Shapes: `deviation` () or (places,), as a share of the mean; returns (places,).
     """
-    log_variance = np.log1p(deviation**2)
-    return np.sqrt(log_variance), 0.5 * log_variance
-
-
-def mismatch_factors(spread: NDArray[np.float64], shift: NDArray[np.float64], seed: Seed) -> NDArray[np.float64]:
-    """What fabrication multiplies the resistances of one chip by: log-normal, ``exp(spread z - shift)``, of mean 1.
-
-    Parameters
-    ----------
-    spread, shift : ndarray of float64, shape (places,)
-        From `mismatch_terms`.
-    seed : int or tuple of int
-        The chip.
-
-    Returns
-    -------
-    ndarray of float64, shape (places,)
-        Drawn in the order of the places on the die.
-    """
-    z = generator(seed, MISMATCH).standard_normal(len(spread))
-    z *= spread
-    z -= shift
+    log_variance = np.log1p(np.square(deviation))
+    z = generator(seed, MISMATCH).standard_normal(count)
+    z *= np.sqrt(log_variance)
+    z -= 0.5 * log_variance
     return np.asarray(np.exp(z, out=z))

@@ -67,7 +67,12 @@ def show_with(renderer: Callable[[object], str | None]) -> None:
     _renderers[:] = [renderer]
 
 
+def picture_of(value: object) -> str:
+    """A value's picture as HTML, empty where it has none."""
+    return (_renderers[0](value) if _renderers else None) or ""
+
+
 def picture_html(self: object) -> str | None:
     """A value's picture above its repr, for notebooks; None where it has none."""
-    picture = _renderers[0](self) if _renderers else None
-    return None if picture is None else f"<div>{picture}<pre>{escape(repr(self))}</pre></div>"
+    picture = picture_of(self)
+    return f"<div>{picture}<pre>{escape(repr(self))}</pre></div>" if picture else None

@@ -108,8 +108,8 @@ def test_values_that_no_array_holds_and_names_that_name_nothing_are_refused(tmp_
         lambda: rg.compile_space(space, resistance=10**400),
         lambda: rg.compile_space(space, resistance=1e-320),
         lambda: rg.compile_space(space, start=np.array(3.0)),
-        lambda: rg.apply_passes(netlist, [[]]),
-        lambda: rg.passes_to_json({"a": 1}),
+        lambda: rg.build_chip(netlist, [[]]),
+        lambda: rg.passes.to_json({"a": 1}),
         lambda: rg.write_spice(netlist, ""),
         lambda: rg.random_pushes(-1, 2, until=1.0, size=1.0, duration=0.1),
         lambda: rg.random_pushes(0, 0, until=1.0, size=1.0, duration=0.1),
@@ -118,8 +118,8 @@ def test_values_that_no_array_holds_and_names_that_name_nothing_are_refused(tmp_
     ):
         with pytest.raises(InputError):
             call()
-    one = rg.noise_density(netlist, [1], np.float32(0.5))
-    np.testing.assert_array_equal(one, rg.noise_density(netlist, [1], 0.5))
+    one = rg.study(netlist).noise_density([1], np.float32(0.5))
+    np.testing.assert_array_equal(one, rg.study(netlist).noise_density([1], 0.5))
 
 
 RECORDS: dict[Any, dict[str, Any]] = {

@@ -59,28 +59,26 @@ class Adjoint:
 
         Shapes: `c` (nodes,); returns `sign` (resistors,), `log_size` (resistors,).
         """
-        rhs = self._currents(c)
-        if self.factors is None or not rhs.any():
-            return np.zeros_like(self.direction), np.full(len(self.ends), -np.inf)
+        nothing = np.zeros_like(self.direction), np.full(len(self.ends), -np.inf)
+        if self.factors is None:
+            return nothing
+        row = self.factors.system.unknown
+        rhs = np.bincount(row[row >= 0], c[row >= 0], self.factors.system.size).astype(np.float64)
+        if not rhs.any():
+            return nothing
         scale = float(np.abs(rhs).max())
         for find in (self._quickly, self._by_entry):
             sign, log_across, log_doubt = find(self.factors, rhs / scale)
             log_size = self.log_amps + log_across
             doubt, largest = float((self.log_amps + log_doubt).max()), float(log_size.max())
             if doubt <= largest + np.log(ENOUGH):
-                return _told(sign * self.direction, log_size + np.log(scale), log_across > log_doubt)
+                known = log_across > log_doubt
+                signs = np.where(known, sign * self.direction, 0).astype(np.int8)
+                return signs, np.asarray(np.where(known, log_size + np.log(scale), -np.inf))
         raise AccuracyError(
             f"the derivatives with respect to resistances may be off by {np.exp(min(doubt - largest, 0.0)):.0e} of the "
             "largest of them: the conductances span too many decades"
         )
-
-    def _currents(self, c: NDArray[np.float64]) -> NDArray[np.float64]:
-        """``c`` over the rows of the system."""
-        if self.factors is None:
-            return np.zeros(0)
-        row = self.factors.system.unknown
-        solved = row >= 0
-        return np.bincount(row[solved], c[solved], self.factors.system.size).astype(np.float64)
 
     def _quickly(self, factors: Factor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         """Signs and logarithms of the differences of ``lambda``, and of what they may be off by at most."""
@@ -123,13 +121,6 @@ class Adjoint:
 
     def _across(self, parts: list[Scaled]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Sign and logarithm of the differences across resistors, of the first part less the second."""
-        if any(x.exponent.any() for x in parts):
-            return self._across_scaled(parts)
-        high, low = ([_between(getattr(x, name), self._row) for x in parts] for name in ("hi", "lo"))
-        difference = _less(high) + _less(low)
-        return np.sign(difference), logarithm(np.abs(difference), np.zeros(0, dtype=np.int64))
-
-    def _across_scaled(self, parts: list[Scaled]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         hi, lo, e = (
             np.stack([np.append(getattr(x, name), 0)[self._row] for x in parts]) for name in ("hi", "lo", "exponent")
         )
@@ -140,45 +131,31 @@ class Adjoint:
         return np.sign(difference), logarithm(np.abs(difference), np.where(difference != 0.0, top, 0))
 
 
-def _between(value: NDArray[np.float64], row: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Differences of the values of rows across resistors; 0 V where voltages are known."""
-    padded = np.append(value, 0.0)
-    return np.asarray(padded[row[:, 0]] - padded[row[:, 1]])
-
-
 def _less(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     """The first part less the second, if there is one."""
     return parts[0] if len(parts) == 1 else parts[0] - parts[1]
 
 
-def adjoint_of(point: OperatingPoint, factors: Factor | None = None) -> Adjoint:
-    """Make a circuit ready for derivatives."""
-    signals = small_signal(point)
+def adjoint_of(op: OperatingPoint, factors: Factor | None = None) -> Adjoint:
+    """Make a circuit ready for derivatives; ``factors`` are those of its small signals, if they are known."""
+    signals = small_signal(op)
     if factors is None:
         system = assemble(signals)
         factors = factor_system(system, "auto") if system.size else None
+    height = np.zeros(0)
+    if factors is not None:
+        height = np.abs(factors.solve(np.ones(factors.system.size)))
+        height += 1e-6 * height.max()  # what it may be off by
     return Adjoint(
         factors=factors,
-        ends=ends_of(point.netlist),
+        ends=ends_of(op.netlist),
         conductance=signals.conductance,
-        log_amps=np.concatenate([point.resistor_log_current, point.nonlinear_log_amps]),
-        direction=np.concatenate([point.resistor_direction, point.nonlinear_direction]),
-        height=np.zeros(0) if factors is None else _height(factors),
+        log_amps=np.concatenate([op.resistor_log_current, op.nonlinear_log_amps]),
+        direction=np.concatenate([op.resistor_direction, op.nonlinear_direction]),
+        height=height,
     )
-
-
-def _told(
-    sign: NDArray[np.float64], log_size: NDArray[np.float64], known: NDArray[np.bool_]
-) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
-    return np.where(known, sign, 0).astype(np.int8), np.where(known, log_size, -np.inf)
 
 
 def ends_of(netlist: Netlist) -> NDArray[np.int32]:
     """Nodes of all resistors, nonlinear ones last, shape (resistors, 2)."""
     return np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
-
-
-def _height(factors: Factor) -> NDArray[np.float64]:
-    """``G^-1`` times 1 A in every row, and what it may be off by."""
-    height = np.abs(factors.solve(np.ones(factors.system.size)))
-    return np.asarray(height + 1e-6 * height.max())

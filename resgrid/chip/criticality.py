@@ -10,6 +10,7 @@ nonlinear resistors.
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
@@ -19,12 +20,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number, check_whole, is_number
-from resgrid.chip.figures import Reading, json_form
-from resgrid.chip.passes import editing
-from resgrid.chip.passes.spread import without_stranded_currents
-from resgrid.chip.readout import Eyes, Floor, eyes_of, floor_of, walk
+from resgrid.chip.figures import Figure, Result
+from resgrid.chip.passes.base import add_resistors, cells_with_nodes, select_resistors, without_stranded_currents
+from resgrid.chip.trials import arrivals, converter_of, neighbours_of
+from resgrid.chip.yields import checked_starts
 from resgrid.errors import CircuitError, InputError
-from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import Netlist
 from resgrid.nodal.solve import solve
 from resgrid.nodal.superlu import symmetric_factors
@@ -41,9 +41,8 @@ _LEAKY, _BRIDGE = 1e-3, 1e-9
 _WORST = 10
 
 
-@frozen
-@dataclass(frozen=True, eq=False)
-class Criticality:
+@dataclass(frozen=True, eq=False, repr=False)
+class Criticality(Result):
     """What single faults do to a chip.
 
     Attributes
@@ -71,8 +70,6 @@ class Criticality:
     bits: int
     ideal: bool
 
-    _repr_html_ = picture_html
-
     @property
     def examined(self) -> int:
         """Elements that were examined."""
@@ -86,20 +83,20 @@ class Criticality:
         InputError
             If it is another fault, or the count is no whole number.
         """
-        if fault not in ("open", "short"):
-            raise InputError(f"fault = {fault!r} is unknown; it may be 'open' or 'short'")
         check_whole("count", count, 0)
-        lost = np.nan_to_num(self.open if fault == "open" else self.short)
+        lost = np.nan_to_num(self.lost(fault))
         order = np.argsort(-lost, kind="stable")[:count]
         return order[lost[order] > 0]
 
     @property
-    def readings(self) -> Mapping[str, Reading]:
-        """The figures, with units and definitions."""
-        seen = "an ideal read-out" if self.ideal else f"a {self.bits}-bit read-out without offset and noise"
+    def figures(self) -> Mapping[str, Figure]:
+        """The figures of merit by name, with units and definitions."""
+        through = "an ideal read-out" if self.ideal else f"a {self.bits}-bit read-out without offset and noise"
         result = {
-            "starts_served": Reading(self.served, "", f"starts that reach a goal on the faultless chip through {seen}"),
-            "elements_examined": Reading(
+            "starts_served": Figure(
+                self.served, "", f"starts that reach a goal on the faultless chip through {through}"
+            ),
+            "elements_examined": Figure(
                 self.examined,
                 "",
                 f"resistors, switches and stretches of rail that were made faulty, of {len(self.open)}",
@@ -107,31 +104,38 @@ class Criticality:
         }
         faults = {"open": "is open", "short": f"is a short of {self.short_resistance:g} ohm"}
         for name, what in faults.items():
-            lost = getattr(self, name)
+            lost = self.lost(name)
             known = lost[np.isfinite(lost)]
-            result[f"critical_{name}"] = Reading(
+            result[f"critical_{name}"] = Figure(
                 int((known > 0).sum()), "", f"elements of which each alone costs at least one start when it {what}"
             )
-            result[f"most_lost_{name}"] = Reading(
+            result[f"most_lost_{name}"] = Figure(
                 int(known.max(initial=0)), "", f"starts lost when the worst single element {what}"
             )
-            result[f"mean_lost_{name}"] = Reading(
+            result[f"mean_lost_{name}"] = Figure(
                 float(known.mean()) if known.size else None, "", f"starts lost when a random single element {what}"
             )
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """The readings and the worst elements, as plain values."""
-        ends = np.concatenate([self.netlist.resistor_nodes, self.netlist.nonlinear_nodes])
+        """The figures and the worst elements, as plain values."""
         listed = {}
         for fault in ("open", "short"):
             worst = self.worst(fault)
-            names = zip(*(self.netlist.names_of(ends[worst, end]) for end in (0, 1)), strict=True)
-            lost = (self.open if fault == "open" else self.short)[worst]
-            listed[f"worst_{fault}"] = [
-                {"nodes": list(pair), "starts_lost": int(count)} for pair, count in zip(names, lost, strict=True)
-            ]
-        return {**json_form(self.readings), **listed}
+            counts = zip(self.names_of(worst), self.lost(fault)[worst].tolist(), strict=True)
+            listed[f"worst_{fault}"] = [{"nodes": list(pair), "starts_lost": int(count)} for pair, count in counts]
+        return {**super().to_json(), **listed}
+
+    def lost(self, fault: str) -> NDArray[np.float64]:
+        """Starts lost by every element with a fault, "open" or "short"."""
+        if fault not in ("open", "short"):
+            raise InputError(f"fault = {fault!r} is unknown; it may be 'open' or 'short'")
+        return self.open if fault == "open" else self.short
+
+    def names_of(self, elements: NDArray[np.int64]) -> list[tuple[str, str]]:
+        """Names of the nodes at both ends of elements."""
+        ends = np.concatenate([self.netlist.resistor_nodes, self.netlist.nonlinear_nodes])[elements]
+        return list(zip(*(self.netlist.names_of(ends[:, end]) for end in (0, 1)), strict=True))
 
 
 def analyse_criticality(
@@ -143,53 +147,27 @@ def analyse_criticality(
     seconds: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Criticality:
-    """Make every resistor and switch of a chip faulty, one at a time, and count the starts that are lost.
-
-    Parameters
-    ----------
-    netlist : Netlist
-        One chip, with one node per cell.
-    readout : Readout, optional
-        What the robot sees; its offset and noise do not count.  Ideal by default: 40 bits, which only tells steps of
-        more than 1e-12 of the supply.
-    starts : array_like of bool, shape of the space, optional
-        By default every free cell with a way to a goal.
-    short_resistance : float
-        In ohms.
-    seconds : float, optional
-        Time after which no further element is examined; those with the largest currents come first.
-    progress : callable, optional
-        Called now and then with the elements done and those in all.
-
-    Returns
-    -------
-    Criticality
-
-    Raises
-    ------
-    InputError
-        If an argument is not admissible or the netlist has not one node per cell.
-    CircuitError
-        If the chip has no operating point.
-    """
-    cell_map = editing.tiled_layout(netlist, "faults that cost starts")
+    """Make every element of a chip faulty, one at a time, and count the starts that are lost: `Study.criticality`."""
+    cells = cells_with_nodes(netlist, "faults that cost starts")
     check_number("short_resistance", short_resistance, "positive and finite, in ohms", above=0.0)
     if seconds is not None and not (is_number(seconds) or seconds == np.inf):
         raise InputError(f"seconds = {seconds!r} must be a number, or None for as long as it takes")
     readout = readout or Readout()
     bits = IDEAL_BITS if readout.bits is None else readout.bits
-    eyes = eyes_of(Readout(range=readout.range), cell_map, None)
-    sight = _Sight(netlist, floor_of(cell_map), _with_bits(eyes, bits), _mask(netlist, starts))
-    point = solve(netlist)
-    through = np.append(np.abs(point.resistor_current), np.abs(point.nonlinear_amps))
+    converter = converter_of(Readout(range=readout.range), cells)
+    converter = dataclasses.replace(converter, steps=2.0**bits)  # maybe more than a chip may have
+    neighbours = neighbours_of(cells)
+    mask = cells.space.goal_connected
+    mask = (mask if starts is None else mask & checked_starts(cells.space, starts)).ravel()
+    op = solve(netlist)
+    through = np.append(np.abs(op.resistor_current), np.abs(op.nonlinear_amps))
     order = np.argsort(-np.nan_to_num(through), kind="stable")
-    before = sight.arrivals(point.voltage)
+    before = arrivals(op.voltage, neighbours, converter) & mask
     lost = np.full((2, len(order)), np.nan)
     end = np.inf if seconds is None else time.monotonic() + seconds
-    voltages = _anew if netlist.nonlinear_nodes.size else _updated
-    for number, (element, *faulty) in enumerate(voltages(netlist, point.voltage, order, short_resistance)):
+    for number, (element, *faulty) in enumerate(faulty_voltages(netlist, op.voltage, order, short_resistance)):
         for fault, volts in enumerate(faulty):
-            lost[fault, element] = int((before & ~sight.arrivals(volts)).sum())
+            lost[fault, element] = int((before & ~arrivals(volts, neighbours, converter)).sum())
         if number % _BLOCK == 0:
             if progress is not None:
                 progress(number, len(order))
@@ -198,50 +176,21 @@ def analyse_criticality(
     return Criticality(netlist, int(before.sum()), lost[0], lost[1], short_resistance, bits, readout.bits is None)
 
 
-@dataclass(frozen=True, eq=False)
-class _Sight:
-    netlist: Netlist
-    floor: Floor
-    eyes: Eyes
-    starts: NDArray[np.bool_]
-
-    def arrivals(self, volts: NDArray[np.float64]) -> NDArray[np.bool_]:
-        return walk(volts, self.floor, self.eyes) & self.starts
-
-
-def _with_bits(eyes: Eyes, bits: int) -> Eyes:
-    return Eyes(eyes.low, eyes.span, 2.0**bits, 0.0, eyes.noise, eyes.falling)
-
-
-def _mask(netlist: Netlist, starts: ArrayLike | None) -> NDArray[np.bool_]:
-    way = netlist.cells.space.goal_connected
-    mask = way if starts is None else np.asarray(starts)
-    if mask.dtype != np.bool_ or mask.shape != way.shape:
-        raise InputError(f"starts must be True or False for every cell, shape {way.shape}")
-    return np.asarray((mask & way).ravel())
-
-
-_Faulty = tuple[int, NDArray[np.float64], NDArray[np.float64]]
-"""An element, and the voltages of all nodes when it is open, and when it is shorted."""
-
-
-def _updated(
+def faulty_voltages(
     netlist: Netlist, volts: NDArray[np.float64], order: NDArray[np.int64], short_resistance: float
-) -> Iterator[_Faulty]:
-    """Voltages by updates of the solution, some elements at a time."""
-    system = assemble(netlist)
-    factors = symmetric_factors(system.matrix) if system.size else None
+) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
+    """An element after the other, and the voltages of all nodes when it is open, and when it is shorted."""
+    system = None if netlist.nonlinear_nodes.size else assemble(netlist)
+    factors = symmetric_factors(system.matrix) if system is not None and system.size else None
     for begin in range(0, len(order), _BLOCK):
         block = order[begin : begin + _BLOCK]
-        spread = _responses(system, factors, netlist.resistor_nodes[block])
-        for element, z in zip(block.tolist(), spread, strict=True):
-            opened = _changed(system, factors, volts, element, 0.0, z)
-            if opened is None:
-                opened = _solved(_without(netlist, element), len(volts))
-            shorted = _changed(system, factors, volts, element, 1.0 / short_resistance, z)
-            if shorted is None:
-                shorted = _solved(_shorted(netlist, element, short_resistance), len(volts))
-            yield element, opened, shorted
+        spread = np.empty(0) if system is None else _responses(system, factors, netlist.resistor_nodes[block])
+        for number, element in enumerate(block.tolist()):
+            voltages = []
+            for siemens in (0.0, 1.0 / short_resistance):
+                changed = None if system is None else _changed(system, factors, volts, element, siemens, spread[number])
+                voltages.append(_solved(netlist, element, siemens) if changed is None else changed)
+            yield element, voltages[0], voltages[1]
 
 
 def _changed(
@@ -293,41 +242,23 @@ def _imbalance(system: NodalSystem, volts: NDArray[np.float64], element: int, si
     return imbalance
 
 
-def _anew(
-    netlist: Netlist, _volts: NDArray[np.float64], order: NDArray[np.int64], short_resistance: float
-) -> Iterator[_Faulty]:
-    """Voltages by solving every faulty chip."""
-    count = netlist.node_count
-    for element in order.tolist():
-        shorted = _shorted(netlist, element, short_resistance)
-        yield element, _solved(_without(netlist, element), count), _solved(shorted, count)
-
-
-def _solved(netlist: Netlist, count: int) -> NDArray[np.float64]:
+def _solved(netlist: Netlist, element: int, siemens: float) -> NDArray[np.float64]:
+    """Voltages when an element has another conductance, solved anew; NaN where there is no operating point."""
     try:
-        return solve(netlist, accuracy="normwise").voltage
+        return solve(_faulty(netlist, element, siemens), accuracy="normwise").voltage
     except CircuitError:
-        return np.full(count, np.nan)
+        return np.full(netlist.node_count, np.nan)
 
 
-def _without(netlist: Netlist, element: int) -> Netlist:
+def _faulty(netlist: Netlist, element: int, siemens: float) -> Netlist:
     linear = len(netlist.conductance)
     if element < linear:
-        return without_stranded_currents(editing.keep_resistors(netlist, np.arange(linear) != element))
+        keep = np.arange(linear) != element
+        if siemens:
+            return netlist.replace(conductance=np.where(keep, netlist.conductance, siemens))
+        return without_stranded_currents(select_resistors(netlist, keep))
     keep = np.arange(len(netlist.nonlinear_current)) != element - linear
-    return without_stranded_currents(editing.keep_nonlinear(netlist, keep))
-
-
-def _shorted(netlist: Netlist, element: int, ohms: float) -> Netlist:
-    linear = len(netlist.conductance)
-    if element < linear:
-        conductance = netlist.conductance.copy()
-        conductance[element] = 1.0 / ohms
-        return netlist.replace(conductance=conductance)
-    pair = netlist.nonlinear_nodes[element - linear : element - linear + 1]
-    bare = _without_nonlinear(netlist, element - linear)
-    return editing.add_resistors(bare, pair, np.array([1.0 / ohms]))
-
-
-def _without_nonlinear(netlist: Netlist, number: int) -> Netlist:
-    return editing.keep_nonlinear(netlist, np.arange(len(netlist.nonlinear_current)) != number)
+    bare = select_resistors(netlist, nonlinear=keep)
+    if siemens:
+        return add_resistors(bare, netlist.nonlinear_nodes[~keep], np.array([siemens]))
+    return without_stranded_currents(bare)

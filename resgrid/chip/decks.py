@@ -8,7 +8,7 @@ Nonlinear chips stand in the middle two as their small-signal circuit at the ope
 from __future__ import annotations
 
 import dataclasses
-import os
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -18,11 +18,10 @@ from numpy.typing import NDArray
 from resgrid.chip.build import build_chip
 from resgrid.chip.noise import ROOM, Noise, analyse_noise
 from resgrid.chip.passes.values import Temperature
-from resgrid.chip.settling import Settling, analyse_settling
+from resgrid.chip.settling import Settling
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint, Readings
-from resgrid.nodal.secant import small_signal
 from resgrid.nodal.solve import solve
 from resgrid.nodal.transient import transient
 from resgrid.scene.chip import Chip
@@ -33,6 +32,15 @@ CELSIUS = (-40.0, 27.0, 85.0, 125.0)
 BAND = 100.0
 """Upper limit of the noise band, in reciprocals of the fastest time constant (as angular frequency)."""
 
+Words = dict[str, Any]
+"""Title and dialect of the decks, as `write_spice` takes them."""
+
+_WHAT = {
+    "op": "the chip, for its operating point",
+    "transient": "the same chip at rest, whose supplies are switched on",
+    "noise": "the same chip, for the noise at its noisiest cell",
+    "temperature": "the same chip with temperature coefficients, for several temperatures",
+}
 _POINTS = 20
 _STEPS = 400
 _MOMENTS = 10
@@ -40,65 +48,43 @@ _MOST_PROBES = 1000
 _FEW_PROBES = 64
 
 
-def write_chip_decks(
-    netlist: Netlist,
+def write_decks(
+    op: OperatingPoint,
+    linear: Netlist,
+    settling: Settling | None,
+    ideal: Netlist,
     chip: Chip,
-    folder: str | os.PathLike[str],
-    *,
-    title: str | None = None,
-    dialect: str = "ngspice",
-    point: OperatingPoint | None = None,
-    settling: Settling | None = None,
+    folder: Path,
+    words: Words,
 ) -> dict[str, WrittenDeck]:
-    """Write a chip's decks into a folder, each with its expected answer in the sidecar.
-
-    Parameters
-    ----------
-    netlist : Netlist
-        The ideal one, as for `build_chip`.
-    chip : Chip
-    folder : path-like
-        It must exist.
-    title : str, optional
-        First line of the decks.
-    dialect : str
-        One of `resgrid.spice.dialects.DIALECTS`.
-    point : OperatingPoint, optional
-        Of the built chip, if it has been solved already.
-    settling : Settling, optional
-        Of the built chip (its small-signal circuit if nonlinear), if it is known already.
-
-    Returns
-    -------
-    dict of str to WrittenDeck
-        By ``"op"``, ``"transient"`` and ``"noise"`` (chips with capacitance) and ``"temperature"``.
-
-    Raises
-    ------
-    InputError
-        If the dialect is unknown or a file cannot be written.
-    """
-    built = build_chip(netlist, chip)
-    point = solve(built) if point is None else point
-    linear = small_signal(point) if built.nonlinear_nodes.size else built
-    words = {"dialect": dialect, "title": title}
-    where = Path(folder)
-    decks = {"op": write_spice(point, where / "op.cir", **words)}  # type: ignore[arg-type]
-    if built.capacitance.any():
-        settling = analyse_settling(linear) if settling is None else settling
-        decks["transient"] = _transient(linear, settling, where / "transient.cir", words)
-        decks["noise"] = _noise(linear, settling, where / "noise.cir", words)
-    decks["temperature"] = _temperature(netlist, chip, where / "temperature.cir", words)
+    """Write the decks of a chip, of its small signals where it has capacitances, and of it at other temperatures."""
+    decks = {"op": write_spice(op, folder / "op.cir", **words)}
+    if settling is not None:
+        decks["transient"] = _transient(linear, settling, folder / "transient.cir", words)
+        decks["noise"] = _noise(linear, settling, folder / "noise.cir", words)
+    decks["temperature"] = _temperature(ideal, chip, folder / "temperature.cir", words)
     return decks
 
 
-def _transient(netlist: Netlist, settling: Settling, path: Path, words: dict[str, Any]) -> WrittenDeck:
+def described_files(decks: Mapping[str, WrittenDeck], dialect: str) -> dict[str, str]:
+    """What every file of the decks is, by its name."""
+    files = {}
+    for name, deck in decks.items():
+        files[deck.path.name] = _WHAT[name]
+        files[deck.commands.name] = f"runs {deck.path.name} in {dialect}"
+        files[deck.sidecar.name] = f"what {deck.path.name} should give, and its nodes"
+        if deck.companion is not None:
+            files[deck.companion.name] = f"makes ngspice check the operating point of {deck.path.name}: PASS or FAIL"
+    return files
+
+
+def _transient(netlist: Netlist, settling: Settling, path: Path, words: Words) -> WrittenDeck:
     """Switch the supplies on; the middle of the simulator's step is time 0 of our answer."""
     tau = float(settling.time_constants[0])
     stop = float(f"{max(1.1 * settling.settle_time, 6.0 * tau):.3g}")
     step = stop / _STEPS
     times = np.geomspace(stop / 50.0, stop, _MOMENTS)
-    found = transient(netlist, times - 0.5 * step)
+    exact = transient(netlist, times - 0.5 * step)
     off = netlist.replace(
         source_volts=np.zeros(len(netlist.source_volts)), current_amps=np.zeros(len(netlist.current_amps))
     )
@@ -112,7 +98,7 @@ def _transient(netlist: Netlist, settling: Settling, path: Path, words: dict[str
         "sum of all distances from the final voltages falls as exp(-t / slowest_time_constant) exactly, where all "
         "cells are listed",
         "times": times.tolist(),
-        "voltage": {name: found.voltage[:, node].tolist() for name, node in zip(names, nodes, strict=True)},
+        "voltage": {name: exact.voltage[:, node].tolist() for name, node in zip(names, nodes, strict=True)},
         "final": {name: float(settling.final[node]) for name, node in zip(names, nodes, strict=True)},
         "slowest_time_constant": tau,
         "weight": {name: float(weight[node]) for name, node in zip(names, nodes, strict=True)},
@@ -121,7 +107,7 @@ def _transient(netlist: Netlist, settling: Settling, path: Path, words: dict[str
     return write_spice(_at_rest(off), path, analyses=asked, expected=expected, verify=False, **words)
 
 
-def _noise(netlist: Netlist, settling: Settling, path: Path, words: dict[str, Any]) -> WrittenDeck:
+def _noise(netlist: Netlist, settling: Settling, path: Path, words: Words) -> WrittenDeck:
     band = noise_band(settling)
     noise = analyse_noise(netlist, band=band)
     node = noisiest(noise)
@@ -162,7 +148,7 @@ def noisiest(noise: Noise) -> int:
     return int(cell_map.free_node[np.argmax(total[cell_map.free_node])])
 
 
-def _temperature(ideal: Netlist, chip: Chip, path: Path, words: dict[str, Any]) -> WrittenDeck:
+def _temperature(ideal: Netlist, chip: Chip, path: Path, words: Words) -> WrittenDeck:
     cold = build_chip(ideal, dataclasses.replace(chip, temperature=None))
     nodes = _probed(cold, solve(cold).voltage)
     wanted = sorted({*CELSIUS, *(() if chip.temperature is None else (chip.temperature,))})

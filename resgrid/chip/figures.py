@@ -1,9 +1,11 @@
-"""Figures of merit: numbers with unit and definition, and shares of trials with score intervals (Wilson 1927)."""
+"""Figures of merit with unit and definition, and shares of trials with score intervals (Wilson 1927)."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+import html
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass
 from statistics import NormalDist
 from typing import Any
 
@@ -11,11 +13,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.arguments import check_number
+from resgrid.frozen import picture_of
+
+_PREFIXES = dict(zip(range(-24, 13, 3), ("y", "z", "a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"), strict=True))
+_UNITS = {"ohm": "Ω", "V/sqrt(Hz)": "V/√Hz"}
 
 
 @dataclass(frozen=True)
-class Reading:
-    """One figure of a chip.
+class Figure:
+    """One figure of merit.
 
     `value`: none where it is not defined; `unit`: SI unit, ``""`` for a pure number; `definition`: what it is, in one
     sentence.
@@ -25,13 +31,61 @@ class Reading:
     unit: str
     definition: str
 
+    def __str__(self) -> str:
+        return formatted(self.value, self.unit)
 
-def json_form(readings: Mapping[str, Reading]) -> dict[str, Any]:
-    """Readings as plain tables, for JSON."""
-    return {
-        name: {"value": reading.value, "unit": reading.unit, "definition": reading.definition}
-        for name, reading in readings.items()
-    }
+
+def formatted(value: float | int | str | None, unit: str) -> str:
+    """A value for people, to four digits with an engineering prefix: ``"38.12 µA"``."""
+    if value is None:
+        return "undefined"
+    if isinstance(value, str):
+        return value
+    if unit in ("", "bit", "°C", "%"):
+        return f"{value:,}" if isinstance(value, int) else f"{value:.4g}" + (f" {unit}" if unit else "")
+    unit = _UNITS.get(unit, unit)
+    if value == 0:
+        return f"0 {unit}"
+    power = min(max(3 * math.floor(math.log10(abs(float(f"{value:.4g}"))) / 3), -24), 12)
+    return f"{value / 10.0**power:.4g} {_PREFIXES[power]}{unit}"
+
+
+def html_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A table for notebooks."""
+    lines = ["".join(f"<th>{html.escape(word)}</th>" for word in head)]
+    lines += ["".join(f"<td>{html.escape(word)}</td>" for word in row) for row in rows]
+    return "<table>" + "".join(f"<tr>{line}</tr>" for line in lines) + "</table>"
+
+
+class Result:
+    """What an analysis returns: a frozen dataclass whose arrays are read-only, and its figures of merit."""
+
+    def __post_init__(self) -> None:
+        for value in vars(self).values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+
+    @property
+    def figures(self) -> Mapping[str, Figure]:
+        """The figures of merit by name, with units and definitions."""
+        raise NotImplementedError
+
+    def to_json(self) -> dict[str, Any]:
+        """The figures, as plain values."""
+        return {name: asdict(figure) for name, figure in self.figures.items()}
+
+    def __repr__(self) -> str:
+        figures = ", ".join(f"{name}: {figure}" for name, figure in self.figures.items())
+        return f"{type(self).__name__}({figures})"
+
+    def _repr_html_(self) -> str:
+        rows = [(name.replace("_", " "), str(figure), figure.definition) for name, figure in self.figures.items()]
+        return picture_of(self) + html_table(("figure", "value", "definition"), rows)
+
+
+def defined(value: float) -> float | None:
+    """A figure that is a finite number, or none."""
+    return float(value) if math.isfinite(value) else None
 
 
 @dataclass(frozen=True)
@@ -58,15 +112,14 @@ class Proportion:
         """Half the length of the interval."""
         return 0.5 * (self.high - self.low)
 
-    def to_json(self) -> dict[str, Any]:
-        """Plain values."""
-        return {
-            "value": self.value,
-            "low": self.low,
-            "high": self.high,
-            "trials": self.trials,
-            "confidence": self.confidence,
-        }
+    def __str__(self) -> str:
+        return f"{100 * self.value:.1f} % ({100 * self.low:.1f} to {100 * self.high:.1f} %)"
+
+
+def proportion(share: float, trials: int, confidence: float, effective: float | None = None) -> Proportion:
+    """A share of trials with its score interval, for an effective number of trials where it is another."""
+    low, high = wilson(share, trials if effective is None else effective, confidence)
+    return Proportion(share, min(float(low), share), max(float(high), share), trials, confidence)
 
 
 def wilson(share: NDArray[np.float64] | float, trials: float, confidence: float) -> tuple[Any, Any]:
@@ -76,12 +129,6 @@ def wilson(share: NDArray[np.float64] | float, trials: float, confidence: float)
     middle = (share + 0.5 * z * z / trials) / weight
     half = z / weight * np.sqrt(share * (1.0 - np.asarray(share)) / trials + 0.25 * (z / trials) ** 2)
     return np.maximum(middle - half, 0.0), np.minimum(middle + half, 1.0)
-
-
-def proportion(share: float, trials: int, confidence: float, effective: float | None = None) -> Proportion:
-    """A share of trials with its score interval, for an effective number of trials where it is another."""
-    low, high = wilson(share, trials if effective is None else effective, confidence)
-    return Proportion(share, min(float(low), share), max(float(high), share), trials, confidence)
 
 
 def effective_trials(total: int, squares: int, trials: int, members: int) -> float:

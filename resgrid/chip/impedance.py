@@ -9,7 +9,6 @@ across their resistors.  So one node of such a part counts from the rail, and al
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,53 +31,40 @@ _ALLOWED = 1e-6
 _ROUNDING = 8.0 * float(np.finfo(np.float64).eps)
 """Backward error of a solution, entry by entry of the factors."""
 
+_POINTS_PER_DECADE = 6
+_FLAT = 1e-2
+"""Share of the lowest corner frequency below which the density is a parabola, to 1e-8 of itself."""
 
-@dataclass(frozen=True, eq=False)
-class _Elements:
-    """Conductances, or capacitances: what lies between rows, then what lies between a row and the rails.
+_MOST_ROUNDING = 1e-3
+"""Share of itself by which rounding may put a density within the band off."""
 
-    `incidence` (m, n): takes unknowns to the voltages across them; `value` (m,).
-    """
+_MOST_ESTIMATED = 0.1
+"""The same of estimates, which samples leave uncertain by about as much."""
 
-    incidence: sparse.csr_array
-    value: NDArray[np.float64]
-
-    @cached_property
-    def matrix(self) -> sparse.csr_array:
-        """Shape (n, n)."""
-        return sparse.csr_array(self.incidence.T @ (sparse.diags_array(self.value) @ self.incidence))
-
-    def taken(self, y: NDArray[np.complex128]) -> NDArray[np.float64]:
-        """Sum of ``value |across|^2`` for every column of unknowns."""
-        across = self.incidence @ y
-        return np.asarray(self.value @ (across.real**2 + across.imag**2))
+_EPS = float(np.finfo(np.float64).eps)
+_ITERATED = 1e-10
+"""Backward error of iterated solutions."""
 
 
-@dataclass(frozen=True, eq=False)
-class Impedance:
-    """The impedances of a circuit with capacitors.
-
-    `basis` (n, n): takes unknowns to the voltages of rows; `conductance, capacitance`: in siemens and farads;
-    `at_rest`: the conductances between rows.
-    """
-
-    basis: sparse.csr_array
-    conductance: _Elements
-    capacitance: _Elements
-    at_rest: Laplacian
-
-    def resistive(self, rows: NDArray[np.int64], frequency: float) -> NDArray[np.float64]:
-        """Resistive part of the impedance from rows to the rails.  Shapes: `rows` (k,); returns (k,)."""
+def resistive_parts(
+    dynamics: Dynamics, rows: NDArray[np.int64], frequencies: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Resistive parts of the impedances from rows to the rails, shape (frequencies, rows), in ohms."""
+    basis = _swinging(dynamics.conductance)
+    (G, conductors), (C, capacitors) = (_elements(part, basis) for part in (dynamics.conductance, dynamics.capacitance))
+    own = basis[rows].T.toarray()
+    result = np.empty((len(frequencies), len(rows)))
+    for number, frequency in enumerate(frequencies.tolist()):
         if frequency == 0.0:
-            return _at_rest(self.at_rest, rows)
-        G, w = self.conductance.matrix, 2.0 * np.pi * frequency
-        Y = sparse.csr_array(G + 1j * w * self.capacitance.matrix)
+            result[number] = _effective_resistance(dynamics.conductance, rows)
+            continue
+        w = 2.0 * np.pi * frequency
+        Y = sparse.csr_array(G + 1j * w * C)
         factors = symmetric_factors(Y)
-        own = self.basis[rows].T.toarray()
         y = factors.solve(own.astype(np.complex128))
-        resistive = self.conductance.taken(y)
+        result[number] = resistive = _taken(conductors, y)
         # Tellegen: what 1 A delivers, the elements take.
-        amiss = np.abs(np.sum(own * y, axis=0) - (resistive - 1j * w * self.capacitance.taken(y)))
+        amiss = np.abs(np.sum(own * y, axis=0) - (resistive - 1j * w * _taken(capacitors, y)))
         # An error dY of the factors changes the sum by 2 Re q . dY y.
         q = factors.solve(G @ y.conj())
         doubt = 2.0 * _ROUNDING * np.sum(np.abs(q) * (abs(Y) @ np.abs(y)), axis=0)
@@ -89,17 +75,29 @@ class Impedance:
                 "and capacitances span too many decades",
                 resistive,
             )
-        return resistive
+    return result
 
 
-def impedance_of(dynamics: Dynamics) -> Impedance:
-    """Set up the impedances of a circuit."""
-    basis = _swinging(dynamics.conductance)
-    G, C = dynamics.conductance, dynamics.capacitance
-    return Impedance(basis, _elements(G, basis), _elements(C, basis), G)
+_Elements = tuple[sparse.csr_array, NDArray[np.float64]]
+"""Incidence, which takes unknowns to the voltages across elements, shape (m, n), and values, shape (m,)."""
 
 
-def _at_rest(G: Laplacian, rows: NDArray[np.int64]) -> NDArray[np.float64]:
+def _elements(laplacian: Laplacian, basis: sparse.csr_array) -> tuple[sparse.csr_array, _Elements]:
+    """The matrix of conductances, or capacitances, of unknowns in a basis, shape (n, n), and its elements."""
+    incidence, value = laplacian.elements
+    across = sparse.csr_array(incidence @ basis)
+    across.eliminate_zeros()
+    return sparse.csr_array(across.T @ (sparse.diags_array(value) @ across)), (across, value)
+
+
+def _taken(elements: _Elements, y: NDArray[np.complex128]) -> NDArray[np.float64]:
+    """Sum of ``value |across|^2`` for every column of unknowns."""
+    incidence, value = elements
+    across = incidence @ y
+    return np.asarray(value @ (across.real**2 + across.imag**2))
+
+
+def _effective_resistance(G: Laplacian, rows: NDArray[np.int64]) -> NDArray[np.float64]:
     """Effective resistances, without capacitors."""
     factors = positive_factors(G.coupling, G.excess)
     unit = np.zeros(len(G.excess))
@@ -125,30 +123,8 @@ def _swinging(G: Laplacian) -> sparse.csr_array:
     return sparse.coo_array((entries[0], entries[1:]), shape=(n, n)).tocsr()
 
 
-def _elements(laplacian: Laplacian, basis: sparse.csr_array) -> _Elements:
-    incidence, value = laplacian.elements
-    across = sparse.csr_array(incidence @ basis)
-    across.eliminate_zeros()
-    return _Elements(across, value)
-
-
-_POINTS_PER_DECADE = 6
-_FLAT = 1e-2
-"""Share of the lowest corner frequency below which the density is a parabola, to 1e-8 of itself."""
-
-_MOST_ROUNDING = 1e-3
-"""Share of itself by which rounding may put a density within the band off."""
-
-_MOST_ESTIMATED = 0.1
-"""The same of estimates, which samples leave uncertain by about as much."""
-
-_EPS = float(np.finfo(np.float64).eps)
-_ITERATED = 1e-10
-"""Backward error of iterated solutions."""
-
-
 @dataclass(frozen=True, eq=False)
-class Found:
+class Integrals:
     """Effective resistances and integrals of ``Re Z`` over a band, row by row.
 
     `resistance, resistance_error` (n,): in ohms; `area, area_error` (n,): in ohm hertz.
@@ -160,25 +136,25 @@ class Found:
     area_error: NDArray[np.float64]
 
 
-def find_exactly(dynamics: Dynamics, band: tuple[float, float] | None) -> Found:
+def find_exactly(dynamics: Dynamics, band: tuple[float, float] | None) -> Integrals:
     """Find them from the factors."""
     none = np.zeros(dynamics.size)
     if not dynamics.size:
-        return Found(none, none, none, none)
+        return Integrals(none, none, none, none)
     factors = positive_factors(dynamics.conductance.coupling, dynamics.conductance.excess)
     resistance = factors.inverse_diagonal()
     if band is None:
-        return Found(resistance, none, none, none)
+        return Integrals(resistance, none, none, none)
     rounding = 2.0 * _EPS * factors.solve_nonnegative(_largest_currents(dynamics, band))
     _require_digits(dynamics, rounding, _MOST_ROUNDING)
     flat, frequency, weight = _quadrature(dynamics, band)
     area = flat * resistance
     for f, w in zip(frequency.tolist(), weight.tolist(), strict=True):
         area = area + w * inverse_diagonal(_admittance(dynamics, f)).real
-    return Found(resistance, none, area, rounding * area)
+    return Integrals(resistance, none, area, rounding * area)
 
 
-def estimate(dynamics: Dynamics, band: tuple[float, float] | None, signs: NDArray[np.float64]) -> Found:
+def estimate(dynamics: Dynamics, band: tuple[float, float] | None, signs: NDArray[np.float64]) -> Integrals:
     """Estimate them from products with random signs.  Shapes: `signs` (n, samples)."""
     factors = factor_resolvent(dynamics, 0.0)
     currents = _largest_currents(dynamics, band or (0.0, 0.0))
@@ -187,12 +163,12 @@ def estimate(dynamics: Dynamics, band: tuple[float, float] | None, signs: NDArra
     at_rest = np.stack([factors.solve(column) for column in signs.T], axis=1)
     resistance = estimate_diagonal(signs, at_rest)
     if band is None:
-        return Found(*resistance, *np.zeros((2, dynamics.size)))
+        return Integrals(*resistance, *np.zeros((2, dynamics.size)))
     flat, frequency, weight = _quadrature(dynamics, band)
     products = flat * at_rest
     for f, w in zip(frequency.tolist(), weight.tolist(), strict=True):
         products += w * symmetric_factors(_admittance(dynamics, f)).solve(signs.astype(np.complex128)).real
-    return Found(*resistance, *estimate_diagonal(signs, products))
+    return Integrals(*resistance, *estimate_diagonal(signs, products))
 
 
 def _largest_currents(dynamics: Dynamics, band: tuple[float, float]) -> NDArray[np.float64]:
@@ -225,8 +201,7 @@ def _quadrature(
     low, high = band
     if not charge_basis(dynamics).charged.any():
         return high - low, np.empty(0), np.empty(0)
-    tau, _ = slowest_modes(dynamics, 1)
-    corner = _FLAT / (2.0 * np.pi * float(tau[0]))
+    corner = _FLAT / (2.0 * np.pi * float(slowest_modes(dynamics, 1).tau[0]))
     flat, frequency, weight = 0.0, np.empty(0), np.empty(0)
     if low < corner:
         end = min(high, corner)

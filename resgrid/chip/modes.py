@@ -1,8 +1,18 @@
-"""Square roots of Laplacians, and solutions that weak ties do not spoil.
+"""Time constants: the eigenvalues ``tau`` of ``C v = tau G v``, and solutions that weak ties do not spoil.
 
 A Laplacian is ``F^T F``, where ``F`` has a row for every element: the root of its conductance (or capacitance) times
 the difference of its two voltages.  Differences come first there, so that what ties a stiffly joined island to a rail
 is never rounded away in a summed diagonal.
+
+Small circuits are resolved whole, each mode to its own accuracy, however far apart the time constants are: with ``G =
+B^T B`` and ``C = F^T F`` these are generalised singular values.  Neither product is formed: rows sorted by size and
+columns pivoted, Householder's method is as accurate row by row as the data (Cox & Higham 1998), and so is Jacobi's
+method for matrices that only scaling makes ill-conditioned (Drmac & Veselic 2008).
+
+In others the slowest ones come from Lanczos iteration on ``F G^-1 F^T`` (ARPACK; Lehoucq, Sorensen & Yang 1998), and
+again on what is left once the modes found are projected out, until nothing slower appears: an iteration from one vector
+sees one copy only of a multiple eigenvalue (Parlett 1998, section 12.4), and symmetric grids have many.  The fastest
+one comes from Lanczos iteration on ``C^-1 G``, in which no ``G`` is solved.
 """
 
 from __future__ import annotations
@@ -10,7 +20,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -193,59 +202,27 @@ _KRYLOV, _PROBE_KRYLOV = 20, 10
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Time constants of a circuit.
+    """The slowest time constants of a circuit.
 
-    `tau` (k,): the slowest ones, slowest first, in seconds; `mode` (n, k): ``mode.T @ G @ mode`` is the identity, in
-    siemens; `fastest`: the shortest one, to 1 % or better, in seconds; `modes`: all of them, where the circuit is
-    small.
+    `tau` (k,): slowest first, in seconds; `mode` (n, k): ``mode.T @ G @ mode`` is the identity, in siemens; `all`:
+    every mode, where the circuit is small.
     """
 
     tau: Floats
     mode: Floats
-    fastest: float
-    modes: Modes | None
+    all: Modes | None
 
 
-def find_spectrum(dynamics: Dynamics, count: int, solve: Solver) -> Spectrum:
-    """Slowest time constants with their modes, and the fastest one."""
+def slowest_modes(dynamics: Dynamics, count: int, solve: Solver | None = None) -> Spectrum:
+    """Slowest time constants and their modes; ``solve`` is `accurate_solver`."""
     live = require_charge(dynamics)
+    solve = solve or accurate_solver(factor_resolvent(dynamics, 0.0), dynamics.capacitance)
     if dynamics.size <= max(DENSE, 2 * count):
         modes = all_modes(dynamics)
         check_modes(dynamics, modes, solve)
         slow = modes.tau[:count]
-        return Spectrum(slow, modes.shape[:, :count] * np.sqrt(slow), float(modes.tau[-1]), modes)
-    tau, mode = _slowest(dynamics, count, live, solve)
-    return Spectrum(tau, mode, fastest_time_constant(dynamics), None)
-
-
-def slowest_modes(dynamics: Dynamics, count: int, method: str = "auto") -> tuple[Floats, Floats]:
-    """Slowest time constants and their modes.  Returns `time_constant` (k,), `mode` (n, k)."""
-    if count < 1:
-        raise InputError(f"{count} modes were asked for; at least 1 makes sense")
-    live = require_charge(dynamics)
-    solve = accurate_solver(factor_resolvent(dynamics, 0.0, method), dynamics.capacitance)
-    if dynamics.size <= max(DENSE, 2 * count):
-        modes = all_modes(dynamics)
-        check_modes(dynamics, modes, solve)
-        slow = modes.tau[:count]
-        return slow, modes.shape[:, :count] * np.sqrt(slow)
-    return _slowest(dynamics, count, live, solve)
-
-
-def fastest_time_constant(dynamics: Dynamics) -> float:
-    """The shortest time constant, to 1 % or better, in seconds.
-
-    Nodes without capacitance are eliminated first, for they follow at once.
-    """
-    require_charge(dynamics)
-    if dynamics.size <= DENSE:
-        return float(all_modes(dynamics).tau[-1])
-    basis = charge_basis(dynamics)
-    charged = basis.charged
-    G = dynamics.conductance.matrix
-    own, across = G[charged][:, charged], (G @ basis.spread)[charged]
-    capacitance = dynamics.capacitance.matrix[charged][:, charged]
-    return _iterated(own, across, sparse.csc_matrix(basis.spread.T @ G @ basis.spread), capacitance)
+        return Spectrum(slow, modes.shape[:, :count] * np.sqrt(slow), modes)
+    return Spectrum(*_slowest(dynamics, count, live, solve), None)
 
 
 def require_charge(dynamics: Dynamics) -> int:
@@ -267,7 +244,12 @@ def _slowest(dynamics: Dynamics, count: int, live: int, solve: Solver) -> tuple[
     random = np.random.default_rng(0)
     tau, U = _top(apply, F @ random.uniform(0.5, 1.5, dynamics.size), count, _RTOL, _KRYLOV)
     while len(tau) < live:
-        rest, start = _without(U, apply), _orthogonal(U, F @ random.uniform(0.5, 1.5, dynamics.size))
+        project = partial(_project_out, U)
+        start = project(F @ random.uniform(0.5, 1.5, dynamics.size))
+
+        def rest(u: Floats, project: Solver = project) -> Floats:
+            return project(apply(project(np.ravel(u))))
+
         if _top(rest, start, 1, _PROBE_RTOL, _PROBE_KRYLOV)[0][0] * (1.0 + 2.0 * _PROBE_RTOL) < tau[count - 1]:
             break
         more, u = _top(rest, start, 1, _RTOL, _KRYLOV)
@@ -279,7 +261,12 @@ def _slowest(dynamics: Dynamics, count: int, live: int, solve: Solver) -> tuple[
     return tau, np.stack([solve(F.T @ u) for u in U.T], axis=1) / np.sqrt(tau)
 
 
-def _top(apply: Any, start: Floats, count: int, rtol: float, least: int) -> tuple[Floats, Floats]:
+def _project_out(U: Floats, u: Floats) -> Floats:
+    """What is orthogonal to some vectors."""
+    return np.asarray(u - U @ (U.T @ u))
+
+
+def _top(apply: Solver, start: Floats, count: int, rtol: float, least: int) -> tuple[Floats, Floats]:
     """Largest eigenvalues, largest first, and their eigenvectors."""
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
@@ -300,39 +287,38 @@ def _sorted(tau: Floats, U: Floats) -> tuple[Floats, Floats]:
     return tau[order], U[:, order]
 
 
-def _orthogonal(U: Floats, u: Floats) -> Floats:
-    return np.asarray(u - U @ (U.T @ u))
+def fastest_time_constant(dynamics: Dynamics) -> float:
+    """The shortest time constant, to 1 % or better, in seconds.
 
-
-def _without(U: Floats, apply: Any) -> Any:
-    """The operator on what is orthogonal to some of its eigenvectors."""
-    return lambda u: _orthogonal(U, apply(_orthogonal(U, np.ravel(u))))
-
-
-def _iterated(
-    own: sparse.csr_array, across: sparse.csr_array, loose: sparse.csc_matrix, capacitance: sparse.csr_array
-) -> float:
+    Nodes without capacitance are eliminated first, for they follow at once.
+    """
+    from scipy.linalg import eigh
     from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
-    inner = symmetric_factors(loose) if loose.shape[0] else None
+    require_charge(dynamics)
+    if dynamics.size <= DENSE:
+        return float(all_modes(dynamics).tau[-1])
+    basis = charge_basis(dynamics)
+    charged = basis.charged
+    G = dynamics.conductance.matrix
+    own, across = G[charged][:, charged], (G @ basis.spread)[charged]
+    C = dynamics.capacitance.matrix[charged][:, charged]
+    inner = symmetric_factors(sparse.csc_matrix(basis.spread.T @ G @ basis.spread)) if basis.spread.shape[1] else None
 
     def reduced(x: Floats) -> Floats:
         x = np.ravel(x)
-        followed = 0.0 if inner is None else across @ inner.solve(across.T @ x)
-        return np.asarray(own @ x - followed)
+        return np.asarray(own @ x if inner is None else own @ x - across @ inner.solve(across.T @ x))
 
     n = own.shape[0]
     if n <= DENSE:
-        from scipy.linalg import eigh
-
-        held = np.stack([reduced(x) for x in np.eye(n)])
-        return float(1.0 / eigh(held, capacitance.toarray(), eigvals_only=True, subset_by_index=[n - 1, n - 1])[0])
-    charge = symmetric_factors(capacitance)
+        whole = np.stack([reduced(x) for x in np.eye(n)])
+        return float(1.0 / eigh(whole, C.toarray(), eigvals_only=True, subset_by_index=[n - 1, n - 1])[0])
+    charge = symmetric_factors(C)
     try:
         rate = eigsh(
             LinearOperator((n, n), matvec=reduced, dtype=np.float64),
             1,
-            M=capacitance,
+            M=C,
             Minv=LinearOperator((n, n), matvec=lambda b: charge.solve(np.ravel(b)), dtype=np.float64),
             which="LA",
             v0=np.random.default_rng(0).uniform(0.5, 1.5, n),

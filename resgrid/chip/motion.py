@@ -71,12 +71,12 @@ def motions(
         solve = accurate_solver(factor_resolvent(dynamics, rate, method), dynamics.capacitance)
         begin = first if first > 0.0 else last / SPAN
         times = np.append(first, np.geomspace(begin, last, _PROBES))
-        return _iterated(root, lambda x: solve(root.T @ x), rate, deviation, accuracy, times)
+        return _krylov(root, lambda x: solve(root.T @ x), rate, deviation, accuracy, times)
 
     return window
 
 
-def _iterated(
+def _krylov(
     root: sparse.csr_array, solve: Solver, shift: float, deviation: Floats, accuracy: float, times: Floats
 ) -> Motion:
     """Reduce the motion at some times to a few exponentials; ``solve`` is ``(G + shift C)^-1 F^T``."""

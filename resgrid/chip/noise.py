@@ -17,17 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from resgrid.arguments import check_number, check_whole, is_number
-from resgrid.chip.figures import Reading, json_form
-from resgrid.chip.impedance import estimate, find_exactly, impedance_of
+from resgrid.chip.figures import Figure, Result, defined
+from resgrid.chip.impedance import estimate, find_exactly, resistive_parts
 from resgrid.errors import InputError
-from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import Netlist
-from resgrid.nodal.dynamics import (
-    Dynamics,
-    charge_basis,
-    dynamics_of,
-    require_grounded,
-)
+from resgrid.nodal.dynamics import Dynamics, charge_basis, dynamics_of, require_grounded
 from resgrid.nodal.selected.diagonal import random_signs
 from resgrid.nodal.selected.positive import PositiveFactors, positive_factors
 
@@ -42,9 +36,8 @@ _HIGHEST = 1e300
 _EXACT_PLANE, _EXACT_VOLUME = 300_000, 15_000
 
 
-@frozen
-@dataclass(frozen=True, eq=False)
-class Noise:
+@dataclass(frozen=True, eq=False, repr=False)
+class Noise(Result):
     """Thermal noise of every node's voltage; 0 on rails, NaN where a node floats.
 
     Attributes
@@ -80,36 +73,33 @@ class Noise:
     total_error: NDArray[np.float64] | None
     exact: bool
 
-    _repr_html_ = picture_html
-
     @property
     def density(self) -> NDArray[np.float64]:
         """Density ``4 k T R_eff`` at low frequency, shape (nodes,), in V^2/Hz."""
         return 4.0 * BOLTZMANN * self.temperature * self.resistance
 
     @property
-    def readings(self) -> Mapping[str, Reading]:
+    def figures(self) -> Mapping[str, Figure]:
         """The figures of the noisiest node, with units and definitions."""
         at = f"at {self.temperature:.6g} K"
-        limit = float(np.nanmax(self.limit))
         result = {
-            "largest_effective_resistance": Reading(
+            "largest_effective_resistance": Figure(
                 float(np.nanmax(self.resistance)), "ohm", "largest resistance from a node to the rails at low frequency"
             ),
-            "largest_noise_density": Reading(
+            "largest_noise_density": Figure(
                 float(np.sqrt(np.nanmax(self.density))),
                 "V/sqrt(Hz)",
                 f"thermal noise of the noisiest node at low frequency, sqrt(4 k T R_eff), {at}",
             ),
-            "largest_noise_limit": Reading(
-                limit if np.isfinite(limit) else None,
+            "largest_noise_limit": Figure(
+                defined(np.nanmax(self.limit)),
                 "V",
                 f"rms thermal noise of the noisiest node from 0 Hz to infinity, sqrt(k T (C^-1)_ii), {at}; undefined "
                 "where a node has no capacitance",
             ),
         }
         if self.band is not None and self.total is not None:
-            result["largest_noise"] = Reading(
+            result["largest_noise"] = Figure(
                 float(np.nanmax(self.total)),
                 "V",
                 f"rms thermal noise of the noisiest node from {self.band[0]:g} Hz to {self.band[1]:g} Hz, {at}",
@@ -117,13 +107,9 @@ class Noise:
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """The readings, the limits of the integral and how it was found, as plain values."""
-        return {
-            **json_form(self.readings),
-            "temperature": self.temperature,
-            "band": None if self.band is None else list(self.band),
-            "exact": self.exact,
-        }
+        """The figures, the limits of the integral and how it was found, as plain values."""
+        band = None if self.band is None else list(self.band)
+        return {**super().to_json(), "temperature": self.temperature, "band": band, "exact": self.exact}
 
 
 def analyse_noise(
@@ -135,59 +121,38 @@ def analyse_noise(
     samples: int = 64,
     seed: int = 0,
 ) -> Noise:
-    """Find the thermal noise of every node's voltage.
-
-    Parameters
-    ----------
-    netlist : Netlist
-    band : tuple of float, optional
-        Lower and upper limit of the integral, in hertz: a read-out of noise bandwidth ``B`` takes ``(0, B)``.
-    temperature : float
-        In kelvin.
-    method : {"auto", "exact", "estimate"}
-        Exact: the diagonal of the inverse from the factors.  Estimate: from products with random signs, for grids of
-        three or more dimensions whose factors are large.
-    samples : int
-        Of an estimate.
-    seed : int
-        Of its random signs.
-
-    Returns
-    -------
-    Noise
-
-    Raises
-    ------
-    InputError
-        If an argument is not admissible.
-    CircuitError
-        If a node is tied to no rail by resistors.
-    AccuracyError
-        If conductances span so many decades that rounding may be more than 1e-3 of a density within the band, or a
-        tenth of what is estimated.
-    """
-    _check(band, temperature, method, samples, seed)
+    """Find the thermal noise of every node's voltage: `Study.noise`."""
+    _check_temperature(temperature)
+    if method not in METHODS:
+        raise InputError(f"method = {method!r} is unknown; it may be one of {', '.join(METHODS)}")
+    if samples == 1:
+        raise InputError("samples = 1, but an error bar needs at least 2")
+    check_whole("samples", samples, 2)
+    check_whole("seed", seed, 0)
+    if band is not None and not (_are_two(band) and 0 <= band[0] < band[1]):
+        raise InputError(f"band = {band} must be two frequencies in hertz, the lower first (for all of them see limit)")
     dynamics = dynamics_of(netlist)
     require_grounded(dynamics)
     exact = method == "exact" or (method == "auto" and _is_small(dynamics)) or not dynamics.size
-    found = (
+    integrals = (
         find_exactly(dynamics, band) if exact else estimate(dynamics, band, random_signs(dynamics.size, samples, seed))
     )
     scale = BOLTZMANN * temperature
     total = total_error = None
     if band is not None:
-        total = np.sqrt(4.0 * scale * np.maximum(found.area, 0.0))
+        root = np.sqrt(4.0 * scale * np.maximum(integrals.area, 0.0))
         with np.errstate(divide="ignore", invalid="ignore"):
-            total_error = np.nan_to_num(2.0 * scale * found.area_error / total)
+            total_error = dynamics.at_nodes(np.nan_to_num(2.0 * scale * integrals.area_error / root))
+        total = dynamics.at_nodes(root)
     return Noise(
         netlist=netlist,
         temperature=float(temperature),
-        resistance=dynamics.at_nodes(found.resistance),
-        resistance_error=dynamics.at_nodes(found.resistance_error),
+        resistance=dynamics.at_nodes(integrals.resistance),
+        resistance_error=dynamics.at_nodes(integrals.resistance_error),
         limit=dynamics.at_nodes(np.sqrt(scale * _elastance(dynamics))),
         band=None if band is None else (float(band[0]), float(band[1])),
-        total=None if total is None else dynamics.at_nodes(total),
-        total_error=None if total_error is None else dynamics.at_nodes(total_error),
+        total=total,
+        total_error=total_error,
         exact=exact,
     )
 
@@ -195,34 +160,10 @@ def analyse_noise(
 def noise_density(
     netlist: Netlist, nodes: ArrayLike, frequencies: ArrayLike, *, temperature: float = ROOM
 ) -> NDArray[np.float64]:
-    """Spot density of thermal noise, ``4 k T Re Z(f)``.
-
-    Parameters
-    ----------
-    netlist : Netlist
-    nodes : array_like of int, shape (k,)
-    frequencies : array_like of float, shape (f,)
-        In hertz, at least 0.
-    temperature : float
-        In kelvin.
-
-    Returns
-    -------
-    ndarray of float64, shape (f, k)
-        In V^2/Hz; 0 on rails, NaN where a node floats.
-
-    Raises
-    ------
-    InputError
-        If an argument is not admissible.
-    CircuitError
-        If a frequency is 0, and resistors tie some part to no rail.
-    AccuracyError
-        If a density may be off by more than 1e-6 of itself.
-    """
+    """Spot density of thermal noise, ``4 k T Re Z(f)``: `Study.noise_density`."""
     wanted = _checked_nodes(netlist, nodes)
     when = _checked_frequencies(frequencies)
-    _check(None, temperature, "auto", 2, 0)
+    _check_temperature(temperature)
     dynamics = dynamics_of(netlist)
     rows = dynamics.row[wanted]
     density = np.zeros((len(when), len(wanted)))
@@ -231,34 +172,13 @@ def noise_density(
     if len(inside) and len(when):
         if not when.all():
             require_grounded(dynamics)
-        impedance = impedance_of(dynamics)
-        for number, frequency in enumerate(when.tolist()):
-            density[number, inside] = impedance.resistive(rows[inside], frequency)
+        density[:, inside] = resistive_parts(dynamics, rows[inside], when)
     return 4.0 * BOLTZMANN * temperature * density
 
 
 def noise_covariance(netlist: Netlist, nodes: ArrayLike, *, temperature: float = ROOM) -> NDArray[np.float64]:
-    """Covariance ``k T C^-1`` of node voltages over all frequencies, 0 Hz to infinity.
-
-    Parameters
-    ----------
-    netlist : Netlist
-        With capacitance that ties each of the nodes to a rail.
-    nodes : array_like of int, shape (k,)
-    temperature : float
-        In kelvin.
-
-    Returns
-    -------
-    ndarray of float64, shape (k, k)
-        In V^2; 0 for rails, NaN where a node floats.
-
-    Raises
-    ------
-    InputError
-        If an argument is not admissible, or no capacitor ties a node to a rail: its noise is unbounded.
-    """
-    _check(None, temperature, "auto", 2, 0)
+    """Covariance ``k T C^-1`` of node voltages over all frequencies, 0 Hz to infinity: `Study.noise_covariance`."""
+    _check_temperature(temperature)
     wanted = _checked_nodes(netlist, nodes)
     dynamics = dynamics_of(netlist)
     tied = _tied_by_capacitors(dynamics)
@@ -303,8 +223,7 @@ def _elastance(dynamics: Dynamics) -> NDArray[np.float64]:
 
 
 def _is_small(dynamics: Dynamics) -> bool:
-    coupling = dynamics.conductance.coupling
-    plane = coupling.nnz <= 4.2 * max(dynamics.size, 1)
+    plane = dynamics.conductance.coupling.nnz <= 4.2 * max(dynamics.size, 1)
     return dynamics.size <= (_EXACT_PLANE if plane else _EXACT_VOLUME)
 
 
@@ -330,16 +249,8 @@ def _checked_frequencies(frequencies: ArrayLike) -> NDArray[np.float64]:
     return wanted.astype(np.float64)
 
 
-def _check(band: tuple[float, float] | None, temperature: float, method: str, samples: int, seed: int) -> None:
-    if method not in METHODS:
-        raise InputError(f"method = {method!r} is unknown; it may be one of {', '.join(METHODS)}")
+def _check_temperature(temperature: float) -> None:
     check_number("temperature", temperature, "positive and finite, in kelvin", above=0.0)
-    if samples == 1:
-        raise InputError("samples = 1, but an error bar needs at least 2")
-    check_whole("samples", samples, 2)
-    check_whole("seed", seed, 0)
-    if band is not None and not (_are_two(band) and 0 <= band[0] < band[1]):
-        raise InputError(f"band = {band} must be two frequencies in hertz, the lower first (for all of them see limit)")
 
 
 def _are_two(band: Any) -> bool:

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.chip.figures import Reading, json_form
-from resgrid.frozen import frozen, picture_html
+from resgrid.chip.figures import Figure, Result
 from resgrid.netlist import GROUND, Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.space import Cell
@@ -35,15 +34,13 @@ class RailPower:
     watts: float
 
 
-@frozen
-@dataclass(frozen=True, eq=False)
-class Power:
+@dataclass(frozen=True, eq=False, repr=False)
+class Power(Result):
     """The power of a chip at its operating point.
 
     Attributes
     ----------
-    point : OperatingPoint
-        The operating point.
+    op : OperatingPoint
     rails : tuple of RailPower
         Voltage sources, rail by rail; without those of 0 V that join a cell to a rail.
     current_sources : float
@@ -59,15 +56,13 @@ class Power:
         nodes, empty without a map of cells.
     """
 
-    point: OperatingPoint
+    op: OperatingPoint
     rails: tuple[RailPower, ...]
     current_sources: float
     resistor: NDArray[np.float64]
     nonlinear: NDArray[np.float64]
     node: NDArray[np.float64]
     droop: NDArray[np.float64]
-
-    _repr_html_ = picture_html
 
     @property
     def total(self) -> float:
@@ -86,122 +81,105 @@ class Power:
     @property
     def cell_heat(self) -> NDArray[np.float64]:
         """Heat at every cell, shape of the space, in watts; NaN where a cell has no node of its own."""
-        cell_map = self.point.netlist.cells
-        cell = self.point.netlist.cell_of_node()
+        cell_map = self.op.netlist.cells
+        cell = self.op.netlist.cell_of_node()
         heat = np.full(cell_map.space.cell.size, np.nan)
         heat[cell[cell >= 0]] = self.node[cell >= 0]
         return heat.reshape(cell_map.space.shape)
 
     @property
-    def readings(self) -> Mapping[str, Reading]:
-        """The figures, with units and definitions."""
+    def figures(self) -> Mapping[str, Figure]:
+        """The figures of merit by name, with units and definitions."""
         hottest = float(self.resistor.max(initial=0.0))
         result = {
-            "power": Reading(self.total, "W", "heat in all resistors at the operating point"),
-            "hottest_resistor": Reading(hottest, "W", "heat in the resistor that dissipates most"),
-            "supply_droop": Reading(
+            "power": Figure(self.total, "W", "heat in all resistors at the operating point"),
+            "hottest_resistor": Figure(hottest, "W", "heat in the resistor that dissipates most"),
+            "supply_droop": Figure(
                 self.largest_droop, "V", "largest distance of an obstacle or goal cell from the voltage of its rail"
             ),
-            "power_current_sources": Reading(
+            "power_current_sources": Figure(
                 self.current_sources, "W", "power that the drive's current sources deliver"
             ),
         }
         for rail in self.rails:
-            result[f"power_{rail.name}"] = Reading(
+            result[f"power_{rail.name}"] = Figure(
                 rail.watts, "W", f"power delivered by the {rail.sources} sources of {rail.volts:g} V at {rail.name}"
             )
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """The readings and the hottest resistors, as plain values."""
-        netlist = self.point.netlist
-        worst = self.worst()
-        ends = netlist.resistor_nodes[worst]
-        names = list(zip(netlist.names_of(ends[:, 0]), netlist.names_of(ends[:, 1]), strict=True))
-        return {
-            **json_form(self.readings),
-            "hottest": [
-                {"nodes": list(pair), "power": watts}
-                for pair, watts in zip(names, self.resistor[worst].tolist(), strict=True)
-            ],
-        }
+        """The figures and the hottest resistors, as plain values."""
+        worst, netlist = self.worst(), self.op.netlist
+        pairs = zip(*(netlist.names_of(netlist.resistor_nodes[worst, end]) for end in (0, 1)), strict=True)
+        heat = self.resistor[worst].tolist()
+        hottest = [{"nodes": list(pair), "power": watts} for pair, watts in zip(pairs, heat, strict=True)]
+        return {**super().to_json(), "hottest": hottest}
 
 
-def analyse_power(point: OperatingPoint) -> Power:
-    """Account for the power of an operating point.
-
-    Parameters
-    ----------
-    point : OperatingPoint
-
-    Returns
-    -------
-    Power
-    """
-    netlist = point.netlist
-    balance = power_balance(point)
+def analyse_power(op: OperatingPoint) -> Power:
+    """Account for the power of an operating point: `Study.power`."""
+    netlist = op.netlist
+    balance = power_balance(op)
     heat, nonlinear = balance.resistor_power, balance.nonlinear_power
-    count = netlist.node_count
-    halves = np.zeros(count)
+    halves = np.zeros(netlist.node_count)
     for ends, watts in ((netlist.resistor_nodes, heat), (netlist.nonlinear_nodes, nonlinear)):
-        for column in (0, 1):
-            halves += 0.5 * np.bincount(ends[:, column], watts, count)
+        for end in (0, 1):
+            halves += 0.5 * np.bincount(ends[:, end], watts, netlist.node_count)
     return Power(
-        point=point,
-        rails=_rails(point, balance),
+        op=op,
+        rails=_rails(op, balance),
         current_sources=float(balance.current_source_power.sum()),
         resistor=heat,
         nonlinear=nonlinear,
         node=halves,
-        droop=_droop(point),
+        droop=_droop(op),
     )
 
 
-def _rails(point: OperatingPoint, balance: PowerBalance) -> tuple[RailPower, ...]:
-    netlist = point.netlist
-    groups: dict[tuple[str, float], list[int]] = {}
-    names = _rail_names(netlist)
+def _rails(op: OperatingPoint, balance: PowerBalance) -> tuple[RailPower, ...]:
+    netlist = op.netlist
     ties = (netlist.source_volts == 0.0) & (netlist.source_nodes != GROUND).all(axis=1)
-    for number in np.flatnonzero(~ties).tolist():
-        volts = float(netlist.source_volts[number])
-        groups.setdefault((names[number], volts), []).append(number)
-    result = []
-    for (name, volts), numbers in groups.items():
-        amps = -point.source_current[numbers]
-        result.append(
-            RailPower(name, volts, len(numbers), float(amps.sum()), float(balance.source_power[numbers].sum()))
+    groups: dict[tuple[str, float], list[int]] = {}
+    for number, name in enumerate(_rail_names(netlist)):
+        if not ties[number]:
+            groups.setdefault((name, float(netlist.source_volts[number])), []).append(number)
+    return tuple(
+        RailPower(
+            name,
+            volts,
+            sources=len(numbers),
+            amps=float(-op.source_current[numbers].sum()),
+            watts=float(balance.source_power[numbers].sum()),
         )
-    return tuple(result)
+        for (name, volts), numbers in groups.items()
+    )
 
 
 def _rail_names(netlist: Netlist) -> list[str]:
     """For every voltage source the rail that it is part of."""
-    node = netlist.source_nodes[:, 0].copy()
-    node[node == GROUND] = netlist.source_nodes[node == GROUND, 1]
+    plus, minus = netlist.source_nodes.T
+    node = np.where(plus == GROUND, minus, plus)
     names = netlist.names_of(node)
-    cell_map = netlist.cell_map
-    if cell_map is None or cell_map.wiring.rails != "cells":
+    if netlist.cell_map is None or netlist.cells.wiring.rails != "cells":
         return names
-    cell = netlist.cell_of_node()[node]
-    code, region = cell_map.space.cell.ravel(), cell_map.space.goal_region.ravel()
-    for number, place in enumerate(cell.tolist()):
-        if place >= 0 and code[place] == Cell.OBSTACLE:
+    space = netlist.cells.space
+    for number, cell in enumerate(netlist.cell_of_node()[node].tolist()):
+        if cell >= 0 and space.cell.flat[cell] == Cell.OBSTACLE:
             names[number] = "obstacle"
-        elif place >= 0 and code[place] == Cell.GOAL:
-            names[number] = f"goal_{region[place]}"
+        elif cell >= 0 and space.cell.flat[cell] == Cell.GOAL:
+            names[number] = f"goal_{space.goal_region.flat[cell]}"
     return names
 
 
-def _droop(point: OperatingPoint) -> NDArray[np.float64]:
-    cell_map = point.netlist.cell_map
-    if cell_map is None:
+def _droop(op: OperatingPoint) -> NDArray[np.float64]:
+    if op.netlist.cell_map is None:
         return np.empty(0)
-    droop = np.full(point.netlist.node_count, np.nan)
-    towards = np.sign(cell_map.wiring.supply)
-    code = cell_map.space.cell
-    if cell_map.wiring.boundary != "neumann":
-        high = cell_map.node[(code == Cell.OBSTACLE) & (cell_map.node >= 0)]
-        droop[high] = towards * (cell_map.wiring.goal_voltage + cell_map.wiring.supply - point.voltage[high])
-    low = cell_map.node[(code == Cell.GOAL) & (cell_map.node >= 0)]
-    droop[low] = towards * (point.voltage[low] - cell_map.wiring.goal_voltage)
-    return droop
+    cells = op.netlist.cells
+    code, wiring, own = cells.space.cell, cells.wiring, cells.node >= 0
+    droop = np.full(op.netlist.node_count, np.nan)
+    if not wiring.is_driven:
+        high = cells.node[(code == Cell.OBSTACLE) & own]
+        droop[high] = wiring.high - op.voltage[high]
+    low = cells.node[(code == Cell.GOAL) & own]
+    droop[low] = op.voltage[low] - wiring.goal_voltage
+    return np.asarray(np.sign(wiring.supply) * droop)

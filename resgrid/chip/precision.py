@@ -1,4 +1,8 @@
-"""The robot's next step: the neighbour whose node is lowest, cell by cell, right to the last digits.
+"""How many converter bits a robot needs to see its next step: the precision problem of resistive grids as a number.
+
+Tarassenko & Blake (1991) note that the potential of a grid with obstacles held at a rail is nearly flat far from the
+goal.  A converter of ``b`` bits tells two voltages apart when they differ by one step, its range over ``2**b``; a cell
+therefore needs ``log2(range / (V - V_best))`` bits, ``V_best`` being the voltage of its lowest face neighbour.
 
 A voltage step along a resistor is its current over its conductance, which the operating point holds in logarithms: the
 steps compare correctly even where voltages themselves have become equal in double precision.
@@ -6,7 +10,7 @@ steps compare correctly even where voltages themselves have become equal in doub
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,13 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.arguments import check_optional
-from resgrid.chip.figures import Reading, json_form
+from resgrid.chip.figures import Figure, Result, defined
 from resgrid.errors import InputError
-from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import CellMap
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.space import Cell, ConfigurationSpace
 
+_MOST_CELLS = 400
 _SMALL = 1e-4
 _SATURATED = 1.0 - 1e-16
 """Shares of ``I0`` below which a nonlinear resistor is linear, and above which its voltage cannot be told."""
@@ -35,7 +39,7 @@ class Steps:
     `log_volts` (s,): natural logarithm of the step's size, in volts.
     """
 
-    cell_map: CellMap
+    cells: CellMap
     cell: NDArray[np.int64]
     neighbour: NDArray[np.int64]
     sign: NDArray[np.int8]
@@ -44,11 +48,9 @@ class Steps:
     def lowest(self) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
         """Lowest neighbour of every cell, -1 where none is lower, and the logarithm of the step down to it (-inf).
 
-        Of equal ones the first, along the axes in their order.
-
-        Returns `neighbour` (cells,), `log_volts` (cells,).
+        Of equal ones the first, along the axes in their order.  Returns `neighbour` (cells,), `log_volts` (cells,).
         """
-        size = self.cell_map.space.cell.size
+        size = self.cells.space.cell.size
         down = np.where(self.sign > 0, self.log_volts, -np.inf)
         best = np.full(size, -np.inf)
         np.maximum.at(best, self.cell, down)
@@ -58,91 +60,66 @@ class Steps:
         return neighbour, best
 
 
-def steps_of(point: OperatingPoint) -> Steps:
-    """Read the voltage steps between neighbouring cells off an operating point.
-
-    Neighbours that no element joins (a broken resistor) are compared by the voltages of their nodes.
-    """
-    cell_map = point.netlist.cell_map
-    if cell_map is None:
-        raise InputError("this netlist was not compiled from a space, so there are no cells to step between")
-    around = _cells_of_faces(cell_map)
-    face, upward, flow, size = _measured(point, cell_map)
-    free = _open_faces(cell_map, around)
-    free[face] = False
-    bare = np.flatnonzero(free)
-    bare_flow, bare_size = _compared(point, cell_map.node.ravel()[around[bare]])
-    along = np.where(upward, 1, -1).astype(np.int8) * flow
-    cell = around[np.append(face, bare)]
-    sign = np.append(along, bare_flow) * np.int8(np.sign(cell_map.wiring.supply))
-    return _both_ways(cell_map, cell, sign, np.append(size, bare_size))
-
-
-def _measured(
-    point: OperatingPoint, cell_map: CellMap
-) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]]:
-    """Face, orientation, direction of the current and log of the voltage of every element that crosses a face."""
-    netlist = point.netlist
-    linear, bent = cell_map.resistor_face >= 0, cell_map.nonlinear_face >= 0
-    size = point.resistor_log_current[linear] - np.log(netlist.conductance[linear])
-    share = np.abs(point.nonlinear_amps[bent]) / netlist.nonlinear_current[bent]
+def steps_of(op: OperatingPoint) -> Steps:
+    """The voltage steps between neighbouring cells; those that no element joins are compared by their voltages."""
+    cells = op.netlist.cells
+    space, node = cells.space, cells.node.ravel()
+    code = space.cell.ravel()
+    around = _cells_of_faces(space)
+    face, upward, flow, log_volts = _across_elements(op, cells)
+    unjoined = (around >= 0).all(axis=1) & (around[:, 0] != around[:, 1])
+    unjoined &= ((code != Cell.OBSTACLE) & (node >= 0))[around].all(axis=1)
+    unjoined[face] = False
+    pairs = around[unjoined]
+    down = np.nan_to_num(np.subtract(*op.voltage[node[pairs.T]]))
     with np.errstate(divide="ignore"):
-        across = np.log(netlist.nonlinear_voltage[bent]) + np.where(
-            share > _SMALL, np.log(np.arctanh(np.minimum(share, _SATURATED))),
-            point.nonlinear_log_amps[bent] - np.log(netlist.nonlinear_current[bent]),
-        )  # fmt: skip
-    return (
-        np.append(cell_map.resistor_face[linear], cell_map.nonlinear_face[bent]),
-        np.append(cell_map.resistor_upward[linear], cell_map.nonlinear_upward[bent]),
-        np.append(point.resistor_direction[linear], point.nonlinear_direction[bent]),
-        np.append(size, across),
+        log_volts = np.append(log_volts, np.log(np.abs(down)))
+    sign = np.append(np.where(upward, 1, -1) * flow, np.sign(down)).astype(np.int8) * np.int8(
+        np.sign(cells.wiring.supply)
     )
-
-
-def _compared(point: OperatingPoint, nodes: NDArray[np.int32]) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
-    """Direction from high voltage to low, and log of the difference, between pairs of nodes that nothing joins."""
-    first, second = point.voltage[nodes.T]
-    down = np.nan_to_num(first - second)
-    with np.errstate(divide="ignore"):
-        size = np.log(np.abs(down))
-    return np.sign(down).astype(np.int8), size
-
-
-def _both_ways(cell_map: CellMap, cell: NDArray[np.int64], flow: NDArray[np.int8], size: NDArray[np.float64]) -> Steps:
-    here = np.concatenate([cell[:, 0], cell[:, 1]])
-    there = np.concatenate([cell[:, 1], cell[:, 0]])
-    sign = np.concatenate([flow, -flow])
-    code = cell_map.space.cell.ravel()
+    here, there = np.concatenate([around[face], pairs]).T
+    here, there = np.append(here, there), np.append(there, here)
     keep = np.flatnonzero((here >= 0) & (there >= 0))
     keep = keep[code[here[keep]] == Cell.FREE]
     keep = keep[np.lexsort((there[keep], here[keep]))]
-    return Steps(cell_map, here[keep], there[keep], sign[keep], np.concatenate([size, size])[keep])
+    return Steps(cells, here[keep], there[keep], np.append(sign, -sign)[keep], np.tile(log_volts, 2)[keep])
 
 
-def _cells_of_faces(cell_map: CellMap) -> NDArray[np.int64]:
+def _across_elements(
+    op: OperatingPoint, cells: CellMap
+) -> tuple[NDArray[np.int64], NDArray[np.bool_], NDArray[np.int8], NDArray[np.float64]]:
+    """Face, orientation, direction of the current and log of the voltage of every element that crosses a face."""
+    netlist = op.netlist
+    linear, nonlinear = cells.resistor_face >= 0, cells.nonlinear_face >= 0
+    log_volts = op.resistor_log_current[linear] - np.log(netlist.conductance[linear])
+    share = np.abs(op.nonlinear_amps[nonlinear]) / netlist.nonlinear_current[nonlinear]
+    small = op.nonlinear_log_amps[nonlinear] - np.log(netlist.nonlinear_current[nonlinear])
+    with np.errstate(divide="ignore"):
+        large = np.log(np.arctanh(np.minimum(share, _SATURATED)))
+        log_saturating = np.log(netlist.nonlinear_voltage[nonlinear]) + np.where(share > _SMALL, large, small)
+    return (
+        np.append(cells.resistor_face[linear], cells.nonlinear_face[nonlinear]),
+        np.append(cells.resistor_upward[linear], cells.nonlinear_upward[nonlinear]),
+        np.append(op.resistor_direction[linear], op.nonlinear_direction[nonlinear]),
+        np.append(log_volts, log_saturating),
+    )
+
+
+def _cells_of_faces(space: ConfigurationSpace) -> NDArray[np.int64]:
     """Flat index of the cells below and above every face, -1 beyond the edge; shape (faces, 2)."""
-    shape = cell_map.space.shape
-    flat = np.arange(cell_map.space.cell.size).reshape(shape)
+    flat = np.arange(space.cell.size).reshape(space.shape)
     parts = []
-    for axis in range(len(shape)):
+    for axis in range(space.ndim):
         lines = np.moveaxis(flat, axis, 0)
-        beyond = lines[[-1, 0]] if cell_map.space.axes[axis].periodic else np.full((2, *lines.shape[1:]), -1)
+        beyond = lines[[-1, 0]] if space.axes[axis].periodic else np.full((2, *lines.shape[1:]), -1)
         below = np.moveaxis(np.concatenate([beyond[:1], lines]), 0, axis)
         above = np.moveaxis(np.concatenate([lines, beyond[1:]]), 0, axis)
         parts.append(np.stack([below.ravel(), above.ravel()], axis=1))
     return np.concatenate(parts)
 
 
-def _open_faces(cell_map: CellMap, around: NDArray[np.int64]) -> NDArray[np.bool_]:
-    """Faces between two different cells that a robot may occupy and that have nodes, shape (faces,)."""
-    may = (cell_map.space.cell.ravel() != Cell.OBSTACLE) & (cell_map.node.ravel() >= 0)
-    inside = (around >= 0).all(axis=1) & (around[:, 0] != around[:, 1])
-    return np.asarray(inside & may[around].all(axis=1))
-
-
-@frozen
-@dataclass(frozen=True, eq=False)
-class Precision:
+@dataclass(frozen=True, eq=False, repr=False)
+class Precision(Result):
     """Converter bits that the cells of a space need.
 
     Attributes
@@ -168,8 +145,6 @@ class Precision:
     following: NDArray[np.int64]
     boundary: str
 
-    _repr_html_ = picture_html
-
     @property
     def starts(self) -> NDArray[np.float64]:
         """Bits that every start with a way to a goal needs, in C order of the cells."""
@@ -189,6 +164,23 @@ class Precision:
         needed = ordered[max(int(np.ceil(share * len(ordered) - 1e-9)) - 1, 0)]
         return max(int(np.ceil(needed)), 1) if np.isfinite(needed) else None
 
+    def cells_passed(self, starts: Sequence[tuple[int, ...]] = ()) -> NDArray[np.int64]:
+        """Cells on the way from some starts, or else from the one that needs most bits, shape (k, axes)."""
+        shape = self.space.shape
+        bits = np.where(np.isfinite(self.start_bits), self.start_bits, -np.inf)
+        hardest = tuple(int(index) for index in np.unravel_index(int(bits.argmax()), shape))
+        begins = [start for start in starts if self.space.goal_connected[start]] or [hardest]
+        following, goal = self.following.ravel(), self.space.cell.ravel() == Cell.GOAL
+        passed: dict[int, None] = {}
+        for begin in begins:
+            cell = int(np.ravel_multi_index(begin, shape))
+            while cell >= 0 and not goal[cell] and cell not in passed and following[cell] >= 0:
+                passed[cell] = None
+                cell = int(following[cell])
+        if not passed:
+            raise InputError("no start has a lower neighbour on this chip, so there is no step to examine")
+        return np.stack(np.unravel_index(list(passed)[:_MOST_CELLS], shape), axis=1)
+
     def sentence(self, bits: int = 10) -> str:
         """What a read-out of so many bits is worth, e.g. ``"a 10-bit read-out serves 63 % of the starts"``."""
         if not self.starts.size:
@@ -199,23 +191,21 @@ class Precision:
         return f"{article} {bits}-bit read-out serves {np.floor(share + 1e-9):.0f} % of the starts"
 
     @property
-    def readings(self) -> Mapping[str, Reading]:
-        """The figures, with units and definitions."""
+    def figures(self) -> Mapping[str, Figure]:
+        """The figures of merit by name, with units and definitions."""
         most = float(self.starts.max(initial=-np.inf))
         typical = float(np.median(self.starts)) if self.starts.size else np.nan
         of = f"of a converter of range {self.span:g} V"
         result = {
-            "most_bits": Reading(
-                most if np.isfinite(most) else None,
+            "most_bits": Figure(
+                defined(most),
                 "bit",
                 f"bits {of} that the most demanding start needs: log2(range over the smallest step down on its way)",
             ),
-            "median_bits": Reading(
-                typical if np.isfinite(typical) else None, "bit", f"bits {of} that serve half of the starts"
-            ),
+            "median_bits": Figure(defined(typical), "bit", f"bits {of} that serve half of the starts"),
         }
         for bits in (8, 10, 12, 16):
-            result[f"served_{bits}_bits"] = Reading(
+            result[f"served_{bits}_bits"] = Figure(
                 self.served(bits) if self.starts.size else None,
                 "",
                 f"share of the starts with a path that a {bits}-bit read-out serves",
@@ -223,61 +213,39 @@ class Precision:
         return result
 
     def to_json(self) -> dict[str, Any]:
-        """The readings and the sentence, as plain values."""
-        return {**json_form(self.readings), "boundary": self.boundary, "sentence": self.sentence()}
+        """The figures and the sentence, as plain values."""
+        return {**super().to_json(), "boundary": self.boundary, "sentence": self.sentence()}
 
 
-def analyse_precision(point: OperatingPoint, *, span: float | None = None) -> Precision:
-    """Find out how many bits a read-out needs.
-
-    Parameters
-    ----------
-    point : OperatingPoint
-        Of a netlist with a map of cells.
-    span : float, optional
-        Range of the converter, in volts; by default the supply or, with a uniform drive, the height of the highest
-        node above the goal rail (which `resgrid.scale_drive` makes the supply).
-
-    Returns
-    -------
-    Precision
-
-    Raises
-    ------
-    InputError
-        If the netlist has no map of cells, or the range is not positive.
-    """
+def analyse_precision(op: OperatingPoint, *, span: float | None = None) -> Precision:
+    """Find out how many bits a read-out needs: `Study.precision`."""
     check_optional("span", span, "positive and finite, in volts", above=0.0)
-    steps = steps_of(point)
-    cell_map = steps.cell_map
-    space = cell_map.space
-    reach = _span(point) if span is None else float(span)
+    steps = steps_of(op)
+    space, wiring = steps.cells.space, steps.cells.wiring
+    if span is not None:
+        reach = float(span)
+    elif wiring.drive == "uniform":
+        reach = float(np.nanmax(np.abs(op.voltage[steps.cells.free_node] - wiring.goal_voltage)))
+    else:
+        reach = abs(wiring.supply)
     following, log_volts = steps.lowest()
-    way = space.goal_connected.ravel()
-    bits = np.where(way, (np.log(reach) - log_volts) / np.log(2.0), np.nan)
+    served = space.goal_connected.ravel()
+    bits = np.where(served, (np.log(reach) - log_volts) / np.log(2.0), np.nan)
     return Precision(
         space=space,
         span=reach,
         cell_bits=bits.reshape(space.shape),
-        start_bits=_along_the_way(bits, following, space).reshape(space.shape),
-        following=np.where(way, following, -1).reshape(space.shape),
-        boundary=cell_map.wiring.boundary,
+        start_bits=_largest_ahead(bits, following, space).reshape(space.shape),
+        following=np.where(served, following, -1).reshape(space.shape),
+        boundary=wiring.boundary,
     )
 
 
-def _span(point: OperatingPoint) -> float:
-    cell_map = point.netlist.cells
-    if cell_map.wiring.drive != "uniform":
-        return abs(cell_map.wiring.supply)
-    return float(np.nanmax(np.abs(point.voltage[cell_map.free_node] - cell_map.wiring.goal_voltage)))
-
-
-def _along_the_way(
+def _largest_ahead(
     bits: NDArray[np.float64], following: NDArray[np.int64], space: ConfigurationSpace
 ) -> NDArray[np.float64]:
     """Largest value from every cell to the end of its way, by doubling the length looked ahead."""
-    goal = space.cell.ravel() == Cell.GOAL
-    most = np.where(goal, -np.inf, bits)
+    most = np.where(space.cell.ravel() == Cell.GOAL, -np.inf, bits)
     ahead = np.where(following < 0, np.arange(len(bits)), following)
     for _ in range(int(np.ceil(np.log2(len(bits) + 1)))):
         most = np.maximum(most, most[ahead])

@@ -13,22 +13,17 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.chip.adjoint import adjoint_of, ends_of
-from resgrid.chip.figures import Reading, json_form
+from resgrid.chip.figures import Figure, Result, defined
 from resgrid.chip.precision import Steps, steps_of
 from resgrid.errors import InputError
-from resgrid.frozen import frozen, picture_html
-from resgrid.nodal.factors.factor import Factor
 from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.nodal.secant import small_signal
-from resgrid.nodal.solve import factor
-from resgrid.space import Cell
+from resgrid.space import Cell, ConfigurationSpace
 
 _WORST = 10
 
 
-@frozen
-@dataclass(frozen=True, eq=False)
-class Sensitivity:
+@dataclass(frozen=True, eq=False, repr=False)
+class Sensitivity(Result):
     """How firmly a robot's steps are decided.
 
     In a cell the robot compares the nodes of its face neighbours (free or goal cells) and of the cell itself, and steps
@@ -36,7 +31,7 @@ class Sensitivity:
 
     Attributes
     ----------
-    point : OperatingPoint
+    op : OperatingPoint
     cells : ndarray of int64, shape (k, axes)
         Where the decisions are made.
     best, runner_up : ndarray of int64, shape (k,)
@@ -51,7 +46,7 @@ class Sensitivity:
         Which of the ``k`` decisions that is.
     """
 
-    point: OperatingPoint
+    op: OperatingPoint
     cells: NDArray[np.int64]
     best: NDArray[np.int64]
     runner_up: NDArray[np.int64]
@@ -59,133 +54,76 @@ class Sensitivity:
     flip_drift: NDArray[np.float64]
     decision: NDArray[np.int64]
 
-    _repr_html_ = picture_html
-
     def flips(self, drift: float = 0.01) -> NDArray[np.int64]:
         """Numbers of the resistors whose relative drift by so much changes a decision, weakest first."""
         order = np.argsort(self.flip_drift, kind="stable")
         return order[self.flip_drift[order] <= drift]
 
     @property
-    def readings(self) -> Mapping[str, Reading]:
-        """The figures, with units and definitions."""
+    def figures(self) -> Mapping[str, Figure]:
+        """The figures of merit by name, with units and definitions."""
         least = float(self.flip_drift.min(initial=np.inf))
         return {
-            "smallest_margin": Reading(
+            "smallest_margin": Figure(
                 float(self.margin.min()),
                 "V",
                 "least distance between the lowest and the next lowest reading on the way",
             ),
-            "smallest_flip_drift": Reading(
-                least if np.isfinite(least) else None,
+            "smallest_flip_drift": Figure(
+                defined(least),
                 "",
                 "smallest relative change of a single resistance that changes a step, to first order",
             ),
-            "resistors_flipping_at_1_percent": Reading(
+            "resistors_flipping_at_1_percent": Figure(
                 len(self.flips(0.01)), "", "resistors of which each alone changes a step when it drifts by 1 %"
             ),
         }
 
     def to_json(self) -> dict[str, Any]:
         """The readings and the resistors that matter most, as plain values."""
-        netlist = self.point.netlist
+        netlist = self.op.netlist
         ends = ends_of(netlist)
         worst = self.flips(np.finfo(np.float64).max)[:_WORST]
-        first, second = netlist.names_of(ends[worst, 0]), netlist.names_of(ends[worst, 1])
+        pairs = zip(*(netlist.names_of(ends[worst, end]) for end in (0, 1)), strict=True)
+        drifts, cells = self.flip_drift[worst].tolist(), self.cells[self.decision[worst]].tolist()
         return {
-            **json_form(self.readings),
+            **super().to_json(),
             "weakest": [
-                {"nodes": [a, b], "drift": drift, "cell": cell}
-                for a, b, drift, cell in zip(
-                    first,
-                    second,
-                    self.flip_drift[worst].tolist(),
-                    self.cells[self.decision[worst]].tolist(),
-                    strict=True,
-                )
+                {"nodes": list(pair), "drift": drift, "cell": cell}
+                for pair, drift, cell in zip(pairs, drifts, cells, strict=True)
             ],
         }
 
 
-def voltage_sensitivity(
-    point: OperatingPoint, weights: ArrayLike, *, factors: Factor | None = None
-) -> NDArray[np.float64]:
-    """Derivatives of a weighted sum of node voltages with respect to the logarithm of every resistance.
-
-    Parameters
-    ----------
-    point : OperatingPoint
-    weights : array_like of float, shape (nodes,)
-        ``c`` in ``F = c . V``: a single 1 for one node's voltage, 1 and -1 for a difference.
-    factors : Factor, optional
-        Of the same circuit, from `adjoint_factor`, to save factoring it anew.
-
-    Returns
-    -------
-    ndarray of float64, shape (resistors,)
-        ``dF / d ln R_k`` in volts: what a relative rise of the resistance adds, per unit.  The adjoint network
-        puts none off by more than 1e-5 of the largest, to which the errors of the point's own currents are added; those
-        that it cannot tell from 0 are 0.  Nonlinear resistors follow; for them it is the derivative with respect to
-        ``-ln I0``.
-
-    Raises
-    ------
-    InputError
-        If the weights do not fit the netlist, or name a node that floats.
-    AccuracyError
-        If the derivatives cannot be found so well.
-    """
-    netlist = point.netlist
+def voltage_sensitivity(op: OperatingPoint, weights: ArrayLike) -> NDArray[np.float64]:
+    """Derivatives of a weighted sum of node voltages by the logarithms of resistances: `Study.voltage_sensitivity`."""
+    netlist = op.netlist
     try:
         c = np.asarray(weights, dtype=np.float64)
     except (TypeError, ValueError) as error:
         raise InputError("weights must be one number per node") from error
     if c.shape != (netlist.node_count,) or not np.isfinite(c).all():
         raise InputError(f"weights of shape {c.shape} must be {netlist.node_count} finite numbers, one per node")
-    if c[point.floating].any():
-        node = netlist.node_name(int(point.floating[np.argmax(c[point.floating] != 0)]))
+    if c[op.floating].any():
+        node = netlist.node_name(int(op.floating[np.argmax(c[op.floating] != 0)]))
         raise InputError(f"node {node} floats: it has no voltage to be sensitive")
-    sign, log_size = adjoint_of(point, factors).derivatives(c)
+    sign, log_size = adjoint_of(op).derivatives(c)
     return np.asarray(sign * np.exp(log_size))
 
 
-def adjoint_factor(point: OperatingPoint) -> Factor:
-    """Factor the circuit, its nonlinear resistors replaced by their differential conductance, for many derivatives."""
-    return factor(small_signal(point))
-
-
-def analyse_sensitivity(point: OperatingPoint, cells: ArrayLike) -> Sensitivity:
-    """Find the resistors that can change a robot's steps.
-
-    Parameters
-    ----------
-    point : OperatingPoint
-        Of a netlist with a map of cells.
-    cells : array_like of int, shape (axes,) or (k, axes)
-        One cell, or all cells of a path (goal cells among them are left out); each costs one solution.
-
-    Returns
-    -------
-    Sensitivity
-
-    Raises
-    ------
-    InputError
-        If a cell is outside the grid, is no free cell, or has no lower neighbour.
-    AccuracyError
-        If the derivatives cannot be found well enough.
-    """
-    steps = steps_of(point)
-    where, flat = _checked_cells(steps, cells)
-    adjoint = adjoint_of(point)
+def analyse_sensitivity(op: OperatingPoint, cells: ArrayLike) -> Sensitivity:
+    """Find the resistors that can change a robot's steps: `Study.sensitivity`."""
+    steps = steps_of(op)
+    where, flat = _checked_cells(steps.cells.space, cells)
+    adjoint = adjoint_of(op)
     count = len(adjoint.ends)
     flip, decision = np.full(count, np.inf), np.zeros(count, dtype=np.int64)
     best, runner_up, margin = np.empty_like(flat), np.empty_like(flat), np.empty(len(flat))
-    node = steps.cell_map.node.ravel()
+    node = steps.cells.node.ravel()
     for number, cell in enumerate(flat.tolist()):
         best[number], runner_up[number], gap, scale = _decision(steps, cell)
         margin[number] = gap * np.exp(scale)
-        c = np.zeros(point.netlist.node_count)
+        c = np.zeros(op.netlist.node_count)
         c[node[runner_up[number]]] += 1.0
         c[node[best[number]]] -= 1.0
         slope = adjoint.derivatives(c)[1]
@@ -193,16 +131,16 @@ def analyse_sensitivity(point: OperatingPoint, cells: ArrayLike) -> Sensitivity:
             drift = np.where(np.isneginf(slope), np.inf, np.exp(np.log(gap) + scale - slope))
         better = drift < flip
         flip[better], decision[better] = drift[better], number
-    return Sensitivity(point, where, best, runner_up, margin, flip, decision)
+    return Sensitivity(op, where, best, runner_up, margin, flip, decision)
 
 
 def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
     """The lowest neighbour, the runner-up (or the cell itself), and the distance between them: ``gap exp(scale)`` V."""
     first, last = np.searchsorted(steps.cell, [cell, cell + 1])
-    code = steps.cell_map.space.cell.ravel()
+    code = steps.cells.space.cell.ravel()
     ways = np.flatnonzero(code[steps.neighbour[first:last]] != Cell.OBSTACLE) + first
     if not np.any(steps.sign[ways] > 0):
-        place = tuple(int(i) for i in np.unravel_index(cell, steps.cell_map.space.shape))
+        place = tuple(int(i) for i in np.unravel_index(cell, steps.cells.space.shape))
         raise InputError(
             f"cell {place} has no lower neighbour: no current leaves it, so that there is no step to change"
         )
@@ -215,8 +153,7 @@ def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
     return best, runner_up, float(down[order[0]]) - second, scale
 
 
-def _checked_cells(steps: Steps, cells: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    space = steps.cell_map.space
+def _checked_cells(space: ConfigurationSpace, cells: ArrayLike) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     where = np.asarray(cells)
     if where.dtype.kind not in "iu" or where.ndim not in {1, 2} or where.shape[-1] != space.ndim:
         raise InputError(f"cells must be cell indices, {space.ndim} integers each")

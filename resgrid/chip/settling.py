@@ -1,4 +1,4 @@
-"""When every row of a circuit comes into a band around its final voltage for good."""
+"""How long a chip takes to plan, and what a plan costs."""
 
 from __future__ import annotations
 
@@ -10,18 +10,18 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_optional, check_whole, is_whole
-from resgrid.chip.figures import Reading, json_form
+from resgrid.chip.figures import Figure, Result
 from resgrid.chip.modes import (
     Solver,
     accurate_solver,
     entrywise_solution,
-    find_spectrum,
+    fastest_time_constant,
     laplacian_root,
     require_charge,
+    slowest_modes,
 )
 from resgrid.chip.motion import SPAN, Motion, motions
 from resgrid.errors import AccuracyError, InputError
-from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import Netlist
 from resgrid.nodal.dynamics import Dynamics, charge_basis, dynamics_of, factor_resolvent
 from resgrid.nodal.energy import EnergyMeter
@@ -30,7 +30,7 @@ from resgrid.nodal.operating_point import OperatingPoint
 
 Floats = NDArray[np.float64]
 
-FINENESS = 0.005
+_FINENESS = 0.005
 """Accuracy of deviations, relative to the band."""
 
 _STEPS = 64
@@ -39,112 +39,8 @@ _FEWEST_POINTS = 32
 _MOST_VALUES = 3e7
 
 
-@dataclass(frozen=True, eq=False)
-class Approach:
-    """How rows come into a band.
-
-    `row_time` (n,): from when on every row is inside, in seconds; `end` (n,): deviations when the last one is, in
-    volts; `times` (t,): in seconds: 0, then by equal ratios, until the last one is inside or later; `distance` (t,):
-    largest deviation at those times, in volts.
-    """
-
-    row_time: Floats
-    end: Floats
-    times: Floats
-    distance: Floats
-
-    @property
-    def last(self) -> float:
-        """From when on all rows are inside, in seconds."""
-        return float(self.row_time.max(initial=0.0))
-
-
-def follow_approach(
-    deviation: Floats, rows: NDArray[np.int64], window: Callable[[float, float], Motion], bound: float,
-    fastest: float, band: float,
-) -> Approach:  # fmt: skip
-    """Walk back from when all rows are inside, a window of times at a time, until each is placed.
-
-    Shapes: `deviation` (n,).
-    """
-    from resgrid.chip.kernels import last_outside
-
-    row_time = np.zeros(len(deviation))
-    if bound == 0.0:
-        return Approach(row_time, deviation, np.zeros(1), np.abs(deviation).max(initial=0.0, keepdims=True))
-    end, last, curve = deviation, bound, None
-    while rows.size or curve is None:
-        first = last / SPAN if last > fastest else 0.0
-        motion = window(first, last)
-        times = _instants(first, last, _STEPS)
-        last_outside(np.ascontiguousarray(motion.shape), motion.weight, motion.rate, times, band, rows, row_time)
-        settled = float(row_time.max(initial=0.0))
-        if settled > 0.0 and end is deviation:
-            end, curve = motion.at(np.array([settled]))[0], None
-        if curve is None:
-            curve = _curve(motion, deviation, first, last)
-        rows, last = rows[row_time[rows] == 0.0], first
-        if last == 0.0:
-            break
-    return Approach(row_time, end, *curve)
-
-
-def rows_to_follow(
-    dynamics: Dynamics, solve: Solver, charging: Floats, deviation: Floats, band: float
-) -> NDArray[np.int64]:
-    """Rows that may be outside a band after time 0.
-
-    With capacitors to rails only, the charging currents ``i`` drive every row up by ``G^-1 i+`` in all and down by
-    ``G^-1 i-``, for ``exp(-t C^-1 G)`` has no negative entries: no row is ever further from its end than the larger of
-    the two, and one that is driven one way only never leaves a band that it is in.
-
-    Shapes: `charging` (n,), `deviation` (n,).
-    """
-    if dynamics.capacitance.coupling.nnz:
-        return np.arange(dynamics.size)
-    current = np.where(charge_basis(dynamics).charged, charging, 0.0)
-    up, down = (solve(np.maximum(part, 0.0)) if (part > 0).any() else 0.0 * part for part in (current, -current))
-    reach, swing = np.maximum(up, down), np.minimum(up, down)
-    one_way = (swing <= FINENESS * band) & (np.abs(deviation) <= band)
-    return np.flatnonzero((reach > band * (1.0 - FINENESS)) & ~one_way)
-
-
-def settling_bound(dynamics: Dynamics, solve: Solver, deviation: Floats, tau: float, band: float) -> float:
-    """Time after which ``exp(-t / tau)`` leaves no row outside a band.
-
-    In the norms ``sqrt(y^T C y)`` and ``sqrt(y^T G y)`` every deviation ``y`` falls at least as ``exp(-t / tau)``.  A
-    voltage is at most the first over the root of the smallest eigenvalue of C, which is at least the smallest
-    capacitance to a rail, where every row has one or lies between others; and always at most the second times the root
-    of its ``(G^-1)_ii``, which is at most its ``(G^-1 1)_i``.
-
-    Shapes: `deviation` (n,).
-    """
-    basis = charge_basis(dynamics)
-    stiffness = dynamics.capacitance.excess[basis.charged]
-    if (stiffness > 0).all():
-        norm, reach = dynamics.capacitance, 1.0 / np.sqrt(float(stiffness.min()))
-    else:
-        norm, reach = dynamics.conductance, float(np.sqrt(solve(np.ones(dynamics.size)).max()))
-    largest = float(np.linalg.norm(laplacian_root(norm) @ deviation)) * reach
-    return 0.0 if largest <= band else tau * float(np.log(largest / band))
-
-
-def _instants(first: float, last: float, count: int) -> Floats:
-    """Times of a window by equal ratios; its beginning besides where that is 0."""
-    return np.geomspace(first, last, count) if first > 0.0 else np.append(0.0, np.geomspace(last / SPAN, last, count))
-
-
-def _curve(motion: Motion, deviation: Floats, first: float, last: float) -> tuple[Floats, Floats]:
-    """Times of a window after 0, and the largest deviation at them."""
-    count = int(np.clip(_MOST_VALUES / len(deviation), _FEWEST_POINTS, _POINTS))
-    times = _instants(first or last / SPAN, last, count)
-    parts = [np.abs(motion.at(part)).max(axis=1) for part in np.array_split(times, _FEWEST_POINTS)]
-    return np.append(0.0, times), np.concatenate([np.abs(deviation).max(keepdims=True), *parts])
-
-
-@frozen
-@dataclass(frozen=True, eq=False)
-class Settling:
+@dataclass(frozen=True, eq=False, repr=False)
+class Settling(Result):
     """How the node voltages approach the operating point after the sources are switched at time 0.
 
     Attributes
@@ -169,7 +65,7 @@ class Settling:
         When every node has settled, in seconds; 0 on rails, NaN where a node floats.  It holds for a band that is
         right to 0.5 %, or better where the circuit has no more than 200 rows.
     bound : float
-        Time by which the slowest time constant alone guarantees that all have settled, in seconds
+        Time by which the slowest time constant alone guarantees that all have settled, in seconds.
         (`resgrid.chip.settling.settling_bound`).
     energy : float
         Energy that all sources deliver until all nodes have settled, in joules.
@@ -197,39 +93,37 @@ class Settling:
     times: NDArray[np.float64]
     distance: NDArray[np.float64]
 
-    _repr_html_ = picture_html
-
     @property
     def settle_time(self) -> float:
         """When the last node has settled, in seconds."""
         return float(np.nanmax(self.node_time))
 
     @property
-    def readings(self) -> Mapping[str, Reading]:
-        """The figures, with units and definitions."""
+    def figures(self) -> Mapping[str, Figure]:
+        """The figures of merit by name, with units and definitions."""
         half = f"half a step of a {self.bits}-bit converter ({self.span / 2 ** (self.bits + 1):.3g} V)"
         return {
-            "slowest_time_constant": Reading(
+            "slowest_time_constant": Figure(
                 float(self.time_constants[0]), "s", "largest eigenvalue of C v = tau G v: the last thing to settle"
             ),
-            "fastest_time_constant": Reading(self.fastest, "s", "smallest eigenvalue of C v = tau G v other than 0"),
-            "settle_time": Reading(
+            "fastest_time_constant": Figure(self.fastest, "s", "smallest eigenvalue of C v = tau G v other than 0"),
+            "settle_time": Figure(
                 self.settle_time, "s", f"time after switching from which every node stays within {half} of its end"
             ),
-            "settle_bound": Reading(
+            "settle_bound": Figure(
                 self.bound,
                 "s",
                 "time by which the slowest time constant guarantees the same for this change of the scene",
             ),
-            "energy_per_plan": Reading(
+            "energy_per_plan": Figure(
                 self.energy, "J", "energy that all sources deliver from switching until every node has settled"
             ),
-            "power": Reading(self.power, "W", "power that all sources deliver once the grid has settled"),
+            "power": Figure(self.power, "W", "power that all sources deliver once the grid has settled"),
         }
 
     def to_json(self) -> dict[str, Any]:
-        """The readings and the slowest time constants, as plain values."""
-        return {**json_form(self.readings), "bits": self.bits, "time_constants": self.time_constants.tolist()}
+        """The figures and the slowest time constants, as plain values."""
+        return {**super().to_json(), "bits": self.bits, "time_constants": self.time_constants.tolist()}
 
 
 def analyse_settling(
@@ -241,88 +135,52 @@ def analyse_settling(
     span: float | None = None,
     method: str = "auto",
 ) -> Settling:
-    """Find out how long a netlist with capacitors takes to settle.
-
-    Parameters
-    ----------
-    netlist : Netlist
-        With capacitors and an operating point.
-    bits : int
-        How well, 1 to 24.
-    initial : OperatingPoint or array_like of float, shape (nodes,), optional
-        Before the switch, as in `resgrid.transient`; None: all capacitors discharged.
-    modes : int
-        How many slow time constants to find, at least 1.
-    span : float, optional
-        Range of the converter, in volts; by default the largest difference of final voltages.
-    method : {"auto", "direct", "multigrid"}
-        As in `resgrid.solve`.
-
-    Returns
-    -------
-    Settling
-
-    Raises
-    ------
-    InputError
-        If an argument is not admissible or there is no capacitance.
-    CircuitError
-        If a part of the circuit never settles.
-    AccuracyError
-        If the conductances span so many decades that rounding decides the slowest time constant, if an iteration does
-        not converge, or if a figure is beyond what doubles hold.
-    """
-    _check(bits, modes, span)
-    dynamics = dynamics_of(netlist)
-    require_charge(dynamics)
-    factors = factor_resolvent(dynamics, 0.0, method)
-    solve = accurate_solver(factors, dynamics.capacitance)
-    spectrum = find_spectrum(dynamics, modes, solve)
-    final = entrywise_solution(factors, dynamics.drive)
-    settled = dynamics.voltage(final)
-    reach = _reach(settled) if span is None else float(span)
-    start = initial_state(dynamics, initial)
-    deviation = start - final
-    unit = _magnitude(deviation)
-    band = reach / 2.0 ** (bits + 1) / unit
-    if band == 0.0:
-        raise InputError(f"span = {reach} V is nothing beside voltages that move by {unit:.1e} V; give a larger one")
-    bound = settling_bound(dynamics, solve, deviation / unit, float(spectrum.tau[0]), band)
-    charging = dynamics.imbalance(start) / unit
-    approach = follow_approach(
-        deviation / unit,
-        rows_to_follow(dynamics, solve, charging, deviation / unit, band),
-        motions(dynamics, spectrum.modes, deviation / unit, FINENESS * band, method),
-        bound,
-        spectrum.fastest,
-        band,
-    )
-    mode = spectrum.mode[:, 0]
-    return Settling(
-        netlist=netlist,
-        bits=bits,
-        span=reach,
-        time_constants=spectrum.tau,
-        mode=dynamics.at_nodes(mode / mode[np.argmax(np.abs(mode))]),
-        fastest=spectrum.fastest,
-        node_time=dynamics.at_nodes(approach.row_time),
-        bound=bound,
-        energy=_energy(dynamics, solve, final, deviation, unit * approach.end, approach.last),
-        power=_power(netlist, settled),
-        final=settled,
-        times=approach.times,
-        distance=unit * approach.distance,
-    )
-
-
-def _check(bits: int, modes: int, span: float | None) -> None:
+    """Find out how long a netlist with capacitors takes to settle: `Study.settling`."""
     if not (is_whole(bits) and 1 <= bits <= 24):
         raise InputError(f"bits = {bits!r}, but settling is judged at a whole number of bits, 1 to 24")
     check_whole("modes", modes, 1)
     check_optional("span", span, "a number, positive and finite, in volts", above=0.0)
+    dynamics = dynamics_of(netlist)
+    require_charge(dynamics)
+    factors = factor_resolvent(dynamics, 0.0, method)
+    solve = accurate_solver(factors, dynamics.capacitance)
+    slow = slowest_modes(dynamics, modes, solve)
+    fastest = fastest_time_constant(dynamics) if slow.all is None else float(slow.all.tau[-1])
+    final = entrywise_solution(factors, dynamics.drive)
+    settled = dynamics.voltage(final)
+    reach = _reach(settled) if span is None else float(span)
+    deviation = initial_state(dynamics, initial) - final
+    # In units of a power of two near the largest deviation no square runs out of range.
+    unit = float(2.0 ** np.floor(np.log2(np.abs(deviation).max(initial=0.0) or 1.0)))
+    band = reach / 2.0 ** (bits + 1) / unit
+    if band == 0.0:
+        raise InputError(f"span = {reach} V is nothing beside voltages that move by {unit:.1e} V; give a larger one")
+    bound = settling_bound(dynamics, solve, deviation / unit, float(slow.tau[0]), band)
+    window = motions(dynamics, slow.all, deviation / unit, _FINENESS * band, method)
+    row_time, end, times, distance = _walk_back(deviation / unit, window, bound, fastest, band)
+    last = float(row_time.max(initial=0.0))
+    mode = slow.mode[:, 0]
+    across = np.subtract(*settled[netlist.resistor_nodes.T])
+    with np.errstate(over="ignore"):
+        power = float(np.nansum(netlist.conductance * across * across))
+    return Settling(
+        netlist=netlist,
+        bits=bits,
+        span=reach,
+        time_constants=slow.tau,
+        mode=dynamics.at_nodes(mode / mode[np.argmax(np.abs(mode))]),
+        fastest=fastest,
+        node_time=dynamics.at_nodes(row_time),
+        bound=bound,
+        energy=_within_range("energy", _energy(dynamics, solve, final, deviation, unit * end, last)),
+        power=_within_range("power", power),
+        final=settled,
+        times=times,
+        distance=unit * distance,
+    )
 
 
-def _reach(settled: NDArray[np.float64]) -> float:
+def _reach(settled: Floats) -> float:
     """Largest difference of final voltages."""
     with np.errstate(over="ignore"):
         reach = float(np.nanmax(settled) - np.nanmin(settled))
@@ -333,31 +191,71 @@ def _reach(settled: NDArray[np.float64]) -> float:
     return reach
 
 
-def _magnitude(deviation: NDArray[np.float64]) -> float:
-    """A power of two near the largest deviation: in these units no square runs out of range."""
-    return float(2.0 ** np.floor(np.log2(np.abs(deviation).max(initial=0.0) or 1.0)))
+def settling_bound(dynamics: Dynamics, solve: Solver, deviation: Floats, tau: float, band: float) -> float:
+    """Time after which ``exp(-t / tau)`` leaves no row outside a band.
+
+    In the norms ``sqrt(y^T C y)`` and ``sqrt(y^T G y)`` every deviation ``y`` falls at least as ``exp(-t / tau)``.  A
+    voltage is at most the first over the root of the smallest eigenvalue of C, which is at least the smallest
+    capacitance to a rail, where every row has one or lies between others; and always at most the second times the root
+    of its ``(G^-1)_ii``, which is at most its ``(G^-1 1)_i``.
+
+    Shapes: `deviation` (n,).
+    """
+    stiffness = dynamics.capacitance.excess[charge_basis(dynamics).charged]
+    if (stiffness > 0).all():
+        norm, reach = dynamics.capacitance, 1.0 / np.sqrt(float(stiffness.min()))
+    else:
+        norm, reach = dynamics.conductance, float(np.sqrt(solve(np.ones(dynamics.size)).max()))
+    largest = float(np.linalg.norm(laplacian_root(norm) @ deviation)) * reach
+    return 0.0 if largest <= band else tau * float(np.log(largest / band))
 
 
-def _energy(
-    dynamics: Dynamics,
-    solve: Solver,
-    final: NDArray[np.float64],
-    start: NDArray[np.float64],
-    end: NDArray[np.float64],
-    time: float,
-) -> float:
+def _walk_back(
+    deviation: Floats, window: Callable[[float, float], Motion], bound: float, fastest: float, band: float
+) -> tuple[Floats, Floats, Floats, Floats]:
+    """From when on every row stays within a band, from the bound back to time 0, a window of times at a time.
+
+    Returns that time, shape (n,); the deviations when the last row is inside, shape (n,); and times, shape (t,), with
+    the largest deviation at each.
+    """
+    from resgrid.chip.kernels import last_outside
+
+    row_time = np.zeros(len(deviation))
+    if bound == 0.0:
+        return row_time, deviation, np.zeros(1), np.abs(deviation).max(initial=0.0, keepdims=True)
+    end, last, curve = deviation, bound, None
+    rows = np.arange(len(deviation))
+    while last > 0.0 and (rows.size or curve is None):
+        first = last / SPAN if last > fastest else 0.0
+        motion = window(first, last)
+        times = np.geomspace(first or last / SPAN, last, _STEPS)
+        times = times if first else np.append(0.0, times)
+        last_outside(np.ascontiguousarray(motion.shape), motion.weight, motion.rate, times, band, rows, row_time)
+        settled = float(row_time.max(initial=0.0))
+        if settled > 0.0 and end is deviation:
+            end, curve = motion.at(np.array([settled]))[0], None
+        if curve is None:
+            curve = _curve(motion, deviation, first or last / SPAN, last)
+        rows, last = rows[row_time[rows] == 0.0], first
+    assert curve is not None
+    return row_time, end, *curve
+
+
+def _curve(motion: Motion, deviation: Floats, first: float, last: float) -> tuple[Floats, Floats]:
+    """Time 0 and times of a window, and the largest deviation at them."""
+    count = int(np.clip(_MOST_VALUES / len(deviation), _FEWEST_POINTS, _POINTS))
+    times = np.geomspace(first, last, count)
+    parts = [np.abs(motion.at(part)).max(axis=1) for part in np.array_split(times, _FEWEST_POINTS)]
+    return np.append(0.0, times), np.concatenate([np.abs(deviation).max(keepdims=True), *parts])
+
+
+def _energy(dynamics: Dynamics, solve: Solver, final: Floats, start: Floats, end: Floats, time: float) -> float:
     """Energy that the sources deliver while the deviation goes from start to end: its integral is G^-1 C of the way."""
     if time == 0.0:
         return 0.0
     integral = final * time + solve(dynamics.capacitance.matrix @ (start - end))
     with np.errstate(over="ignore", invalid="ignore"):
-        return _within_range("energy", EnergyMeter(dynamics).delivered(time, end - start, integral))
-
-
-def _power(netlist: Netlist, voltage: NDArray[np.float64]) -> float:
-    across = np.subtract(*voltage[netlist.resistor_nodes.T])
-    with np.errstate(over="ignore"):
-        return _within_range("power", float(np.nansum(netlist.conductance * across * across)))
+        return EnergyMeter(dynamics).delivered(time, end - start, integral)
 
 
 def _within_range(name: str, value: float) -> float:

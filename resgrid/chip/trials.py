@@ -1,4 +1,11 @@
-"""Trials of a kind of chip: fabricate one, let robots with only its read-out walk from every cell, and count."""
+"""Trials of a kind of chip: fabricate one, let robots that only see its read-out walk from every cell, and count.
+
+A robot measures its cell and the neighbours, and steps to the lowest.  The converter floors every voltage into
+``2**bits`` equal steps of its range.  The robot steps only to a strictly lower reading; of equal ones to the first
+along the axes in their order, the lower side first.  Where no neighbour measures lower it is stuck, and stuck or back
+in a cell it has been to, it is lost.  Every read-out of a cell keeps its offset; noise is drawn anew for every
+measurement.
+"""
 
 from __future__ import annotations
 
@@ -15,19 +22,110 @@ from numpy.typing import NDArray
 
 from resgrid.chip.build import build_chip, conductance_samples
 from resgrid.chip.noise import ROOM, analyse_noise
-from resgrid.chip.passes.editing import tiled_layout
+from resgrid.chip.passes import Faults
+from resgrid.chip.passes.base import cells_with_nodes
 from resgrid.chip.passes.values import NOMINAL_CELSIUS
 from resgrid.chip.precision import steps_of
-from resgrid.chip.readout import Eyes, Floor, eyes_of, floor_of, follow, walk
-from resgrid.die import Seed, seed_of
+from resgrid.die import NOISE, OFFSET, Seed, generator, seed_of
 from resgrid.errors import CircuitError, InputError
 from resgrid.files import atomic_path
-from resgrid.netlist import Netlist
+from resgrid.netlist import CellMap, Netlist
 from resgrid.nodal.many import Batch, prepare_batch, solve_batch
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.secant import small_signal
 from resgrid.nodal.solve import solve
 from resgrid.scene.chip import Chip, Readout
+from resgrid.space import Cell
+
+_SCHEMA = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Neighbours:
+    """Where a robot may walk.
+
+    `around` (cells, 2 ndim): free or goal cells that a free cell touches, -1 for none, axis by axis, the lower side
+    first; `goal` (cells,); `node` (cells,): node of every cell; ground's where a cell has none.
+    """
+
+    around: NDArray[np.int64]
+    goal: NDArray[np.bool_]
+    node: NDArray[np.int64]
+
+
+def neighbours_of(cells: CellMap) -> Neighbours:
+    """Lay out the cells of a netlist for a walk."""
+    space = cells.space
+    walkable = (space.cell != Cell.OBSTACLE) & (cells.node >= 0)
+    flat = np.where(walkable, np.arange(space.cell.size).reshape(space.shape), -1)
+    around = []
+    for axis in range(space.ndim):
+        for step in (1, -1):
+            there = np.roll(flat, step, axis)
+            if not space.axes[axis].periodic:
+                np.moveaxis(there, axis, 0)[0 if step > 0 else -1] = -1
+            around.append(np.where(space.cell == Cell.FREE, there, -1).ravel())
+    node = np.where(cells.node >= 0, cells.node, 0)
+    return Neighbours(np.stack(around, axis=1), (space.cell == Cell.GOAL).ravel(), node.ravel())
+
+
+@dataclass(frozen=True, eq=False)
+class Converter:
+    """What a robot sees of voltages, in shares of the converter's range.
+
+    `low, span`: lower end and width of the range, in volts; `steps`: ``2**bits``; 0 without a converter; `offset`:
+    standard deviation of the offsets; `noise` (cells,): deviation of every measurement; `falling`: 1, or -1 where the
+    goal rail lies above the other.
+    """
+
+    low: float
+    span: float
+    steps: float
+    offset: float
+    noise: NDArray[np.float64]
+    falling: float
+
+    @property
+    def random(self) -> bool:
+        """Whether two robots see different things on one chip."""
+        return self.offset > 0 or bool(self.noise.any())
+
+
+def converter_of(readout: Readout, cells: CellMap, noise: NDArray[np.float64] | None = None) -> Converter:
+    """Bring a read-out to shares of its range; ``noise`` in volts, shape (cells,)."""
+    wiring = cells.wiring
+    low, high = readout.range or sorted((wiring.goal_voltage, wiring.high))
+    deviation = np.zeros(cells.space.cell.size) if noise is None else noise / (high - low)
+    steps = 0.0 if readout.bits is None else 2.0**readout.bits
+    offset = (readout.offset or 0.0) / (high - low)
+    return Converter(low, high - low, steps, offset, deviation, float(np.sign(wiring.supply)))
+
+
+def arrivals(
+    volts: NDArray[np.float64], neighbours: Neighbours, converter: Converter, seed: Seed = 0
+) -> NDArray[np.bool_]:
+    """Which cells a robot reaches the goal from.  Shapes: `volts` (nodes,); returns (cells,)."""
+    from resgrid.chip.kernels import step_down
+
+    cells, ways = neighbours.around.shape
+    height = (volts[neighbours.node] - converter.low) / converter.span
+    if converter.offset:
+        height += converter.offset * generator(seed, OFFSET).standard_normal(cells)
+    draw = np.empty((0, ways + 1))
+    if converter.noise.any():
+        draw = generator(seed, NOISE).standard_normal((cells, ways + 1))
+    following = np.empty(cells, dtype=np.int64)
+    step_down(height, converter.noise, draw, converter.steps, converter.falling, neighbours.around, following)
+    return arrivals_along(following, neighbours)
+
+
+def arrivals_along(following: NDArray[np.int64], neighbours: Neighbours) -> NDArray[np.bool_]:
+    """Which cells lead to a goal when every cell leads to the one given, -1 for none; shape (cells,)."""
+    from resgrid.chip.kernels import follow
+
+    reached = np.empty(len(following), dtype=np.bool_)
+    follow(following, neighbours.goal, reached)
+    return reached
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,23 +133,37 @@ class Experiment:
     """A kind of chip, and the read-outs that are tried on every chip of it.
 
     `netlist`: the ideal one, with one node per cell; `seed`: trial ``k`` is chip ``(seed, k)``; `starts` (cells,):
-    where robots start; `eyes`: one for each read-out; None for an ideal one; `batch`: what chips that differ in their
-    conductances only share; `volts` (nodes,): voltages where all chips are the same, and some read-out is not ideal.
+    where robots start; `converters`: one for each read-out; None for an ideal one; `batch`: what chips that differ in
+    their conductances only share; `volts` (nodes,): voltages where all chips are the same, and some read-out is not
+    ideal.
     """
 
     netlist: Netlist
     chip: Chip
     seed: Seed
-    floor: Floor
+    neighbours: Neighbours
     starts: NDArray[np.bool_]
-    eyes: tuple[Eyes | None, ...]
+    converters: tuple[Converter | None, ...]
     batch: Batch | None
     volts: NDArray[np.float64] | None
 
     @property
     def random(self) -> bool:
         """Whether trials differ."""
-        return differs(self.chip) or any(eyes is not None and eyes.random for eyes in self.eyes)
+        return differs(self.chip) or any(seen is not None and seen.random for seen in self.converters)
+
+    def fingerprint(self, batch: int) -> str:
+        """A hash of everything that the counts depend on, hexadecimal."""
+        digest = hashlib.sha256(f"{_SCHEMA} {self.seed} {batch} {self.chip}".encode())
+        digest.update(self.starts.tobytes())
+        digest.update(self.neighbours.around.tobytes())
+        for item in dataclasses.fields(Netlist):
+            value = getattr(self.netlist, item.name)
+            if isinstance(value, np.ndarray):
+                digest.update(item.name.encode() + value.tobytes())
+        for seen in self.converters:
+            digest.update(repr(seen and (seen.low, seen.span, seen.steps, seen.offset)).encode())
+        return digest.hexdigest()
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,22 +180,40 @@ class Tally:
     squares: NDArray[np.int64]
 
     def __add__(self, other: Tally) -> Tally:
-        return Tally(
-            self.trials + other.trials,
-            self.reached + other.reached,
-            self.complete + other.complete,
-            self.squares + other.squares,
-        )
+        return Tally(*(getattr(self, item.name) + getattr(other, item.name) for item in dataclasses.fields(Tally)))
+
+    def save(self, path: str | os.PathLike[str], fingerprint: str) -> None:
+        """Write the counts, whole or not at all, so that a run can be killed at any moment and taken up again."""
+        with atomic_path(path) as temporary, temporary.open("wb") as file:
+            np.savez_compressed(file, fingerprint=np.array(fingerprint), **vars(self))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str], fingerprint: str) -> Tally | None:
+        """Read the counts so far; None if there is no such file."""
+        try:
+            with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as data:
+                saved, trials = str(data["fingerprint"]), int(data["trials"])
+                counts = [data[name] for name in ("reached", "complete", "squares")]
+        except FileNotFoundError:
+            return None
+        except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
+            raise InputError(f"cannot read the checkpoint {str(path)!r}: {error}; remove it or name another") from error
+        if saved != fingerprint:
+            raise InputError(
+                f"the checkpoint {str(path)!r} belongs to another run: the scene, the chip, the seed or the batch "
+                "differs; remove it or name another"
+            )
+        return cls(trials, *counts)
 
 
 def differs(chip: Chip) -> bool:
     """Whether chips of a kind differ from each other."""
-    return bool(chip.mismatch or chip.pelgrom or _is_faulty(chip))
+    return bool(chip.mismatch or chip.pelgrom or Faults.of(chip, 0))
 
 
-def is_ideal(readout: Readout) -> bool:
-    """Whether a robot sees what there is: currents through faces, without error."""
-    return readout.bits is None and not readout.offset and readout.noise_bandwidth is None
+def die_temperature(chip: Chip) -> float:
+    """Temperature of the die, in kelvin."""
+    return ROOM if chip.temperature is None else ROOM + chip.temperature - NOMINAL_CELSIUS
 
 
 def prepare(
@@ -94,67 +224,70 @@ def prepare(
     starts: NDArray[np.bool_] | None = None,
 ) -> Experiment:
     """Do once what all trials share.  Shapes: `starts` as the space."""
-    cell_map = tiled_layout(netlist, "robots that see the read-out")
-    mask = cell_map.space.goal_connected if starts is None else cell_map.space.goal_connected & starts
-    blurred = not all(is_ideal(readout) for readout in readouts)
-    alike = not differs(chip)
-    linear = chip.saturation_voltage is None and not _is_faulty(chip)
-    nominal = build_chip(netlist, _flawless(chip))
-    point = solve(nominal)
+    cells = cells_with_nodes(netlist, "robots that see the read-out")
+    mask = cells.space.goal_connected if starts is None else cells.space.goal_connected & starts
+    healthy = dataclasses.replace(chip.defects, open_density=0.0, short_density=0.0)
+    nominal = build_chip(netlist, dataclasses.replace(chip, mismatch=None, pelgrom=None, defects=healthy))
+    op = solve(nominal)
     bands = {readout.noise_bandwidth for readout in readouts} - {None}
-    noise = {band: _noise(nominal, point, chip, band) for band in bands if band is not None}
+    noise = {band: _noise(op, chip, band) for band in bands if band is not None}
+    converters = tuple(
+        None if _is_ideal(readout) else converter_of(readout, cells, noise.get(readout.noise_bandwidth or 0.0))
+        for readout in readouts
+    )
+    blurred = any(converter is not None for converter in converters)
+    linear = chip.saturation_voltage is None and not Faults.of(chip, 0)
+    batch = blurred and linear and differs(chip)
     return Experiment(
         netlist=netlist,
         chip=chip,
         seed=seed_of(chip.seed if seed is None else seed),
-        floor=floor_of(cell_map),
+        neighbours=neighbours_of(cells),
         starts=mask.ravel(),
-        eyes=tuple(
-            None if is_ideal(readout) else eyes_of(readout, cell_map, noise.get(readout.noise_bandwidth or 0.0))
-            for readout in readouts
-        ),
-        batch=prepare_batch(conductance_samples(netlist, chip, [])[0]) if blurred and linear and not alike else None,
-        volts=point.voltage if blurred and alike else None,
+        converters=converters,
+        batch=prepare_batch(conductance_samples(netlist, chip, [])[0]) if batch else None,
+        volts=op.voltage if blurred and not differs(chip) else None,
     )
 
 
 def run_trials(experiment: Experiment, numbers: Sequence[int]) -> Tally:
     """Try some chips."""
-    reached = np.zeros((len(experiment.eyes), len(experiment.starts)), dtype=np.int64)
-    complete, squares = np.zeros((2, len(experiment.eyes)), dtype=np.int64)
-    wanted = int(experiment.starts.sum())
-    seeds = [_trial_seed(experiment.seed, number) for number in numbers]
-    for eyes, walks in _walks(experiment, seeds):
-        arrived = walks & experiment.starts
-        reached[eyes] += arrived
+    readouts = len(experiment.converters)
+    reached = np.zeros((readouts, len(experiment.starts)), dtype=np.int64)
+    complete, squares = np.zeros((2, readouts), dtype=np.int64)
+    starts = int(experiment.starts.sum())
+    base = experiment.seed if isinstance(experiment.seed, tuple) else (experiment.seed,)
+    for readout, cells in _walks(experiment, [(*base, number) for number in numbers]):
+        arrived = cells & experiment.starts
+        reached[readout] += arrived
         served = int(arrived.sum())
-        complete[eyes] += served == wanted
-        squares[eyes] += served * served
-    return Tally(len(seeds), reached, complete, squares)
+        complete[readout] += served == starts
+        squares[readout] += served * served
+    return Tally(len(numbers), reached, complete, squares)
 
 
 def _walks(experiment: Experiment, seeds: Sequence[Seed]) -> Iterator[tuple[int, NDArray[np.bool_]]]:
     """Number of the read-out, and which cells lead to a goal, trial by trial."""
-    ideal = [number for number, eyes in enumerate(experiment.eyes) if eyes is None]
+    ideal = [number for number, seen in enumerate(experiment.converters) if seen is None]
     if ideal:
         once = None if differs(experiment.chip) else _ideal_walk(experiment, experiment.seed)
         for seed in seeds:
             arrived = _ideal_walk(experiment, seed) if once is None else once
             yield from ((number, arrived) for number in ideal)
-    if len(ideal) == len(experiment.eyes):
+    if len(ideal) == len(experiment.converters):
         return
     for seed, volts in zip(seeds, _voltages(experiment, seeds), strict=True):
-        for number, eyes in enumerate(experiment.eyes):
-            if eyes is not None:
-                yield number, walk(volts, experiment.floor, eyes, seed)
+        for number, seen in enumerate(experiment.converters):
+            if seen is not None:
+                yield number, arrivals(volts, experiment.neighbours, seen, seed)
 
 
 def _ideal_walk(experiment: Experiment, seed: Seed) -> NDArray[np.bool_]:
     try:
-        point = solve(build_chip(experiment.netlist, experiment.chip, seed))
+        op = solve(build_chip(experiment.netlist, experiment.chip, seed))
     except CircuitError:  # so broken that nothing flows
-        return experiment.floor.goal
-    return follow(steps_of(point).lowest()[0], experiment.floor)
+        return experiment.neighbours.goal
+    return arrivals_along(steps_of(op).lowest()[0], experiment.neighbours)
 
 
 def _voltages(experiment: Experiment, seeds: Sequence[Seed]) -> Iterator[NDArray[np.float64]]:
@@ -173,77 +306,15 @@ def _voltages(experiment: Experiment, seeds: Sequence[Seed]) -> Iterator[NDArray
                 yield np.full(experiment.netlist.node_count, np.nan)
 
 
-def _trial_seed(seed: Seed, number: int) -> Seed:
-    return (*(seed if isinstance(seed, tuple) else (seed,)), number)
+def _is_ideal(readout: Readout) -> bool:
+    """Whether a robot sees what there is: currents through faces, without error."""
+    return readout.bits is None and not readout.offset and readout.noise_bandwidth is None
 
 
-def _is_faulty(chip: Chip) -> bool:
-    return bool(chip.defects.open_density or chip.defects.short_density)
-
-
-def _flawless(chip: Chip) -> Chip:
-    """The chip that all others of its kind scatter around."""
-    healthy = dataclasses.replace(chip.defects, open_density=0.0, short_density=0.0)
-    return dataclasses.replace(chip, mismatch=None, pelgrom=None, defects=healthy)
-
-
-def die_temperature(chip: Chip) -> float:
-    """Temperature of the die, in kelvin."""
-    return ROOM if chip.temperature is None else ROOM + chip.temperature - NOMINAL_CELSIUS
-
-
-def _noise(nominal: Netlist, point: OperatingPoint, chip: Chip, bandwidth: float) -> NDArray[np.float64]:
+def _noise(op: OperatingPoint, chip: Chip, bandwidth: float) -> NDArray[np.float64]:
     """Deviation of a measurement at every cell, in volts: thermal noise of the flawless chip in the read-out's band."""
-    linear = small_signal(point) if nominal.nonlinear_nodes.size else nominal
+    linear = small_signal(op) if op.netlist.nonlinear_nodes.size else op.netlist
     noise = analyse_noise(linear, band=(0.0, bandwidth), temperature=die_temperature(chip))
     assert noise.total is not None
-    node = nominal.cells.node.ravel()
+    node = op.netlist.cells.node.ravel()
     return np.where(node >= 0, np.nan_to_num(noise.total)[node], 0.0)
-
-
-_SCHEMA = 1
-
-
-def fingerprint(experiment: Experiment, batch: int) -> str:
-    """A hash of everything that the counts of an experiment depend on, hexadecimal."""
-    digest = hashlib.sha256(f"{_SCHEMA} {experiment.seed} {batch} {experiment.chip}".encode())
-    digest.update(experiment.starts.tobytes())
-    digest.update(experiment.floor.around.tobytes())
-    for item in dataclasses.fields(Netlist):
-        value = getattr(experiment.netlist, item.name)
-        if isinstance(value, np.ndarray):
-            digest.update(item.name.encode() + value.tobytes())
-    for eyes in experiment.eyes:
-        digest.update(repr(None if eyes is None else (eyes.low, eyes.span, eyes.steps, eyes.offset)).encode())
-    return digest.hexdigest()
-
-
-def save_tally(path: str | os.PathLike[str], tally: Tally, mark: str) -> None:
-    """Write the counts so far, whole or not at all."""
-    with atomic_path(path) as temporary, temporary.open("wb") as file:
-        np.savez_compressed(
-            file,
-            fingerprint=np.array(mark),
-            trials=np.array(tally.trials),
-            reached=tally.reached,
-            complete=tally.complete,
-            squares=tally.squares,
-        )
-
-
-def load_tally(path: str | os.PathLike[str], mark: str) -> Tally | None:
-    """Read the counts so far; None if there is no such file."""
-    try:
-        with Path(path).open("rb") as file, np.load(file, allow_pickle=False) as data:
-            found, trials = str(data["fingerprint"]), int(data["trials"])
-            counts = [data[name] for name in ("reached", "complete", "squares")]
-    except FileNotFoundError:
-        return None
-    except (OSError, ValueError, KeyError, EOFError, BadZipFile) as error:
-        raise InputError(f"cannot read the checkpoint {str(path)!r}: {error}; remove it or name another") from error
-    if found != mark:
-        raise InputError(
-            f"the checkpoint {str(path)!r} belongs to another run: the scene, the chip, the seed or the batch differs; "
-            "remove it or name another"
-        )
-    return Tally(trials, *counts)

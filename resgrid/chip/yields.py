@@ -13,25 +13,23 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number, check_whole
-from resgrid.chip.figures import Proportion, Reading, effective_trials, json_form, proportion, quantile, wilson
-from resgrid.chip.trials import Experiment, Tally, fingerprint, load_tally, prepare, run_trials, save_tally
+from resgrid.chip.figures import Figure, Proportion, Result, defined, effective_trials, proportion, quantile, wilson
+from resgrid.chip.trials import Experiment, Tally, prepare, run_trials
 from resgrid.die import seed_of
 from resgrid.errors import InputError
-from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import Netlist
 from resgrid.scene.chip import Chip
 from resgrid.space import ConfigurationSpace
 
-TASK = 16
+_TASK = 16
 """Trials that one task of an executor does."""
 
 Progress = Callable[[int, int, Proportion], None]
-"""Told after every batch: trials done, trials expected in all, and the overall yield so far."""
+"""Called after every batch: trials done, trials expected in all, and the overall yield so far."""
 
 
-@frozen
-@dataclass(frozen=True, eq=False)
-class Yield:
+@dataclass(frozen=True, eq=False, repr=False)
+class Yield(Result):
     """How many robots reach the goal on chips of one kind.
 
     Attributes
@@ -62,8 +60,6 @@ class Yield:
     random: bool
     confidence: float
 
-    _repr_html_ = picture_html
-
     @property
     def probability(self) -> NDArray[np.float64]:
         """Share of the chips on which a start is served, shape of the space; NaN where none starts."""
@@ -78,10 +74,8 @@ class Yield:
     @property
     def overall(self) -> Proportion:
         """Share of all starts on all chips; its interval allows for starts of a chip not being independent."""
-        total, starts = int(self.reached.sum()), int(self.starts.sum())
-        if not self.random:
-            return _exact(total / starts, self.confidence)
-        return _overall(total, self.squares, self.trials, starts, self.confidence)
+        counts = int(self.reached.sum()), self.squares, self.trials, int(self.starts.sum())
+        return _overall(*counts, self.confidence, random=self.random)
 
     @property
     def perfect(self) -> Proportion:
@@ -90,35 +84,30 @@ class Yield:
         return proportion(share, self.trials, self.confidence) if self.random else _exact(share, self.confidence)
 
     @property
-    def readings(self) -> Mapping[str, Reading]:
-        """The figures, with units and definitions."""
+    def figures(self) -> Mapping[str, Figure]:
+        """The figures of merit by name, with units and definitions."""
+        overall, perfect = self.overall, self.perfect
         sure = f"{self.confidence:.0%} confidence (Wilson)"
         worst = np.nanmin(self.probability) if self.starts.any() else np.nan
-        return {
-            "yield": Reading(
-                self.overall.value,
-                "",
+        shares = {
+            "yield": (
+                overall.value,
                 "share of all starts, averaged over chips, from which a robot that sees the read-out only reaches a "
                 "goal; starts are the free cells with a way to one",
             ),
-            "yield_low": Reading(
-                self.overall.low, "", f"lower end of the interval of the yield, {sure}, for chips as clusters"
-            ),
-            "yield_high": Reading(
-                self.overall.high, "", f"upper end of the interval of the yield, {sure}, for chips as clusters"
-            ),
-            "perfect_chips": Reading(self.perfect.value, "", "share of the chips that serve every start"),
-            "perfect_chips_low": Reading(self.perfect.low, "", f"lower end of the interval of perfect_chips, {sure}"),
-            "perfect_chips_high": Reading(self.perfect.high, "", f"upper end of the interval of perfect_chips, {sure}"),
-            "worst_start": Reading(
-                float(worst) if np.isfinite(worst) else None, "", "share of the chips that serve the worst start"
-            ),
-            "chips": Reading(self.trials, "", "chips that were tried"),
+            "yield_low": (overall.low, f"lower end of the interval of the yield, {sure}, for chips as clusters"),
+            "yield_high": (overall.high, f"upper end of the interval of the yield, {sure}, for chips as clusters"),
+            "perfect_chips": (perfect.value, "share of the chips that serve every start"),
+            "perfect_chips_low": (perfect.low, f"lower end of the interval of perfect_chips, {sure}"),
+            "perfect_chips_high": (perfect.high, f"upper end of the interval of perfect_chips, {sure}"),
+            "worst_start": (defined(worst), "share of the chips that serve the worst start"),
+            "chips": (self.trials, "chips that were tried"),
         }
+        return {name: Figure(value, "", definition) for name, (value, definition) in shares.items()}
 
     def to_json(self) -> dict[str, Any]:
-        """The readings, as plain values."""
-        return {**json_form(self.readings), "confidence": self.confidence, "random": self.random}
+        """The figures, as plain values."""
+        return {**super().to_json(), "confidence": self.confidence, "random": self.random}
 
 
 def analyse_yield(
@@ -128,68 +117,28 @@ def analyse_yield(
     starts: ArrayLike | None = None,
     half_width: float = 0.01,
     confidence: float = 0.95,
-    most: int = 10_000,
+    trials: int = 10_000,
     batch: int = 64,
     seed: Any = None,
     executor: Executor | None = None,
     checkpoint: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
 ) -> Yield:
-    """Fabricate chips and let robots walk on them until the yield is known well enough.
-
-    A robot measures its cell and the face neighbours through the chip's read-out and steps to the lowest
-    (`resgrid.chip.readout`); through an ideal one it compares the currents through the faces.
-
-    Parameters
-    ----------
-    netlist : Netlist
-        The ideal one, compiled with ``rails="cells"`` and the chip's resistance and supply.
-    chip : Chip
-    starts : array_like of bool, shape of the space, optional
-        By default every free cell with a way to a goal.
-    half_width : float
-        Trials stop at the first whole batch after which the interval of the overall yield is no wider than twice this.
-    confidence : float
-        Of the intervals.
-    most : int
-        Trials after which they stop in any case.
-    batch : int
-        Trials between two looks at the interval.
-    seed : int, sequence of int or numpy.random.SeedSequence, optional
-        Trial ``k`` is the chip of the seed spawned from it, ``(seed, k)``; the chip's own by default.
-    executor : concurrent.futures.Executor, optional
-        Trials are shared among its processes (or threads); the numbers do not depend on it.
-    checkpoint : path-like, optional
-        File that holds the counts after every batch, written whole or not at all.  If it exists, the run is taken up
-        from there, and ends in the numbers of one that was never interrupted; counts of a run that asked for a
-        narrower interval are kept whole.
-    progress : callable, optional
-        Called after every batch with the trials done, those expected in all, and the overall yield so far.
-
-    Returns
-    -------
-    Yield
-
-    Raises
-    ------
-    InputError
-        If an argument is not admissible, the netlist does not suit the chip, or the checkpoint is of another run or
-        holds more trials than ``most``.
-    CircuitError
-        If the flawless chip has no operating point; a chip that a defect leaves without one serves no start.
-    """
-    _check(half_width, confidence, most, batch)
-    experiment = prepare(
-        netlist,
-        chip,
-        [chip.readout],
-        None if seed is None else seed_of(seed),
-        None if starts is None else _checked_starts(netlist, starts),
-    )
-    count = int(experiment.starts.sum())
-    if not count:
+    """Fabricate chips and let robots walk on them until the yield is known well enough: `Study.yields`."""
+    check_number("half_width", half_width, "a number between 0 and 0.5, such as 0.01", above=0.0, below=0.5)
+    check_whole("trials", trials, 1)
+    check_whole("batch", batch, 1)
+    quantile(confidence)
+    if starts is not None:
+        starts = checked_starts(netlist.cells.space, starts)
+    experiment = prepare(netlist, chip, [chip.readout], None if seed is None else seed_of(seed), starts)
+    if not experiment.starts.any():
         raise InputError("there is no start: no free cell has a way to a goal")
-    tally = _counted(experiment, (half_width, confidence, most, batch), executor, checkpoint, progress)
+    if experiment.random:
+        rule = _Rule(half_width, confidence, trials, batch)
+        tally = _count(experiment, rule, executor, checkpoint, progress)
+    else:
+        tally = run_trials(experiment, [0])
     space = netlist.cells.space
     return Yield(
         space=space,
@@ -203,79 +152,79 @@ def analyse_yield(
     )
 
 
-def _counted(
+@dataclass(frozen=True)
+class _Rule:
+    """When trials stop: `half_width` of the interval at a `confidence`, or `trials`; looked at after every batch."""
+
+    half_width: float
+    confidence: float
+    trials: int
+    batch: int
+
+    def expected(self, done: int, half_width: float) -> int:
+        """Trials in all, since intervals shrink as their square root."""
+        needed = int(done * max(half_width / self.half_width, 1.0) ** 2)
+        return min(-(-needed // self.batch) * self.batch, self.trials)
+
+
+def _count(
     experiment: Experiment,
-    rule: tuple[float, float, int, int],
+    rule: _Rule,
     executor: Executor | None,
     checkpoint: str | os.PathLike[str] | None,
     progress: Progress | None,
 ) -> Tally:
-    half_width, confidence, most, batch = rule
-    if not experiment.random:
-        return run_trials(experiment, [0])
-    mark = fingerprint(experiment, batch)
-    tally = None if checkpoint is None else load_tally(checkpoint, mark)
-    if tally is None:
-        tally = run_trials(experiment, [])
-    if tally.trials > most:
+    fingerprint = experiment.fingerprint(rule.batch)
+    saved = None if checkpoint is None else Tally.load(checkpoint, fingerprint)
+    tally = saved or run_trials(experiment, [])
+    if tally.trials > rule.trials:
         raise InputError(
-            f"the checkpoint {str(checkpoint)!r} holds {tally.trials} trials, more than most = {most}; ask for no "
-            "fewer, or name another"
+            f"the checkpoint {str(checkpoint)!r} holds {tally.trials} trials, more than trials = {rule.trials}; ask "
+            "for no fewer, or name another"
         )
-    while tally.trials < most:
-        if tally.trials and tally.trials % batch == 0:
-            share = overall_of(tally, experiment, confidence)
+    while tally.trials < rule.trials:
+        if tally.trials and tally.trials % rule.batch == 0:
+            share = overall_of(tally, experiment, rule.confidence)
             if progress is not None:
-                progress(tally.trials, _expected(tally.trials, share.half_width / half_width, batch, most), share)
-            if share.half_width <= half_width:
+                progress(tally.trials, rule.expected(tally.trials, share.half_width), share)
+            if share.half_width <= rule.half_width:
                 break
         # A run before may have ended within a batch.
-        numbers = range(tally.trials, min((tally.trials // batch + 1) * batch, most))
+        numbers = range(tally.trials, min((tally.trials // rule.batch + 1) * rule.batch, rule.trials))
         tally = sum(count_trials(experiment, numbers, executor), start=tally)
         if checkpoint is not None:
-            save_tally(checkpoint, tally, mark)
+            tally.save(checkpoint, fingerprint)
     return tally
+
+
+def count_trials(experiment: Experiment, numbers: range, executor: Executor | None) -> Iterable[Tally]:
+    """Counts of some trials, task by task."""
+    tasks = [numbers[begin : begin + _TASK] for begin in range(0, len(numbers), _TASK)]
+    run: Callable[..., Iterable[Tally]] = map if executor is None else executor.map
+    return run(partial(run_trials, experiment), tasks)
 
 
 def overall_of(tally: Tally, experiment: Experiment, confidence: float, readout: int = 0) -> Proportion:
     """The overall yield of the counts so far."""
-    total, starts = int(tally.reached[readout].sum()), int(experiment.starts.sum())
-    if not experiment.random:
-        return _exact(total / (tally.trials * starts), confidence)
-    return _overall(total, int(tally.squares[readout]), tally.trials, starts, confidence)
+    reached, squares = int(tally.reached[readout].sum()), int(tally.squares[readout])
+    counts = reached, squares, tally.trials, int(experiment.starts.sum())
+    return _overall(*counts, confidence, random=experiment.random)
 
 
-def _overall(total: int, squares: int, trials: int, starts: int, confidence: float) -> Proportion:
-    effective = effective_trials(total, squares, trials, starts)
-    return proportion(total / (trials * starts), trials, confidence, effective)
+def _overall(reached: int, squares: int, trials: int, starts: int, confidence: float, *, random: bool) -> Proportion:
+    share = reached / (trials * starts)
+    if not random:
+        return _exact(share, confidence)
+    return proportion(share, trials, confidence, effective_trials(reached, squares, trials, starts))
 
 
 def _exact(share: float, confidence: float) -> Proportion:
     return Proportion(share, share, share, 1, confidence)
 
 
-def _expected(trials: int, excess: float, batch: int, most: int) -> int:
-    """Trials in all, since intervals shrink as their square root."""
-    return min(-(-int(trials * max(excess, 1.0) ** 2) // batch) * batch, most)
-
-
-def count_trials(experiment: Experiment, numbers: range, executor: Executor | None) -> Iterable[Tally]:
-    """Counts of some trials, task by task."""
-    tasks = [numbers[begin : begin + TASK] for begin in range(0, len(numbers), TASK)]
-    run: Callable[..., Iterable[Tally]] = map if executor is None else executor.map
-    return run(partial(run_trials, experiment), tasks)
-
-
-def _check(half_width: float, confidence: float, most: int, batch: int) -> None:
-    check_number("half_width", half_width, "a number between 0 and 0.5, such as 0.01", above=0.0, below=0.5)
-    check_whole("most", most, 1)
-    check_whole("batch", batch, 1)
-    quantile(confidence)
-
-
-def _checked_starts(netlist: Netlist, starts: ArrayLike) -> NDArray[np.bool_]:
+def checked_starts(space: ConfigurationSpace, starts: ArrayLike) -> NDArray[np.bool_]:
+    """A mask of cells to start from, shape of the space."""
     mask = np.asarray(starts)
-    shape = None if netlist.cell_map is None else netlist.cells.space.shape
-    if mask.dtype != np.bool_ or mask.shape != shape:
-        raise InputError(f"starts must be True or False for every cell, shape {shape}")
+    if mask.dtype != np.bool_ or mask.shape != space.shape:
+        raise InputError(f"starts must be True or False for every cell, shape {space.shape}")
     return mask

@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
+import html
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from resgrid.cli.check import check_written
-from resgrid.cli.chip_report import Section, format_html, format_markdown, shown
-from resgrid.cli.chip_study import ANALYSES, Limits, Study, open_study
 from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
 from resgrid.cli.options import Source, dialect_option, folder_of, output_option, verb, with_source
-from resgrid.cli.report import Report, finish, stage
-from resgrid.cli.scenes import say_unheeded
+from resgrid.cli.report import compute, finish, stage
+from resgrid.cli.scenes import Job, open_job, say_unheeded
 from resgrid.errors import InputError
 from resgrid.files import SUMMARY, whole_folder
 
 if TYPE_CHECKING:
+    from concurrent.futures import Executor
+
+    from resgrid.chip.report import Effort, Section
+    from resgrid.chip.studies import Study
     from resgrid.spice.check.agreement import Agreement
+
+ANALYSES = ("yield", "precision", "settling", "noise", "power", "sensitivity", "exploration", "defects")
+"""Every analysis, in the order of the report."""
 
 
 @verb(
@@ -47,11 +57,14 @@ def command(
     source: Source,
     output: str | None,
     only: str | None,
+    half_width: float,
+    most: int,
+    jobs: int,
+    sweep: tuple[str, ...],
+    seconds: float,
     at_least: float | None,
     asked: bool | None,
     dialect: str,
-    sweep: tuple[str, ...],
-    **limits: Any,
 ) -> int:
     """Find out what the chip of SCENE, as its [chip] table describes it, does to a robot.
 
@@ -59,28 +72,35 @@ def command(
     summary.json; and decks for the operating point, a transient, noise and temperatures, each with the answer to be
     expected in its sidecar.  A run that was interrupted takes up the counting of yield where it stopped.
     """
-    from resgrid.cli.chip_analyses import run_analysis
-    from resgrid.io.tables import json_text
-
     folder = folder_of(output, source, "_chip")
     names = _names(only)
-    _check(at_least)
-    bounds = Limits(**limits, sweep=tuple(_sweep(text) for text in sweep), checkpoint=folder)
+    _check(half_width, most, jobs, seconds, sweep, at_least)
+    from resgrid.chip.decks import described_files
+    from resgrid.chip.report import Effort, checkpoint_beside, report_markdown
+    from resgrid.io.tables import json_text
+
+    effort = Effort(half_width, most, seconds, tuple(_sweep(text) for text in sweep))
     with whole_folder(folder) as made:
-        study = open_study(source, Report(), bounds)
-        unheeded = say_unheeded(study.job, "chip")
-        sections = [run_analysis(name, study, made, Report()) for name in names]
-        decks = _decks(study, made, dialect)
+        job = open_job(source)
+        study = _open(job)
+        effort = replace(effort, checkpoint=checkpoint_beside(folder, study, half_width))
+        unheeded = say_unheeded(job, "chip")
+        with _workers(jobs) as executor:
+            sections = [_analyse(name, study, replace(effort, executor=executor), made) for name in names]
+        with stage("write the decks"):
+            decks = described_files(study.write_decks(made, dialect=dialect), dialect)
         agreement = check_written(made / "op.cir", study.netlist, asked, folder)
         verdict = _verdict("op.cir", agreement)
-        data = _summary(study, sections, decks, verdict) | unheeded
-        heading, table = study.title, study.parameters()
-        (made / "report.md").write_text(format_markdown(heading, table, sections, decks, verdict), encoding="utf-8")
-        (made / "report.html").write_text(format_html(heading, table, sections, decks, verdict), encoding="utf-8")
+        data = _summary(study, job, sections, decks, verdict) | unheeded
+        text = report_markdown(study, sections, decks, verdict)
+        (made / "report.md").write_text(text, encoding="utf-8")
+        (made / "report.html").write_text(_page(study.title, text), encoding="utf-8")
         (made / SUMMARY).write_text(json_text(data) + "\n", encoding="utf-8")
-    study.forget()
-    finish({"folder": folder, **data}, _lines(folder, study.title, sections, verdict))
-    high = study.results["yield"].overall.high if "yield" in study.results else 1.0
+    if effort.checkpoint is not None:
+        effort.checkpoint.unlink(missing_ok=True)
+    answers = [f"  {section.name}: {section.text[0]}" for section in sections]
+    finish({"folder": folder, **data}, [study.title, *answers, verdict, f"report in {folder / 'report.md'}"])
+    high = next((section.data["yield_high"]["value"] for section in sections if section.name == "yield"), 1.0)
     agrees = True if isinstance(agreement, str) else agreement.agrees
     if agrees is False or (at_least is not None and high < at_least):
         return NEGATIVE
@@ -97,7 +117,15 @@ def _names(only: str | None) -> list[str]:
     return [name for name in ANALYSES if name in names]
 
 
-def _check(at_least: float | None) -> None:
+def _check(
+    half_width: float, most: int, jobs: int, seconds: float, sweep: Sequence[str], at_least: float | None
+) -> None:
+    if not 0 < half_width < 0.5:
+        raise InputError(f"--half-width {half_width}: it lies between 0 and 0.5, such as 0.01")
+    if most < 1 or jobs < 0 or not seconds > 0:
+        raise InputError("--most must be at least 1, --jobs at least 0 and --seconds positive")
+    if len(sweep) not in (0, 2):
+        raise InputError("--sweep explores two values: give it twice, or not at all")
     if at_least is not None and not 0 <= at_least <= 1:
         raise InputError(f"--at-least {at_least}: a share lies between 0 and 1")
 
@@ -112,35 +140,51 @@ def _sweep(text: str) -> tuple[str, tuple[float | int, ...]]:
     return key.strip(), tuple(int(value) if key.strip().endswith(("bits", "seed")) else value for value in values)
 
 
-def _decks(study: Study, made: Path, dialect: str) -> dict[str, str]:
-    """Write the decks; what each is, by its file."""
-    from resgrid.chip.decks import write_chip_decks
+@contextmanager
+def _workers(jobs: int) -> Iterator[Executor | None]:
+    """Processes for trials, or None."""
+    if jobs == 1:
+        yield None
+        return
+    from concurrent.futures import ProcessPoolExecutor
+    from multiprocessing import get_context
 
-    with stage("write the decks"):
-        written = write_chip_decks(
-            study.ideal, study.chip, made, title=study.title, dialect=dialect, point=study.point,
-            settling=study.results.get("settling"),
-        )  # fmt: skip
-    files = {}
-    for name, deck in written.items():
-        files[deck.path.name] = _WHAT[name]
-        files[deck.commands.name] = f"runs {deck.path.name} in {dialect}"
-        files[deck.sidecar.name] = f"what {deck.path.name} should give, and its nodes"
-        if deck.companion is not None:
-            files[deck.companion.name] = f"makes ngspice check the operating point of {deck.path.name}: PASS or FAIL"
-    return files
+    with ProcessPoolExecutor(jobs or os.cpu_count() or 1, mp_context=get_context("spawn")) as executor:
+        yield executor
 
 
-_WHAT = {
-    "op": "the chip, for its operating point",
-    "transient": "the same chip at rest, whose supplies are switched on",
-    "noise": "the same chip, for the noise at its noisiest cell",
-    "temperature": "the same chip with temperature coefficients, for several temperatures",
-}
+def _open(job: Job) -> Study:
+    from resgrid.chip.studies import study
+
+    with stage("build the chip"):
+        chip = study(job.scene, space=job.space)
+    nodes = chip.netlist.node_count
+    compute("solve the chip", lambda: chip.op, seconds=0.5 + 3e-8 * nodes**1.5)
+    return chip
+
+
+def _analyse(name: str, study: Study, effort: Effort, made: Path) -> Section:
+    """Do one of the analyses, and draw its pictures into a folder."""
+    from resgrid import plot
+    from resgrid.chip.report import report_section, seconds_needed
+
+    with stage(name, seconds=seconds_needed(name, study, effort)) as progress:
+
+        def tell(done: int, total: int, remark: str) -> None:
+            progress.count(done, total)
+            if remark:
+                progress.note(remark)
+
+        section = report_section(name, study, replace(effort, progress=tell))
+    for picture in section.pictures:
+        plot.save_figure(plot.draw(picture.value, **picture.options), made / f"{picture.name}.png")
+    return section
 
 
 def _verdict(name: str, agreement: Agreement | str) -> str:
     """What the simulator said of a deck, or why it was not asked."""
+    from resgrid.chip.figures import formatted
+
     if isinstance(agreement, str):
         return f"{name} was {agreement}."
     if agreement.agrees is None:
@@ -148,27 +192,48 @@ def _verdict(name: str, agreement: Agreement | str) -> str:
     words = "agrees" if agreement.agrees else "DISAGREES"
     return (
         f"{agreement.simulator} {agreement.version} {words} with {name}'s expected voltages: the largest difference is "
-        f"{shown(agreement.max_abs_error, 'V')}."
+        f"{formatted(agreement.max_abs_error, 'V')}."
     )
 
 
-def _summary(study: Study, sections: list[Section], decks: dict[str, str], verdict: str) -> dict[str, Any]:
-    pictures = {name: what for section in sections for name, what in section.pictures}
+def _summary(study: Study, job: Job, sections: list[Section], decks: dict[str, str], verdict: str) -> dict[str, Any]:
+    pictures = {f"{picture.name}.png": picture.caption for section in sections for picture in section.pictures}
     reports = {"report.md": "the report", "report.html": "the report for a browser", SUMMARY: "this summary as JSON"}
     return {
         "title": study.title,
-        "scene": study.job.scene.source,
-        "shape": study.job.space.shape,
-        "boundary": study.job.scene.boundary,
-        "chip": study.description(),
+        "scene": job.scene.source,
+        "shape": job.space.shape,
+        "boundary": job.scene.boundary,
+        "chip": asdict(job.scene.chip),
         "analyses": {section.name: section.data for section in sections},
         "check": verdict,
         "files": {**reports, **pictures, **decks},
     }
 
 
-def _lines(folder: Path, title: str, sections: list[Section], verdict: str) -> list[str]:
-    lines = [title]
-    for section in sections:
-        lines += [f"  {section.title.lower()}: {line}" for line in section.text[:1]]
-    return [*lines, verdict, f"report in {folder / 'report.md'}"]
+def _page(title: str, text: str) -> str:
+    """The Markdown of a report as a page."""
+    from markdown_it import MarkdownIt
+
+    body = MarkdownIt("commonmark").enable("table").render(text)
+    return _PAGE.format(title=html.escape(title), body=body)
+
+
+_PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<title>{title}</title>
+<style>
+body {{ font: 15px/1.45 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; }}
+table {{ border-collapse: collapse; margin: 1em 0; }}
+th, td {{ text-align: left; vertical-align: top; padding: 0.2em 0.8em 0.2em 0; border-bottom: 1px solid #ccc; }}
+td:nth-child(2) {{ white-space: nowrap; }}
+img {{ max-width: 100%; max-height: 36em; }}
+</style>
+</head>
+<body>
+{body}
+</body>
+</html>
+"""

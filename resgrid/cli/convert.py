@@ -44,7 +44,7 @@ def command(source: Source, output: str, dialect: str | None, bare: bool) -> int
     graphs for networkx and others; FILE.npz holds the netlist's arrays. -o - prints the deck alone. All of these are
     read, too, and so are Circuitscape configurations (.ini).
     """
-    from resgrid.spice.networks.graphs import NETWORK_SUFFIXES, write_network
+    from resgrid.io.networks import NETWORK_SUFFIXES, left_out, write_network
 
     suffix = Path(output).suffix.lower()
     known = (*DECK_SUFFIXES, SPECTRE_SUFFIX, *NETWORK_SUFFIXES)
@@ -59,7 +59,8 @@ def command(source: Source, output: str, dialect: str | None, bare: bool) -> int
     netlist, title, op, unheeded = _circuit(source, solve=not (alone or is_network))
     data: dict[str, Any] = {"file": output, **element_counts(netlist)}
     if is_network:
-        _say_left_out(netlist, output)
+        if suffix == ".txt" and left_out(netlist):
+            say(f"left out, for {output} has no place for them: {', '.join(left_out(netlist))}")
         with stage("write it", seconds=5e-6 * data["resistors"]):
             write_network(netlist, output)
     else:
@@ -99,19 +100,3 @@ def _write_deck(
 
     written = write_spice(op, output, dialect, title=title)
     return {"sidecar": written.sidecar, "commands": written.commands, "sha256": written.sha256}
-
-
-def _say_left_out(netlist: Netlist, output: str) -> None:
-    """Name what an edge list has no place for."""
-    if Path(output).suffix.lower() != ".txt":
-        return
-    kinds = {
-        "sources": len(netlist.source_volts) + len(netlist.current_amps),
-        "capacitors": len(netlist.capacitance),
-        "nonlinear resistors": len(netlist.nonlinear_current),
-    }
-    left_out = [f"{kind} ({count:,})" for kind, count in kinds.items() if count]
-    if netlist.tc1 is not None or netlist.tc2 is not None:
-        left_out.append("temperature coefficients")
-    if left_out:
-        say(f"left out, for {output} has no place for them: {', '.join(left_out)}")

@@ -272,6 +272,3 @@ def _decorated(function: Callable[..., Any], options: Sequence[Decorator]) -> Ca
     for option in reversed(options):
         function = option(function)
     return function
-
-
-SceneChoice = Source

@@ -1,19 +1,29 @@
-"""``resgrid plot``: one picture of a scene."""
+"""``resgrid plot``: one picture of a scene; and all that it has, for ``resgrid run``."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from resgrid.cli.options import Source, output_option, verb, with_source
 from resgrid.cli.paths import Plan, plan_routes
-from resgrid.cli.pictures import PICTURES, draw_picture
 from resgrid.cli.report import finish, stage
-from resgrid.cli.scenes import open_job, say_unheeded
+from resgrid.cli.scenes import Job, open_job, say_unheeded
 from resgrid.errors import InputError
 
+if TYPE_CHECKING:
+    from resgrid.planning.fields import Field
+
 SUFFIXES = (".png", ".pdf", ".svg")
+PICTURES = ("page", "space", "potential", "currents", "paths", "circuit", "slices", "robot")
+PAGE_AXES = 3
+"""Most axes of a space that is drawn."""
+
+CIRCUIT_CELLS = 8
+"""Longest side of a grid that is drawn as a circuit."""
 
 
 @verb(
@@ -23,7 +33,7 @@ SUFFIXES = (".png", ".pdf", ".svg")
 )
 @with_source()
 @output_option("The picture: FILE.png, .pdf or .svg; - prints a PNG.", required=True)
-@click.option("--what", default="page", show_default=True, type=click.Choice(tuple(PICTURES)), help="Which picture.")
+@click.option("--what", default="page", show_default=True, type=click.Choice(PICTURES), help="Which picture.")
 def command(source: Source, output: str, what: str) -> int:
     """Draw one picture of SCENE.
 
@@ -31,16 +41,97 @@ def command(source: Source, output: str, what: str) -> int:
     for several blends, the first is drawn; choose one with --k. '--what space' draws the cells alone: a map needs no
     goal for that.
     """
-    if output != "-" and Path(output).suffix.lower() not in SUFFIXES:
+    suffix = ".png" if output == "-" else Path(output).suffix.lower()
+    if suffix not in SUFFIXES:
         raise InputError(f"-o {output}: a picture is written as {', '.join(SUFFIXES)}; name the file so")
     job = open_job(source, require_goal=what != "space")
     unheeded = say_unheeded(job, "grid", k=() if what == "space" else job.scene.k[1:])
     plan = Plan({}, [], []) if what == "space" else plan_routes(job)
+    if not plan.fields and what != "space":
+        raise InputError("no start can be driven, so there is no field to draw: use --drive uniform, or move the start")
     with stage("draw the picture"):
         from resgrid.io.tables import emit
         from resgrid.plot.figures import render_figure
 
-        suffix = ".png" if output == "-" else Path(output).suffix.lower()
-        emit(output, render_figure(draw_picture(what, job, plan), suffix.lstrip(".")))
+        picture = _draw(what, job, plan, plan.fields[0] if plan.fields else None)
+        emit(output, render_figure(picture, suffix.lstrip(".")))
     finish({"file": output, "what": what, **unheeded}, written=output)
     return 0
+
+
+def draw_all(folder: Path, job: Job, plan: Plan) -> dict[str, str]:
+    """Draw every picture that a scene of this kind has; what each shows, by its file."""
+    from resgrid.plot import save_figure
+
+    files = {}
+    for name, caption, what, field in _album(job, plan):
+        save_figure(_draw(what, job, plan, field), folder / f"{name}.png")
+        files[f"{name}.png"] = caption
+    return files
+
+
+def _album(job: Job, plan: Plan) -> Iterator[tuple[str, str, str, Field | None]]:
+    """Pictures of a plan: file name, caption, which picture it is, and of which field."""
+    several = len(plan.fields) > 1
+    for number, field in enumerate(plan.fields if job.space.ndim <= PAGE_AXES else ()):
+        mark = f"chip_{number}" if job.scene.drive == "start" else f"k_{field.k:g}"
+        name, end = (f"page_{mark}", f", {mark.replace('_', ' ')}") if several else ("page", "")
+        yield name, f"potential, currents and paths{end}", "page", field
+    if job.space.ndim == 2 and (several or not plan.fields):
+        yield "paths", "map and all paths", "paths", None
+    if not job.scene.robot.moves_in_workspace and any(route.reached for route in plan.routes):
+        yield "robot", "the robot in its workspace along its first path", "robot", None
+    if job.space.ndim <= 2 and max(job.space.shape) <= CIRCUIT_CELLS and len(plan.operating_points) == 1:
+        yield "circuit", "the chip as a circuit, with its voltages", "circuit", None
+
+
+def _draw(what: str, job: Job, plan: Plan, field: Field | None) -> Any:
+    """One of `PICTURES`, as an ax or a figure."""
+    from resgrid import plot
+
+    picture: Any
+    match what:
+        case "space":
+            picture = plot.draw(job.space)
+        case "potential" | "currents":
+            picture = plot.draw(field, quantity=what)
+        case "paths":
+            lines, shares = [route.streamline for route in plan.routes], [route.field.k for route in plan.routes]
+            picture = plot.draw(lines, plot.draw(job.space), space=job.space, k=shares)
+        case "circuit":
+            picture = plot.draw(next(iter(plan.operating_points.values())))
+        case "robot":
+            picture = _draw_robot(job, plan)
+        case "slices":
+            assert field is not None
+            lines = [route.streamline for route in plan.routes if route.field.is_flowing]
+            picture = plot.draw_slices(field, paths=lines)
+        case _:
+            assert field is not None
+            lines = [route.streamline for route in plan.routes if not route.field.is_flowing or route.field is field]
+            picture = plot.draw_page(field, lines, title=_title(job, plan, field))
+    return picture
+
+
+def _title(job: Job, plan: Plan, field: Field) -> str:
+    pure = {0.0: " (Neumann)", 1.0: " (wall)" if job.scene.boundary == "wall" else " (Dirichlet)"}.get(field.k, "")
+    mark = f"k = {field.k:g}{pure}" if len(plan.fields) > 1 and job.scene.drive != "start" else ""
+    return ", ".join(part for part in (job.scene.title, mark) if part)
+
+
+def _draw_robot(job: Job, plan: Plan) -> Any:
+    """The robot in its workspace along its first path, beside its configuration space where that is a plane."""
+    from resgrid import plot
+
+    if job.scene.robot.moves_in_workspace:
+        raise InputError(
+            "--what robot: this robot is a point or a disc, whose picture is 'paths'; it draws arms and polygons"
+        )
+    path = next((route.streamline for route in plan.routes if route.reached), None)
+    if path is None:
+        raise InputError("--what robot: no path reaches a goal, so there is nothing to drive along")
+    if job.space.ndim == 2:
+        return plot.draw_pair(path, job.scene, job.space, title=job.scene.title)
+    figure = plot.figure_of(plot.draw_robot(path, job.scene))
+    plot.add_title(figure, job.scene.title)
+    return figure

@@ -111,8 +111,6 @@ class Stage:
         """Steps as the library counts them."""
         self._done, self._steps = done, total
 
-    tell = count
-
     def note(self, text: str) -> None:
         """What is known so far, for people."""
         self._note = f"{text}  "
@@ -221,17 +219,3 @@ def compute(
 def is_computing() -> bool:
     """Whether a call made by `compute` has been left behind, still busy."""
     return any(thread.name == _WORKER for thread in threading.enumerate())
-
-
-class Report:
-    """The functions of this module as methods, for the analyses of chips until they live in their own room."""
-
-    @staticmethod
-    def stage(name: str, *, seconds: float | None = None) -> Any:
-        """As `stage`."""
-        return stage(name, seconds=seconds)
-
-    @staticmethod
-    def compute(name: str, function: Callable[..., Value], *arguments: Any, seconds: float) -> Value:
-        """As `compute`."""
-        return compute(name, function, *arguments, seconds=seconds)

@@ -47,9 +47,9 @@ class Job:
     @cached_property
     def is_ideal(self) -> bool:
         """Whether the scene's chip is nothing but its resistors and ideal rails."""
-        from resgrid.chip.passes import passes_of
+        from resgrid.chip.passes import of_chip
 
-        return not passes_of(self.scene.chip)
+        return not of_chip(self.scene.chip)
 
     def solution(self) -> Solution:
         """The ideal circuits and fields that the scene asks for, with their drives scaled to the supply."""
@@ -247,16 +247,3 @@ def assume_switches(job: Job, boundary: str) -> tuple[Job, dict[str, float]]:
         values = ", ".join(f"{key} = {ohms:g}" for key, ohms in assumed.items())
         say(f"tiles have switches, and [chip] does not describe all; assumed, in ohms: {values}")
     return Job(replace(job.scene, chip=chip), job.space, job.threads), assumed
-
-
-def only_boundary(job: Job) -> tuple[str, int | None]:
-    """For the analyses of chips, until they live in their own room."""
-    wiring = job.problem.only_wiring()[1]
-    return wiring.boundary, None if wiring.start is None else 0
-
-
-def compile_options(job: Job, boundary: str, start: int | None) -> dict[str, Any]:
-    """For the analyses of chips, until they live in their own room."""
-    del boundary, start
-    wiring = job.problem.only_wiring()[1]
-    return {"boundary": wiring.boundary, "drive": wiring.drive, "edge": wiring.edge, "start": wiring.start}

@@ -86,6 +86,8 @@ FORMATS: dict[str, Format] = {
     ".npz": Format("arrays", npz_bytes),
     ".yaml": Format("message", str.encode),
     ".raw": Format("waveforms", bytes),
+    ".txt": Format("edges", str.encode),
+    ".graphml": Format("graph", bytes),
 }
 """Every format, by the end of the file's name; ``-`` takes the first that a value offers a view for."""
 

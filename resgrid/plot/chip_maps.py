@@ -70,7 +70,7 @@ def draw_noise(result: Noise, ax: Axes | None = None, *, quantity: str | None = 
 def draw_power(result: Power, ax: Axes | None = None, *, quantity: str = "heat") -> Axes:
     """Draw where heat arises, with the hottest resistors, or how far rail cells droop."""
     label, unit = _known(quantity, _POWER)
-    netlist = result.point.netlist
+    netlist = result.op.netlist
     cells = netlist.cells
     if quantity == "droop":
         droop = np.where(cells.node >= 0, np.abs(result.droop[cells.node]), np.nan)
@@ -93,7 +93,7 @@ def draw_power(result: Power, ax: Axes | None = None, *, quantity: str = "heat")
 
 def draw_sensitivity(result: Sensitivity, ax: Axes | None = None, *, drift: float = 0.01) -> Axes:
     """Draw the resistors by the drift of each that changes a robot's step; in red where the given drift does."""
-    netlist = result.point.netlist
+    netlist = result.op.netlist
     space = netlist.cells.space
     plane = plane_of(space)
     axes = axes_or_new(ax, plane.aspect)

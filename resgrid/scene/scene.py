@@ -135,6 +135,9 @@ class Scene:
     source: str | None = None
 
     def __post_init__(self) -> None:
+        for name in ("axes", "obstacles", "hidden", "goals", "areas", "edge", "k"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
+        object.__setattr__(self, "starts", tuple(tuple(start) for start in self.starts))
         if not self.edge:
             object.__setattr__(self, "edge", tuple("periodic" if axis.periodic else "obstacle" for axis in self.axes))
         problems = inconsistencies(self._parts())
@@ -199,6 +202,9 @@ class Scene:
             changes["k"] = (float(changes["k"]),)
         if isinstance(changes.get("edge"), str):
             changes["edge"] = edge_rules((changes["edge"],), axes)
+        elif "axes" in changes and "edge" not in changes:
+            rules = {axis.name: rule for axis, rule in zip(self.axes, self.edge, strict=True) if rule != "periodic"}
+            changes["edge"] = edge_rules([rules.get(axis.name, "obstacle") for axis in axes], axes)
         return dataclasses.replace(self, **changes)
 
     def _parts(self) -> Parts:

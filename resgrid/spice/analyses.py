@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid import die
-from resgrid.die import mismatch_factors, mismatch_terms
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 
@@ -121,7 +120,7 @@ class MismatchAnalysis:
 
     def factors(self, netlist: Netlist) -> NDArray[np.float64]:
         """What the resistances of one chip are multiplied by; shape (places on the die,)."""
-        return mismatch_factors(*mismatch_terms(np.full(die.identities(netlist), self.sigma)), self.seed)
+        return die.mismatch_factors(die.place_count(netlist), self.sigma, self.seed)
 
     def apply(self, netlist: Netlist) -> Netlist:
         """One chip of this seed."""

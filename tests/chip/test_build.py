@@ -45,7 +45,8 @@ def scene() -> rg.ConfigurationSpace:
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann", "wall"])
 @pytest.mark.parametrize("name", CHIPS)
 def test_ngspice_agrees_about_the_very_same_chip(name: str, boundary: str) -> None:
-    netlist = rg.compile_chip(scene(), CHIPS[name], boundary=boundary)
+    wall = {"wall_resistance": 5e3} if boundary == "wall" else {}
+    netlist = rg.build_chip(rg.compile_space(scene(), boundary=boundary, rails="cells", **wall), CHIPS[name])
     tolerance = 1e-6 if name == "saturation" else 1e-9
     agreement = rg.check_deck(netlist, tolerance=tolerance)
     assert agreement.agrees, agreement
@@ -53,7 +54,7 @@ def test_ngspice_agrees_about_the_very_same_chip(name: str, boundary: str) -> No
 
 def test_ngspice_heats_the_chip_by_its_own_coefficients(tmp_path: Path) -> None:
     chip = rg.Chip(tc1=2e-3, tc2=-3e-6, mismatch=0.1, **SWITCHES)
-    netlist = rg.compile_chip(scene(), chip)
+    netlist = rg.study(scene(), chip).netlist
     deck = tmp_path / "hot.cir"
     deck.write_text(flatten(netlist).text.replace("\n.end", "\n.temp 110\n.end"))
     told = rg.run_ngspice(deck).voltage
@@ -78,28 +79,26 @@ def test_ngspice_heats_the_chip_by_its_own_coefficients(tmp_path: Path) -> None:
 def test_thousands_of_chips_are_those_built_one_by_one(chip: rg.Chip, boundary: str) -> None:
     netlist = rg.compile_space(scene(), rails="cells", boundary=boundary)
     seeds = [3, (3, 0), np.random.SeedSequence(3).spawn(2)[1]]
-    circuit, samples = rg.conductance_samples(netlist, chip, seeds)
+    circuit, samples = rg.study(netlist, chip).conductances(seeds)
     assert samples.shape == (3, len(circuit.conductance))
     for seed, row in zip(seeds, samples, strict=True):
         one = rg.build_chip(netlist, chip, seed)
         np.testing.assert_array_equal(one.resistor_nodes, circuit.resistor_nodes)
         np.testing.assert_allclose(row, one.conductance, rtol=1e-12)
     if chip == rg.Chip(mismatch=0.2):
-        factors = rg.mismatch_factors(netlist, chip, seeds)
-        np.testing.assert_allclose(netlist.conductance / factors, samples, rtol=1e-15)
-        assert np.abs(factors[0] - factors[1]).max() > 0.1
+        assert np.abs(np.log(samples[0] / samples[1])).max() > 0.1
 
 
 def test_chips_that_differ_in_more_than_values_are_built_one_by_one() -> None:
     netlist = rg.compile_space(scene(), rails="cells")
     for chip in (rg.Chip(saturation_voltage=1.0), rg.Chip(defects=rg.Defects(0.1))):
         with pytest.raises(rg.InputError, match="build them one by one"):
-            rg.conductance_samples(netlist, chip, [1])
+            rg.study(netlist, chip).conductances([1])
 
 
 def test_an_ideal_chip_is_the_netlist_itself() -> None:
     netlist = rg.compile_space(scene())
-    assert rg.passes_of(rg.Chip()) == ()
+    assert rg.passes.of_chip(rg.Chip()) == ()
     assert rg.build_chip(netlist, rg.Chip()) is netlist
 
 
@@ -134,10 +133,11 @@ def test_the_chip_of_a_scene_is_built_as_its_table_says() -> None:
     seed = 11
     """
     found = rg.parse_scene(text, "chip.toml")
-    netlist = rg.compile_chip(rg.sample(found), found.chip)
-    assert netlist.cells.wiring.supply == 3.3
-    ratio = 1 / (netlist.conductance * 20e3)
+    chip = rg.study(found)
+    assert chip.netlist.cells.wiring.supply == 3.3
+    ratio = 1 / (chip.netlist.conductance * 20e3)
     assert 0.03 < ratio.std() < 0.07
-    np.testing.assert_array_equal(
-        netlist.conductance, rg.compile_chip(rg.sample(found), found.chip, seed=11).conductance
-    )
+    again = rg.build_chip(rg.study(rg.sample(found), found.chip).ideal, found.chip, 11)
+    np.testing.assert_array_equal(chip.netlist.conductance, again.conductance)
+    assert repr(chip) == "Study(chip: 6 x 6 cells, dirichlet, 38 nodes)"
+    assert "<td>mismatch</td><td>0.05</td>" in chip._repr_html_()

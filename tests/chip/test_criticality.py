@@ -9,9 +9,9 @@ import pytest
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.chip.criticality import _updated
-from resgrid.chip.passes import editing
-from resgrid.chip.readout import eyes_of, floor_of, walk
+from resgrid.chip.criticality import faulty_voltages
+from resgrid.chip.passes.base import add_resistors, select_resistors
+from resgrid.chip.trials import arrivals, converter_of, neighbours_of
 
 FLAWS = rg.Chip(
     mismatch=0.03,
@@ -36,10 +36,10 @@ def rebuilt(netlist: rg.Netlist, element: int, short: float | None) -> np.ndarra
     if element >= linear:
         number = element - linear
         pair = netlist.nonlinear_nodes[number : number + 1]
-        faulty = editing.keep_nonlinear(netlist, np.arange(len(netlist.nonlinear_current)) != number)
-        faulty = faulty if short is None else editing.add_resistors(faulty, pair, np.array([1 / short]))
+        faulty = select_resistors(netlist, nonlinear=np.arange(len(netlist.nonlinear_current)) != number)
+        faulty = faulty if short is None else add_resistors(faulty, pair, np.array([1 / short]))
     elif short is None:
-        faulty = editing.keep_resistors(netlist, np.arange(linear) != element)
+        faulty = select_resistors(netlist, np.arange(linear) != element)
     else:
         faulty = netlist.replace(conductance=np.where(np.arange(linear) == element, 1 / short, netlist.conductance))
     return rg.solve(faulty, accuracy="normwise", rtol=1e-13).voltage
@@ -47,16 +47,16 @@ def rebuilt(netlist: rg.Netlist, element: int, short: float | None) -> np.ndarra
 
 @pytest.mark.parametrize("chip", [FLAWS, rg.Chip(), rg.Chip(saturation_voltage=0.4)], ids=["flaws", "plain", "tanh"])
 def test_starts_lost_are_those_of_the_faulty_chip(chip: rg.Chip) -> None:
-    netlist = rg.build_chip(rg.ideal_netlist(cells(), chip), chip)
+    netlist = rg.build_chip(rg.study(cells(), chip).ideal, chip)
     readout = rg.Readout(bits=7)
-    result = rg.analyse_criticality(netlist, readout, short_resistance=5.0)
-    floor, eyes = floor_of(netlist.cells), eyes_of(readout, netlist.cells, None)
+    result = rg.study(netlist).criticality(readout=readout, short_resistance=5.0)
+    floor, eyes = neighbours_of(netlist.cells), converter_of(readout, netlist.cells, None)
     starts = cells().goal_connected.ravel()
-    healthy = walk(rg.solve(netlist).voltage, floor, eyes) & starts
+    healthy = arrivals(rg.solve(netlist).voltage, floor, eyes) & starts
     assert result.served == healthy.sum() > 0
     for short, lost in ((None, result.open), (5.0, result.short)):
         some = range(0, len(lost), 1 if len(lost) < 150 else 4)
-        expected = [(healthy & ~walk(rebuilt(netlist, element, short), floor, eyes)).sum() for element in some]
+        expected = [(healthy & ~arrivals(rebuilt(netlist, element, short), floor, eyes)).sum() for element in some]
         np.testing.assert_array_equal(lost[some], expected)
         assert max(expected) > 0
 
@@ -65,8 +65,8 @@ def test_bridges_cut_off_what_lies_behind_them() -> None:
     """A corridor with an open edge: every resistor of it is the only way."""
     cell = np.zeros((1, 8), dtype=np.uint8)
     cell[0, 0], cell[0, 7] = 2, 1
-    netlist = rg.ideal_netlist(space_of(cell), rg.Chip(), edge="open")
-    result = rg.analyse_criticality(netlist)
+    netlist = rg.study(space_of(cell), rg.Chip(), edge="open").ideal
+    result = rg.study(netlist).criticality()
     assert result.served == 6
     by_face = {int(face): lost for face, lost in zip(netlist.cells.resistor_face, result.open, strict=True)}
     lost = [by_face[face] for face in sorted(by_face)]
@@ -77,21 +77,21 @@ def test_bridges_cut_off_what_lies_behind_them() -> None:
 def test_driven_grids_lose_the_currents_behind_a_bridge() -> None:
     cell = np.zeros((1, 8), dtype=np.uint8)
     cell[0, 0] = 2
-    netlist = rg.ideal_netlist(space_of(cell), rg.Chip(), boundary="neumann")
-    result = rg.analyse_criticality(netlist)
+    netlist = rg.study(space_of(cell), rg.Chip(), boundary="neumann").ideal
+    result = rg.study(netlist).criticality()
     by_face = {int(face): lost for face, lost in zip(netlist.cells.resistor_face, result.open, strict=True)}
     assert [by_face[face] for face in sorted(by_face)] == [7, 6, 5, 4, 3, 2, 1]
 
 
 def test_time_limits_and_starts() -> None:
-    netlist = rg.build_chip(rg.ideal_netlist(cells(), FLAWS), FLAWS)
+    netlist = rg.build_chip(rg.study(cells(), FLAWS).ideal, FLAWS)
     told: list[tuple[int, int]] = []
-    short = rg.analyse_criticality(netlist, seconds=1e-9, progress=lambda done, total: told.append((done, total)))
+    short = rg.study(netlist).criticality(seconds=1e-9, progress=lambda done, total: told.append((done, total)))
     assert 0 < short.examined < len(short.open)
     assert told[0] == (0, len(short.open))
     one = np.zeros((6, 7), dtype=bool)
     one[5, 6] = True
-    single = rg.analyse_criticality(netlist, starts=one)
+    single = rg.study(netlist).criticality(starts=one)
     assert single.served == 1
     assert np.nanmax(single.open) <= 1
     data = single.to_json()
@@ -102,9 +102,9 @@ def test_time_limits_and_starts() -> None:
         ({"short_resistance": 0.0}, "short_resistance"),
     ):
         with pytest.raises(rg.InputError, match=message):
-            rg.analyse_criticality(netlist, **options)  # type: ignore[arg-type]
+            rg.study(netlist).criticality(**options)  # type: ignore[arg-type]
     with pytest.raises(rg.InputError, match="one node per cell"):
-        rg.analyse_criticality(rg.compile_space(cells()))
+        rg.study(rg.compile_space(cells())).criticality()
 
 
 @pytest.mark.parametrize("leak", [1e7, 1.7e11, 1.7e12])
@@ -113,9 +113,9 @@ def test_beside_leaks_faults_are_told_to_the_step_of_an_ideal_readout(leak: floa
     """A driven corridor cut off by any open: leaks alone then hold it."""
     cell = np.array([[0, 0, 0, 0, 2]], dtype=np.uint8)
     chip = rg.Chip(goal_switch_off=leak, mismatch=0.3)
-    netlist = rg.build_chip(rg.ideal_netlist(space_of(cell), chip, boundary="neumann", edge="open"), chip)
+    netlist = rg.build_chip(rg.study(space_of(cell), chip, boundary="neumann", edge="open").ideal, chip)
     order = np.arange(len(netlist.conductance))
-    for element, *faulty in _updated(netlist, rg.solve(netlist).voltage, order, short):
+    for element, *faulty in faulty_voltages(netlist, rg.solve(netlist).voltage, order, short):
         for siemens, volts in zip((0.0, 1 / short), faulty, strict=True):
             conductance = netlist.conductance.copy()
             conductance[element] = siemens
@@ -152,7 +152,7 @@ def exact_voltages(netlist: rg.Netlist, conductance: np.ndarray) -> np.ndarray:
 
 
 def test_faults_are_named() -> None:
-    result = rg.analyse_criticality(rg.ideal_netlist(cells(), rg.Chip()))
+    result = rg.study(rg.study(cells(), rg.Chip()).ideal).criticality()
     with pytest.raises(rg.InputError, match="'bogus' is unknown"):
         result.worst("bogus")
     assert len(result.worst("short", 3)) <= 3
@@ -160,10 +160,10 @@ def test_faults_are_named() -> None:
 
 @pytest.mark.parametrize(
     "options",
-    [{"short_resistance": value} for value in (0.0, -1.0, np.nan, np.inf, "x", None, True)]
+    [{"short_resistance": value} for value in (0.0, -1.0, np.nan, np.inf, "x", True)]
     + [{"seconds": value} for value in ("x", np.nan)],
     ids=str,
 )
 def test_bad_numbers_are_named(options: dict[str, object]) -> None:
     with pytest.raises(rg.InputError, match=next(iter(options))):
-        rg.analyse_criticality(rg.ideal_netlist(cells(), rg.Chip()), **options)
+        rg.study(rg.study(cells(), rg.Chip()).ideal).criticality(**options)

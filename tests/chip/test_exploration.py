@@ -7,6 +7,7 @@ import pytest
 from support.spaces import space_of
 
 import resgrid as rg
+from resgrid.chip.exploration import chip_with
 
 
 def cells() -> rg.ConfigurationSpace:
@@ -30,14 +31,14 @@ CHIP = rg.Chip(mismatch=0.05, goal_switch_on=100.0, readout=rg.Readout(offset=1e
 def test_every_point_is_a_yield_of_its_own(first: tuple[str, list[float]], second: tuple[str, list[float]]) -> None:
     if " " in first[0]:
         with pytest.raises(rg.InputError, match="a chip has no key"):
-            rg.explore_yield(cells(), CHIP, first, second)
+            rg.study(cells(), CHIP).exploration(first, second)
         return
     told = []
-    result = rg.explore_yield(cells(), CHIP, first, second, trials=12, progress=lambda *all: told.append(all))
+    result = rg.study(cells(), CHIP).exploration(first, second, trials=12, progress=lambda *all: told.append(all))
     assert told[-1][0] == told[-1][1] == result.share.size * 12
     for (i, j), share in np.ndenumerate(result.share):
-        chip = rg.chip_with(CHIP, {first[0]: first[1][i], second[0]: second[1][j]})
-        alone = rg.analyse_yield(rg.ideal_netlist(cells(), chip), chip, most=12, batch=12)
+        chip = chip_with(CHIP, {first[0]: first[1][i], second[0]: second[1][j]})
+        alone = rg.study(rg.study(cells(), chip).ideal, chip).yields(trials=12, batch=12)
         assert share == alone.overall.value
         assert (result.low[i, j], result.high[i, j]) == (alone.overall.low, alone.overall.high)
 
@@ -60,6 +61,6 @@ def test_wrong_keys_and_values_are_named() -> None:
         (("readout", [1]), "a chip has no key"),
     ):
         with pytest.raises(rg.InputError, match=message):
-            rg.explore_yield(cells(), CHIP, first, ("supply", [1.0]))
+            rg.study(cells(), CHIP).exploration(first, ("supply", [1.0]))
     with pytest.raises(rg.InputError, match="trials"):
-        rg.explore_yield(cells(), CHIP, ("mismatch", [0.1]), ("supply", [1.0]), trials=0)
+        rg.study(cells(), CHIP).exploration(("mismatch", [0.1]), ("supply", [1.0]), trials=0)

@@ -13,7 +13,7 @@ from support.dynamics import ExactMotion, random_dynamics, run_analysis, small_s
 
 import resgrid as rg
 from resgrid.chip.modes import fastest_time_constant
-from resgrid.chip.noise import BOLTZMANN, ROOM, analyse_noise, noise_covariance, noise_density
+from resgrid.chip.noise import BOLTZMANN, ROOM
 from resgrid.nodal.dynamics import dynamics_of
 from resgrid.spice.write.flat import flatten
 
@@ -33,7 +33,7 @@ def test_noise_of_random_circuits_within_a_band(seed: int, low: float, decades: 
     netlist = random_dynamics(seed)
     exact = ExactMotion(netlist)
     band = (low, max(low, 1e4) * 10**decades)
-    result = analyse_noise(netlist, band=band)
+    result = rg.study(netlist).noise(band=band)
     assert result.exact
     assert result.total[exact.free] ** 2 == pytest.approx(exact_power(exact, *band), rel=1e-5)
     assert result.resistance[exact.free] == pytest.approx(np.diag(np.linalg.inv(exact.G)), rel=1e-9)
@@ -44,11 +44,11 @@ def test_a_picofarad_gives_64_microvolt() -> None:
     netlist = small_scene()
     free = netlist.cells.free_node
     band = (0.0, 100 / (2 * np.pi * fastest_time_constant(dynamics_of(netlist))))
-    result = analyse_noise(netlist, band=band)
+    result = rg.study(netlist).noise(band=band)
     assert result.limit[free] == pytest.approx(6.437e-5, rel=1e-3)
     assert result.total[free] == pytest.approx(result.limit[free], rel=0.01)
     assert (result.total[free] < result.limit[free]).all()
-    covariance = noise_covariance(netlist, free[:3])
+    covariance = rg.study(netlist).noise_covariance(free[:3])
     assert covariance == pytest.approx(np.eye(3) * BOLTZMANN * ROOM / 1e-12)
 
 
@@ -69,7 +69,7 @@ def test_ngspice_integrates_the_same_noise(tmp_path: Path) -> None:
         timeout=120,
     ).stdout
     theirs = float(re.search(r"onoise_total = (\S+)", said).group(1))
-    assert analyse_noise(netlist, band=(low, high)).total[node] == pytest.approx(theirs, rel=0.01)
+    assert rg.study(netlist).noise(band=(low, high)).total[node] == pytest.approx(theirs, rel=0.01)
 
 
 def test_ngspice_shows_the_same_spot_density(tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_ngspice_shows_the_same_spot_density(tmp_path: Path) -> None:
     raw = run_analysis(flatten(netlist).text, statements, tmp_path)
     frequency = raw.values[:, raw.names.index("frequency")].real
     impedance = raw.values[:, raw.names.index("v(node_9)")].real
-    found = noise_density(netlist, [9], frequency)
+    found = rg.study(netlist).noise_density([9], frequency)
     assert found[:, 0] == pytest.approx(4 * BOLTZMANN * ROOM * impedance, rel=1e-6)
 
 
@@ -86,7 +86,7 @@ def test_an_estimate_lies_within_its_error_bars() -> None:
     netlist = small_scene()
     free = netlist.cells.free_node
     band = (0.0, 1e8)
-    exact, found = (analyse_noise(netlist, band=band, method=name, samples=100) for name in ("exact", "estimate"))
+    exact, found = (rg.study(netlist).noise(band=band, method=name, samples=100) for name in ("exact", "estimate"))
     assert not found.exact
     for name in ("total", "resistance"):
         error = np.abs(getattr(found, name) - getattr(exact, name))[free]
@@ -99,12 +99,12 @@ def test_an_estimate_lies_within_its_error_bars() -> None:
 def test_without_capacitance_the_noise_is_unbounded() -> None:
     netlist = random_dynamics(9)
     bare = ExactMotion(netlist).C.any(axis=1)
-    result = analyse_noise(netlist)
+    result = rg.study(netlist).noise()
     assert result.total is None
     free = np.flatnonzero(np.isfinite(result.resistance) & (result.resistance > 0))
     assert np.isinf(result.limit[free[~bare]]).all()
     with pytest.raises(rg.InputError, match="unbounded"):
-        noise_covariance(netlist, free[~bare][:1])
+        rg.study(netlist).noise_covariance(free[~bare][:1])
 
 
 def test_covariance_of_coupled_capacitors() -> None:
@@ -112,12 +112,12 @@ def test_covariance_of_coupled_capacitors() -> None:
         3, [[1, 0], [2, 0]], [1.0, 1.0], capacitor_nodes=[[1, 0], [1, 2], [2, 0]], capacitance=[1e-12, 2e-12, 3e-12]
     )
     wanted = np.linalg.inv([[3e-12, -2e-12], [-2e-12, 5e-12]]) * BOLTZMANN * ROOM
-    assert noise_covariance(netlist, [1, 2]) == pytest.approx(wanted)
-    assert analyse_noise(netlist).limit[1:] == pytest.approx(np.sqrt(np.diag(wanted)))
+    assert rg.study(netlist).noise_covariance([1, 2]) == pytest.approx(wanted)
+    assert rg.study(netlist).noise().limit[1:] == pytest.approx(np.sqrt(np.diag(wanted)))
 
 
 def test_readings_state_the_limits_of_the_integral() -> None:
-    data = analyse_noise(small_scene(), band=(0.0, 1e6)).to_json()
+    data = rg.study(small_scene()).noise(band=(0.0, 1e6)).to_json()
     assert data["band"] == [0.0, 1e6]
     assert "from 0 Hz to 1e+06 Hz" in data["largest_noise"]["definition"]
     assert data["largest_noise"]["unit"] == "V"
@@ -136,7 +136,6 @@ def test_readings_state_the_limits_of_the_integral() -> None:
         ({"seed": -1}, "seed = -1"),
         ({"seed": None}, "seed = None"),
         ({"temperature": "x"}, "temperature = 'x'"),
-        ({"temperature": None}, "temperature = None"),
         ({"temperature": True}, "temperature = True"),
         ({"band": 5}, "band = 5"),
         ({"band": "ab"}, "band = ab"),
@@ -147,21 +146,21 @@ def test_readings_state_the_limits_of_the_integral() -> None:
 )
 def test_bad_arguments_are_named(options: dict[str, object], word: str) -> None:
     with pytest.raises(rg.InputError, match=word):
-        analyse_noise(small_scene(), **options)
+        rg.study(small_scene()).noise(**options)
 
 
 @pytest.mark.parametrize("nodes", [[10**6], [-2], [1.9], [[1]], [True], "x", [2**63], [2**70], [1, [2]], None], ids=str)
 def test_nodes_are_checked(nodes: object) -> None:
     with pytest.raises(rg.InputError, match="node numbers"):
-        noise_density(small_scene(), nodes, [1.0])
+        rg.study(small_scene()).noise_density(nodes, [1.0])
     with pytest.raises(rg.InputError, match="node numbers"):
-        noise_covariance(small_scene(), nodes)
+        rg.study(small_scene()).noise_covariance(nodes)
 
 
 @pytest.mark.parametrize("frequencies", [[-1.0], [[1.0]], [1j], "x", None, [np.inf], [1e308], [1.0, [2.0]]], ids=str)
 def test_frequencies_are_checked(frequencies: object) -> None:
     with pytest.raises(rg.InputError, match="frequencies"):
-        noise_density(small_scene(), [5], frequencies)
+        rg.study(small_scene()).noise_density([5], frequencies)
 
 
 def three_nodes(resistors: list[float], tie: float = 0.0) -> rg.Netlist:
@@ -190,13 +189,13 @@ def test_spot_density_where_capacitors_alone_hold_a_part(frequency: float, tie: 
                 Y[b - 1, a - 1] -= g
         Z = Y**-1
         wanted = [float(mp.re(Z[i, i])) for i in range(3)]
-    found = noise_density(netlist, [1, 2, 3], [frequency])[0] / (4 * BOLTZMANN * ROOM)
+    found = rg.study(netlist).noise_density([1, 2, 3], [frequency])[0] / (4 * BOLTZMANN * ROOM)
     assert found == pytest.approx(wanted, rel=1e-9)
 
 
 def test_at_0_hertz_a_part_without_resistors_to_a_rail_has_no_density() -> None:
     with pytest.raises(rg.CircuitError, match="node_1 is tied to no rail"):
-        noise_density(three_nodes([1e4, 3e4]), [1, 2, 3], [0.0])
+        rg.study(three_nodes([1e4, 3e4])).noise_density([1, 2, 3], [0.0])
 
 
 def test_a_density_that_doubles_cannot_tell_is_refused() -> None:
@@ -204,16 +203,16 @@ def test_a_density_that_doubles_cannot_tell_is_refused() -> None:
     netlist = rg.Netlist(
         5, [[1, 2], [2, 3], [3, 4], [1, 0]], [1e12, 1e-12, 1e12, 1.0], capacitor_nodes=[[4, 0]], capacitance=[1e-12]
     )
-    found = noise_density(netlist, [1, 2, 3, 4], [0.0])[0] / (4 * BOLTZMANN * ROOM)
+    found = rg.study(netlist).noise_density([1, 2, 3, 4], [0.0])[0] / (4 * BOLTZMANN * ROOM)
     assert found == pytest.approx([1.0, 1.0, 1e12, 1e12], rel=1e-9)
     for nodes in ([4], [1, 4]):
         with pytest.raises(rg.AccuracyError, match="too many decades"):
-            noise_density(netlist, nodes, [1e-3])
+            rg.study(netlist).noise_density(nodes, [1e-3])
 
 
 @pytest.mark.parametrize("tie", [1e-3, 1e-12, 1e-15, 1e-17, 1e-25])
 def test_weakly_tied_parts_have_their_effective_resistance(tie: float) -> None:
-    result = analyse_noise(three_nodes([3.0, 7.0, 11.0], tie))
+    result = rg.study(three_nodes([3.0, 7.0, 11.0], tie)).noise()
     across = [1 / (1 / 11 + 1 / 10), 1 / (1 / 7 + 1 / 14), 0.0]
     assert result.resistance[1:] == pytest.approx(1 / tie + np.array(across), rel=1e-14)
     assert result.exact
@@ -223,7 +222,7 @@ def test_weakly_tied_parts_have_their_effective_resistance(tie: float) -> None:
 def test_a_band_that_rounding_spoils_is_refused() -> None:
     for method in ("exact", "estimate"):
         with pytest.raises(rg.AccuracyError, match="rounding may be"):
-            analyse_noise(three_nodes([3.0, 7.0, 11.0], 1e-17), band=(0.0, 1.0), method=method)
+            rg.study(three_nodes([3.0, 7.0, 11.0], 1e-17)).noise(band=(0.0, 1.0), method=method)
 
 
 @pytest.mark.parametrize("high", [1e-4, 1e-3, 9e-3, 1.1e-2, 0.1, 1.0, 100.0])
@@ -234,14 +233,14 @@ def test_the_noise_of_one_capacitor_is_an_arc_tangent(low: float, high: float) -
         return
     corner = 1 / (2 * np.pi * 1e-8)
     wanted = 4 * BOLTZMANN * ROOM * 1e4 * corner * (np.arctan(high) - np.arctan(low))
-    found = analyse_noise(netlist, band=(low * corner, high * corner))
+    found = rg.study(netlist).noise(band=(low * corner, high * corner))
     assert found.total[1] ** 2 == pytest.approx(wanted, rel=1e-8)
     assert 0 < found.total_error[1] < 1e-14 * found.total[1]
 
 
 def test_covariance_of_floating_nodes_is_unknown_and_of_rails_none() -> None:
     netlist = rg.Netlist(4, [[1, 0], [2, 0]], [1.0, 1.0], capacitor_nodes=[[1, 0], [2, 0]], capacitance=[1e-12, 4e-12])
-    found = noise_covariance(netlist, [0, 1, 3])
+    found = rg.study(netlist).noise_covariance([0, 1, 3])
     wanted = np.diag([0.0, BOLTZMANN * ROOM / 1e-12, np.nan])
     wanted[2] = wanted[:, 2] = np.nan
     assert found == pytest.approx(wanted, nan_ok=True)
@@ -250,6 +249,6 @@ def test_covariance_of_floating_nodes_is_unknown_and_of_rails_none() -> None:
 def test_where_the_rails_hold_every_node_nothing_is_noisy() -> None:
     netlist = rg.Netlist(2, [[1, 0]], [1.0], [[1, 0]], [1.0])
     for method in ("exact", "estimate"):
-        result = analyse_noise(netlist, method=method, band=(0.0, 1.0))
+        result = rg.study(netlist).noise(method=method, band=(0.0, 1.0))
         assert not result.resistance.any()
         assert not result.total.any()

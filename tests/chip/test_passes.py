@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,17 +13,9 @@ from support.circuits import dense_solution
 from support.spaces import space_of, spaces
 
 import resgrid as rg
-from resgrid.chip.passes import PASSES
-from resgrid.chip.passes.spread import Faults, Gradient, Mismatch
-from resgrid.chip.passes.switches import Capacitance, InternodalSwitches, RailResistance, RailSwitches, ReadoutLoad
-from resgrid.chip.passes.values import (
-    PreferredValues,
-    Saturation,
-    SheetResistors,
-    Temperature,
-    TemperatureCoefficients,
-    preferred_values,
-)
+from resgrid.chip import passes
+from resgrid.chip.passes.base import add_resistors, to_node
+from resgrid.chip.passes.values import preferred_values
 from resgrid.space import Cell
 
 
@@ -33,19 +26,19 @@ def room(boundary: str = "dirichlet", **options: object) -> rg.Netlist:
 
 
 ALL = (
-    PreferredValues("E24"),
-    SheetResistors(200.0, 1e-6),
-    Gradient((0.1, -0.2)),
-    Mismatch(0.1, seed=3),
-    TemperatureCoefficients(1e-3, 1e-6),
-    Temperature(85.0),
-    InternodalSwitches(100.0, 1e9),
-    Saturation(0.3),
-    Faults(0.02, 0.02, 1.0, (5, 1)),
-    RailSwitches(100.0, 1e9, 50.0, 1e9),
-    RailResistance(0.1),
-    Capacitance(1e-12),
-    ReadoutLoad(1e8),
+    passes.PreferredValues("E24"),
+    passes.SheetResistors(200.0, 1e-6),
+    passes.Gradient((0.1, -0.2)),
+    passes.Mismatch(0.1, seed=3),
+    passes.TemperatureCoefficients(1e-3, 1e-6),
+    passes.Temperature(85.0),
+    passes.InternodalSwitches(100.0, 1e9),
+    passes.Saturation(0.3),
+    passes.Faults(0.02, 0.02, 1.0, (5, 1)),
+    passes.RailSwitches(100.0, 1e9, 50.0, 1e9),
+    passes.RailResistance(0.1),
+    passes.Capacitance(1e-12),
+    passes.ReadoutLoad(1e8),
 )
 
 
@@ -59,7 +52,7 @@ def same(a: rg.Netlist, b: rg.Netlist) -> bool:
 
 @pytest.mark.parametrize("effect", ALL, ids=lambda effect: type(effect).__name__)
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
-def test_every_pass_is_pure_and_leaves_a_field(effect: rg.device.passes.Pass, boundary: str) -> None:
+def test_every_pass_is_pure_and_leaves_a_field(effect: passes.Pass, boundary: str) -> None:
     netlist = room(boundary)
     before = dataclasses.replace(netlist)
     once, again = effect.apply(netlist), effect.apply(netlist)
@@ -76,10 +69,10 @@ def test_every_pass_is_pure_and_leaves_a_field(effect: rg.device.passes.Pass, bo
 
 
 def test_a_list_of_passes_is_data() -> None:
-    assert {type(effect) for effect in ALL} == set(PASSES.values())
-    text = json.dumps(rg.passes_to_json(ALL), allow_nan=False)
-    assert rg.passes_from_json(json.loads(text)) == ALL
-    assert same(rg.apply_passes(room(), rg.passes_from_json(json.loads(text))), rg.apply_passes(room(), ALL))
+    assert {type(effect) for effect in ALL} == set(passes.PASSES.values())
+    text = json.dumps(passes.to_json(ALL), allow_nan=False)
+    assert passes.from_json(json.loads(text)) == ALL
+    assert same(rg.build_chip(room(), passes.from_json(json.loads(text))), rg.build_chip(room(), ALL))
 
 
 @pytest.mark.parametrize(
@@ -87,33 +80,39 @@ def test_a_list_of_passes_is_data() -> None:
     [
         ({"pass": "mismach", "sigma": 0.1}, "pass 0: 'mismach' is unknown; did you mean 'mismatch'"),
         ({"sigma": 0.1}, "pass 0: None is unknown; there are"),
-        ("mismatch", "entries\\[0\\] = .mismatch. must be a mapping"),
+        ("mismatch", "pass 0 = 'mismatch' must be a table, such as"),
         ({"pass": "mismatch", "sigmaa": 0.1}, "'sigmaa' is unknown; it may hold sigma"),
-        ({"pass": "mismatch", "sigma": "0.1"}, "must be a finite number"),
+        ({"pass": "mismatch", "sigma": "0.1"}, "sigma = '0.1' must be at least 0"),
         ({"pass": "mismatch", "sigma": 3.0}, "must be at least 0 and below 1"),
         ({"pass": "mismatch", "sigma": 0.1, "pelgrom": 1.0}, "either sigma or pelgrom"),
         ({"pass": "mismatch", "pelgrom": 1.0}, "pelgrom needs width"),
         ({"pass": "mismatch", "sigma": 0.1, "seed": -3}, "seed = -3 must be a whole number"),
         ({"pass": "temperature"}, "'celsius' is missing"),
-        ({"pass": "gradient", "shares": [0.1, float("nan")]}, "must be a finite number"),
+        ({"pass": "gradient", "shares": [0.1, float("nan")]}, "must be several finite numbers"),
         ({"pass": "faults", "open_density": 0.7, "short_density": 0.7}, "together at most 1"),
         ({"pass": "faults", "short_resistance": 0.0}, "must be positive and finite"),
     ],
 )
 def test_wrong_lists_are_refused(entry: object, message: str) -> None:
     with pytest.raises(rg.InputError, match=message):
-        rg.passes_from_json([entry])
+        passes.from_json([entry])
 
 
 def test_what_needs_cells_says_so() -> None:
     merged = rg.compile_space(room().cells.space)
-    for effect in (RailSwitches(1.0), RailResistance(1.0), InternodalSwitches(1.0), Capacitance(1.0), ReadoutLoad(1.0)):
+    for effect in (
+        passes.RailSwitches(1.0),
+        passes.RailResistance(1.0),
+        passes.InternodalSwitches(1.0),
+        passes.Capacitance(1.0),
+        passes.ReadoutLoad(1.0),
+    ):
         with pytest.raises(rg.InputError, match="compile with rails = 'cells'"):
             effect.apply(merged)
     bare = rg.Netlist(2, [[1, 0]], [1.0])
     with pytest.raises(rg.InputError, match="was not compiled from a space"):
-        Gradient((0.1,)).apply(bare)
-    assert Mismatch(0.1).apply(bare).conductance[0] != 1.0
+        passes.Gradient((0.1,)).apply(bare)
+    assert passes.Mismatch(0.1).apply(bare).conductance[0] != 1.0
 
 
 def test_series_of_preferred_values_are_those_of_the_standard() -> None:
@@ -129,25 +128,25 @@ def test_series_of_preferred_values_are_those_of_the_standard() -> None:
 @settings(max_examples=60)
 def test_preferred_values_are_the_nearest_by_ratio(exponent: float, series: str) -> None:
     wanted = 10.0**exponent
-    drawn = 1 / PreferredValues(series).apply(rg.Netlist(2, [[1, 0]], [1 / wanted])).conductance[0]
+    drawn = 1 / passes.PreferredValues(series).apply(rg.Netlist(2, [[1, 0]], [1 / wanted])).conductance[0]
     every = np.concatenate([preferred_values(series) * 10.0**k for k in range(-5, 12)])
     assert np.isclose(drawn, every, rtol=1e-12).any()
     assert abs(np.log(drawn / wanted)) <= np.abs(np.log(every / wanted)).min() + 1e-12
 
 
 def test_sheet_resistors_are_whole_steps_long() -> None:
-    strip = SheetResistors(sheet_resistance=300.0, width=2e-6, drawing_grid=1e-7)
+    strip = passes.SheetResistors(sheet_resistance=300.0, width=2e-6, drawing_grid=1e-7)
     netlist = strip.apply(room(resistance=1234.0))
     length = 1234.0 * 2e-6 / 300.0
     steps = round(length / 1e-7)
     np.testing.assert_allclose(1 / netlist.conductance, 300.0 * steps * 1e-7 / 2e-6, rtol=1e-12)
     assert strip.area(netlist) == pytest.approx(len(netlist.conductance) * 2e-6 * steps * 1e-7)
     with pytest.raises(rg.InputError, match="shorter than the drawing step"):
-        SheetResistors(1e6, 1e-6, 1e-6).apply(room(resistance=1.0))
+        passes.SheetResistors(1e6, 1e-6, 1e-6).apply(room(resistance=1.0))
 
 
 def test_a_gradient_is_linear_and_spares_the_middle() -> None:
-    netlist, graded = room(), Gradient((0.1, -0.2)).apply(room())
+    netlist, graded = room(), passes.Gradient((0.1, -0.2)).apply(room())
     cell = netlist.cell_of_node()
     both = (cell[netlist.resistor_nodes] >= 0).all(axis=1)
     x, y = np.unravel_index(cell[netlist.resistor_nodes[both]], (8, 10))
@@ -156,13 +155,13 @@ def test_a_gradient_is_linear_and_spares_the_middle() -> None:
     np.testing.assert_allclose(ratio, 1 + 0.1 * (place[0] - 0.5) - 0.2 * (place[1] - 0.5), rtol=1e-12)
     for shares, message in (((0.1,) * 3, "3 entries, but the space has 2 axes"), ((1.5, 0.6), "below 0 in a corner")):
         with pytest.raises(rg.InputError, match=message):
-            Gradient(shares).apply(room())
+            passes.Gradient(shares).apply(room())
 
 
 def test_mismatch_has_its_mean_and_deviation() -> None:
     netlist = rg.compile_space(space_of(np.pad([[2]], 90)))
     for sigma in (0.02, 0.5):
-        ratio = netlist.conductance / Mismatch(sigma, seed=1).apply(netlist).conductance
+        ratio = netlist.conductance / passes.Mismatch(sigma, seed=1).apply(netlist).conductance
         error = sigma / np.sqrt(len(ratio))
         assert abs(ratio.mean() - 1) < 4 * error
         assert ratio.std() == pytest.approx(sigma, rel=0.05)
@@ -171,49 +170,53 @@ def test_mismatch_has_its_mean_and_deviation() -> None:
 
 def test_pelgrom_falls_with_the_root_of_the_area() -> None:
     netlist = room()
-    one = Mismatch(pelgrom=3.0, width=1e-6, length=9e-6).deviations(netlist)
-    assert one == pytest.approx(np.full(len(one), 0.01))
-    drawn = Mismatch(pelgrom=3.0, width=1e-6, sheet_resistance=10e3 / 9).deviations(netlist)
+    assert passes.Mismatch(pelgrom=3.0, width=1e-6, length=9e-6).deviation(netlist) == pytest.approx(0.01)
+    drawn = passes.Mismatch(pelgrom=3.0, width=1e-6, sheet_resistance=10e3 / 9).deviation(netlist)
     assert drawn[netlist.cells.resistor_face] == pytest.approx(0.01)
 
 
 def test_a_seed_is_the_same_chip_whatever_else_is_done_and_whichever_scene_is_shown() -> None:
-    passes = [Mismatch(0.1, seed=9), Faults(0.1, 0.1, 1.0, 9), RailSwitches(10.0, 1e9, 10.0, 1e9), RailResistance(1.0)]
+    effects = [
+        passes.Mismatch(0.1, seed=9),
+        passes.Faults(0.1, 0.1, 1.0, 9),
+        passes.RailSwitches(10.0, 1e9, 10.0, 1e9),
+        passes.RailResistance(1.0),
+    ]
 
     def at_faces(netlist: rg.Netlist) -> dict[int, float]:
         face = netlist.cells.resistor_face
         return dict(zip(face[face >= 0].tolist(), netlist.conductance[face >= 0].round(18).tolist(), strict=True))
 
-    forward = at_faces(rg.apply_passes(room(), passes))
-    late = at_faces(rg.apply_passes(room(), [passes[2], passes[3], passes[0], passes[1]]))
+    forward = at_faces(rg.build_chip(room(), effects))
+    late = at_faces(rg.build_chip(room(), [effects[2], effects[3], effects[0], effects[1]]))
     assert forward == late
     elsewhere = np.zeros((8, 10), dtype=np.uint8)
     elsewhere[5, 5] = Cell.GOAL
-    other = at_faces(rg.apply_passes(rg.compile_space(space_of(elsewhere), rails="cells"), passes))
+    other = at_faces(rg.build_chip(rg.compile_space(space_of(elsewhere), rails="cells"), effects))
     common = forward.keys() & other.keys()
     assert len(common) > 100
     assert {face: forward[face] for face in common} == {face: other[face] for face in common}
-    assert forward != at_faces(rg.apply_passes(room(), [Mismatch(0.1, seed=10), *passes[1:]]))
+    assert forward != at_faces(rg.build_chip(room(), [passes.Mismatch(0.1, seed=10), *effects[1:]]))
 
 
 def test_a_saturating_chip_has_the_same_mismatch() -> None:
-    linear = Mismatch(0.1, seed=4).apply(room())
-    saturating = Mismatch(0.1, seed=4).apply(Saturation(0.2).apply(room()))
+    linear = passes.Mismatch(0.1, seed=4).apply(room())
+    saturating = passes.Mismatch(0.1, seed=4).apply(passes.Saturation(0.2).apply(room()))
     np.testing.assert_allclose(saturating.nonlinear_current / 0.2, linear.conductance, rtol=1e-13)
 
 
 def test_heat_follows_the_coefficients() -> None:
-    hot = Temperature(77.0).apply(TemperatureCoefficients(2e-3, 1e-5).apply(room()))
+    hot = passes.Temperature(77.0).apply(passes.TemperatureCoefficients(2e-3, 1e-5).apply(room()))
     np.testing.assert_allclose(1 / hot.conductance, 10e3 * (1 + 0.1 + 0.025), rtol=1e-12)
     assert hot.tc1 is None
     with pytest.raises(rg.InputError, match="turn a resistance into -1 of itself"):
-        Temperature(127.0).apply(TemperatureCoefficients(-0.02).apply(room()))
+        passes.Temperature(127.0).apply(passes.TemperatureCoefficients(-0.02).apply(room()))
 
 
 def test_switches_beside_resistors_share_their_heat() -> None:
-    warm = [TemperatureCoefficients(2e-3, 1e-5), Temperature(77.0)]
-    before = rg.apply_passes(room(), [*warm, InternodalSwitches(500.0)])
-    after = rg.apply_passes(room(), [warm[0], InternodalSwitches(500.0), warm[1]])
+    warm = [passes.TemperatureCoefficients(2e-3, 1e-5), passes.Temperature(77.0)]
+    before = rg.build_chip(room(), [*warm, passes.InternodalSwitches(500.0)])
+    after = rg.build_chip(room(), [warm[0], passes.InternodalSwitches(500.0), warm[1]])
     np.testing.assert_allclose(before.conductance, after.conductance, rtol=1e-13)
     inner = (room().cell_of_node()[room().resistor_nodes] >= 0).all(axis=1)
     np.testing.assert_allclose(1 / before.conductance[inner], 11250 + 500)
@@ -222,18 +225,18 @@ def test_switches_beside_resistors_share_their_heat() -> None:
 
 def test_open_internodal_switches_leak_into_obstacles() -> None:
     ideal = room("neumann")
-    leaky = InternodalSwitches(None, 1e7).apply(ideal)
+    leaky = passes.InternodalSwitches(None, 1e7).apply(ideal)
     assert np.all(leaky.cells.node >= 0)
     inside = rg.solve(leaky).voltage[leaky.cells.node[3, 6]]
     around = rg.solve(leaky).voltage[leaky.cells.node[[3, 3], [5, 7]]]
     assert around.min() < inside < around.max()
-    worse = InternodalSwitches(None, 1e4).apply(ideal)
+    worse = passes.InternodalSwitches(None, 1e4).apply(ideal)
     apart = [np.abs(rg.solve(n).voltage[: ideal.node_count] - rg.solve(ideal).voltage).max() for n in (leaky, worse)]
     assert 0 < 100 * apart[0] < apart[1]
 
 
 def test_switches_to_the_rails_are_where_the_cells_say() -> None:
-    netlist = RailSwitches(100.0, 1e9, 50.0, 1e8).apply(room())
+    netlist = passes.RailSwitches(100.0, 1e9, 50.0, 1e8).apply(room())
     cell_map, extra = netlist.cell_map, netlist.cell_map.resistor_face < 0
     pin = {cell_map.obstacle_node: (Cell.OBSTACLE, 100.0, 1e9), cell_map.goal_nodes[0]: (Cell.GOAL, 50.0, 1e8)}
     cell = netlist.cell_of_node()
@@ -244,13 +247,13 @@ def test_switches_to_the_rails_are_where_the_cells_say() -> None:
         seen.add((a, b))
     assert len(seen) == 2 * 80
     assert len(netlist.source_volts) == 2
-    only_on = RailSwitches(100.0).apply(room())
+    only_on = passes.RailSwitches(100.0).apply(room())
     assert (only_on.cells.resistor_face < 0).sum() == 3
 
 
 @pytest.mark.parametrize("options", [{}, {"drive": "start", "start": (0, 0)}])
 def test_open_obstacles_keep_the_switches_of_their_tiles(options: dict[str, object]) -> None:
-    netlist = RailSwitches(100.0, 1e8, 50.0, 1e8).apply(room("neumann", **options))
+    netlist = passes.RailSwitches(100.0, 1e8, 50.0, 1e8).apply(room("neumann", **options))
     driven = "start" in options
     cell_map, extra = netlist.cells, netlist.cells.resistor_face < 0
     assert np.bincount(np.rint(1 / netlist.conductance[extra]).astype(int) // 10).nonzero()[0].size == 2 + driven
@@ -275,7 +278,7 @@ def test_any_chip_on_any_space_solves_as_a_dense_one(space: rg.ConfigurationSpac
     )  # fmt: skip
     edge = ["periodic" if ring else "obstacle" for ring in space.periodic]
     try:
-        netlist = rg.compile_chip(space, chip, boundary=boundary, edge=edge)
+        netlist = rg.study(space, chip, boundary=boundary, edge=edge).netlist
         point = rg.solve(netlist)
     except rg.CircuitError:
         return
@@ -289,8 +292,13 @@ def test_vanishing_switches_and_rails_come_back_to_the_ideal_chip() -> None:
     for boundary in ("dirichlet", "neumann", "wall"):
         options = {"wall_resistance": 3e3} if boundary == "wall" else {}
         ideal = room(boundary, **options)
-        real = rg.apply_passes(
-            ideal, [InternodalSwitches(1e-4, 1e16), RailSwitches(1e-4, 1e16, 1e-4, 1e16), RailResistance(1e-5)]
+        real = rg.build_chip(
+            ideal,
+            [
+                passes.InternodalSwitches(1e-4, 1e16),
+                passes.RailSwitches(1e-4, 1e16, 1e-4, 1e16),
+                passes.RailResistance(1e-5),
+            ],
         )
         there = rg.solve(real).voltage[: ideal.node_count]
         np.testing.assert_allclose(there, rg.solve(ideal).voltage, atol=1e-6)
@@ -300,12 +308,12 @@ def test_rails_droop_most_in_the_middle_of_the_die() -> None:
     cell = np.ones((9, 9), dtype=np.uint8)
     cell[1:-1:2, :-1], cell[4, 4] = Cell.FREE, Cell.GOAL
     ideal = rg.compile_space(space_of(cell), rails="cells", resistance=100.0)
-    netlist = RailResistance(1.0).apply(ideal)
+    netlist = passes.RailResistance(1.0).apply(ideal)
     volts = rg.solve(netlist).voltage[netlist.cells.node]
     assert volts[4, 2] < 0.999
     assert volts[cell == Cell.OBSTACLE].max() < 1
     assert volts[4, 4] > 0.01
-    assert RailResistance(0.0).apply(ideal) is ideal
+    assert passes.RailResistance(0.0).apply(ideal) is ideal
 
 
 def test_rails_that_sag_into_the_obstacles_give_no_field_to_follow() -> None:
@@ -314,16 +322,16 @@ def test_rails_that_sag_into_the_obstacles_give_no_field_to_follow() -> None:
     ideal = rg.compile_space(space_of(cell), rails="cells", edge="open")
     for axes in ((0, 1), (1, 0)):
         turned = rg.compile_space(space_of(cell.transpose(axes)), rails="cells", edge="open")
-        sagging = RailSwitches(obstacle_on=1e4).apply(turned)
+        sagging = passes.RailSwitches(obstacle_on=1e4).apply(turned)
         with pytest.raises(rg.AccuracyError, match=r"such as \((5, 0|0, 5)\)\), so that streamlines would") as caught:
             rg.field(rg.solve(sagging))
         assert isinstance(caught.value.best, rg.Field)
-    good = rg.field(rg.solve(RailSwitches(obstacle_on=1e-3).apply(ideal)))
+    good = rg.field(rg.solve(passes.RailSwitches(obstacle_on=1e-3).apply(ideal)))
     assert rg.streamline(good, cell=(5, 0)).outcome == "reached"
 
 
 def test_loads_and_capacitors_sit_at_every_cell() -> None:
-    netlist = ReadoutLoad(1e6).apply(Capacitance(2e-12).apply(room()))
+    netlist = passes.ReadoutLoad(1e6).apply(passes.Capacitance(2e-12).apply(room()))
     assert len(netlist.capacitance) == 80
     assert netlist.capacitance.sum() == pytest.approx(160e-12)
     loads = netlist.resistor_nodes[netlist.cells.resistor_face < 0]
@@ -337,7 +345,7 @@ def test_mismatch_keeps_the_promises_on_any_space(space: rg.ConfigurationSpace, 
     chip = rg.Chip(mismatch=0.4, gradient=(0.5,), seed=seed)
     edge = ["periodic" if ring else "open" for ring in space.periodic]
     try:
-        netlist = rg.compile_chip(space, chip, boundary=boundary, edge=edge)
+        netlist = rg.study(space, chip, boundary=boundary, edge=edge).netlist
         ideal = rg.field(rg.solve(rg.compile_space(space, boundary=boundary, edge=edge)))
     except rg.CircuitError:
         return
@@ -354,32 +362,32 @@ NO_NUMBERS = (float("nan"), float("inf"), "x", 1j, True)
 @pytest.mark.parametrize(
     ("kind", "key", "values", "others"),
     [
-        (SheetResistors, "sheet_resistance", (0.0, -1.0, None), {"width": 1e-6}),
-        (SheetResistors, "width", (0.0, -1.0, None), {"sheet_resistance": 250.0}),
-        (SheetResistors, "drawing_grid", (0.0, -1.0, None), {"sheet_resistance": 250.0, "width": 1e-6}),
-        (Mismatch, "sigma", (-0.1, 1.0), {}),
-        (Mismatch, "pelgrom", (-5.0,), {"width": 1e-6, "length": 1e-6}),
-        (Mismatch, "width", (0.0, -1e-6), {"pelgrom": 1.0, "length": 1e-6}),
-        (Mismatch, "length", (0.0, -1e-6), {"pelgrom": 1.0, "width": 1e-6}),
-        (Mismatch, "sheet_resistance", (0.0, -1.0), {"pelgrom": 1.0, "width": 1e-6}),
-        (Mismatch, "seed", (-1, 2.5, None), {"sigma": 0.1}),
-        (TemperatureCoefficients, "tc1", (None,), {}),
-        (TemperatureCoefficients, "tc2", (None,), {}),
-        (Temperature, "celsius", (-273.15, -500.0, None), {}),
-        (Saturation, "volts", (0.0, -1.0, None), {}),
-        (Faults, "open_density", (-0.1, None), {}),
-        (Faults, "short_density", (-0.1, None), {}),
-        (Faults, "short_resistance", (0.0, -1.0, None), {}),
-        (Faults, "seed", (-1, 2.5, None), {}),
-        (InternodalSwitches, "on", (-9e3,), {}),
-        (InternodalSwitches, "off", (0.0, -1.0), {}),
-        (RailSwitches, "obstacle_on", (0.0, -1.0), {}),
-        (RailSwitches, "goal_off", (0.0, -1.0), {}),
-        (RailResistance, "ohms", (-1.0, None), {}),
-        (Capacitance, "farads", (-1.0, None), {}),
-        (ReadoutLoad, "ohms", (0.0, -1.0, None), {}),
-        (PreferredValues, "series", ("E7", 5, ["E6"]), {}),
-        (Gradient, "shares", (0.1, None, ("x",), (True,), (1.0, -1.0)), {}),
+        (passes.SheetResistors, "sheet_resistance", (0.0, -1.0, None), {"width": 1e-6}),
+        (passes.SheetResistors, "width", (0.0, -1.0, None), {"sheet_resistance": 250.0}),
+        (passes.SheetResistors, "drawing_grid", (0.0, -1.0, None), {"sheet_resistance": 250.0, "width": 1e-6}),
+        (passes.Mismatch, "sigma", (-0.1, 1.0), {}),
+        (passes.Mismatch, "pelgrom", (-5.0,), {"width": 1e-6, "length": 1e-6}),
+        (passes.Mismatch, "width", (0.0, -1e-6), {"pelgrom": 1.0, "length": 1e-6}),
+        (passes.Mismatch, "length", (0.0, -1e-6), {"pelgrom": 1.0, "width": 1e-6}),
+        (passes.Mismatch, "sheet_resistance", (0.0, -1.0), {"pelgrom": 1.0, "width": 1e-6}),
+        (passes.Mismatch, "seed", (-1, 2.5, None), {"sigma": 0.1}),
+        (passes.TemperatureCoefficients, "tc1", (None,), {}),
+        (passes.TemperatureCoefficients, "tc2", (None,), {}),
+        (passes.Temperature, "celsius", (-273.15, -500.0, None), {}),
+        (passes.Saturation, "volts", (0.0, -1.0, None), {}),
+        (passes.Faults, "open_density", (-0.1, None), {}),
+        (passes.Faults, "short_density", (-0.1, None), {}),
+        (passes.Faults, "short_resistance", (0.0, -1.0, None), {}),
+        (passes.Faults, "seed", (-1, 2.5, None), {}),
+        (passes.InternodalSwitches, "on", (-9e3,), {}),
+        (passes.InternodalSwitches, "off", (0.0, -1.0), {}),
+        (passes.RailSwitches, "obstacle_on", (0.0, -1.0), {}),
+        (passes.RailSwitches, "goal_off", (0.0, -1.0), {}),
+        (passes.RailResistance, "ohms", (-1.0, None), {}),
+        (passes.Capacitance, "farads", (-1.0, None), {}),
+        (passes.ReadoutLoad, "ohms", (0.0, -1.0, None), {}),
+        (passes.PreferredValues, "series", ("E7", 5, ["E6"]), {}),
+        (passes.Gradient, "shares", (0.1, None, ("x",), (True,), (1.0, -1.0)), {}),
     ],
 )
 def test_impossible_passes_are_refused_when_they_are_made(
@@ -395,9 +403,33 @@ def test_impossible_passes_are_refused_when_they_are_made(
 @pytest.mark.parametrize("entries", [5, None, {"pass": "mismatch"}, [{"pass": ["x"]}], [{"pass": None}]], ids=str)
 def test_what_is_no_list_of_passes_is_refused(entries: object) -> None:
     with pytest.raises(rg.InputError, match=r"pass|entries"):
-        rg.passes_from_json(entries)
+        passes.from_json(entries)
 
 
 def test_absolute_zero_is_the_limit_in_json_too() -> None:
     with pytest.raises(rg.InputError, match=r"pass 0 \(temperature\): celsius = -500"):
-        rg.passes_from_json([{"pass": "temperature", "celsius": -500}])
+        passes.from_json([{"pass": "temperature", "celsius": -500}])
+
+
+@dataclasses.dataclass(frozen=True)
+class Leak(passes.Pass):
+    """An effect of somebody else: the substrate takes current from every cell."""
+
+    ohms: float
+
+    def apply(self, netlist: rg.Netlist) -> rg.Netlist:
+        nodes = netlist.cells.node[netlist.cells.node >= 0]
+        return add_resistors(netlist, to_node(nodes, 0), np.full(len(nodes), 1 / self.ohms))
+
+
+def test_an_effect_is_one_class_and_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(passes.PASSES, "leak", Leak)
+    effects = [*rg.passes.of_chip(rg.Chip(mismatch=0.1)), Leak(1e7)]
+    again = rg.passes.from_json(json.loads(json.dumps(rg.passes.to_json(effects))))
+    assert list(again) == effects
+    netlist = rg.build_chip(room(), again)
+    assert (netlist.conductance == 1e-7).sum() == 80
+    op = rg.solve(netlist)
+    assert rg.check_deck(rg.write_spice(op, tmp_path / "leaky.cir").path).agrees
+    assert op.voltage.max() <= 1.0
+    assert rg.study(op).power().total == pytest.approx(op.power)

@@ -7,14 +7,13 @@ from support.circuits import ladder, random_grid
 from support.dynamics import small_scene
 
 import resgrid as rg
-from resgrid.chip.power import analyse_power
 
 
 @settings(max_examples=20)
 @given(seed=st.integers(0, 10**6), drive=st.booleans())
 def test_what_sources_deliver_becomes_heat(seed: int, drive: bool) -> None:
     op = rg.solve(random_grid(seed, drive=drive))
-    result = analyse_power(op)
+    result = rg.study(op).power()
     delivered = sum(rail.watts for rail in result.rails) + result.current_sources
     assert delivered == pytest.approx(result.total, rel=1e-9)
     assert result.total == pytest.approx(op.power)
@@ -28,7 +27,7 @@ def test_what_sources_deliver_becomes_heat(seed: int, drive: bool) -> None:
 
 @pytest.mark.parametrize("rails", ["merged", "cells"])
 def test_rails_are_told_apart(rails: str) -> None:
-    result = analyse_power(rg.solve(small_scene(rails=rails)))
+    result = rg.study(rg.solve(small_scene(rails=rails))).power()
     obstacle, goal = result.rails
     assert (obstacle.name, obstacle.volts, goal.name, goal.volts) == ("obstacle", 1.0, "goal_0", 0.0)
     assert obstacle.watts == pytest.approx(result.total)
@@ -57,14 +56,14 @@ def test_a_series_resistor_makes_a_rail_droop() -> None:
         resistor_face=np.append(netlist.cells.resistor_face, -1),
         resistor_upward=np.append(netlist.cells.resistor_upward, True),
     )
-    result = analyse_power(rg.solve(drooping.replace(cell_map=cell_map)))
+    result = rg.study(rg.solve(drooping.replace(cell_map=cell_map))).power()
     assert volts > 0.01
     assert result.droop[goal] == pytest.approx(volts) == pytest.approx(result.largest_droop)
 
 
 def test_heat_lies_on_cells() -> None:
     op = rg.solve(small_scene(rails="cells"))
-    result = analyse_power(op)
+    result = rg.study(op).power()
     heat = result.cell_heat
     edge = result.node[op.netlist.cells.obstacle_node]
     assert np.nansum(heat) + edge == pytest.approx(result.total)
@@ -72,7 +71,7 @@ def test_heat_lies_on_cells() -> None:
 
 
 def test_readings_add_up() -> None:
-    data = analyse_power(rg.solve(ladder())).to_json()
+    data = rg.study(rg.solve(ladder())).power().to_json()
     assert data["power"]["unit"] == "W"
     assert data["power_node_1"]["value"] + data["power_current_sources"]["value"] == pytest.approx(
         data["power"]["value"]
@@ -82,7 +81,7 @@ def test_readings_add_up() -> None:
 
 def test_heat_needs_cells() -> None:
     with pytest.raises(rg.InputError, match="not compiled"):
-        _ = analyse_power(rg.solve(ladder())).cell_heat
+        _ = rg.study(rg.solve(ladder())).power().cell_heat
 
 
 def test_nonlinear_resistors_heat_too() -> None:
@@ -91,6 +90,6 @@ def test_nonlinear_resistors_heat_too() -> None:
         nonlinear_nodes=[[1, 2]], nonlinear_current=[1e-4], nonlinear_voltage=[0.5],
     )  # fmt: skip
     op = rg.solve(netlist)
-    result = analyse_power(op)
+    result = rg.study(op).power()
     assert result.total == pytest.approx(op.power) == pytest.approx(result.rails[0].watts)
     assert result.nonlinear[0] == pytest.approx((1 - op.voltage[2]) * op.voltage[2] * 1e-4)

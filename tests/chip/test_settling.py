@@ -10,7 +10,6 @@ from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.chip.modes import fastest_time_constant, slowest_modes
-from resgrid.chip.settling import analyse_settling
 from resgrid.nodal.dynamics import dynamics_of
 from resgrid.spice.write.flat import flatten
 
@@ -32,7 +31,8 @@ def test_time_constants_of_a_held_square(n: int) -> None:
     dynamics = dynamics_of(held_square(n))
     rate = 2 * (1 - np.cos(np.pi * np.arange(1, n + 1) / (n + 1)))
     exact = np.sort(R * C / np.add.outer(rate, rate).ravel())[::-1]
-    tau, mode = slowest_modes(dynamics, 4)
+    slow = slowest_modes(dynamics, 4)
+    tau, mode = slow.tau, slow.mode
     assert tau == pytest.approx(exact[:4], rel=1e-8)
     assert tau[0] == pytest.approx(R * C / (8 * np.sin(np.pi / (2 * (n + 1))) ** 2), rel=1e-9)
     assert fastest_time_constant(dynamics) == pytest.approx(exact[-1], rel=3e-3)
@@ -41,11 +41,11 @@ def test_time_constants_of_a_held_square(n: int) -> None:
 
 
 def test_the_two_figures_of_a_64_cell_grid() -> None:
-    assert slowest_modes(dynamics_of(held_square(64)), 1)[0][0] / (R * C) == pytest.approx(214.08, abs=0.005)
+    assert slowest_modes(dynamics_of(held_square(64)), 1).tau[0] / (R * C) == pytest.approx(214.08, abs=0.005)
     cell = np.zeros((64, 64), dtype=np.uint8)
     cell[0, 0] = 2
     corner = with_capacitors(rg.compile_space(space_of(cell), boundary="neumann", edge="open"), C)
-    assert slowest_modes(dynamics_of(corner), 1)[0][0] / (R * C) == pytest.approx(10204, abs=1)
+    assert slowest_modes(dynamics_of(corner), 1).tau[0] / (R * C) == pytest.approx(10204, abs=1)
 
 
 @settings(max_examples=15)
@@ -54,22 +54,22 @@ def test_time_constants_of_random_circuits(seed: int) -> None:
     netlist = random_dynamics(seed, side=6)
     exact = np.sort(ExactMotion(netlist).tau)[::-1]
     dynamics = dynamics_of(netlist)
-    assert slowest_modes(dynamics, 5)[0] == pytest.approx(exact[:5], rel=1e-8)
+    assert slowest_modes(dynamics, 5).tau == pytest.approx(exact[:5], rel=1e-8)
     assert fastest_time_constant(dynamics) == pytest.approx(exact[exact > 0][-1], rel=1e-6)
 
 
 def test_iteration_and_dense_algebra_agree_where_nodes_lack_capacitance(monkeypatch: pytest.MonkeyPatch) -> None:
     dynamics = dynamics_of(random_dynamics(11, side=8))
-    dense = slowest_modes(dynamics, 3)[0], fastest_time_constant(dynamics)
+    dense = slowest_modes(dynamics, 3).tau, fastest_time_constant(dynamics)
     monkeypatch.setattr("resgrid.chip.modes.DENSE", 0)
-    assert slowest_modes(dynamics, 3)[0] == pytest.approx(dense[0], rel=1e-8)
+    assert slowest_modes(dynamics, 3).tau == pytest.approx(dense[0], rel=1e-8)
     assert fastest_time_constant(dynamics) == pytest.approx(dense[1], rel=3e-3)
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
 def test_the_last_node_settles_when_the_exact_motion_says(boundary: str) -> None:
     netlist = small_scene(boundary=boundary)
-    result = analyse_settling(netlist, bits=8)
+    result = rg.study(netlist).settling(bits=8)
     exact = ExactMotion(netlist)
     final = exact.voltage(np.array([np.inf]))
     band = result.span / 2**9
@@ -90,18 +90,18 @@ def test_a_change_of_scene_settles_sooner_than_a_cold_start() -> None:
     other = netlist.cells.space.cell.copy()
     other[4, 7] = 0
     before = rg.solve(rg.compile_space(space_of(other)))
-    assert analyse_settling(netlist, initial=before).settle_time < analyse_settling(netlist).settle_time
+    assert rg.study(netlist).settling(initial=before).settle_time < rg.study(netlist).settling().settle_time
 
 
 def test_nothing_to_do_takes_no_time() -> None:
     netlist = small_scene()
-    result = analyse_settling(netlist, initial=rg.solve(netlist))
+    result = rg.study(netlist).settling(initial=rg.solve(netlist))
     assert result.settle_time == result.energy == 0.0
 
 
 def test_ngspice_shows_the_same_slowest_time_constant(tmp_path: Path) -> None:
     netlist = small_scene(boundary="neumann")
-    tau = slowest_modes(dynamics_of(netlist), 1)[0][0]
+    tau = slowest_modes(dynamics_of(netlist), 1).tau[0]
     statements = f".options method=trap reltol=1e-6\n.tran {tau / 500} {6 * tau} 0 {tau / 500} uic"
     raw = run_analysis(flatten(netlist).text, statements, tmp_path)
     clock = raw.values[:, raw.names.index("time")]
@@ -112,7 +112,7 @@ def test_ngspice_shows_the_same_slowest_time_constant(tmp_path: Path) -> None:
 
 
 def test_readings_have_units_and_definitions() -> None:
-    data = analyse_settling(small_scene(), bits=6).to_json()
+    data = rg.study(small_scene()).settling(bits=6).to_json()
     assert data["settle_time"]["unit"] == "s"
     assert "6-bit" in data["settle_time"]["definition"]
     assert data["energy_per_plan"]["value"] > 0
@@ -140,4 +140,4 @@ def test_what_cannot_settle_is_refused(
     netlist: rg.Netlist, options: dict[str, float], error: type[Exception], word: str
 ) -> None:
     with pytest.raises(error, match=word):
-        analyse_settling(netlist, **options)
+        rg.study(netlist).settling(**options)

@@ -12,12 +12,6 @@ import pytest
 from support.dynamics import run_analysis, small_scene
 
 import resgrid as rg
-from resgrid.chip.build import compile_chip
-from resgrid.chip.noise import analyse_noise, noise_density
-from resgrid.chip.power import analyse_power
-from resgrid.chip.precision import analyse_precision
-from resgrid.chip.sensitivity import analyse_sensitivity
-from resgrid.chip.settling import analyse_settling
 from resgrid.scene.chip import Chip
 from resgrid.spice.run.rawfile import read_rawfile
 from resgrid.spice.write.flat import flatten
@@ -37,7 +31,7 @@ CHIP = Chip(
 
 @pytest.fixture(scope="module")
 def netlist() -> rg.Netlist:
-    return compile_chip(small_scene().cells.space, CHIP)
+    return rg.study(small_scene().cells.space, CHIP).netlist
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +42,7 @@ def op(netlist: rg.Netlist) -> rg.OperatingPoint:
 def test_it_moves_as_ngspice_says_and_ends_in_its_operating_point(
     netlist: rg.Netlist, op: rg.OperatingPoint, tmp_path: Path
 ) -> None:
-    slowest = float(analyse_settling(netlist).time_constants[0])
+    slowest = float(rg.study(netlist).settling().time_constants[0])
     times = slowest * np.linspace(0.2, 3.0, 10)
     statements = f".options method=trap reltol=1e-5\n.tran {slowest / 150} {times[-1]} 0 {slowest / 150} uic"
     raw = run_analysis(flatten(netlist).text, statements, tmp_path)
@@ -63,7 +57,7 @@ def test_it_moves_as_ngspice_says_and_ends_in_its_operating_point(
 
 def test_its_noise_is_that_of_ngspice(netlist: rg.Netlist, tmp_path: Path) -> None:
     """By the spectrum: ngspice's own integral is NaN once a resistor contributes nothing at all."""
-    band = (1e3, 100 / (2 * np.pi * analyse_settling(netlist).fastest))
+    band = (1e3, 100 / (2 * np.pi * rg.study(netlist).settling().fastest))
     node = int(netlist.cells.node[3, 4])
     deck = re.sub(r"(?m)^(v_obstacle .*)$", r"\1 ac 1", flatten(netlist).text)
     control = f"noise v(n_3_4) v_obstacle dec 40 {band[0]!r} {band[1]!r}\nsetplot noise1\nwrite out.raw onoise_spectrum"
@@ -73,12 +67,12 @@ def test_its_noise_is_that_of_ngspice(netlist: rg.Netlist, tmp_path: Path) -> No
     frequency, density = read_rawfile((tmp_path / "out.raw").read_bytes()).values.T
     power = density**2 * frequency
     theirs = np.sqrt(np.sum((power[1:] + power[:-1]) / 2 * np.diff(np.log(frequency))))
-    assert analyse_noise(netlist, band=band).total[node] == pytest.approx(theirs, rel=1e-4)
-    assert noise_density(netlist, [node], frequency)[:, 0] == pytest.approx(density**2, rel=1e-5)
+    assert rg.study(netlist).noise(band=band).total[node] == pytest.approx(theirs, rel=1e-4)
+    assert rg.study(netlist).noise_density([node], frequency)[:, 0] == pytest.approx(density**2, rel=1e-5)
 
 
 def test_its_power_balances_and_its_rails_droop(op: rg.OperatingPoint) -> None:
-    power = analyse_power(op)
+    power = rg.study(op).power()
     assert sum(rail.watts for rail in power.rails) == pytest.approx(power.total, rel=1e-9)
     assert {rail.name for rail in power.rails} == {"obstacle", "goal_0"}
     assert 0.001 < power.largest_droop < 0.2
@@ -91,7 +85,7 @@ def test_its_robot_takes_the_steps_that_its_voltages_show(op: rg.OperatingPoint)
     cell_map = op.netlist.cells
     volts = op.voltage[cell_map.node]
     code = cell_map.space.cell
-    result = analyse_precision(op)
+    result = rg.study(op).precision()
     for cell in map(tuple, np.argwhere(cell_map.space.goal_connected).tolist()):
         around = [(cell[0] + a, cell[1] + b) for a, b in ((-1, 0), (1, 0), (0, -1), (0, 1))]
         around = [p for p in around if min(p) >= 0 and max(p) < 16 and code[p] != 1]
@@ -101,7 +95,7 @@ def test_its_robot_takes_the_steps_that_its_voltages_show(op: rg.OperatingPoint)
 
 
 def test_switches_count_among_the_resistors_that_decide(op: rg.OperatingPoint) -> None:
-    result = analyse_sensitivity(op, (8, 12))
+    result = rg.study(op).sensitivity((8, 12))
     assert len(result.flip_drift) == len(op.netlist.conductance)
     switches = op.netlist.cells.resistor_face < 0
     assert np.isfinite(result.flip_drift[switches]).any()
@@ -109,15 +103,12 @@ def test_switches_count_among_the_resistors_that_decide(op: rg.OperatingPoint) -
 
 def test_saturating_resistors_are_judged_by_small_signals() -> None:
     chip = Chip(capacitance=1e-12, saturation_voltage=0.3)
-    netlist = compile_chip(small_scene().cells.space, chip)
+    netlist = rg.study(small_scene().cells.space, chip).netlist
     op = rg.solve(netlist)
-    assert np.isfinite(analyse_precision(op).starts).all()
-    assert analyse_power(op).total == pytest.approx(op.power)
-    assert np.isfinite(analyse_sensitivity(op, (8, 12)).flip_drift).any()
-    for analysis in (analyse_settling, analyse_noise):
-        with pytest.raises(rg.InputError, match="small_signal"):
-            analysis(netlist)
+    assert np.isfinite(rg.study(op).precision().starts).all()
+    assert rg.study(op).power().total == pytest.approx(op.power)
+    assert np.isfinite(rg.study(op).sensitivity((8, 12)).flip_drift).any()
     small = rg.small_signal(op)
     assert not len(small.nonlinear_current)
-    assert analyse_noise(small).resistance.max() > analyse_noise(small_scene()).resistance.max()
-    assert analyse_settling(small).time_constants[0] > analyse_settling(small_scene()).time_constants[0]
+    assert rg.study(small).noise().resistance.max() > rg.study(small_scene()).noise().resistance.max()
+    assert rg.study(small).settling().time_constants[0] > rg.study(small_scene()).settling().time_constants[0]

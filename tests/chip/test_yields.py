@@ -17,8 +17,7 @@ from support.spaces import space_of, spaces
 
 import resgrid as rg
 from resgrid.chip.figures import effective_trials, wilson
-from resgrid.chip.readout import eyes_of, floor_of, walk
-from resgrid.chip.trials import prepare, run_trials
+from resgrid.chip.trials import arrivals, converter_of, neighbours_of, prepare, run_trials
 from resgrid.die import NOISE, OFFSET, generator
 
 
@@ -76,7 +75,7 @@ def robot(
 @given(spaces(max_cells=6, conductive=False), st.integers(0, 1000), st.sampled_from([1.0, -2.5]))
 def test_robots_walk_by_the_rules(space: rg.ConfigurationSpace, seed: int, supply: float) -> None:
     try:
-        netlist = rg.ideal_netlist(space, rg.Chip(supply=supply))
+        netlist = rg.study(space, rg.Chip(supply=supply)).ideal
         volts = rg.solve(netlist).voltage
     except rg.CircuitError:  # nothing is driven
         return
@@ -88,14 +87,14 @@ def test_robots_walk_by_the_rules(space: rg.ConfigurationSpace, seed: int, suppl
         range=[None, (-0.1, 0.8)][rng.integers(2)],
     )
     sigma = np.full(space.cell.size, 0.02 if readout.noise_bandwidth else 0.0)
-    eyes = eyes_of(readout, netlist.cells, sigma)
+    eyes = converter_of(readout, netlist.cells, sigma)
     ways = 2 * space.ndim + 1
     offset, blur = np.zeros(space.shape), np.zeros((*space.shape, ways))
     if readout.offset:
         offset = 0.01 * generator((seed, 0), OFFSET).standard_normal(space.shape)
     if readout.noise_bandwidth:
         blur = 0.02 * generator((seed, 0), NOISE).standard_normal((*space.shape, ways))
-    found = walk(volts, floor_of(netlist.cells), eyes, (seed, 0)).reshape(space.shape)
+    found = arrivals(volts, neighbours_of(netlist.cells), eyes, (seed, 0)).reshape(space.shape)
     for start in map(tuple, np.argwhere(space.goal_connected).tolist()):
         assert found[start] == robot(netlist, volts, readout, start, offset, blur)
 
@@ -107,8 +106,8 @@ def test_through_an_ideal_readout_every_start_with_a_path_is_served(
 ) -> None:
     chip = rg.Chip(mismatch=mismatch)
     try:
-        netlist = rg.ideal_netlist(space, chip, boundary=boundary)
-        result = rg.analyse_yield(netlist, chip, most=3, batch=3)
+        netlist = rg.study(space, chip, boundary=boundary).ideal
+        result = rg.study(netlist, chip).yields(trials=3, batch=3)
     except rg.CircuitError:
         return
     except rg.InputError as error:
@@ -130,7 +129,7 @@ def test_bits_taken_away_never_raise_the_yield() -> None:
             continue
         for boundary in ("dirichlet", "neumann"):
             chip = rg.Chip(mismatch=0.05)
-            netlist = rg.ideal_netlist(space, chip, boundary=boundary)
+            netlist = rg.study(space, chip, boundary=boundary).ideal
             experiment = prepare(netlist, chip, [rg.Readout(bits=b) for b in bits])
             served = run_trials(experiment, range(2)).reached.sum(axis=1)
             assert np.all(np.diff(served) <= 0)
@@ -142,15 +141,15 @@ def test_leaks_make_starts_of_even_an_ideal_readout_lose_their_way() -> None:
     chip = rg.Chip(readout=rg.Readout(input_resistance=50e3))
     cell = np.zeros((16, 16), dtype=np.uint8)
     cell[1, 1] = 2
-    netlist = rg.ideal_netlist(space_of(cell), chip)
-    result = rg.analyse_yield(netlist, chip)
+    netlist = rg.study(space_of(cell), chip).ideal
+    result = rg.study(netlist, chip).yields()
     assert 0.0 < result.overall.value < 1.0
 
 
 def test_opens_cost_starts_and_shorts_break_chips() -> None:
     chip = rg.Chip(defects=rg.Defects(open_density=0.3), seed=4)
-    netlist = rg.ideal_netlist(room(), chip)
-    result = rg.analyse_yield(netlist, chip, most=20, batch=20)
+    netlist = rg.study(room(), chip).ideal
+    result = rg.study(netlist, chip).yields(trials=20, batch=20)
     assert 0.3 < result.overall.value < 1.0
     assert result.perfect.value < result.overall.value
     reached = np.zeros(result.space.shape)
@@ -193,30 +192,32 @@ def numbers(result: rg.Yield) -> tuple[object, ...]:
 
 
 def test_trials_are_their_own_chips_whoever_does_them(tmp_path: Path) -> None:
-    netlist = rg.ideal_netlist(room(), CHIP)
-    alone = rg.analyse_yield(netlist, CHIP, most=70, batch=35, half_width=1e-4)
+    netlist = rg.study(room(), CHIP).ideal
+    alone = rg.study(netlist, CHIP).yields(trials=70, batch=35, half_width=1e-4)
     assert alone.trials == 70
     with ThreadPoolExecutor(2) as threads:
         assert numbers(
-            rg.analyse_yield(netlist, CHIP, most=70, batch=35, half_width=1e-4, executor=threads)
+            rg.study(netlist, CHIP).yields(trials=70, batch=35, half_width=1e-4, executor=threads)
         ) == numbers(alone)
     with ProcessPoolExecutor(1) as processes:
         assert numbers(
-            rg.analyse_yield(netlist, CHIP, most=70, batch=35, half_width=1e-4, executor=processes)
+            rg.study(netlist, CHIP).yields(trials=70, batch=35, half_width=1e-4, executor=processes)
         ) == numbers(alone)
-    other = rg.analyse_yield(netlist, CHIP, most=70, batch=35, half_width=1e-4, seed=8)
+    other = rg.study(netlist, CHIP).yields(trials=70, batch=35, half_width=1e-4, seed=8)
     assert numbers(other) != numbers(alone)
     one = rg.build_chip(netlist, CHIP, (7, 3))
     experiment = prepare(netlist, CHIP, [CHIP.readout])
-    by_hand = walk(rg.solve(one).voltage, experiment.floor, experiment.eyes[0], (7, 3)) & experiment.starts
+    by_hand = (
+        arrivals(rg.solve(one).voltage, experiment.neighbours, experiment.converters[0], (7, 3)) & experiment.starts
+    )
     np.testing.assert_array_equal(run_trials(experiment, [3]).reached[0], by_hand)
 
 
 def test_trials_stop_at_the_first_batch_that_suffices() -> None:
-    netlist = rg.ideal_netlist(room(), CHIP)
+    netlist = rg.study(room(), CHIP).ideal
     told = []
-    result = rg.analyse_yield(
-        netlist, CHIP, half_width=0.006, batch=16, progress=lambda done, total, share: told.append((done, total, share))
+    result = rg.study(netlist, CHIP).yields(
+        half_width=0.006, batch=16, progress=lambda done, total, share: told.append((done, total, share))
     )
     assert [done for done, _, _ in told] == list(range(16, result.trials + 1, 16))
     assert all(share.half_width > 0.006 for _, _, share in told[:-1])
@@ -231,9 +232,9 @@ import sys, time
 sys.path.insert(0, {tests!r})
 import resgrid as rg
 from test_yields import CHIP, numbers, room
-netlist = rg.ideal_netlist(room(), CHIP)
-result = rg.analyse_yield(netlist, CHIP, most=400, batch=10, half_width=1e-4, checkpoint={checkpoint!r},
-                          progress=lambda *_: time.sleep({pause}))
+netlist = rg.study(room(), CHIP).ideal
+result = rg.study(netlist, CHIP).yields(trials=400, batch=10, half_width=1e-4, checkpoint={checkpoint!r},
+                                        progress=lambda *_: time.sleep({pause}))
 print(numbers(result))
 """
 
@@ -264,54 +265,54 @@ def test_a_run_that_is_killed_and_started_again_ends_in_the_same_numbers(tmp_pat
         with np.load(checkpoint) as data:
             sizes.append(int(data["trials"]))
     assert 0 < sizes[0] < sizes[1] < 400
-    netlist = rg.ideal_netlist(room(), CHIP)
-    resumed = rg.analyse_yield(netlist, CHIP, most=400, batch=10, half_width=1e-4, checkpoint=checkpoint)
-    whole = rg.analyse_yield(netlist, CHIP, most=400, batch=10, half_width=1e-4)
+    netlist = rg.study(room(), CHIP).ideal
+    resumed = rg.study(netlist, CHIP).yields(trials=400, batch=10, half_width=1e-4, checkpoint=checkpoint)
+    whole = rg.study(netlist, CHIP).yields(trials=400, batch=10, half_width=1e-4)
     assert numbers(resumed) == numbers(whole)
-    assert numbers(rg.analyse_yield(netlist, CHIP, most=400, batch=10, half_width=1e-4, checkpoint=checkpoint)) == (
+    assert numbers(rg.study(netlist, CHIP).yields(trials=400, batch=10, half_width=1e-4, checkpoint=checkpoint)) == (
         numbers(whole)
     )
 
 
 def test_a_run_that_ended_within_a_batch_is_taken_up_at_its_end(tmp_path: Path) -> None:
-    netlist = rg.ideal_netlist(room(), CHIP)
+    netlist = rg.study(room(), CHIP).ideal
     checkpoint = tmp_path / "yield.npz"
     rule = {"batch": 7, "half_width": 0.02}
-    once = rg.analyse_yield(netlist, CHIP, most=200, **rule)
+    once = rg.study(netlist, CHIP).yields(trials=200, **rule)
     assert 10 < once.trials < 200
-    for most in (3, 10):
-        assert rg.analyse_yield(netlist, CHIP, most=most, checkpoint=checkpoint, **rule).trials == most
-    resumed = rg.analyse_yield(netlist, CHIP, most=200, checkpoint=checkpoint, **rule)
+    for trials in (3, 10):
+        assert rg.study(netlist, CHIP).yields(trials=trials, checkpoint=checkpoint, **rule).trials == trials
+    resumed = rg.study(netlist, CHIP).yields(trials=200, checkpoint=checkpoint, **rule)
     assert numbers(resumed) == numbers(once)
-    with pytest.raises(rg.InputError, match=f"holds {once.trials} trials, more than most = 5"):
-        rg.analyse_yield(netlist, CHIP, most=5, checkpoint=checkpoint, **rule)
+    with pytest.raises(rg.InputError, match=f"holds {once.trials} trials, more than trials = 5"):
+        rg.study(netlist, CHIP).yields(trials=5, checkpoint=checkpoint, **rule)
 
 
 def test_checkpoints_of_other_runs_and_damaged_ones_are_refused(tmp_path: Path) -> None:
-    netlist = rg.ideal_netlist(room(), CHIP)
+    netlist = rg.study(room(), CHIP).ideal
     file = tmp_path / "yield.npz"
-    rg.analyse_yield(netlist, CHIP, most=10, batch=10, checkpoint=file)
+    rg.study(netlist, CHIP).yields(trials=10, batch=10, checkpoint=file)
     with pytest.raises(rg.InputError, match="belongs to another run"):
-        rg.analyse_yield(netlist, CHIP, most=10, batch=5, checkpoint=file)
+        rg.study(netlist, CHIP).yields(trials=10, batch=5, checkpoint=file)
     with pytest.raises(rg.InputError, match="belongs to another run"):
-        rg.analyse_yield(netlist, CHIP, most=10, batch=10, seed=3, checkpoint=file)
+        rg.study(netlist, CHIP).yields(trials=10, batch=10, seed=3, checkpoint=file)
     data = file.read_bytes()
     for damaged in (data[: len(data) // 2], b"", b"no archive"):
         file.write_bytes(damaged)
         with pytest.raises(rg.InputError, match="cannot read the checkpoint"):
-            rg.analyse_yield(netlist, CHIP, most=10, batch=10, checkpoint=file)
+            rg.study(netlist, CHIP).yields(trials=10, batch=10, checkpoint=file)
     with pytest.raises(rg.InputError, match="cannot read the checkpoint"):
-        rg.analyse_yield(netlist, CHIP, most=10, batch=10, checkpoint=tmp_path)
+        rg.study(netlist, CHIP).yields(trials=10, batch=10, checkpoint=tmp_path)
     with pytest.raises(rg.InputError, match="there is no folder"):
-        rg.analyse_yield(netlist, CHIP, most=10, batch=10, checkpoint=tmp_path / "none" / "yield.npz")
+        rg.study(netlist, CHIP).yields(trials=10, batch=10, checkpoint=tmp_path / "none" / "yield.npz")
 
 
 def test_wrong_arguments_have_one_message_each() -> None:
-    netlist = rg.ideal_netlist(room(), CHIP)
+    netlist = rg.study(room(), CHIP).ideal
     for options, message in (
         ({"half_width": 0.0}, "half_width"),
         ({"confidence": 1.0}, "confidence"),
-        *(({"most": value}, "most = ") for value in (0, np.nan, np.inf, 2.5, "x", None, True)),
+        *(({"trials": value}, "trials = ") for value in (0, np.nan, np.inf, 2.5, "x", None, True)),
         *(({"batch": value}, "batch = ") for value in (0, np.inf, 2.5, "x", None)),
         *(({"half_width": value}, "half_width = ") for value in (np.nan, "x", None, 0.5)),
         *(({"confidence": value}, "confidence = ") for value in (np.nan, "x", None)),
@@ -320,14 +321,14 @@ def test_wrong_arguments_have_one_message_each() -> None:
         ({"starts": np.zeros((12, 12), dtype=bool)}, "no start"),
     ):
         with pytest.raises(rg.InputError, match=message):
-            rg.analyse_yield(netlist, CHIP, **options)  # type: ignore[arg-type]
+            rg.study(netlist, CHIP).yields(**options)  # type: ignore[arg-type]
     with pytest.raises(rg.InputError, match="one node per cell"):
-        rg.analyse_yield(rg.compile_space(room()), CHIP)
+        rg.study(rg.compile_space(room()), CHIP).yields()
 
 
 def test_readings_have_units_and_definitions() -> None:
-    netlist = rg.ideal_netlist(room(), CHIP)
-    result = rg.analyse_yield(netlist, CHIP, most=32, batch=32)
+    netlist = rg.study(room(), CHIP).ideal
+    result = rg.study(netlist, CHIP).yields(trials=32, batch=32)
     data = result.to_json()
     assert data["yield"]["value"] == pytest.approx(np.nanmean(result.probability))
     assert all(entry["definition"] for entry in data.values() if isinstance(entry, dict))
@@ -346,6 +347,6 @@ def test_a_voltage_above_the_range_reads_full_scale_however_high(bits: int, volt
     )
     high = np.zeros(netlist.node_count)
     high[netlist.cells.node[1, 0]] = volts
-    floor, eyes = floor_of(netlist.cells), eyes_of(rg.Readout(bits=bits), netlist.cells, None)
-    assert walk(high, floor, eyes).all()
-    assert not walk(-high, floor, eyes)[1]
+    floor, eyes = neighbours_of(netlist.cells), converter_of(rg.Readout(bits=bits), netlist.cells, None)
+    assert arrivals(high, floor, eyes).all()
+    assert not arrivals(-high, floor, eyes)[1]

@@ -26,8 +26,7 @@ def test_a_new_format_is_one_line_and_every_writer_takes_it(monkeypatch, tmp_pat
     (tmp_path / "divider.sp").write_text("t\nv1 a 0 1\nr1 a b 1k\nr2 b 0 1k\n.end\n")
     assert call("solve", tmp_path / "divider.sp", "-o", tmp_path / "volts.tsv").exit_code == 0
     assert "\tb\t" in (tmp_path / "volts.tsv").read_text()
-    scene = rg.apply_overrides(rg.read_scene(tmp_path / "room.toml"), {"start": [(0.5, 0.5)]})
-    run = rg.simulation(scene).run((0.5, 0.5))
+    run = rg.simulation(rg.read_scene(tmp_path / "room.toml")).run((0.5, 0.5))
     assert rg.write_run(run, tmp_path / "run.tsv").read_text().count("\n") == len(run.time)
 
 

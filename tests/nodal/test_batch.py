@@ -188,7 +188,7 @@ def test_switches_as_good_as_wires_hide_nothing(on: float) -> None:
     """The nominal chip has them too."""
     netlist = open_grid((40, 50), rails="cells")
     chip = rg.Chip(mismatch=0.2, obstacle_switch_on=on, goal_switch_on=on)
-    built, chips = rg.conductance_samples(netlist, chip, [1, 2])
+    built, chips = rg.study(netlist, chip).conductances([1, 2])
     for volts, conductance in zip(rg.solve_many(built, chips), chips, strict=True):
         alone = rg.solve(built.replace(conductance=conductance)).voltage
         np.testing.assert_allclose(volts, alone, rtol=0, atol=2e-8)

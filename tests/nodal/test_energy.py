@@ -55,7 +55,13 @@ def floating_loop() -> rg.Netlist:
 
 
 @pytest.mark.parametrize(
-    "analyse", [rg.solve, lambda netlist: rg.transient(netlist, [1.0]), rg.analyse_settling, rg.analyse_noise]
+    "analyse",
+    [
+        rg.solve,
+        lambda netlist: rg.transient(netlist, [1.0]),
+        lambda netlist: rg.study(netlist).settling(),
+        lambda netlist: rg.study(netlist).noise(),
+    ],
 )
 def test_a_current_within_a_floating_part_is_refused_everywhere(analyse: object) -> None:
     assert callable(analyse)

@@ -251,7 +251,7 @@ def test_slope_and_heat_are_those_of_the_drop_however_high_the_resistor_lies(sca
     )
     point = rg.solve(netlist)
     drop = scale * np.arctanh(share)
-    np.testing.assert_allclose(rg.analyse_power(point).nonlinear, [share * scale * drop], rtol=1e-9)
+    np.testing.assert_allclose(rg.study(point).power().nonlinear, [share * scale * drop], rtol=1e-9)
     np.testing.assert_allclose(small_signal(point).conductance[-1], (1 - share) * (1 + share), rtol=1e-9)
 
 

@@ -9,11 +9,6 @@ from support.dynamics import small_scene, with_capacitors
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.chip.noise import Noise, analyse_noise
-from resgrid.chip.power import Power, analyse_power
-from resgrid.chip.precision import Precision, analyse_precision
-from resgrid.chip.sensitivity import analyse_sensitivity
-from resgrid.chip.settling import Settling, analyse_settling
 
 
 @pytest.fixture(scope="module")
@@ -22,23 +17,26 @@ def op() -> rg.OperatingPoint:
 
 
 @pytest.fixture(scope="module")
-def settled() -> Settling:
-    return analyse_settling(small_scene(), bits=8)
+def settled() -> rg.Settling:
+    return rg.study(small_scene()).settling(bits=8)
 
 
 @pytest.fixture(scope="module")
-def noise() -> Noise:
-    return analyse_noise(small_scene(), band=(0.0, 1e6))
+def noise() -> rg.Noise:
+    return rg.study(small_scene()).noise(band=(0.0, 1e6))
 
 
 @pytest.fixture(scope="module")
-def power(op: rg.OperatingPoint) -> Power:
-    return analyse_power(op)
+def power(op: rg.OperatingPoint) -> rg.Power:
+    return rg.study(op).power()
 
 
 @pytest.fixture(scope="module")
-def bits(op: rg.OperatingPoint) -> dict[str, Precision]:
-    return {"Dirichlet": analyse_precision(op), "Neumann": analyse_precision(rg.solve(small_scene(boundary="neumann")))}
+def bits(op: rg.OperatingPoint) -> dict[str, rg.Precision]:
+    return {
+        "Dirichlet": rg.study(op).precision(),
+        "Neumann": rg.study(rg.solve(small_scene(boundary="neumann"))).precision(),
+    }
 
 
 def pixels(axes) -> np.ndarray:
@@ -46,7 +44,7 @@ def pixels(axes) -> np.ndarray:
     return np.ma.filled(axes.images[0].get_array().astype(float), np.nan).T
 
 
-def test_a_map_shows_when_each_cell_settles(settled: Settling) -> None:
+def test_a_map_shows_when_each_cell_settles(settled: rg.Settling) -> None:
     axes = rg.draw(settled)
     cell_map = settled.netlist.cells
     shown = pixels(axes)
@@ -57,7 +55,7 @@ def test_a_map_shows_when_each_cell_settles(settled: Settling) -> None:
     assert "(ns)" in axes.child_axes[0].get_ylabel()
 
 
-def test_the_curve_crosses_the_band_where_it_has_settled(settled: Settling) -> None:
+def test_the_curve_crosses_the_band_where_it_has_settled(settled: rg.Settling) -> None:
     axes = rg.draw(settled, quantity="curve")
     curve = axes.lines[0]
     band = settled.span / 2**9
@@ -67,7 +65,7 @@ def test_the_curve_crosses_the_band_where_it_has_settled(settled: Settling) -> N
 
 
 @pytest.mark.parametrize("quantity", ["total", "limit", "resistance"])
-def test_a_map_shows_the_noise(noise: Noise, quantity: str) -> None:
+def test_a_map_shows_the_noise(noise: rg.Noise, quantity: str) -> None:
     axes = rg.draw(noise, quantity=quantity)
     cell_map = noise.netlist.cells
     shown, free = pixels(axes), cell_map.space.cell == 0
@@ -76,7 +74,7 @@ def test_a_map_shows_the_noise(noise: Noise, quantity: str) -> None:
     assert round(np.log10(ratio[0])) % 3 == 0
 
 
-def test_heat_and_its_ten_hottest_resistors(power: Power) -> None:
+def test_heat_and_its_ten_hottest_resistors(power: rg.Power) -> None:
     axes = rg.draw(power)
     assert len(axes.collections[0].get_segments()) == 10
     heat = pixels(axes)
@@ -87,7 +85,7 @@ def test_heat_and_its_ten_hottest_resistors(power: Power) -> None:
 
 def test_droop_lies_on_rail_cells() -> None:
     netlist = small_scene(rails="cells")
-    power = analyse_power(rg.solve(netlist))
+    power = rg.study(rg.solve(netlist)).power()
     axes = rg.draw(power, quantity="droop")
     shown = pixels(axes)
     assert np.isfinite(shown[netlist.cells.space.cell != 0]).all()
@@ -95,7 +93,7 @@ def test_droop_lies_on_rail_cells() -> None:
 
 
 def test_resistors_that_decide_are_drawn_where_they_are(op: rg.OperatingPoint) -> None:
-    result = analyse_sensitivity(op, (5, 5))
+    result = rg.study(op).sensitivity((5, 5))
     axes = rg.draw(result, drift=0.8)
     flips = result.flips(0.8)
     segments = axes.collections[1].get_segments()
@@ -108,7 +106,7 @@ def test_resistors_that_decide_are_drawn_where_they_are(op: rg.OperatingPoint) -
             assert np.sort(segment, axis=0) == pytest.approx(np.sort(centres, axis=0))
 
 
-def test_maps_of_bits(bits: dict[str, Precision]) -> None:
+def test_maps_of_bits(bits: dict[str, rg.Precision]) -> None:
     result = bits["Dirichlet"]
     for starts in (True, False):
         axes = rg.draw(result, starts=starts)
@@ -122,11 +120,11 @@ def test_starts_that_no_bits_serve_are_named() -> None:
     cell[0, 0] = 2
     cell[3:5, 1:] = 1
     netlist = rg.compile_space(space_of(cell), boundary="neumann", drive="start", start=(3, 0))
-    axes = rg.draw(analyse_precision(rg.solve(netlist)))
+    axes = rg.draw(rg.study(rg.solve(netlist)).precision())
     assert "no number of bits will do" in [text.get_text() for text in axes.get_legend().get_texts()]
 
 
-def test_the_share_served_rises_to_one(bits: dict[str, Precision]) -> None:
+def test_the_share_served_rises_to_one(bits: dict[str, rg.Precision]) -> None:
     axes = rg.draw(bits, quantity="served")
     for line, result in zip(axes.lines, bits.values(), strict=False):
         share = line.get_ydata()
@@ -135,26 +133,26 @@ def test_the_share_served_rises_to_one(bits: dict[str, Precision]) -> None:
         assert np.interp(10, line.get_xdata(), share) == pytest.approx(result.served(10), abs=0.02)
 
 
-def test_the_page_has_a_map_each_with_one_scale(bits: dict[str, Precision]) -> None:
+def test_the_page_has_a_map_each_with_one_scale(bits: dict[str, rg.Precision]) -> None:
     figure = rg.draw(bits, title="Precision")
     maps = [axes for axes in figure.findobj(lambda artist: hasattr(artist, "images")) if axes.images]
     assert [axes.get_title() for axes in maps] == list(bits)
     assert len({axes.images[0].get_clim() for axes in maps}) == 1
 
 
-def test_what_cannot_be_drawn_is_refused(noise: Noise, power: Power, bits: dict[str, Precision]) -> None:
+def test_what_cannot_be_drawn_is_refused(noise: rg.Noise, power: rg.Power, bits: dict[str, rg.Precision]) -> None:
     for value in (noise, power, bits):
         with pytest.raises(rg.InputError, match="'colour' is unknown; it may be one of"):
             rg.draw(value, quantity="colour")
     with pytest.raises(rg.InputError, match="band"):
-        rg.draw(analyse_noise(small_scene()), quantity="total")
+        rg.draw(rg.study(small_scene()).noise(), quantity="total")
     cube = np.zeros((4, 4, 4), dtype=np.uint8)
     cube[0, 0, 0] = 2
     solid = with_capacitors(rg.compile_space(space_of(cube)), 1e-12)
     with pytest.raises(rg.InputError, match="two axes"):
-        rg.draw(analyse_settling(solid))
+        rg.draw(rg.study(solid).settling())
     with pytest.raises(rg.InputError, match="not compiled"):
-        rg.draw(analyse_noise(small_scene().replace(cell_map=None)))
+        rg.draw(rg.study(small_scene().replace(cell_map=None)).noise())
 
 
 def plain_space() -> rg.ConfigurationSpace:
@@ -168,7 +166,7 @@ CHIP = rg.Chip(mismatch=0.05, goal_switch_on=200.0, readout=rg.Readout(bits=7))
 
 
 def test_yield_is_drawn_by_start() -> None:
-    result = rg.analyse_yield(rg.ideal_netlist(plain_space(), CHIP), CHIP, most=32, batch=32)
+    result = rg.study(rg.study(plain_space(), CHIP).ideal, CHIP).yields(trials=32, batch=32)
     axes = rg.draw(result)
     shown = pixels(axes)
     assert np.nanmax(shown) == pytest.approx(100 * np.nanmax(result.probability))
@@ -177,21 +175,21 @@ def test_yield_is_drawn_by_start() -> None:
 
 
 def test_exploration_marks_the_cheapest_points() -> None:
-    result = rg.explore_yield(plain_space(), CHIP, ("mismatch", [0.0, 0.1]), ("readout.bits", [4, 8, 16]), trials=8)
+    result = rg.study(plain_space(), CHIP).exploration(("mismatch", [0.0, 0.1]), ("readout.bits", [4, 8, 16]), trials=8)
     axes = rg.draw(result, share=0.9)
     np.testing.assert_allclose(axes.images[0].get_array(), 100 * result.share.T)
     (marks,) = (line for line in axes.lines if line.get_marker() == "o")
     expected = [result.second_values.index(value) for value in result.cheapest(0.9)]
     assert list(marks.get_ydata()) == expected
     assert [label.get_text() for label in axes.get_xticklabels()] == ["0 %", "10 %"]
-    single = rg.explore_yield(plain_space(), CHIP, ("readout.offset", [1e-3]), ("readout.bits", [8]), trials=2)
+    single = rg.study(plain_space(), CHIP).exploration(("readout.offset", [1e-3]), ("readout.bits", [8]), trials=2)
     assert rg.draw(single).get_xlabel() == "readout, offset (V)"
 
 
 @pytest.mark.parametrize("chip", [CHIP, rg.Chip(saturation_voltage=0.5)])
 def test_criticality_draws_the_elements_that_cost_starts(chip: rg.Chip) -> None:
-    netlist = rg.build_chip(rg.ideal_netlist(plain_space(), chip), chip)
-    result = rg.analyse_criticality(netlist, rg.Readout(bits=7), seconds=5.0)
+    netlist = rg.build_chip(rg.study(plain_space(), chip).ideal, chip)
+    result = rg.study(netlist).criticality(readout=rg.Readout(bits=7), seconds=5.0)
     for fault in ("open", "short"):
         axes = rg.draw(result, fault=fault)
         drawn = [lines.get_array() for lines in axes.collections if isinstance(lines, LineCollection)]

@@ -158,9 +158,9 @@ def test_voltages_have_a_fitting_unit(largest: float, text: str, unit: str) -> N
 
 
 def test_a_real_chip_is_drawn_without_what_is_not_on_its_grid() -> None:
-    chip = rg.compile_chip(space_of(SMALL), rg.Chip(goal_switch_on=50.0, rail_resistance=1.0))
+    chip = rg.study(space_of(SMALL), rg.Chip(goal_switch_on=50.0, rail_resistance=1.0)).netlist
     notes = [text.get_text() for text in rg.draw(rg.solve(chip)).get_legend().get_texts()]
     hidden = int((chip.cells.resistor_face < 0).sum())
     assert f"resistor, 10 kΩ; not drawn: {hidden} of switches, rails, loads" in notes
     with pytest.raises(rg.InputError, match="nonlinear resistors is not drawn"):
-        rg.draw(rg.compile_chip(space_of(SMALL), rg.Chip(saturation_voltage=0.1)))
+        rg.draw(rg.study(space_of(SMALL), rg.Chip(saturation_voltage=0.1)).netlist)

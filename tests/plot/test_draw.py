@@ -15,11 +15,6 @@ from support.dynamics import small_scene
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.chip.noise import analyse_noise
-from resgrid.chip.power import analyse_power
-from resgrid.chip.precision import analyse_precision
-from resgrid.chip.sensitivity import analyse_sensitivity
-from resgrid.chip.settling import analyse_settling
 from resgrid.plot import pictures, render_figure
 from resgrid.plot.figures import figure_of
 
@@ -43,13 +38,13 @@ def small_planner() -> rg.Planner:
 
 
 def of_chip(what: str) -> Any:
-    netlist = rg.build_chip(rg.ideal_netlist(small_space(), CHIP), CHIP)
+    netlist = rg.build_chip(rg.study(small_space(), CHIP).ideal, CHIP)
     match what:
         case "yield":
-            return rg.analyse_yield(rg.ideal_netlist(small_space(), CHIP), CHIP, most=8, batch=8)
+            return rg.study(rg.study(small_space(), CHIP).ideal, CHIP).yields(trials=8, batch=8)
         case "criticality":
-            return rg.analyse_criticality(netlist, rg.Readout(bits=7), seconds=5.0)
-    return rg.explore_yield(small_space(), CHIP, ("mismatch", [0.0, 0.1]), ("readout.bits", [4, 8]), trials=2)
+            return rg.study(netlist).criticality(readout=rg.Readout(bits=7), seconds=5.0)
+    return rg.study(small_space(), CHIP).exploration(("mismatch", [0.0, 0.1]), ("readout.bits", [4, 8]), trials=2)
 
 
 def paths() -> list[rg.Streamline]:
@@ -75,13 +70,13 @@ ALBUM: dict[str, Callable[[rg.Run], Any]] = {
     "wavefront": lambda run: rg.draw(
         rg.wavefront(rg.announce_hidden(rg.simulation(run.scene), rg.Relaxation(pace=2.0)), np.array([0.0, 5.0]))
     ),
-    "settling": lambda _: rg.draw(analyse_settling(small_scene(), bits=8)),
-    "settling curve": lambda _: rg.draw(analyse_settling(small_scene(), bits=8), quantity="curve"),
-    "noise": lambda _: rg.draw(analyse_noise(small_scene(), band=(0.0, 1e6))),
-    "power": lambda _: rg.draw(analyse_power(small_op())),
-    "precision": lambda _: rg.draw(analyse_precision(small_op())),
-    "precisions": lambda _: rg.draw({"Dirichlet": analyse_precision(small_op())}, title="Precision"),
-    "sensitivity": lambda _: rg.draw(analyse_sensitivity(small_op(), (5, 5)), drift=0.8),
+    "settling": lambda _: rg.draw(rg.study(small_scene()).settling(bits=8)),
+    "settling curve": lambda _: rg.draw(rg.study(small_scene()).settling(bits=8), quantity="curve"),
+    "noise": lambda _: rg.draw(rg.study(small_scene()).noise(band=(0.0, 1e6))),
+    "power": lambda _: rg.draw(rg.study(small_op()).power()),
+    "precision": lambda _: rg.draw(rg.study(small_op()).precision()),
+    "precisions": lambda _: rg.draw({"Dirichlet": rg.study(small_op()).precision()}, title="Precision"),
+    "sensitivity": lambda _: rg.draw(rg.study(small_op()).sensitivity((5, 5)), drift=0.8),
     "yield": lambda _: rg.draw(of_chip("yield")),
     "criticality": lambda _: rg.draw(of_chip("criticality"), fault="short"),
     "exploration": lambda _: rg.draw(of_chip("exploration"), share=0.9),
@@ -141,14 +136,14 @@ def test_an_axes_given_is_used_and_returned(field: rg.Field) -> None:
 
 def test_central_values_have_a_repr_of_one_line_and_a_picture_in_a_notebook(run: rg.Run, field: rg.Field) -> None:
     op = rg.solve(rg.compile_space(small_space()))
-    pictured = (run.scene, field.space, field, op, small_op(), run, analyse_power(small_op()))
+    pictured = (run.scene, field.space, field, op, small_op(), run, rg.study(small_op()).power())
     for value in (*pictured, op.netlist, op.netlist.cells, rg.streamline(field, cell=(0, 4)), run.contacts):
         text = repr(value)
         assert "\n" not in text
         assert "array" not in text
         assert len(text) < 500
     for value in pictured:
-        assert value._repr_html_().startswith('<div><img src="data:image/png;base64,')
+        assert '<img src="data:image/png;base64,' in value._repr_html_()
         assert type(value).__name__ in value._repr_html_()
     deep = space_of(np.ones((3, 3, 3), int))
     assert deep._repr_html_() is None

@@ -1,4 +1,4 @@
-"""Passes that make chips differ: a gradient over the die, mismatch, opens and shorts."""
+"""Passes that make a chip differ from its design: a gradient over the die, mismatch, opens and shorts."""
 
 from __future__ import annotations
 
@@ -9,14 +9,15 @@ from numpy.typing import NDArray
 
 from resgrid import die
 from resgrid.arguments import check_number, check_optional, is_number
-from resgrid.chip.passes import editing
-from resgrid.die import DEFECTS, Seed, generator, mismatch_factors, mismatch_terms, seed_of
+from resgrid.chip.passes.base import Pass, add_resistors, select_resistors, without_stranded_currents
+from resgrid.die import DEFECTS, Seed, generator, mismatch_factors, seed_of
 from resgrid.errors import InputError
-from resgrid.netlist import GROUND, Netlist
+from resgrid.netlist import CellMap, Netlist
+from resgrid.scene.chip import Chip
 
 
 @dataclass(frozen=True)
-class Gradient:
+class Gradient(Pass):
     """Let the resistance grow linearly across the die; its middle keeps the nominal value.
 
     `shares`: growth from end to end along each axis (missing ones: 0), as a share of the nominal resistance.
@@ -30,24 +31,39 @@ class Gradient:
         if sum(abs(share) for share in self.shares) >= 2:
             raise InputError(f"gradient = {list(self.shares)} takes a resistance below 0 in a corner of the die")
 
+    @classmethod
+    def of(cls, chip: Chip, _seed: Seed) -> Gradient | None:
+        """Nothing where the chip is even."""
+        return None if chip.gradient is None else cls(chip.gradient)
+
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with graded resistances."""
-        cell_map = editing.layout_of(netlist, "gradients")
-        ndim = cell_map.space.ndim
+        ndim = netlist.cells.space.ndim
         if len(self.shares) > ndim:
             raise InputError(f"gradient has {len(self.shares)} entries, but the space has {ndim} axes")
         share = np.zeros(ndim)
         share[: len(self.shares)] = self.shares
-        return die.scaled(netlist, 1 + (editing.face_places(cell_map) - 0.5) @ share)
+        return die.scaled(netlist, 1 + (_face_centres(netlist.cells) - 0.5) @ share)
+
+
+def _face_centres(cells: CellMap) -> NDArray[np.float64]:
+    """Where the centre of every face lies, in shares of the die.  Returns (faces, ndim)."""
+    shape = cells.space.shape
+    parts = []
+    for axis in range(len(shape)):
+        ticks = [(np.arange(n) + 0.5) / n for n in shape]
+        ticks[axis] = np.arange(shape[axis] + 1) / shape[axis]
+        parts.append(np.stack([part.ravel() for part in np.meshgrid(*ticks, indexing="ij")], axis=1))
+    return np.concatenate(parts)
 
 
 @dataclass(frozen=True)
-class Mismatch:
+class Mismatch(Pass):
     """Let every resistor of the grid differ from its mean, independently and log-normally.
 
     `sigma`: standard deviation as a share of the mean; `pelgrom`: instead: ``A_R`` in % µm, for ``sigma = A_R /
     sqrt(W L)`` (Pelgrom, Duinmaijer & Welbers 1989); `width`: ``W``, in metres; `length`: ``L``, in metres; or
-    instead; `sheet_resistance`: in ohms per square, for ``L = R W / Rs``; `seed`: the chip.
+    instead `sheet_resistance`: in ohms per square, for ``L = R W / Rs``; `seed`: the chip.
     """
 
     sigma: float | None = None
@@ -72,26 +88,33 @@ class Mismatch:
         ):
             raise InputError("pelgrom needs width and either length or sheet_resistance")
 
-    def deviations(self, netlist: Netlist) -> NDArray[np.float64]:
-        """Standard deviation of every resistor that could be, as a share of its mean; shape (identities,)."""
-        count = die.identities(netlist)
+    @classmethod
+    def of(cls, chip: Chip, seed: Seed) -> Mismatch | None:
+        """Nothing where all resistors are as drawn."""
+        if chip.mismatch:
+            return cls(sigma=chip.mismatch, seed=seed)
+        return cls(None, chip.pelgrom, chip.width, chip.length, chip.sheet_resistance, seed) if chip.pelgrom else None
+
+    def deviation(self, netlist: Netlist) -> float | NDArray[np.float64]:
+        """Standard deviation of every resistor that could be, as a share of its mean; shape () or (places,)."""
         if self.sigma is not None:
-            return np.full(count, self.sigma)
+            return self.sigma
         assert self.pelgrom is not None
         assert self.width is not None
-        metres = np.full(count, self.length if self.length is not None else np.inf)
-        if self.sheet_resistance is not None:
-            linear, nonlinear = die.identity(netlist)
-            own = linear >= 0
-            resistance = np.full(count, np.inf)
-            resistance[linear[own]] = 1 / netlist.conductance[own]
-            resistance[nonlinear] = netlist.nonlinear_voltage / netlist.nonlinear_current
-            metres = resistance * self.width / self.sheet_resistance
+        if self.length is not None:
+            return float(1e-8 * self.pelgrom / np.sqrt(self.width * self.length))
+        assert self.sheet_resistance is not None
+        linear, nonlinear = die.places(netlist)
+        own = linear >= 0
+        resistance = np.full(die.place_count(netlist), np.inf)
+        resistance[linear[own]] = 1 / netlist.conductance[own]
+        resistance[nonlinear] = netlist.nonlinear_voltage / netlist.nonlinear_current
+        metres = resistance * self.width / self.sheet_resistance
         return np.asarray(1e-8 * self.pelgrom / np.sqrt(self.width * metres))
 
     def factors(self, netlist: Netlist) -> NDArray[np.float64]:
-        """What every resistance is multiplied by: mean 1; shape (identities,)."""
-        return mismatch_factors(*mismatch_terms(self.deviations(netlist)), self.seed)
+        """What every resistance is multiplied by: mean 1; shape (places,)."""
+        return mismatch_factors(die.place_count(netlist), self.deviation(netlist), self.seed)
 
     def apply(self, netlist: Netlist) -> Netlist:
         """One chip of this seed."""
@@ -99,7 +122,7 @@ class Mismatch:
 
 
 @dataclass(frozen=True)
-class Faults:
+class Faults(Pass):
     """Open some of the grid's resistors, and short others.
 
     A place is open, or shorted, at some density also at every higher density of the same seed.  A current source that
@@ -125,43 +148,35 @@ class Faults:
         check_number("short_resistance", self.short_resistance, "positive and finite, in ohms", above=0.0)
         seed_of(self.seed)
 
+    @classmethod
+    def of(cls, chip: Chip, seed: Seed) -> Faults | None:
+        """Nothing where no resistor is open or shorted."""
+        defects = chip.defects
+        if not (defects.open_density or defects.short_density):
+            return None
+        return cls(defects.open_density, defects.short_density, defects.short_resistance, seed)
+
     def places(self, netlist: Netlist) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Which places on the die are open, and which are shorted; each of shape (identities,)."""
-        draw = generator(self.seed, DEFECTS).random(die.identities(netlist))
+        """Which places on the die are open, and which are shorted; each of shape (places,)."""
+        draw = generator(self.seed, DEFECTS).random(die.place_count(netlist))
         return draw < self.open_density, draw >= 1 - self.short_density
 
     def apply(self, netlist: Netlist) -> Netlist:
         """One chip of this seed."""
-        opened, shorted = (np.append(places, False) for places in self.places(netlist))
-        linear, nonlinear = die.identity(netlist)
-        conductance = np.where(shorted[linear], 1 / self.short_resistance, netlist.conductance)
-        bridges = netlist.nonlinear_nodes[shorted[nonlinear]]
-        face = None if netlist.cell_map is None else nonlinear[shorted[nonlinear]]
-        changed = netlist.replace(
-            conductance=conductance,
-            tc1=None if netlist.tc1 is None else np.where(shorted[linear], 0.0, netlist.tc1),
-            tc2=None if netlist.tc2 is None else np.where(shorted[linear], 0.0, netlist.tc2),
+        opened, shorted = (np.append(mask, False) for mask in self.places(netlist))
+        linear, nonlinear = die.places(netlist)
+        short = shorted[linear]
+        faulty = netlist.replace(
+            conductance=np.where(short, 1 / self.short_resistance, netlist.conductance),
+            tc1=None if netlist.tc1 is None else np.where(short, 0.0, netlist.tc1),
+            tc2=None if netlist.tc2 is None else np.where(short, 0.0, netlist.tc2),
         )
-        faulty = editing.keep_resistors(changed, ~opened[linear])
-        if bridges.size:
-            upward = None if netlist.cell_map is None else netlist.cell_map.nonlinear_upward[shorted[nonlinear]]
-            bridges = bridges if upward is None else np.where(upward[:, np.newaxis], bridges, bridges[:, ::-1])
-            faulty = editing.add_resistors(faulty, bridges, np.full(len(bridges), 1 / self.short_resistance), face)
-        return without_stranded_currents(editing.keep_nonlinear(faulty, ~(opened | shorted)[nonlinear]))
-
-
-def without_stranded_currents(netlist: Netlist) -> Netlist:
-    """Leave out current sources that feed parts which nothing ties to ground."""
-    if not netlist.current_nodes.size:
-        return netlist
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    ties = np.concatenate([netlist.resistor_nodes, netlist.source_nodes, netlist.nonlinear_nodes])
-    count = netlist.node_count
-    graph = coo_array((np.ones(len(ties), dtype=np.int8), (ties[:, 0], ties[:, 1])), shape=(count, count))
-    part = connected_components(graph, directed=False)[1]
-    kept = (part[netlist.current_nodes] == part[GROUND]).all(axis=1)
-    return netlist.replace(
-        current_nodes=netlist.current_nodes[kept], current_amps=netlist.current_amps[kept], element_names=None
-    )
+        bridged = shorted[nonlinear]
+        faulty = select_resistors(faulty, ~opened[linear], ~(opened[nonlinear] | bridged))
+        if bridged.any():
+            ends, face = netlist.nonlinear_nodes[bridged], None
+            if netlist.cell_map is not None:
+                upward, face = netlist.cell_map.nonlinear_upward[bridged], nonlinear[bridged]
+                ends = np.where(upward[:, np.newaxis], ends, ends[:, ::-1])
+            faulty = add_resistors(faulty, ends, np.full(len(ends), 1 / self.short_resistance), face)
+        return without_stranded_currents(faulty)

@@ -14,26 +14,29 @@ from numpy.typing import NDArray
 
 from resgrid import die
 from resgrid.arguments import check_number, check_optional
-from resgrid.chip.passes import editing
+from resgrid.chip.passes.base import Pass, add_nodes, add_resistors, cells_with_nodes, rail_pin, to_node
+from resgrid.compiler import compile_space
+from resgrid.die import Seed
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, CellMap, Netlist
+from resgrid.scene.chip import Chip
 from resgrid.space import Cell
 
 
-def _on_rail(cell_map: CellMap, rail: str) -> NDArray[np.bool_]:
+def _on_rail(cells: CellMap, rail: str) -> NDArray[np.bool_]:
     """Which cells are switched to a rail: obstacles, or a driven start where these are open, and goals."""
     if rail == "goal":
-        return np.asarray(cell_map.space.cell == Cell.GOAL)
-    if cell_map.wiring.boundary != "neumann":
-        return np.asarray(cell_map.space.cell == Cell.OBSTACLE)
-    mask = np.zeros(cell_map.space.shape, dtype=np.bool_)
-    if cell_map.wiring.start is not None:
-        mask[cell_map.wiring.start] = True
+        return np.asarray(cells.space.cell == Cell.GOAL)
+    if cells.wiring.boundary != "neumann":
+        return np.asarray(cells.space.cell == Cell.OBSTACLE)
+    mask = np.zeros(cells.space.shape, dtype=np.bool_)
+    if cells.wiring.start is not None:
+        mask[cells.wiring.start] = True
     return mask
 
 
 @dataclass(frozen=True)
-class InternodalSwitches:
+class InternodalSwitches(Pass):
     """Put a switch in series with every resistor between cells: closed, and open at obstacles that are open nodes.
 
     `on`: resistance of a closed one, in ohms; None is a wire; `off`: of an open one, in ohms; None is no connection.
@@ -48,15 +51,21 @@ class InternodalSwitches:
         check_optional("on", self.on, "at least 0 and finite, in ohms", least=0.0)
         check_optional("off", self.off, "positive and finite, in ohms", above=0.0)
 
+    @classmethod
+    def of(cls, chip: Chip, _seed: Seed) -> InternodalSwitches | None:
+        """Nothing where links are wires, or none."""
+        on, off = chip.internodal_switch_on, chip.internodal_switch_off
+        return None if on is None and off is None else cls(on, off)
+
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with these switches."""
-        cell_map = editing.tiled_layout(netlist, "internodal switches")
+        cells = cells_with_nodes(netlist, "internodal switches")
         if netlist.nonlinear_nodes.size:
             raise InputError("internodal switches come before saturation in a list of passes")
-        if self.off is not None and cell_map.wiring.boundary == "neumann":
+        if self.off is not None and cells.wiring.boundary == "neumann":
             netlist = _with_open_nodes(netlist, self.on or 0.0, self.off)
         elif self.on is not None:
-            netlist = _in_series(netlist, _between_cells(netlist, cell_map), self.on)
+            netlist = _in_series(netlist, _between_cells(netlist, cells), self.on)
         return netlist
 
 
@@ -71,32 +80,30 @@ def _in_series(netlist: Netlist, which: NDArray[np.bool_], ohms: float) -> Netli
     )
 
 
-def _between_cells(netlist: Netlist, cell_map: CellMap) -> NDArray[np.bool_]:
+def _between_cells(netlist: Netlist, cells: CellMap) -> NDArray[np.bool_]:
     """Grid resistors that do not lead to the rail beyond the edge."""
-    to_edge = (netlist.resistor_nodes == cell_map.obstacle_node).any(axis=1) & (cell_map.obstacle_node >= 0)
+    to_edge = (netlist.resistor_nodes == cells.obstacle_node).any(axis=1) & (cells.obstacle_node >= 0)
     return np.asarray(die.on_grid(netlist) & ~to_edge)
 
 
 def _with_open_nodes(netlist: Netlist, on: float, off: float) -> Netlist:
     """Nodes for cells without one, obstacles and what no goal serves, and the links that end there: all open."""
-    from resgrid.compiler import compile_space
-
-    cell_map = netlist.cells
+    cells = netlist.cells
     netlist = _in_series(netlist, die.on_grid(netlist), on)
-    missing = cell_map.node < 0
-    netlist, nodes = editing.add_nodes(netlist, int(missing.sum()))
-    node = cell_map.node.copy()
+    missing = cells.node < 0
+    netlist, nodes = add_nodes(netlist, int(missing.sum()))
+    node = cells.node.copy()
     node[missing] = nodes
-    edge = ["open" if rule == "obstacle" else rule for rule in cell_map.wiring.edge]
-    full = compile_space(cell_map.space, edge=edge, rails="cells", resistance=cell_map.wiring.resistance)
-    cells = full.cell_of_node()[full.resistor_nodes]
-    new = ~np.isin(full.cells.resistor_face, cell_map.resistor_face)
+    edge = ["open" if rule == "obstacle" else rule for rule in cells.wiring.edge]
+    full = compile_space(cells.space, edge=edge, rails="cells", resistance=cells.wiring.resistance)
+    ends = full.cell_of_node()[full.resistor_nodes]
+    new = ~np.isin(full.cells.resistor_face, cells.resistor_face)
     netlist = netlist.replace(cell_map=dataclasses.replace(netlist.cells, node=node))
-    return editing.add_resistors(netlist, node.ravel()[cells[new]], 1 / (1 / full.conductance[new] + off))
+    return add_resistors(netlist, node.ravel()[ends[new]], 1 / (1 / full.conductance[new] + off))
 
 
 @dataclass(frozen=True)
-class RailSwitches:
+class RailSwitches(Pass):
     """Tie cells to the rails by switches: closed for cells of that kind, open for all others.
 
     Where obstacles are open (``boundary="neumann"``) all switches to the obstacle rail are, but for a driven start's;
@@ -115,27 +122,29 @@ class RailSwitches:
         for name in ("obstacle_on", "obstacle_off", "goal_on", "goal_off"):
             check_optional(name, getattr(self, name), "positive and finite, in ohms", above=0.0)
 
+    @classmethod
+    def of(cls, chip: Chip, _seed: Seed) -> RailSwitches | None:
+        """Nothing where switches are wires, or none."""
+        effect = cls(chip.obstacle_switch_on, chip.obstacle_switch_off, chip.goal_switch_on, chip.goal_switch_off)
+        return None if effect == cls() else effect
+
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with these switches."""
-        cell_map = editing.tiled_layout(netlist, "switches to the rails")
+        cells = cells_with_nodes(netlist, "switches to the rails")
         for rail, on, off in (
             ("obstacle", self.obstacle_on, self.obstacle_off),
             ("goal", self.goal_on, self.goal_off),
         ):
-            tied = _on_rail(cell_map, rail)
+            tied = _on_rail(cells, rail)
             if (on is None or not tied.any()) and off is None:
                 continue
-            netlist, pin = editing.supply_node(netlist, rail)
+            netlist, pin = rail_pin(netlist, rail)
             if on is not None:
-                netlist = _tie(netlist, cell_map.node[tied & (cell_map.node >= 0)], pin, on)
+                netlist = _tie(netlist, cells.node[tied & (cells.node >= 0)], pin, on)
             if off is not None:
-                nodes = cell_map.node[~tied & (cell_map.node >= 0)]
-                netlist = editing.add_resistors(netlist, _to(nodes, pin), np.full(len(nodes), 1 / off))
+                nodes = cells.node[~tied & (cells.node >= 0)]
+                netlist = add_resistors(netlist, to_node(nodes, pin), np.full(len(nodes), 1 / off))
         return netlist
-
-
-def _to(nodes: NDArray[np.int32], pin: int) -> NDArray[np.int32]:
-    return np.stack([nodes, np.full(len(nodes), pin)], axis=1)
 
 
 def _tie(netlist: Netlist, nodes: NDArray[np.int32], pin: int, resistance: float) -> Netlist:
@@ -144,11 +153,11 @@ def _tie(netlist: Netlist, nodes: NDArray[np.int32], pin: int, resistance: float
     freed = netlist.replace(
         source_nodes=netlist.source_nodes[kept], source_volts=netlist.source_volts[kept], element_names=None
     )
-    return editing.add_resistors(freed, _to(nodes, pin), np.full(len(nodes), 1 / resistance))
+    return add_resistors(freed, to_node(nodes, pin), np.full(len(nodes), 1 / resistance))
 
 
 @dataclass(frozen=True)
-class RailResistance:
+class RailResistance(Pass):
     """Make every rail a mesh over the die, fed all around its border, so that supplies droop.
 
     A rail has a node at every cell, one segment between those of face neighbours (no periodic ones: the die is flat),
@@ -163,29 +172,34 @@ class RailResistance:
     def __post_init__(self) -> None:
         check_number("ohms", self.ohms, "at least 0 and finite", least=0.0)
 
+    @classmethod
+    def of(cls, chip: Chip, _seed: Seed) -> RailResistance | None:
+        """Nothing where rails are ideal."""
+        return cls(chip.rail_resistance) if chip.rail_resistance else None
+
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with these rails."""
-        cell_map = editing.tiled_layout(netlist, "rails")
+        cells = cells_with_nodes(netlist, "rails")
         if self.ohms == 0:
             return netlist
         for rail in ("obstacle", "goal"):
-            if _on_rail(cell_map, rail).any():
+            if _on_rail(cells, rail).any():
                 netlist = _droop(netlist, rail, self.ohms)
         return netlist
 
 
 def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
-    netlist, pin = editing.supply_node(netlist, rail)
-    cell_map = netlist.cells
-    own = cell_map.node >= 0
-    cells = cell_map.node[own & _on_rail(cell_map, rail)]
-    wired = np.isin(netlist.source_nodes[:, 0], cells) & (netlist.source_nodes[:, 1] == GROUND)
-    on_rail = np.isin(cell_map.node, netlist.source_nodes[wired, 0])
-    netlist, numbers = editing.add_nodes(netlist, int((~on_rail).sum()))
-    mesh = cell_map.node.copy()
+    netlist, pin = rail_pin(netlist, rail)
+    cells = netlist.cells
+    own = cells.node >= 0
+    tied = cells.node[own & _on_rail(cells, rail)]
+    wired = np.isin(netlist.source_nodes[:, 0], tied) & (netlist.source_nodes[:, 1] == GROUND)
+    on_rail = np.isin(cells.node, netlist.source_nodes[wired, 0])
+    netlist, numbers = add_nodes(netlist, int((~on_rail).sum()))
+    mesh = cells.node.copy()
     mesh[~on_rail] = numbers
     local = np.full(netlist.node_count, -1, dtype=np.int64)
-    local[cell_map.node[own]] = mesh[own]
+    local[cells.node[own]] = mesh[own]
     resistor_nodes = netlist.resistor_nodes.copy()
     switch = ~die.on_grid(netlist) & (resistor_nodes[:, 1] == pin) & (local[resistor_nodes[:, 0]] >= 0)
     resistor_nodes[switch, 1] = local[resistor_nodes[switch, 0]]
@@ -196,7 +210,7 @@ def _droop(netlist: Netlist, rail: str, ohms: float) -> Netlist:
         element_names=None,
     )
     segments = _mesh_segments(mesh, pin)
-    return editing.add_resistors(netlist, segments, np.full(len(segments), 1 / ohms))
+    return add_resistors(netlist, segments, np.full(len(segments), 1 / ohms))
 
 
 def _mesh_segments(mesh: NDArray[np.int32], pin: int) -> NDArray[np.int32]:
@@ -205,12 +219,12 @@ def _mesh_segments(mesh: NDArray[np.int32], pin: int) -> NDArray[np.int32]:
     for axis in range(mesh.ndim):
         lines = np.moveaxis(mesh, axis, 0)
         parts.append(np.stack([lines[:-1].ravel(), lines[1:].ravel()], axis=1))
-        parts += [_to(lines[end].ravel(), pin) for end in (0, -1)]
+        parts += [to_node(lines[end].ravel(), pin) for end in (0, -1)]
     return np.concatenate(parts)
 
 
 @dataclass(frozen=True)
-class Capacitance:
+class Capacitance(Pass):
     """Give every cell's node a capacitor to ground.
 
     `farads`: its capacitance.
@@ -221,19 +235,24 @@ class Capacitance:
     def __post_init__(self) -> None:
         check_number("farads", self.farads, "at least 0 and finite", least=0.0)
 
+    @classmethod
+    def of(cls, chip: Chip, _seed: Seed) -> Capacitance | None:
+        """Nothing where voltages settle at once."""
+        return cls(chip.capacitance) if chip.capacitance else None
+
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with these capacitors."""
-        cell_map = editing.tiled_layout(netlist, "capacitors")
-        nodes = cell_map.node[cell_map.node >= 0]
+        cells = cells_with_nodes(netlist, "capacitors")
+        nodes = cells.node[cells.node >= 0]
         return netlist.replace(
-            capacitor_nodes=np.concatenate([netlist.capacitor_nodes, _to(nodes, GROUND)]),
+            capacitor_nodes=np.concatenate([netlist.capacitor_nodes, to_node(nodes, GROUND)]),
             capacitance=np.append(netlist.capacitance, np.full(len(nodes), self.farads)),
             element_names=None,
         )
 
 
 @dataclass(frozen=True)
-class ReadoutLoad:
+class ReadoutLoad(Pass):
     """Load every cell's node with the input resistance of the read-out, to ground.
 
     `ohms`: its input resistance.
@@ -244,8 +263,14 @@ class ReadoutLoad:
     def __post_init__(self) -> None:
         check_number("ohms", self.ohms, "positive and finite", above=0.0)
 
+    @classmethod
+    def of(cls, chip: Chip, _seed: Seed) -> ReadoutLoad | None:
+        """Nothing where the read-out takes no current."""
+        ohms = chip.readout.input_resistance
+        return None if ohms is None else cls(ohms)
+
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with these loads."""
-        cell_map = editing.tiled_layout(netlist, "loads of the read-out")
-        nodes = cell_map.node[cell_map.node >= 0]
-        return editing.add_resistors(netlist, _to(nodes, GROUND), np.full(len(nodes), 1 / self.ohms))
+        cells = cells_with_nodes(netlist, "loads of the read-out")
+        nodes = cells.node[cells.node >= 0]
+        return add_resistors(netlist, to_node(nodes, GROUND), np.full(len(nodes), 1 / self.ohms))

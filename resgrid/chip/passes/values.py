@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 
 from resgrid import die
 from resgrid.arguments import check_number
-from resgrid.chip.passes import editing
+from resgrid.chip.passes.base import Pass, select_resistors
+from resgrid.die import Seed
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.scene.chip import ABSOLUTE_ZERO
+from resgrid.scene.chip import ABSOLUTE_ZERO, Chip
 
 NOMINAL_CELSIUS = 27.0
 """Temperature at which resistances are given: SPICE's ``TNOM``."""
@@ -35,7 +36,7 @@ def preferred_values(series: str) -> NDArray[np.float64]:
 
 
 @dataclass(frozen=True)
-class PreferredValues:
+class PreferredValues(Pass):
     """Take every resistance from a series of preferred values: the nearest one by ratio.
 
     `series`: ``"E6"`` to ``"E192"``.
@@ -45,6 +46,11 @@ class PreferredValues:
 
     def __post_init__(self) -> None:
         preferred_values(self.series)
+
+    @classmethod
+    def of(cls, chip: Chip, _seed: Seed) -> PreferredValues | None:
+        """Nothing where any value can be had."""
+        return None if chip.preferred is None else cls(chip.preferred)
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with resistances of the series."""
@@ -59,7 +65,7 @@ class PreferredValues:
 
 
 @dataclass(frozen=True)
-class SheetResistors:
+class SheetResistors(Pass):
     """Draw every resistor as a strip of polysilicon: its length ``R W / Rs`` is a whole number of drawing steps.
 
     `sheet_resistance`: ``Rs``, in ohms per square; `width`: ``W``, in metres; `drawing_grid`: step of the length, in
@@ -71,9 +77,15 @@ class SheetResistors:
     drawing_grid: float = 5e-9
 
     def __post_init__(self) -> None:
-        check_number("sheet_resistance", self.sheet_resistance, "positive and finite, in ohms per square", above=0.0)
-        check_number("width", self.width, "positive and finite, in metres", above=0.0)
-        check_number("drawing_grid", self.drawing_grid, "positive and finite, in metres", above=0.0)
+        for name, unit in (("sheet_resistance", "ohms per square"), ("width", "metres"), ("drawing_grid", "metres")):
+            check_number(name, getattr(self, name), f"positive and finite, in {unit}", above=0.0)
+
+    @classmethod
+    def of(cls, chip: Chip, _seed: Seed) -> SheetResistors | None:
+        """Nothing where any length can be drawn."""
+        if chip.sheet_resistance is None or chip.width is None:
+            return None
+        return cls(chip.sheet_resistance, chip.width, chip.drawing_grid)
 
     def length(self, resistance: NDArray[np.float64]) -> NDArray[np.float64]:
         """Drawn length of resistors, in metres."""
@@ -108,7 +120,7 @@ def _with_resistances(netlist: Netlist, drawn: Callable[[NDArray[np.float64]], N
 
 
 @dataclass(frozen=True)
-class TemperatureCoefficients:
+class TemperatureCoefficients(Pass):
     """Give the grid's resistors temperature coefficients, which a deck hands on to the simulator.
 
     `tc1, tc2`: in 1/K and 1/K^2, from 27 degrees Celsius.
@@ -121,6 +133,11 @@ class TemperatureCoefficients:
         check_number("tc1", self.tc1, "finite, in 1/K")
         check_number("tc2", self.tc2, "finite, in 1/K^2")
 
+    @classmethod
+    def of(cls, chip: Chip, _seed: Seed) -> TemperatureCoefficients | None:
+        """Nothing where heat does not matter."""
+        return cls(chip.tc1 or 0.0, chip.tc2 or 0.0) if chip.tc1 or chip.tc2 else None
+
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with ``tc1`` and ``tc2``."""
         own = die.on_grid(netlist)
@@ -128,7 +145,7 @@ class TemperatureCoefficients:
 
 
 @dataclass(frozen=True)
-class Temperature:
+class Temperature(Pass):
     """Bring resistors to a temperature: ``R (1 + tc1 dT + tc2 dT^2)``, as SPICE does.
 
     `celsius`: in degrees Celsius.
@@ -139,6 +156,11 @@ class Temperature:
     def __post_init__(self) -> None:
         words = f"finite and above {ABSOLUTE_ZERO}, absolute zero in degrees Celsius"
         check_number("celsius", self.celsius, words, above=ABSOLUTE_ZERO)
+
+    @classmethod
+    def of(cls, chip: Chip, _seed: Seed) -> Temperature | None:
+        """Nothing at the nominal temperature, and where it does not matter."""
+        return None if chip.temperature is None or not (chip.tc1 or chip.tc2) else cls(chip.temperature)
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with its resistances at this temperature, and no coefficients left."""
@@ -155,7 +177,7 @@ class Temperature:
 
 
 @dataclass(frozen=True)
-class Saturation:
+class Saturation(Pass):
     """Replace the grid's resistors by nonlinear ones of the same resistance at 0 V, ``I = V0 / R tanh(dV / V0)``.
 
     `volts`: ``V0``, in volts.
@@ -165,6 +187,11 @@ class Saturation:
 
     def __post_init__(self) -> None:
         check_number("volts", self.volts, "positive and finite", above=0.0)
+
+    @classmethod
+    def of(cls, chip: Chip, _seed: Seed) -> Saturation | None:
+        """Nothing where resistors are linear."""
+        return None if chip.saturation_voltage is None else cls(chip.saturation_voltage)
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The same netlist with saturating resistors; their temperature coefficients are lost."""
@@ -183,4 +210,4 @@ class Saturation:
             element_names=None,
             cell_map=cell_map,
         )
-        return editing.keep_resistors(saturating, ~own)
+        return select_resistors(saturating, ~own)

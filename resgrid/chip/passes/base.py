@@ -1,0 +1,144 @@
+"""What a pass is, and how passes change a netlist.
+
+Resistors that a pass adds are appended, so that those of the grid keep their numbers; they cross no face (-1).
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Iterator
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.die import Seed
+from resgrid.errors import InputError
+from resgrid.netlist import GROUND, CellMap, Netlist
+from resgrid.scene.chip import Chip
+
+
+class Pass:
+    """One effect of a chip on its netlist: a frozen dataclass, pure and, where it is random, seeded."""
+
+    @classmethod
+    def of(cls, _chip: Chip, _seed: Seed) -> Self | None:
+        """The effect as a chip's description gives it; None where it is ideal."""
+        return None
+
+    def apply(self, netlist: Netlist) -> Netlist:
+        """The netlist with this effect."""
+        raise NotImplementedError
+
+
+def checked(passes: Iterable[Pass]) -> Iterator[Pass]:
+    """Passes, each of which is one."""
+    for effect in passes:
+        if not isinstance(effect, Pass):
+            raise InputError(f"{effect!r} is no pass; see resgrid.passes, such as resgrid.passes.Mismatch(0.01)")
+        yield effect
+
+
+def cells_with_nodes(netlist: Netlist, what: str) -> CellMap:
+    """The cells of a netlist that has a node for each of them."""
+    if netlist.cells.wiring.rails != "cells":
+        raise InputError(f"{what} need one node per cell; compile with rails = 'cells'")
+    return netlist.cells
+
+
+def add_nodes(netlist: Netlist, count: int) -> tuple[Netlist, NDArray[np.int32]]:
+    """Append nodes; returns the netlist and their numbers."""
+    first = netlist.node_count
+    names = netlist.node_names
+    if names is not None:
+        names = (*names, *(f"node_{node}" for node in range(first, first + count)))
+    return netlist.replace(node_count=first + count, node_names=names), np.arange(first, first + count, dtype=np.int32)
+
+
+def add_resistors(
+    netlist: Netlist,
+    nodes: NDArray[np.integer[Any]],
+    conductance: NDArray[np.float64],
+    face: NDArray[np.integer[Any]] | None = None,
+) -> Netlist:
+    """Append resistors without temperature coefficients.
+
+    Shapes: `nodes` (n, 2), `conductance` (n,), `face` (n,).
+    """
+    count, cells = len(conductance), netlist.cell_map
+    if cells is not None:
+        cells = dataclasses.replace(
+            cells,
+            resistor_face=np.append(cells.resistor_face, np.full(count, -1) if face is None else face),
+            resistor_upward=np.append(cells.resistor_upward, np.ones(count, dtype=np.bool_)),
+        )
+    return netlist.replace(
+        resistor_nodes=np.concatenate([netlist.resistor_nodes, nodes]),
+        conductance=np.append(netlist.conductance, conductance),
+        tc1=None if netlist.tc1 is None else np.append(netlist.tc1, np.zeros(count)),
+        tc2=None if netlist.tc2 is None else np.append(netlist.tc2, np.zeros(count)),
+        element_names=None,
+        cell_map=cells,
+    )
+
+
+def select_resistors(
+    netlist: Netlist, linear: NDArray[np.bool_] | None = None, nonlinear: NDArray[np.bool_] | None = None
+) -> Netlist:
+    """Keep some resistors, shape (resistors,), and some nonlinear ones; all where nothing is said."""
+    changes: dict[str, Any] = {"element_names": None}
+    faces: dict[str, Any] = {}
+    for keep, names, kind in (
+        (linear, ("resistor_nodes", "conductance", "tc1", "tc2"), "resistor"),
+        (nonlinear, ("nonlinear_nodes", "nonlinear_current", "nonlinear_voltage"), "nonlinear"),
+    ):
+        if keep is None:
+            continue
+        columns = {name: getattr(netlist, name) for name in names}
+        changes |= {name: column[keep] for name, column in columns.items() if column is not None}
+        if netlist.cell_map is not None:
+            faces |= {f"{kind}_{what}": getattr(netlist.cells, f"{kind}_{what}")[keep] for what in ("face", "upward")}
+    if faces:
+        changes["cell_map"] = dataclasses.replace(netlist.cells, **faces)
+    return netlist.replace(**changes)
+
+
+def to_node(nodes: NDArray[np.int32], end: int) -> NDArray[np.int32]:
+    """Pairs of nodes that all end in one, shape (n, 2)."""
+    return np.stack([nodes, np.full(len(nodes), end, dtype=np.int32)], axis=1)
+
+
+def rail_pin(netlist: Netlist, rail: str) -> tuple[Netlist, int]:
+    """The pin of a rail, made if there is none: where currents drive the chip, both are at the goal's voltage."""
+    cells = cells_with_nodes(netlist, "rails")
+    wiring = cells.wiring
+    known = cells.obstacle_node if rail == "obstacle" else cells.goal_nodes[0] if cells.goal_nodes else -1
+    if known >= 0:
+        return netlist, known
+    netlist, (node,) = add_nodes(netlist, 1)
+    pin = int(node)
+    volts = wiring.high if rail == "obstacle" and wiring.drive != "uniform" else wiring.goal_voltage
+    changed: dict[str, Any] = {"obstacle_node": pin} if rail == "obstacle" else {"goal_nodes": (pin,)}
+    return netlist.replace(
+        source_nodes=np.concatenate([netlist.source_nodes, [[pin, GROUND]]]),
+        source_volts=np.append(netlist.source_volts, volts),
+        element_names=None,
+        cell_map=dataclasses.replace(cells, **changed),
+    ), pin
+
+
+def without_stranded_currents(netlist: Netlist) -> Netlist:
+    """Leave out current sources that feed parts which nothing ties to ground: their currents have nowhere to go."""
+    if not netlist.current_nodes.size:
+        return netlist
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    ties = np.concatenate([netlist.resistor_nodes, netlist.source_nodes, netlist.nonlinear_nodes])
+    count = netlist.node_count
+    graph = coo_array((np.ones(len(ties), dtype=np.int8), (ties[:, 0], ties[:, 1])), shape=(count, count))
+    part = connected_components(graph, directed=False)[1]
+    kept = (part[netlist.current_nodes] == part[GROUND]).all(axis=1)
+    return netlist.replace(
+        current_nodes=netlist.current_nodes[kept], current_amps=netlist.current_amps[kept], element_names=None
+    )
