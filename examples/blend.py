@@ -24,12 +24,12 @@ def main(folder: Path = Path("out/blend")) -> dict[float, tuple[float, float]]:
     for k in (0.0, 0.5, 1.0):
         field = rg.blend(dirichlet, neumann, k)
         paths[k] = rg.streamline(field, start=start)
-        rg.certify(paths[k], field)
+        rg.certify(paths[k])
         print(f"k = {k:g}: {paths[k].length:.2f} m long, {paths[k].clearance:.3f} m clear of obstacles")
     assert paths[1.0].clearance > paths[0.0].clearance
 
     axes = rg.draw(neumann)
-    rg.draw(list(paths.values()), axes, space=space, k=list(paths))
+    rg.draw(list(paths.values()), axes, k=list(paths))
     axes.set_title("Blends over the Neumann potential", fontsize=9)
     folder.mkdir(parents=True, exist_ok=True)
     print(f"the figure is {rg.save_figure(axes, folder / 'blend.png')}")

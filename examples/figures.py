@@ -76,15 +76,15 @@ def problem_a(folder: Path) -> dict[str, float]:
     for number, k, kind in ((2, 1.0, "Dirichlet"), (3, 0.0, "Neumann, driven uniformly"), (4, 0.5, "k = 0.5")):
         paths = planner.at(k).paths(starts)
         for path in paths:
-            rg.certify(path, planner.at(k).field)
+            rg.certify(path)
         family(folder, number, paths, scene, space, virtual, f"Problem A, {kind}: {len(paths)} streamlines.")
 
     clearance = {}
     for number, k in ((5, 0.99), (6, 0.5), (7, 0.01)):
         path = planner.at(k).path(scene.starts[0])
         # Not only the point in configuration space: the links themselves must stay clear of the obstacle.
-        assert rg.replay(path, scene.robot, scene.obstacles, space, step=1e-3) is None
-        clearance[k] = rg.workspace_clearance(path, scene.robot, scene.obstacles, space, step=1e-3)
+        assert rg.replay(path, scene.obstacles, step=1e-3) is None
+        clearance[k] = rg.workspace_clearance(path, scene.obstacles, step=1e-3)
         caption = f"Problem A, k = {k:g}: the links keep {clearance[k]:.3f} m away from the obstacle."
         save(folder, number, path, scene, space, virtual, caption)
 
@@ -117,8 +117,8 @@ def two_goals(folder: Path) -> dict[str, float]:
     virtual = strips(scene, planner.space)
     reached = []
     for number, path in enumerate(planner.paths(), 8):
-        assert rg.replay(path, scene.robot, scene.obstacles, planner.space, step=1e-3) is None
-        tip = rg.workspace_path(path, scene.robot, planner.space)[-1]
+        assert rg.replay(path, scene.obstacles, step=1e-3) is None
+        tip = rg.workspace_path(path)[-1]
         upper = bool(tip[1] > 0)
         reached.append(upper)
         place = "upper" if upper else "lower"
@@ -134,10 +134,10 @@ def problem_b(folder: Path) -> dict[str, float]:
     outcomes = []
     for number, start in enumerate(scene.starts, 11):
         path = planner.path(start)
-        rg.certify(path, planner.field)
+        rg.certify(path)
         outcomes.append(str(path.outcome))
         if path.outcome == rg.Outcome.REACHED:
-            assert rg.replay(path, scene.robot, scene.obstacles, space, step=1e-3) is None
+            assert rg.replay(path, scene.obstacles, step=1e-3) is None
             save(folder, number, path, scene, space, virtual, "Problem B: this start has a path.")
             continue
         # No path is decided by connectivity, and the field agrees.  Of configuration space we see which cells must go,
@@ -184,7 +184,7 @@ def control_problem(folder: Path, name: str, *, free: int, blind: int, learning:
     parts = sorted({int(part) + 1 for part in run.contacts.part})
     caption = f"A hidden obstacle deflects link {parts[0]} (force in red); nothing is recomputed."
     control_figure(folder, blind, run, f"{scene.title}, k = 0.98. {caption}")
-    tip = rg.workspace_path(run.configuration[run.contacts.step], scene.robot, planner.space)
+    tip = scene.robot.reference_point(run.configuration[run.contacts.step])
     numbers[f"figure_{blind}_arrived"] = run.ending == rg.Ending.ARRIVED
     numbers[f"figure_{blind}_from_tip"] = float(np.linalg.norm(tip - run.contacts.point, axis=1).min())
 
@@ -267,7 +267,8 @@ def figure_1(folder, scene, space, virtual, bands) -> None:
         "Problem A, a small goal just above an obstacle. Strips along the singularities part the torus of angles into\n"
         "two bands: the arm cannot pass from one to the other, but the goal has an inverse solution in each."
     )
-    figure = rg.draw_pair([scene.starts[0]], scene, space, virtual=virtual, title="Figure 1", caption=caption)
+    pose = rg.Polyline([scene.starts[0]], space)
+    figure = rg.draw_pair(pose, scene, virtual=virtual, title="Figure 1", caption=caption)
     for (label, band), colour in zip(bands.items(), ("#dcebf5", "#f7e6d3"), strict=True):
         paint_cells(space, band & (space.cell == rg.Cell.FREE), colour, label, figure.axes[1])
     refresh_legend(figure.axes[1])
@@ -277,7 +278,7 @@ def figure_1(folder, scene, space, virtual, bands) -> None:
 
 def save(folder, number, path, scene, space, virtual, caption, verdict=None, separating=()) -> None:
     figure = rg.draw_pair(
-        path, scene, space, virtual=virtual, verdict=verdict,
+        path, scene, virtual=virtual, verdict=verdict,
         separating=separating, title=f"Figure {number}", caption=caption,
     )  # fmt: skip
     rg.save_figure(figure, folder / f"figure_{number:02}.png")
@@ -289,7 +290,7 @@ def family(folder, number, paths, scene, space, virtual, caption) -> None:
     left, right = figure.subplots(1, 2)
     rg.draw_tips(paths, scene, left)
     rg.draw(space, right, virtual=virtual)
-    rg.draw(paths, right, space=space)
+    rg.draw(paths, right)
     right.set_title("Configuration space", fontsize=8)
     figure.suptitle(f"Figure {number}", fontsize=10)
     figure.supxlabel("\n" + caption, fontsize=7, x=0.02, ha="left")

@@ -55,7 +55,7 @@ def main(folder: Path = Path("out/lesson")) -> dict[str, float]:
     #    stops before the goal, and it cannot enter an obstacle, since current leaves obstacles and never enters them.
     field = rg.field(point)
     path = rg.streamline(field, start=scene.starts[0])
-    rg.certify(path, field)
+    rg.certify(path)
     print(f"path: {path.outcome}, {path.length:.2f} cells long, {path.clearance:.2f} cells clear of obstacles")
     assert path.outcome == "reached"
 
@@ -80,7 +80,7 @@ def draw(point: rg.OperatingPoint, field: rg.Field, path: rg.Streamline) -> obje
     rg.draw(point, circuit)
     circuit.set_title("The circuit: one node a cell, one resistor between neighbours", fontsize=10)
     rg.draw(field, picture, scale="linear")
-    rg.draw([path], picture, space=field.space)
+    rg.draw(path, picture)
     picture.set_title("Its voltages, and the path", fontsize=10)
     rg.draw(field, arrows, quantity="currents")
     arrows.set_title("Its currents", fontsize=10)

@@ -76,6 +76,7 @@ from .planning.separation import (
 from .planning.shortcut import shorten as shorten
 from .planning.streamline import (
     Outcome as Outcome,
+    Polyline as Polyline,
     ShortPath as ShortPath,
     Streamline as Streamline,
     unwrap as unwrap,
@@ -150,7 +151,7 @@ from .spice.check.deck import check_deck as check_deck
 from .spice.check.predictions import Prediction as Prediction, predict_simulators as predict_simulators
 from .spice.check.rules import check_rules as check_rules
 from .spice.check.violation import Violation as Violation
-from .spice.parsed import Note as Note, ParsedDeck as ParsedDeck
+from .spice.circuit import Circuit as Circuit, Note as Note
 from .spice.power import (
     IrDrop as IrDrop,
     PowerBalance as PowerBalance,

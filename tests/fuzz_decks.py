@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from resgrid.errors import ResgridError
-from resgrid.spice.parsed import KINDS, ParsedDeck
+from resgrid.spice.circuit import KINDS, Circuit
 from resgrid.spice.read.deck import read_with
 
 sys.path.insert(0, str(Path(__file__).parent))
@@ -171,7 +171,7 @@ def opened_files() -> Iterator[list[str]]:
         _watched = None
 
 
-def outcome(path: Path, least_bytes: int) -> ParsedDeck | str:
+def outcome(path: Path, least_bytes: int) -> Circuit | str:
     """What comes of reading a deck, and of making a netlist of it: the deck, or the error's message."""
     try:
         deck = read_with(path, least_bytes=least_bytes)
@@ -184,7 +184,7 @@ def outcome(path: Path, least_bytes: int) -> ParsedDeck | str:
     return deck
 
 
-def same(a: ParsedDeck | str, b: ParsedDeck | str) -> bool:
+def same(a: Circuit | str, b: Circuit | str) -> bool:
     """Whether two readings are the same in everything but the order of notes."""
     if isinstance(a, str) or isinstance(b, str):
         return a == b

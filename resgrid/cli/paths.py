@@ -46,7 +46,7 @@ def plan_routes(job: Job) -> Plan:
     with stage("follow the current", steps=len(solution.tasks)) as progress:
         for field, number in solution.tasks:
             path = streamline(field, job.scene.starts[number])
-            certify(path, field)
+            certify(path)
             routes.append(Route(path, job.scene.starts[number], field))
             progress.advance()
     return Plan(solution.operating_points, [field for field in solution.fields if field.is_flowing], routes)
@@ -109,7 +109,7 @@ def _answers(job: Job, query: Query, file: str) -> list[dict[str, Any]]:
     answers = []
     for field in Job(job.scene, job.space.with_cells(cell)).solution().fields:
         path = streamline(field, cell=query.start)
-        certify(path, field)
+        certify(path)
         figures = {"outcome": str(path.outcome), "k": field.k, "length": path.length, "clearance": path.clearance}
         answers.append({**figures, **common})
     return answers

@@ -97,7 +97,9 @@ def _draw(what: str, job: Job, plan: Plan, field: Field | None) -> Any:
             picture = plot.draw(field, quantity=what)
         case "paths":
             lines, shares = [route.streamline for route in plan.routes], [route.field.k for route in plan.routes]
-            picture = plot.draw(lines, plot.draw(job.space), space=job.space, k=shares)
+            picture = plot.draw(job.space)
+            if lines:
+                plot.draw(lines, picture, k=shares)
         case "circuit":
             picture = plot.draw(next(iter(plan.operating_points.values())))
         case "robot":
@@ -131,7 +133,7 @@ def _draw_robot(job: Job, plan: Plan) -> Any:
     if path is None:
         raise InputError("--what robot: no path reaches a goal, so there is nothing to drive along")
     if job.space.ndim == 2:
-        return plot.draw_pair(path, job.scene, job.space, title=job.scene.title)
+        return plot.draw_pair(path, job.scene, title=job.scene.title)
     figure = plot.figure_of(plot.draw_robot(path, job.scene))
     plot.add_title(figure, job.scene.title)
     return figure

@@ -11,35 +11,33 @@ from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 from resgrid.io.tables import Views, require_names, suffix_of, write
 from resgrid.planning.fields import Field
-from resgrid.planning.streamline import ShortPath, Streamline, unwrap
+from resgrid.planning.streamline import AnyPath, ShortPath, Streamline, unwrap
 from resgrid.planning.timing import Trajectory
-from resgrid.planning.workspace import workspace_path
 from resgrid.robots import PointRobot
 from resgrid.space import ConfigurationSpace
 
-AnyPath = Streamline | ShortPath | Trajectory | ArrayLike
+Timed = AnyPath | Trajectory
 
 
-def write_path(target: str | os.PathLike[str], path: AnyPath, space: ConfigurationSpace) -> Path:
+def write_path(path: Timed, target: str | os.PathLike[str]) -> Path:
     """Write a path, whole or not at all, as the end of the file's name says.
 
     Parameters
     ----------
+    path : Streamline, ShortPath, Polyline or Trajectory
+        An arm's files say where its tip is.
     target : path-like
         ``.csv``, or ``-`` for standard output: a table with a header; ``.json``: one list a column; ``.npz``: one
         array a column; ``.yaml``: a ``nav_msgs/Path`` for ROS.
-    path : Streamline, ShortPath, Trajectory or array_like of float, shape (n, ndim)
-    space : ConfigurationSpace
-        An arm's files say where its tip is.
 
     Returns
     -------
-    Path
+    pathlib.Path
         The target.
 
     Raises
@@ -48,18 +46,18 @@ def write_path(target: str | os.PathLike[str], path: AnyPath, space: Configurati
         If the name ends otherwise, the path does not fit, an axis has the name of another column, or the file cannot
         be written.
     """
-    suffix = suffix_of(target, _VIEWS, "a path")
+    space, suffix = path.space, suffix_of(target, _VIEWS, "a path")
     if suffix == ".json":
         require_names(space.axes, ["schema", *(axis.name for axis in space.axes)])
 
     def columns() -> dict[str, NDArray[np.float64]]:
-        return path_columns(path, space)
+        return path_columns(path)
 
     views: Views = {
         "table": columns,
         "record": columns,
         "arrays": columns,
-        "message": lambda: ros_plan(path, space),
+        "message": lambda: ros_plan(path),
     }
     return write(target, views, "a path")
 
@@ -67,17 +65,17 @@ def write_path(target: str | os.PathLike[str], path: AnyPath, space: Configurati
 _VIEWS = ("table", "record", "arrays", "message")
 
 
-def path_columns(path: AnyPath, space: ConfigurationSpace) -> dict[str, NDArray[np.float64]]:
+def path_columns(path: Timed) -> dict[str, NDArray[np.float64]]:
     """A path as named columns, one entry a point, in world coordinates that are continuous across periodic seams.
 
-    Shapes: `path` (n, ndim); returns (n,).
+    Shapes: returns (n,).
     """
-    points = _points(path, space)
+    space, points = path.space, _points(path)
     names = column_names(space, timed=isinstance(path, Trajectory))
     require_names(space.axes, names)
     columns = [*points.T]
     if space.robot is not None and space.robot.base is not None:
-        columns += [*workspace_path(points, space.robot, space).T]
+        columns += [*space.robot.reference_point(points).T]
     if isinstance(path, Trajectory):
         columns = [path.times, *columns, *path.velocities.T]
     return dict(zip(names, columns, strict=True))
@@ -91,8 +89,8 @@ def column_names(space: ConfigurationSpace, *, timed: bool) -> list[str]:
     return ["t", *axes, *tip, *(f"{name}_rate" for name in axes)] if timed else [*axes, *tip]
 
 
-def _points(path: AnyPath, space: ConfigurationSpace) -> NDArray[np.float64]:
-    return unwrap(path.positions if isinstance(path, Trajectory) else path, space)
+def _points(path: Timed) -> NDArray[np.float64]:
+    return path.positions if isinstance(path, Trajectory) else unwrap(path)
 
 
 @dataclass(frozen=True, eq=False)
@@ -190,7 +188,7 @@ def _routes_table(routes: Sequence[Route], space: ConfigurationSpace) -> dict[st
 
 def _columns(route: Route, space: ConfigurationSpace) -> dict[str, NDArray[np.float64]]:
     """A streamline's points as they are; shortened or timed ones continuous across seams."""
-    columns = path_columns(route.final, space)
+    columns = path_columns(route.final)
     if route.final is route.streamline:
         columns |= {axis.name: route.streamline.points[:, number] for number, axis in enumerate(space.axes)}
     return columns
@@ -224,17 +222,10 @@ def _routes_arrays(routes: Sequence[Route], space: ConfigurationSpace) -> dict[s
 def _documents(routes: Sequence[Route], space: ConfigurationSpace) -> str:
     """A message for each route; one that reaches no goal has no poses."""
     _require_plane(space)
-    return "---\n".join(
-        ros_plan(route.final, space) if route.reached else _message([], [], [], "map") for route in routes
-    )
+    return "---\n".join(ros_plan(route.final) if route.reached else _message([], [], [], "map") for route in routes)
 
 
-def ros_plan(
-    path: AnyPath,
-    space: ConfigurationSpace,
-    *,
-    frame_id: str = "map",
-) -> str:
+def ros_plan(path: Timed, *, frame_id: str = "map") -> str:
     """A path as the text of a ``nav_msgs/Path`` message, which ``ros2 topic pub`` takes.
 
     Every pose looks towards the next, the last one as the one before; a turning polygon as its angle says.  A
@@ -242,9 +233,8 @@ def ros_plan(
 
     Parameters
     ----------
-    path : Streamline, ShortPath, Trajectory or array_like of float, shape (n, ndim)
-    space : ConfigurationSpace
-        Of two axes with one unit, or of a turning polygon.
+    path : Streamline, ShortPath, Polyline or Trajectory
+        In a space of two axes with one unit, or of a turning polygon.
     frame_id : str
         The frame that the poses are given in.
 
@@ -257,7 +247,7 @@ def ros_plan(
     InputError
         If the robot does not move in the plane.
     """
-    points = _points(path, space)
+    space, points = path.space, _points(path)
     _require_plane(space)
     places, own = points[:, :2], (space.robot or PointRobot()).heading(points)
     yaws = headings(places) if own is None else own

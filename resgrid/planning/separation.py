@@ -19,9 +19,9 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.errors import AccuracyError, InputError
 from resgrid.frozen import frozen, picture_html
 from resgrid.planning.barriers import Barriers, group_obstacles, link
-from resgrid.planning.fields import Field, goal_blocked
+from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome
-from resgrid.planning.trace import one_start, start_cells
+from resgrid.planning.trace import one_start, start_cells, static_outcomes
 from resgrid.scene import Scene, sample
 from resgrid.scene.world import to_space
 from resgrid.space import Cell, ConfigurationSpace
@@ -173,11 +173,7 @@ def check_verdicts(field: Field) -> None:
 
 def verdict_of(space: ConfigurationSpace, cell: tuple[int, ...]) -> Outcome:
     """What connectivity says of a start cell: ``REACHED`` if a goal can be."""
-    if space.cell[cell] == Cell.OBSTACLE:
-        return Outcome.START_BLOCKED
-    if space.cell[cell] == Cell.GOAL or space.goal_connected[cell]:
-        return Outcome.REACHED
-    return Outcome.GOAL_BLOCKED if goal_blocked(space) else Outcome.NO_PATH
+    return Outcome(str(static_outcomes(space, np.array([cell]))[0]) or Outcome.REACHED)
 
 
 def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstruction:

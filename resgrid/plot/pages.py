@@ -107,7 +107,7 @@ def _plane_page(field: Field, paths: Sequence[Streamline], k: Sequence[float] | 
     left, right = figure.subplots(2, 1) if stacked else figure.subplots(1, 2)
     draw_potential(field, left, scale=scale)
     if paths:
-        draw_streamlines(paths, field.space, left, k=k)
+        draw_streamlines(paths, left, k=k)
     left.set_title("Potential and paths" if paths else "Potential", fontsize=TEXT)
     draw_currents(field, right)
     right.set_title("Current", fontsize=TEXT)
@@ -225,7 +225,7 @@ def _draw_path(path: Streamline, space: ConfigurationSpace, normal: int, index: 
         )  # fmt: skip
         return
     lower, upper = space.axes[normal].edges[[index, index + 1]]
-    for line in seam_pieces(path, space):
+    for line in seam_pieces(path):
         inside = (line[:, normal] >= lower) & (line[:, normal] <= upper)
         axes.plot(
             line[:, across], line[:, up], color=PATHS[0], linewidth=0.7, alpha=0.7, zorder=4, label="path, projected"

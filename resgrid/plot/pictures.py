@@ -44,7 +44,7 @@ from resgrid.plot.fields import draw_space
 from resgrid.plot.figures import render_figure
 from resgrid.plot.graphs import draw_circuit
 from resgrid.plot.pages import draw_field
-from resgrid.plot.paths import draw_clearance_curve, draw_separation, draw_streamlines
+from resgrid.plot.paths import draw_clearance_curve, draw_path, draw_separation, draw_streamlines
 from resgrid.plot.workspace import draw_scene
 from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
@@ -59,10 +59,6 @@ def _draw_operating_point(op: OperatingPoint, ax: Axes | None = None) -> Axes | 
     if cells is None or (max(cells.space.shape) <= MOST_CELLS_A_SIDE and cells.space.ndim <= 2):
         return draw_circuit(op.netlist, ax, op=op)
     return draw_field(field(op), ax)
-
-
-def _draw_path(path: Streamline, space: ConfigurationSpace, ax: Axes | None = None) -> Axes:
-    return draw_streamlines([path], space, ax)
 
 
 PICTURES: dict[type, Picture] = {
@@ -80,7 +76,7 @@ PICTURES: dict[type, Picture] = {
     Scene: draw_scene,
     Sensitivity: draw_sensitivity,
     Separation: draw_separation,
-    Streamline: _draw_path,
+    Streamline: draw_path,
     Settling: draw_settled,
     Wavefront: draw_wavefront,
     Yield: draw_yield,
@@ -107,7 +103,7 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     field               potential of one to three axes, or currents  ``quantity`` ("potential", "currents"), ``scale``
                                                                      ("auto", "linear", "log": decades of the drop),
                                                                      ``contours``; of three axes ``axis``, ``indices``
-    paths               streamlines, over what the ax shows          ``k`` (blend of each)
+    path, paths         streamlines, over what the ax shows          ``k`` (blend of each)
     netlist             circuit diagram                              ``op`` (voltages to write)
     operating point     circuit with voltages, or the potential of
                         a grid with more than 10 cells a side

@@ -42,7 +42,7 @@ def test_a_planner_gives_what_the_stages_give() -> None:
     assert [path.outcome for path in paths] == [Outcome.REACHED] * 3 + [Outcome.START_BLOCKED]
     assert planner.basins()[3, 5] == 0 and planner.basins()[36, 24] == 1
     for path in paths:
-        certify(path, planner.field)
+        certify(path)
     assert planner.path(cell=(0, 0)).outcome is Outcome.REACHED
     assert planner.separation(cell=(0, 0)).separating == ()
 
