@@ -56,7 +56,7 @@ ALBUM: dict[str, Callable[[rg.Run], Any]] = {
     "space": lambda _: rg.draw(small_space()),
     "potential": lambda _: rg.draw(small_planner().field),
     "currents": lambda _: rg.draw(small_planner().field, quantity="currents"),
-    "paths": lambda _: rg.draw(paths(), space=small_space(), k=[0.5, 0.5]),
+    "paths": lambda _: rg.draw(paths(), k=[0.5, 0.5]),
     "page": lambda _: rg.draw_page(small_planner().field, paths(), title="Page"),
     "netlist": lambda _: rg.draw(rg.compile_space(small_space())),
     "circuit": lambda _: rg.draw(rg.solve(rg.compile_space(small_space(), boundary="neumann"))),
