@@ -26,21 +26,12 @@ _STEPS = 200
 class RelaxationSweep:
     """Runs of one robot on grids that settle at different paces.
 
-    Attributes
-    ----------
-    relaxation : Relaxation
-        What the runs share; its pace is not used.
-    settle : float
-        Sweeps, or units ``R C``, that the grid takes to settle to `BITS` bits after the change.
-    pace : ndarray of float64, shape (n,)
-        Sweeps, or units ``R C``, while the robot crosses a cell; ascending.
-    ratio : ndarray of float64, shape (n,)
-        Speed of the robot against that of settling: cells that it crosses while the grid settles, ``settle / pace``.
-    ending : tuple of Ending
-    time, waited : ndarray of float64, shape (n,)
-        How long each run took, and how long the robot stood waiting, in cells that it could have crossed.
-    instant : float
-        How long a run takes on a grid that has settled before it begins, in cells.
+    `relaxation`: what the runs share; its pace is not used; `settle`: sweeps, or units ``R C``, that the grid takes
+    to settle to `BITS` bits after the change; `pace` (n,): sweeps, or units ``R C``, while the robot crosses a cell;
+    ascending; `ratio` (n,): speed of the robot against that of settling: cells that it crosses while the grid
+    settles, ``settle / pace``; `time, waited` (n,): how long each run took, and how long the robot stood waiting, in
+    cells that it could have crossed; `instant`: how long a run takes on a grid that has settled before it begins, in
+    cells.
     """
 
     relaxation: Relaxation
@@ -226,31 +217,7 @@ def relaxation_sweep(
     max_steps: int = 20_000,
     progress: Callable[[int, int], object] | None = None,
 ) -> RelaxationSweep:
-    """Let a robot go while its grid settles, at several ratios of both speeds.
-
-    Parameters
-    ----------
-    sim : Simulation
-        With hidden obstacles, which are put on the map at time 0 (`announced`).
-    start : array_like of float, shape (ndim,)
-    relaxation : Relaxation
-        Its pace is not used.
-    ratios : sequence of float
-        Cells that the robot crosses while the grid settles (`settling_time`).
-    max_steps : int
-        Of every run.
-    progress : callable, optional
-        Told how many runs are done, and of how many.
-
-    Returns
-    -------
-    RelaxationSweep
-
-    Raises
-    ------
-    InputError
-        If a ratio is not finite and above 0, or the start is impossible.
-    """
+    """Let a robot go while its grid settles, at several ratios of both speeds.  Shapes: `start` (ndim,)."""
     wanted = np.sort(np.asarray(ratios, dtype=np.float64))[::-1]
     if wanted.ndim != 1 or not len(wanted) or not (np.isfinite(wanted).all() and wanted[-1] > 0):
         raise InputError("ratios must be finite numbers above 0, at least one")

@@ -28,18 +28,9 @@ _INNER = np.linspace(0.0, 1.0, 17)
 class Plant:
     """A robot and the obstacles that are truly there.
 
-    Attributes
-    ----------
-    robot : Robot
-        Of the plane: point, disc, polygon or arm.
-    axes : tuple of Axis
-        Of its configuration space; the ends of an axis that is not periodic are mechanical stops.
-    obstacles : tuple of Shape
-        All obstacles, those of the map first, along the axes.
-    known : int
-        How many of them the map shows.
-    frame : Frame
-        Where the axes lie in the world.
+    `robot`: of the plane: point, disc, polygon or arm; `axes`: of its configuration space; the ends of an axis that
+    is not periodic are mechanical stops; `obstacles`: all obstacles, those of the map first, along the axes; `known`:
+    how many of them the map shows; `frame`: where the axes lie in the world.
     """
 
     robot: Robot
@@ -69,17 +60,7 @@ class Plant:
     def near(self, pose: Pose, reach: float, facing: bool = True) -> NDArray[np.float64]:
         """Pairs of near points of the robot and the obstacles; see `resgrid.control.contact_kernels.near_points`.
 
-        Parameters
-        ----------
-        pose : Pose
-        reach : float
-            In metres.
-        facing : bool
-            Leave out pairs that have no part in a contact: through a solid, or across a corner from an edge's end.
-
-        Returns
-        -------
-        ndarray of float64, shape (n, 11)
+        Returns (n, 11).
         """
         from resgrid.control import contact_kernels
 
@@ -102,17 +83,7 @@ class Plant:
         return np.minimum(np.maximum(configurations, self.stops[0]), self.stops[1])
 
     def true_space(self, space: ConfigurationSpace) -> ConfigurationSpace:
-        """The map as it would be if hidden obstacles were known, by the conservative rule.
-
-        Parameters
-        ----------
-        space : ConfigurationSpace
-            The map; its goal cells stay goals where nothing hidden blocks them.
-
-        Returns
-        -------
-        ConfigurationSpace
-        """
+        """The map as it would be if hidden obstacles were known, by the conservative rule."""
         hidden = self.robot.occupancy(self.axes, self.obstacles[self.known :], "conservative")
         cell = np.where(hidden, np.uint8(Cell.OBSTACLE), space.cell)
         return space.with_cells(cell)
@@ -142,16 +113,7 @@ class Plant:
     def penetration(self, configurations: ArrayLike) -> NDArray[np.float64]:
         """How deep the robot is in an obstacle, by shapely and apart from the geometry that moves it.
 
-        Parameters
-        ----------
-        configurations : array_like of float, shape (n, ndim) or (ndim,)
-            World coordinates.
-
-        Returns
-        -------
-        ndarray of float64, shape (n,)
-            In metres: what radii overlap, and how far a core (a link's axis, a polygon, a point) is behind the border
-            of the obstacle; 0 where nothing is entered by more than `resgrid.robots.geometry.TOUCH`.
+        Shapes: `configurations` (n, ndim); returns (n,).
         """
         return self.axis_penetration(np.atleast_2d(self.frame.from_world(configurations)))
 
@@ -189,21 +151,7 @@ def make_plant(
     *,
     frame: Frame | None = None,
 ) -> Plant:
-    """A plant from its parts.
-
-    Parameters
-    ----------
-    robot : Robot
-    axes : sequence of Axis
-    known, hidden : sequence of Shape
-        Obstacles in the world (the cells of a map along the axes): those of the map, and those it does not show.
-    frame : Frame, optional
-        Where the axes lie in the world.
-
-    Returns
-    -------
-    Plant
-    """
+    """A plant from its parts."""
     place = Frame() if frame is None else frame
     return Plant(robot, tuple(axes), along_axes((*known, *hidden), place), len(known), place)
 
