@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.control.learning import solve_again
 from resgrid.control.log import Ending, Mode, Run
 from resgrid.control.relaxation import TICK, Relaxation, RelaxingGrid
-from resgrid.control.simulation import Simulation
+from resgrid.control.simulation import Simulation, announce_hidden
 from resgrid.errors import InputError
 from resgrid.space import ConfigurationSpace
 
@@ -64,32 +63,6 @@ class RelaxationSweep:
         limit = self.failing_ratio
         below = self.ratio[self.arrived & (self.ratio < (np.inf if limit is None else limit))]
         return float(below.max()) if len(below) else None
-
-
-def announce_hidden(sim: Simulation, relaxation: Relaxation) -> Simulation:
-    """The same world, but at time 0 somebody puts the hidden obstacles on the map, and the grid begins to settle.
-
-    Parameters
-    ----------
-    sim : Simulation
-    relaxation : Relaxation
-
-    Returns
-    -------
-    Simulation
-        It learns nothing, for there is nothing left to learn.
-
-    Raises
-    ------
-    InputError
-        If the hidden obstacles leave no goal.
-    """
-    truth = sim.plant.true_space(sim.space)
-    if not truth.goal_count:
-        raise InputError("the hidden obstacles cover every goal cell: move a goal, or an obstacle")
-    field = sim.controller.field
-    controller = sim.controller.with_field(solve_again(field, truth))
-    return replace(sim, controller=controller, learn=False, relaxation=relaxation, before=field)
 
 
 @dataclass(frozen=True, eq=False)

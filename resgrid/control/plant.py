@@ -18,6 +18,9 @@ from resgrid.scene.scene import Scene
 from resgrid.scene.world import along_axes
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
+INSIDE = 1e-6
+"""How far behind a touched surface the obstacle is taken to reach at least, in cells (of motion)."""
+
 _ROOM = 64
 _SPLIT = 4
 _LEVELS = 10
@@ -58,9 +61,10 @@ class Plant:
         return float(self.robot.travel(np.zeros_like(spacing), spacing)[0])
 
     def near(self, pose: Pose, reach: float, facing: bool = True) -> NDArray[np.float64]:
-        """Pairs of near points of the robot and the obstacles; see `resgrid.control.contact_kernels.near_points`.
+        """Pairs of near points of the robot and the obstacles within a reach, in metres, shape (n, 11).
 
-        Returns (n, 11).
+        See `resgrid.control.contact_kernels.near_points`; `facing` leaves out pairs that have no part in a contact:
+        through a solid, or across a corner from an edge's end.
         """
         from resgrid.control import contact_kernels
 
@@ -92,6 +96,18 @@ class Plant:
     def itself(self) -> NDArray[np.bool_]:
         """Cells that the robot blocks without any obstacle: collisions with itself, virtual obstacles."""
         return self.robot.occupancy(self.axes, [], "conservative")
+
+    def proven_cells(self, point: ArrayLike) -> NDArray[np.bool_]:
+        """Cells that the conservative rule blocks for one point of the workspace, shape (2,).
+
+        Among them are all cells that hold a configuration in which the robot meets the point; of an arm or a turning
+        polygon also some whose nearest configuration passes it at a fraction of a cell's motion: the rule is a bound.
+        If the point belongs to an obstacle, each of them is an obstacle cell by that rule, which blocks every cell for
+        a set of points that it blocks for one of them.  Nothing else is claimed about the obstacle: this is all that a
+        contact proves (Connolly & Grupen 1992, section 7, figure 19).
+        """
+        place = tuple(np.asarray(point, dtype=np.float64).tolist())
+        return self.robot.occupancy(self.axes, [Ball(place, 0.0)], "conservative") & ~self.itself
 
     def only(self, number: int) -> Plant:
         """The same robot with one of the obstacles."""
