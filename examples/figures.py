@@ -90,7 +90,7 @@ def problem_a(folder: Path) -> dict[str, float]:
 
     curve = rg.clearance_curve(planner, (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0))
     # The one-chip version of the same knob: a resistor in series with every obstacle contact.
-    walls = rg.wall_clearance_curve(space, (0.0, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8), edge=scene.edge)
+    walls = rg.clearance_curve(planner, wall_resistances=(0.0, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8))
     rg.save_figure(draw_knobs(curve, walls, space.spacing[0]), folder / "clearance.png")
     return {
         "goals": space.goal_count,
@@ -101,7 +101,7 @@ def problem_a(folder: Path) -> dict[str, float]:
     }
 
 
-def draw_knobs(curve: rg.ClearanceCurve, walls: rg.ClearanceCurve, cell: float) -> object:
+def draw_knobs(curve: object, walls: object, cell: float) -> object:
     """Mean clearance against both knobs, side by side: the blend of two chips, and the wall resistor of one."""
     figure = new_figure(9.0, 3.8)
     left = figure.add_subplot(1, 2, 1)
@@ -143,9 +143,9 @@ def problem_b(folder: Path) -> dict[str, float]:
         # No path is decided by connectivity, and the field agrees.  Of configuration space we see which cells must go,
         # and of the workspace which obstacle: without it there would be a way.
         verdict = rg.separation(space, start, virtual=virtual)
-        parts = rg.blocking(scene, start)
+        parts = rg.separation(scene, start)
         one = max(parts.alone, key=lambda name: (parts.parts[name] & verdict.mask).sum(), default="")
-        names = (one,) if one else parts.least
+        names = (one,) if one else parts.separating
         caption = f"Problem B: no path. Without {' and '.join(names)} (red) this start would have one."
         save(folder, number, path, scene, virtual, caption, verdict, blamed(scene, names))
     free = space.cell == rg.Cell.FREE
@@ -208,7 +208,7 @@ def control_problem(folder: Path, name: str, *, free: int, blind: int, learning:
     rg.save_figure(
         rg.draw_dirichlet_share(planner.obstacle_field, planner.open_field, 0.98), folder / f"share_{name}.png"
     )
-    share = rg.dirichlet_share(planner.obstacle_field, planner.open_field, 0.98)[planner.space.goal_connected]
+    share = planner.at(0.98).dirichlet_share()[planner.space.goal_connected]
     numbers[f"{name}_mostly_neumann"] = float(np.mean(share < 0.5))
     return numbers
 
