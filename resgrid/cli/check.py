@@ -33,7 +33,6 @@ PATIENCE = 30.0
 
 @verb(
     "check",
-    short="Check rules, and ask the circuit simulator whether it agrees.",
     examples=("resgrid check rooms.cir", "resgrid check rooms.toml --deck ours.cir", "resgrid check --rules theirs.sp"),
 )
 @with_source("SCENE|DECK")

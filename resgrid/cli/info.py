@@ -23,7 +23,6 @@ PACKAGES = ("numpy", "scipy", "numba", "networkx", "shapely", "matplotlib", "pyd
 
 @verb(
     "info",
-    short="Describe a scene, the scene format, or the installation.",
     examples=("resgrid info map.yaml", "resgrid info theirs.sp --json", "resgrid info --schema"),
 )
 @with_source("[SCENE|DECK]", required=False)
