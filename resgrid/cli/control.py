@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from resgrid.control.announced import Wavefront
     from resgrid.control.log import Run
     from resgrid.control.simulation import Simulation
-    from resgrid.scene import Scene
 
 FRAMES = 120
 
@@ -76,6 +75,7 @@ def command(source: Source, output: str | None, animate: str | None, wavefront: 
     same seed gives the same run. Options stand in for keys of the scene's [control] table. Of a scene that asks for
     several blends, the first is used; choose others with --k. Exits with 1 if some run does not arrive.
     """
+    from resgrid.control.simulation import simulation
     from resgrid.io.runs import check_run_file, run_record, write_run
 
     if output is not None:
@@ -98,10 +98,10 @@ def command(source: Source, output: str | None, animate: str | None, wavefront: 
     starts = [start for _ in shares for start in scene.starts]
     for k in shares:
         with stage("solve the field", seconds=1.0):
-            sim = _simulation(scene, k)
+            sim = simulation(scene, k=k)
         with stage("move the robot", steps=len(scene.starts)) as progress:
             for start in scene.starts:
-                runs.append((sim, _run(sim, scene, start)))
+                runs.append((sim, sim.run(start)))
                 progress.advance()
     if output is not None:
         write_run([run for _, run in runs], output)
@@ -125,58 +125,6 @@ def _check_films(*files: str | None) -> None:
     for file in files:
         if file is not None:
             check_animation(file)
-
-
-def _simulation(scene: Scene, k: float | None) -> Simulation:
-    """The scene in motion, while its grid settles if it says so."""
-    from resgrid.control.announced import announce_hidden
-    from resgrid.control.relaxation import Relaxation
-    from resgrid.control.simulation import simulation
-
-    control, ndim = scene.control, scene.ndim
-    numbers = control.admittance
-    admittance: Any = None if numbers is None else _one_or_each(numbers)
-    if numbers is not None and len(numbers) == ndim * ndim and ndim > 1:
-        admittance = [numbers[row * ndim : (row + 1) * ndim] for row in range(ndim)]
-    elif numbers is not None and len(numbers) not in (1, ndim):
-        raise InputError(
-            f"control.admittance = {list(numbers)}: give 1 number, {ndim}, or {ndim * ndim} for a matrix row by row"
-        )
-    limits = None if control.speed_limits is None else _one_or_each(control.speed_limits)
-    sim = simulation(
-        scene, k=k, speed=control.speed, admittance=admittance, speed_limits=limits, response=control.response,
-        friction=control.friction, learn=control.learn, step=control.step,
-    )  # fmt: skip
-    method = control.settle or ("chip" if control.announce else None)
-    if method is None:
-        return sim
-    relaxation = Relaxation(method, control.pace)
-    return announce_hidden(sim, relaxation) if control.announce else replace(sim, relaxation=relaxation)
-
-
-def _run(sim: Simulation, scene: Scene, start: Sequence[float]) -> Run:
-    """A run from a start, with the scene's pushes and errors of belief."""
-    from resgrid.control.pushes import Push, random_pushes
-
-    control, ndim = scene.control, scene.ndim
-    pushes = []
-    for numbers in control.push:
-        if len(numbers) != 2 + ndim:
-            raise InputError(f"control.push: {list(numbers)}: give a time, a duration and a force of {ndim} entries")
-        pushes.append(Push(numbers[0], numbers[1], numbers[2:]))  # type: ignore[arg-type]
-    if control.pushes and control.push_size:
-        until = float((sim.space.upper - sim.space.lower).max()) / sim.controller.speed
-        pushes += random_pushes(
-            control.seed, ndim, until=until, size=control.push_size, duration=until / 20, count=control.pushes
-        )
-    return sim.run(
-        start, pushes=pushes, seed=control.seed, max_steps=control.steps,
-        bias=_one_or_each(control.bias), noise=_one_or_each(control.noise),
-    )  # fmt: skip
-
-
-def _one_or_each(numbers: tuple[float, ...]) -> float | tuple[float, ...]:
-    return numbers[0] if len(numbers) == 1 else numbers
 
 
 def _front(sim: Simulation, run: Run) -> Wavefront:
