@@ -5,6 +5,7 @@
 # make bench   run resgrid and its peers, installed into .venv-bench, in turn (BENCH=full: large sizes; SECTIONS="plane memory")
 # make fuzz    read 100,000 mutated decks
 # make golden  write the decks in netlists/ anew
+# make reference  write docs/scene.md anew
 # make clean   remove what was made here
 
 PYTHON ?= python3
@@ -25,7 +26,7 @@ BENCH_VENV := .venv-bench
 INSTALLED_BENCH := $(BENCH_VENV)/.installed
 KEEP_MEMORY := MALLOC_MMAP_THRESHOLD_=4294967296 MALLOC_TRIM_THRESHOLD_=17179869184 MALLOC_TOP_PAD_=268435456
 
-.PHONY: demo test check format bench fuzz golden clean
+.PHONY: demo test check format bench fuzz golden reference clean
 .DELETE_ON_ERROR:
 
 demo: $(INSTALLED)
@@ -51,7 +52,7 @@ bench: $(INSTALLED_BENCH)
 	$(BENCH_VENV)/bin/python -m benchmarks $(SECTIONS) --scale $(BENCH) --seed $(SEED) $(if $(ROUNDS),--rounds $(ROUNDS))
 
 fuzz: $(INSTALLED_DEV)
-	$(BIN)/python tests/fuzz_decks.py $(or $(COUNT),100000)
+	RESGRID_MUTATED_DECKS=$(or $(COUNT),100000) $(BIN)/python -m pytest -q tests/spice/read/test_mutated_decks.py
 
 golden: $(INSTALLED)
 	$(BIN)/resgrid compile examples/scenes/lesson.toml -o $(GOLDEN)/lesson_dirichlet.cir
@@ -61,6 +62,9 @@ golden: $(INSTALLED)
 	$(BIN)/resgrid compile examples/scenes/lesson.toml --form cells -o $(GOLDEN)/lesson_cells.cir
 	$(BIN)/resgrid compile examples/scenes/ring.toml --set grid.axes.0.cells=16 --set grid.axes.1.cells=6 -o $(GOLDEN)/ring.cir
 	$(BIN)/resgrid compile examples/scenes/voxels.toml --set grid.axes.0.cells=4 --set grid.axes.1.cells=4 --set grid.axes.2.cells=4 -o $(GOLDEN)/voxels.cir
+
+reference: $(INSTALLED)
+	$(BIN)/python -c "from resgrid.scene.reference import scene_reference; print(scene_reference(), end='')" > docs/scene.md
 
 clean:
 	rm -rf $(VENV) $(BENCH_VENV) out build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache

@@ -76,21 +76,21 @@ def problem_a(folder: Path) -> dict[str, float]:
     for number, k, kind in ((2, 1.0, "Dirichlet"), (3, 0.0, "Neumann, driven uniformly"), (4, 0.5, "k = 0.5")):
         paths = planner.at(k).paths(starts)
         for path in paths:
-            rg.certify(path, planner.at(k).field)
+            rg.certify(path)
         family(folder, number, paths, scene, space, virtual, f"Problem A, {kind}: {len(paths)} streamlines.")
 
     clearance = {}
     for number, k in ((5, 0.99), (6, 0.5), (7, 0.01)):
         path = planner.at(k).path(scene.starts[0])
         # Not only the point in configuration space: the links themselves must stay clear of the obstacle.
-        assert rg.replay(path, scene.robot, scene.obstacles, space, step=1e-3) is None
-        clearance[k] = rg.workspace_clearance(path, scene.robot, scene.obstacles, space, step=1e-3)
+        assert rg.replay(path, scene.obstacles, step=1e-3) is None
+        clearance[k] = rg.workspace_clearance(path, scene.obstacles, step=1e-3)
         caption = f"Problem A, k = {k:g}: the links keep {clearance[k]:.3f} m away from the obstacle."
         save(folder, number, path, scene, space, virtual, caption)
 
     curve = rg.clearance_curve(planner, (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0))
     # The one-chip version of the same knob: a resistor in series with every obstacle contact.
-    walls = rg.wall_clearance_curve(space, (0.0, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8), edge=scene.edge)
+    walls = rg.clearance_curve(planner, wall_resistances=(0.0, 1e3, 1e4, 1e5, 1e6, 1e7, 1e8))
     rg.save_figure(draw_knobs(curve, walls, space.spacing[0]), folder / "clearance.png")
     return {
         "goals": space.goal_count,
@@ -101,7 +101,7 @@ def problem_a(folder: Path) -> dict[str, float]:
     }
 
 
-def draw_knobs(curve: rg.ClearanceCurve, walls: rg.ClearanceCurve, cell: float) -> object:
+def draw_knobs(curve: object, walls: object, cell: float) -> object:
     """Mean clearance against both knobs, side by side: the blend of two chips, and the wall resistor of one."""
     figure = new_figure(9.0, 3.8)
     left = figure.add_subplot(1, 2, 1)
@@ -117,8 +117,8 @@ def two_goals(folder: Path) -> dict[str, float]:
     virtual = strips(scene, planner.space)
     reached = []
     for number, path in enumerate(planner.paths(), 8):
-        assert rg.replay(path, scene.robot, scene.obstacles, planner.space, step=1e-3) is None
-        tip = rg.workspace_path(path, scene.robot, planner.space)[-1]
+        assert rg.replay(path, scene.obstacles, step=1e-3) is None
+        tip = rg.workspace_path(path)[-1]
         upper = bool(tip[1] > 0)
         reached.append(upper)
         place = "upper" if upper else "lower"
@@ -134,18 +134,18 @@ def problem_b(folder: Path) -> dict[str, float]:
     outcomes = []
     for number, start in enumerate(scene.starts, 11):
         path = planner.path(start)
-        rg.certify(path, planner.field)
+        rg.certify(path)
         outcomes.append(str(path.outcome))
         if path.outcome == rg.Outcome.REACHED:
-            assert rg.replay(path, scene.robot, scene.obstacles, space, step=1e-3) is None
+            assert rg.replay(path, scene.obstacles, step=1e-3) is None
             save(folder, number, path, scene, space, virtual, "Problem B: this start has a path.")
             continue
         # No path is decided by connectivity, and the field agrees.  Of configuration space we see which cells must go,
         # and of the workspace which obstacle: without it there would be a way.
         verdict = rg.separation(space, start, virtual=virtual)
-        parts = rg.blocking(scene, start)
+        parts = rg.separation(scene, start)
         one = max(parts.alone, key=lambda name: (parts.parts[name] & verdict.mask).sum(), default="")
-        names = (one,) if one else parts.least
+        names = (one,) if one else parts.separating
         caption = f"Problem B: no path. Without {' and '.join(names)} (red) this start would have one."
         save(folder, number, path, scene, space, virtual, caption, verdict, blamed(scene, names))
     free = space.cell == rg.Cell.FREE
@@ -184,7 +184,7 @@ def control_problem(folder: Path, name: str, *, free: int, blind: int, learning:
     parts = sorted({int(part) + 1 for part in run.contacts.part})
     caption = f"A hidden obstacle deflects link {parts[0]} (force in red); nothing is recomputed."
     control_figure(folder, blind, run, f"{scene.title}, k = 0.98. {caption}")
-    tip = rg.workspace_path(run.configuration[run.contacts.step], scene.robot, planner.space)
+    tip = scene.robot.reference_point(run.configuration[run.contacts.step])
     numbers[f"figure_{blind}_arrived"] = run.ending == rg.Ending.ARRIVED
     numbers[f"figure_{blind}_from_tip"] = float(np.linalg.norm(tip - run.contacts.point, axis=1).min())
 
@@ -208,7 +208,7 @@ def control_problem(folder: Path, name: str, *, free: int, blind: int, learning:
     rg.save_figure(
         rg.draw_dirichlet_share(planner.obstacle_field, planner.open_field, 0.98), folder / f"share_{name}.png"
     )
-    share = rg.dirichlet_share(planner.obstacle_field, planner.open_field, 0.98)[planner.space.goal_connected]
+    share = planner.at(0.98).dirichlet_share()[planner.space.goal_connected]
     numbers[f"{name}_mostly_neumann"] = float(np.mean(share < 0.5))
     return numbers
 

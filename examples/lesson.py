@@ -55,7 +55,7 @@ def main(folder: Path = Path("out/lesson")) -> dict[str, float]:
     #    stops before the goal, and it cannot enter an obstacle, since current leaves obstacles and never enters them.
     field = rg.field(point)
     path = rg.streamline(field, start=scene.starts[0])
-    rg.certify(path, field)
+    rg.certify(path)
     print(f"path: {path.outcome}, {path.length:.2f} cells long, {path.clearance:.2f} cells clear of obstacles")
     assert path.outcome == "reached"
 

@@ -13,13 +13,16 @@ from .chip.settling import Settling as Settling
 from .chip.studies import Study as Study, study as study
 from .chip.yields import Yield as Yield
 from .compiler import compile_space as compile_space
-from .control.announced import Wavefront as Wavefront, announce_hidden as announce_hidden, wavefront as wavefront
-from .control.controller import Controller as Controller, make_controller as make_controller
-from .control.equipotential import equipotential_velocity as equipotential_velocity
+from .control.announced import Wavefront as Wavefront, wavefront as wavefront
+from .control.controller import (
+    Controller as Controller,
+    equipotential_velocity as equipotential_velocity,
+    make_controller as make_controller,
+)
 from .control.log import Ending as Ending, Mode as Mode, Run as Run
 from .control.pushes import Push as Push, random_pushes as random_pushes
 from .control.relaxation import Relaxation as Relaxation
-from .control.simulation import Simulation as Simulation, simulation as simulation
+from .control.simulation import Simulation as Simulation, announce_hidden as announce_hidden, simulation as simulation
 from .errors import (
     AccuracyError as AccuracyError,
     BudgetError as BudgetError,
@@ -47,35 +50,21 @@ from .nodal.transient import (
     transient_stepper as transient_stepper,
 )
 from .nodal.watch import Watch as Watch
-from .planning.blend import blend as blend, dirichlet_share as dirichlet_share
+from .planning.blend import blend as blend
 from .planning.certify import certify as certify, certify_free as certify_free
 from .planning.fields import Field as Field, field as field
-from .planning.normals import octree_voxels as octree_voxels, surface_normals as surface_normals
-from .planning.planner import (
-    ClearanceCurve as ClearanceCurve,
-    Planner as Planner,
-    clearance_curve as clearance_curve,
-    plan as plan,
-    wall_clearance_curve as wall_clearance_curve,
-)
+from .planning.normals import surface_normals as surface_normals
+from .planning.planner import Planner as Planner, clearance_curve as clearance_curve, plan as plan
 from .planning.random_walk import (
-    Absorption as Absorption,
-    Risk as Risk,
-    Walk as Walk,
-    absorption as absorption,
+    collision_probability as collision_probability,
+    hitting_probability as hitting_probability,
     random_walk as random_walk,
-    risk as risk,
 )
-from .planning.separation import (
-    Blocking as Blocking,
-    Separation as Separation,
-    blocking as blocking,
-    check_verdicts as check_verdicts,
-    separation as separation,
-)
+from .planning.separation import separation as separation
 from .planning.shortcut import shorten as shorten
 from .planning.streamline import (
     Outcome as Outcome,
+    Polyline as Polyline,
     ShortPath as ShortPath,
     Streamline as Streamline,
     unwrap as unwrap,
@@ -88,7 +77,6 @@ from .planning.trace import (
     streamlines as streamlines,
 )
 from .planning.workspace import (
-    Collision as Collision,
     replay as replay,
     workspace_clearance as workspace_clearance,
     workspace_path as workspace_path,
@@ -150,7 +138,7 @@ from .spice.check.deck import check_deck as check_deck
 from .spice.check.predictions import Prediction as Prediction, predict_simulators as predict_simulators
 from .spice.check.rules import check_rules as check_rules
 from .spice.check.violation import Violation as Violation
-from .spice.parsed import Note as Note, ParsedDeck as ParsedDeck
+from .spice.circuit import Circuit as Circuit, Note as Note
 from .spice.power import (
     IrDrop as IrDrop,
     PowerBalance as PowerBalance,

@@ -34,7 +34,7 @@ SOURCES = {
     "Field": "rg.field(rg.solve(netlist)), or rg.plan(scene).field",
     "Netlist": "rg.compile_space(space), or rg.read_spice(file).netlist()",
     "OperatingPoint": "rg.solve(netlist)",
-    "ParsedDeck": "rg.read_spice(file)",
+    "Circuit": "rg.read_spice(file)",
     "Planner": "rg.plan(scene)",
     "Robot": "scene.robot, or rg.PointRobot(radius)",
     "Run": "rg.simulation(scene).run(start)",

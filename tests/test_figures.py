@@ -83,10 +83,10 @@ def test_from_every_start_of_problem_a_the_links_themselves_stay_clear(scenes: P
     assert set(at.ends(everywhere).outcome) == {"reached"}
     for start in everywhere[::397]:
         path = at.path(start)
-        rg.certify(path, at.field)
-        assert rg.replay(path, scene.robot, scene.obstacles, space, step=5e-3) is None
-        short = rg.shorten(path, at.field, rounds=20)
-        assert rg.replay(short, scene.robot, scene.obstacles, space, step=5e-3) is None
+        rg.certify(path)
+        assert rg.replay(path, scene.obstacles, step=5e-3) is None
+        short = rg.shorten(path, rounds=20)
+        assert rg.replay(short, scene.obstacles, step=5e-3) is None
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +101,7 @@ def test_robots_in_three_dimensions_drive_without_a_collision(scenes: Path, name
     paths = [path for path in planner.paths() if path.outcome == rg.Outcome.REACHED]
     assert paths
     for path in paths:
-        short = rg.shorten(path, planner.field)
-        motion = rg.time_path(short, planner.space, velocity_limits=1.0, acceleration_limits=2.0)
+        short = rg.shorten(path)
+        motion = rg.time_path(short, velocity_limits=1.0, acceleration_limits=2.0)
         for way in (path, short, motion.sample(50)[1]):
-            assert rg.replay(way, scene.robot, scene.obstacles, planner.space) is None
+            assert rg.replay(way, scene.obstacles) is None

@@ -99,7 +99,7 @@ def test_every_cell_leads_to_a_goal(cases: Path, name: str, boundary: str) -> No
     assert np.all(traces.outcome == "reached")
     for start in starts[rng.choice(len(starts), 40)]:
         path = streamline(field, start)
-        certify(path, field)
+        certify(path)
         assert np.all(np.diff(height[tuple(path.cells.T)]) < 0)
 
 
@@ -129,5 +129,5 @@ def test_scenario_ends_are_reachable_and_no_path_is_too_short(cases: Path, name:
             continue
         field = rg.field(solve(compile_space(space)))
         path = streamline(field, cell=query.start)
-        certify(path, field)
+        certify(path)
         assert path.length >= query.optimal_length / 1.0824 - 2.0

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from resgrid.spice.check.agreement import Agreement
     from resgrid.spice.check.predictions import Prediction
     from resgrid.spice.check.violation import Severity, Violation
-    from resgrid.spice.parsed import ParsedDeck
+    from resgrid.spice.circuit import Circuit
 
 _WORDS = {"sidecar": "the sidecar", "scene": "the scene's solution", "solve": "our solution"}
 _LONG = 10.0
@@ -33,7 +33,6 @@ PATIENCE = 30.0
 
 @verb(
     "check",
-    short="Check rules, and ask the circuit simulator whether it agrees.",
     examples=("resgrid check rooms.cir", "resgrid check rooms.toml --deck ours.cir", "resgrid check --rules theirs.sp"),
 )
 @with_source("SCENE|DECK")
@@ -85,11 +84,10 @@ def _check_rules(source: Source, given: bool) -> int:
     from resgrid.spice.check.predictions import predict_simulators
     from resgrid.spice.check.rules import check_rules
 
-    circuit: Netlist | ParsedDeck
+    circuit: Netlist | Circuit
     unheeded: dict[str, list[str]] = {}
     if given:
-        read = open_deck(source)
-        circuit = read if read.given is None else read.given
+        circuit = open_deck(source)
     else:
         job = open_job(source)
         unheeded = say_unheeded(job, "circuit")
@@ -146,7 +144,7 @@ def _check_deck(source: Source, limits: dict[str, Any]) -> Agreement:
         return check_deck(deck, reference=op, root=source.root, **limits)
 
 
-def _readable(source: Source) -> ParsedDeck | None:
+def _readable(source: Source) -> Circuit | None:
     """A deck of our own, unless it was changed so that it cannot be read: the comparison will say where."""
     try:
         return open_deck(source)
@@ -154,7 +152,7 @@ def _readable(source: Source) -> ParsedDeck | None:
         return None
 
 
-def _forecast(circuit: Netlist | ParsedDeck | None, limits: dict[str, Any]) -> None:
+def _forecast(circuit: Netlist | Circuit | None, limits: dict[str, Any]) -> None:
     """Say what the simulator will take, and refuse what will not end in time."""
     from resgrid.spice.run.forecast import forecast, require_time
     from resgrid.spice.run.ngspice import ngspice_version

@@ -33,7 +33,6 @@ ANALYSES = ("yield", "precision", "settling", "noise", "power", "sensitivity", "
 
 @verb(
     "chip",
-    short="Ask whether a real chip is good enough; a report with decks.",
     examples=("resgrid chip chip.toml -o report", "resgrid chip chip.toml --only yield --at-least 0.95 --jobs 0"),
 )
 @with_source()

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 @verb(
     "compile",
-    short="Write a scene's chip as a SPICE deck.",
     examples=(
         "resgrid compile rooms.toml -o rooms.cir",
         "resgrid compile rooms.toml --boundary neumann --dialect xyce -o rooms.cir",

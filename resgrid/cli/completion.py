@@ -17,7 +17,6 @@ HOW = {
 @click.command(
     "completion",
     cls=Verb,
-    short_help="Print the script that lets a shell complete.",
     examples=tuple(how.split("  in ")[0] for how in HOW.values()),
 )
 @click.argument("shell", type=click.Choice(tuple(HOW)))

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 @verb(
     "convert",
-    short="Turn a scene, map or deck into a deck, an edge list or a graph.",
     examples=(
         "resgrid convert theirs.sp -o ours.cir --dialect xyce",
         "resgrid convert rooms.toml -o rooms.graphml",

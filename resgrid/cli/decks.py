@@ -12,7 +12,7 @@ from resgrid.errors import CircuitError, InputError
 if TYPE_CHECKING:
     from resgrid.cli.options import Source
     from resgrid.nodal.operating_point import OperatingPoint
-    from resgrid.spice.parsed import ParsedDeck
+    from resgrid.spice.circuit import Circuit
 
 _READ_SECONDS, _SOLVE_SECONDS = 3e-8, 6e-6
 """Rough time a byte of a deck and a resistor take, in seconds, for the bar."""
@@ -42,7 +42,7 @@ def refuse_scene_options(source: Source) -> None:
         raise InputError(f"{source.file} is a deck: options that change a scene do nothing to it; remove them")
 
 
-def open_deck(source: Source) -> ParsedDeck:
+def open_deck(source: Source) -> Circuit:
     """Read a deck, or a network as if it were one."""
     from resgrid.spice.read.deck import read_spice
 
@@ -55,7 +55,7 @@ def open_deck(source: Source) -> ParsedDeck:
     return deck
 
 
-def _say_notes(deck: ParsedDeck) -> None:
+def _say_notes(deck: Circuit) -> None:
     """What the reader noted: warnings always, the rest on request."""
     warnings = [note for note in deck.notes if note.severity != "info"]
     for note in warnings[:_NOTES]:
@@ -67,7 +67,7 @@ def _say_notes(deck: ParsedDeck) -> None:
             detail(str(note))
 
 
-def solve_deck(deck: ParsedDeck) -> OperatingPoint:
+def solve_deck(deck: Circuit) -> OperatingPoint:
     """Solve a deck; as `resgrid.solve`, but where there is no answer the message names the lines at fault."""
     from resgrid.nodal.solve import solve
     from resgrid.spice.check.rules import check_rules
@@ -83,7 +83,7 @@ def solve_deck(deck: ParsedDeck) -> OperatingPoint:
         raise CircuitError("\n".join(lines) or str(error)) from error
 
 
-def deck_data(deck: ParsedDeck) -> dict[str, Any]:
+def deck_data(deck: Circuit) -> dict[str, Any]:
     """What a deck holds, as ``--json`` gives it."""
     return {
         "source": deck.path,
@@ -91,7 +91,7 @@ def deck_data(deck: ParsedDeck) -> dict[str, Any]:
         "dialect": deck.dialect,
         "files": list(deck.files),
         "nodes": len(deck.node_names),
-        **{f"{kind.replace(' ', '_')}s": len(names) for kind, names in deck.element_names.items()},
+        **{f"{kind.replace(' ', '_')}s": len(ends) for kind, ends in deck.ends.items()},
         "subcircuits": list(deck.subcircuits),
         "temperature": deck.temperature,
         "options": dict(deck.options),

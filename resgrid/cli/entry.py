@@ -15,19 +15,32 @@ from difflib import get_close_matches
 from typing import Any
 
 import click
+from click.shell_completion import CompletionItem
 
 from resgrid.cli.failures import INTERRUPTED, LEFT, TERMINATED, UNEXPECTED, Failure, failure_of
 from resgrid.cli.report import is_computing
 
-VERBS = ("run", "compile", "solve", "path", "plot", "check", "chip", "control", "convert", "info", "completion")
-"""Every verb is the ``command`` of the module of its name."""
+VERBS = {
+    "run": "Do it all: paths, pictures, and decks checked in SPICE.",
+    "compile": "Write a scene's chip as a SPICE deck.",
+    "solve": "Solve a scene's resistor grid, or any resistive deck.",
+    "path": "Follow the current from starts to a goal.",
+    "plot": "Draw a scene, its potential, currents, paths or circuit.",
+    "check": "Check rules, and ask the circuit simulator whether it agrees.",
+    "chip": "Ask whether a real chip is good enough; a report with decks.",
+    "control": "Move the robot by its field, feel obstacles, learn them.",
+    "convert": "Turn a scene, map or deck into a deck, an edge list or a graph.",
+    "info": "Describe a scene, the scene format, or the installation.",
+    "completion": "Print the script that lets a shell complete.",
+}
+"""Every verb, in the order of the work, and what it is for; it is the ``command`` of the module of its name."""
 
 
 class Verbs(click.Group):
     """The verbs, each imported only when it is asked for."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002
-        """Names of the verbs, in the order of the work."""
+        """Names of the verbs."""
         return list(VERBS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:  # noqa: ARG002
@@ -36,6 +49,16 @@ class Verbs(click.Group):
             return None
         command: click.Command = importlib.import_module(f"resgrid.cli.{cmd_name}").command
         return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        """Write what the verbs are for."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(VERBS.items()))
+
+    def shell_complete(self, ctx: click.Context, incomplete: str) -> list[CompletionItem]:
+        """Verbs and options that begin so."""
+        verbs = [CompletionItem(name, help=about) for name, about in VERBS.items() if name.startswith(incomplete)]
+        return verbs + click.Command.shell_complete(self, ctx, incomplete)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]

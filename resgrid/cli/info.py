@@ -16,14 +16,13 @@ from resgrid.errors import CircuitError, InputError, ToolMissingError
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from resgrid.spice.parsed import ParsedDeck
+    from resgrid.spice.circuit import Circuit
 
 PACKAGES = ("numpy", "scipy", "numba", "networkx", "shapely", "matplotlib", "pydantic", "click", "rich")
 
 
 @verb(
     "info",
-    short="Describe a scene, the scene format, or the installation.",
     examples=("resgrid info map.yaml", "resgrid info theirs.sp --json", "resgrid info --schema"),
 )
 @with_source("[SCENE|DECK]", required=False)
@@ -106,14 +105,12 @@ def _cost(job: Job) -> dict[str, Any]:
     return {"nodes": netlist.node_count, "resistors": len(netlist.conductance), "memory_bytes": memory}
 
 
-def describe_deck(deck: ParsedDeck) -> dict[str, Any]:
+def describe_deck(deck: Circuit) -> dict[str, Any]:
     """What there is in a deck, as ``--json`` gives it."""
     import numpy as np
 
     from resgrid.spice.run.forecast import forecast
-    from resgrid.spice.subject import subject_of
 
-    part = subject_of(deck).part
     ohms = deck.resistance[deck.resistance > 0]
     run = forecast(deck)
     return {
@@ -122,7 +119,7 @@ def describe_deck(deck: ParsedDeck) -> dict[str, Any]:
         "largest_resistance": float(ohms.max()) if ohms.size else None,
         "shorts": int((deck.resistance == 0).sum() + (deck.source_volts == 0).sum()),
         "supply_volts": np.unique(deck.source_volts[deck.source_volts != 0])[:100].tolist(),
-        "floating_nodes": int((part != part[0]).sum()),
+        "floating_nodes": int((deck.part != deck.part[0]).sum()),
         "ngspice_seconds": run.seconds,
         "ngspice_memory_bytes": run.memory,
     }

@@ -164,7 +164,7 @@ class Source:
     root: str | None = None
 
 
-def verb(name: str, *, examples: Sequence[str], short: str) -> Decorator:
+def verb(name: str, *, examples: Sequence[str]) -> Decorator:
     """Make a command of a function, with the options that say how results are reported."""
 
     def decorate(function: Callable[..., Any]) -> click.Command:
@@ -178,9 +178,7 @@ def verb(name: str, *, examples: Sequence[str], short: str) -> Decorator:
             require_one_output(values.get("output"))
             return function(**values)
 
-        made: click.Command = click.command(name, cls=Verb, examples=examples, short_help=short)(
-            _decorated(reporting, _REPORT_OPTIONS)
-        )
+        made: click.Command = click.command(name, cls=Verb, examples=examples)(_decorated(reporting, _REPORT_OPTIONS))
         return made
 
     return decorate

@@ -56,18 +56,18 @@ class Motion:
                 text = ",".join(f"{limit:g}" for limit in limits)
                 raise InputError(f"{option} {text}: a limit is positive and finite")
 
-    def applied(self, route: Route, space: ConfigurationSpace) -> Route:
+    def applied(self, route: Route) -> Route:
         """A route shortened and timed, as far as it is asked for."""
         from resgrid.planning.shortcut import shorten
         from resgrid.planning.timing import time_path
 
         if self.shorten and route.reached:
-            short = shorten(route.streamline, route.field, clearance=self.clearance)
+            short = shorten(route.streamline, clearance=self.clearance)
             route = dataclasses.replace(route, short=short)
         if self.speed:
             timed = time_path(
-                route.short or route.streamline, space, velocity_limits=_one_or_each(self.speed),
-                acceleration_limits=_one_or_each(self.acceleration) if self.acceleration else None, robot=space.robot,
+                route.short or route.streamline, velocity_limits=_one_or_each(self.speed),
+                acceleration_limits=_one_or_each(self.acceleration) if self.acceleration else None,
             )  # fmt: skip
             route = dataclasses.replace(route, motion=timed if self.rate is None else timed.resampled(self.rate))
         return route
@@ -75,7 +75,6 @@ class Motion:
 
 @verb(
     "path",
-    short="Follow the current from starts to a goal.",
     examples=(
         "resgrid path map.yaml --goal 5,0 --start=-5,-4 -o path.yaml",
         "resgrid path rooms.toml --k 0,0.9,1 --shorten --speed 1 --acceleration 2 -o paths.csv",
@@ -124,11 +123,11 @@ def command(
     if output is not None:
         check_routes_file(output, job.space, timed=bool(speed))
     plan = plan_routes(job)
-    routes = [motion.applied(route, job.space) for route in plan.routes]
+    routes = [motion.applied(route) for route in plan.routes]
     if output is not None:
-        write_routes(output, routes, job.space)
+        write_routes(routes, output)
     data = {"scene": job.scene.title, "paths": [route_record(route) for route in routes], **unheeded}
-    finish(data, (route_line(route, job.space) for route in routes), written=output)
+    finish(data, (route_line(route) for route in routes), written=output)
     return 0 if plan.complete else NEGATIVE
 
 

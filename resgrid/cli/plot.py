@@ -28,7 +28,6 @@ CIRCUIT_CELLS = 8
 
 @verb(
     "plot",
-    short="Draw a scene, its potential, currents, paths or circuit.",
     examples=("resgrid plot map.yaml --what space -o map.png", "resgrid plot rooms.toml --k 0.9 -o page.pdf"),
 )
 @with_source()
@@ -89,6 +88,7 @@ def _draw(what: str, job: Job, plan: Plan, field: Field | None) -> Any:
     """One of `PICTURES`, as an ax or a figure."""
     from resgrid import plot
 
+    lines = [route.streamline for route in plan.routes]
     picture: Any
     match what:
         case "space":
@@ -96,19 +96,21 @@ def _draw(what: str, job: Job, plan: Plan, field: Field | None) -> Any:
         case "potential" | "currents":
             picture = plot.draw(field, quantity=what)
         case "paths":
-            lines, shares = [route.streamline for route in plan.routes], [route.field.k for route in plan.routes]
-            picture = plot.draw(lines, plot.draw(job.space), space=job.space, k=shares)
+            picture = plot.draw(lines, plot.draw(job.space), space=job.space, k=[line.field.k for line in lines])
         case "circuit":
             picture = plot.draw(next(iter(plan.operating_points.values())))
         case "robot":
             picture = _draw_robot(job, plan)
         case "slices":
             assert field is not None
-            lines = [route.streamline for route in plan.routes if route.field.is_flowing]
-            picture = plot.draw_slices(field, paths=lines)
+            picture = plot.draw_slices(field, paths=[line for line in lines if line.field.is_flowing])
         case _:
             assert field is not None
-            lines = [route.streamline for route in plan.routes if not route.field.is_flowing or route.field is field]
+            lines = [
+                route.streamline
+                for route in plan.routes
+                if not route.streamline.field.is_flowing or route.streamline.field is field
+            ]
             picture = plot.draw_page(field, lines, title=_title(job, plan, field))
     return picture
 

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
 
 @verb(
     "run",
-    short="Do it all: paths, pictures, and decks checked in SPICE.",
     examples=(
         "resgrid run rooms.toml",
         "resgrid run map.yaml --goal 5,0 --start=-5,-4 --robot-radius 0.3 --k 0.9 -o out/mine",
@@ -80,8 +79,8 @@ def _write_all(
     with stage("draw the pictures"):
         files |= draw_all(made, job, plan)
     if plan.routes:
-        write_routes(made / "paths.csv", plan.routes, job.space)
-        write_routes(made / "paths.json", plan.routes, job.space)
+        write_routes(plan.routes, made / "paths.csv")
+        write_routes(plan.routes, made / "paths.json")
         files |= {"paths.csv": "points of the paths, world coordinates", "paths.json": "the paths with all figures"}
     for name, op in circuits.items():
         deck = write_deck(made / f"{name}.cir", job, name, op, dialect)
@@ -129,7 +128,7 @@ def _lines(job: Job, plan: Plan, folder: Path, files: Mapping[str, str], checks:
     if not plan.routes:
         yield "  none: the scene has no start; add one with --start X,Y"
     for route in plan.routes:
-        yield f"  {route_line(route, space)}"
+        yield f"  {route_line(route)}"
     yield "decks"
     for name, check in checks.items():
         lines = [check] if isinstance(check, str) else agreement_lines(check)

@@ -16,7 +16,6 @@ from resgrid.cli.scenes import open_job, say_unheeded, size_of, solution_summary
 
 @verb(
     "solve",
-    short="Solve a scene's resistor grid, or any resistive deck.",
     examples=("resgrid solve rooms.toml -o field.npz", "resgrid solve power_grid.sp --worst 20 -o voltages.csv"),
 )
 @with_source("SCENE|DECK")

@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.control.learning import solve_again
 from resgrid.control.log import Ending, Mode, Run
 from resgrid.control.relaxation import TICK, Relaxation, RelaxingGrid
-from resgrid.control.simulation import Simulation
+from resgrid.control.simulation import Simulation, announce_hidden
 from resgrid.errors import InputError
 from resgrid.space import ConfigurationSpace
 
@@ -26,21 +25,12 @@ _STEPS = 200
 class RelaxationSweep:
     """Runs of one robot on grids that settle at different paces.
 
-    Attributes
-    ----------
-    relaxation : Relaxation
-        What the runs share; its pace is not used.
-    settle : float
-        Sweeps, or units ``R C``, that the grid takes to settle to `BITS` bits after the change.
-    pace : ndarray of float64, shape (n,)
-        Sweeps, or units ``R C``, while the robot crosses a cell; ascending.
-    ratio : ndarray of float64, shape (n,)
-        Speed of the robot against that of settling: cells that it crosses while the grid settles, ``settle / pace``.
-    ending : tuple of Ending
-    time, waited : ndarray of float64, shape (n,)
-        How long each run took, and how long the robot stood waiting, in cells that it could have crossed.
-    instant : float
-        How long a run takes on a grid that has settled before it begins, in cells.
+    `relaxation`: what the runs share; its pace is not used; `settle`: sweeps, or units ``R C``, that the grid takes
+    to settle to `BITS` bits after the change; `pace` (n,): sweeps, or units ``R C``, while the robot crosses a cell;
+    ascending; `ratio` (n,): speed of the robot against that of settling: cells that it crosses while the grid
+    settles, ``settle / pace``; `time, waited` (n,): how long each run took, and how long the robot stood waiting, in
+    cells that it could have crossed; `instant`: how long a run takes on a grid that has settled before it begins, in
+    cells.
     """
 
     relaxation: Relaxation
@@ -73,32 +63,6 @@ class RelaxationSweep:
         limit = self.failing_ratio
         below = self.ratio[self.arrived & (self.ratio < (np.inf if limit is None else limit))]
         return float(below.max()) if len(below) else None
-
-
-def announce_hidden(sim: Simulation, relaxation: Relaxation) -> Simulation:
-    """The same world, but at time 0 somebody puts the hidden obstacles on the map, and the grid begins to settle.
-
-    Parameters
-    ----------
-    sim : Simulation
-    relaxation : Relaxation
-
-    Returns
-    -------
-    Simulation
-        It learns nothing, for there is nothing left to learn.
-
-    Raises
-    ------
-    InputError
-        If the hidden obstacles leave no goal.
-    """
-    truth = sim.plant.true_space(sim.space)
-    if not truth.goal_count:
-        raise InputError("the hidden obstacles cover every goal cell: move a goal, or an obstacle")
-    field = sim.controller.field
-    controller = sim.controller.with_field(solve_again(field, truth))
-    return replace(sim, controller=controller, learn=False, relaxation=relaxation, before=field)
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,31 +190,7 @@ def relaxation_sweep(
     max_steps: int = 20_000,
     progress: Callable[[int, int], object] | None = None,
 ) -> RelaxationSweep:
-    """Let a robot go while its grid settles, at several ratios of both speeds.
-
-    Parameters
-    ----------
-    sim : Simulation
-        With hidden obstacles, which are put on the map at time 0 (`announced`).
-    start : array_like of float, shape (ndim,)
-    relaxation : Relaxation
-        Its pace is not used.
-    ratios : sequence of float
-        Cells that the robot crosses while the grid settles (`settling_time`).
-    max_steps : int
-        Of every run.
-    progress : callable, optional
-        Told how many runs are done, and of how many.
-
-    Returns
-    -------
-    RelaxationSweep
-
-    Raises
-    ------
-    InputError
-        If a ratio is not finite and above 0, or the start is impossible.
-    """
+    """Let a robot go while its grid settles, at several ratios of both speeds.  Shapes: `start` (ndim,)."""
     wanted = np.sort(np.asarray(ratios, dtype=np.float64))[::-1]
     if wanted.ndim != 1 or not len(wanted) or not (np.isfinite(wanted).all() and wanted[-1] > 0):
         raise InputError("ratios must be finite numbers above 0, at least one")

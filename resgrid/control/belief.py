@@ -6,9 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.control.controller import Controller
-from resgrid.control.learning import solve_again
 from resgrid.control.plant import Plant
 from resgrid.control.relaxation import RelaxingGrid
+from resgrid.planning.fields import Field
+from resgrid.planning.road import solve_field
 from resgrid.space import Cell, ConfigurationSpace
 
 Vector = NDArray[np.float64]
@@ -73,3 +74,12 @@ class LiveMap:
             return
         self.grid.change(self.space)
         self.controller = self.controller.with_field(self.grid.field)
+
+
+def solve_again(field: Field, space: ConfigurationSpace) -> Field:
+    """The field of a changed space, wired and blended as another was.
+
+    In a map without any obstacle, or edge that counts as one, the Dirichlet part of a blend is flat; what flows is the
+    share ``1 - k`` of the Neumann part.
+    """
+    return solve_field(space, field.wiring, field.k if field.boundary == "blend" else None)

@@ -5,13 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from numbers import Real
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.control.equipotential import following_velocity
+from resgrid.arguments import check_number
 from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.planning.fields import Field
@@ -23,6 +22,9 @@ if TYPE_CHECKING:
     from resgrid.frame import Frame
 
 RESPONSES = ("admittance", "equipotential")
+
+ALONG = 1e-3
+"""Sine of the angle between force and streamline below which the force cannot be overcome: a jam."""
 
 RECOVERY = 2.0
 """How far from a cell with a path a configuration may be and still be led back, in cells."""
@@ -76,13 +78,13 @@ class Controller:
 
     def __post_init__(self) -> None:
         ndim = self.field.space.ndim
-        object.__setattr__(self, "speed", checked_speed(self.speed))
-        object.__setattr__(self, "admittance", checked_admittance(self.admittance, ndim))
+        check_number("speed", self.speed, "the nominal speed: finite and above 0", above=0.0)
+        object.__setattr__(self, "speed", float(self.speed))
+        object.__setattr__(self, "admittance", _checked_admittance(self.admittance, ndim))
         object.__setattr__(self, "speed_limits", _checked_limits(self.speed_limits, ndim))
         if self.response not in RESPONSES:
             raise InputError(f"response = {self.response!r} is unknown; it may be one of {', '.join(RESPONSES)}")
-        if not 0 <= self.threshold < np.inf:
-            raise InputError(f"threshold = {self.threshold}, but a threshold is finite and not negative")
+        check_number("threshold", self.threshold, "finite and not negative", least=0.0)
 
     def command(self, configuration: ArrayLike, force: ArrayLike | None = None) -> NDArray[np.float64]:
         """Velocity to command now: all that a robot's own control loop needs to call.
@@ -108,45 +110,27 @@ class Controller:
         """
         velocity = self.axis_nominal(self._along_axes(configuration)).velocity
         if force is not None:
-            tau = self._checked_force(force)
-            velocity = self.answer(velocity, self._frame.turned_from_world(tau) if self._is_turned else tau)
-        velocity = self.limited(velocity)
-        return self._frame.turned_to_world(velocity) if self._is_turned else velocity
+            along = self._frame.turned_from_world(self._checked_force(force))
+            if self.response == "equipotential" and math.hypot(*along) > self.threshold:
+                velocity = following_velocity(velocity, along)
+            else:
+                velocity = self.admitting(velocity, along)
+        return self._frame.turned_to_world(self.limited(velocity))
 
-    def answer(self, nominal: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What becomes of the nominal velocity under a force, both along the axes, before speed limits; shape (n,)."""
-        if self.response == "equipotential" and math.hypot(*force) > self.threshold:
-            return following_velocity(nominal, force)
-        return self.given_way(nominal, force)
-
-    def given_way(self, nominal: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
-        """``V0 + A F``, along the axes; where that is beyond doubles, something as large as they go that way."""
+    def admitting(self, nominal: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
+        """``V0 + A F``, along the axes; where that is beyond doubles, something as large as they go."""
         admittance = self.axis_admittance
         with np.errstate(over="ignore", invalid="ignore"):
-            answer = nominal + admittance @ force
-        if np.isfinite(answer).all():
-            return np.asarray(answer)
+            velocity = nominal + admittance @ force
+        if np.isfinite(velocity).all():
+            return np.asarray(velocity)
         push = (admittance / np.abs(admittance).max()) @ (force / np.abs(force).max())
         return np.asarray(push * (np.finfo(np.float64).max / len(push)))
 
     def nominal(self, configuration: ArrayLike) -> Nominal:
-        """Nominal velocity ``V0``, and how long a straight step with it may last.
+        """Nominal velocity ``V0`` at a configuration of the world, shape (n,), and how long a straight step may last.
 
-        Inside a cell the velocity is Pollock's: continuous, and decided by currents.
-
-        Parameters
-        ----------
-        configuration : array_like of float, shape (n,)
-            World coordinates.
-
-        Returns
-        -------
-        Nominal
-
-        Raises
-        ------
-        InputError
-            As `command`.
+        Inside a cell the velocity is Pollock's: continuous, and decided by currents. Errors as in `command`.
         """
         own = self.axis_nominal(self._along_axes(configuration))
         return own._replace(velocity=self._frame.turned_to_world(own.velocity))
@@ -169,7 +153,11 @@ class Controller:
         if status == 0:
             return Nominal("free", velocity * self.speed, length / self.speed)
         if status >= len(_PLACES):
-            self._refuse(point)
+            if not np.isfinite(point).all():
+                raise InputError(
+                    f"the configuration {point.tolist()} is not finite: stop the robot, check its encoders"
+                )
+            self.field.space.split(point)
         return Nominal(_PLACES[status], velocity, np.inf)
 
     def limited(self, velocity: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -177,10 +165,9 @@ class Controller:
         size = float(np.abs(velocity).max())
         if size == 0.0:
             return velocity
-        way = velocity / size
-        seen = self._frame.turned_to_world(way) if self._is_turned else way
-        excess = float((np.abs(seen) / self.speed_limits).max())
-        return way / excess if size * excess > 1.0 else velocity
+        direction = velocity / size
+        excess = float((np.abs(self._frame.turned_to_world(direction)) / self.speed_limits).max())
+        return direction / excess if size * excess > 1.0 else velocity
 
     def with_field(self, field: Field) -> Controller:
         """The same controller on another field of the same axes."""
@@ -189,21 +176,15 @@ class Controller:
     @cached_property
     def axis_admittance(self) -> NDArray[np.float64]:
         """The admittance along the axes, shape (n, n)."""
-        if not self._is_turned:
-            return self.admittance
         # Rows and columns are vectors: both are turned.
         return self._frame.turned_from_world(self._frame.turned_from_world(self.admittance).T).T
-
-    @cached_property
-    def _is_turned(self) -> bool:
-        return not self._frame.is_world
 
     @property
     def _frame(self) -> Frame:
         return self.field.space.frame
 
     def _along_axes(self, configuration: ArrayLike) -> ArrayLike:
-        return self.field.space.from_world(configuration) if self._is_turned else configuration
+        return configuration if self._frame.is_world else self.field.space.from_world(configuration)
 
     @cached_property
     def _tables(self) -> tuple[Any, ...]:
@@ -254,13 +235,8 @@ class Controller:
                 f"the configuration {space.to_world(point).tolist()} lies in {what}, {tuple(cell.tolist())}, and no "
                 f"cell with a path is within {RECOVERY:g} cells: stop the robot, and bring it back the way it came"
             )
-        way = (index[(slice(None), *at)] - shift + 0.5 - cell - local) * space.spacing
-        return np.asarray(way * (self.speed / np.linalg.norm(way)))
-
-    def _refuse(self, point: NDArray[np.float64]) -> None:
-        if not np.isfinite(point).all():
-            raise InputError(f"the configuration {point.tolist()} is not finite: stop the robot, check its encoders")
-        self.field.space.split(point)
+        offset = (index[(slice(None), *at)] - shift + 0.5 - cell - local) * space.spacing
+        return np.asarray(offset * (self.speed / np.linalg.norm(offset)))
 
     def _checked_force(self, force: ArrayLike) -> NDArray[np.float64]:
         try:
@@ -293,8 +269,9 @@ def make_controller(
     field : Field
     speed : float, optional
         Per second; by default a twentieth of the longest axis each second.
-    admittance : array_like of float, shape (n, n), (n,) or (), optional
-        A matrix, its diagonal, or one number for all axes; by default a unit force changes the velocity by the speed.
+    admittance : array_like of float, shape (n, n), (n * n,), (n,) or (), optional
+        A matrix, row by row if it is flat, its diagonal, or one number for all axes; by default a unit force changes
+        the velocity by the speed.
     speed_limits : array_like of float, shape (n,) or (), optional
         Of each coordinate of the world, per second; by default five times the speed.
     response : {"admittance", "equipotential"}
@@ -310,28 +287,27 @@ def make_controller(
         If a value is impossible; an admittance that is not symmetric positive definite.
     """
     space = field.space
-    pace = checked_speed(float((space.upper - space.lower).max()) / 20 if speed is None else speed)
-    give: Any = pace if admittance is None else admittance
+    pace = float((space.upper - space.lower).max()) / 20 if speed is None else speed
+    check_number("speed", pace, "the nominal speed: finite and above 0", above=0.0)
+    fastest = min(5.0 * float(pace), float(np.finfo(np.float64).max))
     try:
-        matrix = np.asarray(give, dtype=np.float64)
-        limits = np.asarray(
-            min(5 * pace, np.finfo(np.float64).max) if speed_limits is None else speed_limits, dtype=np.float64
-        )
+        matrix = np.asarray(pace if admittance is None else admittance, dtype=np.float64)
+        limits = np.asarray(fastest if speed_limits is None else speed_limits, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError("speed, admittance and speed_limits must be numbers") from None
-    matrix = matrix * np.eye(space.ndim) if matrix.ndim == 0 else np.diag(matrix) if matrix.ndim == 1 else matrix
-    limits = np.full(space.ndim, float(limits)) if limits.ndim == 0 else limits
+    ndim = space.ndim
+    if matrix.size == 1:
+        matrix = matrix.ravel()[0] * np.eye(ndim)
+    elif matrix.ndim == 1:
+        if len(matrix) not in (ndim, ndim**2):
+            numbers = f"give 1 number, {ndim}, or {ndim**2} for a matrix row by row"
+            raise InputError(f"admittance = {matrix.tolist()}: {numbers}")
+        matrix = np.diag(matrix) if len(matrix) == ndim else matrix.reshape(ndim, ndim)
+    limits = np.full(ndim, limits.ravel()[0]) if limits.size == 1 else limits
     return Controller(field, matrix, pace, limits, response)
 
 
-def checked_speed(speed: float) -> float:
-    """The nominal speed, if it is finite and above 0."""
-    if isinstance(speed, bool) or not isinstance(speed, Real) or not 0 < speed < np.inf:
-        raise InputError(f"speed = {speed}, but the nominal speed is a number, finite and above 0")
-    return float(speed)
-
-
-def checked_admittance(admittance: ArrayLike, ndim: int) -> NDArray[np.float64]:
+def _checked_admittance(admittance: ArrayLike, ndim: int) -> NDArray[np.float64]:
     """The admittance matrix, read-only, if it is symmetric positive definite.
 
     Shapes: `admittance` (ndim, ndim); returns (ndim, ndim).
@@ -360,3 +336,66 @@ def _checked_limits(limits: ArrayLike, ndim: int) -> NDArray[np.float64]:
         raise InputError(f"speed_limits needs {ndim} speeds above 0, one per axis, got {values.tolist()}")
     values.flags.writeable = False
     return values
+
+
+def equipotential_velocity(streamline_velocity: ArrayLike, force: ArrayLike, *, c: float = 1.0) -> NDArray[np.float64]:
+    """Velocity along the equipotential surface, to the side that a force points to.
+
+    Equation (1) of Connolly & Grupen (1992), ``v_phi = c (v_psi x (f x v_psi))``, which in any number of dimensions is
+    ``c |v|^2 (I - v v^T / |v|^2) f``.  So ``v_phi . v_psi = 0`` and ``v_phi . f >= 0``, and it vanishes where the force
+    lies along the streamline: that jam this rule cannot overcome.
+
+    Parameters
+    ----------
+    streamline_velocity : array_like of float, shape (n,)
+        ``v_psi``, along the streamline, in axis units per second.
+    force : array_like of float, shape (n,)
+        Generalised force ``f`` on the robot.
+    c : float
+        Gain, not negative.
+
+    Returns
+    -------
+    ndarray of float64, shape (n,)
+        In axis units per second.
+
+    Raises
+    ------
+    InputError
+        If a value is not finite, the shapes differ, the gain is negative, or the result is beyond doubles.
+    """
+    v, f = np.asarray(streamline_velocity, dtype=np.float64), np.asarray(force, dtype=np.float64)
+    if v.ndim != 1 or v.shape != f.shape:
+        raise InputError(f"velocity and force need one entry per axis each, got shapes {v.shape} and {f.shape}")
+    if not (np.isfinite(v).all() and np.isfinite(f).all()):
+        raise InputError(f"velocity {v.tolist()} and force {f.tolist()} must be finite")
+    if not 0 <= c < np.inf:
+        raise InputError(f"c = {c}, but a gain is finite and not negative")
+    with np.errstate(over="ignore", invalid="ignore"):
+        velocity = c * _across(v, f)
+    if not np.isfinite(velocity).all():
+        raise InputError(
+            f"velocity {v.tolist()} and force {f.tolist()} give a velocity beyond doubles: scale them, or c"
+        )
+    return velocity
+
+
+def _across(v: NDArray[np.float64], f: NDArray[np.float64]) -> NDArray[np.float64]:
+    """``|v|^2 f - v (v . f)``, from the antisymmetric ``f v^T - v f^T``, which is exactly 0 along the streamline."""
+    turn = np.outer(f, v) - np.outer(v, f)
+    return np.asarray(turn @ v)
+
+
+def following_velocity(streamline_velocity: NDArray[np.float64], force: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The same with the gain ``c = 1 / (|v| |f|)``: the streamline's speed times the sine of the angle between both.
+
+    Shapes: `streamline_velocity, force` (n,); returns (n,).
+    """
+    speed, size = math.hypot(*streamline_velocity), math.hypot(*force)
+    if speed == 0.0 or size == 0.0:
+        return np.zeros_like(streamline_velocity)
+    if math.isinf(size):
+        return following_velocity(streamline_velocity, force / len(force))
+    v, f = streamline_velocity / speed, force / size
+    across = _across(v, f)
+    return np.asarray(speed * across) if np.linalg.norm(across) > ALONG else np.zeros_like(v)

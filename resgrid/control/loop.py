@@ -8,10 +8,9 @@ from numpy.typing import NDArray
 from resgrid.control.belief import LiveMap, Sensor
 from resgrid.control.contact import KEEP, Body, Contacts, Surroundings
 from resgrid.control.controller import Nominal
-from resgrid.control.learning import INSIDE, proven_cells
 from resgrid.control.log import End, Ending, Lesson, Mode, Recorder
 from resgrid.control.modes import LONGEST, Navigator, Patience, goal_offset
-from resgrid.control.plant import Plant
+from resgrid.control.plant import INSIDE, Plant
 from resgrid.control.pushes import Force
 from resgrid.space import Cell
 
@@ -77,7 +76,7 @@ class Loop:
         pace = self._pace(seen.velocity if seen.velocity.any() else chosen.velocity)
         pause, velocity = body.step / pace, chosen.velocity
         if pushed:
-            velocity = controller.given_way(velocity, push)
+            velocity = controller.admitting(velocity, push)
             mode, longest = Mode.PUSHED if mode is Mode.STREAMLINE else mode, pause
         around = body.look()
         # The way back has been taken before: nothing is in it, however near it leads past things.
@@ -179,7 +178,7 @@ class Loop:
             return None
         proven = np.zeros(self.live.space.shape, dtype=np.bool_)
         for point in points:
-            proven |= proven_cells(self.plant.robot, self.live.space.axes, point, self.plant.itself)
+            proven |= self.plant.proven_cells(point)
         new = proven & (self.live.space.cell != Cell.OBSTACLE)
         if new.any():
             return new, points

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.control.belief import LiveMap, Sensor
-from resgrid.control.controller import RECOVERY, Nominal
-from resgrid.control.equipotential import following_velocity
+from resgrid.control.controller import RECOVERY, Nominal, following_velocity
 from resgrid.control.log import End, Ending, Mode
 from resgrid.errors import InputError
 from resgrid.space import Cell, ConfigurationSpace

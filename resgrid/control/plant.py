@@ -18,6 +18,9 @@ from resgrid.scene.scene import Scene
 from resgrid.scene.world import along_axes
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
+INSIDE = 1e-6
+"""How far behind a touched surface the obstacle is taken to reach at least, in cells (of motion)."""
+
 _ROOM = 64
 _SPLIT = 4
 _LEVELS = 10
@@ -28,18 +31,9 @@ _INNER = np.linspace(0.0, 1.0, 17)
 class Plant:
     """A robot and the obstacles that are truly there.
 
-    Attributes
-    ----------
-    robot : Robot
-        Of the plane: point, disc, polygon or arm.
-    axes : tuple of Axis
-        Of its configuration space; the ends of an axis that is not periodic are mechanical stops.
-    obstacles : tuple of Shape
-        All obstacles, those of the map first, along the axes.
-    known : int
-        How many of them the map shows.
-    frame : Frame
-        Where the axes lie in the world.
+    `robot`: of the plane: point, disc, polygon or arm; `axes`: of its configuration space; the ends of an axis that
+    is not periodic are mechanical stops; `obstacles`: all obstacles, those of the map first, along the axes; `known`:
+    how many of them the map shows; `frame`: where the axes lie in the world.
     """
 
     robot: Robot
@@ -67,19 +61,10 @@ class Plant:
         return float(self.robot.travel(np.zeros_like(spacing), spacing)[0])
 
     def near(self, pose: Pose, reach: float, facing: bool = True) -> NDArray[np.float64]:
-        """Pairs of near points of the robot and the obstacles; see `resgrid.control.contact_kernels.near_points`.
+        """Pairs of near points of the robot and the obstacles within a reach, in metres, shape (n, 11).
 
-        Parameters
-        ----------
-        pose : Pose
-        reach : float
-            In metres.
-        facing : bool
-            Leave out pairs that have no part in a contact: through a solid, or across a corner from an edge's end.
-
-        Returns
-        -------
-        ndarray of float64, shape (n, 11)
+        See `resgrid.control.contact_kernels.near_points`; `facing` leaves out pairs that have no part in a contact:
+        through a solid, or across a corner from an edge's end.
         """
         from resgrid.control import contact_kernels
 
@@ -102,17 +87,7 @@ class Plant:
         return np.minimum(np.maximum(configurations, self.stops[0]), self.stops[1])
 
     def true_space(self, space: ConfigurationSpace) -> ConfigurationSpace:
-        """The map as it would be if hidden obstacles were known, by the conservative rule.
-
-        Parameters
-        ----------
-        space : ConfigurationSpace
-            The map; its goal cells stay goals where nothing hidden blocks them.
-
-        Returns
-        -------
-        ConfigurationSpace
-        """
+        """The map as it would be if hidden obstacles were known, by the conservative rule."""
         hidden = self.robot.occupancy(self.axes, self.obstacles[self.known :], "conservative")
         cell = np.where(hidden, np.uint8(Cell.OBSTACLE), space.cell)
         return space.with_cells(cell)
@@ -121,6 +96,18 @@ class Plant:
     def itself(self) -> NDArray[np.bool_]:
         """Cells that the robot blocks without any obstacle: collisions with itself, virtual obstacles."""
         return self.robot.occupancy(self.axes, [], "conservative")
+
+    def proven_cells(self, point: ArrayLike) -> NDArray[np.bool_]:
+        """Cells that the conservative rule blocks for one point of the workspace, shape (2,).
+
+        Among them are all cells that hold a configuration in which the robot meets the point; of an arm or a turning
+        polygon also some whose nearest configuration passes it at a fraction of a cell's motion: the rule is a bound.
+        If the point belongs to an obstacle, each of them is an obstacle cell by that rule, which blocks every cell for
+        a set of points that it blocks for one of them.  Nothing else is claimed about the obstacle: this is all that a
+        contact proves (Connolly & Grupen 1992, section 7, figure 19).
+        """
+        place = tuple(np.asarray(point, dtype=np.float64).tolist())
+        return self.robot.occupancy(self.axes, [Ball(place, 0.0)], "conservative") & ~self.itself
 
     def only(self, number: int) -> Plant:
         """The same robot with one of the obstacles."""
@@ -142,16 +129,7 @@ class Plant:
     def penetration(self, configurations: ArrayLike) -> NDArray[np.float64]:
         """How deep the robot is in an obstacle, by shapely and apart from the geometry that moves it.
 
-        Parameters
-        ----------
-        configurations : array_like of float, shape (n, ndim) or (ndim,)
-            World coordinates.
-
-        Returns
-        -------
-        ndarray of float64, shape (n,)
-            In metres: what radii overlap, and how far a core (a link's axis, a polygon, a point) is behind the border
-            of the obstacle; 0 where nothing is entered by more than `resgrid.robots.geometry.TOUCH`.
+        Shapes: `configurations` (n, ndim); returns (n,).
         """
         return self.axis_penetration(np.atleast_2d(self.frame.from_world(configurations)))
 
@@ -189,21 +167,7 @@ def make_plant(
     *,
     frame: Frame | None = None,
 ) -> Plant:
-    """A plant from its parts.
-
-    Parameters
-    ----------
-    robot : Robot
-    axes : sequence of Axis
-    known, hidden : sequence of Shape
-        Obstacles in the world (the cells of a map along the axes): those of the map, and those it does not show.
-    frame : Frame, optional
-        Where the axes lie in the world.
-
-    Returns
-    -------
-    Plant
-    """
+    """A plant from its parts."""
     place = Frame() if frame is None else frame
     return Plant(robot, tuple(axes), along_axes((*known, *hidden), place), len(known), place)
 

@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.arguments import check_number, check_whole
 from resgrid.doors import checked
 from resgrid.errors import InputError
+from resgrid.scene.control import Control
+from resgrid.space import ConfigurationSpace
 
 Force = Callable[[float, NDArray[np.float64]], ArrayLike]
 """Generalised force at a time, in seconds, and a configuration; of a point or a disc both in the world."""
@@ -68,16 +70,28 @@ def random_pushes(seed: int, ndim: int, *, until: float, size: float, duration: 
     check_number("until", until, "a finite time, at least 0", least=0.0)
     rng = np.random.default_rng(seed)
     starts = np.sort(rng.uniform(0.0, abs(until), count))
-    way = rng.normal(size=(count, ndim))
-    way *= size / np.linalg.norm(way, axis=1, keepdims=True)
-    return [Push(float(start), duration, force) for start, force in zip(starts, way, strict=True)]
+    forces = rng.normal(size=(count, ndim))
+    forces *= size / np.linalg.norm(forces, axis=1, keepdims=True)
+    return [Push(float(start), duration, force) for start, force in zip(starts, forces, strict=True)]
 
 
-def force_of(pushes: Sequence[Push] | Force | None, ndim: int) -> Force:
-    """One function of time and configuration for what may be a list of pushes, a function, or nothing."""
-    if pushes is None:
-        none = np.zeros(ndim)
-        return lambda _time, _configuration: none
+def control_pushes(control: Control, seed: int, space: ConfigurationSpace, speed: float) -> list[Push]:
+    """The pushes of a ``[control]`` table; random ones over the time that a robot needs along the longest axis."""
+    pushes = []
+    for start, duration, *force in control.push:
+        if len(force) != space.ndim:
+            push = [start, duration, *force]
+            raise InputError(f"control.push: {push}: give a time, a duration and a force of {space.ndim} entries")
+        pushes.append(Push(start, duration, np.array(force)))
+    until = float((space.upper - space.lower).max()) / speed
+    if control.pushes and control.push_size:
+        count, size = control.pushes, control.push_size
+        pushes += random_pushes(seed, space.ndim, until=until, size=size, duration=until / 20, count=count)
+    return pushes
+
+
+def force_of(pushes: Sequence[Push] | Force, ndim: int) -> Force:
+    """One function of time and configuration for what may be a list of pushes or a function."""
     if callable(pushes):
         return lambda time, configuration: _checked(pushes(time, configuration), ndim, time)
     schedule = list(pushes)

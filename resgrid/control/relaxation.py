@@ -51,7 +51,7 @@ Vector = NDArray[np.float64]
 
 
 @checked
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True)
 class Relaxation:
     """How a grid settles, and how fast compared to the robot.
 

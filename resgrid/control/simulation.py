@@ -3,25 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_whole
-from resgrid.control.belief import LiveMap, Sensor
+from resgrid.control.belief import LiveMap, Sensor, solve_again
 from resgrid.control.contact import Body
 from resgrid.control.controller import Controller, make_controller
 from resgrid.control.log import Ending, Run
 from resgrid.control.loop import Loop
 from resgrid.control.plant import Plant, plant_of
-from resgrid.control.pushes import Force, Push, force_of
+from resgrid.control.pushes import Force, Push, control_pushes, force_of
 from resgrid.control.relaxation import Relaxation, RelaxingGrid
 from resgrid.errors import InputError
 from resgrid.planning.fields import Field
 from resgrid.planning.road import require_uniform, scene_wiring, solve_field
 from resgrid.planning.trace import one_start
 from resgrid.scene import sample
+from resgrid.scene.control import Control
 from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
 
@@ -80,10 +82,10 @@ class Simulation:
         start: ArrayLike | None = None,
         *,
         pushes: Sequence[Push] | Force | None = None,
-        bias: ArrayLike = 0.0,
-        noise: ArrayLike = 0.0,
-        seed: int = 0,
-        max_steps: int = 50_000,
+        bias: ArrayLike | None = None,
+        noise: ArrayLike | None = None,
+        seed: int | None = None,
+        max_steps: int | None = None,
     ) -> Run:
         """Let the robot go from a start until it arrives, learns that there is no path, or can go no farther.
 
@@ -95,9 +97,9 @@ class Simulation:
         contact proves a new cell, and the lesson was not the last.  (Contact begins at a small gap, so that a point
         that lies on a border between cells may prove nothing new at first: a robot that stands still is shaken loose.)
         (3) A lesson holds only cells in which the conservative rule finds an obstacle that is truly there
-        (`proven_cells`), so a start that has a path in the true world's conservative map never loses it; after a lesson
-        the robot goes back the way it came, which is free because it came that way, to the last cell that still has a
-        path.  That cell exists unless the start's own has none left.  Then it tries the cells that have one within
+        (`Plant.proven_cells`), so a start that has a path in the true world's conservative map never loses it; after a
+        lesson the robot goes back the way it came, which is free because it came that way, to the last cell that still
+        has a path. That cell exists unless the start's own has none left. Then it tries the cells that have one within
         `RECOVERY` cells of where it is, straight and one by one, and only where none can be reached is no path
         announced: the start's own cell holds an obstacle, or the cells learnt, with those of the map, separate it from
         every goal.
@@ -110,16 +112,17 @@ class Simulation:
         Parameters
         ----------
         start : array_like of float, shape (n,), optional
-            World coordinates; by default the scene's first start.
+            World coordinates; by default the scene's first start.  All else is as the scene's ``control`` says where it
+            is not given.
         pushes : sequence of Push or callable, optional
-            External generalised forces, scheduled or a function of time and configuration.
-        bias : array_like of float, shape () or (n,)
+            External generalised forces, scheduled or a function of time and configuration; ``()`` for none.
+        bias : array_like of float, shape () or (n,), optional
             What the believed configuration is off by, always, in world coordinates.
-        noise : array_like of float, shape () or (n,)
+        noise : array_like of float, shape () or (n,), optional
             And at most by how much more, anew in every step.
-        seed : int
-            Of the noise; the same seed gives the same run.
-        max_steps : int
+        seed : int, optional
+            Of all randomness; the same seed gives the same run.
+        max_steps : int, optional
 
         Returns
         -------
@@ -131,10 +134,17 @@ class Simulation:
             If the start is not a configuration of the grid, the robot is inside an obstacle there, or a push, bias,
             noise, seed or number of steps is impossible.
         """
+        control = Control() if self.scene is None else self.scene.control
+        max_steps = control.steps if max_steps is None else max_steps
+        seed = control.seed if seed is None else seed
         check_whole("max_steps", max_steps, 1)
         check_whole("seed", seed, 0)
         ndim, rng = self.space.ndim, np.random.default_rng(seed)
-        sensor = Sensor(self.plant, _offsets(bias, ndim, "bias"), _offsets(noise, ndim, "noise"), rng)
+        if pushes is None:
+            pushes = control_pushes(control, seed, self.space, self.controller.speed)
+        bias = _offsets(control.bias if bias is None else bias, ndim, "bias")
+        noise = _offsets(control.noise if noise is None else noise, ndim, "noise")
+        sensor = Sensor(self.plant, bias, noise, rng)
         push_at = force_of(pushes, ndim)
         body = Body(self.plant, self._checked_start(start), self.step, self.margin)
         live = LiveMap(self.controller, self._grid())
@@ -185,10 +195,13 @@ def simulation(
     speed: float | None = None,
     admittance: ArrayLike | None = None,
     speed_limits: ArrayLike | None = None,
-    response: str = "equipotential",
-    friction: float = 0.2,
-    learn: bool = True,
-    step: float = 0.2,
+    response: str | None = None,
+    friction: float | None = None,
+    learn: bool | None = None,
+    step: float | None = None,
+    settle: str | None = None,
+    pace: float | None = None,
+    announce: bool | None = None,
     field: Field | None = None,
 ) -> Simulation:
     """Set a scene in motion: its hidden obstacles are there, but not in the map.
@@ -196,13 +209,11 @@ def simulation(
     Parameters
     ----------
     scene : Scene
-        Of the plane.
-    k : float, optional
-        Share of the Dirichlet field; by default as the scene says.
-    speed, admittance, speed_limits, response
-        As in `make_controller`; what a contact force does by default is to turn the robot along the equipotential.
-    friction, learn, step
-        As in `Simulation`.
+        Of the plane; its ``control`` says all that is not given here.
+    k, speed, speed_limits, response, friction, learn, step, settle, pace, announce : optional
+        As in `Control`.
+    admittance : array_like of float, shape (n, n), (n,) or (), optional
+        As in `make_controller`.
     field : Field, optional
         The field of the scene's map, if it has been solved already.
 
@@ -217,22 +228,58 @@ def simulation(
     CircuitError
         If nothing can be driven.
     """
+    given: dict[str, Any] = {
+        "k": k, "speed": speed, "response": response, "friction": friction, "learn": learn, "step": step,
+        "settle": settle, "pace": pace, "announce": announce,
+    }  # fmt: skip
+    control = replace(scene.control, **{key: value for key, value in given.items() if value is not None})
     plant = plant_of(scene)
     require_uniform(scene, "control")
-    share = k if k is not None else next(iter(scene.k), None)
+    share = control.k if control.k is not None else next(iter(scene.k), None)
     controller = make_controller(
         solve_field(sample(scene), scene_wiring(scene), share) if field is None else field,
-        speed=speed, admittance=admittance, speed_limits=speed_limits, response=response,
-    )  # fmt: skip
-    return Simulation(controller, plant, friction, learn, step, scene=scene)
+        speed=control.speed,
+        admittance=control.admittance if admittance is None else admittance,
+        speed_limits=control.speed_limits if speed_limits is None else speed_limits,
+        response=control.response,
+    )
+    relaxation = Relaxation(control.settle or "chip", control.pace) if control.settle or control.announce else None
+    world = Simulation(controller, plant, control.friction, control.learn, control.step, relaxation, scene=scene)
+    return announce_hidden(world, relaxation) if control.announce and relaxation is not None else world
+
+
+def announce_hidden(sim: Simulation, relaxation: Relaxation) -> Simulation:
+    """The same world, but at time 0 somebody puts the hidden obstacles on the map, and the grid begins to settle.
+
+    Parameters
+    ----------
+    sim : Simulation
+    relaxation : Relaxation
+
+    Returns
+    -------
+    Simulation
+        It learns nothing, for there is nothing left to learn.
+
+    Raises
+    ------
+    InputError
+        If the hidden obstacles leave no goal.
+    """
+    truth = sim.plant.true_space(sim.space)
+    if not truth.goal_count:
+        raise InputError("the hidden obstacles cover every goal cell: move a goal, or an obstacle")
+    field = sim.controller.field
+    controller = sim.controller.with_field(solve_again(field, truth))
+    return replace(sim, controller=controller, learn=False, relaxation=relaxation, before=field)
 
 
 def _offsets(value: ArrayLike, ndim: int, what: str) -> NDArray[np.float64]:
-    """A bias or noise as one number per axis.  Shapes: `value` (); returns (ndim,)."""
+    """A bias or noise as one number per axis.  Shapes: `value` (), (1,) or (ndim,); returns (ndim,)."""
     try:
         offset = np.asarray(value, dtype=np.float64)
     except (TypeError, ValueError):
         raise InputError(f"{what} must be a number, or one for each of the {ndim} axes") from None
-    if offset.shape not in ((), (ndim,)) or not np.isfinite(offset).all():
+    if offset.shape not in ((), (1,), (ndim,)) or not np.isfinite(offset).all():
         raise InputError(f"{what} = {offset.tolist()}: give a finite number, or one for each of the {ndim} axes")
     return np.broadcast_to(offset, (ndim,)).astype(np.float64)

@@ -5,41 +5,39 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import cos, sin
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import yaml
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 from resgrid.io.tables import Views, require_names, suffix_of, write
-from resgrid.planning.fields import Field
-from resgrid.planning.streamline import ShortPath, Streamline, unwrap
+from resgrid.planning.streamline import AnyPath, ShortPath, Streamline, unwrap
 from resgrid.planning.timing import Trajectory
-from resgrid.planning.workspace import workspace_path
 from resgrid.robots import PointRobot
 from resgrid.space import ConfigurationSpace
 
-AnyPath = Streamline | ShortPath | Trajectory | ArrayLike
+Timed = AnyPath | Trajectory
 
 
-def write_path(target: str | os.PathLike[str], path: AnyPath, space: ConfigurationSpace) -> Path:
+def write_path(path: Timed, target: str | os.PathLike[str]) -> Path:
     """Write a path, whole or not at all, as the end of the file's name says.
 
     Parameters
     ----------
+    path : Streamline, ShortPath, Polyline or Trajectory
+        An arm's files say where its tip is.
     target : path-like
         ``.csv``, or ``-`` for standard output: a table with a header; ``.json``: one list a column; ``.npz``: one
         array a column; ``.yaml``: a ``nav_msgs/Path`` for ROS.
-    path : Streamline, ShortPath, Trajectory or array_like of float, shape (n, ndim)
-    space : ConfigurationSpace
-        An arm's files say where its tip is.
 
     Returns
     -------
-    Path
+    pathlib.Path
         The target.
 
     Raises
@@ -48,36 +46,29 @@ def write_path(target: str | os.PathLike[str], path: AnyPath, space: Configurati
         If the name ends otherwise, the path does not fit, an axis has the name of another column, or the file cannot
         be written.
     """
-    suffix = suffix_of(target, _VIEWS, "a path")
+    space, suffix = path.space, suffix_of(target, _VIEWS, "a path")
     if suffix == ".json":
         require_names(space.axes, ["schema", *(axis.name for axis in space.axes)])
 
-    def columns() -> dict[str, NDArray[np.float64]]:
-        return path_columns(path, space)
-
-    views: Views = {
-        "table": columns,
-        "record": columns,
-        "arrays": columns,
-        "message": lambda: ros_plan(path, space),
-    }
+    columns = partial(path_columns, path)
+    views: Views = {"table": columns, "record": columns, "arrays": columns, "message": partial(ros_plan, path)}
     return write(target, views, "a path")
 
 
 _VIEWS = ("table", "record", "arrays", "message")
 
 
-def path_columns(path: AnyPath, space: ConfigurationSpace) -> dict[str, NDArray[np.float64]]:
+def path_columns(path: Timed) -> dict[str, NDArray[np.float64]]:
     """A path as named columns, one entry a point, in world coordinates that are continuous across periodic seams.
 
-    Shapes: `path` (n, ndim); returns (n,).
+    Shapes: returns (n,).
     """
-    points = _points(path, space)
+    space, points = path.space, _points(path)
     names = column_names(space, timed=isinstance(path, Trajectory))
     require_names(space.axes, names)
     columns = [*points.T]
     if space.robot is not None and space.robot.base is not None:
-        columns += [*workspace_path(points, space.robot, space).T]
+        columns += [*space.robot.reference_point(points).T]
     if isinstance(path, Trajectory):
         columns = [path.times, *columns, *path.velocities.T]
     return dict(zip(names, columns, strict=True))
@@ -91,21 +82,19 @@ def column_names(space: ConfigurationSpace, *, timed: bool) -> list[str]:
     return ["t", *axes, *tip, *(f"{name}_rate" for name in axes)] if timed else [*axes, *tip]
 
 
-def _points(path: AnyPath, space: ConfigurationSpace) -> NDArray[np.float64]:
-    return unwrap(path.positions if isinstance(path, Trajectory) else path, space)
+def _points(path: Timed) -> NDArray[np.float64]:
+    return path.positions if isinstance(path, Trajectory) else unwrap(path)
 
 
 @dataclass(frozen=True, eq=False)
 class Route:
     """The way from a start: a streamline, and what was made of it.
 
-    `start`: as it was asked for, in world coordinates; `field`: that it follows; `short`: its shortcut; `motion`: when
-    it is where.
+    `start`: as it was asked for, in world coordinates; `short`: its shortcut; `motion`: when it is where.
     """
 
     streamline: Streamline
     start: tuple[float, ...]
-    field: Field
     short: ShortPath | None = None
     motion: Trajectory | None = None
 
@@ -129,13 +118,13 @@ ADVICE = {
 """What to do about every outcome but success."""
 
 
-def write_routes(target: str | os.PathLike[str], routes: Sequence[Route], space: ConfigurationSpace) -> Path:
+def write_routes(routes: Sequence[Route], target: str | os.PathLike[str]) -> Path:
     """Write routes, whole or not at all: a table or a record of all, arrays with numbers, a document for ROS each."""
     views: Views = {
-        "table": lambda: _routes_table(routes, space),
-        "record": lambda: {"paths": [_with_columns(route, space) for route in routes]},
-        "arrays": lambda: _routes_arrays(routes, space),
-        "message": lambda: _documents(routes, space),
+        "table": lambda: _routes_table(routes),
+        "record": lambda: {"paths": [_with_columns(route) for route in routes]},
+        "arrays": lambda: _routes_arrays(routes),
+        "message": lambda: _documents(routes),
     }
     return write(target, views, "paths")
 
@@ -158,7 +147,7 @@ def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
         "clearance": path.clearance,
         "log_duration": path.log_duration,
         "start": list(route.start),
-        "k": route.field.k,
+        "k": route.streamline.field.k,
         "certified": True,
     }
     if not route.reached:
@@ -172,15 +161,15 @@ def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
     return record
 
 
-def _routes_table(routes: Sequence[Route], space: ConfigurationSpace) -> dict[str, list[Any]]:
+def _routes_table(routes: Sequence[Route]) -> dict[str, list[Any]]:
     """One row a point, route after route."""
     table: dict[str, list[Any]] = {name: [] for name in ("path", "k", "outcome")}
     for number, route in enumerate(routes):
-        columns: dict[str, list[Any]] = {name: column.tolist() for name, column in _columns(route, space).items()}
+        columns: dict[str, list[Any]] = {name: column.tolist() for name, column in _columns(route).items()}
         count = len(next(iter(columns.values())))
         head: dict[str, list[Any]] = {
             "path": [number] * count,
-            "k": [route.field.k] * count,
+            "k": [route.streamline.field.k] * count,
             "outcome": [str(route.streamline.outcome)] * count,
         }
         for name, column in (head | columns).items():
@@ -188,53 +177,48 @@ def _routes_table(routes: Sequence[Route], space: ConfigurationSpace) -> dict[st
     return table
 
 
-def _columns(route: Route, space: ConfigurationSpace) -> dict[str, NDArray[np.float64]]:
+def _columns(route: Route) -> dict[str, NDArray[np.float64]]:
     """A streamline's points as they are; shortened or timed ones continuous across seams."""
-    columns = path_columns(route.final, space)
+    columns = path_columns(route.final)
     if route.final is route.streamline:
-        columns |= {axis.name: route.streamline.points[:, number] for number, axis in enumerate(space.axes)}
+        path = route.streamline
+        columns |= {axis.name: path.points[:, number] for number, axis in enumerate(path.space.axes)}
     return columns
 
 
-def _with_columns(route: Route, space: ConfigurationSpace) -> dict[str, Any]:
+def _with_columns(route: Route) -> dict[str, Any]:
     """A route's record, with the columns that its points do not hold."""
-    columns = _columns(route, space)
+    columns = _columns(route)
     if route.final is route.streamline:
-        axes = {axis.name for axis in space.axes}
+        axes = {axis.name for axis in route.streamline.space.axes}
         columns = {name: column for name, column in columns.items() if name not in axes}
     return route_record(route) | ({"columns": columns} if columns else {})
 
 
-def _routes_arrays(routes: Sequence[Route], space: ConfigurationSpace) -> dict[str, Any]:
+def _routes_arrays(routes: Sequence[Route]) -> dict[str, Any]:
     paths = [route.streamline for route in routes]
     arrays: dict[str, Any] = {
         "outcome": [str(path.outcome) for path in paths],
         "goal": [-1 if path.goal is None else path.goal for path in paths],
         "length": [path.length for path in paths],
         "clearance": [path.clearance for path in paths],
-        "k": [route.field.k for route in routes],
+        "k": [route.streamline.field.k for route in routes],
         "start": [route.start for route in routes],
     }
     for number, route in enumerate(routes):
-        columns = {"points": route.streamline.points, "cells": route.streamline.cells, **_columns(route, space)}
+        columns = {"points": route.streamline.points, "cells": route.streamline.cells, **_columns(route)}
         arrays |= {f"{name}_{number}": column for name, column in columns.items()}
     return arrays
 
 
-def _documents(routes: Sequence[Route], space: ConfigurationSpace) -> str:
+def _documents(routes: Sequence[Route]) -> str:
     """A message for each route; one that reaches no goal has no poses."""
-    _require_plane(space)
-    return "---\n".join(
-        ros_plan(route.final, space) if route.reached else _message([], [], [], "map") for route in routes
-    )
+    for route in routes:
+        _require_plane(route.streamline.space)
+    return "---\n".join(ros_plan(route.final) if route.reached else _message([], [], [], "map") for route in routes)
 
 
-def ros_plan(
-    path: AnyPath,
-    space: ConfigurationSpace,
-    *,
-    frame_id: str = "map",
-) -> str:
+def ros_plan(path: Timed, *, frame_id: str = "map") -> str:
     """A path as the text of a ``nav_msgs/Path`` message, which ``ros2 topic pub`` takes.
 
     Every pose looks towards the next, the last one as the one before; a turning polygon as its angle says.  A
@@ -242,9 +226,8 @@ def ros_plan(
 
     Parameters
     ----------
-    path : Streamline, ShortPath, Trajectory or array_like of float, shape (n, ndim)
-    space : ConfigurationSpace
-        Of two axes with one unit, or of a turning polygon.
+    path : Streamline, ShortPath, Polyline or Trajectory
+        In a space of two axes with one unit, or of a turning polygon.
     frame_id : str
         The frame that the poses are given in.
 
@@ -257,7 +240,7 @@ def ros_plan(
     InputError
         If the robot does not move in the plane.
     """
-    points = _points(path, space)
+    space, points = path.space, _points(path)
     _require_plane(space)
     places, own = points[:, :2], (space.robot or PointRobot()).heading(points)
     yaws = headings(places) if own is None else own

@@ -38,7 +38,7 @@ def solve(
 
     Parameters
     ----------
-    netlist : Netlist or ParsedDeck
+    netlist : Netlist or Circuit
         Resistors and sources; capacitors are open.  With nonlinear resistors the voltages come from Newton's method.
         Of a deck it is what its ``netlist()`` makes.
     accuracy : {"direction", "normwise"}
@@ -92,7 +92,7 @@ def factor(netlist: Netlist | Deck, *, method: str = "auto") -> Factor:
 
     Parameters
     ----------
-    netlist : Netlist or ParsedDeck
+    netlist : Netlist or Circuit
     method : {"auto", "direct", "multigrid"}
 
     Returns

@@ -6,14 +6,13 @@ from itertools import pairwise, product
 from numbers import Integral, Real
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from resgrid.axis import rounding
 from resgrid.errors import CertificateError, InputError
 from resgrid.planning.certify_motion import check_motion
 from resgrid.planning.clearance import clearance_of, face_shares
-from resgrid.planning.fields import Field
-from resgrid.planning.streamline import Outcome, ShortPath, Streamline, axis_path, length_of
+from resgrid.planning.streamline import AnyPath, Outcome, Streamline, length_of
 from resgrid.space import Cell, ConfigurationSpace
 
 Cells = set[tuple[int, ...]]
@@ -21,7 +20,7 @@ Cells = set[tuple[int, ...]]
 _LONGEST = 10_000_000
 
 
-def certify(path: Streamline, field: Field) -> None:
+def certify(path: Streamline) -> None:
     """Check every promise of a streamline, and every number it holds.
 
     For a start that reached a goal: the cells visited are free, all different and face neighbours; every crossing runs
@@ -36,41 +35,31 @@ def certify(path: Streamline, field: Field) -> None:
     Parameters
     ----------
     path : Streamline
-    field : Field
-        The field it was traced in.
 
     Raises
     ------
     CertificateError
         On the first broken promise; the message names the step.
-    InputError
-        If `field` is none.
     """
-    _check_kinds(path, field)
+    _check_kinds(path)
     if path.outcome in {Outcome.REACHED, Outcome.NO_CURRENT}:
-        _check_cells(path, field)
-        axis, side = _check_crossings(path, field)
-        _check_fall(path, field)
-        check_motion(path, field, _local(path, field), axis, side)
-        _check_extent(path, field)
+        _check_cells(path)
+        axis, side = _check_crossings(path)
+        _check_descent(path)
+        check_motion(path, _local(path), axis, side)
+        _check_extent(path)
     else:
         _check_still(path)
     if path.outcome is not Outcome.REACHED:
-        _check_failure(path, field)
+        _check_failure(path)
 
 
-def _check_kinds(path: Streamline, field: Field) -> None:
+def _check_kinds(path: Streamline) -> None:
     """Before anything is compared: types, shapes, finite points within their cells."""
-    if not isinstance(field, Field):
-        raise InputError(
-            f"a path is certified against the field it was traced in, not against a {type(field).__name__}"
-        )
-    space = field.space
     if not isinstance(path, Streamline) or not isinstance(path.outcome, Outcome):
         raise CertificateError(f"this is no streamline with an outcome, but {type(path).__name__}")
+    space = path.space
     cells, points = path.cells, path.axis_points
-    if path.frame != space.frame:
-        raise CertificateError("the streamline lies elsewhere in the world than the field")
     if cells.dtype.kind not in "iu" or cells.ndim != 2 or cells.shape[1] != space.ndim or not len(cells):
         raise CertificateError(
             f"cells are {cells.dtype} of shape {cells.shape}, but the space has {space.ndim} axes and whole indices"
@@ -89,7 +78,7 @@ def _check_kinds(path: Streamline, field: Field) -> None:
             raise CertificateError(f"{name} is no number: {getattr(path, name)!r}")
     if path.goal is not None and (isinstance(path.goal, bool) or not isinstance(path.goal, Integral)):
         raise CertificateError(f"goal is no number of a region: {path.goal!r}")
-    outside = np.any(np.abs(_local(path, field) - 0.5) > 0.5 + rounding(space.axes), axis=1)
+    outside = np.any(np.abs(_local(path) - 0.5) > 0.5 + rounding(space.axes), axis=1)
     if outside.any():
         step = int(np.argmax(outside))
         raise CertificateError(f"point {step} lies outside its cell {_plain(path.point_cells[step])}")
@@ -104,16 +93,16 @@ def _check_still(path: Streamline) -> None:
         raise CertificateError(f"a path that is {path.outcome.value} has one cell, length 0 and claims nothing else")
 
 
-def _check_failure(path: Streamline, field: Field) -> None:
+def _check_failure(path: Streamline) -> None:
     start = tuple(path.cells[0])
-    code = field.space.cell[start]
-    connected = bool(field.space.goal_connected[start])
-    blocked = not field.space.goal_connected.any()
+    code = path.space.cell[start]
+    connected = bool(path.space.goal_connected[start])
+    blocked = not path.space.goal_connected.any()
     true = {
         Outcome.START_BLOCKED: code == Cell.OBSTACLE,
         Outcome.NO_PATH: code == Cell.FREE and not connected and not blocked,
         Outcome.GOAL_BLOCKED: code == Cell.FREE and blocked,
-        Outcome.NO_CURRENT: connected and path.goal is None and not _flows_out(field, path.cells[-1:]),
+        Outcome.NO_CURRENT: connected and path.goal is None and not _flows_out(path),
     }
     if not true[path.outcome]:
         raise CertificateError(
@@ -121,14 +110,14 @@ def _check_failure(path: Streamline, field: Field) -> None:
         )
 
 
-def _flows_out(field: Field, cell: NDArray[np.int64]) -> bool:
-    lower, upper = field.faces_of(cell)[0]
+def _flows_out(path: Streamline) -> bool:
+    lower, upper = path.field.faces_of(path.cells[-1:])[0]
     return bool(np.any(lower < 0) or np.any(upper > 0))
 
 
-def _check_cells(path: Streamline, field: Field) -> None:
+def _check_cells(path: Streamline) -> None:
     cells = path.cells
-    codes = field.space.cell[tuple(cells.T)]
+    codes = path.space.cell[tuple(cells.T)]
     reached = path.outcome is Outcome.REACHED
     inner = codes[:-1] if reached else codes
     if np.any(inner != Cell.FREE):
@@ -136,21 +125,21 @@ def _check_cells(path: Streamline, field: Field) -> None:
         raise CertificateError(f"step {step} is in cell {_plain(cells[step])}, which is not free")
     if reached and codes[-1] != Cell.GOAL:
         raise CertificateError(f"the last cell {_plain(cells[-1])} is not a goal cell")
-    if reached and path.goal != field.space.goal_region[tuple(cells[-1])]:
-        raise CertificateError(f"the last cell belongs to goal {field.space.goal_region[tuple(cells[-1])]}")
+    if reached and path.goal != path.space.goal_region[tuple(cells[-1])]:
+        raise CertificateError(f"the last cell belongs to goal {path.space.goal_region[tuple(cells[-1])]}")
     if len(np.unique(cells, axis=0)) < len(cells):
         raise CertificateError("a cell is visited twice")
 
 
-def _check_crossings(path: Streamline, field: Field) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _check_crossings(path: Streamline) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Axis and side (-1 or 1) of every crossing, each on the face between neighbours and along the current."""
-    space = field.space
+    space = path.space
     here, there = path.cells[:-1].astype(np.int64), path.cells[1:].astype(np.int64)
     number = np.arange(len(here))
     changed = here != there
     axis = np.argmax(changed, axis=1)
     # In a ring of two cells both faces join them: the point says which one was crossed.
-    entered = _local(path, field)[1 : len(path.cells)][number, axis]
+    entered = _local(path)[1 : len(path.cells)][number, axis]
     side = np.where(entered < 0.5, 1, -1)
     beyond, size = here[number, axis] + side, np.array(space.shape)[axis]
     beyond = np.where(space.periodic[axis], np.mod(beyond, size), beyond)
@@ -163,19 +152,20 @@ def _check_crossings(path: Streamline, field: Field) -> tuple[NDArray[np.int64],
     off = np.abs(entered - (side < 0)) > rounding(space.axes)[axis]
     if off.any():
         raise CertificateError(f"step {int(np.argmax(off))}: the crossing does not lie on the face between its cells")
-    against = ~(side * field.faces_of(here)[0][(side > 0).astype(np.int64), number, axis] > 0)
+    against = ~(side * path.field.faces_of(here)[0][(side > 0).astype(np.int64), number, axis] > 0)
     if against.any():
         step = int(np.argmax(against))
         raise CertificateError(f"step {step}: no current runs from cell {_plain(here[step])} to {_plain(there[step])}")
     return axis, side
 
 
-def _local(path: Streamline, field: Field) -> NDArray[np.float64]:
+def _local(path: Streamline) -> NDArray[np.float64]:
     """Position of every point within its cell, in [0, 1]."""
-    return np.asarray((path.axis_points - field.space.lower) / field.space.spacing - path.point_cells)
+    return np.asarray((path.axis_points - path.space.lower) / path.space.spacing - path.point_cells)
 
 
-def _check_fall(path: Streamline, field: Field) -> None:
+def _check_descent(path: Streamline) -> None:
+    field = path.field
     if field.boundary == "blend":
         return
     at = tuple(path.cells.T)
@@ -187,10 +177,9 @@ def _check_fall(path: Streamline, field: Field) -> None:
         raise CertificateError(f"step {step}: the potential rises from cell {_plain(path.cells[step])} to the next")
 
 
-def _check_extent(path: Streamline, field: Field) -> None:
+def _check_extent(path: Streamline) -> None:
     """Length and clearance, from the points in coordinates without a seam."""
-    space = field.space
-    way = axis_path(path, space)
+    space, field, way = path.space, path.field, path.line
     slack = 2.0 * float(np.linalg.norm(rounding(space.axes) * space.spacing))
     length = length_of(way)
     if not abs(length - path.length) <= slack * len(way):
@@ -204,7 +193,7 @@ def _plain(cell: NDArray[np.int64]) -> tuple[int, ...]:
     return tuple(cell.tolist())
 
 
-def certify_free(points: Streamline | ShortPath | ArrayLike, space: ConfigurationSpace) -> None:
+def certify_free(path: AnyPath) -> None:
     """Check that no segment of a polyline meets an obstacle cell or leaves the grid.
 
     Of every segment one of two things must hold: all closed cells it touches, at corners too, are free or goal cells;
@@ -215,18 +204,17 @@ def certify_free(points: Streamline | ShortPath | ArrayLike, space: Configuratio
 
     Parameters
     ----------
-    points : Streamline, ShortPath or array_like of float, shape (n, ndim)
-        An array holds points of the world, continuous across periodic seams.
-    space : ConfigurationSpace
+    path : Streamline, ShortPath or Polyline
 
     Raises
     ------
     CertificateError
         If a segment does not; the message names the segment and the cell.
     InputError
-        If the points do not fit the space.
+        If a segment is so long that nobody could look at all its cells.
     """
-    scaled = (axis_path(points, space) - space.lower) / space.spacing
+    space = path.space
+    scaled = (path.line - space.lower) / space.spacing
     _check_segments(scaled, space)
     here = _free(_touched(scaled[0], scaled[0], space), space)
     segments = pairwise(scaled) if len(scaled) > 1 else [(scaled[0], scaled[0])]

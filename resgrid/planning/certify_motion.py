@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from resgrid.axis import rounding
 from resgrid.errors import CertificateError
-from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Streamline
 
 Floats = NDArray[np.float64]
@@ -26,19 +25,19 @@ _LARGEST_LOG = 745.0
 """Natural logarithm of the largest ratio of two velocities that float64 can tell from infinity."""
 
 
-def check_motion(path: Streamline, field: Field, local: Floats, axis: Integers, side: Integers) -> None:
+def check_motion(path: Streamline, local: Floats, axis: Integers, side: Integers) -> None:
     """Check that the points of a streamline are where the current carries it, and its duration.
 
     Shapes: `local` (n, ndim), `axis, side` (steps,).
     """
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        _check_steps(path, field, local, axis, side)
+        _check_steps(path, local, axis, side)
 
 
-def _check_steps(path: Streamline, field: Field, local: Floats, axis: Integers, side: Integers) -> None:
+def _check_steps(path: Streamline, local: Floats, axis: Integers, side: Integers) -> None:
     """The same where what overflows counts as infinite."""
-    steps, slack = np.arange(len(axis)), _SLACK * rounding(field.space.axes)
-    direction, log_current = field.faces_of(path.cells[:-1].astype(np.int64))
+    steps, slack = np.arange(len(axis)), _SLACK * rounding(path.space.axes)
+    direction, log_current = path.field.faces_of(path.cells[:-1].astype(np.int64))
     scale = log_current.max(axis=(0, 2))
     lower, upper = direction * np.exp(log_current - scale[:, np.newaxis])
     start, end = np.clip(local[: len(axis)], 0.0, 1.0), local[1 : len(axis) + 1]
@@ -58,7 +57,7 @@ def _check_steps(path: Streamline, field: Field, local: Floats, axis: Integers, 
     if off.any():
         step = int(np.argmax(off.any(axis=1)))
         raise CertificateError(f"point {step + 1} is not where the current carries the path from point {step}")
-    _check_duration(path, field, np.log(shortest) - scale, np.log(longest) - scale)
+    _check_duration(path, np.log(shortest) - scale, np.log(longest) - scale)
 
 
 def _times(x: Floats, enter: Floats, leave: Floats, slack: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
@@ -110,8 +109,8 @@ def _moved(x: Floats, lower: Floats, upper: Floats, time: Floats) -> Floats:
     return np.clip(x + np.where(velocity == 0, 0.0, step), 0.0, 1.0)
 
 
-def _check_duration(path: Streamline, field: Field, log_shortest: Floats, log_longest: Floats) -> None:
-    unit = 2.0 * np.log(field.space.spacing.min())
+def _check_duration(path: Streamline, log_shortest: Floats, log_longest: Floats) -> None:
+    unit = 2.0 * np.log(path.space.spacing.min())
     low, high = (float(np.logaddexp.reduce(logs, initial=-np.inf) + unit) for logs in (log_shortest, log_longest))
     told = float(path.log_duration)
     unmoved = np.isnan(told) and np.isneginf(low)

@@ -14,20 +14,65 @@ def clearance_of(
     points: NDArray[np.float64],
     space: ConfigurationSpace,
     edge: tuple[str, ...],
-    within: float | NDArray[np.float64] | None = None,
+    reach: float | NDArray[np.float64] | None,
 ) -> float:
     """Smallest distance from a polyline to an obstacle cell's box, or to an edge that counts as an obstacle.
 
-    Shapes: `points` (n, ndim), `within` as the space.
+    Shapes: `points` (n, ndim), `reach` as the space: farther than that nothing is looked for.
     """
+    scaled = split_at_faces(points, space)
+    starts, ends = (scaled[:-1], scaled[1:]) if len(scaled) > 1 else (scaled, scaled)
+    home = np.floor((starts + ends) / 2)
+    home = np.where(space.periodic, home, np.clip(home, 0, np.array(space.shape) - 1))
+    return segment_clearance(home.astype(np.int64), starts - home, ends - home, space, edge, reach)
+
+
+def segment_clearance(
+    home: NDArray[np.int64],
+    starts: NDArray[np.float64],
+    ends: NDArray[np.float64],
+    space: ConfigurationSpace,
+    edge: tuple[str, ...],
+    reach: float | NDArray[np.float64] | None,
+) -> float:
+    """The same of segments that each lie in one cell, from their positions within it.
+
+    Shapes: `home, starts, ends` (n, ndim), `reach` as the space, None without obstacles.
+    """
+    from resgrid.planning import kernels
+
     nearest = np.inf
-    if (space.cell == Cell.OBSTACLE).any():
-        nearest = _to_obstacles(points, space, within)
+    if reach is not None:
+        cells = np.mod(home, space.shape)
+        bound = np.broadcast_to(reach, space.shape)[tuple(cells.T)]
+        order = np.argsort(bound, kind="stable")
+        nearest = kernels.clearance(
+            cells[order], (starts * space.spacing)[order], (ends * space.spacing)[order], bound[order],
+            (space.cell == Cell.OBSTACLE).ravel(), np.array(space.shape, dtype=np.int64), space.spacing,
+            space.periodic,
+        )  # fmt: skip
+    position = np.concatenate([home + starts, home[-1:] + ends[-1:]]) * space.spacing
     for axis, rule in enumerate(edge):
         if rule == "obstacle":
-            along = points[:, axis]
-            nearest = min(nearest, along.min() - space.axes[axis].lower, space.axes[axis].upper - along.max())
+            along, extent = position[:, axis], space.shape[axis] * space.spacing[axis]
+            nearest = min(nearest, along.min(), extent - along.max())
     return float(max(nearest, 0.0))
+
+
+def obstacle_reach(space: ConfigurationSpace) -> NDArray[np.float64] | None:
+    """Upper bound of the distance from any point of a cell to the nearest obstacle cell, in axis units.
+
+    Returns as the space; None where there is no obstacle cell.
+    """
+    from scipy.ndimage import distance_transform_edt
+
+    clear = space.cell != Cell.OBSTACLE
+    if clear.all():
+        return None
+    margin = [(n // 2 + 1, n // 2 + 1) if ring else (0, 0) for n, ring in zip(space.shape, space.periodic, strict=True)]
+    inner = tuple(slice(before, before + n) for (before, _), n in zip(margin, space.shape, strict=True))
+    between_centres = distance_transform_edt(np.pad(clear, margin, mode="wrap"), sampling=space.spacing)[inner]
+    return np.asarray(between_centres + 0.5 * np.linalg.norm(space.spacing))
 
 
 def split_at_faces(points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:
@@ -52,28 +97,3 @@ def face_shares(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray
             shares.append((borders - first) / (last - first))
     inner = np.unique(np.concatenate(shares))
     return inner[(inner > 0) & (inner < 1)]
-
-
-def _to_obstacles(
-    points: NDArray[np.float64], space: ConfigurationSpace, within: float | NDArray[np.float64] | None
-) -> float:
-    from resgrid.planning import kernels
-    from resgrid.planning.fields import obstacle_reach
-
-    scaled = split_at_faces(points, space)
-    starts, ends = (scaled[:-1], scaled[1:]) if len(scaled) > 1 else (scaled, scaled)
-    size = np.array(space.shape)
-    home = np.floor((starts + ends) / 2)
-    home = np.where(space.periodic, home, np.clip(home, 0, size - 1))
-    cells = np.mod(home, size).astype(np.int64)
-    reach = obstacle_reach(space) if within is None else np.broadcast_to(within, space.shape)
-    assert reach is not None
-    bound = reach[tuple(cells.T)]
-    order = np.argsort(bound, kind="stable")
-    starts, ends = (starts - home) * space.spacing, (ends - home) * space.spacing
-    return float(
-        kernels.clearance(
-            cells[order], starts[order], ends[order], bound[order], (space.cell == Cell.OBSTACLE).ravel(),
-            size.astype(np.int64), space.spacing, space.periodic,
-        )
-    )  # fmt: skip

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -12,6 +13,7 @@ from numpy.typing import NDArray
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.netlist import CellMap, face_shape
 from resgrid.nodal.operating_point import OperatingPoint
+from resgrid.planning.clearance import obstacle_reach
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring
 
@@ -75,6 +77,9 @@ class Field:
         """Whether any current flows."""
         return any(direction.any() for direction in self.face_direction)
 
+    def __getstate__(self) -> dict[str, Any]:
+        return {attribute.name: getattr(self, attribute.name) for attribute in dataclasses.fields(self)}
+
     def face_current(self, axis: int) -> NDArray[np.float64]:
         """Current through every face across one axis, positive along it.
 
@@ -114,10 +119,7 @@ class Field:
 
     @cached_property
     def obstacle_reach(self) -> NDArray[np.float64] | None:
-        """Upper bound of the distance from any point of a cell to the nearest obstacle cell, in axis units.
-
-        Shape of the space; None where there is no obstacle cell.
-        """
+        """As `resgrid.planning.clearance.obstacle_reach`."""
         return obstacle_reach(self.space)
 
     @cached_property
@@ -285,24 +287,3 @@ def _unit_volts(op: OperatingPoint, cell_map: CellMap) -> float:
 
 def _per_cell(cell_map: CellMap, value: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.where(cell_map.node >= 0, value[cell_map.node], np.nan)
-
-
-def obstacle_reach(space: ConfigurationSpace) -> NDArray[np.float64] | None:
-    """Upper bound of the distance from any point of a cell to the nearest obstacle cell, in axis units.
-
-    Returns as the space.
-    """
-    from scipy.ndimage import distance_transform_edt
-
-    clear = space.cell != Cell.OBSTACLE
-    if clear.all():
-        return None
-    margin = [(n // 2 + 1, n // 2 + 1) if ring else (0, 0) for n, ring in zip(space.shape, space.periodic, strict=True)]
-    inner = tuple(slice(before, before + n) for (before, _), n in zip(margin, space.shape, strict=True))
-    between_centres = distance_transform_edt(np.pad(clear, margin, mode="wrap"), sampling=space.spacing)[inner]
-    return np.asarray(between_centres + 0.5 * np.linalg.norm(space.spacing))
-
-
-def goal_blocked(space: ConfigurationSpace) -> bool:
-    """Whether no free cell at all is connected to a goal."""
-    return not space.goal_connected.any() and bool(np.any(space.cell == Cell.FREE))

@@ -13,8 +13,8 @@ from resgrid.errors import InputError
 from resgrid.planning.certify import certify_free
 from resgrid.planning.clearance import clearance_of
 from resgrid.planning.fields import Field
-from resgrid.planning.streamline import Outcome, ShortPath, Streamline, axis_path, length_of
-from resgrid.space import Cell, ConfigurationSpace
+from resgrid.planning.streamline import Outcome, ShortPath, Streamline, length_of
+from resgrid.space import Cell
 
 Sight = Callable[[NDArray[np.float64], NDArray[np.float64]], bool]
 
@@ -22,9 +22,7 @@ _GAIN = 1e-12
 _MOST_ROUNDS = 1_000_000
 
 
-def shorten(
-    path: Streamline, where: Field | ConfigurationSpace, *, clearance: float = 0.0, rounds: int = 200, seed: int = 0
-) -> ShortPath:
+def shorten(path: Streamline, *, clearance: float = 0.0, rounds: int = 200, seed: int = 0) -> ShortPath:
     """Replace the bends of a streamline by straight lines wherever all the cells they touch are free or goal cells.
 
     First, from each corner, a line to the farthest point of the way ahead that doubling steps and bisection find; then
@@ -37,10 +35,8 @@ def shorten(
     ----------
     path : Streamline
         That reached a goal.
-    where : Field or ConfigurationSpace
-        A field says which edges of the grid are obstacles; of a space alone, all that are not periodic.
     clearance : float
-        Distance, in axis units, that new lines keep from obstacle cells and such edges, at least 0.
+        Distance, in axis units, that new lines keep from obstacle cells and edges that count as such, at least 0.
     rounds : int
         Random chords to try.
     seed : int
@@ -56,7 +52,7 @@ def shorten(
     InputError
         If the streamline reached no goal, or an option is out of range.
     CertificateError
-        If the result touches an obstacle, which would be a fault of this function or a path of another space.
+        If the result touches an obstacle, which would be a fault of this function.
     """
     if not isinstance(path, Streamline):
         raise InputError(f"shortcuts are those of a streamline, not of a {type(path).__name__}")
@@ -67,35 +63,23 @@ def shorten(
     check_whole("seed", seed, 0)
     if rounds > _MOST_ROUNDS:
         raise InputError(f"rounds = {rounds}, but 0 to {_MOST_ROUNDS:,} are possible")
-    space = where.space if isinstance(where, Field) else where
-    edge = where.edge if isinstance(where, Field) else closed_edges(space)
-    clear = _line_of_sight(space, edge, clearance)
-    original = axis_path(path, space)
-    if space.goal_region[tuple(path.cells[-1])] != path.goal:
-        raise InputError(f"this path ends at goal {path.goal}, which is not there in this space; it belongs to another")
-    points = _greedy(_random_chords(_greedy(original, clear), clear, rounds, seed), clear)
-    before = length_of(original)
+    clear = _line_of_sight(path.field, clearance)
+    points = _greedy(_random_chords(_greedy(path.line, clear), clear, rounds, seed), clear)
     short = ShortPath(
         axis_points=points,
-        goal=path.goal,
-        length=min(length_of(points), before),
-        original_length=before,
-        clearance=clearance_of(points, space, edge),
-        frame=space.frame,
+        length=min(length_of(points), length_of(path.line)),
+        clearance=clearance_of(points, path.space, path.field.edge, path.field.obstacle_reach),
+        original=path,
     )
-    certify_free(short, space)
+    certify_free(short)
     return short
 
 
-def closed_edges(space: ConfigurationSpace) -> tuple[str, ...]:
-    """The rule of every edge where none is given: an obstacle, unless the axis is periodic."""
-    return tuple("periodic" if ring else "obstacle" for ring in space.periodic)
-
-
-def _line_of_sight(space: ConfigurationSpace, edge: tuple[str, ...], clearance: float) -> Sight:
+def _line_of_sight(field: Field, clearance: float) -> Sight:
     """Whether the straight line between two points may be taken, as a function of both."""
     from resgrid.planning import kernels
 
+    space, edge, reach = field.space, field.edge, None if field.obstacle_reach is None else clearance
     free = (space.cell != Cell.OBSTACLE).ravel()
     shape, periodic = np.array(space.shape, dtype=np.int64), space.periodic
     lower, spacing, rim = space.lower, space.spacing, float(rounding(space.axes).max())
@@ -104,7 +88,7 @@ def _line_of_sight(space: ConfigurationSpace, edge: tuple[str, ...], clearance: 
         if not kernels.segment_is_free((start - lower) / spacing, (end - lower) / spacing, free, shape, periodic, rim):
             return False
         line = np.stack([start, end])
-        return not clearance or clearance_of(line, space, edge, within=clearance) >= clearance
+        return not clearance or clearance_of(line, space, edge, reach) >= clearance
 
     return clear
 
@@ -136,7 +120,6 @@ def _farthest(points: NDArray[np.float64], here: int, last: int, clear: Sight) -
 
 def _random_chords(points: NDArray[np.float64], clear: Sight, rounds: int, seed: int) -> NDArray[np.float64]:
     """Straight lines between random points of the way, where they are shorter than the way and may be taken."""
-    check_whole("seed", seed, 0)
     generator = np.random.default_rng(seed)
     for _ in range(rounds):
         if len(points) < 3:

@@ -1,4 +1,4 @@
-"""Paths: streamlines, shortened ones, and their points in coordinates without a jump at periodic seams."""
+"""Paths: streamlines, shortened ones and somebody's own; each knows the space it lies in."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.axis import rounding
 from resgrid.errors import InputError
-from resgrid.frame import Frame
+from resgrid.planning.fields import Field
+from resgrid.robots import PointRobot, Robot
 from resgrid.space import ConfigurationSpace
 
 
@@ -51,8 +51,8 @@ class Streamline:
     log_duration : float
         Natural logarithm of the time that the velocity ``-conductivity * grad(phi)`` needs to the goal cell's face,
         where the current ends; NaN where nothing moved.
-    frame : Frame
-        Where the axes lie in the world.
+    field : Field
+        The field it follows.
     """
 
     axis_points: NDArray[np.float64]
@@ -62,21 +62,40 @@ class Streamline:
     length: float
     clearance: float
     log_duration: float
-    frame: Frame
+    field: Field
 
     def __post_init__(self) -> None:
         self.axis_points.flags.writeable = False
         self.cells.flags.writeable = False
 
+    @property
+    def space(self) -> ConfigurationSpace:
+        """The space it lies in."""
+        return self.field.space
+
     @cached_property
     def points(self) -> NDArray[np.float64]:
         """The same points in the world, shape (n, ndim)."""
-        return in_world(self.axis_points, self.frame)
+        return _in_world(self.axis_points, self.space)
 
     @property
     def point_cells(self) -> NDArray[np.int64]:
         """The cell of every point, shape (n, ndim); segment ``i`` runs in the cell of point ``i``."""
         return np.concatenate([self.cells, self.cells[-1:]])[: len(self.axis_points)]
+
+    @cached_property
+    def line(self) -> NDArray[np.float64]:
+        """Its points in axis units, continuous across periodic seams, shape (n, ndim).
+
+        Nothing is guessed from distances: a point that enters a cell on its lower face came upwards, one on its upper
+        face downwards, so every step across a seam is known, in a ring of two cells too.
+        """
+        space, cells = self.space, self.point_cells
+        local = (self.axis_points - space.lower) / space.spacing - cells
+        step = np.where(np.diff(cells, axis=0) != 0, np.where(local[1:] < 0.5, 1, -1), 0)
+        continuous = np.concatenate([cells[:1], cells[:1] + np.cumsum(step, axis=0)])
+        turns = (continuous - cells) // np.array(space.shape)
+        return np.asarray(self.axis_points + turns * (space.upper - space.lower))
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,83 +109,116 @@ class ShortPath:
     axis_points : ndarray of float64, shape (n, ndim)
         Corners in axis units, as they were computed, from the streamline's start to its end.  Periodic coordinates
         are continuous: they may leave the axis.
-    goal : int or None
-        Number of the goal region it ends at.
     length : float
-        In axis units; at most ``original_length``.
-    original_length : float
-        Of the streamline.
+        In axis units; at most that of the original.
     clearance : float
         Smallest distance to an obstacle cell's box or an edge that counts as an obstacle; infinite where there is none.
-    frame : Frame
-        Where the axes lie in the world.
+    original : Streamline
+        The streamline that was shortened.
     """
 
     axis_points: NDArray[np.float64]
-    goal: int | None
     length: float
-    original_length: float
     clearance: float
-    frame: Frame
+    original: Streamline
 
     def __post_init__(self) -> None:
         self.axis_points.flags.writeable = False
 
+    @property
+    def field(self) -> Field:
+        """The field that the streamline follows."""
+        return self.original.field
+
+    @property
+    def space(self) -> ConfigurationSpace:
+        """The space it lies in."""
+        return self.original.space
+
+    @property
+    def goal(self) -> int | None:
+        """Number of the goal region it ends at."""
+        return self.original.goal
+
     @cached_property
     def points(self) -> NDArray[np.float64]:
         """The same corners in the world, shape (n, ndim)."""
-        return in_world(self.axis_points, self.frame)
+        return _in_world(self.axis_points, self.space)
+
+    @property
+    def line(self) -> NDArray[np.float64]:
+        """Its points in axis units, continuous across periodic seams, shape (n, ndim)."""
+        return self.axis_points
 
 
-def unwrap(path: Streamline | ShortPath | ArrayLike, space: ConfigurationSpace) -> NDArray[np.float64]:
-    """Points of a path in the world, in continuous coordinates, which may leave the range of a periodic axis.
-
-    Nothing is guessed from distances: a streamline's point that enters a cell on its lower face came upwards, one on
-    its upper face downwards, so every step across a seam is known, in a ring of two cells too.  A point differs from
-    the streamline's own by whole turns only; the start by none.
+@dataclass(frozen=True, eq=False)
+class Polyline:
+    """A path of somebody's own, for all that takes paths.
 
     Parameters
     ----------
-    path : Streamline, ShortPath or array_like of float, shape (n, ndim)
-        An array holds points of the world.  What is no streamline is continuous already, and is checked and copied.
+    points : array_like of float, shape (n, ndim)
+        Points of the world, continuous: across a seam they leave the range of a periodic axis.
     space : ConfigurationSpace
-
-    Returns
-    -------
-    ndarray of float64, shape (n, ndim)
-        World coordinates.
+        The space it lies in.
 
     Raises
     ------
     InputError
         If the points do not fit the space or are not finite.
     """
-    return space.to_world(axis_path(path, space))
+
+    points: NDArray[np.float64]
+    space: ConfigurationSpace
+
+    def __init__(self, points: ArrayLike, space: ConfigurationSpace) -> None:
+        try:
+            table = np.array(points, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise InputError("a path is a table of numbers, one point a row") from None
+        if table.ndim != 2 or table.shape[1] != space.ndim or not len(table):
+            raise InputError(f"a path in this space has shape (points, {space.ndim}), got {table.shape}")
+        if not np.isfinite(table).all():
+            row = int(np.argmin(np.isfinite(table).all(axis=1)))
+            raise InputError(f"point {row} of the path is not finite: {table[row].tolist()}")
+        table.flags.writeable = False
+        object.__setattr__(self, "points", table)
+        object.__setattr__(self, "space", space)
+
+    @property
+    def line(self) -> NDArray[np.float64]:
+        """Its points in axis units, shape (n, ndim)."""
+        return self.space.from_world(self.points)
 
 
-def axis_path(path: Streamline | ShortPath | ArrayLike, space: ConfigurationSpace) -> NDArray[np.float64]:
-    """Points of a path in axis units and continuous: the door of all that takes paths; as `unwrap` otherwise.
+AnyPath = Streamline | ShortPath | Polyline
 
-    Shapes: `path` (n, ndim); returns (n, ndim).
+
+def unwrap(path: AnyPath) -> NDArray[np.float64]:
+    """Points of a path in the world, in continuous coordinates, which may leave the range of a periodic axis.
+
+    A point differs from the path's own by whole turns only; the start by none.
+
+    Parameters
+    ----------
+    path : Streamline, ShortPath or Polyline
+
+    Returns
+    -------
+    ndarray of float64, shape (n, ndim)
+        World coordinates.
     """
-    if not isinstance(path, Streamline | ShortPath):
-        return space.from_world(_fitting(path, space))
-    if path.frame != space.frame:
-        raise InputError("the path lies elsewhere in the world than this space, so that it does not belong to it")
-    points = _fitting(path.axis_points, space)
-    if isinstance(path, ShortPath):
-        return points
-    return points + _turns(path, space) * (space.upper - space.lower)
+    return path.space.to_world(path.line)
 
 
-def wrap(points: ArrayLike, space: ConfigurationSpace) -> NDArray[np.float64]:
-    """Points with periodic coordinates brought back into their axes, ``lower <= x < upper``.
-
-    Shapes: `points` (n, ndim); returns (n, ndim).
-    """
-    own = _fitting(points, space)
-    turned = space.lower + np.mod(own - space.lower, space.upper - space.lower)
-    return np.where(space.periodic, np.where(turned < space.upper, turned, space.lower), own)
+def robot_of(path: AnyPath) -> Robot:
+    """The robot whose path it is; a point where the space knows of none."""
+    robot = path.space.robot
+    if robot is None:
+        return PointRobot()
+    if not isinstance(robot, Robot):
+        raise InputError(f"the robot of this space is a {type(robot).__name__}, which is no resgrid.Robot")
+    return robot
 
 
 def length_of(points: NDArray[np.float64]) -> float:
@@ -174,45 +226,8 @@ def length_of(points: NDArray[np.float64]) -> float:
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 
-def _turns(path: Streamline, space: ConfigurationSpace) -> NDArray[np.int64]:
-    """Whole turns of every point around every axis since the start, shape (n, ndim)."""
-    cells = path.point_cells
-    if cells.shape != path.axis_points.shape or len(path.axis_points) < len(path.cells):
-        raise InputError(
-            f"the path has {len(path.axis_points)} points and {len(path.cells)} cells; it is no streamline of ours"
-        )
-    local = (path.axis_points - space.lower) / space.spacing - cells
-    step = np.where(np.diff(cells, axis=0) != 0, np.where(local[1:] < 0.5, 1, -1), 0)
-    continuous = np.concatenate([cells[:1], cells[:1] + np.cumsum(step, axis=0)])
-    turns, left = np.divmod(continuous - cells, np.array(space.shape))
-    if left.any():
-        raise InputError(f"the path leaps between cells {_leap(cells, left)}; it does not belong to this space")
-    outside = np.abs(local - 0.5) > 0.5 + rounding(space.axes)
-    if np.any(outside | (cells < 0) | (cells >= space.shape)):
-        raise InputError("points of the path lie outside their cells in this space; it belongs to another")
-    return np.asarray(turns, dtype=np.int64)
-
-
-def _leap(cells: NDArray[np.int64], left: NDArray[np.int64]) -> str:
-    at = int(np.argmax(left.any(axis=1)))
-    return f"{tuple(cells[at - 1].tolist())} and {tuple(cells[at].tolist())}"
-
-
-def _fitting(path: ArrayLike, space: ConfigurationSpace) -> NDArray[np.float64]:
-    try:
-        points = np.array(path, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise InputError("a path is a table of numbers, one point a row") from None
-    if points.ndim != 2 or points.shape[1] != space.ndim or not len(points):
-        raise InputError(f"a path in this space has shape (points, {space.ndim}), got {points.shape}")
-    if not np.isfinite(points).all():
-        row = int(np.argmin(np.isfinite(points).all(axis=1)))
-        raise InputError(f"point {row} of the path is not finite: {points[row].tolist()}")
-    return points
-
-
-def in_world(axis_points: NDArray[np.float64], frame: Frame) -> NDArray[np.float64]:
+def _in_world(axis_points: NDArray[np.float64], space: ConfigurationSpace) -> NDArray[np.float64]:
     """Points in axis units as read-only points of the world, shape (n, ndim)."""
-    points = frame.to_world(axis_points)
+    points = space.frame.to_world(axis_points)
     points.flags.writeable = False
     return points

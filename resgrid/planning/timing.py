@@ -16,14 +16,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number
 from resgrid.errors import InputError
-from resgrid.planning.streamline import ShortPath, Streamline, unwrap
-from resgrid.robots import Robot
+from resgrid.planning.streamline import AnyPath, Polyline, robot_of, unwrap
 from resgrid.space import ConfigurationSpace
 
 Limits = float | Sequence[float] | NDArray[np.float64]
 
 Load = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """How many times its limits each of some vectors, shape (n, ndim), is: shape (n,)."""
+
+Knots = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+"""Times, positions, velocities and accelerations of a trajectory."""
 
 _STRAIGHT = 1e-12
 _MOMENT = 1e-13
@@ -44,6 +46,8 @@ class Trajectory:
         In the world, per second, just after each knot; 0 at the last.
     accelerations : ndarray of float64, shape (n - 1, ndim)
         In the world, per second squared, between the knots; of a resampled motion, their means.
+    path : Streamline, ShortPath or Polyline
+        The path that it times.
     motion : Trajectory or None
         Of a resampled motion, the one it was taken from, which it follows between its knots too.
     """
@@ -52,11 +56,17 @@ class Trajectory:
     positions: NDArray[np.float64]
     velocities: NDArray[np.float64]
     accelerations: NDArray[np.float64]
+    path: AnyPath
     motion: Trajectory | None = None
 
     def __post_init__(self) -> None:
         for array in (self.times, self.positions, self.velocities, self.accelerations):
             array.flags.writeable = False
+
+    @property
+    def space(self) -> ConfigurationSpace:
+        """The space it lies in."""
+        return self.path.space
 
     @property
     def duration(self) -> float:
@@ -145,17 +155,12 @@ class Trajectory:
         """
         times, positions, velocities = self.sample(rate)
         step = np.diff(times)[:, np.newaxis]
-        return Trajectory(times, positions, velocities, np.diff(velocities, axis=0) / step, self.motion or self)
+        accelerations = np.diff(velocities, axis=0) / step
+        return Trajectory(times, positions, velocities, accelerations, self.path, self.motion or self)
 
 
 def time_path(
-    path: Streamline | ShortPath | ArrayLike,
-    space: ConfigurationSpace,
-    *,
-    velocity_limits: Limits,
-    acceleration_limits: Limits | None = None,
-    tolerance: float | None = None,
-    robot: Robot | None = None,
+    path: AnyPath, *, velocity_limits: Limits, acceleration_limits: Limits | None = None, tolerance: float | None = None
 ) -> Trajectory:
     """Time a path as fast as limits allow.
 
@@ -166,9 +171,7 @@ def time_path(
 
     Parameters
     ----------
-    path : Streamline, ShortPath or array_like of float, shape (n, ndim)
-        An array holds points of the world, continuous across periodic seams.
-    space : ConfigurationSpace
+    path : Streamline, ShortPath or Polyline
     velocity_limits : float or sequence of float
         In units of the world's coordinates a second, positive.  A number for each of them limits each by itself.  One
         number limits how fast the robot itself is: of a point or a disc its speed in whatever direction; of other
@@ -177,12 +180,10 @@ def time_path(
         Likewise, a second squared.
     tolerance : float, optional
         Greatest distance, in axis units, from the path: half of it to straighten the path's small bends, half to round
-        the corners that are left.  By default half the path's clearance, at most a quarter of the narrowest cell; of an
-        array, 0: rest at every corner.  A path that touches an obstacle, as those of open ones do, has no clearance
-        either, and rests at every bend: `shorten` it with a clearance first, or say how far it may swerve.  Only with
-        accelerations.
-    robot : Robot, optional
-        A point by default.
+        the corners that are left.  By default half the path's clearance, at most a quarter of the narrowest cell; of a
+        `Polyline`, 0: rest at every corner.  A path that touches an obstacle, as those of open ones do, has no
+        clearance either, and rests at every bend: `shorten` it with a clearance first, or say how far it may swerve.
+        Only with accelerations.
 
     Returns
     -------
@@ -192,34 +193,34 @@ def time_path(
     Raises
     ------
     InputError
-        If a limit is not positive, or the path does not fit the space.
+        If a limit is not positive, or does not fit the axes.
     """
-    velocity = _load("velocity_limits", velocity_limits, space, robot)
-    points = _distinct(unwrap(path, space))
+    velocity = _load("velocity_limits", velocity_limits, path)
+    points = _distinct(unwrap(path))
     if acceleration_limits is None:
         if tolerance is not None:
             raise InputError("tolerance rounds corners for the sake of accelerations: give acceleration_limits too")
-        return _at_constant_velocities(points, velocity)
-    acceleration = _load("acceleration_limits", acceleration_limits, space, robot)
-    within = _default_tolerance(path, space) if tolerance is None else tolerance
+        return Trajectory(*_at_constant_velocities(points, velocity), path)
+    acceleration = _load("acceleration_limits", acceleration_limits, path)
+    within = _default_tolerance(path) if tolerance is None else tolerance
     check_number("tolerance", within, "a distance: at least 0 and finite", least=0.0)
     if len(points) < 2:
-        return _at_constant_velocities(points, velocity)
-    rounding = 4 * np.spacing(np.abs(points).max())
-    return _blended(_straightened(points, max(within / 2, rounding)), velocity, acceleration, within / 2)
+        return Trajectory(*_at_constant_velocities(points, velocity), path)
+    corners = _straightened(points, max(within / 2, 4 * np.spacing(np.abs(points).max())))
+    return Trajectory(*_blended(corners, velocity, acceleration, within / 2), path)
 
 
-def _default_tolerance(path: Streamline | ShortPath | ArrayLike, space: ConfigurationSpace) -> float:
-    if not isinstance(path, Streamline | ShortPath):
+def _default_tolerance(path: AnyPath) -> float:
+    if isinstance(path, Polyline):
         return 0.0
     clearance = np.inf if np.isnan(path.clearance) else path.clearance
-    return float(min(clearance / 2, space.spacing.min() / 4))
+    return float(min(clearance / 2, path.space.spacing.min() / 4))
 
 
-def _load(name: str, limits: Limits, space: ConfigurationSpace, robot: Robot | None) -> Load:
+def _load(name: str, limits: Limits, path: AnyPath) -> Load:
     """How limits weigh vectors of the world."""
-    each = _checked_limits(name, limits, space)
-    if np.ndim(limits) == 0 and (robot is None or robot.moves_in_workspace):
+    each = _checked_limits(name, limits, path.space)
+    if np.ndim(limits) == 0 and robot_of(path).moves_in_workspace:
         return lambda vectors: np.asarray(np.linalg.norm(vectors, axis=1) / each[0])
     return lambda vectors: np.asarray((np.abs(vectors) / each).max(axis=1))
 
@@ -270,15 +271,15 @@ def _distance_from_line(
     return np.asarray(np.linalg.norm(points - start - share[:, np.newaxis] * along, axis=1))
 
 
-def _at_constant_velocities(points: NDArray[np.float64], velocity: Load) -> Trajectory:
+def _at_constant_velocities(points: NDArray[np.float64], velocity: Load) -> Knots:
     step = np.diff(points, axis=0)
     seconds = velocity(step)
     velocities = np.concatenate([step / seconds[:, np.newaxis], np.zeros((1, points.shape[1]))])
     times = np.concatenate([[0.0], np.cumsum(seconds)])
-    return Trajectory(times, points, velocities, np.zeros_like(step))
+    return times, points, velocities, np.zeros_like(step)
 
 
-def _blended(points: NDArray[np.float64], velocity: Load, acceleration: Load, within: float) -> Trajectory:
+def _blended(points: NDArray[np.float64], velocity: Load, acceleration: Load, within: float) -> Knots:
     step = np.diff(points, axis=0)
     length = np.linalg.norm(step, axis=1)
     way = step / length[:, np.newaxis]
@@ -306,7 +307,7 @@ def _straight(length: float, enter: float, leave: float, top: float, push: float
     return [(seconds, speed) for seconds, speed in pieces if seconds > 0]
 
 
-def _joined(points: NDArray[np.float64], pieces: list[tuple[float, NDArray[np.float64]]]) -> Trajectory:
+def _joined(points: NDArray[np.float64], pieces: list[tuple[float, NDArray[np.float64]]]) -> Knots:
     total = sum(duration for duration, _ in pieces)
     pieces = [piece for piece in pieces if piece[0] > _MOMENT * total]
     seconds = np.array([duration for duration, _ in pieces])
@@ -317,7 +318,7 @@ def _joined(points: NDArray[np.float64], pieces: list[tuple[float, NDArray[np.fl
     )
     positions[-1], velocities[-1] = points[-1], 0.0
     times = np.concatenate([[0.0], np.cumsum(seconds)])
-    return Trajectory(times, positions, velocities, np.diff(velocities, axis=0) / duration)
+    return times, positions, velocities, np.diff(velocities, axis=0) / duration
 
 
 def _corners(

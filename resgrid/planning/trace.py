@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import AccuracyError, InputError
-from resgrid.planning.fields import Field, goal_blocked
+from resgrid.planning.clearance import segment_clearance
+from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -80,11 +81,36 @@ def streamline(field: Field, start: ArrayLike | None = None, *, cell: Sequence[i
 
 def follow(field: Field, point: NDArray[np.float64]) -> Streamline:
     """The streamline from a point in axis units, shape (ndim,); see `streamline`."""
-    cells, local = start_cells(field.space, point[np.newaxis])
-    blocked = _static_outcomes(field.space, cells)[0]
-    if blocked:
-        return _unmoved(field.space, cells, local, Outcome(blocked))
-    return _traced(field, cells[0], local[0])
+    from resgrid.planning import kernels
+
+    space = field.space
+    cells, local = start_cells(space, point[np.newaxis])
+    if blocked := static_outcomes(space, cells)[0]:
+        points = _points(space, cells, local)
+        return Streamline(points, cells, Outcome(blocked), None, 0.0, np.nan, np.nan, field)
+    none = np.empty((0, space.ndim))
+    first, position = cells[0], local[0]
+    code, steps, length, log_time = kernels.trace(
+        field.flow, first.copy(), position.copy(), none.astype(np.int64), none
+    )
+    _check_ended(np.array([code]))
+    cells, local = np.empty((steps + 1, space.ndim), dtype=np.int64), np.empty((steps + 1, space.ndim))
+    kernels.trace(field.flow, first, position, cells, local)
+    reached = code == kernels.REACHED
+    end, leg = _last_leg(space, cells[-1:], local[-1:])
+    # A segment ends where the next one starts, seen from its own cell: a point that enters at 0 came upward.
+    step = np.where(np.diff(cells, axis=0) != 0, np.where(local[1:] == 0.0, 1, -1), 0)
+    ends = np.concatenate([local[1:] + step, end])
+    return Streamline(
+        axis_points=_points(space, cells, local),
+        cells=cells,
+        outcome=Outcome.REACHED if reached else Outcome.NO_CURRENT,
+        goal=int(space.goal_region[tuple(cells[-1])]) if reached else None,
+        length=float(length + leg[0]),
+        clearance=segment_clearance(cells, local, ends, space, field.edge, field.obstacle_reach),
+        log_duration=float(_log_duration(field, np.array([log_time]))[0]),
+        field=field,
+    )
 
 
 def streamlines(field: Field, starts: ArrayLike) -> Traces:
@@ -115,7 +141,7 @@ def follow_many(field: Field, points: NDArray[np.float64]) -> Traces:
     from resgrid.planning import kernels
 
     cells, local = start_cells(field.space, points)
-    outcome = _static_outcomes(field.space, cells).astype("U16")
+    outcome = static_outcomes(field.space, cells).astype("U16")
     free = np.flatnonzero(outcome == "")
     last, position = cells[free], local[free]
     code, steps = np.empty(len(free), dtype=np.int64), np.empty(len(free), dtype=np.int64)
@@ -234,44 +260,16 @@ def start_points(space: ConfigurationSpace, starts: ArrayLike) -> NDArray[np.flo
     return inside
 
 
-def _static_outcomes(space: ConfigurationSpace, cells: NDArray[np.int64]) -> NDArray[np.str_]:
-    """Outcomes that the cells decide before anything flows; empty where there is something to trace."""
+def static_outcomes(space: ConfigurationSpace, cells: NDArray[np.int64]) -> NDArray[np.str_]:
+    """Outcomes that cells (n, ndim) decide before anything flows, shape (n,); empty where connectivity finds a path."""
     at = tuple(cells.T)
     code = space.cell[at]
     outcome = np.full(len(cells), "", dtype="U16")
+    blocked = not space.goal_connected.any()
     cut_off = (code == Cell.FREE) & ~space.goal_connected[at]
-    outcome[cut_off] = (Outcome.GOAL_BLOCKED if goal_blocked(space) else Outcome.NO_PATH).value
+    outcome[cut_off] = (Outcome.GOAL_BLOCKED if blocked else Outcome.NO_PATH).value
     outcome[code == Cell.OBSTACLE] = Outcome.START_BLOCKED.value
     return outcome
-
-
-def _unmoved(
-    space: ConfigurationSpace, cells: NDArray[np.int64], local: NDArray[np.float64], outcome: Outcome
-) -> Streamline:
-    return Streamline(_points(space, cells, local), cells, outcome, None, 0.0, np.nan, np.nan, space.frame)
-
-
-def _traced(field: Field, cell: NDArray[np.int64], local: NDArray[np.float64]) -> Streamline:
-    from resgrid.planning import kernels
-
-    space = field.space
-    none = np.empty((0, space.ndim))
-    code, steps, length, log_time = kernels.trace(field.flow, cell.copy(), local.copy(), none.astype(np.int64), none)
-    _check_ended(np.array([code]))
-    cells, locals_ = np.empty((steps + 1, space.ndim), dtype=np.int64), np.empty((steps + 1, space.ndim))
-    kernels.trace(field.flow, cell.copy(), local.copy(), cells, locals_)
-    reached = code == kernels.REACHED
-    end, leg = _last_leg(space, cells[-1:], locals_[-1:])
-    return Streamline(
-        axis_points=_points(space, cells, locals_),
-        cells=cells,
-        outcome=Outcome.REACHED if reached else Outcome.NO_CURRENT,
-        goal=int(space.goal_region[tuple(cells[-1])]) if reached else None,
-        length=float(length + leg[0]),
-        clearance=_clearance(field, cells, locals_, end[0]),
-        log_duration=float(_log_duration(field, np.array([log_time]))[0]),
-        frame=space.frame,
-    )
 
 
 def _points(space: ConfigurationSpace, cells: NDArray[np.int64], locals_: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -304,37 +302,6 @@ def _log_duration(field: Field, log_time: NDArray[np.float64]) -> NDArray[np.flo
     """From face currents to velocities: ``d xi / dt = I R / supply / h_ref**2`` in every axis; NaN where none moved."""
     scaled = log_time + 2.0 * np.log(field.space.spacing.min())
     return np.where(np.isneginf(log_time), np.nan, scaled)
-
-
-def _clearance(field: Field, cells: NDArray[np.int64], locals_: NDArray[np.float64], end: NDArray[np.float64]) -> float:
-    """Distance from the polyline to the nearest obstacle cell, or to an edge that counts as an obstacle."""
-    from resgrid.planning import kernels
-
-    space, reach = field.space, field.obstacle_reach
-    nearest = np.inf
-    if reach is not None:
-        starts = locals_ * space.spacing
-        ends = np.empty_like(starts)
-        # A segment ends where the next one starts, seen from its own cell.
-        ends[:-1] = starts[1:] + _steps(cells, locals_) * space.spacing
-        ends[-1] = end * space.spacing
-        bound = reach[tuple(cells.T)]
-        order = np.argsort(bound, kind="stable")
-        nearest = kernels.clearance(
-            cells[order], starts[order], ends[order], bound[order], (space.cell == Cell.OBSTACLE).ravel(),
-            np.array(space.shape, dtype=np.int64), space.spacing, space.periodic,
-        )  # fmt: skip
-    position = np.concatenate([cells + locals_, cells[-1:] + end]) * space.spacing
-    for axis, rule in enumerate(field.edge):
-        if rule == "obstacle":
-            extent = space.shape[axis] * space.spacing[axis]
-            nearest = min(nearest, position[:, axis].min(), extent - position[:, axis].max())
-    return float(max(nearest, 0.0))
-
-
-def _steps(cells: NDArray[np.int64], locals_: NDArray[np.float64]) -> NDArray[np.int64]:
-    """Cell steps of a streamline, -1, 0 or 1 along each axis: a point that enters at 0 came upward, at 1 downward."""
-    return np.where(np.diff(cells, axis=0) != 0, np.where(locals_[1:] == 0.0, 1, -1), 0)
 
 
 def _spread(count: int, where: NDArray[np.int64], values: NDArray[np.generic]) -> NDArray[np.float64]:

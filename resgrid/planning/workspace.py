@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from resgrid.arguments import check_number
 from resgrid.errors import InputError
-from resgrid.planning.streamline import ShortPath, Streamline, axis_path, unwrap
-from resgrid.robots import Robot, Shape
-from resgrid.robots.geometry import obstacles_of
+from resgrid.planning.streamline import AnyPath, robot_of, unwrap
+from resgrid.robots import Part, Shape
+from resgrid.robots.geometry import Obstacle, obstacles_of
 from resgrid.scene.world import along_axes
-from resgrid.space import ConfigurationSpace
-
-Way = Streamline | ShortPath | ArrayLike
 
 _MOST = 5_000_000
 _BATCH = 4096
@@ -26,16 +23,8 @@ _BATCH = 4096
 class Collision:
     """The first place of a path where the robot enters an obstacle.
 
-    Attributes
-    ----------
-    segment : int
-        Number of the path's segment, from 0.
-    configuration : ndarray of float64, shape (ndim,)
-        In world coordinates.
-    part : int
-        Which rigid part of the robot: of an arm, the link, from 0.
-    obstacle : int
-        Which of the obstacles, from 0.
+    `segment`: number of the path's segment, from 0; `configuration` (ndim,): in world coordinates; `part`: which
+    rigid part of the robot: of an arm, the link, from 0; `obstacle`: which of the obstacles, from 0.
     """
 
     segment: int
@@ -44,43 +33,30 @@ class Collision:
     obstacle: int
 
 
-def workspace_path(path: Way, robot: Robot, space: ConfigurationSpace) -> NDArray[np.float64]:
+def workspace_path(path: AnyPath) -> NDArray[np.float64]:
     """Where the robot's reference point goes in the workspace: of an arm, its tip.
 
     Parameters
     ----------
-    path : Streamline, ShortPath or array_like of float, shape (n, ndim)
-        An array holds points of the world.
-    robot : Robot
-    space : ConfigurationSpace
+    path : Streamline, ShortPath or Polyline
 
     Returns
     -------
     ndarray of float64, shape (n, d)
         In the world: one place per point of the path; d is 2 for arms and turning polygons, ndim for points, whose
         path this is.
-
-    Raises
-    ------
-    InputError
-        If the path does not fit the space or the robot.
     """
-    return robot.reference_point(unwrap(path, space))
+    return robot_of(path).reference_point(unwrap(path))
 
 
-def workspace_clearance(
-    path: Way, robot: Robot, obstacles: Sequence[Shape], space: ConfigurationSpace, *, step: float = 0.01
-) -> float:
+def workspace_clearance(path: AnyPath, obstacles: Sequence[Shape], *, step: float = 0.01) -> float:
     """Smallest distance from the whole robot to the obstacles along a path, with exact geometry.
 
     Parameters
     ----------
-    path : Streamline, ShortPath or array_like of float, shape (n, ndim)
-        An array holds points of the world.
-    robot : Robot
+    path : Streamline, ShortPath or Polyline
     obstacles : sequence of Shape
         In world coordinates; a `CellSet` lies along the axes of the space.
-    space : ConfigurationSpace
     step : float
         No point of the robot moves farther than this between two configurations looked at, in workspace units; so
         the distance on the way between them is at least the result less half a step.
@@ -93,30 +69,22 @@ def workspace_clearance(
     Raises
     ------
     InputError
-        If the path does not fit, the robot's geometry is not known, or the step is not positive or far too small.
+        If the robot's geometry is not known, or the step is not positive or far too small.
     """
-    configurations, _ = dense(path, robot, space, step)
-    solids = obstacles_of(along_axes(obstacles, space.frame), robot.workspace_axes(space.axes))
     nearest = np.inf
-    for batch in _batches(configurations, robot, space):
-        parts = robot.parts(batch)
+    for _, _, parts, solids in _poses(path, obstacles, step):
         nearest = min([nearest, *(float(solid.distance(part).min()) for solid in solids for part in parts)])
     return nearest
 
 
-def replay(
-    path: Way, robot: Robot, obstacles: Sequence[Shape], space: ConfigurationSpace, *, step: float = 0.01
-) -> Collision | None:
+def replay(path: AnyPath, obstacles: Sequence[Shape], *, step: float = 0.01) -> Collision | None:
     """Drive the whole robot along a path, with exact geometry, until it enters an obstacle.
 
     Parameters
     ----------
-    path : Streamline, ShortPath or array_like of float, shape (n, ndim)
-        An array holds points of the world.
-    robot : Robot
+    path : Streamline, ShortPath or Polyline
     obstacles : sequence of Shape
         In world coordinates; a `CellSet` lies along the axes of the space.
-    space : ConfigurationSpace
     step : float
         As in `workspace_clearance`.
 
@@ -130,34 +98,40 @@ def replay(
     InputError
         As `workspace_clearance`.
     """
-    configurations, segment = dense(path, robot, space, step)
-    solids = obstacles_of(along_axes(obstacles, space.frame), robot.workspace_axes(space.axes))
-    seen = 0
-    for batch in _batches(configurations, robot, space):
+    for configurations, segment, parts, solids in _poses(path, obstacles, step):
         hits = [
             (int(np.argmax(hit)), number, solid.number)
-            for number, part in enumerate(robot.parts(batch))
+            for number, part in enumerate(parts)
             for solid in solids
             if (hit := solid.collides(part)).any()
         ]
         if hits:
-            first, part_number, obstacle = min(hits)
-            at = seen + first
-            return Collision(int(segment[at]), space.to_world(configurations[at]), part_number, obstacle)
-        seen += len(batch)
+            at, part, obstacle = min(hits)
+            return Collision(int(segment[at]), path.space.to_world(configurations[at]), part, obstacle)
     return None
 
 
-def dense(
-    path: Way, robot: Robot, space: ConfigurationSpace, step: float
-) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+def _poses(
+    path: AnyPath, obstacles: Sequence[Shape], step: float
+) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64], list[Part], list[Obstacle]]]:
+    """A few thousand configurations at a time, the segments they lie on, the robot's parts there, and the obstacles."""
+    robot, space = robot_of(path), path.space
+    solids = obstacles_of(along_axes(obstacles, space.frame), robot.workspace_axes(space.axes))
+    configurations, segment = dense(path, step)
+    own = robot.within_seams(space.axes, configurations)
+    for first in range(0, len(own), _BATCH):
+        some = slice(first, first + _BATCH)
+        yield configurations[some], segment[some], robot.parts(own[some]), solids
+
+
+def dense(path: AnyPath, step: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Configurations along a path, so close that no point of the robot moves farther than a step between two.
 
-    Shapes: `path` (n, ndim); returns `configurations` (m, ndim), `segment` (m,).
+    Shapes: returns `configurations` (m, ndim), in axis units, `segment` (m,).
     """
-    points = axis_path(path, space)
+    points, robot = path.line, robot_of(path)
     check_number("step", step, "a positive length", above=0.0)
-    robot.check_axes(space.axes)
+    robot.check_axes(path.space.axes)
     pieces = np.maximum(np.ceil(robot.travel(points[:-1], points[1:]) / step), 1.0)
     if pieces.sum() > _MOST:
         raise InputError(f"a step of {step:g} makes {pieces.sum():,.0f} configurations; choose a longer one")
@@ -167,9 +141,3 @@ def dense(
     inner = points[segment] + share[:, np.newaxis] * (points[segment + 1] - points[segment])
     last = max(len(count) - 1, 0)
     return np.concatenate([inner, points[-1:]]), np.append(segment, last).astype(np.int64)
-
-
-def _batches(configurations: NDArray[np.float64], robot: Robot, space: ConfigurationSpace) -> list[NDArray[np.float64]]:
-    """Configurations a few thousand at a time; those of a point are brought back into periodic axes."""
-    own = robot.within_seams(space.axes, configurations)
-    return [own[first : first + _BATCH] for first in range(0, len(own), _BATCH)]

@@ -20,7 +20,6 @@ from resgrid.control.announced import Wavefront
 from resgrid.control.log import Mode, Run
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.files import atomic_path
-from resgrid.planning.workspace import workspace_path
 from resgrid.plot.control import (
     FORCE,
     MODES,
@@ -223,7 +222,7 @@ class _Workspace:
         self._run, self._axes = run, axes
         self._scene = scene_of(run)
         draw_robot(run.configuration[:1], self._scene, axes, ghosts=1)
-        self._tips = workspace_path(run.configuration, self._scene.robot, run.space)
+        self._tips = self._scene.robot.reference_point(run.configuration)
         (self._path,) = axes.plot([], [], color=ROBOT, linewidth=1.0, alpha=0.7, zorder=4)
         mark_start(self._tips[:1], axes)
         axes.plot([], [], color=ROBOT, linewidth=0, marker="o", label="robot")

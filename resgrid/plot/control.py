@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from resgrid.control.log import ContactLog, Ending, Mode, Run
 from resgrid.control.plant import plant_of
 from resgrid.errors import InputError
-from resgrid.planning.workspace import workspace_path
 from resgrid.plot.fields import draw_space
 from resgrid.plot.figures import PAGE, add_title, caption_height, new_figure, panel_height
 from resgrid.plot.plane import paint_cells, plane_of, seam_shifts, wrapped
@@ -74,7 +73,7 @@ def draw_runs(runs: Sequence[Run], *, title: str = "", caption: str = "") -> Fig
     for run, colour in zip(runs, PATHS, strict=False):
         label = f"k = {run.field.k:g}" + ("" if run.ending is Ending.ARRIVED else f" ({run.ending})").replace("_", " ")
         path = without_rests(run.configuration)
-        tip = workspace_path(path, scene.robot, run.space)
+        tip = scene.robot.reference_point(path)
         left.plot(*tip.T, color=colour, linewidth=1.4, zorder=6, label=label)
         for shift in seam_shifts(run.space):
             right.plot(*(path + shift).T, color=colour, linewidth=1.4, zorder=4, label=label)

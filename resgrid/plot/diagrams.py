@@ -13,8 +13,7 @@ from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.control.announced import RelaxationSweep, Wavefront
-from resgrid.control.controller import make_controller
-from resgrid.control.equipotential import following_velocity
+from resgrid.control.controller import following_velocity, make_controller
 from resgrid.errors import InputError
 from resgrid.planning.blend import dirichlet_share
 from resgrid.planning.fields import Field

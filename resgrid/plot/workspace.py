@@ -14,13 +14,13 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from matplotlib.patheffects import Normal, Stroke
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from shapely.geometry.polygon import orient
 
 from resgrid.errors import InputError
 from resgrid.planning.separation import Separation
-from resgrid.planning.streamline import Streamline, axis_path
-from resgrid.planning.workspace import Way, dense, workspace_path
+from resgrid.planning.streamline import AnyPath, Polyline, Streamline, unwrap
+from resgrid.planning.workspace import dense
 from resgrid.plot.fields import draw_space
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, caption_height, new_figure
 from resgrid.plot.paths import draw_separation, draw_streamlines
@@ -43,6 +43,8 @@ from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.scene import Scene
 from resgrid.space import Cell, ConfigurationSpace
 
+Way = AnyPath | ArrayLike
+
 _GHOSTS = 12
 _START, _EARLY, _LATE, _END = "#2b2b2b", "#b5b5b5", "#7fb2d6", "#0072B2"
 
@@ -64,7 +66,7 @@ def draw_robot(
 
     Parameters
     ----------
-    path : Streamline, ShortPath or array_like of float, shape (n, ndim)
+    path : Streamline, ShortPath, Polyline or array_like of float, shape (n, ndim)
         An array holds points of the world.
     scene : Scene
         Of a robot that moves in the plane.
@@ -86,13 +88,13 @@ def draw_robot(
     """
     if not 1 <= ghosts <= 1000:
         raise InputError(f"ghosts = {ghosts}, but 1 to 1000 poses can be drawn")
-    robot, grid = scene.robot, empty_space(scene)
-    poses = _dense(path, robot, grid)
+    robot = scene.robot
+    poses = _dense(path, scene)
     axes = _draw_surroundings(scene, ax)
     shown = poses[_evenly(poses, robot, ghosts)]
     for number, pose in enumerate(shown):
         _draw_pose(robot, pose, axes, number, len(shown))
-    tip = workspace_path(poses, robot, grid)
+    tip = robot.reference_point(poses)
     if len(tip) > 1:
         effects = [Stroke(linewidth=2.4, foreground="white"), Normal()]
         label = f"path of the {robot.reference}"
@@ -126,9 +128,9 @@ def draw_tips(paths: Sequence[Streamline], scene: Scene, ax: Axes | None = None)
     InputError
         If a path does not fit the scene, or the robot does not move in the plane.
     """
-    robot, grid = scene.robot, empty_space(scene)
+    robot = scene.robot
     axes = _draw_surroundings(scene, ax)
-    lines = [workspace_path(_dense(path, robot, grid), robot, grid) for path in paths]
+    lines = [robot.reference_point(_dense(path, scene)) for path in paths]
     label = f"paths of the {robot.reference}"
     axes.add_collection(LineCollection(lines, colors=PATHS[0], linewidths=0.6, alpha=0.8, zorder=4, label=label))
     for row, size, face in ((0, 5, "white"), (-1, 4, GOAL)):
@@ -197,7 +199,7 @@ def draw_pair(
         if lines:
             draw_streamlines(lines, space, right)
         if not isinstance(path, Streamline):
-            _draw_line(space.to_world(axis_path(path, space)), space, right)
+            _draw_line(unwrap(path if isinstance(path, AnyPath) else Polyline(path, space)), space, right)
     right.set_title("Configuration space", fontsize=TEXT)
     add_title(figure, title, caption)
     return figure
@@ -213,7 +215,9 @@ def _draw_line(points: NDArray[np.float64], space: ConfigurationSpace, axes: Axe
 
 def empty_space(scene: Scene) -> ConfigurationSpace:
     """The configuration space of a scene without its obstacles and goals."""
-    return ConfigurationSpace(scene.axes, np.zeros([axis.cells for axis in scene.axes], np.uint8), frame=scene.frame)
+    return ConfigurationSpace(
+        scene.axes, np.zeros([axis.cells for axis in scene.axes], np.uint8), frame=scene.frame, robot=scene.robot
+    )
 
 
 def mark_shapes(shapes: Sequence[Shape], axes: Axes, colour: str, label: str, order: float = 2.2) -> None:
@@ -282,14 +286,14 @@ def _goal_place(goal: Goal, scene: Scene) -> NDArray[np.float64]:
 
 def _reference(configuration: Any, scene: Scene) -> NDArray[np.float64]:
     """Where the robot's reference point is in a configuration of the world, shape (2,)."""
-    return workspace_path(np.reshape(configuration, (1, -1)), scene.robot, empty_space(scene))[0, :2]
+    return scene.robot.reference_point(np.reshape(configuration, (1, -1)))[0, :2]
 
 
-def _dense(path: Way, robot: Robot, space: ConfigurationSpace) -> NDArray[np.float64]:
+def _dense(path: Way, scene: Scene) -> NDArray[np.float64]:
     """Configurations in the world close enough for smooth lines, whatever the scale of the workspace."""
-    corners = axis_path(path, space)
-    travel = float(robot.travel(corners[:-1], corners[1:]).sum())
-    return space.to_world(dense(path, robot, space, travel / 400)[0] if travel else corners)
+    own = path if isinstance(path, AnyPath) else Polyline(path, empty_space(scene))
+    travel = float(scene.robot.travel(own.line[:-1], own.line[1:]).sum())
+    return own.space.to_world(dense(own, travel / 400)[0] if travel else own.line)
 
 
 def _evenly(poses: NDArray[np.float64], robot: Robot, count: int) -> NDArray[np.int64]:

@@ -111,22 +111,9 @@ class Arm(Robot):
         return max(0.0, 2 * max(self.lengths) - self.reach)
 
     def axes(self, cells: int | Sequence[int]) -> tuple[Axis, ...]:
-        """Axes of the configuration space, as the joints' limits say.
+        """Axes of the configuration space, ``theta_1``, ``theta_2``, ..., as the joints' limits say.
 
-        Parameters
-        ----------
-        cells : int or sequence of int
-            Number of cells, for all joints or for each.
-
-        Returns
-        -------
-        tuple of Axis
-            ``theta_1``, ``theta_2``, ... in radians.
-
-        Raises
-        ------
-        InputError
-            If there are not as many numbers as joints.
+        `cells`: their numbers of cells, one for all joints or one for each.
         """
         counts = [cells] * self.ndim if isinstance(cells, int) else list(cells)
         if len(counts) != self.ndim:
@@ -146,17 +133,7 @@ class Arm(Robot):
         raise InputError("an arm on a map needs a [grid] for its joints")
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
-        """Refuse axes that are not this arm's joints.
-
-        Parameters
-        ----------
-        axes : sequence of Axis
-
-        Raises
-        ------
-        InputError
-            If their number differs, a periodic one is not a full turn, or one leaves its joint's limits.
-        """
+        """Refuse axes that are not this arm's joints: their number, a periodic one, limits."""
         if len(axes) != self.ndim:
             raise InputError(f"an arm of {self.ndim} joints needs {self.ndim} axes, got {len(axes)}")
         for axis, limits in zip(axes, self.limits, strict=True):
@@ -174,45 +151,16 @@ class Arm(Robot):
                 )
 
     def directions(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Direction of every link.
-
-        Parameters
-        ----------
-        configurations : array_like of float, shape (..., n)
-            Joint angles, in radians.
-
-        Returns
-        -------
-        ndarray of float64, shape (..., n)
-            Angles from the x axis, in radians.
-
-        Raises
-        ------
-        InputError
-            If there are not n angles.
-        """
+        """Angle of every link from the x axis, in radians. Shapes: `configurations` (..., n); returns (..., n)."""
         turned = np.asarray(configurations, dtype=np.float64)
         if turned.shape[-1:] != (self.ndim,):
             raise InputError(f"this arm has {self.ndim} joints, but a configuration has shape {turned.shape}")
         return self.base_angle + (np.cumsum(turned, axis=-1) if self.angles == "relative" else turned)
 
     def joints(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Forward kinematics: where the joints are, and the tip.
+        """Forward kinematics: the base, the other joints, and the tip.
 
-        Parameters
-        ----------
-        configurations : array_like of float, shape (..., n)
-            Joint angles, in radians.
-
-        Returns
-        -------
-        ndarray of float64, shape (..., n + 1, 2)
-            The base, the other joints, and the tip.
-
-        Raises
-        ------
-        InputError
-            If there are not n angles.
+        Shapes: `configurations` (..., n); returns (..., n + 1, 2).
         """
         directions = self.directions(configurations)
         links = np.stack([np.cos(directions), np.sin(directions)], axis=-1) * np.asarray(self.lengths)[:, None]
@@ -224,47 +172,18 @@ class Arm(Robot):
         return self.joints(configurations)[..., -1, :]
 
     def jacobian(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Velocity of the tip for unit velocities of the joints.
-
-        Parameters
-        ----------
-        configurations : array_like of float, shape (..., n)
-            Joint angles, in radians.
-
-        Returns
-        -------
-        ndarray of float64, shape (..., 2, n)
-
-        Raises
-        ------
-        InputError
-            If there are not n angles.
-        """
+        """Velocity of the tip for unit velocities of the joints. Shapes: (..., n); returns (..., 2, n)."""
         places = self.joints(configurations)
         lever = places[..., -1:, :] - places[..., :-1, :] if self.angles == "relative" else np.diff(places, axis=-2)
         return np.stack([-lever[..., 1], lever[..., 0]], axis=-2)
 
     def inverse(self, point: ArrayLike) -> NDArray[np.float64]:
-        """Inverse kinematics of an arm with two links.
+        """Inverse kinematics of an arm with two links: all configurations that bring the tip to a point, shape (s, 2).
 
-        Parameters
-        ----------
-        point : array_like of float, shape (2,)
-            Where the tip shall be.
-
-        Returns
-        -------
-        ndarray of float64, shape (s, 2)
-            All configurations that bring it there within the limits: with none, or less than a turn of them, no
-            configuration, one (stretched or folded) or two, the elbow turning left (from the first link to the
-            second) first; where limits are wider than a turn each comes once for every turn that fits.  A joint
-            without limits is told from -pi to pi.  Where every direction would do (equal links folded back onto the
-            base) the one along ``base_angle`` stands for all.
-
-        Raises
-        ------
-        InputError
-            If the arm has not two links, the point is not finite, or the limits leave more than a million solutions.
+        Within the limits there is none, or for less than a turn one (stretched or folded) or two, the elbow turning
+        left (from the first link to the second) first; where limits are wider than a turn each comes once for every
+        turn that fits. A joint without limits is counted from -pi to pi. Where every direction would do (equal links
+        folded back onto the base) the one along ``base_angle`` stands for all.
         """
         if self.ndim != 2:
             raise InputError(f"only an arm of two links has a closed inverse; this one has {self.ndim}")
@@ -349,17 +268,7 @@ class Arm(Robot):
         return occupied | self.singular_cells(axes)
 
     def singular_cells(self, axes: Sequence[Axis]) -> NDArray[np.bool_]:
-        """Cells of the virtual obstacle along the singularities of the Jacobian; all False without one.
-
-        Parameters
-        ----------
-        axes : sequence of Axis
-
-        Returns
-        -------
-        ndarray of bool
-            One entry per cell, or a shape that broadcasts.
-        """
+        """Cells of the virtual obstacle along the singularities of the Jacobian, one entry per cell, or broadcast."""
         return singular_cells(axes, self.singularity_width, self.singularity_cells, relative=self.angles == "relative")
 
     def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> GoalCells:

@@ -58,163 +58,57 @@ class Robot(ABC):
 
     @abstractmethod
     def parts(self, configurations: NDArray[np.float64]) -> list[Part]:
-        """Its rigid parts in many configurations.
+        """Its rigid parts: shapely geometries, one for each of the configurations, shape (n, ndim), with a radius.
 
-        Parameters
-        ----------
-        configurations : ndarray of float64, shape (n, ndim)
-            In axis units.
-
-        Returns
-        -------
-        list of Part
-            Each with n shapely geometries, and a radius around them.
-
-        Raises
-        ------
-        InputError
-            If the workspace is not the plane.
+        Raises `InputError` if its workspace is not the plane.
         """
 
     @abstractmethod
     def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Bound of how far any point of it moves on straight lines in configuration space.
+        """Bound of how far any point of it moves on straight lines in configuration space, shape (n,).
 
-        Parameters
-        ----------
-        start, end : ndarray of float64, shape (n, ndim)
-            Only their difference matters, and the bound is a convex function of it.
-
-        Returns
-        -------
-        ndarray of float64, shape (n,)
-            In the unit of the workspace.
+        Only the difference of `start` and `end`, shapes (n, ndim), matters, and the bound is a convex function of it.
         """
 
     def pose(self, configuration: NDArray[np.float64]) -> Pose:  # noqa: ARG002
-        """How it lies in the plane, and how its points move, for contacts.
+        """How it lies in the plane in a configuration, shape (ndim,), and how its points move, for contacts.
 
-        Parameters
-        ----------
-        configuration : ndarray of float64, shape (ndim,)
-
-        Returns
-        -------
-        Pose
-
-        Raises
-        ------
-        InputError
-            If that is not known.
+        `Pose.of_body` makes the pose of one rigid body.
         """
         name = type(self).__name__
         raise InputError(f"how a {name} touches obstacles is not known; give {name} a method pose(configuration)")
 
     def reference_point(self, configurations: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Where its reference point (an arm's tip) is.
-
-        Parameters
-        ----------
-        configurations : ndarray of float64, shape (n, ndim)
-
-        Returns
-        -------
-        ndarray of float64, shape (n, d)
-        """
+        """Where its reference point (an arm's tip) is. Shapes: (n, ndim); returns (n, d)."""
         return configurations if self.moves_in_workspace else configurations[:, :2]
 
     def heading(self, configurations: NDArray[np.float64]) -> NDArray[np.float64] | None:  # noqa: ARG002
-        """Direction that it looks in, in radians, shape (n,); None if it has none.
-
-        Parameters
-        ----------
-        configurations : ndarray of float64, shape (n, ndim)
-
-        Returns
-        -------
-        ndarray of float64, shape (n,), or None
-        """
+        """Direction that it looks in, in radians, shape (n,); None if it has none."""
         return None
 
     def bare(self, *, self_collision: bool = True) -> Robot:  # noqa: ARG002
-        """The robot without virtual obstacles, and if so asked without collisions with itself.
-
-        Parameters
-        ----------
-        self_collision : bool
-
-        Returns
-        -------
-        Robot
-        """
+        """The robot without virtual obstacles, and if so asked without collisions with itself."""
         return self
 
+    def implied_axes(self) -> tuple[dict[str, Any], ...]:
+        """What it knows of its axes before a scene says anything: keys of each, in order."""
+        return ()
+
     def axes_on_map(self, axes: Sequence[Axis], headings: int) -> tuple[Axis, ...]:  # noqa: ARG002
-        """Axes of its configuration space on a map of the plane.
-
-        Parameters
-        ----------
-        axes : sequence of Axis
-            Of the map.
-        headings : int
-            Number of cells of a turn, where it turns.
-
-        Returns
-        -------
-        tuple of Axis
-
-        Raises
-        ------
-        InputError
-            If its axes do not follow from the map's.
-        """
+        """Axes of its configuration space on a map of the plane; a robot that turns has as many headings."""
         return tuple(axes)
 
     def check_axes(self, axes: Sequence[Axis]) -> None:  # noqa: B027
-        """Refuse axes that are not this robot's.
-
-        Parameters
-        ----------
-        axes : sequence of Axis
-
-        Raises
-        ------
-        InputError
-            If their number or kind does not fit.
-        """
-
-    def implied_axes(self) -> tuple[dict[str, Any], ...]:
-        """What is known of its axes before a scene says anything: keys of tables of axes."""
-        return ()
+        """Refuse axes that are not this robot's with an `InputError`."""
 
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
     ) -> NDArray[np.bool_]:
-        """Cells in which the robot would touch an obstacle.
+        """Cells in which the robot would touch an obstacle, True where blocked.
 
         By default a cell is free if at its centre every part is farther from every obstacle than any point of the robot
-        moves within the cell.
-
-        Parameters
-        ----------
-        axes : sequence of Axis
-            The axes of the configuration space.
-        obstacles : sequence of Shape
-            What stands in the workspace.
-        rule : {"conservative", "centre"}
-            Whether a cell is blocked when the robot touches an obstacle anywhere inside it, or at its centre.
-        progress : callable, optional
-            Called as ``progress(done, total)``.
-
-        Returns
-        -------
-        ndarray of bool
-            One entry per cell, True where blocked.
-
-        Raises
-        ------
-        InputError
-            If a shape or an axis does not fit the robot.
+        moves within the cell; with the rule ``"centre"`` instead of ``"conservative"``, if nothing is touched there.
+        `progress` is called as ``progress(done, total)``.
         """
         self.check_axes(axes)
         solid = obstacles_of((require_plane(shape, "this robot") for shape in obstacles), self.workspace_axes(axes))
@@ -235,25 +129,10 @@ class Robot(ABC):
         return blocked.reshape(shape)
 
     def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
-        """Cells in which the robot has its reference point in a region of the workspace, or is in one configuration.
+        """Cells that hold a configuration which solves a goal, and such a configuration for each.
 
-        Parameters
-        ----------
-        axes : sequence of Axis
-            The axes of the configuration space.
-        region : Shape or tuple of float
-            With as many coordinates as axes: configurations; with two: places in the plane, reached with the other
-            coordinates at the centre of their cells.
-
-        Returns
-        -------
-        GoalCells
-            The cells that hold a configuration which brings it there, and such a configuration for each.
-
-        Raises
-        ------
-        InputError
-            If the region does not fit the robot, or the robot cannot get there at all.
+        A region, or a point, with as many coordinates as there are axes is one of configurations; with two coordinates
+        one of places for the reference point, reached with the other coordinates at the centre of their cells.
         """
         self.check_axes(axes)
         count = len(region) if isinstance(region, tuple) else region.ndim
@@ -266,22 +145,9 @@ class Robot(ABC):
         return GoalCells(np.repeat(cells.ravel(), len(rest)).reshape(shape), points)
 
     def shapes_at(self, configuration: ArrayLike) -> list[BaseGeometry]:
-        """The robot itself in the workspace.
+        """The robot in the workspace: shapely geometry of each rigid part in a configuration, shape (ndim,).
 
-        Parameters
-        ----------
-        configuration : array_like of float, shape (ndim,)
-            In axis units.
-
-        Returns
-        -------
-        list of shapely geometry
-            One for each rigid part; round ends are polygons of 32 edges a half-circle, inside the circle.
-
-        Raises
-        ------
-        InputError
-            If the configuration has another number of coordinates, or the workspace is not the plane.
+        Round ends are polygons of 32 edges a half-circle, inside the circle.
         """
         parts = self.parts(np.asarray(configuration, dtype=np.float64).reshape(1, -1))
         return [part.core[0].buffer(part.radius, quad_segs=16) if part.radius else part.core[0] for part in parts]

@@ -70,31 +70,12 @@ class PointRobot(Robot):
     def occupancy(
         self, axes: Sequence[Axis], obstacles: Sequence[Shape], rule: Sampling, progress: Progress | None = None
     ) -> NDArray[np.bool_]:
-        """Cells that meet an obstacle grown by the robot's radius.
+        """Cells that meet an obstacle grown by the robot's radius, in one to four dimensions.
 
-        Parameters
-        ----------
-        axes : sequence of Axis
-            One to four axes.
-        obstacles : sequence of Shape
-            In the coordinates of the axes, with as many coordinates.
-        rule : {"conservative", "centre"}
-            ``"conservative"``: a cell is blocked if its interior meets a grown obstacle, so every point of a free
-            cell is free; an obstacle that ends on a cell's border does not block that cell.  ``"centre"``: it is
-            blocked if its centre lies in a grown obstacle.  "Interior" leaves out a rim of 1e-9 of the cell, so
-            that an edge meant to lie on a border does so in floating point.
-        progress : callable, optional
-            Called as ``progress(done, total)``, in shapes.
-
-        Returns
-        -------
-        ndarray of bool
-            True where blocked.
-
-        Raises
-        ------
-        InputError
-            If a shape has another number of coordinates than the grid.
+        With the rule ``"conservative"`` a cell is blocked if its interior meets a grown obstacle, so every point of a
+        free cell is free; an obstacle that ends on a cell's border does not block that cell. ``"centre"``: it is
+        blocked if its centre lies in a grown obstacle. "Interior" leaves out a rim of 1e-9 of the cell, so that an edge
+        meant to lie on a border does so in floating point.
         """
         self.check_axes(axes)
         blocked = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)

@@ -68,20 +68,7 @@ class PolygonRobot(Robot):
         return float(np.hypot(*np.transpose(self.vertices)).max())
 
     def turning_axis(self, cells: int, name: str = "theta") -> Axis:
-        """The third axis: a full turn, periodic.
-
-        Parameters
-        ----------
-        cells : int
-            Number of cells.
-        name : str
-            Its name.
-
-        Returns
-        -------
-        Axis
-            From 0 to ``2 pi turning_length``.
-        """
+        """The third axis: a full turn from 0 to ``2 pi turning_length``, periodic."""
         return Axis(name, 0.0, tau * self.turning_length, cells, periodic=True)
 
     def implied_axes(self) -> tuple[dict[str, Any], ...]:
@@ -94,17 +81,7 @@ class PolygonRobot(Robot):
         return (*axes, self.turning_axis(headings))
 
     def check_axes(self, axes: Sequence[Axis]) -> None:
-        """Refuse axes that are not ``(x, y, theta)``.
-
-        Parameters
-        ----------
-        axes : sequence of Axis
-
-        Raises
-        ------
-        InputError
-            If there are not three, x or y is periodic, or a periodic third is not a full turn.
-        """
+        """Refuse axes that are not ``(x, y, theta)``, x and y not periodic and a periodic theta a full turn."""
         if len(axes) != 3:
             raise InputError(f"a turning polygon needs 3 axes (x, y, theta), got {len(axes)}")
         for axis in axes[:2]:
@@ -118,22 +95,7 @@ class PolygonRobot(Robot):
             )
 
     def corners(self, configurations: ArrayLike) -> NDArray[np.float64]:
-        """Where the corners are.
-
-        Parameters
-        ----------
-        configurations : array_like of float, shape (..., 3)
-            x, y and theta, in axis units.
-
-        Returns
-        -------
-        ndarray of float64, shape (..., v, 2)
-
-        Raises
-        ------
-        InputError
-            If there are not three coordinates.
-        """
+        """Where the corners are. Shapes: `configurations` (..., 3); returns (..., v, 2)."""
         pose = np.asarray(configurations, dtype=np.float64)
         if pose.shape[-1:] != (3,):
             raise InputError(f"a turning polygon's configuration is (x, y, theta), got shape {pose.shape}")

@@ -10,6 +10,7 @@ from annotated_types import Ge, Gt, Le, Len
 
 from resgrid.errors import InputError
 from resgrid.scene.quantities import Listed, Quantity
+from resgrid.scene.table import check_fields
 
 ABSOLUTE_ZERO = -273.15
 
@@ -181,8 +182,6 @@ class Chip:
 
 def _check(value: Readout | Defects | Chip, *laws: Callable[..., Iterable[str]]) -> None:
     """Refuse a value whose fields are impossible, or break a law together."""
-    from resgrid.scene.table import check_fields
-
     check_fields(value)
     broken = [problem for law in laws for problem in law(value)]
     if broken:

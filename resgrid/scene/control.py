@@ -8,6 +8,7 @@ from typing import Annotated, Literal
 from annotated_types import Ge, Gt, Le, Len
 
 from resgrid.scene.quantities import Listed
+from resgrid.scene.table import check_fields
 
 Numbers = Annotated[tuple[float, ...], Len(1), Listed()]
 
@@ -81,6 +82,4 @@ class Control:
     announce: bool = False
 
     def __post_init__(self) -> None:
-        from resgrid.scene.table import check_fields
-
         check_fields(self)

@@ -101,9 +101,9 @@ class Scene:
     boundary : {"dirichlet", "neumann", "wall"}
         What obstacles are.
     drive : {"uniform", "start"} or None
-        What drives the grid where obstacles are open; None means uniform there and nothing elsewhere.
+        What drives the grid where obstacles are open; by default uniform there, and nothing elsewhere.
     edge : tuple of {"obstacle", "open", "periodic"}
-        What the border of the grid is, per axis.
+        What the border of the grid is: one for all axes, or one each.
     k : tuple of float
         Blends asked for, each in [0, 1]: the share of the Dirichlet field.  Empty: no blend, ``boundary`` decides.
     chip : Chip

@@ -215,9 +215,9 @@ class Map(Table):
     unknown: Annotated[
         Literal["obstacle", "free"] | None, Field(description="ROS: what cells of unknown occupancy are.")
     ] = None
-    lethal: (
-        Annotated[int, Ge(1), Le(100), Field(description="ROS: occupancy from which a cell is an obstacle.")] | None
-    ) = None
+    lethal: Annotated[
+        Annotated[int, Ge(1), Le(100)] | None, Field(description="ROS: occupancy from which a cell is an obstacle.")
+    ] = None
     least_conductivity: Annotated[
         Annotated[float, Gt(0), Le(1)] | None,
         Field(description="ROS: values below lethal as cost; an occupancy p conducts this to the power of p / lethal."),
@@ -278,7 +278,7 @@ SceneFile: Any = create_model(
     control=_key("control", value_of(Control), Control()),
 )
 _ROBOT: TypeAdapter[Robot] = TypeAdapter(_one_of(KINDS["robot"], _robot_kind))
-_NAMED = {
+TABLES: dict[str, Any] = {
     "": SceneFile,
     "links": Link,
     "grid": Grid,
@@ -294,7 +294,7 @@ _NAMED = {
 def keys_of(path: tuple[str | int, ...], kind: str | None) -> list[str]:
     """The keys that a table may hold, by its path and, if there are several, its kind."""
     name = next((part for part in reversed(path) if isinstance(part, str)), "")
-    table: Any = _NAMED.get(name) or (KINDS[name][kind].__origin__ if kind in KINDS.get(name, {}) else None)
+    table: Any = TABLES.get(name) or (KINDS[name][kind].__origin__ if kind in KINDS.get(name, {}) else None)
     return [] if table is None else [field.alias or key for key, field in table.model_fields.items()]
 
 

@@ -95,7 +95,7 @@ _COMPLAINTS: dict[str, Callable[[ErrorDetails], str]] = {
     "bool_type": _must("true or false"),
     "string_type": _must('text in quotes, such as "abc"'),
     "string_pattern_mismatch": _must("a name: a letter, then letters, digits or _"),
-    "string_too_short": _must("not empty"),
+    "string_too_short": lambda _: "must not be empty",
     "list_type": _LIST,
     "tuple_type": _LIST,
     "model_type": _TABLE,

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from resgrid.netlist import GROUND
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.secant import nonlinear_drops
-from resgrid.spice.subject import connected_parts_of
+from resgrid.spice.circuit import connected_parts
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,8 +120,8 @@ def ir_drop(op: OperatingPoint) -> IrDrop:
     netlist = op.netlist
     shorts = netlist.source_nodes[netlist.source_volts == 0]
     joined = np.concatenate([netlist.resistor_nodes, shorts, netlist.nonlinear_nodes])
-    net = connected_parts_of(joined[(joined != GROUND).all(axis=1)], netlist.node_count)
-    held = connected_parts_of(netlist.source_nodes, netlist.node_count)
+    net = connected_parts(joined[(joined != GROUND).all(axis=1)], netlist.node_count)
+    held = connected_parts(netlist.source_nodes, netlist.node_count)
     rails = np.flatnonzero(held == held[GROUND])
     rails = rails[rails != GROUND]
     rails = rails[np.argsort(np.abs(op.voltage[rails]), kind="stable")]

@@ -64,7 +64,7 @@ def test_every_pass_is_pure_and_leaves_a_field(effect: passes.Pass, boundary: st
     field = rg.field(rg.solve(once))
     for cell in np.argwhere(field.space.goal_connected):
         path = rg.streamline(field, cell=cell)
-        rg.certify(path, field)
+        rg.certify(path)
         assert path.outcome == "reached"
 
 
@@ -352,7 +352,7 @@ def test_mismatch_keeps_the_promises_on_any_space(space: rg.ConfigurationSpace, 
     field = rg.field(rg.solve(netlist))
     for cell in np.argwhere(space.goal_connected):
         path = rg.streamline(field, cell=cell)
-        rg.certify(path, field)
+        rg.certify(path)
         assert path.outcome == rg.streamline(ideal, cell=cell).outcome
 
 

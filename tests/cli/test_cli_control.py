@@ -159,7 +159,7 @@ def test_the_grid_may_settle_meanwhile(answer, hidden) -> None:
         (["--push", "1,2,nan,0"], "finite"),
         (["--push", "1,2,0"], "force of 2 entries"),
         (["--push", "1,0,0,1"], "times"),
-        (["--push-size", "inf"], "--push-size"),
+        (["--push-size", "inf"], "control.push_size"),
         (["--bias", "a"], "numbers"),
         (["--noise", "1,2,3"], "noise"),
         (["--friction", "nan"], "friction"),

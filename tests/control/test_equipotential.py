@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, strategies as st
 
-from resgrid.control.equipotential import equipotential_velocity, following_velocity
+from resgrid.control.controller import equipotential_velocity, following_velocity
 from resgrid.errors import InputError
 
 number = st.floats(-1e3, 1e3, allow_subnormal=False).map(lambda x: x if abs(x) > 1e-6 else 0.0)

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import example, given, settings, strategies as st
 from support.hidden import controlled, square
 
-from resgrid.control.belief import LiveMap
-from resgrid.control.learning import INSIDE, proven_cells, solve_again
-from resgrid.control.plant import make_plant
+from resgrid.control.belief import LiveMap, solve_again
+from resgrid.control.plant import INSIDE, make_plant
 from resgrid.control.simulation import simulation
 from resgrid.errors import CircuitError, InputError
 from resgrid.planning.road import solve_field
@@ -50,7 +49,7 @@ def test_a_contact_proves_the_cell_it_is_made_in_and_no_free_cell(case, seed: in
         low, high = (low, middle) if met else (middle, high)
     pairs = plant.near(plant.pose(low), 1e-3)
     near = pairs[np.argmin(pairs[:, 6])]
-    proven = proven_cells(robot, axes, near[2:4] + INSIDE * plant.cell_motion * near[9:11])
+    proven = plant.proven_cells(near[2:4] + INSIDE * plant.cell_motion * near[9:11])
     space = ConfigurationSpace(axes, np.zeros(tuple(axis.cells for axis in axes), np.uint8))
     itself = robot.occupancy(axes, [], "conservative")
     true = robot.occupancy(axes, SOLIDS, "conservative")

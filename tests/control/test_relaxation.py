@@ -11,11 +11,11 @@ from support.hidden import controlled, hiding, square
 
 import resgrid as rg
 from resgrid.compiler import compile_space
-from resgrid.control.announced import announce_hidden, relaxation_sweep, settling_time, wavefront
+from resgrid.control.announced import relaxation_sweep, settling_time, wavefront
 from resgrid.control.log import Ending, Mode
 from resgrid.control.plant import make_plant
 from resgrid.control.relaxation import Relaxation, RelaxingGrid, field_now
-from resgrid.control.simulation import Simulation
+from resgrid.control.simulation import Simulation, announce_hidden
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND
 from resgrid.nodal.solve import solve

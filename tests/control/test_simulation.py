@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
-from support.hidden import controlled, hiding
+from support.hidden import controlled, hiding, square
 
+import resgrid as rg
 from resgrid.control.log import Ending, Mode, Run
 from resgrid.control.pushes import Push, random_pushes
 from resgrid.control.simulation import Simulation, simulation
@@ -137,6 +138,30 @@ def test_a_goal_inside_a_hidden_obstacle_is_told() -> None:
     assert run.ending is Ending.GOAL_BLOCKED
     assert "every goal cell" in run.message
     check(sim, run)
+
+
+def test_a_scene_says_how_its_robot_is_controlled() -> None:
+    scene = rg.Scene(
+        square().axes, goals=(rg.GoalCell((8, 1)),), starts=((4.1, 7.3),), k=(0.5,), hidden=(BOX,),
+        control=rg.Control(
+            k=0.98, speed=0.5, friction=0.0, steps=7, push=((0.0, 1.0, 1.0, 0.0),), pushes=2, bias=(0.1,)
+        ),
+    )  # fmt: skip
+    sim = simulation(scene)
+    assert (sim.controller.field.k, sim.controller.speed, sim.friction, sim.learn) == (0.98, 0.5, 0.0, True)
+    run = sim.run()
+    assert run.ending is Ending.OUT_OF_STEPS
+    assert run.push[0].tolist() == [1.0, 0.0]
+    np.testing.assert_allclose((run.believed - run.configuration)[:-1], 0.1)
+    unpushed = sim.run(pushes=(), bias=0.0, max_steps=5000)
+    assert unpushed.ending is Ending.ARRIVED
+    assert not unpushed.push.any()
+    assert simulation(scene, k=1.0, friction=0.1).friction == 0.1
+    announced = simulation(scene.replace(control=rg.Control(announce=True, pace=5.0)))
+    assert (announced.learn, announced.relaxation) == (False, rg.Relaxation(pace=5.0))
+    assert announced.before is not None
+    with pytest.raises(InputError, match="force of 2 entries"):
+        simulation(scene.replace(control=rg.Control(push=((0.0, 1.0, 1.0),)))).run()
 
 
 def test_a_start_within_an_obstacle_or_outside_is_refused_and_a_blocked_one_told() -> None:

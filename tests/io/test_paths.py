@@ -11,6 +11,7 @@ import pytest
 import yaml
 from support.spaces import space_of
 
+import resgrid as rg
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.io.paths import headings, path_columns, ros_plan, write_path
@@ -26,8 +27,10 @@ TORUS = ConfigurationSpace(ARM.axes(8), np.zeros((8, 8)), robot=ARM)
 
 @pytest.mark.parametrize("suffix", [".csv", ".json", ".npz"])
 def test_a_timed_path_of_an_arm_is_read_back_as_it_was(tmp_path, suffix) -> None:
-    motion = time_path([(3.0, 0.0), (3.5, 1.0), (4.0, 1.0)], TORUS, velocity_limits=1.0, acceleration_limits=2.0)
-    file = write_path(tmp_path / f"path{suffix}", motion, TORUS)
+    motion = time_path(
+        rg.Polyline([(3.0, 0.0), (3.5, 1.0), (4.0, 1.0)], TORUS), velocity_limits=1.0, acceleration_limits=2.0
+    )
+    file = write_path(motion, tmp_path / f"path{suffix}")
     if suffix == ".csv":
         rows = list(csv.DictReader(file.read_text().splitlines()))
         found = {name: np.array([float(row[name]) for row in rows]) for name in rows[0]}
@@ -46,8 +49,8 @@ def test_a_timed_path_of_an_arm_is_read_back_as_it_was(tmp_path, suffix) -> None
 
 def test_a_plan_for_ros_has_poses_in_the_world_that_look_ahead() -> None:
     space = ConfigurationSpace(PLANE.axes, PLANE.cell, frame=Frame(x=10.0, y=-2.0, yaw=pi / 2))
-    motion = time_path(space.to_world(WAY), space, velocity_limits=(1.0, 1.0))
-    plan = yaml.safe_load(ros_plan(motion, space))
+    motion = time_path(rg.Polyline(space.to_world(WAY), space), velocity_limits=(1.0, 1.0))
+    plan = yaml.safe_load(ros_plan(motion))
     assert plan["header"] == {"stamp": {"sec": 0, "nanosec": 0}, "frame_id": "map"}
     places = [(p["pose"]["position"]["x"], p["pose"]["position"]["y"]) for p in plan["poses"]]
     np.testing.assert_allclose(places, [(10 - y, -2 + x) for x, y in WAY])
@@ -66,7 +69,7 @@ def test_a_turning_polygon_keeps_its_own_heading() -> None:
     poses = ConfigurationSpace(
         [Axis("x", 0, 4, 4), Axis("y", 0, 4, 4), bar.turning_axis(4)], np.zeros((4, 4, 4)), robot=bar
     )
-    plan = yaml.safe_load(ros_plan([(1, 1, pi), (2, 1, pi)], poses))
+    plan = yaml.safe_load(ros_plan(rg.Polyline([(1, 1, pi), (2, 1, pi)], poses)))
     quaternion = plan["poses"][0]["pose"]["orientation"]
     assert (quaternion["z"], quaternion["w"]) == (pytest.approx(sqrt(0.5)), pytest.approx(sqrt(0.5)))
 
@@ -79,7 +82,7 @@ def test_headings_outlast_repeated_points() -> None:
 
 def test_velocities_turn_with_the_frame() -> None:
     space = ConfigurationSpace(PLANE.axes, PLANE.cell, frame=Frame(5.0, 5.0, pi / 2))
-    columns = path_columns(time_path(space.to_world([(0, 0), (2, 0)]), space, velocity_limits=1.0), space)
+    columns = path_columns(time_path(rg.Polyline(space.to_world([(0, 0), (2, 0)]), space), velocity_limits=1.0))
     np.testing.assert_allclose((columns["x_rate"], columns["y_rate"]), [(0, 0), (1, 0)], atol=1e-12)
     np.testing.assert_allclose((columns["x"], columns["y"]), [(5, 5), (5, 7)], atol=1e-12)
 
@@ -95,24 +98,25 @@ def test_velocities_turn_with_the_frame() -> None:
 )
 def test_no_column_is_lost_to_an_axis_of_its_name(tmp_path, names, suffix, robot, timed) -> None:
     space = ConfigurationSpace([Axis(name, 0.0, 4.0, 4) for name in names], np.zeros((4, 4)), robot=robot)
-    way = time_path([(1, 1), (2, 2)], space, velocity_limits=1.0) if timed else [(1, 1), (2, 2)]
+    own = rg.Polyline([(1, 1), (2, 2)], space)
+    way = time_path(own, velocity_limits=1.0) if timed else own
     named = next(name for name in names if name != "x")
     with pytest.raises(InputError, match=f"axis '{named}' has a name"):
-        write_path(tmp_path / f"path{suffix}", way, space)
+        write_path(way, tmp_path / f"path{suffix}")
     assert not list(tmp_path.iterdir())
-    plain = ConfigurationSpace(space.axes, space.cell)
-    assert write_path(tmp_path / "path.csv", [(1, 1), (2, 2)], plain).read_text().splitlines()[0] == ",".join(names)
+    plain = rg.Polyline([(1, 1), (2, 2)], ConfigurationSpace(space.axes, space.cell))
+    assert write_path(plain, tmp_path / "path.csv").read_text().splitlines()[0] == ",".join(names)
 
 
 def test_what_cannot_be_written_is_refused(tmp_path) -> None:
     with pytest.raises(InputError, match=r"must end in \.csv, \.json, \.npz or \.yaml"):
-        write_path(tmp_path / "path.txt", WAY, PLANE)
+        write_path(rg.Polyline(WAY, PLANE), tmp_path / "path.txt")
     with pytest.raises(InputError, match="Arm with axes theta_1, theta_2"):
-        write_path(tmp_path / "path.yaml", WAY, TORUS)
+        write_path(rg.Polyline(WAY, TORUS), tmp_path / "path.yaml")
     with pytest.raises(InputError, match="poses in the plane"):
-        ros_plan([(0, 0, 0)], space_of(np.zeros((2, 2, 2))))
+        ros_plan(rg.Polyline([(0, 0, 0)], space_of(np.zeros((2, 2, 2)))))
     with pytest.raises(InputError, match="directory"):
         (tmp_path / "folder.csv").mkdir()
-        write_path(tmp_path / "folder.csv", WAY, PLANE)
+        write_path(rg.Polyline(WAY, PLANE), tmp_path / "folder.csv")
     with pytest.raises(InputError, match="shape"):
-        write_path(tmp_path / "path.csv", [(1, 2, 3)], PLANE)
+        write_path(rg.Polyline([(1, 2, 3)], PLANE), tmp_path / "path.csv")

@@ -130,7 +130,7 @@ def test_monotone_branches_leave_no_local_minimum(
     for cell in np.argwhere(space.goal_connected):
         path = rg.streamline(field, cell=cell)
         assert path.outcome == rg.streamline(ideal, cell=cell).outcome
-        rg.certify(path, field)
+        rg.certify(path)
 
 
 def test_the_bottom_of_a_long_corridor_is_still_told_apart() -> None:

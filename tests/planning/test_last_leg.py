@@ -14,7 +14,7 @@ from support.spaces import space_of, spaces
 
 import resgrid as rg
 from resgrid.compiler import compile_space
-from resgrid.errors import CertificateError, InputError
+from resgrid.errors import CertificateError
 from resgrid.io.paths import path_columns, write_path
 from resgrid.nodal.solve import solve
 from resgrid.planning.certify import certify, certify_free
@@ -25,7 +25,7 @@ from resgrid.planning.timing import time_path
 from resgrid.planning.trace import streamline, streamlines
 from resgrid.planning.workspace import replay, workspace_path
 from resgrid.plot.paths import seam_pieces
-from resgrid.robots import CellSet, PointRobot
+from resgrid.robots import CellSet
 from resgrid.space import Cell, ConfigurationSpace
 
 
@@ -60,7 +60,7 @@ def test_a_path_goes_on_from_the_face_straight_to_the_goal_point(space: Configur
     many = streamlines(field, places)
     for number, place in enumerate(places):
         path, before = streamline(field, place), streamline(plain, place)
-        certify(path, field)
+        certify(path)
         assert path.outcome is before.outcome
         np.testing.assert_array_equal(path.cells, before.cells)
         goal = space.goal_point(path.cells[-1])
@@ -73,15 +73,15 @@ def test_a_path_goes_on_from_the_face_straight_to_the_goal_point(space: Configur
         assert many.length[number] == pytest.approx(path.length)
         assert path.clearance <= before.clearance * (1 + 1e-9)
         np.testing.assert_array_equal(path.log_duration, before.log_duration)
-        way = unwrap(path, space)
+        way = unwrap(path)
         assert np.all(np.abs(np.diff(way, axis=0)) <= space.spacing * (1 + 1e-9))
         assert length_of(way) == pytest.approx(path.length)
         turns = (way[-1] - goal) / (space.upper - space.lower)
         np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
-        certify_free(path, space)
-        short = shorten(path, field, rounds=5)
+        certify_free(path)
+        short = shorten(path, rounds=5)
         np.testing.assert_array_equal(short.points[-1], way[-1])
-        motion = time_path(path, space, velocity_limits=1.0, acceleration_limits=1.0)
+        motion = time_path(path, velocity_limits=1.0, acceleration_limits=1.0)
         np.testing.assert_array_equal(motion.positions[-1], way[-1])
 
 
@@ -112,11 +112,11 @@ def test_a_certificate_asks_for_the_leg() -> None:
     face = path.points[:-1].copy()
     for changes in ({"axis_points": beside}, {"axis_points": face}, {"axis_points": face, "length": length_of(face)}):
         with pytest.raises(CertificateError):
-            certify(replace(path, **changes), field)
+            certify(replace(path, **changes))
     with pytest.raises(CertificateError):
-        certify(path, open_field(bare(space)))
-    with pytest.raises(InputError, match="no streamline of ours"):
-        unwrap(replace(path, axis_points=np.concatenate([path.points, path.points])), space)
+        certify(replace(path, field=open_field(bare(space))))
+    with pytest.raises(CertificateError, match="shape"):
+        certify(replace(path, axis_points=np.concatenate([path.points, path.points])))
 
 
 def test_a_start_in_the_goal_cell_has_but_the_leg_to_go() -> None:
@@ -128,7 +128,7 @@ def test_a_start_in_the_goal_cell_has_but_the_leg_to_go() -> None:
         assert path.length == pytest.approx(np.hypot(0.7, 0.4))
         assert path.clearance == pytest.approx(np.hypot(0.1, 0.1))
         assert np.isnan(path.log_duration)
-        certify(path, open_field(space))
+        certify(path)
     assert streamline(undriven, (9.5, 6.5)).outcome is Outcome.START_BLOCKED
     assert streamline(undriven, (1.0, 1.0)).outcome is Outcome.NO_CURRENT
 
@@ -141,12 +141,12 @@ def test_what_uses_paths_goes_all_the_way(tmp_path: Path) -> None:
     space = ConfigurationSpace(axes, cell, goal_points=[(9.25, 2.75)])
     path = streamline(open_field(space), (1.5, 3.0))
     goal = (-0.75, 2.75)
-    np.testing.assert_allclose(unwrap(path, space)[-1], goal)
-    np.testing.assert_allclose(workspace_path(path, PointRobot(), space)[-1], goal)
-    assert path_columns(path, space)["x"][-1] == pytest.approx(goal[0])
-    columns = json.loads(write_path(tmp_path / "path.json", path, space).read_text())
+    np.testing.assert_allclose(unwrap(path)[-1], goal)
+    np.testing.assert_allclose(workspace_path(path)[-1], goal)
+    assert path_columns(path)["x"][-1] == pytest.approx(goal[0])
+    columns = json.loads(write_path(path, tmp_path / "path.json").read_text())
     assert (columns["x"][-1], columns["y"][-1]) == pytest.approx(goal)
-    assert replay(path, PointRobot(), [CellSet(space.axes, cell == 1)], space) is None
+    assert replay(path, [CellSet(space.axes, cell == 1)]) is None
     lines = seam_pieces(path, space)
     np.testing.assert_allclose(lines[-1][-1], (9.25, 2.75))
     assert sum(map(length_of, lines)) == pytest.approx(path.length)

@@ -14,7 +14,7 @@ import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
-from resgrid.planning.clearance import clearance_of
+from resgrid.planning.clearance import clearance_of, obstacle_reach
 from resgrid.planning.shortcut import shorten
 from resgrid.planning.streamline import unwrap
 from resgrid.planning.trace import streamline
@@ -34,52 +34,61 @@ from resgrid.robots import (
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
 ARM = Arm((1.0, 1.0), widths=(0.1, 0.06))
-TORUS = ConfigurationSpace(ARM.axes(8), np.zeros((8, 8)))
+TORUS = ConfigurationSpace(ARM.axes(8), np.zeros((8, 8)), robot=ARM)
 PLANE = space_of(np.zeros((10, 10)))
 BAR = PolygonRobot(((-0.5, -0.1), (0.5, -0.1), (0.5, 0.1), (-0.5, 0.1)), turning_length=0.5)
-POSES = ConfigurationSpace([Axis("x", 0, 4, 4), Axis("y", 0, 4, 4), BAR.turning_axis(8)], np.zeros((4, 4, 8)))
+POSES = ConfigurationSpace(
+    [Axis("x", 0, 4, 4), Axis("y", 0, 4, 4), BAR.turning_axis(8)], np.zeros((4, 4, 8)), robot=BAR
+)
+
+
+def moved_by(robot: rg.Robot, space: ConfigurationSpace = PLANE) -> ConfigurationSpace:
+    """The same space with a robot in it."""
+    return ConfigurationSpace(space.axes, space.cell, robot=robot)
 
 
 def test_the_tip_and_the_reference_point() -> None:
-    np.testing.assert_allclose(workspace_path([(0, pi / 2), (pi, 0)], ARM, TORUS), [(1, 1), (-2, 0)], atol=1e-12)
-    np.testing.assert_array_equal(workspace_path([(1, 2, 3)], BAR, POSES), [(1, 2)])
+    np.testing.assert_allclose(
+        workspace_path(rg.Polyline([(0, pi / 2), (pi, 0)], TORUS)), [(1, 1), (-2, 0)], atol=1e-12
+    )
+    np.testing.assert_array_equal(workspace_path(rg.Polyline([(1, 2, 3)], POSES)), [(1, 2)])
     cube = space_of(np.zeros((3, 3, 3)))
-    np.testing.assert_array_equal(workspace_path([(1, 2, 3)], PointRobot(), cube), [(1, 2, 3)])
+    np.testing.assert_array_equal(workspace_path(rg.Polyline([(1, 2, 3)], cube)), [(1, 2, 3)])
 
 
 def test_an_arm_sweeping_past_a_disc_comes_as_near_as_geometry_says() -> None:
     """The stretched arm turns by a quarter; the disc at 45 degrees lies beyond its round tip."""
     disc = Ball((2.5 * cos(pi / 4), 2.5 * sin(pi / 4)), 0.2)
-    sweep = [(0.0, 0.0), (pi / 2, 0.0)]
+    sweep = rg.Polyline([(0.0, 0.0), (pi / 2, 0.0)], TORUS)
     step = 0.01
-    found = workspace_clearance(sweep, ARM, [disc], TORUS, step=step)
+    found = workspace_clearance(sweep, [disc], step=step)
     exact = 2.5 - 2.0 - 0.03 - 0.2
     assert exact - 1e-12 <= found <= exact + step**2
     wall = HalfSpace((0.0, 2.0), -5.0)
-    assert workspace_clearance(sweep, ARM, [wall], TORUS) == pytest.approx(2.5 - 0.05)
-    assert replay(sweep, ARM, [disc, wall], TORUS) is None
+    assert workspace_clearance(sweep, [wall]) == pytest.approx(2.5 - 0.05)
+    assert replay(sweep, [disc, wall]) is None
 
 
 def test_the_first_collision_is_told_with_link_and_obstacle() -> None:
     """The second link, at rest straight on, meets a disc on the circle of its middle."""
     angle = 1.0
     obstacles = [Ball((9.0, 9.0), 1.0), Ball((1.5 * cos(angle), 1.5 * sin(angle)), 0.1)]
-    hit = replay([(0.0, 0.0), (0.5, 0.0), (1.5, 0.0)], ARM, obstacles, TORUS, step=1e-3)
+    hit = replay(rg.Polyline([(0.0, 0.0), (0.5, 0.0), (1.5, 0.0)], TORUS), obstacles, step=1e-3)
     assert hit is not None
     assert (hit.segment, hit.part, hit.obstacle) == (1, 1, 1)
     # The link's side meets the disc when sin(angle - theta) * 1.5 = 0.1 + 0.03.
     assert hit.configuration[0] == pytest.approx(angle - np.arcsin(0.13 / 1.5), abs=1e-3)
-    assert workspace_clearance([(0.0, 0.0), (1.5, 0.0)], ARM, obstacles, TORUS) == 0.0
+    assert workspace_clearance(rg.Polyline([(0.0, 0.0), (1.5, 0.0)], TORUS), obstacles) == 0.0
 
 
 def test_to_touch_is_not_to_enter() -> None:
     for robot, wall in ((PointRobot(), 2.0), (DiscRobot(0.5), 1.5)):
-        way = [(0.5, 2.0), (8.0, 2.0)]
+        way = rg.Polyline([(0.5, 2.0), (8.0, 2.0)], moved_by(robot))
         for obstacle in (Box((0.0, 0.0), (9.0, wall)), HalfSpace((0.0, 1.0), wall)):
-            assert workspace_clearance(way, robot, [obstacle], PLANE) == 0.0
-            assert replay(way, robot, [obstacle], PLANE) is None
+            assert workspace_clearance(way, [obstacle]) == 0.0
+            assert replay(way, [obstacle]) is None
         for obstacle in (Box((0.0, 0.0), (9.0, wall + 0.01)), HalfSpace((0.0, 1.0), wall + 0.01)):
-            assert replay(way, robot, [obstacle], PLANE) is not None
+            assert replay(way, [obstacle]) is not None
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -110,10 +119,10 @@ def test_exact_distances_agree_with_shapelys_polygons(seed: int) -> None:
         Box((-3.0, 1.0), (-2.0, 2.5)), Ball((2.0, -2.0), 0.7), HalfSpace((1.0, -3.0), -9.0),
         Polygon(tuple(map(tuple, corners + np.array([4, 3])))),
     ]  # fmt: skip
-    for robot, space, scale in ((ARM, TORUS, 3.0), (BAR, POSES, 4.0), (DiscRobot(0.4), PLANE, 5.0)):
+    for robot, space, scale in ((ARM, TORUS, 3.0), (BAR, POSES, 4.0), (DiscRobot(0.4), moved_by(DiscRobot(0.4)), 5.0)):
         pose = rng.uniform(-scale, scale, space.ndim)
         near = min(s.distance(to_shapely(o)) for s in robot.shapes_at(pose) for o in obstacles)
-        assert workspace_clearance([pose], robot, obstacles, space) == pytest.approx(near, abs=2e-3)
+        assert workspace_clearance(rg.Polyline([pose], space), obstacles) == pytest.approx(near, abs=2e-3)
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -127,16 +136,16 @@ def test_obstacles_described_turns_away_are_where_sampling_puts_them(seed: int) 
     turned = at + rng.integers(-4, 5, 2) * period
     shape = Box(tuple(turned), tuple(turned + size)) if rng.random() < 0.6 else Ball(tuple(turned), float(size[1]))
     robot = DiscRobot(0.1)
-    space = ConfigurationSpace(axes, robot.occupancy(axes, [shape], "conservative"))
-    way = rng.uniform([-1.0, 2.0], [5.0, 6.0], (4, 2))
+    space = ConfigurationSpace(axes, robot.occupancy(axes, [shape], "conservative"), robot=robot)
+    way = rg.Polyline(rng.uniform([-1.0, 2.0], [5.0, 6.0], (4, 2)), space)
     shifts = (np.indices((19, 19)).reshape(2, -1).T - 9) * period
     core = shapely.Point(turned) if isinstance(shape, Ball) else to_shapely(shape)
     images = shapely.union_all([shapely.transform(core, lambda points, by=by: points + by) for by in shifts])
-    points = shapely.points(dense(way, robot, space, 0.1)[0])
+    points = shapely.points(dense(way, 0.1)[0])
     radius = shape.radius if isinstance(shape, Ball) else 0.0
     nearest = max(float(shapely.distance(points, images).min()) - radius - 0.1, 0.0)
-    assert workspace_clearance(way, robot, [shape], space, step=0.1) == pytest.approx(nearest, abs=1e-12)
-    hit = replay(way, robot, [shape], space, step=0.1)
+    assert workspace_clearance(way, [shape], step=0.1) == pytest.approx(nearest, abs=1e-12)
+    hit = replay(way, [shape], step=0.1)
     assert (hit is None) == (nearest > 0)
     if hit is not None:
         assert space.cell[tuple(space.locate(hit.configuration))] == Cell.OBSTACLE
@@ -146,17 +155,17 @@ def test_shapes_and_robots_of_other_dimensions_are_refused() -> None:
     """A ball in space has a disc's centre as its first two coordinates, which it is not."""
     for shape in (Ball((0.0, 0.0, 0.0), 1.0), Box((0, 0, 0), (1, 1, 1)), HalfSpace((0.0, 0.0, 1.0), 1.0), "wall"):
         with pytest.raises(InputError, match="obstacle 0: geometry"):
-            replay([(1.0, 1.0), (2.0, 2.0)], PointRobot(), [shape], PLANE)
+            replay(rg.Polyline([(1.0, 1.0), (2.0, 2.0)], PLANE), [shape])
     for robot in (BAR, Arm((1.0, 1.0, 1.0))):
         with pytest.raises(InputError):
-            replay([(1.0, 1.0), (2.0, 2.0)], robot, [], PLANE)
+            replay(rg.Polyline([(1.0, 1.0), (2.0, 2.0)], moved_by(robot)), [])
 
 
 def test_a_half_plane_that_leans_along_a_ring_is_refused_as_in_sampling() -> None:
     ring = space_of(np.zeros((4, 4)), periodic=(True, False))
-    assert workspace_clearance([(1.0, 3.0)], PointRobot(), [HalfSpace((0.0, 1.0), 1.0)], ring) == pytest.approx(2.0)
+    assert workspace_clearance(rg.Polyline([(1.0, 3.0)], ring), [HalfSpace((0.0, 1.0), 1.0)]) == pytest.approx(2.0)
     with pytest.raises(InputError, match="cannot lean along"):
-        replay([(1.0, 3.0)], PointRobot(), [HalfSpace((1.0, 1.0), 1.0)], ring)
+        replay(rg.Polyline([(1.0, 3.0)], ring), [HalfSpace((1.0, 1.0), 1.0)])
 
 
 def test_cells_of_a_map_are_obstacles_too_across_seams() -> None:
@@ -164,13 +173,15 @@ def test_cells_of_a_map_are_obstacles_too_across_seams() -> None:
     cell[9, 2:4], cell[4, 3] = Cell.OBSTACLE, Cell.GOAL
     space = space_of(cell, periodic=(True, False))
     obstacles = [CellSet(space.axes, space.cell == Cell.OBSTACLE)]
-    assert workspace_clearance([(0.5, 2.5)], PointRobot(0.25), obstacles, space) == pytest.approx(0.25)
-    assert workspace_clearance([(10.5, 1.0)], PointRobot(), obstacles, space) == pytest.approx(hypot(0.5, 1.0))
+    assert workspace_clearance(
+        rg.Polyline([(0.5, 2.5)], moved_by(PointRobot(0.25), space)), obstacles
+    ) == pytest.approx(0.25)
+    assert workspace_clearance(rg.Polyline([(10.5, 1.0)], space), obstacles) == pytest.approx(hypot(0.5, 1.0))
     path = streamline(rg.field(solve(compile_space(space))), start=(0.5, 0.5))
-    assert replay(path, PointRobot(), obstacles, space) is None
-    cells_apart = clearance_of(unwrap(path, space), space, ("periodic", "open"))
-    assert workspace_clearance(path, PointRobot(), obstacles, space) == pytest.approx(cells_apart, abs=1e-2)
-    assert replay([(0.5, 2.5), (-0.5, 2.5)], PointRobot(), obstacles, space) is not None
+    assert replay(path, obstacles) is None
+    cells_apart = clearance_of(unwrap(path), space, ("periodic", "open"), obstacle_reach(space))
+    assert workspace_clearance(path, obstacles) == pytest.approx(cells_apart, abs=1e-2)
+    assert replay(rg.Polyline([(0.5, 2.5), (-0.5, 2.5)], space), obstacles) is not None
 
 
 def test_an_arm_plans_and_drives_without_a_collision() -> None:
@@ -179,19 +190,19 @@ def test_an_arm_plans_and_drives_without_a_collision() -> None:
     axes = ARM.axes(60)
     cell = ARM.occupancy(axes, obstacles, "conservative").astype(np.uint8)
     cell[ARM.goal_cells(axes, Box((-0.3, 1.5), (0.1, 1.9))).cells & (cell == 0)] = Cell.GOAL
-    space = ConfigurationSpace(axes, cell)
+    space = ConfigurationSpace(axes, cell, robot=ARM)
     field = rg.field(solve(compile_space(space)))
     path = streamline(field, start=(-0.5, 0.3))
-    short = shorten(path, field)
+    short = shorten(path)
     assert short.length < path.length
     for way in (path, short):
-        assert replay(way, ARM, obstacles, space, step=5e-3) is None
-    assert workspace_clearance(path, ARM, obstacles, space) > 0
+        assert replay(way, obstacles, step=5e-3) is None
+    assert workspace_clearance(path, obstacles) > 0
 
 
 def test_dense_steps_are_as_short_as_asked() -> None:
     way = [(0.0, 0.0), (1.0, 2.0), (1.0, 2.0), (-1.0, 0.5)]
-    configurations, segment = dense(way, ARM, TORUS, 0.05)
+    configurations, segment = dense(rg.Polyline(way, TORUS), 0.05)
     assert ARM.travel(configurations[:-1], configurations[1:]).max() <= 0.05 * (1 + 1e-9)
     assert segment.tolist() == sorted(segment.tolist())
     assert set(segment.tolist()) == {0, 1, 2}
@@ -203,10 +214,10 @@ def test_what_cannot_be_answered_is_refused() -> None:
         pass
 
     with pytest.raises(InputError, match="Snake"):
-        rg.replay([(0, 0), (1, 1)], Snake(), [], PLANE)  # type: ignore[arg-type]
+        rg.replay(rg.Polyline([(0, 0), (1, 1)], moved_by(Snake())), [])  # type: ignore[arg-type]
     for step in (0.0, -1.0, float("nan"), 1e-12):
         with pytest.raises(InputError, match="step"):
-            replay([(0, 0), (9, 9)], PointRobot(), [], PLANE, step=step)
+            replay(rg.Polyline([(0, 0), (9, 9)], PLANE), [], step=step)
     with pytest.raises(InputError, match="plane alone"):
-        replay([(0, 0, 0), (1, 1, 1)], PointRobot(), [], space_of(np.zeros((2, 2, 2))))
-    assert workspace_clearance([(0, 0), (1, 1)], PointRobot(), [], PLANE) == np.inf
+        replay(rg.Polyline([(0, 0, 0), (1, 1, 1)], space_of(np.zeros((2, 2, 2)))), [])
+    assert workspace_clearance(rg.Polyline([(0, 0), (1, 1)], PLANE), []) == np.inf

@@ -178,7 +178,7 @@ def test_shipped_robot_scenes_plan_from_every_connected_start(scenes, name):
         path = rg.streamline(field, start)
         outcomes.append(str(path.outcome))
         if path.outcome == "reached":
-            rg.certify(path, field)
+            rg.certify(path)
     assert outcomes == (["reached", "no_path", "no_path"] if name == "problem_b" else ["reached"] * len(outcomes))
     if name == "problem_two_goals":
         assert len({rg.streamline(field, start).goal for start in scene.starts}) == 3

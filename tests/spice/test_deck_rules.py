@@ -12,9 +12,9 @@ from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
 from resgrid.space import Axis, ConfigurationSpace
 from resgrid.spice.check.rules import check_rules
+from resgrid.spice.circuit import Circuit
 from resgrid.spice.kernels import left_over
 from resgrid.spice.read.deck import read_spice
-from resgrid.spice.subject import subject_of
 
 SOUND = "* sound\nv1 a 0 1\nr1 a b 1k\nr2 b 0 1k\n"
 
@@ -99,7 +99,7 @@ def test_places_in_a_scene_are_cells() -> None:
     space = ConfigurationSpace([Axis("x", 0, 5, 5), Axis("y", 0, 3, 3)], cell)
     netlist = compile_space(space)
     corner, middle = netlist.cells.node[3, 0], netlist.cells.node[0, 2]
-    subject = subject_of(netlist)
+    subject = Circuit.of(netlist)
     assert subject.place_of_nodes(np.array([corner])) == "cell (3, 0)"
     assert subject.place_of_nodes(np.array([corner, middle])) == "cells (3, 0), (0, 2)"
     assert subject.place_of_nodes(np.array([0])) == "0"

@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 
 from resgrid.errors import BudgetError, InputError
 from resgrid.netlist import Netlist
+from resgrid.spice.circuit import Circuit
 from resgrid.spice.run.forecast import core_of, forecast, require_time
-from resgrid.spice.subject import subject_of
 
 
 def network(pairs: NDArray[np.int64]) -> Netlist:
@@ -60,14 +60,14 @@ def test_measured_times_are_foretold_within_a_factor_of_three(netlist: Netlist, 
 
 
 def test_trees_and_chains_have_no_core() -> None:
-    assert core_of(subject_of(tree(500))) == (0, 0.0)
-    assert core_of(subject_of(box(400))) == (0, 0.0)
-    assert core_of(subject_of(Netlist(2, [[1, 0]], [1.0]))) == (0, 0.0)
+    assert core_of(Circuit.of(tree(500))) == (0, 0.0)
+    assert core_of(Circuit.of(box(400))) == (0, 0.0)
+    assert core_of(Circuit.of(Netlist(2, [[1, 0]], [1.0]))) == (0, 0.0)
 
 
 def test_rails_are_no_part_of_the_core() -> None:
     grid = box(30, 30)
-    size, width = core_of(subject_of(grid))
+    size, width = core_of(Circuit.of(grid))
     rail = grid.node_count
     ties = np.stack([np.full(900, rail), 1 + np.arange(900)], axis=1)
     tied = Netlist(
@@ -77,7 +77,7 @@ def test_rails_are_no_part_of_the_core() -> None:
         source_nodes=[[1, 0], [rail, 0]],
         source_volts=[1.0, 2.0],
     )
-    assert core_of(subject_of(tied)) == (size, pytest.approx(width))
+    assert core_of(Circuit.of(tied)) == (size, pytest.approx(width))
 
 
 def test_what_would_not_end_in_time_is_refused_with_advice() -> None:

@@ -57,7 +57,7 @@ def test_ideal_switches_make_the_flat_netlist(options: dict[str, object], conduc
 def test_paths_on_tiles_are_certified() -> None:
     field = rg.field(rg.solve(tiled(room())[0]))
     path = rg.streamline(field, start=(0.5, 1.0))
-    rg.certify(path, field)
+    rg.certify(path)
     assert str(path.outcome) == "reached"
 
 
@@ -98,7 +98,7 @@ def test_ngspice_finds_the_chips_netlist(tmp_path: Path, dialect: str, options: 
 @given(
     spaces(max_cells=6),
     st.sampled_from([BOUNDARIES[0], BOUNDARIES[2], BOUNDARIES[4]]),
-    st.sampled_from(["ngspice", "ltspice", "xyce", "hspice"]),
+    st.sampled_from(["ngspice", "ltspice", "xyce", "hspice", "spectre"]),
     st.sampled_from(["flat", "cells"]),
 )
 def test_what_is_written_is_read_back(

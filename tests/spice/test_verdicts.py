@@ -10,13 +10,13 @@ from hypothesis import given, settings, strategies as st
 from support.circuits import random_grid
 
 from resgrid.spice.check.predictions import Prediction, predict_simulators
-from resgrid.spice.parsed import ParsedDeck
+from resgrid.spice.circuit import Circuit
 from resgrid.spice.read.deck import read_spice
 from resgrid.spice.run.ngspice import ngspice_version, simulate
 from resgrid.spice.write.flat import flatten
 
 
-def deck_of(folder: Path, text: str) -> ParsedDeck:
+def deck_of(folder: Path, text: str) -> Circuit:
     path = folder / "deck.sp"
     path.write_text(text)
     return read_spice(path)
@@ -26,7 +26,7 @@ def verdict_of(circuit: object, simulator: str = "ngspice") -> Prediction:
     return next(v for v in predict_simulators(circuit) if v.simulator == simulator)  # type: ignore[arg-type]
 
 
-def measured_error(text: str, deck: ParsedDeck) -> float:
+def measured_error(text: str, deck: Circuit) -> float:
     """How far ngspice is from our solution of the same deck, in volts."""
     from resgrid.nodal.solve import solve
 

@@ -3,6 +3,14 @@
 from __future__ import annotations
 
 import random
+from pathlib import Path
+
+import numpy as np
+from hypothesis import strategies as st
+
+import resgrid as rg
+from resgrid.spice.circuit import KINDS
+from resgrid.spice.read.deck import read_with
 
 SUFFIXES = (("", 1.0), ("k", 1e3), ("K", 1e3), ("kOhm", 1e3), ("meg", 1e6), ("Meg", 1e6), ("m", 1e-3), ("u", 1e-6))
 
@@ -25,10 +33,10 @@ class _Tree:
 
 
 class DeckMaker:
-    """Writes one deck from a seed."""
+    """Writes one deck, by random choices."""
 
-    def __init__(self, seed: int) -> None:
-        self.pick = random.Random(seed)
+    def __init__(self, pick: random.Random) -> None:
+        self.pick = pick
         self.lines: list[str] = []
         self.count = 0
         self.inside = False
@@ -185,4 +193,38 @@ class DeckMaker:
 
 def random_deck(seed: int) -> str:
     """Write a random deck: nested subcircuits, parameters, suffixes, floating sources, shorts, switches."""
-    return DeckMaker(seed).deck()
+    return DeckMaker(random.Random(seed)).deck()
+
+
+def decks() -> st.SearchStrategy[str]:
+    """Such decks, which shrink."""
+    return st.randoms(use_true_random=False).map(lambda pick: DeckMaker(pick).deck())
+
+
+def outcome(path: Path, least_bytes: int) -> rg.Circuit | str:
+    """What comes of reading a deck, and of making a netlist of it: the deck, or the error's message."""
+    try:
+        deck = read_with(path, least_bytes=least_bytes)
+    except rg.ResgridError as error:
+        return str(error)
+    try:
+        deck.netlist()
+    except rg.ResgridError as error:
+        assert str(error)
+    return deck
+
+
+def same(a: rg.Circuit | str, b: rg.Circuit | str) -> bool:
+    """Whether two readings are the same in everything but the order of notes."""
+    if isinstance(a, str) or isinstance(b, str):
+        return a == b
+    arrays = (
+        "resistor_nodes", "resistance", "source_nodes", "source_volts", "current_nodes", "current_amps",
+        "nonlinear_nodes", "nonlinear_current", "nonlinear_voltage",
+    )  # fmt: skip
+    return (
+        (a.title, a.node_names, dict(a.element_names), set(a.notes))
+        == (b.title, b.node_names, dict(b.element_names), set(b.notes))
+        and all(np.array_equal(getattr(a, name), getattr(b, name)) for name in arrays)
+        and all(np.array_equal(a.place[kind], b.place[kind]) for kind in KINDS)
+    )

@@ -23,46 +23,88 @@ raw                       the mean, cut off, as a signed byte                the
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
-from math import isfinite
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
+from annotated_types import Ge, Gt, Le, Len
 from numpy.typing import NDArray
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    ValidationError,
+    ValidationInfo,
+    field_validator,
+    model_validator,
+)
 
 from resgrid.errors import InputError
 from resgrid.files import read_text
 from resgrid.frame import Frame
 from resgrid.scene.maps.data import MapData
 from resgrid.scene.maps.pictures import Raster, read_raster
+from resgrid.scene.table import problems_of
+from resgrid.scene.words import complaint, report
 from resgrid.space import Axis, Cell
 
 OCCUPIED, FREE, UNKNOWN = 100, 0, -1
-MODES = ("trinary", "scale", "raw")
-DIALECTS = ("nav2", "ros1")
 WORDS = {"true": 1, "yes": 1, "on": 1, "y": 1, "false": 0, "no": 0, "off": 0, "n": 0}
 QUANTUM = 65535
 BYTES_PER_PIXEL = 96
 """Memory of a picture while it is turned into occupancies."""
 
 
-@dataclass(frozen=True)
-class RosHeader:
-    """What a ``map.yaml`` says.
+def _no_truth(value: Any) -> Any:
+    if isinstance(value, bool):
+        raise ValueError(f"must be a number, got {value}")
+    return value
+
+
+_Number = Annotated[float, BeforeValidator(_no_truth)]
+_Threshold = Annotated[_Number, Ge(0), Le(1)]
+
+
+class RosHeader(BaseModel):
+    """What a ``map.yaml`` says; keys that neither reader knows are ignored, as they do.
 
     `image`: the picture; `resolution`: width of a pixel, in metres; `origin`: pose of the lower-left corner of the
     lower-left pixel: x and y in metres, yaw in radians, anticlockwise; `negate`: whether light means occupied;
-    `occupied_thresh, free_thresh`: thresholds of the darkness, 0 to 1; `mode`: what a grey value means.
+    `occupied_thresh, free_thresh`: thresholds of the darkness; `mode`: what a grey value means.
     """
 
-    image: Path
-    resolution: float
-    origin: tuple[float, float, float]
+    model_config = ConfigDict(frozen=True, allow_inf_nan=False)
+
+    image: Annotated[str, Len(1)]
+    resolution: Annotated[_Number, Gt(0)]
+    origin: list[_Number]
     negate: bool
-    occupied_thresh: float
-    free_thresh: float
-    mode: str
+    free_thresh: _Threshold
+    occupied_thresh: _Threshold
+    mode: Literal["trinary", "scale", "raw"] = "trinary"
+
+    @field_validator("origin", mode="before")
+    @classmethod
+    def _is_pose(cls, origin: Any, info: ValidationInfo) -> Any:
+        count = len(origin) if isinstance(origin, list) else 0
+        if count < 3 or (count > 3 and info.context == "nav2"):
+            raise ValueError("must be a list of three numbers [x, y, yaw]")
+        return origin[:3]
+
+    @field_validator("negate", mode="before")
+    @classmethod
+    def _is_truth(cls, value: Any, info: ValidationInfo) -> bool:
+        if isinstance(value, int) and (info.context == "nav2" or not isinstance(value, bool)):
+            return value != 0
+        if info.context == "nav2" and isinstance(value, str) and value.lower() in WORDS:
+            return bool(WORDS[value.lower()])
+        raise ValueError("must be " + ("0 or 1" if info.context == "ros1" else "0, 1, true or false"))
+
+    @model_validator(mode="after")
+    def _is_ordered(self) -> RosHeader:
+        if self.free_thresh >= self.occupied_thresh:
+            raise ValueError(f"free_thresh: {self.free_thresh} must lie below occupied_thresh = {self.occupied_thresh}")
+        return self
 
 
 def read_ros(
@@ -78,8 +120,8 @@ def read_ros(
     Where a ROS 1 raw map holds bytes above 127, they count as costmap_2d reads them: 255 is unknown, others occupied.
     With `least_conductivity` c, a free cell of occupancy p conducts ``c ** (p / lethal)``.
     """
-    header = read_header(path, dialect)
-    occupancy = _occupancy(header, dialect)
+    header = _read_header(path, dialect)
+    occupancy = _occupancy(path, header, dialect)
     occupied = _is_occupied(occupancy, header, lethal)
     cell = np.where(occupied, Cell.OBSTACLE, Cell.FREE).astype(np.uint8)
     cell[occupancy == UNKNOWN] = Cell.OBSTACLE if unknown == "obstacle" else Cell.FREE
@@ -93,7 +135,7 @@ def read_ros(
 
 def ros_greys(path: Path, dialect: str = "nav2", lethal: int | None = None) -> list[str]:
     """What each grey value of an opaque picture means in a ROS map."""
-    header = read_header(path, dialect)
+    header = _read_header(path, dialect)
     occupancy = _CONVERTERS[dialect](Raster(np.arange(256, dtype=np.uint16).reshape(1, 256, 1), 255), header)
     words = np.where(_is_occupied(occupancy, header, lethal), "obstacle", "free")
     return [str(word) for word in np.where(occupancy == UNKNOWN, "unknown", words)[0]]
@@ -131,32 +173,20 @@ def occupancy_grid(path: str | os.PathLike[str], dialect: str = "nav2") -> NDArr
     BudgetError
         If the picture would not fit in memory.
     """
-    return _occupancy(read_header(Path(path), dialect), dialect)
+    return _occupancy(Path(path), _read_header(Path(path), dialect), dialect)
 
 
-def read_header(path: Path, dialect: str = "nav2") -> RosHeader:
-    """Read a ``map.yaml``; keys that neither reader knows are ignored, as they do."""
-    if dialect not in DIALECTS:
-        raise InputError(f"dialect = {dialect!r} is unknown; it may be one of {', '.join(DIALECTS)}")
-    table = _load_yaml(path)
-    image = _required(table, "image", path)
-    if not isinstance(image, str) or not image or "\0" in image:
-        raise InputError(f"{path}: image: must be the name of a picture, got {_short(image)}")
-    header = RosHeader(
-        image=path.parent / image,
-        resolution=_number(_required(table, "resolution", path), "resolution", path),
-        origin=_origin(_required(table, "origin", path), dialect, path),
-        negate=_negate(_required(table, "negate", path), dialect, path),
-        occupied_thresh=_number(_required(table, "occupied_thresh", path), "occupied_thresh", path),
-        free_thresh=_number(_required(table, "free_thresh", path), "free_thresh", path),
-        mode=_mode(table.get("mode", "trinary"), path),
-    )
-    _check(header, path)
-    return header
+def _read_header(path: Path, dialect: str) -> RosHeader:
+    if dialect not in _CONVERTERS:
+        raise InputError(f"dialect = {dialect!r} is unknown; it may be one of {', '.join(_CONVERTERS)}")
+    try:
+        return RosHeader.model_validate(_load_yaml(path), context=dialect)
+    except ValidationError as error:
+        raise InputError(report([(each["loc"], complaint(each)) for each in problems_of(error)], str(path))) from None
 
 
-def _occupancy(header: RosHeader, dialect: str) -> NDArray[np.int8]:
-    raster = read_raster(header.image, BYTES_PER_PIXEL)
+def _occupancy(path: Path, header: RosHeader, dialect: str) -> NDArray[np.int8]:
+    raster = read_raster(path.parent / header.image, BYTES_PER_PIXEL)
     return _CONVERTERS[dialect](raster, header)[::-1].copy()
 
 
@@ -243,68 +273,6 @@ def _load_yaml(path: Path) -> dict[Any, Any]:
         raise InputError(f"{path}: this is not YAML ({type(error).__name__})") from None
     if not isinstance(table, dict):
         raise InputError(
-            f"{path}: a map's YAML holds keys and values (image: ..., resolution: ...), not {_short(table)}"
+            f"{path}: a map's YAML holds keys and values (image: ..., resolution: ...), not a {type(table).__name__}"
         )
     return table
-
-
-def _required(table: dict[Any, Any], key: str, path: Path) -> Any:
-    if key not in table:
-        raise InputError(f"{path}: {key}: this key is missing; the map's readers need it")
-    return table[key]
-
-
-def _number(value: Any, key: str, path: Path) -> float:
-    try:
-        if isinstance(value, bool) or not isinstance(value, str | int | float):
-            raise ValueError
-        number = float(value)
-        if not isfinite(number):
-            raise ValueError
-    except (ValueError, OverflowError):
-        raise InputError(f"{path}: {key}: must be a finite number, got {_short(value)}") from None
-    return number
-
-
-def _origin(value: Any, dialect: str, path: Path) -> tuple[float, float, float]:
-    fits = isinstance(value, list) and (len(value) >= 3 if dialect == "ros1" else len(value) == 3)
-    if not fits:
-        raise InputError(f"{path}: origin: must be a list of three numbers [x, y, yaw], got {_short(value)}")
-    x, y, yaw = (_number(entry, f"origin[{i}]", path) for i, entry in enumerate(value[:3]))
-    return x, y, yaw
-
-
-def _negate(value: Any, dialect: str, path: Path) -> bool:
-    if isinstance(value, int) and not isinstance(value, bool):
-        return value != 0
-    if dialect == "nav2" and isinstance(value, bool):
-        return value
-    if dialect == "nav2" and isinstance(value, str) and value.lower() in WORDS:
-        return bool(WORDS[value.lower()])
-    wanted = "0 or 1" if dialect == "ros1" else "0, 1, true or false"
-    raise InputError(f"{path}: negate: must be {wanted}, got {_short(value)}")
-
-
-def _mode(value: Any, path: Path) -> str:
-    if value not in MODES:
-        raise InputError(f"{path}: mode: {_short(value)} is unknown; it may be one of {', '.join(MODES)}")
-    return str(value)
-
-
-def _check(header: RosHeader, path: Path) -> None:
-    if header.resolution <= 0:
-        raise InputError(f"{path}: resolution: must be greater than 0 metres per pixel, got {header.resolution}")
-    for key in ("occupied_thresh", "free_thresh"):
-        if not 0 <= getattr(header, key) <= 1:
-            raise InputError(f"{path}: {key}: must lie between 0 and 1, got {getattr(header, key)}")
-    if header.free_thresh >= header.occupied_thresh:
-        raise InputError(
-            f"{path}: free_thresh: {header.free_thresh} must lie below occupied_thresh = {header.occupied_thresh}"
-        )
-
-
-def _short(value: Any) -> str:
-    if isinstance(value, str | int | float | bool) or value is None:
-        text = repr(value) if not isinstance(value, int) or abs(value) < 1 << 64 else "a very large number"
-        return text if len(text) <= 60 else f"{text[:50]}..."
-    return f"a {type(value).__name__}"

@@ -10,85 +10,92 @@ from numpy.typing import NDArray
 
 from resgrid.netlist import GROUND
 from resgrid.spice.check.violation import Severity, Violation
-from resgrid.spice.subject import Subject
+from resgrid.spice.circuit import SHOWN, Circuit, some
 
-_TOLD = 10
+_MOST = 10
 _TOLERANCE = 1e-9
 
 
-def ground(subject: Subject) -> Iterator[Violation]:
+def ground(circuit: Circuit) -> Iterator[Violation]:
     """Nothing that conducts touches ground."""
-    if not any((subject.ends[kind] == GROUND).any() for kind in ("resistor", "voltage source", "nonlinear resistor")):
+    if not any((circuit.ends[kind] == GROUND).any() for kind in ("resistor", "voltage source", "nonlinear resistor")):
         yield Violation(
             "error",
             "ground",
-            "0" if subject.deck is None else subject.deck.path,
+            "0" if not circuit.is_deck else circuit.path,
             "no resistor and no voltage source touches ground, so no voltage is defined",
             "tie one node to node 0 by a voltage source",
         )
 
 
-def islands(subject: Subject) -> Iterator[Violation]:
+def islands(circuit: Circuit) -> Iterator[Violation]:
     """Parts without a path to ground, those that capacitors hold told apart."""
-    floating = np.flatnonzero(subject.part != subject.part[GROUND])
+    floating = np.flatnonzero(circuit.part != circuit.part[GROUND])
     if not floating.size:
         return
-    held = _parts_at(subject, "capacitor")
-    order = floating[np.argsort(subject.part[floating], kind="stable")]
-    groups = np.split(order, np.flatnonzero(np.diff(subject.part[order])) + 1)
-    if subject.deck is None:
-        by_capacitor = held[subject.part[floating]]
+    held = _parts_at(circuit, "capacitor")
+    order = floating[np.argsort(circuit.part[floating], kind="stable")]
+    groups = np.split(order, np.flatnonzero(np.diff(circuit.part[order])) + 1)
+    if not circuit.is_deck:
+        by_capacitor = held[circuit.part[floating]]
         groups = [floating[~by_capacitor], floating[by_capacitor]]
     groups = sorted((group for group in groups if group.size), key=lambda group: -group.size)
-    for group in groups[:_TOLD]:
-        yield _island(subject, group, by_capacitor=bool(held[subject.part[group[0]]]))
-    if len(groups) > _TOLD:
-        rest = np.concatenate(groups[_TOLD:])
-        yield _island(subject, rest, by_capacitor=False, what=f"{len(groups) - _TOLD:,} more parts, with ")
+    for group in groups[:_MOST]:
+        yield _island(circuit, group, by_capacitor=bool(held[circuit.part[group[0]]]))
+    if len(groups) > _MOST:
+        rest = np.concatenate(groups[_MOST:])
+        yield _island(circuit, rest, by_capacitor=False, what=f"{len(groups) - _MOST:,} more parts, with ")
 
 
-def _island(subject: Subject, nodes: NDArray[np.int64], *, by_capacitor: bool, what: str = "") -> Violation:
+def _island(circuit: Circuit, nodes: NDArray[np.int64], *, by_capacitor: bool, what: str = "") -> Violation:
     many = nodes.size > 1
-    subject_text = f"{what}{nodes.size:,} node{'s' if many else ''}"
-    names = f" ({subject.told(nodes)})" if subject.deck is not None else ""
-    verb = "have" if many else "has"
+    names = f" ({circuit.shown(nodes)})" if circuit.is_deck else ""
     if by_capacitor:
-        message = f"{subject_text}{names} {'are' if many else 'is'} held by capacitors only, which are open"
+        state = f"{'are' if many else 'is'} held by capacitors only, which are open"
     else:
-        message = f"{subject_text}{names} {verb} no path of resistors or voltage sources to ground"
+        state = f"{'have' if many else 'has'} no path of resistors or voltage sources to ground"
     return Violation(
-        "error" if subject.deck is not None else "warning",
+        "error" if circuit.is_deck else "warning",
         "capacitor node" if by_capacitor else "floating",
-        subject.place_of_nodes(nodes),
-        message,
+        circuit.place_of_nodes(nodes),
+        f"{what}{nodes.size:,} node{'s' if many else ''}{names} {state}",
         "join it to the circuit by a resistor, or remove it: ngspice would answer wrongly everywhere"
-        if subject.deck is not None
+        if circuit.is_deck
         else "they are left out of decks; join them to the circuit by a resistor if they belong to it",
-        subject.listed(nodes),
+        circuit.listed(nodes),
     )
 
 
-def trapped_currents(subject: Subject) -> Iterator[Violation]:
+def _of_elements(
+    circuit: Circuit,
+    severity: Severity,
+    rule: str,
+    kind: str,
+    numbers: NDArray[np.int64],
+    message: str,
+    remedy: str,
+) -> Violation:
+    """What is wrong with elements of a kind; fields of the message are ``count``, ``s`` (of a plural) and ``names``."""
+    nodes = np.unique(circuit.ends[kind][numbers])
+    names = some([circuit.element_name(kind, number) for number in numbers[:SHOWN].tolist()], numbers.size)
+    return Violation(
+        severity,
+        rule,
+        circuit.place_of(kind, int(numbers[0])) if circuit.is_deck else circuit.shown(nodes),
+        message.format(count=f"{numbers.size:,}", s="" if numbers.size == 1 else "s", names=names),
+        remedy,
+        circuit.listed(nodes),
+    )
+
+
+def trapped_currents(circuit: Circuit) -> Iterator[Violation]:
     """Current sources that feed a part which lets no current out."""
-    trapped = trapped_sources(subject.ends["current source"], subject.amps, subject.part)
+    trapped = circuit.trapped_sources
     if trapped.size:
-        nodes = np.unique(subject.ends["current source"][trapped])
-        one = trapped.size == 1
-        yield Violation(
-            "error",
-            "trapped current",
-            subject.place_of_element("current source", int(trapped[0])) if subject.deck else subject.told(nodes),
-            f"{trapped.size:,} current source{'' if one else 's'} ({_elements(subject, 'current source', trapped)}) "
-            f"feed{'s' if one else ''} a floating part, which lets no current out",
-            "remove these sources, or join the part to ground",
-            subject.listed(nodes),
-        )
-
-
-def trapped_sources(ends: NDArray[np.int32], amps: NDArray[np.float64], part: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Numbers of the current sources, shapes (c, 2) and (c,), that join different parts."""
-    parts = part[ends]
-    return np.flatnonzero((parts[:, 0] != parts[:, 1]) & (amps != 0))
+        feed = "feeds" if trapped.size == 1 else "feed"
+        message = f"{{count}} current source{{s}} ({{names}}) {feed} a floating part, which lets no current out"
+        remedy = "remove these sources, or join the part to ground"
+        yield _of_elements(circuit, "error", "trapped current", "current source", trapped, message, remedy)
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,23 +112,23 @@ class Loops:
     contradictions: tuple[tuple[str, int, float], ...]
 
 
-def loops_of(subject: Subject) -> Loops:
+def loops_of(circuit: Circuit) -> Loops:
     """Find the loops of voltage sources; resistors of 0 ohm count as sources of 0 V."""
     from resgrid.spice.kernels import left_over
 
-    zero = np.flatnonzero(subject.resistance == 0)
-    sources = len(subject.volts)
-    order = np.argsort(subject.is_inductor, kind="stable")
-    ends = np.concatenate([subject.ends["voltage source"][order], subject.ends["resistor"][zero]])
-    volts = np.concatenate([subject.volts[order], np.zeros(len(zero))])
-    rest = left_over(ends, volts, subject.node_count) if len(ends) else np.empty(0)
+    zero = np.flatnonzero(circuit.resistance == 0)
+    sources = len(circuit.source_volts)
+    order = np.argsort(circuit.is_inductor, kind="stable")
+    ends = np.concatenate([circuit.source_nodes[order], circuit.resistor_nodes[zero]])
+    volts = np.concatenate([circuit.source_volts[order], np.zeros(len(zero))])
+    rest = left_over(ends, volts, len(circuit.node_names)) if len(ends) else np.empty(0)
     number = np.concatenate([order, zero])
     closing = ~np.isnan(rest)
     with np.errstate(invalid="ignore"):
         bad = closing & (np.abs(rest) > _TOLERANCE * np.max(np.abs(volts), initial=0.0))
     place = np.flatnonzero(closing & ~bad)
     own, short = number[place[place < sources]], number[place[place >= sources]]
-    is_inductor = subject.is_inductor[own]
+    is_inductor = circuit.is_inductor[own]
     contradictions = tuple(
         ("voltage source" if i < sources else "resistor", int(number[i]), float(abs(rest[i])))
         for i in np.flatnonzero(bad).tolist()
@@ -129,87 +136,60 @@ def loops_of(subject: Subject) -> Loops:
     return Loops(own[~is_inductor], own[is_inductor], short, contradictions)
 
 
-def source_loops(subject: Subject) -> Iterator[Violation]:
+def source_loops(circuit: Circuit) -> Iterator[Violation]:
     """Loops of voltage sources, contradictory or consistent; inductors and resistors of 0 ohm count as such."""
-    loops = loops_of(subject)
-    for kind, number, volts in loops.contradictions[:_TOLD]:
-        yield _contradiction(subject, kind, number, volts)
-    if loops.sources.size:
-        severity: Severity = "error" if subject.deck is not None else "warning"
-        yield _loop(subject, severity, "voltage source", "voltage sources close loops", loops.sources)
-    if loops.inductors.size:
-        yield _loop(subject, "warning", "voltage source", "inductors close loops of shorts", loops.inductors)
-    if loops.shorts.size:
-        yield _loop(subject, "warning", "resistor", "resistors of 0 ohm close loops of shorts", loops.shorts)
-
-
-def _contradiction(subject: Subject, kind: str, element: int, volts: float) -> Violation:
-    ends = subject.ends[kind][element]
-    names = subject.names_of(ends)
-    return Violation(
-        "error",
-        "voltage loop",
-        subject.place_of_element(kind, element),
-        f"{kind} {subject.element_name(kind, element)} between nodes {names[0]} and {names[1]} contradicts the other "
-        f"sources by {volts:g} V",
-        "remove one source of the loop, or put a resistor into it",
-        tuple(names),
+    loops = loops_of(circuit)
+    for kind, number, volts in loops.contradictions[:_MOST]:
+        names = circuit.names_of(circuit.ends[kind][number])
+        yield Violation(
+            "error",
+            "voltage loop",
+            circuit.place_of(kind, number),
+            f"{kind} {circuit.element_name(kind, number)} between nodes {names[0]} and {names[1]} contradicts the "
+            f"other sources by {volts:g} V",
+            "remove one source of the loop, or put a resistor into it",
+            tuple(names),
+        )
+    remedy = "remove them" if circuit.is_deck else "decks leave out the sources that close a loop"
+    closing: tuple[tuple[Severity, str, str, NDArray[np.int64]], ...] = (
+        ("error" if circuit.is_deck else "warning", "voltage source", "voltage sources close loops", loops.sources),
+        ("warning", "voltage source", "inductors close loops of shorts", loops.inductors),
+        ("warning", "resistor", "resistors of 0 ohm close loops of shorts", loops.shorts),
     )
+    for severity, kind, what, numbers in closing:
+        if numbers.size:
+            message = f"{{count}} {what} ({{names}}), so the currents around them are undetermined"
+            yield _of_elements(circuit, severity, "voltage loop", kind, numbers, message, remedy)
 
 
-def _loop(subject: Subject, severity: Severity, kind: str, what: str, closing: NDArray[np.int64]) -> Violation:
-    nodes = np.unique(subject.ends[kind][closing])
-    return Violation(
-        severity,
-        "voltage loop",
-        subject.place_of_element(kind, int(closing[0])) if subject.deck is not None else subject.told(nodes),
-        f"{closing.size:,} {what} ({_elements(subject, kind, closing)}), so the currents around them are undetermined",
-        "remove them" if subject.deck is not None else "decks leave out the sources that close a loop",
-        subject.listed(nodes),
-    )
-
-
-def shorted(subject: Subject) -> Iterator[Violation]:
+def shorted(circuit: Circuit) -> Iterator[Violation]:
     """Elements with both ends on one node."""
     for kind in ("resistor", "current source", "nonlinear resistor"):
-        ends = subject.ends[kind]
-        both = np.flatnonzero(ends[:, 0] == ends[:, 1])
+        both = np.flatnonzero(circuit.ends[kind][:, 0] == circuit.ends[kind][:, 1])
         if both.size:
-            nodes = np.unique(ends[both])
-            yield Violation(
-                "warning",
-                f"shorted {kind}",
-                subject.place_of_element(kind, int(both[0])) if subject.deck is not None else subject.told(nodes),
-                f"{both.size:,} {kind}s have both ends on one node ({_elements(subject, kind, both)}) and do nothing",
-                "remove them",
-                subject.listed(nodes),
-            )
+            message = f"{{count}} {kind}s have both ends on one node ({{names}}) and do nothing"
+            yield _of_elements(circuit, "warning", f"shorted {kind}", kind, both, message, "remove them")
 
 
-def dangling(subject: Subject) -> Iterator[Violation]:
+def dangling(circuit: Circuit) -> Iterator[Violation]:
     """Nodes with a single element, which carry no current."""
-    loose = subject.degree == 1
+    loose = circuit.degree == 1
     loose[GROUND] = False
-    loose &= subject.part == subject.part[GROUND]
+    loose &= circuit.part == circuit.part[GROUND]
     nodes = np.flatnonzero(loose)
     if nodes.size:
         yield Violation(
             "info",
             "dangling",
-            subject.place_of_nodes(nodes[:1]) if subject.deck is not None else subject.place_of_nodes(nodes),
-            f"{nodes.size:,} nodes ({subject.told(nodes)}) have one element only, which carries no current",
+            circuit.place_of_nodes(nodes[:1]) if circuit.is_deck else circuit.place_of_nodes(nodes),
+            f"{nodes.size:,} nodes ({circuit.shown(nodes)}) have one element only, which carries no current",
             "nothing to do if they are probes or dead ends",
-            subject.listed(nodes),
+            circuit.listed(nodes),
         )
 
 
-def _parts_at(subject: Subject, kind: str) -> NDArray[np.bool_]:
+def _parts_at(circuit: Circuit, kind: str) -> NDArray[np.bool_]:
     """Which parts an element of a kind touches, shape (parts,)."""
-    touched = np.zeros(int(subject.part.max()) + 1, dtype=np.bool_)
-    touched[subject.part[subject.ends[kind].ravel()]] = True
+    touched = np.zeros(int(circuit.part.max()) + 1, dtype=np.bool_)
+    touched[circuit.part[circuit.ends[kind].ravel()]] = True
     return touched
-
-
-def _elements(subject: Subject, kind: str, numbers: NDArray[np.int64]) -> str:
-    shown = ", ".join(subject.element_name(kind, number) for number in numbers[:5].tolist())
-    return shown if numbers.size <= 5 else f"{shown} and {numbers.size - 5:,} more"

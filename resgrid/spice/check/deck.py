@@ -15,8 +15,8 @@ from resgrid.spice.check.agreement import Agreement, Reference, compare, unverif
 from resgrid.spice.check.external import Runnable, expected_of, places_of, runnable, written_anew
 from resgrid.spice.check.kirchhoff import inspect_deck
 from resgrid.spice.check.predictions import predict_simulators
+from resgrid.spice.circuit import Circuit
 from resgrid.spice.dialects import dialect_named
-from resgrid.spice.parsed import ParsedDeck
 from resgrid.spice.read.deck import read_spice
 from resgrid.spice.run import SIMULATED, engine_named
 from resgrid.spice.run.ngspice import Simulation, read_deck, simulate
@@ -44,7 +44,7 @@ class _Limits:
 
 
 def check_deck(
-    deck: str | os.PathLike[str] | ParsedDeck | Netlist | OperatingPoint,
+    deck: str | os.PathLike[str] | Circuit | Netlist | OperatingPoint,
     *,
     tolerance: float = 1e-9,
     reference: OperatingPoint | None = None,
@@ -63,7 +63,7 @@ def check_deck(
 
     Parameters
     ----------
-    deck : path-like, ParsedDeck, Netlist or OperatingPoint
+    deck : path-like, Circuit, Netlist or OperatingPoint
         A deck's file, or a circuit.
     tolerance : float
         Relative to the supply, the largest voltage difference in the circuit.
@@ -99,7 +99,7 @@ def check_deck(
         written = flatten(op.netlist, dialect=SIMULATED)
         simulation = limits.run(written.text.encode("ascii"), "deck", direct=False)
         return compare(expect(written, op), simulation, tolerance=tolerance)
-    if isinstance(deck, ParsedDeck):
+    if isinstance(deck, Circuit):
         return _check_external(deck, read_deck(Path(deck.path)), reference, limits, root)
     path = Path(deck)
     data = read_deck(path)
@@ -142,7 +142,7 @@ def _check_own(
 
 
 def _check_external(
-    deck: ParsedDeck,
+    deck: Circuit,
     data: bytes,
     op: OperatingPoint | None,
     limits: _Limits,

@@ -17,11 +17,11 @@ import numpy as np
 
 from resgrid.errors import InputError
 from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.spice.parsed import ParsedDeck, ngspice_name
+from resgrid.spice.circuit import Circuit
+from resgrid.spice.dialects.ngspice import ngspice_name
 from resgrid.spice.read.files import MAX_FILES, read_bytes
 from resgrid.spice.run import SIMULATED
 from resgrid.spice.run.ngspice import MAX_ASCENT, refuse_commands
-from resgrid.spice.subject import subject_of
 from resgrid.spice.write.expected import Expected, expect
 from resgrid.spice.write.flat import flatten
 
@@ -51,7 +51,7 @@ class Runnable:
     place: str = "deck.cir"
 
 
-def runnable(deck: ParsedDeck, data: bytes, *, root: Path | None, engine: str) -> Runnable:
+def runnable(deck: Circuit, data: bytes, *, root: Path | None, engine: str) -> Runnable:
     """Make a deck safe to run, with its operating point as the only analysis.
 
     Only the lines of its analyses and outputs are taken out; everything else is run byte for byte, in the files that
@@ -69,13 +69,13 @@ def runnable(deck: ParsedDeck, data: bytes, *, root: Path | None, engine: str) -
     return Runnable(_only_operating_point(data), "", bare, path.relative_to(root).as_posix())
 
 
-def written_anew(deck: ParsedDeck) -> bytes:
+def written_anew(deck: Circuit) -> bytes:
     """What was read of a deck, flat, for the simulator that is run."""
     text = flatten(deck.netlist(), dialect=SIMULATED, title=f"{deck.title or deck.path}, as read").text
     return _only_operating_point(text.encode("ascii"))
 
 
-def _safe_files(deck: ParsedDeck, path: Path, data: bytes, root: Path, engine: str) -> dict[str, bytes]:
+def _safe_files(deck: Circuit, path: Path, data: bytes, root: Path, engine: str) -> dict[str, bytes]:
     """What a deck includes."""
     if deck.dialect != SIMULATED:
         raise InputError(f"it is written for {deck.dialect}, and only {SIMULATED} is run here")
@@ -164,7 +164,7 @@ def _places(name: str, path: Path, root: Path) -> Iterator[Path]:
         yield place
 
 
-def expected_of(deck: ParsedDeck, op: OperatingPoint, *, as_written: bool) -> Expected:
+def expected_of(deck: Circuit, op: OperatingPoint, *, as_written: bool) -> Expected:
     """What a simulator should find in a deck, by the names it gives; as `expect` otherwise."""
     if not as_written:
         return expect(flatten(op.netlist, dialect=SIMULATED), op)
@@ -175,9 +175,8 @@ def expected_of(deck: ParsedDeck, op: OperatingPoint, *, as_written: bool) -> Ex
     return Expected.of(op, voltage, dict(zip(names, amps, strict=True)))
 
 
-def places_of(deck: ParsedDeck, names: Iterable[str]) -> dict[str, str]:
+def places_of(deck: Circuit, names: Iterable[str]) -> dict[str, str]:
     """Where some nodes, by their folded names, first occur in a deck."""
     folded = set(names)
-    subject = subject_of(deck)
     number = {name.lower(): i for i, name in enumerate(deck.node_names) if name.lower() in folded}
-    return {name: subject.place_of_nodes(np.array([node])) for name, node in number.items()}
+    return {name: deck.place_of_nodes(np.array([node])) for name, node in number.items()}

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.spice.parsed import ParsedDeck
+from resgrid.spice.circuit import Circuit
 from resgrid.spice.read.deck import read_with
 from resgrid.spice.write.expected import Expected
 
@@ -46,7 +46,7 @@ def _by_line(text: str) -> str:
     return text.replace("<text>:", "line ")
 
 
-def _wrong_sources(circuit: ParsedDeck, voltage: NDArray[np.float64], allowed: float) -> list[str]:
+def _wrong_sources(circuit: Circuit, voltage: NDArray[np.float64], allowed: float) -> list[str]:
     plus, minus = voltage[circuit.source_nodes].T
     error = np.abs(plus - minus - circuit.source_volts)
     line = circuit.place["voltage source"][:, 1]
@@ -57,7 +57,7 @@ def _wrong_sources(circuit: ParsedDeck, voltage: NDArray[np.float64], allowed: f
     ]
 
 
-def _wrong_nodes(circuit: ParsedDeck, voltage: NDArray[np.float64], tolerance: float) -> list[str]:
+def _wrong_nodes(circuit: Circuit, voltage: NDArray[np.float64], tolerance: float) -> list[str]:
     count = len(circuit.node_names)
     net, through, noise = np.zeros(count), np.zeros(count), np.zeros(count)
     for ends, current, rounding in _currents(circuit, voltage):
@@ -78,7 +78,7 @@ def _wrong_nodes(circuit: ParsedDeck, voltage: NDArray[np.float64], tolerance: f
 
 
 def _currents(
-    circuit: ParsedDeck, voltage: NDArray[np.float64]
+    circuit: Circuit, voltage: NDArray[np.float64]
 ) -> Iterator[tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]]:
     """Ends of elements, their currents from the first to the second, and what rounding of voltages may change in it."""
     first, second = voltage[circuit.resistor_nodes].T
@@ -94,7 +94,7 @@ def _currents(
     yield circuit.nonlinear_nodes, current * np.tanh((first - second) / scale), current / scale * size
 
 
-def _lines_at(circuit: ParsedDeck, node: int) -> list[int]:
+def _lines_at(circuit: Circuit, node: int) -> list[int]:
     ends = {
         "resistor": circuit.resistor_nodes,
         "voltage source": circuit.source_nodes,

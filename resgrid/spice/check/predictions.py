@@ -18,10 +18,9 @@ from resgrid.netlist import GROUND, Netlist
 from resgrid.spice.check.connection import Loops, loops_of
 from resgrid.spice.check.rules import check_rules
 from resgrid.spice.check.violation import Violation
+from resgrid.spice.circuit import Circuit, connected_parts, rebase
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.dialects.record import Basis, Quirks
-from resgrid.spice.parsed import ParsedDeck, rebase
-from resgrid.spice.subject import Subject, connected_parts_of, subject_of
 
 Outcome = Literal["right", "wrong", "fails", "unsure"]
 _Foretold = tuple[Outcome, float | None, str | None, tuple[str, ...]]
@@ -69,26 +68,25 @@ class Prediction:
 
 @dataclass(frozen=True, eq=False)
 class _Case:
-    """A deck, what the rules say about it, and its right answer (None where there is none, or it was too large)."""
+    """A deck, places of names given twice, and its right answer (None where there is none, or it is too large)."""
 
-    deck: ParsedDeck
-    subject: Subject
-    findings: tuple[Violation, ...]
+    deck: Circuit
+    duplicates: tuple[str, ...]
     loops: Loops
     floating: NDArray[np.int64]
     voltage: NDArray[np.float64] | None
 
 
 def predict_simulators(
-    circuit: Netlist | ParsedDeck, findings: tuple[Violation, ...] | None = None
+    circuit: Netlist | Circuit, violations: tuple[Violation, ...] | None = None
 ) -> tuple[Prediction, ...]:
     """Say for every simulator whether it will find the right operating point.
 
     Parameters
     ----------
-    circuit : Netlist or ParsedDeck
+    circuit : Netlist or Circuit
         A deck is judged as it was written, a netlist as the deck that resgrid writes of it.
-    findings : tuple of Violation, optional
+    violations : tuple of Violation, optional
         From `check_rules`, if they are known.
 
     Returns
@@ -96,33 +94,29 @@ def predict_simulators(
     tuple of Prediction
         One a simulator.  Errors are computed for up to 300,000 nodes; beyond, reasons are given without a number.
     """
-    findings = check_rules(circuit) if findings is None else findings
-    if isinstance(circuit, Netlist):
-        foretold = [_of_netlist(dialect.quirks, circuit, findings) for dialect in DIALECTS.values()]
-    else:
-        case = _case_of(circuit, findings)
+    circuit = Circuit.of(circuit)
+    errors = [item for item in violations or check_rules(circuit) if item.severity == "error"]
+    if circuit.is_deck:
+        duplicates = tuple(error.place for error in errors if error.rule == "names")
+        floating = np.flatnonzero(circuit.part != circuit.part[GROUND])
+        case = _Case(circuit, duplicates, loops_of(circuit), floating, _right_answer(circuit))
         foretold = [_of_deck(dialect.quirks, case) for dialect in DIALECTS.values()]
+    else:
+        foretold = [_of_netlist(dialect.quirks, circuit.resistance, errors) for dialect in DIALECTS.values()]
     return tuple(
         Prediction(dialect.name, *what, dialect.quirks.basis)
         for dialect, what in zip(DIALECTS.values(), foretold, strict=True)
     )
 
 
-def _case_of(deck: ParsedDeck, findings: tuple[Violation, ...]) -> _Case:
-    subject = subject_of(deck)
-    floating = np.flatnonzero(subject.part != subject.part[GROUND])
-    return _Case(deck, subject, findings, loops_of(subject), floating, _right_answer(deck))
-
-
-def _of_netlist(quirks: Quirks, netlist: Netlist, findings: tuple[Violation, ...]) -> _Foretold:
+def _of_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: list[Violation]) -> _Foretold:
     """Our own decks leave out what simulators stumble over."""
-    errors = tuple(finding.message for finding in findings if finding.severity == "error")
     if errors:
-        return "fails", None, None, (f"there is no deck to run: {errors[0]}",)
-    doubts = _spread_doubts(1 / netlist.conductance)
-    small = netlist.conductance.size and float(1 / netlist.conductance.max())
-    if quirks.smallest_resistance and not quirks.raises_zero_only and small and small < quirks.smallest_resistance:
-        doubts += (f"it raises resistances to {quirks.smallest_resistance:g} ohm (RESMIN)",)
+        return "fails", None, None, (f"there is no deck to run: {errors[0].message}",)
+    doubts = _spread_doubts(resistance)
+    least = quirks.smallest_resistance
+    if least and not quirks.raises_zero_only and resistance.min(initial=np.inf) < least:
+        doubts += (f"it raises resistances to {least:g} ohm (RESMIN)",)
     return "unsure" if doubts else "right", None, None, doubts
 
 
@@ -146,24 +140,23 @@ def _of_deck(quirks: Quirks, case: _Case) -> _Foretold:
 
 
 def _fatal(quirks: Quirks, case: _Case) -> tuple[str, ...]:
-    twice = [f for f in case.findings if f.rule == "names" and f.severity == "error"]
     reasons = [
-        f"a loop of voltage sources leaves no answer ({case.subject.place_of_element('voltage source', number)})"
+        f"a loop of voltage sources leaves no answer ({case.deck.place_of('voltage source', number)})"
         for number in _failing_loops(quirks, case)[:1]
     ]
     if quirks.duplicates == "fails":
-        reasons += [f"a name is given twice ({f.place})" for f in twice[:1]]
+        reasons += [f"a name is given twice ({place})" for place in case.duplicates[:1]]
     return tuple(reasons)
 
 
 def _failing_loops(quirks: Quirks, case: _Case) -> list[int]:
     """Voltage sources that close a loop which leaves no answer."""
-    ends = case.subject.ends["voltage source"]
+    ends = case.deck.source_nodes
     closing = [int(number) for number in case.loops.sources]
-    inductive = case.subject.is_inductor
+    inductive = case.deck.is_inductor
     closing += [i for kind, i, _ in case.loops.contradictions if kind == "voltage source" and not inductive[i]]
     if quirks.loops == "fail at ground":
-        tree = connected_parts_of(ends, case.subject.node_count)
+        tree = connected_parts(ends, len(case.deck.node_names))
         closing = [i for i in closing if tree[ends[i, 0]] == tree[GROUND] or ends[i, 0] == ends[i, 1]]
     return closing
 
@@ -175,7 +168,7 @@ def _doubts(quirks: Quirks, case: _Case, resistance: NDArray[np.float64]) -> tup
     for kind, numbers in (("inductors", case.loops.inductors), ("voltage sources", case.loops.sources)):
         if not numbers.size:
             continue
-        place = case.subject.place_of_element("voltage source", int(numbers[0]))
+        place = case.deck.place_of("voltage source", int(numbers[0]))
         what = "the answer is what a transient comes to, and may be anything" if answered else "it may fail"
         doubts += (f"a loop of {kind} ({place}): {what}",)
     if case.floating.size and quirks.floating == "unknown":
@@ -184,12 +177,12 @@ def _doubts(quirks: Quirks, case: _Case, resistance: NDArray[np.float64]) -> tup
         doubts += ("it is not known here what it makes of 0 ohm",)
     if (case.deck.resistance < 0).any():
         doubts += ("negative resistances cannot be checked here",)
-    if quirks.duplicates == "unknown" and any(f.rule == "names" and f.severity == "error" for f in case.findings):
+    if quirks.duplicates == "unknown" and case.duplicates:
         doubts += ("it is not known here which of two elements of one name it keeps",)
     return doubts
 
 
-def _drowned(deck: ParsedDeck, size: NDArray[np.float64]) -> tuple[str, ...]:
+def _drowned(deck: Circuit, size: NDArray[np.float64]) -> tuple[str, ...]:
     """Whether conductances drown in those beside them: groups of nodes tied together far more firmly than to the rest.
 
     The conductances that leave such a group are what is left of the sums on the diagonal of the matrix when those
@@ -202,7 +195,7 @@ def _drowned(deck: ParsedDeck, size: NDArray[np.float64]) -> tuple[str, ...]:
     worst = 0.0
     for decade in np.unique(np.ceil(np.log10(size))).tolist()[:-1]:
         firm = size <= 10.0**decade
-        group = connected_parts_of(np.concatenate([ends[firm], deck.source_nodes]), len(deck.node_names))
+        group = connected_parts(np.concatenate([ends[firm], deck.source_nodes]), len(deck.node_names))
         leaves = ~firm & (group[ends[:, 0]] != group[ends[:, 1]])
         leaving = np.bincount(group[ends[leaves]].ravel(), np.repeat(1 / size[leaves], 2), len(deck.node_names))
         within = np.zeros(len(deck.node_names))
@@ -226,12 +219,11 @@ def _spread_doubts(resistance: NDArray[np.float64]) -> tuple[str, ...]:
 class _Changed:
     """A deck's elements as a simulator takes them; each method changes them and says so."""
 
-    def __init__(self, deck: ParsedDeck) -> None:
+    def __init__(self, deck: Circuit) -> None:
         self.deck = deck
         self.resistance, _, _ = rebase(deck.resistance, deck.tc1, deck.tc2, deck.heating)
         self.keeps = {kind: np.ones(len(place), dtype=np.bool_) for kind, place in deck.place.items()}
         self.siemens = 0.0
-        self.shunted = np.arange(1, len(deck.node_names))
 
     def lose_title(self) -> list[str]:
         """The first line is the title, even where it is an element."""
@@ -281,7 +273,8 @@ class _Changed:
         deck, keeps = self.deck, self.keeps
         own = keeps["resistor"] & (self.resistance != 0)
         short = keeps["resistor"] & (self.resistance == 0)
-        ties = np.stack([self.shunted, np.zeros_like(self.shunted)], axis=1) if self.siemens else np.empty((0, 2), int)
+        shunted = np.arange(1, len(deck.node_names) if self.siemens else 1)
+        ties = np.stack([shunted, np.zeros_like(shunted)], axis=1)
         sources = keeps["voltage source"]
         return Netlist(
             len(deck.node_names),
@@ -291,10 +284,13 @@ class _Changed:
             source_volts=np.concatenate([deck.source_volts[sources], np.zeros(int(short.sum()))]),
             current_nodes=deck.current_nodes[keeps["current source"]],
             current_amps=deck.current_amps[keeps["current source"]],
+            nonlinear_nodes=deck.nonlinear_nodes,
+            nonlinear_current=deck.nonlinear_current,
+            nonlinear_voltage=deck.nonlinear_voltage,
         )
 
 
-def _option(deck: ParsedDeck, name: str) -> float:
+def _option(deck: Circuit, name: str) -> float:
     """Value of an option, 0 where it is not set or no positive number."""
     from resgrid.spice.read.numerals import Numeral, parse_numeral
 
@@ -303,7 +299,7 @@ def _option(deck: ParsedDeck, name: str) -> float:
     return number.value if isinstance(number, Numeral) and number.value > 0 else 0.0
 
 
-def _right_answer(deck: ParsedDeck) -> NDArray[np.float64] | None:
+def _right_answer(deck: Circuit) -> NDArray[np.float64] | None:
     if len(deck.node_names) > _LARGEST:
         return None
     try:

@@ -46,7 +46,6 @@ HSPICE = Dialect(
         smallest_resistance=1e-5,
         floating="there",
         shunt_options={"gshunt": "siemens"},
-        misread_nodes=frozenset({"ground", "dollar"}),
     ),
     reading=ReadingRules(
         name="hspice",

@@ -35,7 +35,7 @@ LTSPICE = Dialect(
         mismatch=(".op", ".step param run 1 {runs} 1"),
         probe=".save {what}",
     ),
-    quirks=Quirks(shunt_options={"gshunt": "siemens"}, duplicates="fails", misread_nodes=frozenset({"ground"})),
+    quirks=Quirks(shunt_options={"gshunt": "siemens"}, duplicates="fails"),
     reading=ReadingRules(
         name="ltspice",
         signs=(b"\n.backanno", b"ltspice"),

@@ -98,7 +98,6 @@ NGSPICE = Dialect(
         duplicates="fails",
         gmin_options=("gshunt", "gmin"),
         loops="fail at ground",
-        misread_nodes=frozenset({"ground", "dollar"}),
     ),
     engines={
         "ngspice": Costs(0.02, 2.5e-6, 1.33e-8, 3.5, 0.6, 12e6, 1.2e3),
@@ -136,3 +135,16 @@ NGSPICE = Dialect(
         refused_options=frozenset({"rseries"}),
     ),
 )
+
+
+def ngspice_name(name: str) -> str:
+    """How ngspice spells the name of an element: ``r1``, but ``r.x1.r1`` for one inside a subcircuit.
+
+    Examples
+    --------
+    >>> ngspice_name("V1"), ngspice_name("X1.X2.Vdd")
+    ('v1', 'v.x1.x2.vdd')
+    """
+    folded = name.lower()
+    leaf = folded.rpartition(".")[2]
+    return f"{leaf[:1]}.{folded}" if "." in folded else folded

@@ -59,7 +59,7 @@ class Quirks:
     that conductance, in siemens; `gmin_options`: options that change it, those that count before others first;
     `shunt_options`: options that tie every node to ground; `duplicates`: what a second element of the same name leads
     to; `loops`: which loops of voltage sources leave no answer; other loops, and those of inductors, leave it to a
-    transient; `misread_nodes`: classes of node names it misreads, of `resgrid.spice.check.names.TRAPS`.
+    transient.
     """
 
     basis: Basis = "documented"
@@ -71,7 +71,6 @@ class Quirks:
     shunt_options: Mapping[str, Literal["ohms", "siemens"]] = field(default_factory=dict)
     duplicates: Literal["fails", "unknown"] = "unknown"
     loops: Literal["fail", "fail at ground"] = "fail"
-    misread_nodes: frozenset[str] = frozenset()
 
 
 @dataclass(frozen=True)

@@ -88,7 +88,7 @@ SPECTRE = Dialect(
         measure_first=("simulator lang=spice",),
         measure_last=("simulator lang=spectre",),
     ),
-    quirks=Quirks(floating="there", misread_nodes=frozenset({"digit"})),
+    quirks=Quirks(floating="there"),
     reading=ReadingRules(
         name="spectre",
         signs=(b"simulator lang",),

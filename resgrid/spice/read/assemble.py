@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
+from resgrid.spice.circuit import KINDS, Circuit, rebase
 from resgrid.spice.dialects import DIALECTS
-from resgrid.spice.parsed import KINDS, LateNames, ParsedDeck, rebase
 from resgrid.spice.read.collect import Collector
 from resgrid.spice.read.commands import Contents
 from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
@@ -18,12 +18,12 @@ from resgrid.spice.read.files import Source
 from resgrid.spice.read.plain import Bulk
 from resgrid.spice.read.scopes import Scope
 from resgrid.spice.read.subcircuits import Expander
-from resgrid.spice.read.tables import WIDTHS, Elements, NodeTable, Part, joined_parts
+from resgrid.spice.read.tables import WIDTHS, Elements, LateNames, NodeTable, Part, joined_parts
 
 _BULK_KINDS = ("resistor", "voltage source", "current source", "capacitor")
 
 
-def assemble_deck(collector: Collector, source: Source, limit: int | None) -> ParsedDeck:
+def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Circuit:
     """Make the deck of everything that was collected."""
     contents, diagnostics = collector.contents, collector.contents.diagnostics
     scope = Scope(contents.top, diagnostics)
@@ -50,7 +50,7 @@ def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Pa
     ohms, tc1, tc2 = _at_nominal(parts["resistor"], usual if nominal is None else nominal)
     nodes = {kind: numbers[parts[kind].nodes] for kind in KINDS}
     value = {kind: parts[kind].values[:, 0].copy() for kind in KINDS}
-    return ParsedDeck(
+    return Circuit(
         title=contents.title,
         path=source.name,
         dialect=contents.rules.name,

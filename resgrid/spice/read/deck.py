@@ -1,4 +1,4 @@
-"""Reading a circuit: from a file to a `ParsedDeck`."""
+"""Reading a circuit: from a file to a `Circuit`."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import IO
 
 from resgrid.errors import InputError
+from resgrid.spice.circuit import Circuit
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.dialects.reading import ReadingRules
 from resgrid.spice.networks.read import is_network, read_network
-from resgrid.spice.parsed import ParsedDeck
 from resgrid.spice.read.assemble import assemble_deck
 from resgrid.spice.read.collect import Collector
 from resgrid.spice.read.commands import Contents
@@ -34,7 +34,7 @@ def read_spice(
     measure: str | None = None,
     sources: str | os.PathLike[str] | None = None,
     grounds: str | os.PathLike[str] | None = None,
-) -> ParsedDeck:
+) -> Circuit:
     r"""Read a resistive circuit: a deck, an edge list, a Circuitscape configuration, a graph, or a netlist's arrays.
 
     Of a deck, resistors (those with ``I0 tanh(V/V0)`` in the form that is written here, too), independent sources,
@@ -66,7 +66,7 @@ def read_spice(
 
     Returns
     -------
-    ParsedDeck
+    Circuit
 
     Raises
     ------
@@ -95,7 +95,7 @@ def read_with(
     root: str | os.PathLike[str] | None = None,
     max_elements: int | None = None,
     least_bytes: int = LEAST_BYTES,
-) -> ParsedDeck:
+) -> Circuit:
     """Read a deck as `read_spice`; files of at least so many bytes go through the compiled loops."""
     if dialect != "auto":
         _rules_of(dialect)

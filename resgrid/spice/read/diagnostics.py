@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from resgrid.errors import InputError
-from resgrid.spice.parsed import Note, Severity
+from resgrid.spice.circuit import Note, Severity
 
 MAX_ERRORS = 20
 _MAX_TEXT = 300

@@ -138,7 +138,7 @@ class Expander:
         if known is not None:
             return known
         positional, tail = split_positional(without_parentheses(tokenise(card)))
-        if positional[-1].text.lower() == "params:":
+        if positional and positional[-1].text.lower() == "params:":
             positional.pop()
         if len(positional) < 2 or any(token.kind not in ("word", "string") for token in positional):
             raise card.error(None, f"{card.text.split()[0]} needs its nodes and the name of a subcircuit")

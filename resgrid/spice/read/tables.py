@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import compress
 
@@ -233,3 +233,28 @@ def _sorted(part: Part) -> Part:
     return Part(
         Names(len(order), sorted_names), part.nodes[order], part.values[order], part.place[order], part.order[order]
     )
+
+
+class LateNames(Mapping[str, tuple[str, ...]]):
+    """Names of elements per kind, made when they are first asked for.
+
+    `makers`: what makes the names of each kind.
+    """
+
+    def __init__(self, makers: Mapping[str, Callable[[], Sequence[str]]]) -> None:
+        self._makers = dict(makers)
+        self._made: dict[str, tuple[str, ...]] = {}
+
+    def __getitem__(self, kind: str) -> tuple[str, ...]:
+        """Names of a kind."""
+        if kind not in self._made:
+            self._made[kind] = tuple(self._makers[kind]())
+        return self._made[kind]
+
+    def __iter__(self) -> Iterator[str]:
+        """Kinds."""
+        return iter(self._makers)
+
+    def __len__(self) -> int:
+        """Number of kinds."""
+        return len(self._makers)

@@ -16,9 +16,8 @@ from numpy.typing import NDArray
 
 from resgrid.errors import BudgetError, InputError
 from resgrid.netlist import GROUND, Netlist
+from resgrid.spice.circuit import Circuit, connected_parts
 from resgrid.spice.dialects import DIALECTS
-from resgrid.spice.parsed import ParsedDeck
-from resgrid.spice.subject import Subject, connected_parts_of, subject_of
 
 _FIRST_WITH_KLU = 42
 _RANDOM_WIDTH = 0.117
@@ -52,15 +51,15 @@ class Forecast:
         )
 
 
-def forecast(circuit: Netlist | ParsedDeck, engine: str = "ngspice", version: str = "") -> Forecast:
+def forecast(circuit: Netlist | Circuit, engine: str = "ngspice", version: str = "") -> Forecast:
     """Time and memory of a simulator's operating point, in time proportional to the elements."""
     engine = _engine_of(engine, version)
     if engine not in COSTS:
         raise InputError(f"nothing is known of the engine {engine!r}; it may be one of {', '.join(COSTS)}")
-    subject = subject_of(circuit)
-    size, width = core_of(subject)
+    circuit = Circuit.of(circuit)
+    size, width = core_of(circuit)
     costs = COSTS[engine]
-    elements = sum(len(ends) for ends in subject.ends.values())
+    elements = sum(len(ends) for ends in circuit.ends.values())
     seconds = costs.start + costs.element * elements + costs.core * width**costs.width_power * size**costs.size_power
     memory = costs.start_bytes + costs.element_bytes * elements + costs.fill_bytes * size * width
     return Forecast(engine, seconds, memory, size, width)
@@ -81,19 +80,19 @@ def require_time(expected: Forecast, timeout: float) -> None:
         raise BudgetError(f"{expected}, and {_duration(timeout)} is allowed: {more}{other} or check a smaller circuit")
 
 
-def core_of(subject: Subject) -> tuple[int, float]:
+def core_of(circuit: Circuit) -> tuple[int, float]:
     """Size and width of what remains of a network without its loose ends and its nodes of known voltage."""
     from scipy.sparse import coo_array
 
     from resgrid.spice.kernels import strip_leaves, sweep_levels
 
-    known = _held(subject)
-    pairs = np.concatenate([subject.ends[kind] for kind in ("resistor", "voltage source", "nonlinear resistor")])
+    known = _held(circuit)
+    pairs = np.concatenate([circuit.ends[kind] for kind in ("resistor", "voltage source", "nonlinear resistor")])
     pairs = pairs[~known[pairs].any(axis=1) & (pairs[:, 0] != pairs[:, 1])].astype(np.int32)
     if not len(pairs):
         return 0, 0.0
     both = np.concatenate([pairs, pairs[:, ::-1]])
-    shape = (subject.node_count, subject.node_count)
+    shape = (len(circuit.node_names), len(circuit.node_names))
     graph = coo_array((np.ones(len(both), dtype=np.int8), (both[:, 0], both[:, 1])), shape=shape).tocsr()
     degree = np.diff(graph.indptr).astype(np.int64)
     strip_leaves(graph.indptr, graph.indices, degree)
@@ -107,9 +106,9 @@ def core_of(subject: Subject) -> tuple[int, float]:
     return size, min(reached / levels, _RANDOM_WIDTH * neighbours * size ** (2 / 3))
 
 
-def _held(subject: Subject) -> NDArray[np.bool_]:
+def _held(circuit: Circuit) -> NDArray[np.bool_]:
     """Nodes that voltage sources tie to ground."""
-    part = connected_parts_of(subject.ends["voltage source"], subject.node_count)
+    part = connected_parts(circuit.ends["voltage source"], len(circuit.node_names))
     return np.asarray(part == part[GROUND])
 
 

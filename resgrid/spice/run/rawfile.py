@@ -14,7 +14,7 @@ from resgrid.errors import InputError
 from resgrid.files import write_bytes
 from resgrid.netlist import GROUND
 from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.spice.parsed import ngspice_name
+from resgrid.spice.dialects.ngspice import ngspice_name
 
 _BINARY = b"Binary:\n"
 _COUNTED = ("no. variables", "no. points")

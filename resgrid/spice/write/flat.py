@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from resgrid.errors import CircuitError, InputError
 from resgrid.graphs import ELEMENTS
 from resgrid.netlist import GROUND, Netlist
-from resgrid.spice.check.rules import connected_parts, trapped_current_sources
+from resgrid.spice.circuit import Circuit
 from resgrid.spice.dialects import dialect_named
 from resgrid.spice.dialects.record import Dialect
 from resgrid.spice.write.names import INITIALS, name_elements, name_nodes
@@ -162,15 +162,14 @@ def rounded(values: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _held_nodes(netlist: Netlist) -> NDArray[np.bool_]:
     """Which nodes a deck can hold: those that resistors and voltage sources join to ground; shape (node_count,)."""
-    part = connected_parts(netlist)
-    trapped = trapped_current_sources(netlist, part)
-    if trapped.size:
-        where = netlist.names_of(netlist.current_nodes[trapped[0]])
+    circuit = Circuit.of(netlist)
+    for source in circuit.trapped_sources.tolist():
+        where = netlist.names_of(netlist.current_nodes[source])
         raise CircuitError(
-            f"current source {trapped[0]} from node {where[0]} to node {where[1]} feeds a floating part that lets no "
+            f"current source {source} from node {where[0]} to node {where[1]} feeds a floating part that lets no "
             "current out: remove it, or join the part to ground"
         )
-    held: NDArray[np.bool_] = part == part[GROUND]
+    held: NDArray[np.bool_] = circuit.part == circuit.part[GROUND]
     if held.sum() < 2:
         raise InputError("nothing is left to write: no node has a path of resistors or voltage sources to ground")
     return held

@@ -3,8 +3,8 @@ import struct
 
 import numpy as np
 import pytest
-from fuzz_decks import same
 from hypothesis import given, settings, strategies as st
+from support.decks import outcome, same
 
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.read.deck import read_with
@@ -93,8 +93,6 @@ CARDS = st.sampled_from(
 @given(st.sampled_from(("title", "R0 a b 1", ".param y=2", "* t")), st.lists(CARDS, max_size=12))
 @settings(max_examples=300)
 def test_the_short_way_changes_nothing(tmp_path_factory, first: str, cards: list[str]) -> None:
-    from fuzz_decks import outcome
-
     path = tmp_path_factory.mktemp("deck") / "deck.cir"
     path.write_text("\n".join([first, *cards]))
     assert same(outcome(path, 10**9), outcome(path, 0))

@@ -6,10 +6,11 @@ import pytest
 
 from resgrid import check_rules, factor, read_spice, solve
 from resgrid.errors import BudgetError, InputError
-from resgrid.spice.parsed import ParsedDeck, ngspice_name
+from resgrid.spice.circuit import Circuit
+from resgrid.spice.dialects.ngspice import ngspice_name
 
 
-def deck(*lines: str, dialect: str = "ngspice") -> ParsedDeck:
+def deck(*lines: str, dialect: str = "ngspice") -> Circuit:
     return read_spice(io.StringIO("\n".join(["title", *lines]) + "\n"), dialect=dialect)
 
 

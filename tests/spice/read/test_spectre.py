@@ -47,7 +47,7 @@ r7 (d 0) resistor r=5m
 """
 
 
-def read(text: str, dialect: str = "auto") -> rg.ParsedDeck:
+def read(text: str, dialect: str = "auto") -> rg.Circuit:
     return rg.read_spice(io.StringIO(text), dialect=dialect)
 
 

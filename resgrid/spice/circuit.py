@@ -1,31 +1,33 @@
-"""What a deck says, before anything is made of it: elements as arrays, with names, places and notes."""
+"""A circuit as somebody wrote it, elements as arrays: what is read, and what the rules look at."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
+from resgrid.graphs import ELEMENTS
 from resgrid.netlist import Netlist
 from resgrid.spice.dialects import DIALECTS
 
 Severity = Literal["error", "warning", "info"]
 
-NOMINAL_TEMPERATURE = 27.0
-"""Of a circuit that is no deck, in degrees Celsius."""
-
-KINDS = ("resistor", "voltage source", "current source", "capacitor", "nonlinear resistor")
+KINDS = tuple(ELEMENTS)
 """The kinds of element, as in `Netlist`."""
 
-_ARRAYS = (
+SHOWN = 5
+"""How many names a message holds."""
+
+LISTED = 1000
+_CONDUCTING = ("resistor", "voltage source", "nonlinear resistor")
+_NOMINAL_TEMPERATURE = 27.0
+_SHARED = (
     "resistor_nodes",
-    "resistance",
-    "tc1",
-    "tc2",
     "source_nodes",
     "source_volts",
     "current_nodes",
@@ -35,7 +37,10 @@ _ARRAYS = (
     "nonlinear_nodes",
     "nonlinear_current",
     "nonlinear_voltage",
+    "tc1",
+    "tc2",
 )
+"""Arrays that a circuit has in common with a netlist."""
 
 
 @dataclass(frozen=True)
@@ -60,52 +65,31 @@ class Note:
     column: int
     text: str
 
+    @property
+    def place(self) -> str:
+        """``file:line``, with the column where there is one."""
+        return f"{self.file}:{self.line}" + (f":{self.column}" if self.column else "")
+
     def __str__(self) -> str:
-        column = f":{self.column}" if self.column else ""
-        return f"{self.file}:{self.line}{column}: {self.text}"
-
-
-class LateNames(Mapping[str, tuple[str, ...]]):
-    """Names of elements per kind, made when they are first asked for.
-
-    `makers`: what makes the names of each kind.
-    """
-
-    def __init__(self, makers: Mapping[str, Callable[[], Sequence[str]]]) -> None:
-        self._makers = dict(makers)
-        self._made: dict[str, tuple[str, ...]] = {}
-
-    def __getitem__(self, kind: str) -> tuple[str, ...]:
-        """Names of a kind."""
-        if kind not in self._made:
-            self._made[kind] = tuple(self._makers[kind]())
-        return self._made[kind]
-
-    def __iter__(self) -> Iterator[str]:
-        """Kinds."""
-        return iter(self._makers)
-
-    def __len__(self) -> int:
-        """Number of kinds."""
-        return len(self._makers)
+        return f"{self.place}: {self.text}"
 
 
 @dataclass(frozen=True, eq=False)
-class ParsedDeck:
-    """A resistive deck as it was written: subcircuits expanded, values evaluated, nothing repaired.
+class Circuit:
+    """A resistive circuit as it was written: subcircuits expanded, values evaluated, nothing repaired.
 
     Names keep the spelling of their first appearance, though SPICE folds case: ``A`` and ``a`` are one node.  What
-    lies in a subcircuit has its path in front, ``x1.x2.mid`` and ``x1.x2.r1`` (`ngspice_name` gives ngspice's names).
+    lies in a subcircuit has its path in front, ``x1.x2.mid`` and ``x1.x2.r1``.
 
     Attributes
     ----------
     title : str or None
-        The title line without a leading ``*``; None if the deck has none.
+        The title line of a deck without a leading ``*``; None if there is none.
     path : str
-        The deck, as displayed.
+        The file, as displayed; empty where there is none.
     dialect : str
-        Whose rules it was read by.
-    node_names : tuple of str
+        Whose rules it was read by; ``"network"`` for what is no deck.
+    node_names : sequence of str
         Ground, ``"0"``, first; then the nodes in the order of their first use.
     resistor_nodes : ndarray of int32, shape (m, 2)
     resistance : ndarray of float64, shape (m,)
@@ -119,9 +103,9 @@ class ParsedDeck:
     nonlinear_nodes, nonlinear_current, nonlinear_voltage : ndarray, shapes (n, 2), (n,) and (n,)
         Resistors that carry ``current tanh(V / voltage)``; in amperes and volts.
     element_names : mapping of str to tuple of str
-        Per kind (`KINDS`) one name an element.
+        Per kind (`KINDS`) one name an element, where they have names.
     place : mapping of str to ndarray of int64, shape (elements, 2)
-        Per kind the index into `files` and the line of every element.
+        Per kind the index into `files` and the line of every element of a deck.
     files : tuple of str
         Every file that was read, the deck first.
     notes : tuple of Note
@@ -135,13 +119,13 @@ class ParsedDeck:
     subcircuits : tuple of str
         Names of the subcircuits that are used.
     given : Netlist or None
-        What it was made of, where that is no deck.
+        What it is, where it came from no deck.
     """
 
     title: str | None
     path: str
     dialect: str
-    node_names: tuple[str, ...]
+    node_names: Sequence[str]
     resistor_nodes: NDArray[np.int32]
     resistance: NDArray[np.float64]
     source_nodes: NDArray[np.int32]
@@ -166,31 +150,119 @@ class ParsedDeck:
     given: Netlist | None = None
 
     def __post_init__(self) -> None:
-        for array in (*(getattr(self, name) for name in _ARRAYS), *self.place.values()):
+        for array in (self.resistance, *(getattr(self, name) for name in _SHARED), *self.place.values()):
             if array is not None:
                 array.flags.writeable = False
 
+    @staticmethod
+    def of(circuit: Circuit | Netlist, path: str = "") -> Circuit:
+        """A netlist, perhaps read from a file, as a circuit; a circuit as it is."""
+        if isinstance(circuit, Circuit):
+            return circuit
+        with np.errstate(over="ignore"):
+            resistance = 1.0 / circuit.conductance
+        return Circuit(
+            title=None,
+            path=path,
+            dialect="network",
+            node_names=_LateNodeNames(circuit) if circuit.node_names is None else circuit.node_names,
+            resistance=resistance,
+            element_names=circuit.element_names or {},
+            place={},
+            files=(path,) if path else (),
+            given=circuit,
+            **{name: getattr(circuit, name) for name in _SHARED},
+        )
+
+    @property
+    def is_deck(self) -> bool:
+        """Whether it has lines; what has none is written without what simulators stumble over."""
+        return self.given is None
+
+    @cached_property
+    def ends(self) -> Mapping[str, NDArray[np.int32]]:
+        """Nodes of every element, per kind; shapes (elements, 2)."""
+        return {kind: getattr(self, nodes) for kind, (nodes, _) in ELEMENTS.items()}
+
+    @cached_property
+    def part(self) -> NDArray[np.int64]:
+        """Number of the part each node belongs to: nodes that elements which conduct join; shape (nodes,)."""
+        return connected_parts(np.concatenate([self.ends[kind] for kind in _CONDUCTING]), len(self.node_names))
+
+    @cached_property
+    def degree(self) -> NDArray[np.int64]:
+        """Number of element ends at every node, shape (nodes,)."""
+        count = len(self.node_names)
+        return np.asarray(sum(np.bincount(ends.ravel(), minlength=count) for ends in self.ends.values()))
+
+    @cached_property
+    def is_inductor(self) -> NDArray[np.bool_]:
+        """Which voltage sources of a deck stand for inductors, shape (voltage sources,)."""
+        if not self.is_deck or not (self.source_volts == 0).any():
+            return np.zeros(len(self.source_volts), dtype=np.bool_)
+        names = self.element_names["voltage source"]
+        return np.array([name.rpartition(".")[2][:1] in ("l", "L") for name in names], dtype=np.bool_)
+
+    @cached_property
+    def trapped_sources(self) -> NDArray[np.int64]:
+        """Numbers of the current sources that drive a floating part from outside, so that no current can return."""
+        parts = self.part[self.current_nodes]
+        return np.flatnonzero((parts[:, 0] != parts[:, 1]) & (self.current_amps != 0))
+
+    def names_of(self, nodes: NDArray[np.integer[Any]]) -> list[str]:
+        """Names of nodes, shape (n,)."""
+        if self.given is not None:
+            return self.given.names_of(nodes)
+        return [self.node_names[node] for node in nodes.tolist()]
+
+    def listed(self, nodes: NDArray[np.integer[Any]]) -> tuple[str, ...]:
+        """The first thousand of some nodes' names."""
+        return tuple(self.names_of(nodes[:LISTED]))
+
+    def shown(self, nodes: NDArray[np.integer[Any]]) -> str:
+        """A few of some nodes' names, and how many more there are."""
+        return some(self.names_of(nodes[:SHOWN]), nodes.size)
+
+    def element_name(self, kind: str, number: int) -> str:
+        """Name of an element, or its kind and number."""
+        names = self.element_names
+        return names[kind][number] if kind in names else f"{kind} {number}"
+
     def place_of(self, kind: str, element: int) -> str:
-        """``file:line`` of an element.
-
-        Parameters
-        ----------
-        kind : str
-            One of `KINDS`.
-        element : int
-            Its index among those of its kind.
-
-        Returns
-        -------
-        str
-        """
+        """``file:line`` of an element of one of `KINDS`, or the cells or nodes it joins."""
+        if not self.is_deck:
+            return self.place_of_nodes(np.unique(self.ends[kind][element]))
         file, line = self.place[kind][element].tolist()
         return f"{self.files[file]}:{line}"
+
+    def place_of_nodes(self, nodes: NDArray[np.integer[Any]]) -> str:
+        """``file:line`` of the first element at some nodes, or their cells, or their names."""
+        if self.given is None:
+            return self._line_of_nodes(nodes)
+        cell_map = self.given.cell_map
+        cell = np.empty(0, dtype=np.int64) if cell_map is None else self.given.cell_of_node()[nodes]
+        if cell_map is None or (cell < 0).all():
+            return self.shown(nodes)
+        cells = np.transpose(np.unravel_index(cell[cell >= 0], cell_map.space.shape))
+        places = ["(" + ", ".join(map(str, place)) + ")" for place in cells[:SHOWN].tolist()]
+        return f"cell{'s' if len(cells) > 1 else ''} {some(places, len(cells))}"
+
+    def _line_of_nodes(self, nodes: NDArray[np.integer[Any]]) -> str:
+        touched = np.zeros(len(self.node_names), dtype=np.bool_)
+        touched[nodes] = True
+        firsts = []
+        for kind, place in self.place.items():
+            touching = np.flatnonzero(touched[self.ends[kind]].any(axis=1))
+            if touching.size:
+                files, lines = place[touching].T
+                first = int(touching[np.lexsort((lines, files))[0]])
+                firsts.append((*place[first].tolist(), kind, first))
+        return self.place_of(*min(firsts)[2:]) if firsts else self.path
 
     @property
     def heating(self) -> float:
         """How far the deck's temperature lies above the nominal one, in kelvin."""
-        usual = DIALECTS[self.dialect].nominal_temperature if self.dialect in DIALECTS else NOMINAL_TEMPERATURE
+        usual = DIALECTS[self.dialect].nominal_temperature if self.dialect in DIALECTS else _NOMINAL_TEMPERATURE
         nominal = usual if self.nominal_temperature is None else self.nominal_temperature
         return (usual if self.temperature is None else self.temperature) - nominal
 
@@ -237,7 +309,7 @@ class ParsedDeck:
             nonlinear_voltage=self.nonlinear_voltage,
             tc1=None if tc1 is None else tc1[keeps],
             tc2=None if tc2 is None else tc2[keeps],
-            node_names=self.node_names,
+            node_names=tuple(self.node_names),
             element_names=names,
         )
 
@@ -252,6 +324,42 @@ class ParsedDeck:
                 f"{float(resistance[worst])!r} ohm{more}; only zero (a short) and positive finite resistances can be "
                 "solved: correct the value"
             )
+
+
+class _LateNodeNames(Sequence[str]):
+    """Names of a netlist's nodes, made when they are asked for."""
+
+    def __init__(self, netlist: Netlist) -> None:
+        self._netlist = netlist
+
+    def __getitem__(self, node: Any) -> Any:
+        """Name of a node, or a list of names."""
+        names = self._netlist.names_of(np.atleast_1d(np.arange(len(self))[node]))
+        return names if isinstance(node, slice) else names[0]
+
+    def __iter__(self) -> Iterator[str]:
+        """All names."""
+        return iter(self._netlist.names_of(np.arange(len(self))))
+
+    def __len__(self) -> int:
+        """Number of nodes."""
+        return self._netlist.node_count
+
+
+def connected_parts(joined: NDArray[np.int32], node_count: int) -> NDArray[np.int64]:
+    """Number of the part each node belongs to.  Shapes: `joined` (n, 2); returns (node_count,)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    first, second = joined.T
+    pairs = coo_array((np.ones(len(first), dtype=np.int8), (first, second)), shape=(node_count, node_count))
+    return np.asarray(connected_components(pairs, directed=False)[1], dtype=np.int64)
+
+
+def some(words: Sequence[str], count: int) -> str:
+    """The first few of ``count`` words, and how many more there are."""
+    more = f" and {count - SHOWN:,} more" if count > SHOWN else ""
+    return ", ".join(words[:SHOWN]) + more
 
 
 def rebase(
@@ -279,19 +387,6 @@ def rebase(
         np.broadcast_to(np.where(bad, 0.0, new_first), shape).copy(),
         None if tc2 is None else np.broadcast_to(np.where(bad, 0.0, new_second), shape).copy(),
     )
-
-
-def ngspice_name(name: str) -> str:
-    """How ngspice spells the name of an element: ``r1``, but ``r.x1.r1`` for one inside a subcircuit.
-
-    Examples
-    --------
-    >>> ngspice_name("V1"), ngspice_name("X1.X2.Vdd")
-    ('v1', 'v.x1.x2.vdd')
-    """
-    folded = name.lower()
-    leaf = folded.rpartition(".")[2]
-    return f"{leaf[:1]}.{folded}" if "." in folded else folded
 
 
 def _pick(names: tuple[str, ...], which: NDArray[np.bool_]) -> list[str]:

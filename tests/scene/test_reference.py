@@ -1,0 +1,41 @@
+"""The reference page and the JSON Schema say what the values themselves say."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+from pathlib import Path
+
+import pytest
+
+import resgrid as rg
+from resgrid.robots import ROBOTS
+from resgrid.scene.reference import scene_reference
+from resgrid.scene.schema import KINDS
+from resgrid.scene.table import described_keys
+
+PAGE = Path(__file__).parents[2] / "docs" / "scene.md"
+
+
+def test_the_reference_page_is_current() -> None:
+    assert PAGE.read_text() == scene_reference(), "make reference"
+
+
+def test_every_key_has_a_meaning() -> None:
+    rows = [line.split(" | ") for line in PAGE.read_text().splitlines() if line.startswith("| `")]
+    assert len(rows) > 120
+    assert [row[0] for row in rows if len(row[-1].removesuffix(" |")) < 8] == []
+
+
+@pytest.mark.parametrize("value", [rg.Chip, rg.Readout, rg.Defects, rg.Control])
+def test_every_field_is_a_key_of_the_schema(value: type) -> None:
+    keys = json.loads(json.dumps(rg.scene_schema()))["$defs"][value.__name__]["properties"]
+    assert list(keys) == [item.name for item in dataclasses.fields(value)]
+    assert all(entry.get("description") for entry in keys.values())
+
+
+def test_units_and_meanings_come_with_the_keys() -> None:
+    keys = described_keys(rg.Chip)
+    assert keys["capacitance"] == ("F", "From every cell's node to ground.")
+    assert keys["readout.range"][0] == "V"
+    assert list(KINDS["robot"]) == list(ROBOTS)
