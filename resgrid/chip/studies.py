@@ -25,6 +25,7 @@ from resgrid.chip.settling import Settling, analyse_settling
 from resgrid.chip.trials import die_temperature
 from resgrid.chip.yields import analyse_yield
 from resgrid.errors import InputError
+from resgrid.frozen import picture_of
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.secant import small_signal
@@ -198,7 +199,8 @@ class Study:
         return f"Study({self.title}: {shape}{self.netlist.node_count} nodes)"
 
     def _repr_html_(self) -> str:
-        return html_table(("key", "value", "meaning"), self.parameters)
+        picture = "" if self.ideal.cell_map is None else picture_of(self.ideal.cells.space)
+        return picture + html_table(("key", "value", "meaning"), self.parameters)
 
 
 def study(
