@@ -120,14 +120,10 @@ def build_scene(
     if robot is None:  # what its axes lack, it might have said
         problems = [problem for problem in problems if problem[0][:1] != ("grid",) or "is missing" not in problem[1]]
     problems += _one_ground(raw, robot)
-    parts = _parts(raw, document, robot, numbers)
+    axes, frame, cells = _ground(document, None if problems else robot, folder, known)
+    parts = _parts(raw, document, robot, numbers, axes)
     problems += [problem for problem in inconsistencies(parts) if problem[0] not in {path for path, _ in problems}]
-    if problems:
-        raise InputError(report(problems, source, lines))
-    assert robot is not None
-    axes, frame, cells = _ground(document, robot, source, folder, known)
-    problems = inconsistencies(_parts(raw, document, robot, numbers, axes))
-    if problems:
+    if problems or robot is None or axes is None:
         raise InputError(report(problems, source, lines))
     starts = (
         start_point(start, axes, frame, f"{source}: start[{number}]") for number, start in enumerate(document.start)
@@ -155,23 +151,20 @@ def build_scene(
 
 
 def _ground(
-    document: Any, robot: Robot, source: str, folder: Path, known: MapData | None
-) -> tuple[tuple[Axis, ...], Frame, MapCells | None]:
-    """Axes and frame of the space, and the cells of the map."""
+    document: Any, robot: Robot | None, folder: Path, known: MapData | None
+) -> tuple[tuple[Axis, ...] | None, Frame, MapCells | None]:
+    """Axes and frame of the space of a robot, and the cells of the map; of a document with errors, axes at most."""
     grid = None if document.grid is None else tuple(table.axis() for table in document.grid.axes)
-    if document.map is None:
-        assert grid is not None
+    if document.map is None or robot is None:
         return grid, Frame(), None
-    if "\0" in document.map.file:
-        raise InputError(f"{source}: map.file: {document.map.file!r} is no name of a file")
     table = {key: value for key, value in document.map.model_dump().items() if value is not None}
-    table["file"] = str((folder / document.map.file).resolve())
+    table["file"] = str(folder.resolve() / document.map.file)
     data = known or read_map(Path(table["file"]), table)
     cells = MapCells(data.axes, data.cell, table, data.conductivity)
     if grid is None:
         return (*cells.space_of(robot, data.frame), cells)
     if not data.frame.is_world:
-        raise InputError(f"{source}: map.file: a robot with a grid of its own needs a map that is not turned")
+        raise InputError(f"{table['file']}: a robot with a grid of its own needs a map that is not turned")
     return grid, Frame(), cells
 
 
@@ -193,16 +186,15 @@ def _parts(
     document: Any,
     robot: Robot | None,
     numbers: Mapping[str, list[int]],
-    axes: tuple[Axis, ...] | None = None,
+    axes: tuple[Axis, ...] | None,
 ) -> Parts:
     """What a document says, as far as it is right, for what must hold between its parts."""
     grid = raw.get("grid")
     tables = grid.get("axes") if isinstance(grid, Mapping) else None
     tables = tables if isinstance(tables, list) else []
     names = [table.get("name") if isinstance(table, Mapping) else None for table in tables]
-    if axes is None and document.grid is not None:
-        axes = tuple(table.axis() for table in document.grid.axes)
     kind = raw.get("robot", {}).get("type", "point") if isinstance(raw.get("robot", {}), Mapping) else None
+    chip = raw.get("chip", {})
     return Parts(
         robot=robot or ROBOTS.get(str(kind)),
         axes=axes,
@@ -212,7 +204,7 @@ def _parts(
         drive=document.drive,
         edge=document.edge,
         k=document.k,
-        has_wall="wall_resistance" in (raw.get("chip") or {}),
+        has_wall=not isinstance(chip, Mapping) or "wall_resistance" in chip,
         values={
             (key, number): value
             for key in _LISTS

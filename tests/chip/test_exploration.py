@@ -56,7 +56,7 @@ def test_the_cheapest_value_is_the_first_from_which_the_yield_stays() -> None:
 def test_wrong_keys_and_values_are_named() -> None:
     for first, message in (
         (("readout.bit", [8]), "did you mean 'readout.bits'"),
-        (("readout.bits", [0]), "bits = 0"),
+        (("readout.bits", [0]), "bits: must be at least 1, got 0"),
         (("mismatch", []), "at least one value"),
         (("readout", [1]), "a chip has no key"),
     ):

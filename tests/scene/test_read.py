@@ -123,7 +123,7 @@ resistance = "10kohm"
         ),
         (GRID + '[robot]\ntype = "arm"\nradius = 1\nlinks = [{ length = 1 }, { length = 1 }]', "unknown key of an arm"),
         (GRID + "goal = 3", "goal"),
-        ('schema = 1\n[map]\nfile = "a\\u0000b.png"', "map.file: 'a\\x00b.png' is no name of a file"),
+        ('schema = 1\n[map]\nfile = "a\\u0000b.png"', "cannot be read (embedded null byte)"),
         (GRID.replace('name = "x", ', "") + GOAL, "grid.axes[0].name: this key is missing"),
         ("deep = " + "[" * 5000 + "]" * 5000, "this is not TOML"),
         (GRID.replace("lower = 0, upper = 4", "lower = -1e308, upper = 1e308") + GOAL, "must not exceed"),
