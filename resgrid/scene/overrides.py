@@ -10,7 +10,7 @@ from typing import Any
 from resgrid.errors import InputError
 from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, Polygon, Robot
 from resgrid.scene.goals import CostArea, GoalJoints
-from resgrid.scene.maps.data import MapData
+from resgrid.scene.maps.arrays import MapData
 from resgrid.scene.read import build_scene
 from resgrid.scene.scene import Scene
 from resgrid.scene.table import plain
