@@ -50,32 +50,17 @@ from .nodal.transient import (
     transient_stepper as transient_stepper,
 )
 from .nodal.watch import Watch as Watch
-from .planning.blend import blend as blend, dirichlet_share as dirichlet_share
+from .planning.blend import blend as blend
 from .planning.certify import certify as certify, certify_free as certify_free
 from .planning.fields import Field as Field, field as field
-from .planning.normals import octree_voxels as octree_voxels, surface_normals as surface_normals
-from .planning.planner import (
-    ClearanceCurve as ClearanceCurve,
-    Planner as Planner,
-    clearance_curve as clearance_curve,
-    plan as plan,
-    wall_clearance_curve as wall_clearance_curve,
-)
+from .planning.normals import surface_normals as surface_normals
+from .planning.planner import Planner as Planner, clearance_curve as clearance_curve, plan as plan
 from .planning.random_walk import (
-    Absorption as Absorption,
-    Risk as Risk,
-    Walk as Walk,
-    absorption as absorption,
+    collision_probability as collision_probability,
+    hitting_probability as hitting_probability,
     random_walk as random_walk,
-    risk as risk,
 )
-from .planning.separation import (
-    Blocking as Blocking,
-    Separation as Separation,
-    blocking as blocking,
-    check_verdicts as check_verdicts,
-    separation as separation,
-)
+from .planning.separation import separation as separation
 from .planning.shortcut import shorten as shorten
 from .planning.streamline import (
     Outcome as Outcome,
@@ -92,7 +77,6 @@ from .planning.trace import (
     streamlines as streamlines,
 )
 from .planning.workspace import (
-    Collision as Collision,
     replay as replay,
     workspace_clearance as workspace_clearance,
     workspace_path as workspace_path,
@@ -162,8 +146,6 @@ from .spice.power import (
     power_balance as power_balance,
 )
 from .spice.read.deck import read_spice as read_spice
-from .spice.run.ngspice import run_ngspice as run_ngspice
-from .spice.run.rawfile import write_raw as write_raw
 from .spice.write.files import write_spice as write_spice
 from .wiring import Wiring as Wiring
 

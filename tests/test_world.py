@@ -126,9 +126,9 @@ def test_a_planner_answers_in_the_world(worlds: tuple[World, World]) -> None:
 def test_obstacles_that_block_are_found_from_the_same_place(worlds: tuple[World, World]) -> None:
     for world in worlds:
         bar = [Ball(world.at((5.75, 1.75)), 0.3), Ball(world.at((0.2, 0.2)), 0.1)]
-        verdict = rg.blocking(world.scene(obstacles=bar), world.at(ENCLOSED))
-        assert (verdict.outcome, verdict.least) == ("no_path", ("map",))
-        assert rg.blocking(world.scene(obstacles=bar), world.at(START)).outcome == "reached"
+        verdict = rg.separation(world.scene(obstacles=bar), world.at(ENCLOSED))
+        assert (verdict.outcome, verdict.separating) == ("no_path", ("map",))
+        assert rg.separation(world.scene(obstacles=bar), world.at(START)).outcome == "reached"
 
 
 def test_what_is_made_of_a_path_stays_in_the_world(worlds: tuple[World, World]) -> None:
@@ -294,7 +294,7 @@ def test_pictures_are_drawn_in_the_world(worlds: tuple[World, World]) -> None:
     for world in worlds:
         planner = rg.plan(world.scene())
         path = planner.path(world.at(START))
-        axes = rg.draw(path, space=planner.space)
+        axes = rg.draw(path)
         drawn = np.concatenate([line.vertices for line in axes.collections[0].get_paths()])
         same(drawn, path.points)
         corners = world.place([(0, 0), (7, 0), (7, 5), (0, 5)])

@@ -125,9 +125,9 @@ def command(
     plan = plan_routes(job)
     routes = [motion.applied(route) for route in plan.routes]
     if output is not None:
-        write_routes(output, routes, job.space)
+        write_routes(routes, output)
     data = {"scene": job.scene.title, "paths": [route_record(route) for route in routes], **unheeded}
-    finish(data, (route_line(route, job.space) for route in routes), written=output)
+    finish(data, (route_line(route) for route in routes), written=output)
     return 0 if plan.complete else NEGATIVE
 
 

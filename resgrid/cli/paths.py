@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from resgrid.nodal.operating_point import OperatingPoint
     from resgrid.planning.fields import Field
     from resgrid.scene import Query
-    from resgrid.space import ConfigurationSpace
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,19 +46,19 @@ def plan_routes(job: Job) -> Plan:
         for field, number in solution.tasks:
             path = streamline(field, job.scene.starts[number])
             certify(path)
-            routes.append(Route(path, job.scene.starts[number], field))
+            routes.append(Route(path, job.scene.starts[number]))
             progress.advance()
     return Plan(solution.operating_points, [field for field in solution.fields if field.is_flowing], routes)
 
 
-def route_line(route: Route, space: ConfigurationSpace) -> str:
+def route_line(route: Route) -> str:
     """A route in one line, for people."""
     from resgrid.io.paths import ADVICE
 
-    units = {axis.unit for axis in space.axes}
-    unit = f" {units.pop()}" if len(units) == 1 else ""
     path = route.streamline
-    head = f"start {place_of(route.start)}, k = {route.field.k:g}: "
+    units = {axis.unit for axis in path.space.axes}
+    unit = f" {units.pop()}" if len(units) == 1 else ""
+    head = f"start {place_of(route.start)}, k = {path.field.k:g}: "
     if not route.reached:
         return f"{head}{path.outcome}: {ADVICE[path.outcome]}"
     clearance = f", clearance {path.clearance:.4g}{unit}" if path.clearance < float("inf") else ""

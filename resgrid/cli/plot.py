@@ -88,6 +88,7 @@ def _draw(what: str, job: Job, plan: Plan, field: Field | None) -> Any:
     """One of `PICTURES`, as an ax or a figure."""
     from resgrid import plot
 
+    lines = [route.streamline for route in plan.routes]
     picture: Any
     match what:
         case "space":
@@ -95,19 +96,23 @@ def _draw(what: str, job: Job, plan: Plan, field: Field | None) -> Any:
         case "potential" | "currents":
             picture = plot.draw(field, quantity=what)
         case "paths":
-            lines, shares = [route.streamline for route in plan.routes], [route.field.k for route in plan.routes]
-            picture = plot.draw(lines, plot.draw(job.space), space=job.space, k=shares)
+            picture = plot.draw(job.space)
+            if lines:
+                plot.draw(lines, picture, k=[line.field.k for line in lines])
         case "circuit":
             picture = plot.draw(next(iter(plan.operating_points.values())))
         case "robot":
             picture = _draw_robot(job, plan)
         case "slices":
             assert field is not None
-            lines = [route.streamline for route in plan.routes if route.field.is_flowing]
-            picture = plot.draw_slices(field, paths=lines)
+            picture = plot.draw_slices(field, paths=[line for line in lines if line.field.is_flowing])
         case _:
             assert field is not None
-            lines = [route.streamline for route in plan.routes if not route.field.is_flowing or route.field is field]
+            lines = [
+                route.streamline
+                for route in plan.routes
+                if not route.streamline.field.is_flowing or route.streamline.field is field
+            ]
             picture = plot.draw_page(field, lines, title=_title(job, plan, field))
     return picture
 
@@ -130,7 +135,7 @@ def _draw_robot(job: Job, plan: Plan) -> Any:
     if path is None:
         raise InputError("--what robot: no path reaches a goal, so there is nothing to drive along")
     if job.space.ndim == 2:
-        return plot.draw_pair(path, job.scene, job.space, title=job.scene.title)
+        return plot.draw_pair(path, job.scene, title=job.scene.title)
     figure = plot.figure_of(plot.draw_robot(path, job.scene))
     plot.add_title(figure, job.scene.title)
     return figure

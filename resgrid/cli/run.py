@@ -79,8 +79,8 @@ def _write_all(
     with stage("draw the pictures"):
         files |= draw_all(made, job, plan)
     if plan.routes:
-        write_routes(made / "paths.csv", plan.routes, job.space)
-        write_routes(made / "paths.json", plan.routes, job.space)
+        write_routes(plan.routes, made / "paths.csv")
+        write_routes(plan.routes, made / "paths.json")
         files |= {"paths.csv": "points of the paths, world coordinates", "paths.json": "the paths with all figures"}
     for name, op in circuits.items():
         deck = write_deck(made / f"{name}.cir", job, name, op, dialect)
@@ -128,7 +128,7 @@ def _lines(job: Job, plan: Plan, folder: Path, files: Mapping[str, str], checks:
     if not plan.routes:
         yield "  none: the scene has no start; add one with --start X,Y"
     for route in plan.routes:
-        yield f"  {route_line(route, space)}"
+        yield f"  {route_line(route)}"
     yield "decks"
     for name, check in checks.items():
         lines = [check] if isinstance(check, str) else agreement_lines(check)

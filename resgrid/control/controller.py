@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.arguments import check_number
 from resgrid.doors import checked
 from resgrid.errors import InputError
+from resgrid.frozen import frozen
 from resgrid.planning.fields import Field
 from resgrid.space import Cell
 
@@ -45,6 +46,7 @@ class Nominal(NamedTuple):
 
 
 @checked
+@frozen
 @dataclass(frozen=True, eq=False)
 class Controller:
     """Harmonic control of a robot that takes velocities (Connolly & Grupen 1992, section 3.4).

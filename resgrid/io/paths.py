@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from math import cos, sin
 from pathlib import Path
 from typing import Any
@@ -15,7 +16,6 @@ from numpy.typing import NDArray
 
 from resgrid.errors import InputError
 from resgrid.io.tables import Views, require_names, suffix_of, write
-from resgrid.planning.fields import Field
 from resgrid.planning.streamline import AnyPath, ShortPath, Streamline, unwrap
 from resgrid.planning.timing import Trajectory
 from resgrid.robots import PointRobot
@@ -50,15 +50,8 @@ def write_path(path: Timed, target: str | os.PathLike[str]) -> Path:
     if suffix == ".json":
         require_names(space.axes, ["schema", *(axis.name for axis in space.axes)])
 
-    def columns() -> dict[str, NDArray[np.float64]]:
-        return path_columns(path)
-
-    views: Views = {
-        "table": columns,
-        "record": columns,
-        "arrays": columns,
-        "message": lambda: ros_plan(path),
-    }
+    columns = partial(path_columns, path)
+    views: Views = {"table": columns, "record": columns, "arrays": columns, "message": partial(ros_plan, path)}
     return write(target, views, "a path")
 
 
@@ -97,13 +90,11 @@ def _points(path: Timed) -> NDArray[np.float64]:
 class Route:
     """The way from a start: a streamline, and what was made of it.
 
-    `start`: as it was asked for, in world coordinates; `field`: that it follows; `short`: its shortcut; `motion`: when
-    it is where.
+    `start`: as it was asked for, in world coordinates; `short`: its shortcut; `motion`: when it is where.
     """
 
     streamline: Streamline
     start: tuple[float, ...]
-    field: Field
     short: ShortPath | None = None
     motion: Trajectory | None = None
 
@@ -127,13 +118,13 @@ ADVICE = {
 """What to do about every outcome but success."""
 
 
-def write_routes(target: str | os.PathLike[str], routes: Sequence[Route], space: ConfigurationSpace) -> Path:
+def write_routes(routes: Sequence[Route], target: str | os.PathLike[str]) -> Path:
     """Write routes, whole or not at all: a table or a record of all, arrays with numbers, a document for ROS each."""
     views: Views = {
-        "table": lambda: _routes_table(routes, space),
-        "record": lambda: {"paths": [_with_columns(route, space) for route in routes]},
-        "arrays": lambda: _routes_arrays(routes, space),
-        "message": lambda: _documents(routes, space),
+        "table": lambda: _routes_table(routes),
+        "record": lambda: {"paths": [_with_columns(route) for route in routes]},
+        "arrays": lambda: _routes_arrays(routes),
+        "message": lambda: _documents(routes),
     }
     return write(target, views, "paths")
 
@@ -156,7 +147,7 @@ def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
         "clearance": path.clearance,
         "log_duration": path.log_duration,
         "start": list(route.start),
-        "k": route.field.k,
+        "k": route.streamline.field.k,
         "certified": True,
     }
     if not route.reached:
@@ -170,15 +161,15 @@ def route_record(route: Route, *, points: bool = True) -> dict[str, Any]:
     return record
 
 
-def _routes_table(routes: Sequence[Route], space: ConfigurationSpace) -> dict[str, list[Any]]:
+def _routes_table(routes: Sequence[Route]) -> dict[str, list[Any]]:
     """One row a point, route after route."""
     table: dict[str, list[Any]] = {name: [] for name in ("path", "k", "outcome")}
     for number, route in enumerate(routes):
-        columns: dict[str, list[Any]] = {name: column.tolist() for name, column in _columns(route, space).items()}
+        columns: dict[str, list[Any]] = {name: column.tolist() for name, column in _columns(route).items()}
         count = len(next(iter(columns.values())))
         head: dict[str, list[Any]] = {
             "path": [number] * count,
-            "k": [route.field.k] * count,
+            "k": [route.streamline.field.k] * count,
             "outcome": [str(route.streamline.outcome)] * count,
         }
         for name, column in (head | columns).items():
@@ -186,42 +177,44 @@ def _routes_table(routes: Sequence[Route], space: ConfigurationSpace) -> dict[st
     return table
 
 
-def _columns(route: Route, space: ConfigurationSpace) -> dict[str, NDArray[np.float64]]:
+def _columns(route: Route) -> dict[str, NDArray[np.float64]]:
     """A streamline's points as they are; shortened or timed ones continuous across seams."""
     columns = path_columns(route.final)
     if route.final is route.streamline:
-        columns |= {axis.name: route.streamline.points[:, number] for number, axis in enumerate(space.axes)}
+        path = route.streamline
+        columns |= {axis.name: path.points[:, number] for number, axis in enumerate(path.space.axes)}
     return columns
 
 
-def _with_columns(route: Route, space: ConfigurationSpace) -> dict[str, Any]:
+def _with_columns(route: Route) -> dict[str, Any]:
     """A route's record, with the columns that its points do not hold."""
-    columns = _columns(route, space)
+    columns = _columns(route)
     if route.final is route.streamline:
-        axes = {axis.name for axis in space.axes}
+        axes = {axis.name for axis in route.streamline.space.axes}
         columns = {name: column for name, column in columns.items() if name not in axes}
     return route_record(route) | ({"columns": columns} if columns else {})
 
 
-def _routes_arrays(routes: Sequence[Route], space: ConfigurationSpace) -> dict[str, Any]:
+def _routes_arrays(routes: Sequence[Route]) -> dict[str, Any]:
     paths = [route.streamline for route in routes]
     arrays: dict[str, Any] = {
         "outcome": [str(path.outcome) for path in paths],
         "goal": [-1 if path.goal is None else path.goal for path in paths],
         "length": [path.length for path in paths],
         "clearance": [path.clearance for path in paths],
-        "k": [route.field.k for route in routes],
+        "k": [route.streamline.field.k for route in routes],
         "start": [route.start for route in routes],
     }
     for number, route in enumerate(routes):
-        columns = {"points": route.streamline.points, "cells": route.streamline.cells, **_columns(route, space)}
+        columns = {"points": route.streamline.points, "cells": route.streamline.cells, **_columns(route)}
         arrays |= {f"{name}_{number}": column for name, column in columns.items()}
     return arrays
 
 
-def _documents(routes: Sequence[Route], space: ConfigurationSpace) -> str:
+def _documents(routes: Sequence[Route]) -> str:
     """A message for each route; one that reaches no goal has no poses."""
-    _require_plane(space)
+    for route in routes:
+        _require_plane(route.streamline.space)
     return "---\n".join(ros_plan(route.final) if route.reached else _message([], [], [], "map") for route in routes)
 
 

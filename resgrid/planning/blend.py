@@ -113,23 +113,7 @@ def dirichlet_share(dirichlet: Field, neumann: Field, k: float) -> NDArray[np.fl
     Away from the goals the Dirichlet gradient falls off exponentially, and the Neumann one does not: with a weight of
     0.98 the blend is still almost Neumann there.
 
-    Parameters
-    ----------
-    dirichlet, neumann : Field
-        Of one space, as `blend` takes them.
-    k : float
-        In [0, 1].
-
-    Returns
-    -------
-    ndarray of float64, shape of the space
-        ``|k g_D| / (|k g_D| + |(1 - k) g_N|)`` at the centre of every cell from the currents through its faces and
-        the cell's widths, in logarithms; NaN where neither flows.
-
-    Raises
-    ------
-    InputError
-        If k is out of range, or the two fields do not go together, as in `blend`.
+    Returns as the space.
     """
     check_share(k)
     check_pair(dirichlet, neumann)

@@ -80,24 +80,7 @@ def surface_normals(
 
 
 def octree_voxels(leaves: ArrayLike, shape: Sequence[int]) -> NDArray[np.bool_]:
-    """Convert the full leaves of an octree (or quadtree) to voxels.
-
-    Parameters
-    ----------
-    leaves : array_like of int, shape (n, ndim + 1)
-        Lower corner of every full leaf, then its side, in finest voxels.
-    shape : sequence of int
-        Voxels along each axis.
-
-    Returns
-    -------
-    ndarray of bool, shape ``shape``
-
-    Raises
-    ------
-    InputError
-        If a leaf has no size or reaches outside.
-    """
+    """Convert the full leaves of an octree (or quadtree) to voxels.  Shapes: `leaves` (n, ndim + 1)."""
     table = np.asarray(leaves)
     size = np.array(shape, dtype=np.int64)
     if table.ndim != 2 or table.shape[1] != len(size) + 1 or table.dtype.kind not in "iu":

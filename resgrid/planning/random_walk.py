@@ -15,6 +15,7 @@ from scipy import sparse
 
 from resgrid.budget import require_memory
 from resgrid.errors import AccuracyError, InputError
+from resgrid.frozen import frozen
 from resgrid.netlist import GROUND, CellMap, Netlist
 from resgrid.nodal.factors.factor import Factor
 from resgrid.nodal.operating_point import OperatingPoint
@@ -26,48 +27,20 @@ from resgrid.space import Cell
 
 
 @dataclass(frozen=True, eq=False)
-class Walk:
+class RandomWalk:
     """A random walk on the free cells of a space: one factorisation, for many questions.
 
-    Attributes
-    ----------
-    cell_map : CellMap
-        Of the netlist.
-    factors : Factor
-        Of the nodal equations of every free node.
-    row : ndarray of int64, shape of the space
-        Row of every free cell, -1 elsewhere.
-    to_goal : scipy.sparse.csr_array of float64, shape (goals, rows)
-        Conductance from every row to every goal region, in siemens.
+    `cells`: of the netlist; `factors`: of the nodal equations of every free node; `row` as the space: row of every free
+    cell, -1 elsewhere; `to_goal` (goals, rows): conductance from every row to every goal region, in siemens.
     """
 
-    cell_map: CellMap
+    cells: CellMap
     factors: Factor
     row: NDArray[np.int64]
     to_goal: sparse.csr_array
 
-    @property
-    def degree(self) -> NDArray[np.float64]:
-        """Sum of the conductances at every row, in siemens; shape (rows,)."""
-        return self.factors.system.degree
-
     def solve(self, rhs: NDArray[np.float64] | Scaled) -> Scaled:
-        """Solve ``G x = rhs`` entry by entry as accurately as can be.
-
-        Parameters
-        ----------
-        rhs : ndarray of float64 or Scaled, shape (rows,)
-            None negative.
-
-        Returns
-        -------
-        Scaled, shape (rows,)
-
-        Raises
-        ------
-        AccuracyError
-            If the conductances differ by more decades than the factors can hold.
-        """
+        """Solve ``G x = rhs >= 0`` entry by entry as accurately as can be.  Shapes: `rhs` (rows,); returns (rows,)."""
         watch = Watch()
         answer, error = self.factors.solve_nonnegative(rhs, watch=watch)
         if not is_answer(error, watch.bound):
@@ -78,34 +51,24 @@ class Walk:
             )
         return answer
 
-    def per_cell(self, values: NDArray[np.float64], *, obstacle: float, goal: float) -> NDArray[np.float64]:
-        """Spread the values of rows over the cells of the space.
-
-        Parameters
-        ----------
-        values : ndarray of float64, shape (rows,)
-        obstacle, goal : float
-            Values of obstacle and goal cells.
-
-        Returns
-        -------
-        ndarray of float64, shape of the space
-            NaN in free cells without a node.
-        """
-        cell = self.cell_map.space.cell
-        out = np.full(cell.shape, np.nan)
+    def per_cell(
+        self, values: NDArray[np.float64], *, obstacle: float, goal: float, cut_off: float
+    ) -> NDArray[np.float64]:
+        """Values of rows (rows,) on cells, with those of obstacles, of goals, and of free cells without a node."""
+        cell = self.cells.space.cell
+        out = np.full(cell.shape, cut_off)
         out[cell == Cell.OBSTACLE], out[cell == Cell.GOAL] = obstacle, goal
         solved = self.row >= 0
         out[solved] = values[self.row[solved]]
         return out
 
 
-def random_walk(circuit: Netlist | OperatingPoint | Walk, *, method: str = "auto") -> Walk:
-    """Set up the random walk of a compiled circuit.
+def random_walk(circuit: Netlist | OperatingPoint | RandomWalk, *, method: str = "auto") -> RandomWalk:
+    """Set up the random walk of a compiled circuit, for `collision_probability` and `hitting_probability`.
 
     Parameters
     ----------
-    circuit : Netlist, OperatingPoint or Walk
+    circuit : Netlist, OperatingPoint or RandomWalk
         Compiled from a space, each rail held by ideal sources; with obstacles on a rail, behind walls, or open under
         a uniform drive.  A walk is returned as it is.
     method : {"auto", "direct", "multigrid"}
@@ -113,7 +76,7 @@ def random_walk(circuit: Netlist | OperatingPoint | Walk, *, method: str = "auto
 
     Returns
     -------
-    Walk
+    RandomWalk
 
     Raises
     ------
@@ -122,38 +85,166 @@ def random_walk(circuit: Netlist | OperatingPoint | Walk, *, method: str = "auto
     BudgetError
         If the factors would not fit in memory.
     """
-    if isinstance(circuit, Walk):
+    if isinstance(circuit, RandomWalk):
         return circuit
     netlist = circuit.netlist if isinstance(circuit, OperatingPoint) else circuit
-    cell_map = netlist.cell_map
-    if cell_map is None:
-        raise InputError("this netlist was not compiled from a space, so there is no walk on its cells")
-    if cell_map.wiring.drive == "start":
+    cells = netlist.cells
+    if cells.wiring.drive == "start":
         raise InputError("a start-driven circuit absorbs walks at its start: compile it with drive = 'uniform'")
-    factors = factor(_clocked(netlist, cell_map), method=method)
-    system = factors.system
-    node_goal = _goal_of_node(netlist, cell_map)
-    if np.any(np.isnan(system.known[node_goal >= 0])):
-        raise InputError("a goal cell is tied to its rail by more than an ideal source, so that no walk ends there")
-    row = np.where(cell_map.space.cell == Cell.FREE, system.unknown[cell_map.node], -1)
-    row[cell_map.node < 0] = -1
-    return Walk(cell_map, factors, row, _to_goal(netlist, node_goal, system.unknown, system.size))
-
-
-def _clocked(netlist: Netlist, cell_map: CellMap) -> Netlist:
-    """The circuit with one current into every free node: no part of it is flat, so that all of it is factored."""
-    free = cell_map.free_node
+    free = cells.free_node
     if not free.size:
         raise InputError("the space has no free cell that a walk could start from")
-    amps = np.full(free.size, 1.0 / cell_map.wiring.resistance)
-    return netlist.replace(current_nodes=np.stack([np.full(free.size, GROUND), free], axis=1), current_amps=amps)
+    # With one current into every free node no part of the circuit is flat, so that all of it is factored.
+    feeds = np.stack([np.full(free.size, GROUND), free], axis=1)
+    fed = netlist.replace(current_nodes=feeds, current_amps=np.full(free.size, 1.0 / cells.wiring.resistance))
+    factors = factor(fed, method=method)
+    system, space = factors.system, cells.space
+    node_goal = np.full(netlist.node_count, -1, dtype=np.int64)
+    goals = space.cell == Cell.GOAL
+    node_goal[cells.node[goals]] = space.goal_region[goals]
+    if np.any(np.isnan(system.known[node_goal >= 0])):
+        raise InputError("a goal cell is tied to its rail by more than an ideal source, so that no walk ends there")
+    row = np.where((space.cell == Cell.FREE) & (cells.node >= 0), system.unknown[cells.node], -1)
+    return RandomWalk(cells, factors, row, _to_goal(netlist, node_goal, system.unknown, system.size))
 
 
-def _goal_of_node(netlist: Netlist, cell_map: CellMap) -> NDArray[np.int64]:
-    goal = np.full(netlist.node_count, -1, dtype=np.int64)
-    cells = cell_map.space.cell == Cell.GOAL
-    goal[cell_map.node[cells]] = cell_map.space.goal_region[cells]
-    return goal
+@frozen
+@dataclass(frozen=True, eq=False)
+class CollisionProbability:
+    """What happens to a random walk from the centre of every cell.  All arrays have the shape of the space.
+
+    Times are in units of ``R C``: the resistance between the cells that lie closest together, at conductivity 1, times
+    the capacitance of a cell; a Brownian motion of diffusivity ``h_ref**2 / (R C)`` takes about as long.  Steps are
+    jumps of the walk, the last one onto a rail included.
+
+    `success`: probability ``u`` of meeting a goal before an obstacle, 0 where it underflows; `log_success`: its natural
+    logarithm, right to the last digits; `time, steps`: expected time and number of jumps until either is met (``G t =
+    C``, ``G n = D 1`` with ``D`` the diagonal of ``G``), 0 on goals and obstacles, infinite where neither is;
+    `time_given_success, steps_given_success`: of those walks only that meet a goal (``s / u`` with ``G s = C u``, or
+    ``G s = D u``), NaN where none can be met.
+    """
+
+    success: NDArray[np.float64]
+    log_success: NDArray[np.float64]
+    time: NDArray[np.float64]
+    steps: NDArray[np.float64]
+    time_given_success: NDArray[np.float64]
+    steps_given_success: NDArray[np.float64]
+
+    @property
+    def collision(self) -> NDArray[np.float64]:
+        """Probability ``1 - u`` of meeting an obstacle first, or no goal ever."""
+        return np.asarray(-np.expm1(self.log_success))
+
+
+def collision_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> CollisionProbability:
+    """Find whether, and when, a robot that wanders at random meets a goal before an obstacle.
+
+    The drop ``u`` of the potential is the probability that a random walk, which jumps along a resistor with probability
+    proportional to its conductance, meets a goal before an obstacle (C. I. Connolly, Harmonic functions and collision
+    probabilities, Int. J. Robotics Research 16(4), 1997).  With open obstacles it is 1 and the expected time is
+    proportional to the uniformly driven potential.
+
+    Parameters
+    ----------
+    circuit : Netlist, OperatingPoint or RandomWalk
+        As `random_walk` takes it.
+
+    Returns
+    -------
+    CollisionProbability
+        Of every cell, from one factorisation: ``collision``, ``success``, ``log_success``, ``time``, ``steps``, and
+        the last two of successful walks alone.
+
+    Raises
+    ------
+    InputError
+        As `random_walk`.
+    AccuracyError
+        If the conductances differ by more decades than the factors can hold.
+    """
+    walk = random_walk(circuit)
+    degree = walk.factors.system.degree
+    clock = np.full(len(degree), 1.0 / walk.cells.wiring.resistance)
+    u = walk.solve(walk.to_goal.T @ np.ones(walk.to_goal.shape[0]))
+    log_u = np.minimum(u.log, 0.0)
+
+    def given(rates: NDArray[np.float64]) -> NDArray[np.float64]:
+        """``x / u`` with ``G x = rates u``; NaN where u is 0."""
+        x = walk.solve(Scaled(u.hi * rates, u.lo * rates, u.exponent, u.noise))
+        with np.errstate(invalid="ignore", divide="ignore"):
+            quotient = x.hi / u.hi
+        values = quotient * power(np.where(u.hi > 0, x.exponent - u.exponent, 0))
+        return walk.per_cell(np.asarray(values, np.float64), obstacle=np.nan, goal=0.0, cut_off=np.nan)
+
+    return CollisionProbability(
+        success=walk.per_cell(np.exp(log_u), obstacle=0.0, goal=1.0, cut_off=0.0),
+        log_success=walk.per_cell(log_u, obstacle=-np.inf, goal=0.0, cut_off=-np.inf),
+        time=walk.per_cell(walk.solve(clock).plain, obstacle=0.0, goal=0.0, cut_off=np.inf),
+        steps=walk.per_cell(walk.solve(degree).plain, obstacle=0.0, goal=0.0, cut_off=np.inf),
+        time_given_success=given(clock),
+        steps_given_success=given(degree),
+    )
+
+
+@frozen
+@dataclass(frozen=True, eq=False)
+class HittingProbability:
+    """Where a random walk from the centre of every cell ends.
+
+    `probability` (goals, ...), the rest as the space: of being absorbed at each goal region, before any obstacle; 0
+    where it underflows; `log_probability`: its natural logarithm, -inf where that goal cannot be met.
+    """
+
+    probability: NDArray[np.float64]
+    log_probability: NDArray[np.float64]
+
+    @property
+    def likeliest(self) -> NDArray[np.int32]:
+        """The goal region each cell's walk most probably ends at, -1 for none; the lower number of two equals."""
+        best = np.argmax(self.log_probability, axis=0).astype(np.int32)
+        return np.where(np.isneginf(self.log_probability.max(axis=0)), np.int32(-1), best)
+
+
+def hitting_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> HittingProbability:
+    """Find the probability that a random walk ends at each goal: one solve a goal, one factorisation for all.
+
+    Summed over the goals it is the ``success`` of `collision_probability`.
+
+    Parameters
+    ----------
+    circuit : Netlist, OperatingPoint or RandomWalk
+        As `random_walk` takes it.
+
+    Returns
+    -------
+    HittingProbability
+        Of every cell and goal: ``probability``, ``log_probability``, and the ``likeliest`` goal.
+
+    Raises
+    ------
+    InputError
+        As `random_walk`.
+    AccuracyError
+        If the conductances differ by more decades than the factors can hold.
+    BudgetError
+        If the answer would not fit in memory.
+    """
+    walk = random_walk(circuit)
+    space = walk.cells.space
+    require_memory(
+        16.0 * space.goal_count * space.cell.size,
+        f"a probability for each of {space.goal_count:,} goals in every cell",
+        "merge goals, or use a coarser grid",
+    )
+    log_probability = np.full((space.goal_count, *space.shape), -np.inf)
+    for goal in range(space.goal_count):
+        contact = walk.to_goal[[goal]].toarray().ravel()
+        if contact.any():
+            logs = np.minimum(walk.solve(contact).log, 0.0)
+            log_probability[goal] = walk.per_cell(logs, obstacle=-np.inf, goal=-np.inf, cut_off=-np.inf)
+        log_probability[goal][space.goal_region == goal] = 0.0
+    return HittingProbability(np.exp(log_probability), log_probability)
 
 
 def _to_goal(netlist: Netlist, node_goal: NDArray[np.int64], unknown: NDArray[np.int32], size: int) -> sparse.csr_array:
@@ -166,169 +257,3 @@ def _to_goal(netlist: Netlist, node_goal: NDArray[np.int64], unknown: NDArray[np
     conductance, goal, row = np.concatenate(entries, axis=1)
     shape = (int(node_goal.max()) + 1, size)
     return sparse.coo_array((conductance, (goal.astype(np.int64), row.astype(np.int64))), shape=shape).tocsr()
-
-
-@dataclass(frozen=True, eq=False)
-class Risk:
-    """What happens to a random walk from the centre of every cell.  All arrays have the shape of the space.
-
-    Times are in units of ``R C``: the resistance between the cells that lie closest together, at conductivity 1, times
-    the capacitance of a cell; a Brownian motion of diffusivity ``h_ref**2 / (R C)`` takes about as long.  Steps are
-    jumps of the walk, the last one onto a rail included.
-
-    Attributes
-    ----------
-    success : ndarray of float64
-        Probability ``u`` of meeting a goal before an obstacle; 0 where it underflows.
-    log_success : ndarray of float64
-        Its natural logarithm, right to the last digits where ``u`` underflows; -inf where no goal can be met.
-    time, steps : ndarray of float64
-        Expected time, in ``R C``, and number of jumps until either is met: ``G t = C``, ``G n = D 1`` with ``D`` the
-        diagonal of ``G``.  0 on goals and obstacles; infinite where the walk meets neither.
-    time_given_success, steps_given_success : ndarray of float64
-        The same, of those walks only that meet a goal: ``s / u`` with ``G s = C u``, or ``G s = D u``.  NaN where no
-        goal can be met.
-    """
-
-    success: NDArray[np.float64]
-    log_success: NDArray[np.float64]
-    time: NDArray[np.float64]
-    steps: NDArray[np.float64]
-    time_given_success: NDArray[np.float64]
-    steps_given_success: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        for array in vars(self).values():
-            array.flags.writeable = False
-
-
-def risk(circuit: Netlist | OperatingPoint | Walk) -> Risk:
-    """Read the risk of every cell off one factorisation.
-
-    The drop ``u`` of the potential is the probability that a random walk, which jumps along a resistor with probability
-    proportional to its conductance, meets a goal before an obstacle (C. I. Connolly, Harmonic functions and collision
-    probabilities, Int. J. Robotics Research 16(4), 1997).  With open obstacles it is 1 and the expected time is
-    proportional to the uniformly driven potential.
-
-    Parameters
-    ----------
-    circuit : Netlist, OperatingPoint or Walk
-        As `random_walk` takes it.
-
-    Returns
-    -------
-    Risk
-
-    Raises
-    ------
-    InputError
-        As `random_walk`.
-    AccuracyError
-        If the conductances differ by more decades than the factors can hold.
-    """
-    walk = random_walk(circuit)
-    second = 1.0 / walk.cell_map.wiring.resistance
-    degree = walk.degree
-    u = walk.solve(walk.to_goal.T @ np.ones(walk.to_goal.shape[0]))
-    log_u = np.minimum(u.log, 0.0)
-    ones = np.ones(len(degree))
-    return Risk(
-        success=_placed(walk, np.exp(log_u), 0.0, 1.0, 0.0),
-        log_success=_placed(walk, log_u, -np.inf, 0.0, -np.inf),
-        time=_placed(walk, walk.solve(second * ones).plain, 0.0, 0.0, np.inf),
-        steps=_placed(walk, walk.solve(degree).plain, 0.0, 0.0, np.inf),
-        time_given_success=_placed(walk, _ratio(walk.solve(_times(u, second * ones)), u), np.nan, 0.0, np.nan),
-        steps_given_success=_placed(walk, _ratio(walk.solve(_times(u, degree)), u), np.nan, 0.0, np.nan),
-    )
-
-
-def _placed(
-    walk: Walk, values: NDArray[np.float64], obstacle: float, goal: float, cut_off: float
-) -> NDArray[np.float64]:
-    """Values on cells; ``cut_off`` is that of free cells without a node, from where a walk never ends."""
-    out = walk.per_cell(values, obstacle=obstacle, goal=goal)
-    out[(walk.row < 0) & (walk.cell_map.space.cell == 0)] = cut_off
-    return out
-
-
-def _times(value: Scaled, by: NDArray[np.float64]) -> Scaled:
-    return Scaled(value.hi * by, value.lo * by, value.exponent, value.noise)
-
-
-def _ratio(numerator: Scaled, denominator: Scaled) -> NDArray[np.float64]:
-    """Quotient of scaled numbers; NaN where the denominator is 0."""
-    with np.errstate(invalid="ignore", divide="ignore"):
-        quotient = numerator.hi / denominator.hi
-    exponent = np.where(denominator.hi > 0, numerator.exponent - denominator.exponent, 0)
-    return np.asarray(quotient * power(exponent), dtype=np.float64)
-
-
-@dataclass(frozen=True, eq=False)
-class Absorption:
-    """Where a random walk from the centre of every cell ends.
-
-    Attributes
-    ----------
-    probability : ndarray of float64, shape (goals, ...), the rest of the space
-        Probability of being absorbed at each goal region, before any obstacle; 0 where it underflows.
-    log_probability : ndarray of float64, same shape
-        Its natural logarithm; -inf where that goal cannot be met.
-    """
-
-    probability: NDArray[np.float64]
-    log_probability: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        self.probability.flags.writeable = False
-        self.log_probability.flags.writeable = False
-
-    @property
-    def likeliest(self) -> NDArray[np.int32]:
-        """The goal region each cell's walk most probably ends at, -1 for none; shape of the space, int32.
-
-        The lower number where two are equally likely.
-        """
-        best = np.argmax(self.log_probability, axis=0).astype(np.int32)
-        return np.where(np.isneginf(self.log_probability.max(axis=0)), np.int32(-1), best)
-
-
-def absorption(circuit: Netlist | OperatingPoint | Walk) -> Absorption:
-    """Find the probability to be absorbed at each goal: one solve a goal, one factorisation for all.
-
-    Summed over the goals it is `Risk.success`.
-
-    Parameters
-    ----------
-    circuit : Netlist, OperatingPoint or Walk
-        As `random_walk` takes it.
-
-    Returns
-    -------
-    Absorption
-
-    Raises
-    ------
-    InputError
-        As `random_walk`.
-    AccuracyError
-        If the conductances differ by more decades than the factors can hold.
-    BudgetError
-        If the answer would not fit in memory.
-    """
-    walk = random_walk(circuit)
-    space = walk.cell_map.space
-    require_memory(
-        16.0 * space.goal_count * space.cell.size,
-        f"a probability for each of {space.goal_count:,} goals in every cell",
-        "merge goals, or use a coarser grid",
-    )
-    log_probability = np.full((space.goal_count, *space.shape), -np.inf)
-    for goal in range(space.goal_count):
-        contact = walk.to_goal[[goal]].toarray().ravel()
-        if contact.any():
-            at = walk.solve(contact)
-            values = np.minimum(at.log, 0.0)
-            log_probability[goal] = walk.per_cell(values, obstacle=-np.inf, goal=-np.inf)
-        log_probability[goal][space.goal_region == goal] = 0.0
-    log_probability[:, (walk.row < 0) & (space.cell == Cell.FREE)] = -np.inf
-    return Absorption(np.exp(log_probability), log_probability)

@@ -10,15 +10,16 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from itertools import combinations
+from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.errors import AccuracyError, InputError
+from resgrid.errors import InputError
+from resgrid.frozen import frozen, picture_html
+from resgrid.grids import label_regions
 from resgrid.planning.barriers import Barriers, group_obstacles, link
-from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import one_start, start_cells, static_outcomes
 from resgrid.scene import Scene, sample
@@ -32,9 +33,8 @@ _MOST_PARTS = 63
 class Obstruction:
     """What stands between a start and one goal region.
 
-    `goal`: number of the goal region; `least`: the least set of obstacle groups whose removal opens a way, in the
-    order of the way; of several the one with the fewest cells. Empty where there is a path; `alone`: every group
-    whose removal alone opens a way.
+    `goal`: its number; `least`: the least set of groups whose removal opens a way, in the order of the way, of several
+    the one with the fewest cells; empty where there is a path; `alone`: every group whose removal alone opens a way.
     """
 
     goal: int
@@ -42,27 +42,14 @@ class Obstruction:
     alone: tuple[int, ...]
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Separation:
-    """Whether a start is separated from the goals, and by what.
+    """Whether a start of a space is separated from the goals, and by which groups of obstacle cells.
 
-    Attributes
-    ----------
-    space : ConfigurationSpace
-    start : tuple of int
-        The start's cell.
-    outcome : Outcome
-        ``REACHED`` where a path exists (to some goal); otherwise ``NO_PATH``, ``GOAL_BLOCKED`` or ``START_BLOCKED``.
-    barriers : Barriers
-        Every group of obstacle cells.
-    region : ndarray of bool, shape of the space
-        Cells that can be reached from the start, goal cells included; empty where the start is blocked.
-    bounding : tuple of int
-        Groups that touch that region.
-    obstructions : tuple of Obstruction
-        One for each goal region, in their order.
-    edge : bool
-        Whether the region touches an edge of the grid, which no removal opens.
+    `start`: its cell; `outcome`: ``REACHED`` where a path to some goal exists; `barriers`: every group; `region` as the
+    space: cells that can be reached, goal cells included; `bounding`: groups that touch it; `obstructions`: one for
+    each goal region; `edge`: whether the region touches an edge of the grid, which no removal opens.
     """
 
     space: ConfigurationSpace
@@ -74,10 +61,9 @@ class Separation:
     obstructions: tuple[Obstruction, ...]
     edge: bool
 
-    def __post_init__(self) -> None:
-        self.region.flags.writeable = False
+    _repr_html_ = picture_html
 
-    @cached_property
+    @property
     def separating(self) -> tuple[int, ...]:
         """Groups in the least set of the goal that is easiest to reach; empty where a path exists."""
         if self.outcome is Outcome.REACHED:
@@ -90,89 +76,115 @@ class Separation:
         return self.barriers.mask(*self.separating)
 
 
-def separation(
-    space: ConfigurationSpace, start: ArrayLike | None = None, *, cell: Sequence[int] | None = None,
-    virtual: ArrayLike | None = None,
-) -> Separation:  # fmt: skip
-    """Say whether a start has a path, and if not which obstacles separate it from each goal.
+@dataclass(frozen=True, eq=False)
+class SceneSeparation:
+    """Whether a start of a scene is separated from the goals, and by which of its obstacles.
 
-    Obstacle cells count as one group where they meet across faces, edges or corners, periodic axes included.  The
-    edge of the grid is no group: nothing lies beyond it, but together with groups that touch it, it encloses.
+    `space, start, outcome, region`: as in `Separation`; `parts` as the space: what blocks cells, and which, by name:
+    ``"obstacle[0]"`` as in the scene's file, ``"map"``, ``"singularity"`` (virtual obstacles alone), ``"robot"``
+    (collisions with itself); `separating`: the smallest set whose removal opens a way, the first found of several;
+    empty where a path exists, or no set as small as asked for will do; `alone`: every part whose removal alone does.
+    """
+
+    space: ConfigurationSpace
+    start: tuple[int, ...]
+    outcome: Outcome
+    region: NDArray[np.bool_]
+    parts: Mapping[str, NDArray[np.bool_]]
+    separating: tuple[str, ...]
+    alone: tuple[str, ...]
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """Cells that the `separating` parts block, shape of the space."""
+        masks = [self.parts[name] for name in self.separating]
+        return np.any(masks, axis=0) if masks else np.zeros(self.space.shape, dtype=np.bool_)
+
+
+@overload
+def separation(
+    where: ConfigurationSpace,
+    start: ArrayLike | None = ...,
+    *,
+    cell: Sequence[int] | None = ...,
+    virtual: ArrayLike | None = ...,
+) -> Separation: ...
+@overload
+def separation(
+    where: Scene, start: ArrayLike | None = ..., *, cell: Sequence[int] | None = ..., most: int = ...
+) -> SceneSeparation: ...
+def separation(
+    where: ConfigurationSpace | Scene,
+    start: ArrayLike | None = None,
+    *,
+    cell: Sequence[int] | None = None,
+    virtual: ArrayLike | None = None,
+    most: int = 3,
+) -> Separation | SceneSeparation:
+    """Say whether a start has a path, and if not which obstacles separate it from the goals.
+
+    Of a space these are groups of obstacle cells, which count as one where they meet across faces, edges or corners,
+    periodic axes included.  The edge of the grid is no group: nothing lies beyond it, but together with groups that
+    touch it, it encloses.  The images of several obstacles, and virtual ones, often melt into one group; of a scene the
+    same is asked of the obstacles themselves, by trying sets of them.  What is taken away gives back the part of the
+    goals' regions that it covered.
 
     Parameters
     ----------
-    space : ConfigurationSpace
+    where : ConfigurationSpace or Scene
+        A scene is sampled as a whole, and once for each obstacle.
     start : array_like of float, shape (ndim,)
         World coordinates; a point on a border belongs to a free cell if it touches one.
     cell : sequence of int, optional
         Instead of `start`: a cell.
     virtual : array_like of bool, shape of the space, optional
-        Which obstacle cells are virtual (no body: strips along singularities, margins); they make groups of their own.
-        Then the sets returned still open a way, but need not be the least.
+        Of a space: which obstacle cells are virtual (no body: strips along singularities, margins); they make groups of
+        their own.  Then the sets returned still open a way, but need not be the least.
+    most : int
+        Of a scene: the largest set of obstacles that is tried.
 
     Returns
     -------
-    Separation
+    Separation or SceneSeparation
+        ``outcome`` is ``REACHED`` where a path exists, otherwise ``NO_PATH``, ``GOAL_BLOCKED`` or ``START_BLOCKED``;
+        ``separating`` are the groups, or names of obstacles, that must go.
 
     Raises
     ------
     InputError
-        If the start lies outside the grid, or there is no goal cell.
+        If the start lies outside the grid, there is no goal cell, a scene has more than 63 obstacles, or `most` is
+        below 1.
     """
+    if isinstance(where, Scene):
+        return _scene_separation(where, start, cell, most)
+    space = where
     if not space.goal_count:
         raise InputError("the space has no goal cell, so that no start is separated from one")
-    cells, _ = start_cells(space, one_start(space, start, cell)[np.newaxis])
-    at = tuple(cells[0].tolist())
+    at = _cell_of(space, one_start(space, start, cell))
     barriers = group_obstacles(space, virtual)
     links = barriers.links
-    here = int(links.node[at])
-    region = (links.node == here) & (space.cell[at] != Cell.OBSTACLE)
+    here, free = int(links.node[at]), space.cell[at] != Cell.OBSTACLE
+    region = (links.node == here) & free
+    ends = [region.take(end, axis).any() for axis in range(space.ndim) if not space.periodic[axis] for end in (0, -1)]
     return Separation(
         space=space,
         start=at,
-        outcome=verdict_of(space, at),
+        outcome=_verdict(space, at),
         barriers=barriers,
         region=region,
-        bounding=links.groups_beside(here) if space.cell[at] != Cell.OBSTACLE else (),
+        bounding=links.groups_beside(here) if free else (),
         obstructions=tuple(_obstruction(barriers, at, goal) for goal in range(space.goal_count)),
-        edge=_touches_edge(space, region),
+        edge=any(ends),
     )
 
 
-def check_verdicts(field: Field) -> None:
-    """Check a field against the verdict of connectivity, in every free cell.
-
-    Where no chain of free cells leads to a goal, nothing may arrive (``log_drop`` of -inf, no node, or no potential
-    below the obstacle rail's) and no current may flow; everywhere else something must arrive.
-
-    Parameters
-    ----------
-    field : Field
-
-    Raises
-    ------
-    AccuracyError
-        Naming the first cell where field and connectivity disagree.
-    """
-    space = field.space
-    free = space.cell == Cell.FREE
-    if field.log_drop is not None:
-        arrives = ~(np.isneginf(field.log_drop) | np.isnan(field.log_drop))
-        wrong = free & (arrives != space.goal_connected)
-    elif field.boundary == "neumann":
-        wrong = free & (np.isfinite(field.potential) != space.goal_connected)
-    else:
-        wrong = np.zeros(space.shape, dtype=np.bool_)
-    wrong |= free & ~space.goal_connected & _carries_current(field)
-    if wrong.any():
-        cell = tuple(np.argwhere(wrong)[0].tolist())
-        verdict = "a path" if space.goal_connected[cell] else "no path"
-        raise AccuracyError(f"connectivity finds {verdict} from cell {cell}, but the field says otherwise", field)
-
-
-def verdict_of(space: ConfigurationSpace, cell: tuple[int, ...]) -> Outcome:
+def _verdict(space: ConfigurationSpace, cell: tuple[int, ...]) -> Outcome:
     """What connectivity says of a start cell: ``REACHED`` if a goal can be."""
     return Outcome(str(static_outcomes(space, np.array([cell]))[0]) or Outcome.REACHED)
+
+
+def _cell_of(space: ConfigurationSpace, point: NDArray[np.float64]) -> tuple[int, ...]:
+    return tuple(start_cells(space, point[np.newaxis])[0][0].tolist())
 
 
 def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstruction:
@@ -181,141 +193,64 @@ def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstr
     here, there = int(links.node[start]), int(links.node[target])
     if here == there:
         return Obstruction(goal, (), ())
-    if here >= links.regions:
-        candidates = {here - links.regions} & set(links.groups_beside(there))
-    else:
-        candidates = set(links.groups_beside(here)) & set(links.groups_beside(there))
-    alone = tuple(group for group in sorted(candidates) if not _between(barriers, start, target, (group,)))
-    return Obstruction(goal, _least(barriers, start, target), alone)
+
+    def between(opened: tuple[int, ...]) -> tuple[int, ...]:
+        """Groups on a shortest path when some have been taken away; none if it is open."""
+        left = link(barriers, opened) if opened else links
+        return left.groups_between(int(left.node[start]), int(left.node[target]))
+
+    beside = {here - links.regions} if here >= links.regions else set(links.groups_beside(here))
+    candidates = sorted(beside & set(links.groups_beside(there)))
+    least: tuple[int, ...] = ()
+    # Once is enough unless virtual groups fill the gaps between the corners of real ones.
+    while more := between(least):
+        least += more
+    return Obstruction(goal, least, tuple(group for group in candidates if not between((group,))))
 
 
-def _least(barriers: Barriers, start: tuple[int, ...], target: tuple[int, ...]) -> tuple[int, ...]:
-    """Take the groups on a shortest path away and look again, until the way is open.
-
-    Once is enough unless virtual groups fill the gaps between the corners of real ones.
-    """
-    opened: tuple[int, ...] = ()
-    while more := _between(barriers, start, target, opened):
-        opened += more
-    return opened
-
-
-def _between(
-    barriers: Barriers, start: tuple[int, ...], target: tuple[int, ...], opened: tuple[int, ...]
-) -> tuple[int, ...]:
-    """Groups on a shortest path from start to target when some have been taken away; none if it is open."""
-    links = link(barriers, opened) if opened else barriers.links
-    return links.groups_between(int(links.node[start]), int(links.node[target]))
-
-
-def _touches_edge(space: ConfigurationSpace, region: NDArray[np.bool_]) -> bool:
-    return any(
-        bool(region.take(end, axis).any()) for axis in range(space.ndim) if not space.periodic[axis] for end in (0, -1)
-    )
-
-
-def _carries_current(field: Field) -> NDArray[np.bool_]:
-    """Cells with a current through any face."""
-    flows = np.zeros(field.space.shape, dtype=np.bool_)
-    for axis, direction in enumerate(field.face_direction):
-        along = np.moveaxis(direction, axis, 0) != 0
-        flows |= np.moveaxis(along[:-1] | along[1:], 0, axis)
-    return flows
-
-
-@dataclass(frozen=True, eq=False)
-class Blocking:
-    """Which parts of a scene keep a start from every goal.
-
-    Attributes
-    ----------
-    space : ConfigurationSpace
-        The sampled scene.
-    start : tuple of int
-        The start's cell.
-    outcome : Outcome
-        ``REACHED`` where a path exists; otherwise ``NO_PATH``, ``GOAL_BLOCKED`` or ``START_BLOCKED``.
-    parts : mapping of str to ndarray of bool, shape of the space
-        What blocks cells, and which: ``"obstacle[0]"`` as in the scene's file, ``"map"``, ``"singularity"`` (virtual
-        obstacles alone), ``"robot"`` (collisions with itself).  A cell may be blocked by several.
-    alone : tuple of str
-        Every part whose removal alone opens a way to some goal.
-    least : tuple of str
-        The smallest set whose removal opens a way; the first found if there are several; empty where a path exists,
-        or where no set as small as asked for will do.
-    """
-
-    space: ConfigurationSpace
-    start: tuple[int, ...]
-    outcome: Outcome
-    parts: Mapping[str, NDArray[np.bool_]]
-    alone: tuple[str, ...]
-    least: tuple[str, ...]
-
-    def __post_init__(self) -> None:
-        for mask in self.parts.values():
-            mask.flags.writeable = False
-
-    @property
-    def mask(self) -> NDArray[np.bool_]:
-        """Cells that the `least` set blocks, shape of the space."""
-        masks = [self.parts[name] for name in self.least]
-        return np.any(masks, axis=0) if masks else np.zeros(self.space.shape, dtype=np.bool_)
-
-
-def blocking(
-    scene: Scene, start: ArrayLike | None = None, *, cell: Sequence[int] | None = None, most: int = 3
-) -> Blocking:
-    """Say which obstacles of a scene keep a start from every goal.
-
-    `resgrid.separation` does so for groups of cells of the configuration space, where the images of several obstacles,
-    and virtual ones, often melt into one; this asks the same of the obstacles themselves, by trying sets of them.  What
-    is taken away gives back the part of the goals' regions that it covered.
-
-    Parameters
-    ----------
-    scene : Scene
-        Sampled as a whole, and once for each obstacle.
-    start : array_like of float, shape (ndim,)
-        World coordinates.
-    cell : sequence of int, optional
-        Instead of `start`: a cell.
-    most : int
-        Largest set that is tried.
-
-    Returns
-    -------
-    Blocking
-
-    Raises
-    ------
-    InputError
-        If the scene has no goal or more than 63 parts, the start lies outside the grid, or `most` is below 1.
-    """
+def _scene_separation(scene: Scene, start: ArrayLike | None, cell: Sequence[int] | None, most: int) -> SceneSeparation:
     if most < 1:
         raise InputError(f"most = {most}, but at least one obstacle must be taken away to open a way")
     space = sample(scene)
     point = one_start(space, start, cell)
     at = _cell_of(space, point)
-    outcome = verdict_of(space, at)
+    outcome = _verdict(space, at)
+    label = label_regions(space.cell != Cell.OBSTACLE, space.periodic)
+    region = (label == label[at]) & (label > 0)
     if outcome is Outcome.REACHED:
-        return Blocking(space, at, outcome, {}, (), ())
-    parts = blocking_parts(scene, space)
-    names, bits = tuple(parts), _blockers(space, list(parts.values()))
-    goal = _whole_goal(scene)
+        return SceneSeparation(space, at, outcome, region, {}, (), ())
+    parts = _blocking_parts(scene, space)
+    if len(parts) > _MOST_PARTS:
+        raise InputError(
+            f"the scene has {len(parts)} obstacles, and at most {_MOST_PARTS} can be told apart; merge some, or ask "
+            "for the separation of its space"
+        )
+    bits = np.zeros(space.shape, dtype=np.uint64)  # one for each part that blocks a cell
+    for number, mask in enumerate(parts.values()):
+        bits[mask] |= np.uint64(1 << number)
+    bare = dataclasses.replace(
+        scene,
+        robot=scene.robot.bare(self_collision=False),
+        obstacles=(),
+        map=scene.map and scene.map.without_obstacles(),
+    )
+    opened = np.where(sample(bare).cell == Cell.GOAL, np.uint8(Cell.GOAL), np.uint8(Cell.FREE))
 
     def opens(*removed: int) -> bool:
-        left = _without(space, goal, bits, removed)
-        return verdict_of(left, _cell_of(left, point)) is Outcome.REACHED
+        """Whether there is a path where what some parts alone block is free, or goal."""
+        kept = np.uint64(2**64 - 1 - sum(1 << number for number in removed))
+        left = space.with_cells(np.where((bits & kept) == 0, opened, np.uint8(Cell.OBSTACLE)))
+        return _verdict(left, _cell_of(left, point)) is Outcome.REACHED
 
+    names = tuple(parts)
     alone = tuple(name for number, name in enumerate(names) if opens(number))
     larger = () if alone else (n for size in range(2, most + 1) for n in combinations(range(len(names)), size))
     chosen = next((numbers for numbers in larger if opens(*numbers)), ())
-    least = alone[:1] or tuple(names[number] for number in chosen)
-    return Blocking(space, at, outcome, parts, alone, least)
+    separating = alone[:1] or tuple(names[number] for number in chosen)
+    return SceneSeparation(space, at, outcome, region, parts, separating, alone)
 
 
-def blocking_parts(scene: Scene, space: ConfigurationSpace) -> dict[str, NDArray[np.bool_]]:
+def _blocking_parts(scene: Scene, space: ConfigurationSpace) -> dict[str, NDArray[np.bool_]]:
     """Cells that each part of a scene blocks, by its name.  Returns as the space."""
     plain = scene.robot.bare()
     itself = plain.occupancy(scene.axes, [], scene.sampling)
@@ -330,37 +265,3 @@ def blocking_parts(scene: Scene, space: ConfigurationSpace) -> dict[str, NDArray
     blocked = space.cell == Cell.OBSTACLE
     parts["robot"] = blocked & ~np.any([*parts.values(), np.zeros_like(blocked)], axis=0)
     return {name: mask & blocked for name, mask in parts.items() if np.any(mask & blocked)}
-
-
-def _blockers(space: ConfigurationSpace, masks: list[NDArray[np.bool_]]) -> NDArray[np.uint64]:
-    """Every cell with one bit for each part that blocks it."""
-    if len(masks) > _MOST_PARTS:
-        raise InputError(
-            f"the scene has {len(masks)} obstacles, and at most {_MOST_PARTS} can be told apart; merge some, or ask "
-            "resgrid.separation"
-        )
-    bits = np.zeros(space.shape, dtype=np.uint64)
-    for number, mask in enumerate(masks):
-        bits[mask] |= np.uint64(1 << number)
-    return bits
-
-
-def _whole_goal(scene: Scene) -> NDArray[np.bool_]:
-    """Goal cells as they are where nothing blocks any, shape of the space."""
-    cells = scene.map and scene.map.without_obstacles()
-    robot = scene.robot.bare(self_collision=False)
-    return np.asarray(sample(dataclasses.replace(scene, robot=robot, obstacles=(), map=cells)).cell == Cell.GOAL)
-
-
-def _without(
-    space: ConfigurationSpace, goal: NDArray[np.bool_], bits: NDArray[np.uint64], removed: tuple[int, ...]
-) -> ConfigurationSpace:
-    """The space without some parts: what they alone blocked is free, or goal."""
-    kept = np.uint64(2**64 - 1 - sum(1 << number for number in removed))
-    open_cell = np.where(goal, np.uint8(Cell.GOAL), np.uint8(Cell.FREE))
-    return space.with_cells(np.where((bits & kept) == 0, open_cell, np.uint8(Cell.OBSTACLE)))
-
-
-def _cell_of(space: ConfigurationSpace, point: NDArray[np.float64]) -> tuple[int, ...]:
-    cells, _ = start_cells(space, point[np.newaxis])
-    return tuple(cells[0].tolist())

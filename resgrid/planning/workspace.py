@@ -23,16 +23,8 @@ _BATCH = 4096
 class Collision:
     """The first place of a path where the robot enters an obstacle.
 
-    Attributes
-    ----------
-    segment : int
-        Number of the path's segment, from 0.
-    configuration : ndarray of float64, shape (ndim,)
-        In world coordinates.
-    part : int
-        Which rigid part of the robot: of an arm, the link, from 0.
-    obstacle : int
-        Which of the obstacles, from 0.
+    `segment`: number of the path's segment, from 0; `configuration` (ndim,): in world coordinates; `part`: which
+    rigid part of the robot: of an arm, the link, from 0; `obstacle`: which of the obstacles, from 0.
     """
 
     segment: int

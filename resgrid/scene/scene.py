@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.frame import Frame
+from resgrid.frozen import frozen, picture_html
 from resgrid.robots import Ball, Box, CellSet, HalfSpace, PointRobot, Polygon, Robot, Sampling, Shape
 from resgrid.robots.shapes import Point
 from resgrid.scene.chip import Chip
@@ -31,6 +32,7 @@ HEADINGS = 36
 """Cells of the third axis of a turning robot on a map that does not say."""
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class MapCells:
     """What was read from a map file.
@@ -51,9 +53,6 @@ class MapCells:
     cell: NDArray[np.uint8]
     table: Mapping[str, Any]
     conductivity: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        self.cell.flags.writeable = False
 
     @property
     def obstacles(self) -> CellSet:
@@ -144,6 +143,15 @@ class Scene:
         problems = inconsistencies(self._parts())
         if problems:
             raise InputError(report(problems, self.source or "scene"))
+
+    def __repr__(self) -> str:
+        cells = " x ".join(str(axis.cells) for axis in self.axes)
+        parts = ("obstacles", "hidden", "goals", "starts")
+        counts = ", ".join(f"{len(getattr(self, part))} {part}" for part in parts if getattr(self, part))
+        source = "" if self.map is None else ", map"
+        return f"<Scene {self.title!r}: {type(self.robot).__name__} on {cells} cells{source}, {counts or 'empty'}>"
+
+    _repr_html_ = picture_html
 
     @property
     def ndim(self) -> int:

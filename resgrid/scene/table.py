@@ -129,14 +129,19 @@ def check_fields(value: Any) -> None:
     """Check the fields of a value made in Python as those of its table are, and keep them as these are read."""
     single = [item.name for item in dataclasses.fields(value) if item.default_factory is dataclasses.MISSING]
     given = {name: getattr(value, name) for name in single}
+    filled = fields_of(type(value), given)
+    for name in given:
+        object.__setattr__(value, name, filled[name])
+
+
+def fields_of(kind: type, given: Mapping[str, Any]) -> dict[str, Any]:
+    """The fields of a value, read as the keys of its table; every problem at once."""
     try:
-        kind: type = type(value)
         table = table_of(kind).model_validate(given)
     except ValidationError as error:
         details = problems_of(error)
         raise InputError("; ".join(f"{key_path(each['loc'])}: {complaint(each)}" for each in details)) from None
-    for name in given:
-        object.__setattr__(value, name, getattr(table, name))
+    return {name: getattr(table, name) for name in table_of(kind).model_fields}
 
 
 def problems_of(error: ValidationError) -> list[ErrorDetails]:

@@ -9,7 +9,7 @@ from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.solve import solve
-from resgrid.planning.random_walk import absorption, random_walk, risk
+from resgrid.planning.random_walk import collision_probability, hitting_probability, random_walk
 from resgrid.planning.trace import basins, streamline
 from resgrid.space import ConfigurationSpace
 
@@ -47,7 +47,7 @@ def test_an_absorbing_markov_chain_agrees(space: ConfigurationSpace, options: di
     node_goal = {int(space.goal_region[c]): [] for c in map(tuple, np.argwhere(space.cell == 2))}
     for c in map(tuple, np.argwhere(space.cell == 2)):
         node_goal[int(space.goal_region[c])].append(int(netlist.cells.node[c]))
-    found, absorbed = risk(netlist), absorption(netlist)
+    found, absorbed = collision_probability(netlist), hitting_probability(netlist)
     at = tuple(np.argwhere((space.cell == 0) & (netlist.cells.node >= 0)).T)
     u = np.zeros(len(free))
     for goal, nodes in node_goal.items():
@@ -70,7 +70,7 @@ def test_an_absorbing_markov_chain_agrees(space: ConfigurationSpace, options: di
 def test_gamblers_ruin() -> None:
     """Feller (1968), XIV.2-3: u = i / N, i (N - i) steps, and (N**2 - i**2) / 3 of them for those who win."""
     N = 40
-    found = risk(compile_space(space_of([1] + [0] * (N - 1) + [2])))
+    found = collision_probability(compile_space(space_of([1] + [0] * (N - 1) + [2])))
     i = np.arange(1, N)
     np.testing.assert_allclose(found.success[1:-1], i / N, rtol=1e-12)
     np.testing.assert_allclose(found.steps[1:-1], i * (N - i), rtol=1e-12)
@@ -97,7 +97,7 @@ def test_a_walk_that_is_simulated_agrees() -> None:
         draw = rng.random(len(going))
         node[going] = np.minimum((cumulative[node[going]] < draw[:, None]).sum(axis=1), netlist.node_count - 1)
         steps[going] += 1
-    found, absorbed = risk(netlist), absorption(netlist)
+    found, absorbed = collision_probability(netlist), hitting_probability(netlist)
     won = np.isin(node, netlist.cells.goal_nodes)
     assert abs(won.mean() - found.success[start]) < 4 * np.sqrt(0.25 / walks)
     assert abs(steps.mean() - found.steps[start]) < 4 * steps.std() / np.sqrt(walks)
@@ -111,7 +111,7 @@ def test_what_underflows_keeps_its_digits() -> None:
     n = 1500
     cell = np.zeros((n + 1, 1), dtype=np.uint8)
     cell[0] = 2
-    found = risk(compile_space(space_of(cell)))
+    found = collision_probability(compile_space(space_of(cell)))
     with mpmath.workdps(40):
         u = _tridiagonal([mpmath.mpf(1)] + [mpmath.mpf(0)] * (n - 1))
         s = _tridiagonal(u)
@@ -140,7 +140,7 @@ def test_open_obstacles_make_the_uniform_drive_a_clock() -> None:
     cell[4, 1:8], cell[0, 0] = 1, 2
     cell[0, 8], cell[1, 8], cell[1, 7], cell[0, 7] = 0, 1, 1, 1
     point = solve(compile_space(space_of(cell), boundary="neumann"))
-    potential, found = rg.field(point).potential, risk(point)
+    potential, found = rg.field(point).potential, collision_probability(point)
     inside = space_of(cell).goal_connected
     np.testing.assert_allclose(found.time[inside] / found.time[inside].max(), potential[inside], rtol=1e-12)
     np.testing.assert_allclose(found.time_given_success[inside], found.time[inside], rtol=1e-12)
@@ -151,10 +151,10 @@ def test_open_obstacles_make_the_uniform_drive_a_clock() -> None:
 def test_parts_that_touch_one_rail_only_are_served() -> None:
     """A closed room without a goal, and one whose only contact is the goal."""
     cell = np.array([[0, 1, 0, 1], [2, 1, 1, 0], [0, 1, 0, 2]])
-    found = risk(compile_space(space_of(cell), edge="open"))
+    found = collision_probability(compile_space(space_of(cell), edge="open"))
     assert found.success[0, 2] == 0.0 and found.steps[0, 2] == 1.0 and np.isnan(found.time_given_success[0, 2])
-    closed = risk(compile_space(space_of([[0, 0, 2], [1, 1, 1], [0, 0, 2]]), edge="open"))
-    alone = risk(compile_space(space_of([[0, 2, 1, 0, 2]]), edge="open"))
+    closed = collision_probability(compile_space(space_of([[0, 0, 2], [1, 1, 1], [0, 0, 2]]), edge="open"))
+    alone = collision_probability(compile_space(space_of([[0, 2, 1, 0, 2]]), edge="open"))
     assert alone.success[0, 0] == 1.0 and alone.steps[0, 0] == 1.0
     assert 0 < closed.success[0, 0] < 1
 
@@ -162,7 +162,7 @@ def test_parts_that_touch_one_rail_only_are_served() -> None:
 def test_one_factorisation_serves_all_questions() -> None:
     walk = random_walk(compile_space(space_of([[0, 0, 2], [0, 1, 0]])))
     assert random_walk(walk) is walk
-    np.testing.assert_array_equal(absorption(walk).probability[0], risk(walk).success)
+    np.testing.assert_array_equal(hitting_probability(walk).probability[0], collision_probability(walk).success)
 
 
 def test_the_basins_of_streamlines_and_of_walks() -> None:
@@ -173,7 +173,7 @@ def test_the_basins_of_streamlines_and_of_walks() -> None:
     point = solve(compile_space(space))
     expected = np.repeat([0] * 6 + [1] * 6, 5).reshape(12, 5)
     np.testing.assert_array_equal(basins(rg.field(point)), expected)
-    absorbed = absorption(point)
+    absorbed = hitting_probability(point)
     np.testing.assert_array_equal(absorbed.likeliest, expected)
     np.testing.assert_allclose(absorbed.probability[0], absorbed.probability[1][::-1], rtol=1e-12)
 
@@ -192,14 +192,14 @@ def test_a_basin_is_what_the_streamline_says(space: ConfigurationSpace, options:
         goal = streamline(field, cell=cell.tolist()).goal
         assert found[tuple(cell)] == (-1 if goal is None else goal)
     assert np.all(found[space.cell == 1] == -1)
-    assert np.all(absorption(compile_space(space)).likeliest[~space.goal_connected & (space.cell == 0)] == -1)
+    assert np.all(hitting_probability(compile_space(space)).likeliest[~space.goal_connected & (space.cell == 0)] == -1)
 
 
 def test_circuits_without_a_walk_are_refused() -> None:
     with pytest.raises(InputError, match="not compiled from a space"):
-        risk(Netlist(2, [[0, 1]], [1.0]))
+        collision_probability(Netlist(2, [[0, 1]], [1.0]))
     space = space_of([[0, 0, 2]])
     with pytest.raises(InputError, match="uniform"):
-        risk(compile_space(space, boundary="neumann", drive="start", start=(0, 0)))
+        collision_probability(compile_space(space, boundary="neumann", drive="start", start=(0, 0)))
     with pytest.raises(InputError, match="no free cell"):
-        risk(compile_space(space_of([[2, 1]])))
+        collision_probability(compile_space(space_of([[2, 1]])))

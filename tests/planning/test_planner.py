@@ -3,6 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.spaces import space_of
+from support.verdicts import check_verdicts
 
 import resgrid as rg
 from resgrid.compiler import compile_space
@@ -11,8 +12,7 @@ from resgrid.nodal.solve import solve
 from resgrid.planning import road
 from resgrid.planning.blend import blend
 from resgrid.planning.certify import certify
-from resgrid.planning.planner import clearance_curve, plan, wall_clearance_curve
-from resgrid.planning.separation import check_verdicts
+from resgrid.planning.planner import clearance_curve, plan
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import streamline
 from resgrid.scene import read_scene
@@ -88,7 +88,7 @@ def test_the_arms_of_1992_keep_away_as_k_grows(name: str, scenes: Path) -> None:
     half = 0.5 * planner.space.spacing.min()
     curve = clearance_curve(planner)
     assert np.all(np.diff(curve.mean) > -half) and curve.mean[-1] > curve.mean[0] + half
-    walls = wall_clearance_curve(planner.space, (0.0, 1e4, 1e5, 1e6, np.inf), curve.starts, edge=scene.edge)
+    walls = clearance_curve(planner, starts=curve.starts, wall_resistances=(0.0, 1e4, 1e5, 1e6, np.inf))
     np.testing.assert_allclose(walls.mean[[0, -1]], curve.mean[[-1, 0]], rtol=1e-9)
     assert np.all(np.diff(walls.mean) < half)
     for k in (0.0, 0.5, 1.0):
@@ -99,7 +99,7 @@ def test_the_wall_resistance_is_the_knob_of_one_chip() -> None:
     """From Dirichlet to Neumann, whose ends both knobs share."""
     space = two_goal_room()
     starts = [(1.0, 14.0), (8.0, 7.0), (19.0, 1.0), (9.0, 12.0)]
-    walls = wall_clearance_curve(space, (0.0, 1e4, 1e5, 1e6, np.inf), starts)
+    walls = clearance_curve(plan(space), starts=starts, wall_resistances=(0.0, 1e4, 1e5, 1e6, np.inf))
     blends = clearance_curve(plan(space, k=1.0), (1.0, 0.0), starts)
     np.testing.assert_allclose(walls.clearance[[0, -1]], blends.clearance, rtol=1e-9)
     np.testing.assert_allclose(walls.length[[0, -1]], blends.length, rtol=1e-9)
@@ -137,7 +137,7 @@ def test_wrong_questions_are_refused() -> None:
     with pytest.raises(InputError, match="outside the grid"):
         planner.paths([(1.0, np.nan)])
     with pytest.raises(InputError, match="out of range"):
-        wall_clearance_curve(space, [-1.0])
+        clearance_curve(planner, wall_resistances=[-1.0])
     with pytest.raises(InputError, match="at least one"):
-        wall_clearance_curve(space, [])
+        clearance_curve(planner, wall_resistances=[])
     assert planner.paths([]) == [] and len(planner.ends([]).goal) == 0

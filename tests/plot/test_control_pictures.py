@@ -55,11 +55,12 @@ def test_the_velocity_diagram_adds_up(field) -> None:
 
 
 def test_the_share_of_dirichlet_lies_between_none_and_all(space, field, neumann) -> None:
-    share = rg.dirichlet_share(field, neumann, 0.98)
+    planner = rg.plan(space, k=0.98)
+    share = planner.dirichlet_share()
     assert np.nanmin(share) >= 0 and np.nanmax(share) <= 1
-    assert np.all(rg.dirichlet_share(field, neumann, 1.0)[space.goal_connected] == 1)
+    assert np.all(planner.at(1.0).dirichlet_share()[space.goal_connected] == 1)
     with pytest.raises(InputError, match="0 <= k <= 1"):
-        rg.dirichlet_share(field, neumann, 2.0)
+        planner.at(2.0).dirichlet_share()
     axes = rg.draw_dirichlet_share(field, neumann, 0.98)
     assert axes.images
 
