@@ -199,7 +199,7 @@ class Scene:
             changes["goals"] = tuple(GoalPoint(goal) if isinstance(goal, tuple) else goal for goal in goals)
         if "start" in changes:
             starts = _places("start", changes.pop("start"))
-            changes["starts"] = tuple(start_point(start, axes, frame) for start in starts)
+            changes["starts"] = tuple(start_point(start, tuple(axes), frame) for start in starts)
         if isinstance(changes.get("k"), int | float):
             changes["k"] = (changes["k"],)
         if isinstance(changes.get("edge"), str):
