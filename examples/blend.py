@@ -29,7 +29,7 @@ def main(folder: Path = Path("out/blend")) -> dict[float, tuple[float, float]]:
     assert paths[1.0].clearance > paths[0.0].clearance
 
     axes = rg.draw(neumann)
-    rg.draw(list(paths.values()), axes, space=space, k=list(paths))
+    rg.draw(list(paths.values()), axes, k=list(paths))
     axes.set_title("Blends over the Neumann potential", fontsize=9)
     folder.mkdir(parents=True, exist_ok=True)
     print(f"the figure is {rg.save_figure(axes, folder / 'blend.png')}")

@@ -51,7 +51,7 @@ def main(folder: Path = Path("out/control")) -> dict[str, float]:
     folder.mkdir(parents=True, exist_ok=True)
     axes = rg.draw(field)
     planned = rg.streamline(field, scene.starts[0])
-    rg.draw([planned], axes, space=field.space)
+    rg.draw(planned, axes)
     axes.plot(*np.array(way).T, color="black", label="way of the robot, pushed from 12 s to 14 s", zorder=5)
     axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), fontsize=7, frameon=False, ncols=2)
     rg.save_figure(axes, folder / "control.png")

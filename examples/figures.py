@@ -22,7 +22,7 @@ import numpy as np
 import resgrid as rg
 from resgrid.control.announced import relaxation_sweep
 from resgrid.grids import label_regions
-from resgrid.plot import new_figure
+from resgrid.plot import add_title, new_figure
 from resgrid.plot.plane import paint_cells
 from resgrid.plot.style import refresh_legend
 
@@ -86,7 +86,7 @@ def problem_a(folder: Path) -> dict[str, float]:
         assert rg.replay(path, scene.obstacles, step=1e-3) is None
         clearance[k] = rg.workspace_clearance(path, scene.obstacles, step=1e-3)
         caption = f"Problem A, k = {k:g}: the links keep {clearance[k]:.3f} m away from the obstacle."
-        save(folder, number, path, scene, space, virtual, caption)
+        save(folder, number, path, scene, virtual, caption)
 
     curve = rg.clearance_curve(planner, (0.0, 0.01, 0.1, 0.3, 0.5, 0.7, 0.9, 0.99, 1.0))
     # The one-chip version of the same knob: a resistor in series with every obstacle contact.
@@ -122,7 +122,7 @@ def two_goals(folder: Path) -> dict[str, float]:
         upper = bool(tip[1] > 0)
         reached.append(upper)
         place = "upper" if upper else "lower"
-        save(folder, number, path, scene, planner.space, virtual, f"Two goals: this start takes the {place} one.")
+        save(folder, number, path, scene, virtual, f"Two goals: this start takes the {place} one.")
     return {"upper": sum(reached), "lower": len(reached) - sum(reached)}
 
 
@@ -138,7 +138,7 @@ def problem_b(folder: Path) -> dict[str, float]:
         outcomes.append(str(path.outcome))
         if path.outcome == rg.Outcome.REACHED:
             assert rg.replay(path, scene.obstacles, step=1e-3) is None
-            save(folder, number, path, scene, space, virtual, "Problem B: this start has a path.")
+            save(folder, number, path, scene, virtual, "Problem B: this start has a path.")
             continue
         # No path is decided by connectivity, and the field agrees.  Of configuration space we see which cells must go,
         # and of the workspace which obstacle: without it there would be a way.
@@ -147,7 +147,7 @@ def problem_b(folder: Path) -> dict[str, float]:
         one = max(parts.alone, key=lambda name: (parts.parts[name] & verdict.mask).sum(), default="")
         names = (one,) if one else parts.separating
         caption = f"Problem B: no path. Without {' and '.join(names)} (red) this start would have one."
-        save(folder, number, path, scene, space, virtual, caption, verdict, blamed(scene, names))
+        save(folder, number, path, scene, virtual, caption, verdict, blamed(scene, names))
     free = space.cell == rg.Cell.FREE
     return {"cut_off": float((free & ~space.goal_connected).sum() / free.sum()), "paths": outcomes.count("reached")}
 
@@ -267,7 +267,8 @@ def figure_1(folder, scene, space, virtual, bands) -> None:
         "Problem A, a small goal just above an obstacle. Strips along the singularities part the torus of angles into\n"
         "two bands: the arm cannot pass from one to the other, but the goal has an inverse solution in each."
     )
-    figure = rg.draw_pair([scene.starts[0]], scene, space, virtual=virtual, title="Figure 1", caption=caption)
+    pose = rg.Polyline([scene.starts[0]], space)
+    figure = rg.draw_pair(pose, scene, virtual=virtual, title="Figure 1", caption=caption)
     for (label, band), colour in zip(bands.items(), ("#dcebf5", "#f7e6d3"), strict=True):
         paint_cells(space, band & (space.cell == rg.Cell.FREE), colour, label, figure.axes[1])
     refresh_legend(figure.axes[1])
@@ -275,11 +276,9 @@ def figure_1(folder, scene, space, virtual, bands) -> None:
     print(f"figure 1: {caption}".replace("\n", " "))
 
 
-def save(folder, number, path, scene, space, virtual, caption, verdict=None, separating=()) -> None:
-    figure = rg.draw_pair(
-        path, scene, space, virtual=virtual, verdict=verdict,
-        separating=separating, title=f"Figure {number}", caption=caption,
-    )  # fmt: skip
+def save(folder, number, path, scene, virtual, caption, verdict=None, separating=()) -> None:
+    options = {"virtual": virtual, "verdict": verdict, "separating": separating}
+    figure = rg.draw_pair(path, scene, **options, title=f"Figure {number}", caption=caption)
     rg.save_figure(figure, folder / f"figure_{number:02}.png")
     print(f"figure {number}: {caption}")
 
@@ -289,10 +288,9 @@ def family(folder, number, paths, scene, space, virtual, caption) -> None:
     left, right = figure.subplots(1, 2)
     rg.draw_tips(paths, scene, left)
     rg.draw(space, right, virtual=virtual)
-    rg.draw(paths, right, space=space)
+    rg.draw(paths, right)
     right.set_title("Configuration space", fontsize=8)
-    figure.suptitle(f"Figure {number}", fontsize=10)
-    figure.supxlabel("\n" + caption, fontsize=7, x=0.02, ha="left")
+    add_title(figure, f"Figure {number}", caption)
     rg.save_figure(figure, folder / f"figure_{number:02}.png")
     print(f"figure {number}: {caption}")
 

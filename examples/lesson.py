@@ -80,7 +80,7 @@ def draw(point: rg.OperatingPoint, field: rg.Field, path: rg.Streamline) -> obje
     rg.draw(point, circuit)
     circuit.set_title("The circuit: one node a cell, one resistor between neighbours", fontsize=10)
     rg.draw(field, picture, scale="linear")
-    rg.draw([path], picture, space=field.space)
+    rg.draw(path, picture)
     picture.set_title("Its voltages, and the path", fontsize=10)
     rg.draw(field, arrows, quantity="currents")
     arrows.set_title("Its currents", fontsize=10)

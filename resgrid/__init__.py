@@ -20,6 +20,8 @@ from typing import Any
 
 import lazy_loader
 
+from resgrid.frozen import show_with
+
 _public, _, __all__ = lazy_loader.attach_stub(__name__, __file__)
 __all__ += ["__version__"]
 __all__.sort()
@@ -42,6 +44,16 @@ def __getattr__(name: str) -> Any:
 
 def __dir__() -> list[str]:
     return __all__
+
+
+def _picture(value: object) -> str | None:
+    """What a notebook shows of a value; pictures are above all other rooms, and loaded when the first one is drawn."""
+    from resgrid.plot.pictures import image_html
+
+    return image_html(value)
+
+
+show_with(_picture)
 
 
 def _version() -> str:

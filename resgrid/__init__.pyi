@@ -146,8 +146,6 @@ from .spice.power import (
     power_balance as power_balance,
 )
 from .spice.read.deck import read_spice as read_spice
-from .spice.run.ngspice import run_ngspice as run_ngspice
-from .spice.run.rawfile import write_raw as write_raw
 from .spice.write.files import write_spice as write_spice
 from .wiring import Wiring as Wiring
 

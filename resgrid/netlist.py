@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
+from resgrid.frozen import frozen
 from resgrid.graphs import ELEMENTS, fields_of, graph_of
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ MOST_NODES = 2**31 - 1
 """Numbers of nodes are kept in 32 bits."""
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class CellMap:
     """What ties a netlist to the cells of the configuration space that it was compiled from.
@@ -91,6 +93,7 @@ def _no_values() -> NDArray[np.float64]:
     return np.empty(0)
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Netlist:
     """A circuit as a structure of arrays.  Node 0 is ground.
@@ -184,6 +187,11 @@ class Netlist:
                 raise InputError(
                     f"{name} holds a value that is not finite: {kind} {int(np.argmin(np.isfinite(value)))}"
                 )
+
+    def __repr__(self) -> str:
+        counts = ((len(getattr(self, nodes)), kind) for kind, (nodes, *_) in _KINDS.items())
+        parts = ", ".join(f"{count:,} {kind}{'s' if count > 1 else ''}" for count, kind in counts if count)
+        return f"<Netlist of {self.node_count:,} nodes: {parts or 'no elements'}>"
 
     @property
     def cells(self) -> CellMap:

@@ -15,6 +15,7 @@ from resgrid.axis import Axis as Axis, rounding, split_points  # noqa: PLC0414
 from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.frame import Frame
+from resgrid.frozen import frozen, picture_html
 from resgrid.grids import box_around, label_regions
 
 MAX_DIMENSIONS = 4
@@ -29,6 +30,7 @@ class Cell(IntEnum):
 
 
 @checked
+@frozen
 @dataclass(frozen=True, eq=False)
 class ConfigurationSpace:
     """A grid of cells, each free, obstacle or goal, and what they cost.
@@ -95,6 +97,14 @@ class ConfigurationSpace:
         object.__setattr__(
             self, "goal_points", None if goal_points is None else _checked_goal_points(axes, cells, goal_points)
         )
+
+    def __repr__(self) -> str:
+        cells = " x ".join(map(str, self.shape))
+        axes = ", ".join(f"{axis.name} {axis.lower:g} to {axis.upper:g} {axis.unit}".rstrip() for axis in self.axes)
+        obstacle, goal = (int(np.count_nonzero(self.cell == code)) for code in (Cell.OBSTACLE, Cell.GOAL))
+        return f"<ConfigurationSpace of {cells} cells, {axes}: {obstacle} obstacle, {goal} goal>"
+
+    _repr_html_ = picture_html
 
     def with_cells(self, cell: ArrayLike) -> ConfigurationSpace:
         """The same space with other cells; goal cells that stay keep their points.

@@ -103,5 +103,5 @@ def test_robots_in_three_dimensions_drive_without_a_collision(scenes: Path, name
     for path in paths:
         short = rg.shorten(path)
         motion = rg.time_path(short, velocity_limits=1.0, acceleration_limits=2.0)
-        for way in (path, short, motion.sample(50)[1]):
+        for way in (path, short, rg.Polyline(motion.sample(50)[1], path.space)):
             assert rg.replay(way, scene.obstacles) is None

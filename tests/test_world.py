@@ -294,7 +294,7 @@ def test_pictures_are_drawn_in_the_world(worlds: tuple[World, World]) -> None:
     for world in worlds:
         planner = rg.plan(world.scene())
         path = planner.path(world.at(START))
-        axes = rg.draw(path, space=planner.space)
+        axes = rg.draw(path)
         drawn = np.concatenate([line.vertices for line in axes.collections[0].get_paths()])
         same(drawn, path.points)
         corners = world.place([(0, 0), (7, 0), (7, 5), (0, 5)])

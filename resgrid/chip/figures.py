@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.arguments import check_number
+from resgrid.frozen import picture_of
 
 _PREFIXES = dict(zip(range(-24, 13, 3), ("y", "z", "a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"), strict=True))
 _UNITS = {"ohm": "Ω", "V/sqrt(Hz)": "V/√Hz"}
@@ -79,7 +80,7 @@ class Result:
 
     def _repr_html_(self) -> str:
         rows = [(name.replace("_", " "), str(figure), figure.definition) for name, figure in self.figures.items()]
-        return html_table(("figure", "value", "definition"), rows)
+        return picture_of(self) + html_table(("figure", "value", "definition"), rows)
 
 
 def defined(value: float) -> float | None:

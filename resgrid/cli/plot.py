@@ -32,7 +32,7 @@ CIRCUIT_CELLS = 8
 )
 @with_source()
 @output_option("The picture: FILE.png, .pdf or .svg; - prints a PNG.", required=True)
-@click.option("--what", default="page", show_default=True, type=click.Choice(PICTURES), help="Which picture.")
+@click.option("--what", default="page", type=click.Choice(PICTURES), help="Which picture.")
 def command(source: Source, output: str, what: str) -> int:
     """Draw one picture of SCENE.
 
@@ -96,7 +96,9 @@ def _draw(what: str, job: Job, plan: Plan, field: Field | None) -> Any:
         case "potential" | "currents":
             picture = plot.draw(field, quantity=what)
         case "paths":
-            picture = plot.draw(lines, plot.draw(job.space), space=job.space, k=[line.field.k for line in lines])
+            picture = plot.draw(job.space)
+            if lines:
+                plot.draw(lines, picture, k=[line.field.k for line in lines])
         case "circuit":
             picture = plot.draw(next(iter(plan.operating_points.values())))
         case "robot":
@@ -133,7 +135,7 @@ def _draw_robot(job: Job, plan: Plan) -> Any:
     if path is None:
         raise InputError("--what robot: no path reaches a goal, so there is nothing to drive along")
     if job.space.ndim == 2:
-        return plot.draw_pair(path, job.scene, job.space, title=job.scene.title)
+        return plot.draw_pair(path, job.scene, title=job.scene.title)
     figure = plot.figure_of(plot.draw_robot(path, job.scene))
     plot.add_title(figure, job.scene.title)
     return figure

@@ -12,6 +12,7 @@ from resgrid.control.log import Ending, Mode, Run
 from resgrid.control.relaxation import TICK, Relaxation, RelaxingGrid
 from resgrid.control.simulation import Simulation, announce_hidden
 from resgrid.errors import InputError
+from resgrid.frozen import frozen, picture_html
 from resgrid.space import ConfigurationSpace
 
 BITS = 10
@@ -21,6 +22,7 @@ _LONGEST = 10_000_000
 _STEPS = 200
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class RelaxationSweep:
     """Runs of one robot on grids that settle at different paces.
@@ -42,10 +44,6 @@ class RelaxationSweep:
     waited: NDArray[np.float64]
     instant: float
 
-    def __post_init__(self) -> None:
-        for array in (self.pace, self.ratio, self.time, self.waited):
-            array.flags.writeable = False
-
     @property
     def arrived(self) -> NDArray[np.bool_]:
         """Which runs arrived, shape (n,)."""
@@ -65,6 +63,7 @@ class RelaxationSweep:
         return float(below.max()) if len(below) else None
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Wavefront:
     """How a change of the map spreads.
@@ -90,9 +89,7 @@ class Wavefront:
     distance: NDArray[np.float64]
     first: NDArray[np.float64]
 
-    def __post_init__(self) -> None:
-        for array in (self.cells, self.potential, self.distance, self.first):
-            array.flags.writeable = False
+    _repr_html_ = picture_html
 
 
 def wavefront(world: Simulation, cells: NDArray[np.float64]) -> Wavefront:

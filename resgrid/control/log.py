@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from resgrid.control.contact import Contacts
 from resgrid.control.plant import Plant
 from resgrid.frame import Frame
+from resgrid.frozen import frozen, picture_html
 from resgrid.planning.fields import Field
 from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
@@ -70,6 +71,7 @@ class End(NamedTuple):
     message: str
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class ContactLog:
     """All contacts of a motion that carried force, one row each.
@@ -88,11 +90,8 @@ class ContactLog:
     body: NDArray[np.int64]
     sticking: NDArray[np.bool_]
 
-    def __post_init__(self) -> None:
-        for array in vars(self).values():
-            array.flags.writeable = False
 
-
+@frozen
 @dataclass(frozen=True, eq=False)
 class Lesson:
     """Cells that contacts proved to be obstacle, and that the map did not show: one solve follows each lesson.
@@ -106,6 +105,7 @@ class Lesson:
     points: NDArray[np.float64]
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Run:
     """A controlled motion, step by step.
@@ -158,11 +158,11 @@ class Run:
     unsolved: int = 0
     scene: Scene | None = None
 
-    def __post_init__(self) -> None:
-        for array in (
-            self.time, self.configuration, self.believed, self.velocity, self.mode, self.torque, self.push
-        ):  # fmt: skip
-            array.flags.writeable = False
+    def __repr__(self) -> str:
+        counts = f"{len(self.contacts.step)} contacts, {len(self.lessons)} lessons"
+        return f"<Run {self.ending} after {self.time[-1]:.4g} s: {len(self.time):,} rows, {counts}>"
+
+    _repr_html_ = picture_html
 
     @property
     def learnt(self) -> NDArray[np.bool_]:

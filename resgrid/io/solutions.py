@@ -15,7 +15,7 @@ from resgrid.io.tables import Views, suffix_of, write
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.spice.power import ir_drop, power_balance
-from resgrid.spice.run.rawfile import format_raw, raw_vectors
+from resgrid.spice.run.rawfile import format_raw, raw_of
 
 
 class _Elements(NamedTuple):
@@ -106,7 +106,7 @@ def _views(op: OperatingPoint, title: str, form: str, about: Mapping[str, Any]) 
         "table": lambda: _table(op),
         "record": lambda: {**about, **solution_record(op), **_record(op)},
         "arrays": lambda: _arrays(op),
-        "waveforms": lambda: format_raw(raw_vectors(op), title=title, form=form),
+        "waveforms": lambda: format_raw(raw_of(op), title=title, form=form),
     }
 
 

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import Netlist
 
 _DIRECT_CURRENT = (
@@ -65,6 +66,7 @@ class Ammeters:
         return self.read()
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class OperatingPoint:
     """The direct-current solution of a netlist.
@@ -130,13 +132,12 @@ class OperatingPoint:
     nonlinear_log_amps: NDArray[np.float64] = field(default_factory=lambda: np.empty(0))
     nonlinear_direction: NDArray[np.int8] = field(default_factory=lambda: np.empty(0, dtype=np.int8))
 
-    def __post_init__(self) -> None:
-        for name in ("voltage", "log_drop", "potential", "floating", "undriven"):
-            array = getattr(self, name)
-            if array is not None:
-                array.flags.writeable = False
-        for amps in (self.nonlinear_amps, self.nonlinear_log_amps, self.nonlinear_direction):
-            amps.flags.writeable = False
+    def __repr__(self) -> str:
+        known = self.voltage[np.isfinite(self.voltage)]
+        span = f"{known.min():.4g} to {known.max():.4g} V"
+        return f"<OperatingPoint of {self.netlist!r}: {span}, {self.method}, {sum(self.seconds.values()):.3g} s>"
+
+    _repr_html_ = picture_html
 
     def is_of(self, netlist: Netlist) -> bool:
         """Whether a netlist has the same resistors and sources, so that this is its operating point too."""

@@ -10,10 +10,12 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from resgrid.errors import InputError
+from resgrid.frozen import frozen
 from resgrid.grids import label_regions
 from resgrid.space import Cell, ConfigurationSpace
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Barriers:
     """The obstacle cells of a space in groups that meet across faces, edges or corners.
@@ -25,10 +27,6 @@ class Barriers:
     space: ConfigurationSpace
     label: NDArray[np.int32]
     virtual: NDArray[np.bool_]
-
-    def __post_init__(self) -> None:
-        self.label.flags.writeable = False
-        self.virtual.flags.writeable = False
 
     @cached_property
     def sizes(self) -> NDArray[np.int64]:

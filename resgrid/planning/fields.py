@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import AccuracyError, CircuitError, InputError
+from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import CellMap, face_shape
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.planning.clearance import obstacle_reach
@@ -21,6 +22,7 @@ if TYPE_CHECKING:
     from resgrid.planning.kernels import Flow
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Field:
     """Potential and face currents on a configuration space.
@@ -57,10 +59,12 @@ class Field:
     face_log_current: tuple[NDArray[np.float64], ...]
     k: float
 
-    def __post_init__(self) -> None:
-        for array in (self.potential, self.log_drop, *self.face_direction, *self.face_log_current):
-            if array is not None:
-                array.flags.writeable = False
+    def __repr__(self) -> str:
+        cells = " x ".join(map(str, self.space.shape))
+        drive = f", driven by {self.wiring.drive}" if self.wiring.drive else ""
+        return f"<Field on {cells} cells: {self.boundary}{drive}, k = {self.k:g}>"
+
+    _repr_html_ = picture_html
 
     @property
     def boundary(self) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
+from resgrid.frozen import frozen, picture_html
 from resgrid.planning.blend import blend, dirichlet_share
 from resgrid.planning.fields import Field
 from resgrid.planning.road import Solution, problem_of, require_uniform, solve_field, solve_problem
@@ -148,6 +149,7 @@ def plan(
     return Planner(blend(*solution.halves, problem.ks[0]), solution)
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class ClearanceCurve:
     """Clearance of paths against the knob that sets how obstacles behave.
@@ -164,9 +166,7 @@ class ClearanceCurve:
     length: NDArray[np.float64]
     counted: NDArray[np.bool_]
 
-    def __post_init__(self) -> None:
-        for name in ("value", "starts", "clearance", "length", "counted"):
-            getattr(self, name).flags.writeable = False
+    _repr_html_ = picture_html
 
     @property
     def mean(self) -> NDArray[np.float64]:

@@ -15,6 +15,7 @@ from scipy import sparse
 
 from resgrid.budget import require_memory
 from resgrid.errors import AccuracyError, InputError
+from resgrid.frozen import frozen
 from resgrid.netlist import GROUND, CellMap, Netlist
 from resgrid.nodal.factors.factor import Factor
 from resgrid.nodal.operating_point import OperatingPoint
@@ -107,6 +108,7 @@ def random_walk(circuit: Netlist | OperatingPoint | RandomWalk, *, method: str =
     return RandomWalk(cells, factors, row, _to_goal(netlist, node_goal, system.unknown, system.size))
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class CollisionProbability:
     """What happens to a random walk from the centre of every cell.  All arrays have the shape of the space.
@@ -128,10 +130,6 @@ class CollisionProbability:
     steps: NDArray[np.float64]
     time_given_success: NDArray[np.float64]
     steps_given_success: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        for array in vars(self).values():
-            array.flags.writeable = False
 
     @property
     def collision(self) -> NDArray[np.float64]:
@@ -189,6 +187,7 @@ def collision_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Col
     )
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class HittingProbability:
     """Where a random walk from the centre of every cell ends.
@@ -199,10 +198,6 @@ class HittingProbability:
 
     probability: NDArray[np.float64]
     log_probability: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        self.probability.flags.writeable = False
-        self.log_probability.flags.writeable = False
 
     @property
     def likeliest(self) -> NDArray[np.int32]:

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
+from resgrid.frozen import frozen, picture_html
 from resgrid.grids import label_regions
 from resgrid.planning.barriers import Barriers, group_obstacles, link
 from resgrid.planning.streamline import Outcome
@@ -41,6 +42,7 @@ class Obstruction:
     alone: tuple[int, ...]
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Separation:
     """Whether a start of a space is separated from the goals, and by which groups of obstacle cells.
@@ -58,6 +60,8 @@ class Separation:
     bounding: tuple[int, ...]
     obstructions: tuple[Obstruction, ...]
     edge: bool
+
+    _repr_html_ = picture_html
 
     @property
     def separating(self) -> tuple[int, ...]:

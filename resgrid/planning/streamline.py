@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
+from resgrid.frozen import frozen, picture_html
 from resgrid.planning.fields import Field
 from resgrid.robots import PointRobot, Robot
 from resgrid.space import ConfigurationSpace
@@ -25,6 +26,7 @@ class Outcome(StrEnum):
     GOAL_BLOCKED = "goal_blocked"
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Streamline:
     """The way of a robot that follows the current from a start to a goal; its `points` lie in the world.
@@ -64,9 +66,12 @@ class Streamline:
     log_duration: float
     field: Field
 
-    def __post_init__(self) -> None:
-        self.axis_points.flags.writeable = False
-        self.cells.flags.writeable = False
+    def __repr__(self) -> str:
+        end = f"{self.outcome}" + ("" if self.goal is None else f" goal {self.goal}")
+        measures = f"length {self.length:.4g}, clearance {self.clearance:.4g}"
+        return f"<Streamline {end}: {len(self.axis_points):,} points, {measures}>"
+
+    _repr_html_ = picture_html
 
     @property
     def space(self) -> ConfigurationSpace:
@@ -98,6 +103,7 @@ class Streamline:
         return np.asarray(self.axis_points + turns * (space.upper - space.lower))
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class ShortPath:
     """A streamline with straight lines in place of its bends; made by `shorten`, checked by `certify_free`.
@@ -121,9 +127,6 @@ class ShortPath:
     length: float
     clearance: float
     original: Streamline
-
-    def __post_init__(self) -> None:
-        self.axis_points.flags.writeable = False
 
     @property
     def field(self) -> Field:

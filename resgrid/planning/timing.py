@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number
 from resgrid.errors import InputError
+from resgrid.frozen import frozen
 from resgrid.planning.streamline import AnyPath, Polyline, robot_of, unwrap
 from resgrid.space import ConfigurationSpace
 
@@ -32,6 +33,7 @@ _MOMENT = 1e-13
 _MOST_SAMPLES = 10_000_000
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Trajectory:
     """A motion: between two knots the acceleration is constant, unless it was resampled.
@@ -58,10 +60,6 @@ class Trajectory:
     accelerations: NDArray[np.float64]
     path: AnyPath
     motion: Trajectory | None = None
-
-    def __post_init__(self) -> None:
-        for array in (self.times, self.positions, self.velocities, self.accelerations):
-            array.flags.writeable = False
 
     @property
     def space(self) -> ConfigurationSpace:

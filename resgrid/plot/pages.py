@@ -88,6 +88,7 @@ def draw_page(
     InputError
         If the space has four axes, or the paths are not of this space.
     """
+    require_paths(paths, field.space)
     if field.space.ndim == 1:
         figure = figure_of(draw_profile(field, scale=scale, paths=paths))
     elif field.space.ndim == 2:
@@ -107,7 +108,7 @@ def _plane_page(field: Field, paths: Sequence[Streamline], k: Sequence[float] | 
     left, right = figure.subplots(2, 1) if stacked else figure.subplots(1, 2)
     draw_potential(field, left, scale=scale)
     if paths:
-        draw_streamlines(paths, field.space, left, k=k)
+        draw_streamlines(paths, left, k=k)
     left.set_title("Potential and paths" if paths else "Potential", fontsize=TEXT)
     draw_currents(field, right)
     right.set_title("Current", fontsize=TEXT)
@@ -119,7 +120,6 @@ def draw_profile(
 ) -> Axes:
     """Draw the potential of a space with one axis over its coordinate, with the starts of paths on the curve."""
     space = field.space
-    require_paths(paths, space)
     shading = shading_of(field, scale)
     axes = new_figure(4.8, 3.2).add_subplot() if ax is None else ax
     axis = space.axes[0]
@@ -154,7 +154,6 @@ def draw_slices(
     if space.ndim != 3:
         raise InputError(f"a field of {space.ndim} axes has no picture: fix an axis, and draw what is left")
     cuts = _cuts(space, axis, indices)
-    require_paths(paths, space)
     shading = shading_of(field, scale)
     columns = min(3, len(cuts))
     rows = -(-len(cuts) // columns)
@@ -225,7 +224,7 @@ def _draw_path(path: Streamline, space: ConfigurationSpace, normal: int, index: 
         )  # fmt: skip
         return
     lower, upper = space.axes[normal].edges[[index, index + 1]]
-    for line in seam_pieces(path, space):
+    for line in seam_pieces(path):
         inside = (line[:, normal] >= lower) & (line[:, normal] <= upper)
         axes.plot(
             line[:, across], line[:, up], color=PATHS[0], linewidth=0.7, alpha=0.7, zorder=4, label="path, projected"

@@ -28,21 +28,28 @@ _FEW = 40
 _REGION = "#9ecae1"
 
 
-def draw_streamlines(
-    paths: Sequence[Streamline], space: ConfigurationSpace, ax: Axes | None = None, *, k: Sequence[float] | None = None
-) -> Axes:
-    """Draw streamlines, their starts and ends, a cross where a start leads nowhere; those of one k share a colour."""
+def draw_path(path: Streamline, ax: Axes | None = None) -> Axes:
+    """Draw a streamline; as `draw_streamlines` otherwise."""
+    return draw_streamlines([path], ax)
+
+
+def draw_streamlines(paths: Sequence[Streamline], ax: Axes | None = None, *, k: Sequence[float] | None = None) -> Axes:
+    """Draw streamlines over what the ax shows, on cells of their space if there is none.
+
+    Their starts and ends are marked, and a cross where a start leads nowhere; those of one k share a colour.
+    """
+    space = paths[0].space
     plane = plane_of(space)
     if k is not None and len(k) != len(paths):
         raise InputError(f"{len(k)} values of k for {len(paths)} paths; give one for each")
     require_paths(paths, space)
-    axes = axes_or_new(ax, plane.aspect)
+    axes = draw_space(space) if ax is None else ax
     blends = [None] * len(paths) if k is None else k
     reached = [path for path in paths if path.outcome == Outcome.REACHED]
     for rank, blend in enumerate(sorted(set(blends), key=lambda blend: blend or 0.0)):
         own = [each for each, at in zip(paths, blends, strict=True) if at == blend and each.outcome == Outcome.REACHED]
         if own:
-            _draw_lines([plane.place(line) for path in own for line in seam_pieces(path, space)], axes, rank, blend)
+            _draw_lines([plane.place(line) for path in own for line in seam_pieces(path)], axes, rank, blend)
     if reached:
         _draw_ends(reached, plane, axes)
     _draw_failures([path for path in paths if path.outcome != Outcome.REACHED], plane, axes)
@@ -58,9 +65,9 @@ def require_paths(paths: Sequence[Streamline], space: ConfigurationSpace) -> Non
             raise InputError(f"path {number} has {path.axis_points.shape[-1]} coordinates, the space {space.ndim} axes")
 
 
-def seam_pieces(path: Streamline, space: ConfigurationSpace) -> list[NDArray[np.float64]]:
+def seam_pieces(path: Streamline) -> list[NDArray[np.float64]]:
     """Cut a streamline where it crosses a periodic seam.  Returns (n, ndim)."""
-    points = path.axis_points
+    points, space = path.axis_points, path.space
     if len(points) < 2:
         return []
     starts, ends = points[:-1], points[1:].copy()

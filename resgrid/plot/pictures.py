@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
@@ -20,10 +21,10 @@ from resgrid.chip.yields import Yield
 from resgrid.control.announced import RelaxationSweep, Wavefront
 from resgrid.control.log import Run
 from resgrid.doors import guarded
-from resgrid.errors import InputError
+from resgrid.errors import InputError, ResgridError
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.planning.fields import Field
+from resgrid.planning.fields import Field, field
 from resgrid.planning.planner import ClearanceCurve
 from resgrid.planning.separation import Separation
 from resgrid.planning.streamline import Streamline
@@ -36,25 +37,28 @@ from resgrid.plot.chip_maps import (
     draw_sensitivity,
     draw_yield,
 )  # fmt: skip
+from resgrid.plot.circuits import MOST_CELLS_A_SIDE
 from resgrid.plot.control import draw_run, draw_runs
 from resgrid.plot.diagrams import draw_sweeps, draw_wavefront
 from resgrid.plot.fields import draw_space
+from resgrid.plot.figures import render_figure
 from resgrid.plot.graphs import draw_circuit
 from resgrid.plot.pages import draw_field
-from resgrid.plot.paths import draw_clearance_curve, draw_separation, draw_streamlines
+from resgrid.plot.paths import draw_clearance_curve, draw_path, draw_separation, draw_streamlines
 from resgrid.plot.workspace import draw_scene
 from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
 
+_NOTEBOOK_DPI = 100
 Picture = Callable[..., Axes | Figure]
 
 
-def _draw_operating_point(op: OperatingPoint, ax: Axes | None = None) -> Axes:
-    return draw_circuit(op.netlist, ax, op=op)
-
-
-def _draw_path(path: Streamline, space: ConfigurationSpace, ax: Axes | None = None) -> Axes:
-    return draw_streamlines([path], space, ax)
+def _draw_operating_point(op: OperatingPoint, ax: Axes | None = None) -> Axes | Figure:
+    """A circuit with its voltages, or, of a grid too large for that, the potential."""
+    cells = op.netlist.cell_map
+    if cells is None or (max(cells.space.shape) <= MOST_CELLS_A_SIDE and cells.space.ndim <= 2):
+        return draw_circuit(op.netlist, ax, op=op)
+    return draw_field(field(op), ax)
 
 
 PICTURES: dict[type, Picture] = {
@@ -72,7 +76,7 @@ PICTURES: dict[type, Picture] = {
     Scene: draw_scene,
     Sensitivity: draw_sensitivity,
     Separation: draw_separation,
-    Streamline: _draw_path,
+    Streamline: draw_path,
     Settling: draw_settled,
     Wavefront: draw_wavefront,
     Yield: draw_yield,
@@ -99,9 +103,10 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     field               potential of one to three axes, or currents  ``quantity`` ("potential", "currents"), ``scale``
                                                                      ("auto", "linear", "log": decades of the drop),
                                                                      ``contours``; of three axes ``axis``, ``indices``
-    paths               streamlines, over what the ax shows          ``k`` (blend of each)
+    path, paths         streamlines, over what the ax shows          ``k`` (blend of each)
     netlist             circuit diagram                              ``op`` (voltages to write)
-    operating point     circuit diagram with voltages
+    operating point     circuit with voltages, or the potential of
+                        a grid with more than 10 cells a side
     separation          what keeps a start from the goals            ``virtual``
     clearance curve     mean and spread against k                    ``unit``, ``cell`` (width, for an error bar)
     run                 workspace and configuration space            ``title``, ``caption``
@@ -148,6 +153,15 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     if ax is not None and "ax" not in takes:
         raise InputError(f"a picture of {_named(value)} has several panels, and is not drawn into one ax: leave ax out")
     return guarded("draw", picture)(value, **options, **({"ax": ax} if "ax" in takes else {}))
+
+
+def image_html(value: object) -> str | None:
+    """The picture of a value as an image in HTML; None where it cannot be drawn."""
+    try:
+        content = render_figure(draw(value), "png", dpi=_NOTEBOOK_DPI)
+    except ResgridError:
+        return None
+    return f'<img src="data:image/png;base64,{b64encode(content).decode()}" alt="picture of {_named(value)}">'
 
 
 def _picture_of(value: object) -> Picture:

@@ -142,9 +142,8 @@ def draw_tips(paths: Sequence[Streamline], scene: Scene, ax: Axes | None = None)
 
 
 def draw_pair(
-    path: Way,
+    path: AnyPath,
     scene: Scene,
-    space: ConfigurationSpace,
     *,
     others: Sequence[Streamline] = (),
     virtual: NDArray[np.bool_] | None = None,
@@ -159,12 +158,10 @@ def draw_pair(
 
     Parameters
     ----------
-    path : Streamline, ShortPath or array_like of float, shape (n, ndim)
-        An array holds points of the world.  The robot is drawn along it; at its start alone where it goes nowhere.
+    path : Streamline, ShortPath or Polyline
+        In a space of two axes.  The robot is drawn along it; at its start alone where it goes nowhere.
     scene : Scene
         Of a robot that moves in the plane.
-    space : ConfigurationSpace
-        Of two axes.
     others : sequence of Streamline
         More paths for the configuration space.
     virtual : ndarray of bool, shape of the space, optional
@@ -186,6 +183,7 @@ def draw_pair(
     InputError
         If the space does not have two axes, or the robot does not move in the plane.
     """
+    space = path.space
     figure = new_figure(PAGE, 4.4 + caption_height(caption))
     left, right = figure.subplots(1, 2)
     draw_robot(path, scene, left)
@@ -197,9 +195,9 @@ def draw_pair(
         draw_space(space, right, virtual=virtual)
         lines = [path, *others] if isinstance(path, Streamline) else list(others)
         if lines:
-            draw_streamlines(lines, space, right)
+            draw_streamlines(lines, right)
         if not isinstance(path, Streamline):
-            _draw_line(unwrap(path if isinstance(path, AnyPath) else Polyline(path, space)), space, right)
+            _draw_line(unwrap(path), space, right)
     right.set_title("Configuration space", fontsize=TEXT)
     add_title(figure, title, caption)
     return figure

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.frame import Frame
+from resgrid.frozen import frozen, picture_html
 from resgrid.robots import Ball, Box, CellSet, HalfSpace, PointRobot, Polygon, Robot, Sampling, Shape
 from resgrid.robots.shapes import Point
 from resgrid.scene.chip import Chip
@@ -31,6 +32,7 @@ HEADINGS = 36
 """Cells of the third axis of a turning robot on a map that does not say."""
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class MapCells:
     """What was read from a map file.
@@ -51,9 +53,6 @@ class MapCells:
     cell: NDArray[np.uint8]
     table: Mapping[str, Any]
     conductivity: NDArray[np.float64] | None = None
-
-    def __post_init__(self) -> None:
-        self.cell.flags.writeable = False
 
     @property
     def obstacles(self) -> CellSet:
@@ -145,6 +144,15 @@ class Scene:
         if problems:
             raise InputError(report(problems, self.source or "scene"))
 
+    def __repr__(self) -> str:
+        cells = " x ".join(str(axis.cells) for axis in self.axes)
+        parts = ("obstacles", "hidden", "goals", "starts")
+        counts = ", ".join(f"{len(getattr(self, part))} {part}" for part in parts if getattr(self, part))
+        source = "" if self.map is None else ", map"
+        return f"<Scene {self.title!r}: {type(self.robot).__name__} on {cells} cells{source}, {counts or 'empty'}>"
+
+    _repr_html_ = picture_html
+
     @property
     def ndim(self) -> int:
         """Number of axes."""
@@ -184,14 +192,16 @@ class Scene:
         if "robot" in changes and self.map is not None and "axes" not in changes:
             changes["axes"], changes["frame"] = self.map.space_of(changes["robot"], self.map_frame)
         axes, frame = changes.get("axes", self.axes), changes.get("frame", self.frame)
+        if not (isinstance(axes, list | tuple) and all(isinstance(axis, Axis) for axis in axes)):
+            return dataclasses.replace(self, axes=axes)  # which says what axes are
         if "goal" in changes:
             goals = _places("goal", changes.pop("goal"))
             changes["goals"] = tuple(GoalPoint(goal) if isinstance(goal, tuple) else goal for goal in goals)
         if "start" in changes:
             starts = _places("start", changes.pop("start"))
-            changes["starts"] = tuple(start_point(start, axes, frame) for start in starts)
+            changes["starts"] = tuple(start_point(start, tuple(axes), frame) for start in starts)
         if isinstance(changes.get("k"), int | float):
-            changes["k"] = (float(changes["k"]),)
+            changes["k"] = (changes["k"],)
         if isinstance(changes.get("edge"), str):
             changes["edge"] = edge_rules((changes["edge"],), axes)
         elif "axes" in changes and "edge" not in changes:

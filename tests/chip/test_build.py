@@ -12,6 +12,7 @@ import resgrid as rg
 from resgrid.chip.passes.values import Temperature
 from resgrid.die import generator, seed_of
 from resgrid.space import Cell
+from resgrid.spice.run.ngspice import simulate
 from resgrid.spice.write.flat import flatten
 
 SWITCHES = {
@@ -57,7 +58,7 @@ def test_ngspice_heats_the_chip_by_its_own_coefficients(tmp_path: Path) -> None:
     netlist = rg.study(scene(), chip).netlist
     deck = tmp_path / "hot.cir"
     deck.write_text(flatten(netlist).text.replace("\n.end", "\n.temp 110\n.end"))
-    told = rg.run_ngspice(deck).voltage
+    told = simulate(deck.read_bytes()).voltage
     point = rg.solve(Temperature(110.0).apply(netlist))
     names = netlist.names_of(np.arange(1, netlist.node_count))
     apart = [abs(told[name] - volts) for name, volts in zip(names, point.voltage[1:].tolist(), strict=True)]

@@ -147,6 +147,6 @@ def test_what_uses_paths_goes_all_the_way(tmp_path: Path) -> None:
     columns = json.loads(write_path(path, tmp_path / "path.json").read_text())
     assert (columns["x"][-1], columns["y"][-1]) == pytest.approx(goal)
     assert replay(path, [CellSet(space.axes, cell == 1)]) is None
-    lines = seam_pieces(path, space)
+    lines = seam_pieces(path)
     np.testing.assert_allclose(lines[-1][-1], (9.25, 2.75))
     assert sum(map(length_of, lines)) == pytest.approx(path.length)

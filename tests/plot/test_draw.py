@@ -56,7 +56,7 @@ ALBUM: dict[str, Callable[[rg.Run], Any]] = {
     "space": lambda _: rg.draw(small_space()),
     "potential": lambda _: rg.draw(small_planner().field),
     "currents": lambda _: rg.draw(small_planner().field, quantity="currents"),
-    "paths": lambda _: rg.draw(paths(), space=small_space(), k=[0.5, 0.5]),
+    "paths": lambda _: rg.draw(paths(), k=[0.5, 0.5]),
     "page": lambda _: rg.draw_page(small_planner().field, paths(), title="Page"),
     "netlist": lambda _: rg.draw(rg.compile_space(small_space())),
     "circuit": lambda _: rg.draw(rg.solve(rg.compile_space(small_space(), boundary="neumann"))),
@@ -132,3 +132,23 @@ def test_an_axes_given_is_used_and_returned(field: rg.Field) -> None:
     axes = rg.draw(field.space)
     assert rg.draw(field, axes) is axes
     assert [text.get_text() for text in axes.get_legend().get_texts()].count("obstacle") == 1
+
+
+def test_central_values_have_a_repr_of_one_line_and_a_picture_in_a_notebook(run: rg.Run, field: rg.Field) -> None:
+    op = rg.solve(rg.compile_space(small_space()))
+    pictured = (run.scene, field.space, field, op, small_op(), run, rg.study(small_op()).power())
+    for value in (*pictured, op.netlist, op.netlist.cells, rg.streamline(field, cell=(0, 4)), run.contacts):
+        text = repr(value)
+        assert "\n" not in text
+        assert "array" not in text
+        assert len(text) < 500
+    for value in pictured:
+        assert '<img src="data:image/png;base64,' in value._repr_html_()
+        assert type(value).__name__ in value._repr_html_()
+    deep = space_of(np.ones((3, 3, 3), int))
+    assert deep._repr_html_() is None
+    assert repr(field.space).startswith(
+        "<ConfigurationSpace of 7 x 5 cells, x 1 to 4.5 m, y -1 to 0.25 m: 11 obstacle, 1"
+    )
+    with pytest.raises(ValueError, match="read-only"):
+        field.potential[0, 0] = 3.0

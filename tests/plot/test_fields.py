@@ -196,7 +196,7 @@ def test_a_small_room_in_a_large_map_fills_the_picture() -> None:
     assert (*axes.get_xlim(), *axes.get_ylim()) == (38, 66, 18, 34)
     assert coloured(axes, (50.5, 25.5)) == (0xE6, 0x9F, 0x00)
     blocked = rg.streamline(solved(space), cell=(90, 70))  # outside the room, and still shown
-    axes = rg.draw(blocked, space=space)
+    axes = rg.draw(blocked)
     assert (*axes.get_xlim(), *axes.get_ylim()) == (38, 90.5, 18, 70.5)
 
 

@@ -23,7 +23,7 @@ def marks_of(axes) -> dict[str, np.ndarray]:
 
 def test_a_path_is_drawn_as_it_is(field: rg.Field) -> None:
     path = rg.streamline(field, cell=(0, 4))
-    axes = rg.draw(path, space=field.space)
+    axes = rg.draw(path)
     (line,) = lines_of(axes)["path"]
     assert np.allclose(line, path.points)
     assert np.allclose(marks_of(axes)["start"], path.points[:1])
@@ -32,7 +32,7 @@ def test_a_path_is_drawn_as_it_is(field: rg.Field) -> None:
 
 def test_paths_of_one_blend_share_a_colour(field: rg.Field, neumann: rg.Field) -> None:
     paths = [rg.streamline(each, cell=cell) for each in (neumann, field) for cell in [(0, 4), (3, 2)]]
-    axes = rg.draw(paths, space=field.space, k=[0.0, 0.0, 1.0, 1.0])
+    axes = rg.draw(paths, k=[0.0, 0.0, 1.0, 1.0])
     assert {label: len(lines) for label, lines in lines_of(axes).items()} == {
         "$k$ = 0 (Neumann)": 2,
         "$k$ = 1 (Dirichlet)": 2,
@@ -40,12 +40,12 @@ def test_paths_of_one_blend_share_a_colour(field: rg.Field, neumann: rg.Field) -
     assert len({tuple(c.get_colors()[0]) for c in axes.collections if isinstance(c, LineCollection)}) == 2
     assert len(marks_of(axes)["start"]) == 2
     with pytest.raises(rg.InputError, match="1 values of k for 4 paths"):
-        rg.draw(paths, space=field.space, k=[1.0])
+        rg.draw(paths, k=[1.0])
 
 
 def test_failures_are_crosses_that_name_their_outcome(field: rg.Field) -> None:
     paths = [rg.streamline(field, cell=cell) for cell in [(5, 3), (2, 2), (2, 1), (0, 0)]]
-    marks = marks_of(rg.draw(paths, space=field.space))
+    marks = marks_of(rg.draw(paths))
     assert np.allclose(marks["no path (1 start)"], [field.space.centre((5, 3))])
     assert len(marks["start blocked (2 starts)"]) == 2
     assert len(marks["start"]) == 1
@@ -63,7 +63,7 @@ def test_lines_break_at_seams_and_keep_their_length(cells: int) -> None:
     crossed = 0
     for start in [(cells - 1 + 0.3, 4.6), (cells - 1 + 0.9, 5.2), (cells / 2 + 0.1, 5.5)]:
         path = rg.streamline(field, start=start)
-        parts = seam_pieces(path, ring)
+        parts = seam_pieces(path)
         crossed += len(parts) - 1
         steps = [np.linalg.norm(np.diff(part, axis=0), axis=1) for part in parts]
         assert max(step.max() for step in steps) <= np.sqrt(2) + 1e-12

@@ -94,7 +94,7 @@ def test_a_pair_has_the_workspace_left_and_the_configurations_right(arm, planner
     path = planner.path((-0.5, 0.6))
     virtual = np.zeros(planner.space.shape, dtype=bool)
     virtual[3, 3] = True
-    figure = rg.draw_pair(path, arm, planner.space, virtual=virtual, title="Title", caption="Caption")
+    figure = rg.draw_pair(path, arm, virtual=virtual, title="Title", caption="Caption")
     figure.canvas.draw()
     left, right = figure.axes
     assert [left.get_title(), right.get_title()] == ["Workspace", "Configuration space"]
@@ -113,7 +113,7 @@ def test_what_separates_is_red_in_both_halves() -> None:
     wall = rg.Box((4, 0), (5, 6))
     scene = rg.Scene(space.axes, robot=rg.DiscRobot(0.1), obstacles=(wall,))
     path = rg.streamline(rg.field(rg.solve(rg.compile_space(space))), cell=(1, 1))
-    figure = rg.draw_pair(path, scene, space, verdict=verdict, separating=[wall])
+    figure = rg.draw_pair(path, scene, verdict=verdict, separating=[wall])
     left, right = figure.axes
     red = np.round(255 * np.array(to_rgba(FAILURE)))
     np.testing.assert_array_equal(

@@ -13,7 +13,7 @@ import pytest
 from support.circuits import ladder
 
 from resgrid.errors import BudgetError, InputError, ToolMissingError
-from resgrid.spice.run.ngspice import run_ngspice, simulate
+from resgrid.spice.run.ngspice import read_deck, simulate
 from resgrid.spice.write.flat import flatten
 
 FLOATING = b"* floating\nv_a a 0 1.0\nr_a_b a b 1e8\nr_b b 0 1e8\nr_x_y x y 1e8\n.end\n"
@@ -30,7 +30,7 @@ def program(folder: Path, body: str) -> Path:
 def test_a_current_source_feeds_its_second_node(tmp_path: Path) -> None:
     deck = tmp_path / "a deck.cir"
     deck.write_text("* signs\nv_a a 0 1.0\ni_b 0 b 1e-05\nr_a_b a b 10000.0\nr_b b 0 10000.0\n.end\n")
-    simulation = run_ngspice(deck)
+    simulation = simulate(read_deck(deck))
     assert simulation.complaints == ()
     assert simulation.voltage == pytest.approx({"a": 1.0, "b": 0.55}, abs=1e-15)
     assert simulation.source_current == pytest.approx({"v_a": -4.5e-5}, abs=1e-18)
@@ -100,35 +100,41 @@ def test_a_script_is_no_deck_and_code_models_are_not_run() -> None:
         ("pathlib.Path('operating_point.raw').mkdir()", "left no raw file"),
     ],
 )
-def test_neither_status_nor_silence_is_believed(tmp_path: Path, body: str, message: str) -> None:
-    simulation = simulate(FLOATING, executable=program(tmp_path, body))
+def test_neither_status_nor_silence_is_believed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, body: str, message: str
+) -> None:
+    monkeypatch.setenv("RESGRID_NGSPICE", str(program(tmp_path, body)))
+    simulation = simulate(FLOATING)
     assert simulation.voltage == {}
     assert simulation.version == "unknown"
     assert re.search(message, "\n".join(simulation.complaints))
 
 
-def test_a_hanging_simulator_is_ended(tmp_path: Path) -> None:
+def test_a_hanging_simulator_is_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pid = tmp_path / "pid"
     hang = program(
         tmp_path,
         "import os\nif '--version' in sys.argv: sys.exit()\n"
         f"pathlib.Path({str(pid)!r}).write_text(str(os.getpid()))\ntime.sleep(60)",
     )
+    monkeypatch.setenv("RESGRID_NGSPICE", str(hang))
     started = time.perf_counter()
     with pytest.raises(BudgetError, match="did not finish deck within 1 s"):
-        simulate(FLOATING, executable=hang, timeout=1.0)
+        simulate(FLOATING, timeout=1.0)
     assert time.perf_counter() - started < 20
     with pytest.raises(ProcessLookupError):
         os.kill(int(pid.read_text()), 0)
 
 
-def test_ctrl_c_ends_the_simulator(tmp_path: Path) -> None:
+def test_ctrl_c_ends_the_simulator(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pid = tmp_path / "pid"
     hang = program(
         tmp_path,
         "import os\nif '--version' in sys.argv: sys.exit()\n"
         f"pathlib.Path({str(pid)!r}).write_text(str(os.getpid()))\ntime.sleep(60)",
     )
+
+    monkeypatch.setenv("RESGRID_NGSPICE", str(hang))
 
     def interrupt_when_running() -> None:
         while not (pid.exists() and pid.read_text()):
@@ -137,17 +143,16 @@ def test_ctrl_c_ends_the_simulator(tmp_path: Path) -> None:
 
     threading.Thread(target=interrupt_when_running, daemon=True).start()
     with pytest.raises(KeyboardInterrupt):
-        simulate(FLOATING, executable=hang)
+        simulate(FLOATING)
     with pytest.raises(ProcessLookupError):
         os.kill(int(pid.read_text()), 0)
 
 
 def test_a_missing_ngspice_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    with pytest.raises(ToolMissingError, match="apt-get install ngspice"):
-        simulate(FLOATING, executable="/nowhere/ngspice")
-    monkeypatch.setenv("RESGRID_NGSPICE", "no-such-program")
-    with pytest.raises(ToolMissingError, match="no-such-program"):
-        simulate(FLOATING)
+    for name in ("/nowhere/ngspice", "no-such-program"):
+        monkeypatch.setenv("RESGRID_NGSPICE", name)
+        with pytest.raises(ToolMissingError, match=f"{name}.*apt-get install ngspice"):
+            simulate(FLOATING)
 
 
 def test_settings_of_the_user_do_not_reach_the_run(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -160,4 +165,4 @@ def test_settings_of_the_user_do_not_reach_the_run(monkeypatch: pytest.MonkeyPat
 @pytest.mark.parametrize("name", ["missing.cir", ".", "a\0b"])
 def test_an_unreadable_deck_is_one_message(tmp_path: Path, name: str) -> None:
     with pytest.raises(InputError, match="cannot read the deck"):
-        run_ngspice(f"{tmp_path}/{name}")
+        read_deck(Path(f"{tmp_path}/{name}"))

@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 from support.circuits import random_grid
 
+import resgrid as rg
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
-from resgrid.spice.run.rawfile import FORMS, RawVectors, format_raw, raw_vectors, read_rawfile, write_raw
+from resgrid.spice.run.rawfile import FORMS, RawFile, format_raw, raw_of, read_rawfile
 
 
 @pytest.mark.parametrize("form", FORMS)
 def test_ngspice_loads_what_is_written(tmp_path: Path, form: str) -> None:
     point = solve(random_grid(3))
-    write_raw(point, tmp_path / "x.raw", form=form, title="a  title\nof two lines")
+    rg.write_solution(point, tmp_path / "x.raw", form=form, title="a  title\nof two lines")
     deck = tmp_path / "load.cir"
     words = ["load x.raw", "set numdgt=16", "print v(node_7)", "print i(v1)", "quit"]
     deck.write_text("* load\n.control\n" + "\n".join(words) + "\n.endc\n.end\n")
@@ -30,14 +31,14 @@ def test_ngspice_loads_what_is_written(tmp_path: Path, form: str) -> None:
 
 def test_binary_files_keep_every_bit() -> None:
     point = solve(random_grid(4))
-    raw = read_rawfile(format_raw(raw_vectors(point)))
+    raw = read_rawfile(format_raw(raw_of(point)))
     np.testing.assert_array_equal(raw.values[0], np.concatenate([point.voltage[1:], point.source_current]))
     assert raw.names[:2] == ("v(node_1)", "v(node_2)") and raw.names[-1] == "i(v3)" and raw.kinds[-1] == "current"
 
 
 def test_text_files_keep_every_digit() -> None:
     values = np.array([[0.1, -1e-300], [1 / 3, 2.5e300]])
-    text = format_raw(RawVectors(("v(a)", "v(b c)"), ("voltage", "voltage"), values), form="ascii").decode()
+    text = format_raw(RawFile("", ("v(a)", "v(b c)"), ("voltage", "voltage"), values), form="ascii").decode()
     numbers = [float(word.split("\t")[-1]) for word in text.partition("Values:\n")[2].splitlines()]
     assert numbers == values.ravel().tolist()
     assert "\tv(bc)\t" in text
@@ -48,11 +49,11 @@ def test_names_are_those_of_ngspice_and_floating_nodes_are_left_out() -> None:
         element_names={"voltage source": ("VDD", "x1.V2", "l7")},
     )
     netlist = netlist.replace(node_count=netlist.node_count + 1)
-    vectors = raw_vectors(solve(netlist))
+    vectors = raw_of(solve(netlist))
     assert vectors.names[-3:] == ["i(vdd)", "i(v.x1.v2)", "i(l7)"]
     assert len(vectors.names) == netlist.node_count - 2 + 3
 
 
 def test_a_wrong_form_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="binary or ascii"):
-        write_raw(solve(random_grid(1)), tmp_path / "x.raw", form="hex")
+        rg.write_solution(solve(random_grid(1)), tmp_path / "x.raw", form="hex")

@@ -14,48 +14,40 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from resgrid.errors import InputError, ToolMissingError
+from resgrid.errors import ToolMissingError
 from resgrid.spice.run.ngspice import (
+    RAW,
     Simulation,
-    log_complaints,
-    operating_point,
-    readings,
+    find_program,
     refuse_commands,
+    result_in,
     run_quietly,
-    simulated_version,
+    version_in,
 )
 
 NODE_VARIABLE, MODULE_VARIABLE = "RESGRID_NODE", "RESGRID_EECIRCUIT"
 PACKAGE = "eecircuit-engine"
+_INSTALL = (
+    f"Node ({{name}}), which runs the engine {PACKAGE}, is not installed: 'sudo apt-get install nodejs npm' (Debian, "
+    f"Ubuntu), 'brew install node' (macOS), or set {NODE_VARIABLE} to the program"
+)
 _SCRIPT = Path(__file__).with_name("eecircuit.mjs")
 _END = re.compile(rb"^[ \t]*\.end[ \t\r]*$.*", re.IGNORECASE | re.MULTILINE | re.DOTALL)
 
 
 def simulate_eecircuit(
-    data: bytes,
-    *,
-    source: str = "deck",
-    timeout: float = 600.0,
-    executable: str | os.PathLike[str] | None = None,
-    direct: bool = False,
+    data: bytes, *, source: str = "deck", timeout: float = 600.0, direct: bool = False
 ) -> Simulation:
     """Find the operating point of a deck's content with ``eecircuit-engine``; as `ngspice.simulate`."""
-    node, module = _find_node(executable), find_module()
+    node, module = find_program(os.environ.get(NODE_VARIABLE) or "node", _INSTALL), find_module()
     refuse_commands(data, source, models=direct)
     with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
         folder = Path(name)
         analysis = b"" if direct else b"\n.options klu\n.op"
         (folder / "deck.cir").write_bytes(_END.sub(b"", data) + analysis + b"\n.end\n")
-        words = [node, str(_SCRIPT), str(module), "deck.cir", "operating_point.raw"]
+        words = [node, str(_SCRIPT), str(module), "deck.cir", RAW]
         status = run_quietly(words, folder, timeout, source, PACKAGE)
-        complaints = log_complaints(folder, PACKAGE)
-        version = simulated_version(folder)
-        try:
-            raw = operating_point(folder / "operating_point.raw")
-        except InputError as error:
-            return Simulation({}, {}, PACKAGE, version, (f"{error} (exit status {status})", *complaints))
-    voltage, current = readings(raw)
-    return Simulation(voltage, current, PACKAGE, version, complaints)
+        return result_in(folder, PACKAGE, version_in(folder), status)
 
 
 def find_module() -> Path:
@@ -89,14 +81,3 @@ def _folders() -> Iterator[Path]:
     node = shutil.which(os.environ.get(NODE_VARIABLE) or "node")
     if node is not None:
         yield Path(node).resolve().parents[1] / "lib" / "node_modules" / PACKAGE
-
-
-def _find_node(executable: str | os.PathLike[str] | None) -> str:
-    wanted = os.fspath(executable) if executable is not None else os.environ.get(NODE_VARIABLE) or "node"
-    found = shutil.which(wanted)
-    if found is None:
-        raise ToolMissingError(
-            f"Node ({wanted!r}), which runs the engine {PACKAGE}, is not installed: 'sudo apt-get install nodejs npm' "
-            f"(Debian, Ubuntu), 'brew install node' (macOS), or set {NODE_VARIABLE} to the program"
-        )
-    return str(Path(found).absolute())

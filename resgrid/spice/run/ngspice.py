@@ -16,11 +16,15 @@ from types import MappingProxyType
 import numpy as np
 
 from resgrid.errors import BudgetError, InputError, ToolMissingError
-from resgrid.spice.dialects import dialect_named
+from resgrid.spice.dialects.ngspice import NGSPICE
 from resgrid.spice.run.rawfile import RawFile, read_rawfile
 
 EXECUTABLE_VARIABLE = "RESGRID_NGSPICE"
-_DECK, _RAW, _LOG = "deck.cir", "operating_point.raw", "log.txt"
+_INSTALL = (
+    "the circuit simulator {name} is not installed: 'sudo apt-get install ngspice' (Debian, Ubuntu), "
+    f"'brew install ngspice' (macOS), or set {EXECUTABLE_VARIABLE} to the program"
+)
+_DECK, RAW, _LOG = "deck.cir", "operating_point.raw", "log.txt"
 _PLOT = "Operating Point"
 _MAX_LOG = 2**20
 _MAX_COMPLAINTS = 10
@@ -49,20 +53,11 @@ VERSIONS = ("39", "46")
 
 @dataclass(frozen=True, eq=False)
 class Simulation:
-    """What the simulator said.
+    """What a simulator said.
 
-    Attributes
-    ----------
-    voltage : mapping of str to float
-        Per node, in volts; empty if there is no operating point.
-    source_current : mapping of str to float
-        Into the plus terminal of every voltage source, in amperes.
-    simulator : str
-        ``"ngspice"``.
-    version : str
-        Its version, ``"unknown"`` if it does not tell.
-    complaints : tuple of str
-        What is wrong with the run, if only by its own messages; empty if it can be trusted.
+    `voltage`: per node, in volts; empty if there is no operating point; `source_current`: into the plus terminal of
+    every voltage source, in amperes; `simulator, version`: who was asked; ``"unknown"`` if it does not tell;
+    `complaints`: what is wrong with the run, if only by its own messages; empty if it can be trusted.
     """
 
     voltage: Mapping[str, float]
@@ -70,38 +65,6 @@ class Simulation:
     simulator: str
     version: str
     complaints: tuple[str, ...]
-
-
-def run_ngspice(
-    deck: str | os.PathLike[str], *, timeout: float = 600.0, executable: str | os.PathLike[str] | None = None
-) -> Simulation:
-    """Find the operating point of a deck with ngspice.
-
-    The deck is copied into a private folder first.  A deck at fault is not an exception: see ``complaints``.
-
-    Parameters
-    ----------
-    deck : path-like
-        A portable deck: no control block, no further files.
-    timeout : float
-        How long to wait, in seconds (64 x 64 cells take 0.4 s, 128 x 128 11 s, 256 x 256 4 min).
-    executable : path-like, optional
-        Program to run; by default what the environment variable ``RESGRID_NGSPICE`` names, otherwise ``ngspice``.
-
-    Returns
-    -------
-    Simulation
-
-    Raises
-    ------
-    InputError
-        If the deck cannot be read, or could run commands.
-    ToolMissingError
-        If ngspice is not installed.
-    BudgetError
-        If it does not end in time.
-    """
-    return simulate(read_deck(Path(deck)), source=str(deck), timeout=timeout, executable=executable)
 
 
 def read_deck(path: Path) -> bytes:
@@ -120,13 +83,16 @@ def simulate(
     *,
     source: str = "deck",
     timeout: float = 600.0,
-    executable: str | os.PathLike[str] | None = None,
     direct: bool = False,
     files: Mapping[str, bytes] = MappingProxyType({}),
     place: str = _DECK,
 ) -> Simulation:
-    """Find the operating point of a deck's content; as `run_ngspice`."""
-    program = _find(executable)
+    """Find the operating point of a deck's content, in a private folder; a deck at fault is no exception.
+
+    ``source`` names it in messages; ``direct``: it asks for its analysis itself; ``files``: what it includes, by their
+    places beside its own ``place``.  It may take ``timeout`` seconds.
+    """
+    program = find_program(os.environ.get(EXECUTABLE_VARIABLE) or "ngspice", _INSTALL)
     refuse_commands(data, source, models=direct, includes=bool(files))
     with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
         folder = Path(name)
@@ -136,33 +102,23 @@ def simulate(
             (own / where).parent.mkdir(parents=True, exist_ok=True)
             (own / where).write_bytes(content)
         if not direct:
-            (folder / "run.cir").write_text(dialect_named("ngspice").commands.format(deck=place), encoding="ascii")
-        words = [program, "-n", "-b", "-r", str(folder / _RAW), place if direct else "run.cir"]
+            (folder / "run.cir").write_text(NGSPICE.commands.format(deck=place), encoding="ascii")
+        words = [program, "-n", "-b", "-r", str(folder / RAW), place if direct else "run.cir"]
         status = run_quietly(words, folder, timeout, source, cwd=own)
-        complaints = log_complaints(folder)
-        try:
-            raw = operating_point(folder / _RAW)
-        except InputError as error:
-            return Simulation({}, {}, "ngspice", version, (f"{error} (exit status {status})", *complaints))
-    voltage, current = readings(raw)
-    return Simulation(voltage, current, "ngspice", version, complaints)
+        return result_in(folder, "ngspice", version, status)
 
 
-def ngspice_version(executable: str | os.PathLike[str] | None = None) -> str:
+def ngspice_version() -> str:
     """Version of the installed ngspice, e.g. ``"39"``; ``"unknown"`` if it does not tell."""
-    program = _find(executable)
     with tempfile.TemporaryDirectory(prefix="resgrid-") as name:
-        return _version(program, Path(name))
+        return _version(find_program(os.environ.get(EXECUTABLE_VARIABLE) or "ngspice", _INSTALL), Path(name))
 
 
-def _find(executable: str | os.PathLike[str] | None) -> str:
-    wanted = os.fspath(executable) if executable is not None else os.environ.get(EXECUTABLE_VARIABLE) or "ngspice"
-    found = shutil.which(wanted)
+def find_program(name: str, remedy: str) -> str:
+    """Absolute path of a program."""
+    found = shutil.which(name)
     if found is None:
-        raise ToolMissingError(
-            f"the circuit simulator {wanted!r} is not installed: 'sudo apt-get install ngspice' (Debian, Ubuntu), "
-            f"'brew install ngspice' (macOS), or set {EXECUTABLE_VARIABLE} to the program"
-        )
+        raise ToolMissingError(remedy.format(name=repr(name)))
     return str(Path(found).absolute())
 
 
@@ -187,10 +143,10 @@ def _version(program: str, folder: Path) -> str:
         run_quietly([program, "--version"], folder, 10.0, "--version")
     except BudgetError:
         return "unknown"
-    return simulated_version(folder)
+    return version_in(folder)
 
 
-def simulated_version(folder: Path) -> str:
+def version_in(folder: Path) -> str:
     """Version of ngspice that the log in a folder tells of."""
     match = _VERSION.search(_read_log(folder))
     return match.group(1) if match else "unknown"
@@ -242,14 +198,23 @@ def _read_log(folder: Path) -> str:
         return log.read(_MAX_LOG).decode("utf-8", "replace")
 
 
-def log_complaints(folder: Path, name: str = "ngspice") -> tuple[str, ...]:
-    """What a simulator complains about in its log."""
+def result_in(folder: Path, simulator: str, version: str, status: int) -> Simulation:
+    """What a simulator left in a folder: its raw file, and what it complains about in its log."""
     lines = (re.sub(r"\s+", " ", line).strip() for line in re.split(r"[\r\n]+", _read_log(folder)))
     bad = dict.fromkeys(line for line in lines if _COMPLAINT.search(line) and not _HARMLESS.search(line))
-    return tuple(f"{name} says: {line[:200]}" for line in list(bad)[:_MAX_COMPLAINTS])
+    complaints = tuple(f"{simulator} says: {line[:200]}" for line in list(bad)[:_MAX_COMPLAINTS])
+    try:
+        raw = _operating_point(folder / RAW)
+    except InputError as error:
+        return Simulation({}, {}, simulator, version, (f"{error} (exit status {status})", *complaints))
+    read: dict[str, dict[str, float]] = {"voltage": {}, "current": {}}
+    for name, kind, value in zip(raw.names, raw.kinds, raw.values[0].tolist(), strict=True):
+        if kind in read:
+            read[kind][_bare(name)] = value
+    return Simulation(read["voltage"], read["current"], simulator, version, complaints)
 
 
-def operating_point(path: Path) -> RawFile:
+def _operating_point(path: Path) -> RawFile:
     """The raw file of an operating point."""
     if not path.is_file():
         raise InputError("ngspice left no raw file")
@@ -263,15 +228,6 @@ def operating_point(path: Path) -> RawFile:
     if "voltage" not in raw.kinds:
         raise InputError("ngspice found no node in the deck")
     return raw
-
-
-def readings(raw: RawFile) -> tuple[Mapping[str, float], Mapping[str, float]]:
-    """Voltage of every node and current of every source, by name."""
-    found: dict[str, dict[str, float]] = {"voltage": {}, "current": {}}
-    for name, kind, value in zip(raw.names, raw.kinds, raw.values[0].tolist(), strict=True):
-        if kind in found:
-            found[kind][_bare(name)] = value
-    return MappingProxyType(found["voltage"]), MappingProxyType(found["current"])
 
 
 def _bare(name: str) -> str:

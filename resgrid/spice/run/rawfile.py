@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import InputError
-from resgrid.files import write_bytes
 from resgrid.netlist import GROUND
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.spice.dialects.ngspice import ngspice_name
@@ -30,8 +28,8 @@ class RawFile:
     """
 
     plot: str
-    names: tuple[str, ...]
-    kinds: tuple[str, ...]
+    names: Sequence[str]
+    kinds: Sequence[str]
     values: NDArray[np.float64] | NDArray[np.complex128]
 
 
@@ -77,75 +75,32 @@ def _variables(lines: list[str], count: int, source: str) -> tuple[tuple[str, ..
     return tuple(row[1] for row in rows), tuple(row[2] for row in rows)
 
 
-@dataclass(frozen=True, eq=False)
-class RawVectors:
-    """What one plot of a raw file holds.
-
-    `names`: such as ``v(out)`` or ``i(v1)``; `kinds`: ``"voltage"`` or ``"current"``; `values` (points, variables):
-    in volts and amperes.
-    """
-
-    names: Sequence[str]
-    kinds: Sequence[str]
-    values: NDArray[np.float64]
-
-
-def write_raw(
-    point: OperatingPoint, path: str | os.PathLike[str], *, title: str = "resistor network", form: str = "binary"
-) -> Path:
-    """Write an operating point as ngspice would: every node's voltage, every voltage source's current.
-
-    Names are spelt as ngspice spells them, in lower case; nodes that float (no voltage) are left out, as are currents
-    that are undetermined.
-
-    Parameters
-    ----------
-    point : OperatingPoint
-    path : path-like
-    title : str
-        First line of the file.
-    form : {"binary", "ascii"}
-        Binary keeps every bit; text keeps 17 digits, the same.
-
-    Returns
-    -------
-    Path
-
-    Raises
-    ------
-    InputError
-        If the form is unknown or the file cannot be written.
-    """
-    return write_bytes(path, format_raw(raw_vectors(point), title=title, form=form))
-
-
-def raw_vectors(point: OperatingPoint) -> RawVectors:
+def raw_of(op: OperatingPoint) -> RawFile:
     """Voltages and source currents of an operating point, with ngspice's names."""
-    netlist = point.netlist
-    nodes = np.flatnonzero(np.isfinite(point.voltage))
+    netlist = op.netlist
+    nodes = np.flatnonzero(np.isfinite(op.voltage))
     nodes = nodes[nodes != GROUND]
-    sources = np.flatnonzero(np.isfinite(point.source_current))
+    sources = np.flatnonzero(np.isfinite(op.source_current))
     given = (netlist.element_names or {}).get("voltage source")
     labels = [given[i] if given else f"v{i + 1}" for i in sources.tolist()]
     names = [f"v({name.lower()})" for name in netlist.names_of(nodes)]
     names += [f"i({ngspice_name(label)})" for label in labels]
     kinds = ["voltage"] * len(nodes) + ["current"] * len(sources)
-    return RawVectors(names, kinds, np.concatenate([point.voltage[nodes], point.source_current[sources]])[np.newaxis])
+    values = np.concatenate([op.voltage[nodes], op.source_current[sources]])[np.newaxis]
+    return RawFile("Operating Point", names, kinds, values)
 
 
-def format_raw(
-    vectors: RawVectors, *, title: str = "resistor network", plot: str = "Operating Point", form: str = "binary"
-) -> bytes:
+def format_raw(raw: RawFile, *, title: str = "resistor network", form: str = "binary") -> bytes:
     """One plot as the content of a raw file."""
     if form not in FORMS:
         raise InputError(f"a raw file cannot be {form!r}; it may be {' or '.join(FORMS)}")
-    points, variables = vectors.values.shape
-    spaceless = ("".join(name.split()) for name in vectors.names)
-    rows = (f"\t{i}\t{name}\t{kind}" for i, (name, kind) in enumerate(zip(spaceless, vectors.kinds, strict=True)))
+    points, variables = raw.values.shape
+    spaceless = ("".join(name.split()) for name in raw.names)
+    rows = (f"\t{i}\t{name}\t{kind}" for i, (name, kind) in enumerate(zip(spaceless, raw.kinds, strict=True)))
     head = [
         f"Title: {' '.join(title.split())}",
         "Date: ",
-        f"Plotname: {plot}",
+        f"Plotname: {raw.plot}",
         "Flags: real",
         f"No. Variables: {variables}",
         f"No. Points: {points}",
@@ -154,11 +109,11 @@ def format_raw(
     ]
     if form == "binary":
         text = "\n".join([*head, "Binary:", ""])
-        return text.encode("utf-8") + np.ascontiguousarray(vectors.values, dtype="<f8").tobytes()
-    return "\n".join([*head, "Values:", *_rows(vectors.values), ""]).encode("utf-8")
+        return text.encode("utf-8") + np.ascontiguousarray(raw.values, dtype="<f8").tobytes()
+    return "\n".join([*head, "Values:", *_rows(raw.values), ""]).encode("utf-8")
 
 
-def _rows(values: NDArray[np.float64]) -> Iterable[str]:
+def _rows(values: NDArray[Any]) -> Iterable[str]:
     for number, row in enumerate(values.tolist()):
         first, *rest = map(repr, row) if row else ("",)
         yield f" {number}\t{first}"

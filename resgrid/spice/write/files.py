@@ -19,12 +19,13 @@ from resgrid.nodal.solve import solve
 from resgrid.scene.chip import Chip
 from resgrid.spice.analyses import Analysis, MismatchAnalysis, TransientAnalysis, kind_of
 from resgrid.spice.dialects import dialect_named
-from resgrid.spice.write import companion
+from resgrid.spice.write.companion import LARGEST, format_companion
 from resgrid.spice.write.expected import expect
 from resgrid.spice.write.flat import Deck, flatten
 from resgrid.spice.write.sidecar import format_sidecar, sidecar_path
-from resgrid.spice.write.statements import additions, format_analyses, only_one
-from resgrid.spice.write.tiles import difference_from_ideal, tile_values, write_tiles
+from resgrid.spice.write.statements import additions, first_source, format_analyses, only_one
+from resgrid.spice.write.tile_deck import write_tiles
+from resgrid.spice.write.tiles import difference_from_ideal, tile_values
 
 Form = Literal["flat", "cells"]
 
@@ -100,29 +101,24 @@ def write_spice(
         If the netlist has no operating point.
     """
     target = _checked_target(Path(path))
-    mismatch: MismatchAnalysis | None = only_one(analyses, MismatchAnalysis)
-    if mismatch is not None and not mismatch.runs:
-        circuit = mismatch.apply(circuit.netlist if isinstance(circuit, OperatingPoint) else circuit)
+    circuit, asked = _drawn(circuit, analyses)
     op = circuit if isinstance(circuit, OperatingPoint) else solve(circuit)
-    after = _after(analyses, mismatch)
-    added = additions(analyses, op.netlist, dialect_named(dialect), after)
-    chip = Chip() if chip is None else chip
+    added = additions(asked, op.netlist, dialect_named(dialect))
+    more: dict[str, Any] = {}
     if form == "cells":
+        chip = Chip() if chip is None else chip
         deck = write_tiles(op.netlist, chip, target.name, dialect=dialect, title=title, additions=added)
+        parts = {f"{target.name}.{suffix}": _hash(text) for suffix, text in deck.parts.items()}
+        more = {"form": form, "tile": tile_values(op.netlist, chip), "files": parts}
     else:
         deck = flatten(op.netlist, dialect=dialect, title=title, additions=added)
     foretold = expect(deck, op)
-    rules = deck.dialect
-    texts = {f"{target.name}.{suffix}": text for suffix, text in deck.parts.items()}
-    parts = {name: _hash(text) for name, text in texts.items()}
-    texts[f"{target.name}.{rules.name}"] = _commands(target.name, deck, analyses, after)
+    beside = {**deck.parts, deck.dialect.name: _commands(target.name, deck, asked)}
     checks = len(foretold.voltage) + len(foretold.source_current) + len(deck.resistors)
-    if verify and rules.checks_itself and not added.spread and checks <= companion.LARGEST:
-        text = companion.format_companion(target.name, deck, foretold, _hash(deck.text))
-        texts[f"{target.name}.verify"] = text
-    more: dict[str, Any] = {"companions": {name: _hash(text) for name, text in texts.items() if name not in parts}}
-    if form == "cells":
-        more |= {"form": form, "tile": tile_values(op.netlist, chip), "files": parts}
+    if verify and deck.dialect.checks_itself and not added.spread and checks <= LARGEST:
+        beside["verify"] = format_companion(target.name, deck, foretold, _hash(deck.text))
+    companions = {f"{target.name}.{key}": _hash(text) for key, text in beside.items() if key not in deck.parts}
+    more = {"companions": companions, **more}
     if analyses:
         more["analyses"] = [_described(item) for item in analyses]
     if expected is not None:
@@ -131,29 +127,37 @@ def write_spice(
         more["scene_sha256"] = scene_sha256
     if form == "cells":
         more["difference_from_flat"] = difference_from_ideal(op)
-    sidecar = sidecar_path(target)
-    texts[sidecar.name] = format_sidecar(target.name, deck, foretold, more)
-    texts[target.name] = deck.text
-    _write_all(target, texts)
+    beside["json"] = format_sidecar(target.name, deck, foretold, more)
+    files = {key: target.with_name(f"{target.name}.{key}") for key in beside}
+    _write_all({**{files[key]: text for key, text in beside.items()}, target: deck.text})
     return WrittenDeck(
         path=target,
-        commands=target.with_name(f"{target.name}.{rules.name}"),
-        sidecar=sidecar,
+        commands=files[deck.dialect.name],
+        sidecar=files["json"],
         sha256=_hash(deck.text),
-        companion=_beside(target, "verify", texts),
-        chip=_beside(target, "chip", texts),
-        pattern=_beside(target, "pattern", texts),
+        companion=files.get("verify"),
+        chip=files.get("chip"),
+        pattern=files.get("pattern"),
     )
 
 
-def _after(analyses: Sequence[Analysis], mismatch: MismatchAnalysis | None) -> Netlist | None:
-    """The circuit after a change of the scene."""
-    transient: TransientAnalysis | None = only_one(analyses, TransientAnalysis)
-    after = None if transient is None else transient.after
-    return mismatch.apply(after) if after is not None and mismatch is not None and not mismatch.runs else after
+def _drawn(
+    circuit: Netlist | OperatingPoint, analyses: Sequence[Analysis]
+) -> tuple[Netlist | OperatingPoint, list[Analysis]]:
+    """The circuit of one chip of a mismatch that is drawn here, and what is left to ask of the simulator."""
+    mismatch: MismatchAnalysis | None = only_one(analyses, MismatchAnalysis)
+    if mismatch is None or mismatch.runs:
+        return circuit, list(analyses)
+    netlist = circuit.netlist if isinstance(circuit, OperatingPoint) else circuit
+    asked = [item for item in analyses if item is not mismatch]
+    for place, item in enumerate(asked):
+        if isinstance(item, TransientAnalysis) and item.after is not None:
+            asked[place] = dataclasses.replace(item, after=mismatch.apply(item.after))
+    return mismatch.apply(netlist), asked
 
 
 def _checked_target(target: Path) -> Path:
+    sidecar_path(target)
     if target.exists() and not (target.is_file() or target.is_dir()):
         raise InputError(f"cannot write a deck to {target}: its sidecar needs a place beside it; name a file")
     if '"' in target.name or not target.name.isprintable():
@@ -161,13 +165,10 @@ def _checked_target(target: Path) -> Path:
     return target
 
 
-def _commands(name: str, deck: Deck, analyses: Sequence[Analysis], after: Netlist | None) -> str:
-    if analyses and not all(isinstance(item, MismatchAnalysis) and not item.runs for item in analyses):
-        return format_analyses(name, deck, analyses, after)
-    source, volts = "", ""
-    if deck.source_names:
-        source, volts = deck.source_names[0], repr(float(deck.netlist.source_volts[deck.sources[0]]))
-    return deck.dialect.commands.format(deck=name, source=source, volts=volts)
+def _commands(name: str, deck: Deck, analyses: Sequence[Analysis]) -> str:
+    if analyses:
+        return format_analyses(name, deck, analyses)
+    return deck.dialect.commands.format(deck=name, **first_source(deck))
 
 
 def _described(analysis: Analysis) -> dict[str, Any]:
@@ -185,16 +186,11 @@ def _checked_json(expected: Mapping[str, Any]) -> Mapping[str, Any]:
     return expected
 
 
-def _beside(target: Path, suffix: str, texts: Mapping[str, str]) -> Path | None:
-    name = f"{target.name}.{suffix}"
-    return target.with_name(name) if name in texts else None
-
-
-def _write_all(target: Path, texts: Mapping[str, str]) -> None:
+def _write_all(texts: Mapping[Path, str]) -> None:
     """Write every file aside, then rename them, the deck last: a set that was interrupted contradicts its hashes."""
     with ExitStack() as stack:
-        for name, text in reversed(list(texts.items())):
-            stack.enter_context(atomic_path(target.with_name(name))).write_bytes(text.encode("utf-8"))
+        for path, text in reversed(list(texts.items())):
+            stack.enter_context(atomic_path(path)).write_bytes(text.encode("utf-8"))
 
 
 def _hash(text: str) -> str:

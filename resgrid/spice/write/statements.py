@@ -46,29 +46,30 @@ def only_one(analyses: Sequence[Analysis], kind: type[Analysis]) -> Any:
     return found[0] if found else None
 
 
-def additions(analyses: Sequence[Analysis], netlist: Netlist, rules: Dialect, after: Netlist | None) -> Additions:
+def additions(analyses: Sequence[Analysis], netlist: Netlist, rules: Dialect) -> Additions:
     """What analyses add to the lines of the deck itself."""
     suffix: dict[int, str] = {}
     transient: TransientAnalysis | None = only_one(analyses, TransientAnalysis)
-    if after is not None and transient is not None:
-        _check_alike(netlist, after)
-        volts = _by_nodes(after, "voltage source", "volts")
-        for source, (pair, low) in enumerate(_by_nodes(netlist, "voltage source", "volts").items()):
-            if volts[pair] != low:
-                points = f"0.0 {low!r} {transient.step!r} {volts[pair]!r}"
+    if transient is not None and transient.after is not None:
+        _check_alike(netlist, transient.after)
+        volts = dict(zip(_ends(transient.after, "voltage source"), transient.after.source_volts.tolist(), strict=True))
+        before = zip(_ends(netlist, "voltage source"), netlist.source_volts.tolist(), strict=True)
+        for source, (ends, low) in enumerate(before):
+            if volts[ends] != low:
+                points = f"0.0 {low!r} {transient.step!r} {volts[ends]!r}"
                 suffix[source] = rules.piecewise.format(points=points)
     if only_one(analyses, NoiseAnalysis) is not None:
         if not len(netlist.source_volts):
             raise InputError("noise is referred to a voltage source, and there is none")
         suffix[0] = suffix.get(0, "") + rules.small_signal
     mismatch: MismatchAnalysis | None = only_one(analyses, MismatchAnalysis)
-    return Additions(suffix, mismatch.sigma if mismatch is not None and mismatch.runs else 0.0)
+    return Additions(suffix, 0.0 if mismatch is None else mismatch.sigma)
 
 
 def _check_alike(before: Netlist, after: Netlist) -> None:
     for kind in (*_SAME_NODES, *_SAME_VALUES):
         for key in ELEMENTS[kind][1]:
-            a, b = (_by_nodes(netlist, kind, key) for netlist in (before, after))
+            a, b = (_sums(netlist, kind, key) for netlist in (before, after))
             if a.keys() != b.keys() or (kind in _SAME_VALUES and a != b):
                 raise InputError(
                     f"the scene after the change differs from the one before in its {kind}s, not only in values: give "
@@ -76,35 +77,36 @@ def _check_alike(before: Netlist, after: Netlist) -> None:
                 )
 
 
-def _by_nodes(netlist: Netlist, kind: str, key: str) -> dict[tuple[str, str], float]:
+def _ends(netlist: Netlist, kind: str) -> list[tuple[str, str]]:
+    """Names of the nodes of elements: those of one grid are the same in all its scenes."""
+    first, second = getattr(netlist, ELEMENTS[kind][0]).T
+    return list(zip(netlist.names_of(first), netlist.names_of(second), strict=True))
+
+
+def _sums(netlist: Netlist, kind: str, key: str) -> dict[tuple[str, str], float]:
     """Sum of a value of elements, such as ``"conductance"``, by the names of their nodes."""
-    nodes, columns = ELEMENTS[kind]
-    values = getattr(netlist, columns[key])
-    names = netlist.names_of(np.arange(netlist.node_count))
-    if values is None:
-        return {}
+    values = getattr(netlist, ELEMENTS[kind][1][key])
     total: dict[tuple[str, str], float] = {}
-    for (a, b), value in zip(getattr(netlist, nodes).tolist(), values.tolist(), strict=True):
-        pair = (names[a], names[b])
-        total[pair] = total.get(pair, 0.0) + value
+    if values is not None:
+        for ends, value in zip(_ends(netlist, kind), values.tolist(), strict=True):
+            total[ends] = total.get(ends, 0.0) + value
     return total
 
 
-def format_analyses(
-    name: str, deck: Deck, analyses: Sequence[Analysis], after: Netlist | None, references: Sequence[str] = ()
-) -> str:
+def format_analyses(name: str, deck: Deck, analyses: Sequence[Analysis]) -> str:
     """Write the file that includes a deck and asks for analyses."""
     rules, words = deck.dialect, deck.dialect.statements
-    _check_names(deck, analyses, references)
-    _check_number(words, deck.dialect.name, analyses)
+    _check_names(deck, analyses)
+    runs = [kind_of(item) for item in analyses if type(item) in _KINDS]
+    if words.one_a_run and len(runs) > 1:
+        raise InputError(f"{rules.name} runs one analysis per file, not {' and '.join(runs)}; write a deck for each")
     include = [rules.include.format(file=name)]
-    change = _change(deck, only_one(analyses, TransientAnalysis), after)
     statements = [line for analysis in analyses for line in _statement(words, name, deck, analysis)]
     lines = [
         f"{rules.comment}analyses of {name}",
         *(line.format(deck=name) for line in words.first),
         *(include if words.deck_first else []),
-        *change,
+        *_change(deck, only_one(analyses, TransientAnalysis)),
         *_probes(words, analyses),
         *_started(words, name, statements),
         *_measures(words, analyses),
@@ -114,24 +116,17 @@ def format_analyses(
     return "\n".join(lines) + "\n"
 
 
-def _check_number(words: Statements, dialect: str, analyses: Sequence[Analysis]) -> None:
-    runs = [
-        item for item in analyses if type(item) in _KINDS and not (isinstance(item, MismatchAnalysis) and not item.runs)
-    ]
-    if words.one_a_run and len(runs) > 1:
-        asked = " and ".join(kind_of(item) for item in runs)
-        raise InputError(f"{dialect} runs one analysis per file, not {asked}; write a deck for each")
-
-
-def _check_names(deck: Deck, analyses: Sequence[Analysis], references: Sequence[str]) -> None:
+def _check_names(deck: Deck, analyses: Sequence[Analysis]) -> None:
     if only_one(analyses, TransientAnalysis) is None and any(isinstance(item, Measure) for item in analyses):
         raise InputError("measure: it measures a transient, and none is asked for; add a TransientAnalysis")
-    nodes, sources = {*deck.node_names, *references}, {*deck.source_names, *references}
+    nodes, sources = set(deck.node_names), set(deck.source_names)
     for analysis in analyses:
-        wanted = [analysis.node] if isinstance(analysis, NoiseAnalysis | Measure) else []
-        wanted += list(analysis.nodes) if isinstance(analysis, Probe) else []
-        missing = [node for node in wanted if node not in nodes]
-        missing += [name for name in (analysis.sources if isinstance(analysis, Probe) else ()) if name not in sources]
+        missing: list[str] = []
+        if isinstance(analysis, NoiseAnalysis | Measure):
+            missing = [] if analysis.node in nodes else [analysis.node]
+        elif isinstance(analysis, Probe):
+            missing = [node for node in analysis.nodes if node not in nodes]
+            missing += [name for name in analysis.sources if name not in sources]
         if missing:
             raise InputError(
                 f"{kind_of(analysis)}: the deck has no node or voltage source {missing[0]!r}; "
@@ -140,9 +135,9 @@ def _check_names(deck: Deck, analyses: Sequence[Analysis], references: Sequence[
 
 
 def _statement(words: Statements, name: str, deck: Deck, analysis: Analysis) -> list[str]:
-    if isinstance(analysis, Probe | Measure) or (isinstance(analysis, MismatchAnalysis) and not analysis.runs):
+    if isinstance(analysis, Probe | Measure):
         return []
-    values: dict[str, Any] = {"deck": name, **_plain(analysis), **_source(deck)}
+    values: dict[str, Any] = {"deck": name, **_plain(analysis), **first_source(deck)}
     if isinstance(analysis, TemperatureAnalysis):
         values["temperatures"] = " ".join(repr(float(value)) for value in analysis.celsius)
         values["count"] = len(analysis.celsius)
@@ -158,7 +153,8 @@ def _plain(analysis: Analysis) -> dict[str, Any]:
     return {key: repr(value) if isinstance(value, float) else value for key, value in asdict(analysis).items()}
 
 
-def _source(deck: Deck) -> dict[str, str]:
+def first_source(deck: Deck) -> dict[str, str]:
+    """Name and volts of the first voltage source of a deck, which some statements need."""
     if not deck.source_names:
         return {"source": "", "volts": ""}
     number = int(np.argmin(deck.sources))
@@ -179,8 +175,8 @@ def _probes(words: Statements, analyses: Sequence[Analysis]) -> list[str]:
         template.format(name=name)
         for probe in analyses
         if isinstance(probe, Probe)
-        for template, wanted in ((words.probe_voltage, probe.nodes), (words.probe_current, probe.sources))
-        for name in wanted
+        for template, names in ((words.probe_voltage, probe.nodes), (words.probe_current, probe.sources))
+        for name in names
     ]
     if not what:
         return [words.print_all.format(kind=kind) for kind in kinds if words.print_all]
@@ -197,30 +193,23 @@ def _measures(words: Statements, analyses: Sequence[Analysis]) -> list[str]:
     return [*words.measure_first, *lines, *words.measure_last] if lines else []
 
 
-def _change(deck: Deck, transient: TransientAnalysis | None, after: Netlist | None) -> list[str]:
+def _change(deck: Deck, transient: TransientAnalysis | None) -> Iterator[str]:
     """Elements that turn the deck's scene into the next one: currents that a step switches on.
 
     What a changed resistor carries more, ``(g_after - g_before) V``, is a source of that current times the step;
     what its sources feed in more is one that follows it, too.
     """
-    if transient is None or after is None:
-        return []
-    rules, before = deck.dialect, deck.netlist
+    if transient is None or transient.after is None:
+        return
+    rules, before, after = deck.dialect, deck.netlist, transient.after
+    names = dict(zip(before.names_of(deck.nodes), deck.node_names, strict=True))
+    names[before.node_name(GROUND)] = rules.ground
     wave = rules.piecewise.format(points=f"0.0 0.0 {transient.step!r} 1.0")
-    lines = [
-        rules.voltage_source.format(name="v_scene_step", a="scene_step", b=rules.ground, value="0.0") + wave,
-        *_changed_elements(deck, before, after),
-    ]
-    return [f"{rules.comment}the change of the scene", *lines]
-
-
-def _changed_elements(deck: Deck, before: Netlist, after: Netlist) -> Iterator[str]:
-    rules = deck.dialect
-    own = before.names_of(deck.nodes)
-    names = dict(zip(own, deck.node_names, strict=True)) | {before.node_name(GROUND): rules.ground}
+    yield f"{rules.comment}the change of the scene"
+    yield rules.voltage_source.format(name="v_scene_step", a="scene_step", b=rules.ground, value="0.0") + wave
     step = rules.voltage.format(a="scene_step", b=rules.ground)
-    siemens = _by_nodes(after, "resistor", "conductance")
-    for number, ((first, second), value) in enumerate(_by_nodes(before, "resistor", "conductance").items()):
+    siemens = _sums(after, "resistor", "conductance")
+    for number, ((first, second), value) in enumerate(_sums(before, "resistor", "conductance").items()):
         difference = siemens[first, second] - value
         if difference and first in names and second in names:
             a, b = names[first], names[second]
@@ -229,9 +218,8 @@ def _changed_elements(deck: Deck, before: Netlist, after: Netlist) -> Iterator[s
     fed = _fed(after)
     for node, amps in _fed(before).items():
         difference = fed[node] - amps
-        if difference and node in names and node != before.node_name(GROUND):
-            current = f"({difference!r})*{step}"
-            name = f"b_drive_{names[node]}"
+        if difference and names.get(node, rules.ground) != rules.ground:
+            name, current = f"b_drive_{names[node]}", f"({difference!r})*{step}"
             yield rules.behavioural_current.format(name=name, a=rules.ground, b=names[node], value=current)
 
 

@@ -1,0 +1,251 @@
+"""Tiles as text: a subcircuit per kind of tile, the array of them, and the scene as a pattern of parameters.
+
+Three files: the deck (title, supplies, and what it includes), the chip (tiles and array; the same for every scene of
+its grid, if costs and passes leave it so) and the pattern (one parameter a cell, its `State`).  The expressions are
+polynomials in the state, exact for the states there are, because simulators agree on nothing but arithmetic:
+
+    blocked = s (2 - s) (3 - s) / 2,   goal = s (s - 1) (3 - s) / 2,   driven = s (s - 1) (s - 2) / 6
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.netlist import Netlist
+from resgrid.scene.chip import Chip
+from resgrid.spice.dialects.record import Dialect
+from resgrid.spice.write.flat import Additions, Deck, fill, flatten, plain, spread_preamble
+from resgrid.spice.write.tiles import ENDS, RAILS, Tiles, tiles_of
+
+_BLOCKED = "{0}*(2-{0})*(3-{0})/2"
+_GOAL = "{0}*({0}-1)*(3-{0})/2"
+_DRIVEN = "{0}*({0}-1)*({0}-2)/6"
+_FREE = "(1-{0})*(2-{0})*(3-{0})/6"
+
+
+def write_tiles(
+    netlist: Netlist, chip: Chip, name: str, *, dialect: str, title: str | None, additions: Additions
+) -> Deck:
+    """Write the netlist that a chip's passes made as the tiles of a deck in a file of this name."""
+    tiles = tiles_of(netlist, chip)
+    size = " x ".join(map(str, tiles.shape))
+    if title is None:
+        title = f"array of {size} tiles, {tiles.wiring.boundary} boundary"
+    flat = flatten(netlist, dialect=dialect, title=title)
+    labels = [node.removeprefix("n_") for node in netlist.names_of(netlist.cells.node.ravel())]
+    names, values = _simulated_resistors(tiles, labels)
+    files = {
+        "": _deck_lines(tiles, flat, name, additions),
+        "chip": _chip_lines(tiles, flat.dialect, labels, additions.spread),
+        "pattern": _pattern_lines(tiles, flat, labels),
+    }
+    texts = {part: "\n".join([*lines, ""]) for part, lines in files.items()}
+    return dataclasses.replace(flat, text=texts.pop(""), parts=texts, resistors=names, resistor_value=values)
+
+
+def _deck_lines(tiles: Tiles, flat: Deck, name: str, additions: Additions) -> Iterator[str]:
+    rules, netlist = flat.dialect, tiles.netlist
+    yield f"{rules.comment}{flat.title}"
+    yield f"{rules.comment}{rules.name} dialect: the pattern sets the switches of the chip's tiles"
+    yield from rules.preamble
+    yield from (rules.include.format(file=f"{name}.{part}") for part in ("pattern", "chip"))
+    yield f"{rules.comment}supplies of the rails"
+    supplies = zip(netlist.names_of(netlist.source_nodes[:, 0]), plain(netlist.source_volts), strict=True)
+    for number, (node, volts) in sorted(enumerate(supplies), key=lambda entry: entry[1], reverse=True):
+        source = rules.voltage_source.format(name=f"v_{node}", a=node, b=rules.ground, value=volts)
+        yield source + additions.suffix.get(number, "")
+    yield from [rules.end] if rules.end else []
+
+
+def _pattern_lines(tiles: Tiles, flat: Deck, labels: Sequence[str]) -> Iterator[str]:
+    rules = flat.dialect
+    yield f"{rules.comment}pattern: {flat.title}"
+    yield f"{rules.comment}state of every tile: 0 free, 1 blocked, 2 goal, 3 driven"
+    if tiles.wiring.drive == "uniform":
+        yield rules.parameter.format(name="drive", value=repr(tiles.amps))
+    states = {"name": [f"state_{label}" for label in labels], "value": map(str, tiles.state.tolist())}
+    yield from fill(rules.parameter, states)
+
+
+def _chip_lines(tiles: Tiles, rules: Dialect, labels: Sequence[str], spread: float) -> Iterator[str]:
+    dimensions, links = len(tiles.shape), tiles.links
+    link = np.full((len(tiles.state), dimensions), -1)
+    link[tiles.cell[links], tiles.axis[links]] = links
+    kinds = (link >= 0) @ (1 << np.arange(dimensions))
+    masters = {kind: _master(kind, dimensions) for kind in np.unique(kinds).tolist()}
+    yield f"{rules.comment}chip: array of {' x '.join(map(str, tiles.shape))} tiles"
+    yield from spread_preamble(rules, spread)
+    for kind, master in masters.items():
+        yield from _subcircuit(rules, tiles, master, [axis for axis in range(dimensions) if kind >> axis & 1], spread)
+    yield f"{rules.comment}the array"
+    yield from _instances(rules, tiles, link, [masters[kind] for kind in kinds.tolist()], labels)
+    yield from fill(rules.resistor, {
+        "name": _edge_names(tiles, labels),
+        "a": [f"n_{labels[cell]}" for cell in tiles.cell[tiles.edges].tolist()],
+        "b": ["obstacle"] * len(tiles.edges),
+        "value": _edge_values(rules, tiles, labels),
+    })  # fmt: skip
+
+
+def _master(kind: int, dimensions: int) -> str:
+    """Name of a tile: ``tile`` has a link along every axis, ``tile_0_2`` along the axes 0 and 2."""
+    if kind == (1 << dimensions) - 1:
+        return "tile"
+    return "tile_" + ("_".join(str(axis) for axis in range(dimensions) if kind >> axis & 1) or "end")
+
+
+def _parameters(tiles: Tiles, axis: int) -> dict[str, tuple[NDArray[np.float64], float]]:
+    """Parameters of a tile for the resistor along an axis: values of all resistors, and the usual one, in ohms."""
+    own = tiles.resistance[tiles.links[tiles.axis[tiles.links] == axis]]
+    values, count = np.unique(own, return_counts=True)
+    parameters = {f"resistance_{axis}": (tiles.resistance, float(values[count.argmax()]) if values.size else 0.0)}
+    if tiles.wiring.wall_resistance:
+        parameters[_wall(tiles, axis)] = (tiles.wall, tiles.wiring.wall_resistance)
+    return parameters
+
+
+def _wall(tiles: Tiles, axis: int) -> str:
+    """The parameter of a wall: one for all, unless mismatch tells them apart."""
+    return f"wall_resistance_{axis}" if len(np.unique(tiles.wall[tiles.links])) > 1 else "wall_resistance"
+
+
+def _state_beside(tiles: Tiles, axis: int) -> str:
+    """A tile's parameter for the state of the next tile; along a single axis, tiles have states of the plain names."""
+    return f"state_{axis}" if len(tiles.shape) > 1 else "state_beside"
+
+
+def _has_switched_links(tiles: Tiles) -> bool:
+    return "internodal_switch_on" in tiles.ohms
+
+
+def _heeds_neighbours(tiles: Tiles) -> bool:
+    return tiles.wiring.boundary in ("neumann", "wall")
+
+
+def _subcircuit(rules: Dialect, tiles: Tiles, master: str, axes: Sequence[int], spread: float) -> Iterator[str]:
+    defaults: dict[str, float | int] = {"state": 0}
+    if _heeds_neighbours(tiles):
+        defaults |= {_state_beside(tiles, axis): 0 for axis in axes}
+    usual = {name: ohms for axis in axes for name, (_, ohms) in _parameters(tiles, axis).items()}
+    defaults |= {name: ohms for name, ohms in usual.items() if name.startswith("resistance")}
+    for name in (*RAILS, *(["internodal"] if _has_switched_links(tiles) and axes else [])):
+        defaults |= {f"{name}_switch_{end}": tiles.ohms[f"{name}_switch_{end}"] for end in ENDS}
+    defaults |= usual
+    if tiles.capacitance:
+        defaults["capacitance"] = tiles.capacitance
+    nodes = " ".join(["n", *(f"next_{axis}" for axis in axes), *RAILS])
+    given = rules.parameters.format(values=" ".join(f"{name}={value!r}" for name, value in defaults.items()))
+    yield rules.subcircuit.format(name=master, nodes=nodes, defaults="" if rules.parameters_in_body else given)
+    if rules.parameters_in_body:
+        yield given
+    yield from _elements(rules, tiles, axes, spread)
+    yield rules.end_subcircuit if rules.parameters_in_body else f"{rules.end_subcircuit} {master}"
+
+
+def _elements(rules: Dialect, tiles: Tiles, axes: Sequence[int], spread: float) -> Iterator[str]:
+    def expression(value: str) -> str:
+        return rules.expression.format(value=value)
+
+    for axis in axes:
+        far = f"m_{axis}" if _has_switched_links(tiles) else f"next_{axis}"
+        link = {"name": f"r_link_{axis}", "a": "n", "b": far}
+        if spread:
+            yield rules.spread_resistor.format(**link, value=f"resistance_{axis}", sigma=repr(spread))
+        else:
+            yield rules.resistor.format(**link, value=expression(f"resistance_{axis}"))
+        if _has_switched_links(tiles):
+            series = expression(_internodal(tiles, axis))
+            yield rules.resistor.format(name=f"r_internodal_{axis}", a=far, b=f"next_{axis}", value=series)
+    tied = _DRIVEN if tiles.wiring.is_driven else _BLOCKED
+    for rail, closed in zip(RAILS, (tied, _GOAL), strict=True):
+        ohms = expression(_switch(rail, closed.format("state")))
+        yield rules.resistor.format(name=f"r_{rail}", a="n", b=rail, value=ohms)
+    if tiles.capacitance:
+        yield rules.capacitor.format(name="c_node", a="n", b=rules.ground, value=expression("capacitance"))
+    if tiles.wiring.drive == "uniform":
+        amps = expression(f"drive*{_FREE.format('state')}")
+        yield rules.current_source.format(name="i_drive", a=rules.ground, b="n", value=amps)
+
+
+def _switch(name: str, closed: str) -> str:
+    return f"{name}_switch_on*({closed})+{name}_switch_off*(1-({closed}))"
+
+
+def _internodal(tiles: Tiles, axis: int) -> str:
+    own, other = _BLOCKED.format("state"), _BLOCKED.format(_state_beside(tiles, axis))
+    if tiles.wiring.is_driven:
+        return _switch("internodal", f"(1-{own})*(1-{other})")
+    if tiles.wiring.wall_resistance:
+        return f"internodal_switch_on+{_wall(tiles, axis)}*({own}-{other})*({own}-{other})"
+    return "internodal_switch_on"
+
+
+def _instances(
+    rules: Dialect, tiles: Tiles, link: NDArray[np.int64], masters: Sequence[str], labels: Sequence[str]
+) -> Iterator[str]:
+    usual = [
+        {name: (ohms.tolist(), most) for name, (ohms, most) in _parameters(tiles, axis).items()}
+        for axis in range(len(tiles.shape))
+    ]
+    beyond = tiles.beyond.tolist()
+    states = [rules.expression.format(value=f"state_{label}") for label in labels]
+    for cell, (label, master, row) in enumerate(zip(labels, masters, link.tolist(), strict=True)):
+        values, nodes = {"state": states[cell]}, [f"n_{label}"]
+        for axis, number in enumerate(row):
+            if number < 0:
+                continue
+            nodes.append(f"n_{labels[beyond[number]]}")
+            if _heeds_neighbours(tiles):
+                values[_state_beside(tiles, axis)] = states[beyond[number]]
+            values |= {name: repr(ohms[number]) for name, (ohms, most) in usual[axis].items() if ohms[number] != most}
+        given = "".join(f" {name}={value}" for name, value in values.items())
+        yield rules.instance.format(
+            name=f"x_{label}",
+            nodes=" ".join([*nodes, "obstacle", "goal_0"]),
+            master=master,
+            values=f"{rules.instance_parameters}{given}",
+        )
+
+
+def _edge_names(tiles: Tiles, labels: Sequence[str]) -> list[str]:
+    """Names of the resistors behind the edge, by cell and face."""
+    columns = (column[tiles.edges].tolist() for column in (tiles.cell, tiles.axis, tiles.upward))
+    return [
+        f"r_edge_{labels[cell]}_{axis}_{'upper' if upward else 'lower'}"
+        for cell, axis, upward in zip(*columns, strict=True)
+    ]
+
+
+def _edge_values(rules: Dialect, tiles: Tiles, labels: Sequence[str]) -> list[str]:
+    """Resistances to the obstacle rail beyond the edge; with walls these follow the state of the tile."""
+    ohms = plain(tiles.resistance[tiles.edges])
+    if not tiles.wiring.wall_resistance:
+        return ohms
+    walls = zip(ohms, plain(tiles.wall[tiles.edges]), tiles.cell[tiles.edges].tolist(), strict=True)
+    return [
+        rules.expression.format(value=f"{own}+{wall}*(1-{_BLOCKED.format(f'state_{labels[cell]}')})")
+        for own, wall, cell in walls
+    ]
+
+
+def _simulated_resistors(tiles: Tiles, labels: Sequence[str]) -> tuple[list[str], NDArray[np.float64]]:
+    """Every resistor of the array as ngspice expands it, and its value in ohms."""
+    links, edges = tiles.links, tiles.edges
+    places = [
+        (labels[cell], axis) for cell, axis in zip(tiles.cell[links].tolist(), tiles.axis[links].tolist(), strict=True)
+    ]
+    names = [f"r.x_{label}.r_link_{axis}" for label, axis in places]
+    values = [tiles.resistance[links]]
+    if _has_switched_links(tiles):
+        names += [f"r.x_{label}.r_internodal_{axis}" for label, axis in places]
+        values.append(tiles.series[links])
+    names += _edge_names(tiles, labels)
+    values.append(tiles.resistance[edges] + tiles.series[edges])
+    for rail, ohms in tiles.rail_switches.items():
+        names += [f"r.x_{label}.r_{rail}" for label in labels]
+        values.append(ohms)
+    return names, np.concatenate(values)
