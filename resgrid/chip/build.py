@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from resgrid import die
 from resgrid.chip import passes
+from resgrid.chip.figures import formatted
 from resgrid.chip.passes import InternodalSwitches, Mismatch, Pass
 from resgrid.chip.passes.base import checked
 from resgrid.die import seed_of
@@ -18,6 +19,7 @@ from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.planning.road import compile_circuit
 from resgrid.scene.chip import Chip
+from resgrid.scene.table import described_keys
 from resgrid.space import ConfigurationSpace
 from resgrid.wiring import Wiring, wiring_of
 
@@ -74,11 +76,12 @@ def ideal_netlist(space: ConfigurationSpace, chip: Chip, wiring: Wiring | Mappin
     return compile_circuit(space, wiring_of(None, options | values))
 
 
-def conductance_samples(netlist: Netlist, chip: Chip, seeds: Iterable[Any]) -> tuple[Netlist, NDArray[np.float64]]:
-    """The conductances of many chips on one and the same circuit, without building a netlist for each.
+def conductance_samples(netlist: Netlist, seeds: Iterable[Any], *, chip: Chip) -> tuple[Netlist, NDArray[np.float64]]:
+    """The conductances of many chips on one circuit, without building a netlist for each; for `solve_many`.
 
-    Returns the chip without mismatch and, row by row, the conductances in siemens of ``build_chip(netlist, chip,
-    seed)``, shape (chips, resistors).
+    `seeds`: one for each chip.  Returns the chip without mismatch and, row by row, the conductances in siemens of
+    ``build_chip(study.ideal, study.chip, seed)``, shape (chips, resistors).  Refused where defects or saturation change
+    the circuit.
     """
     if chip.saturation_voltage is not None or chip.defects.open_density or chip.defects.short_density:
         raise InputError(
@@ -116,6 +119,32 @@ def chip_keys(chip: Chip) -> Iterator[tuple[str, Any]]:
             yield from ((f"{item.name}.{part.name}", getattr(value, part.name)) for part in dataclasses.fields(value))
         else:
             yield item.name, value
+
+
+def described(chip: Chip, shape: Sequence[int], boundary: str) -> list[tuple[str, str, str]]:
+    """What a chip is made of, key by key, without what is ideal: key, value, meaning."""
+    meaning = {"dirichlet": "are a rail", "neumann": "are open", "wall": "are a rail behind a resistance"}[boundary]
+    size = f"{' x '.join(map(str, shape))} cells"
+    rows = [("grid", size, "one node each"), ("boundary", boundary, f"obstacles {meaning}")]
+    values, about = dict(chip_keys(chip)), described_keys(type(chip))
+    if chip.sheet_resistance is None:
+        del values["drawing_grid"]
+    for key, value in values.items():
+        unit, meaning = about[key]
+        if value is not None:
+            rows.append((key, value_text(value, unit), meaning))
+    return rows
+
+
+def value_text(value: Any, unit: str) -> str:
+    """A value of a chip for people."""
+    if isinstance(value, tuple):
+        return ", ".join(value_text(part, unit) for part in value)
+    if value is None:
+        return "none"
+    if unit in ("% µm", "1/K", "1/K^2") or isinstance(value, str):
+        return f"{value} {unit}".strip()
+    return formatted(value, unit)
 
 
 def keys_not_held(chip: Chip, form: Form) -> tuple[str, ...]:

@@ -140,15 +140,22 @@ class Criticality(Result):
 
 def analyse_criticality(
     netlist: Netlist,
-    readout: Readout | None = None,
     *,
+    readout: Readout | None = None,
     starts: ArrayLike | None = None,
-    short_resistance: float = 1.0,
+    short_resistance: float | None = None,
     seconds: float | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Criticality:
-    """Make every element of a chip faulty, one at a time, and count the starts that are lost: `Study.criticality`."""
+    """Make every resistor and switch of the chip faulty, one at a time, and count the starts that are lost.
+
+    `readout`: what the robot sees, by default the chip's; its offset and noise do not count, and an ideal one has 40
+    bits, which tell steps of 1e-12 of the supply; `starts`: a mask of cells, by default every free cell with a way to a
+    goal; `short_resistance`: in ohms, by default the chip's; `seconds`: after which no further element is examined,
+    those with the largest currents being the first; `progress`: called with the elements done and those in all.
+    """
     cells = cells_with_nodes(netlist, "faults that cost starts")
+    short_resistance = 1.0 if short_resistance is None else short_resistance
     check_number("short_resistance", short_resistance, "positive and finite, in ohms", above=0.0)
     if seconds is not None and not (is_number(seconds) or seconds == np.inf):
         raise InputError(f"seconds = {seconds!r} must be a number, or None for as long as it takes")

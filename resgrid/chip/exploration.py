@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from difflib import get_close_matches
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.chip.build import chip_keys
+from resgrid.chip.build import chip_keys, ideal_netlist
 from resgrid.chip.figures import Figure, Result
 from resgrid.chip.trials import prepare, run_trials
 from resgrid.chip.yields import Progress, count_trials, overall_of
@@ -92,21 +92,24 @@ class Exploration(Result):
 
 
 def explore_yield(
-    ideal_of: Callable[[Chip], Netlist],
-    chip: Chip,
+    netlist: Netlist,
     first: Sweep | None = None,
     second: Sweep | None = None,
     *,
+    chip: Chip | None = None,
     trials: int = 64,
     confidence: float = 0.95,
     executor: Executor | None = None,
     progress: Progress | None = None,
 ) -> Exploration:
-    """Find the yield over a grid of any two values of a chip: `Study.exploration`.
+    """How the yield depends on any two values of the chip, on the same dies throughout.
 
-    ``ideal_of`` makes the ideal netlist of a chip.  Points that differ in the read-out only share their chips, which
-    are solved once.
+    `first, second`: a key of the chip, with dots (``"readout.bits"``), and its values in ascending order of cost, the
+    second being what is paid for (`Exploration.cheapest`); by default the offset or the mismatch, and the bits of the
+    converter; `trials`: chips at every point; `confidence`: of the intervals; `executor`: as in `yields`; `progress`:
+    called after every group of points with the trials done, those in all, and the last point's yield.
     """
+    cells, chip = netlist.cells, chip or Chip()
     first, second = first or _usual_sweep(chip), second or ("readout.bits", _BITS)
     if trials < 1:
         raise InputError(f"trials = {trials} must be at least 1")
@@ -120,7 +123,9 @@ def explore_yield(
     share, low, high = np.empty((3, len(first[1]), len(second[1])))
     done = 0
     for kind, members in _groups(points).items():
-        experiment = prepare(ideal_of(kind), kind, [points[place].readout for place in members])
+        # Points that differ in the read-out only share their chips, which are solved once.
+        ideal = ideal_netlist(cells.space, kind, cells.wiring)
+        experiment = prepare(ideal, kind, [points[place].readout for place in members])
         numbers = range(trials if experiment.random else 1)
         tally = sum(count_trials(experiment, numbers, executor), start=run_trials(experiment, []))
         for number, place in enumerate(members):

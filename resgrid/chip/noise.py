@@ -116,13 +116,27 @@ def analyse_noise(
     netlist: Netlist,
     *,
     band: tuple[float, float] | None = None,
-    temperature: float = ROOM,
+    temperature: float | None = None,
     method: str = "auto",
     samples: int = 64,
     seed: int = 0,
 ) -> Noise:
-    """Find the thermal noise of every node's voltage: `Study.noise`."""
-    _check_temperature(temperature)
+    """Thermal noise of every node's voltage.
+
+    `band`: limits of the integral, in hertz (a read-out of noise bandwidth ``B`` takes ``(0, B)``); by default that of
+    the read-out, else all that capacitances let through; none without a chip's description; `temperature`: in kelvin,
+    by default the die's; `method`: "exact", the diagonal of the inverse from the factors, or "estimate", from products
+    with so many `samples` of random signs of a `seed`, for grids of three or more dimensions whose factors are large.
+
+    Raises
+    ------
+    CircuitError
+        If a node is tied to no rail by resistors.
+    AccuracyError
+        If conductances span so many decades that rounding may be more than 1e-3 of a density within the band, or a
+        tenth of what is estimated.
+    """
+    kelvin = _checked_temperature(temperature)
     if method not in METHODS:
         raise InputError(f"method = {method!r} is unknown; it may be one of {', '.join(METHODS)}")
     if samples == 1:
@@ -137,7 +151,7 @@ def analyse_noise(
     integrals = (
         find_exactly(dynamics, band) if exact else estimate(dynamics, band, random_signs(dynamics.size, samples, seed))
     )
-    scale = BOLTZMANN * temperature
+    scale = BOLTZMANN * kelvin
     total = total_error = None
     if band is not None:
         root = np.sqrt(4.0 * scale * np.maximum(integrals.area, 0.0))
@@ -146,7 +160,7 @@ def analyse_noise(
         total = dynamics.at_nodes(root)
     return Noise(
         netlist=netlist,
-        temperature=float(temperature),
+        temperature=kelvin,
         resistance=dynamics.at_nodes(integrals.resistance),
         resistance_error=dynamics.at_nodes(integrals.resistance_error),
         limit=dynamics.at_nodes(np.sqrt(scale * _elastance(dynamics))),
@@ -158,12 +172,23 @@ def analyse_noise(
 
 
 def noise_density(
-    netlist: Netlist, nodes: ArrayLike, frequencies: ArrayLike, *, temperature: float = ROOM
+    netlist: Netlist, nodes: ArrayLike, frequencies: ArrayLike, *, temperature: float | None = None
 ) -> NDArray[np.float64]:
-    """Spot density of thermal noise, ``4 k T Re Z(f)``: `Study.noise_density`."""
+    """Spot density of thermal noise, ``4 k T Re Z(f)``, in V^2/Hz; 0 on rails, NaN where a node floats.
+
+    `nodes` (k,); `frequencies` (f,): in hertz, at least 0; `temperature`: in kelvin, by default the die's; returns (f,
+    k).
+
+    Raises
+    ------
+    CircuitError
+        If a frequency is 0, and resistors tie some part to no rail.
+    AccuracyError
+        If a density may be off by more than 1e-6 of itself.
+    """
     wanted = _checked_nodes(netlist, nodes)
     when = _checked_frequencies(frequencies)
-    _check_temperature(temperature)
+    kelvin = _checked_temperature(temperature)
     dynamics = dynamics_of(netlist)
     rows = dynamics.row[wanted]
     density = np.zeros((len(when), len(wanted)))
@@ -173,12 +198,16 @@ def noise_density(
         if not when.all():
             require_grounded(dynamics)
         density[:, inside] = resistive_parts(dynamics, rows[inside], when)
-    return 4.0 * BOLTZMANN * temperature * density
+    return 4.0 * BOLTZMANN * kelvin * density
 
 
-def noise_covariance(netlist: Netlist, nodes: ArrayLike, *, temperature: float = ROOM) -> NDArray[np.float64]:
-    """Covariance ``k T C^-1`` of node voltages over all frequencies, 0 Hz to infinity: `Study.noise_covariance`."""
-    _check_temperature(temperature)
+def noise_covariance(netlist: Netlist, nodes: ArrayLike, *, temperature: float | None = None) -> NDArray[np.float64]:
+    """Covariance ``k T C^-1`` of node voltages from 0 Hz to infinity, in V^2; 0 on rails, NaN where a node floats.
+
+    `nodes` (k,): each tied to a rail by capacitances, for the noise of others is unbounded; `temperature`: in kelvin,
+    by default the die's; returns (k, k).
+    """
+    kelvin = _checked_temperature(temperature)
     wanted = _checked_nodes(netlist, nodes)
     dynamics = dynamics_of(netlist)
     tied = _tied_by_capacitors(dynamics)
@@ -198,7 +227,7 @@ def noise_covariance(netlist: Netlist, nodes: ArrayLike, *, temperature: float =
             covariance[inside, column] = factors.solve_nonnegative(unit)[place]
     floating = np.isnan(dynamics.fixed[wanted])
     covariance[floating] = covariance[:, floating] = np.nan
-    return BOLTZMANN * temperature * covariance
+    return BOLTZMANN * kelvin * covariance
 
 
 def _tied_by_capacitors(dynamics: Dynamics) -> NDArray[np.bool_]:
@@ -249,8 +278,11 @@ def _checked_frequencies(frequencies: ArrayLike) -> NDArray[np.float64]:
     return wanted.astype(np.float64)
 
 
-def _check_temperature(temperature: float) -> None:
+def _checked_temperature(temperature: float | None) -> float:
+    if temperature is None:
+        return ROOM
     check_number("temperature", temperature, "positive and finite, in kelvin", above=0.0)
+    return float(temperature)
 
 
 def _are_two(band: Any) -> bool:

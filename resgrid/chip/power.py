@@ -117,7 +117,7 @@ class Power(Result):
 
 
 def analyse_power(op: OperatingPoint) -> Power:
-    """Account for the power of an operating point: `Study.power`."""
+    """Where the chip's power comes from and where it becomes heat."""
     netlist = op.netlist
     balance = power_balance(op)
     heat, nonlinear = balance.resistor_power, balance.nonlinear_power

@@ -218,7 +218,11 @@ class Precision(Result):
 
 
 def analyse_precision(op: OperatingPoint, *, span: float | None = None) -> Precision:
-    """Find out how many bits a read-out needs: `Study.precision`."""
+    """How many bits a read-out needs.
+
+    `span`: range of the converter, in volts; without a chip's description the supply or, with a uniform drive, the
+    height of the highest node above the goal rail.
+    """
     check_optional("span", span, "positive and finite, in volts", above=0.0)
     steps = steps_of(op)
     space, wiring = steps.cells.space, steps.cells.wiring

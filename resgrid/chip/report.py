@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from resgrid.chip.build import value_text
 from resgrid.chip.criticality import Criticality
 from resgrid.chip.exploration import Sweep
 from resgrid.chip.figures import Figure, Proportion, Result, formatted
-from resgrid.chip.parameters import value_text
 from resgrid.chip.precision import Precision
 from resgrid.chip.studies import Study, study
 from resgrid.errors import CircuitError
@@ -156,7 +156,7 @@ def _by_boundary(chip: Study) -> dict[str, Precision]:
 def _settling(chip: Study, _effort: Effort) -> Section:
     if not chip.netlist.capacitance.any():
         return _missing("settling", "the chip has no capacitance; give chip.capacitance, such as 50f")
-    result = chip.settling()
+    result = chip.usual_settling
     text = (
         f"Every node has settled to {result.bits} bits {formatted(result.settle_time, 's')} after the supplies are "
         f"switched on; a plan costs {formatted(result.energy, 'J')} until then.",

@@ -96,7 +96,12 @@ class Sensitivity(Result):
 
 
 def voltage_sensitivity(op: OperatingPoint, weights: ArrayLike) -> NDArray[np.float64]:
-    """Derivatives of a weighted sum of node voltages by the logarithms of resistances: `Study.voltage_sensitivity`."""
+    """Derivatives of ``c . V`` with respect to the logarithm of every resistance, in volts, shape (resistors,).
+
+    `weights` (nodes,): ``c``, a single 1 for one node's voltage, 1 and -1 for a difference.  None is off by more than
+    1e-5 of the largest, to which the errors of the operating point's currents are added; those that cannot be told from
+    0 are 0.  Nonlinear resistors follow the others; for them it is the derivative with respect to ``-ln I0``.
+    """
     netlist = op.netlist
     try:
         c = np.asarray(weights, dtype=np.float64)

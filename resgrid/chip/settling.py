@@ -129,13 +129,28 @@ class Settling(Result):
 def analyse_settling(
     netlist: Netlist,
     *,
-    bits: int = 10,
+    bits: int | None = None,
     initial: OperatingPoint | ArrayLike | None = None,
     modes: int = 6,
     span: float | None = None,
     method: str = "auto",
 ) -> Settling:
-    """Find out how long a netlist with capacitors takes to settle: `Study.settling`."""
+    """How long the chip takes to settle after its supplies are switched on, and what a plan costs.
+
+    `bits`: how well, 1 to 24, by default the converter's, or 10; `span`: range of the converter, in volts, without a
+    chip's description the largest difference of final voltages; `initial`: voltages of all nodes, or the operating
+    point, before the switch (as in `resgrid.transient`; by default all capacitors are discharged); `modes`: how many
+    slow time constants to find; `method`: as in `resgrid.solve`.
+
+    Raises
+    ------
+    CircuitError
+        If a part of the circuit never settles.
+    AccuracyError
+        If the conductances span so many decades that rounding decides the slowest time constant, if an iteration
+        does not converge, or if a figure is beyond what doubles hold.
+    """
+    bits = 10 if bits is None else bits
     if not (is_whole(bits) and 1 <= bits <= 24):
         raise InputError(f"bits = {bits!r}, but settling is judged at a whole number of bits, 1 to 24")
     check_whole("modes", modes, 1)

@@ -245,7 +245,7 @@ def prepare(
         neighbours=neighbours_of(cells),
         starts=mask.ravel(),
         converters=converters,
-        batch=prepare_batch(conductance_samples(netlist, chip, [])[0]) if batch else None,
+        batch=prepare_batch(conductance_samples(netlist, [], chip=chip)[0]) if batch else None,
         volts=op.voltage if blurred and not differs(chip) else None,
     )
 
@@ -295,7 +295,7 @@ def _voltages(experiment: Experiment, seeds: Sequence[Seed]) -> Iterator[NDArray
     if experiment.volts is not None:
         yield from (experiment.volts for _ in seeds)
     elif experiment.batch is not None:
-        conductance = conductance_samples(experiment.netlist, experiment.chip, seeds)[1]
+        conductance = conductance_samples(experiment.netlist, seeds, chip=experiment.chip)[1]
         yield from solve_batch(experiment.batch, conductance)
     else:
         for seed in seeds:

@@ -112,8 +112,8 @@ class Yield(Result):
 
 def analyse_yield(
     netlist: Netlist,
-    chip: Chip,
     *,
+    chip: Chip | None = None,
     starts: ArrayLike | None = None,
     half_width: float = 0.01,
     confidence: float = 0.95,
@@ -124,13 +124,34 @@ def analyse_yield(
     checkpoint: str | os.PathLike[str] | None = None,
     progress: Progress | None = None,
 ) -> Yield:
-    """Fabricate chips and let robots walk on them until the yield is known well enough: `Study.yields`."""
+    """Fabricate chips and let robots walk on them until the yield is known well enough.
+
+    A robot measures its cell and the face neighbours through the chip's read-out and steps to the lowest; through an
+    ideal one it compares the currents through the faces.
+
+    `trials`: chips after which trials stop in any case; `half_width`: they stop at the first whole `batch` after which
+    the interval of the overall yield is no wider than twice this; `confidence`: of the intervals; `starts`: a mask of
+    cells, by default every free cell with a way to a goal; `seed`: trial ``k`` is the chip of the seed spawned from it,
+    ``(seed, k)``, by default the chip's own; `executor`: trials are shared among its processes (or threads), and the
+    numbers do not depend on it; `checkpoint`: file that holds the counts after every batch, from which a run that was
+    interrupted is taken up and ends in the same numbers; `progress`: called after every batch with the trials done,
+    those expected in all, and the overall yield so far.
+
+    Raises
+    ------
+    InputError
+        If an argument is not admissible, the netlist does not suit the chip, or the checkpoint is of another run or
+        holds more trials than asked for.
+    CircuitError
+        If the flawless chip has no operating point; a chip that a defect leaves without one serves no start.
+    """
     check_number("half_width", half_width, "a number between 0 and 0.5, such as 0.01", above=0.0, below=0.5)
     check_whole("trials", trials, 1)
     check_whole("batch", batch, 1)
     quantile(confidence)
     if starts is not None:
         starts = checked_starts(netlist.cells.space, starts)
+    chip = chip or Chip()
     experiment = prepare(netlist, chip, [chip.readout], None if seed is None else seed_of(seed), starts)
     if not experiment.starts.any():
         raise InputError("there is no start: no free cell has a way to a goal")

@@ -81,16 +81,16 @@ def test_a_list_of_passes_is_data() -> None:
         ({"pass": "mismach", "sigma": 0.1}, "pass 0: 'mismach' is unknown; did you mean 'mismatch'"),
         ({"sigma": 0.1}, "pass 0: None is unknown; there are"),
         ("mismatch", "pass 0 = 'mismatch' must be a table, such as"),
-        ({"pass": "mismatch", "sigmaa": 0.1}, "'sigmaa' is unknown; it may hold sigma"),
-        ({"pass": "mismatch", "sigma": "0.1"}, "sigma = '0.1' must be at least 0"),
-        ({"pass": "mismatch", "sigma": 3.0}, "must be at least 0 and below 1"),
+        ({"pass": "mismatch", "sigmaa": 0.1}, "'sigmaa' is unknown; did you mean 'sigma'"),
+        ({"pass": "mismatch", "sigma": "x"}, "sigma: 'x' is not a value"),
+        ({"pass": "mismatch", "sigma": 3.0}, "sigma: must be below 1, got 3"),
         ({"pass": "mismatch", "sigma": 0.1, "pelgrom": 1.0}, "either sigma or pelgrom"),
         ({"pass": "mismatch", "pelgrom": 1.0}, "pelgrom needs width"),
         ({"pass": "mismatch", "sigma": 0.1, "seed": -3}, "seed = -3 must be a whole number"),
-        ({"pass": "temperature"}, "'celsius' is missing"),
-        ({"pass": "gradient", "shares": [0.1, float("nan")]}, "must be several finite numbers"),
+        ({"pass": "temperature"}, "celsius: this key is missing"),
+        ({"pass": "gradient", "shares": [0.1, float("nan")]}, r"shares\[1\]: nan is not a value"),
         ({"pass": "faults", "open_density": 0.7, "short_density": 0.7}, "together at most 1"),
-        ({"pass": "faults", "short_resistance": 0.0}, "must be positive and finite"),
+        ({"pass": "faults", "short_resistance": 0.0}, "short_resistance: must be greater than 0"),
     ],
 )
 def test_wrong_lists_are_refused(entry: object, message: str) -> None:
@@ -387,15 +387,14 @@ NO_NUMBERS = (float("nan"), float("inf"), "x", 1j, True)
         (passes.Capacitance, "farads", (-1.0, None), {}),
         (passes.ReadoutLoad, "ohms", (0.0, -1.0, None), {}),
         (passes.PreferredValues, "series", ("E7", 5, ["E6"]), {}),
-        (passes.Gradient, "shares", (0.1, None, ("x",), (True,), (1.0, -1.0)), {}),
+        (passes.Gradient, "shares", (None, ("x",), (True,), (1.0, -1.0)), {}),
     ],
 )
 def test_impossible_passes_are_refused_when_they_are_made(
     kind: type, key: str, values: tuple[object, ...], others: dict[str, object]
 ) -> None:
-    called = {"series": "preferred", "shares": "gradient"}.get(key, key)
     for value in (*values, *NO_NUMBERS):
-        with pytest.raises(rg.InputError, match=f"^{called} = ") as caught:
+        with pytest.raises(rg.InputError, match=f"^({key}|gradient)[:= [0-9]*") as caught:
             kind(**{key: value}, **others)
         assert "\n" not in str(caught.value)
 
@@ -407,7 +406,7 @@ def test_what_is_no_list_of_passes_is_refused(entries: object) -> None:
 
 
 def test_absolute_zero_is_the_limit_in_json_too() -> None:
-    with pytest.raises(rg.InputError, match=r"pass 0 \(temperature\): celsius = -500"):
+    with pytest.raises(rg.InputError, match=r"pass 0 \(temperature\): celsius: must be greater than -273"):
         passes.from_json([{"pass": "temperature", "celsius": -500}])
 
 

@@ -17,7 +17,6 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Iterable, Mapping, Sequence
-from difflib import get_close_matches
 from typing import Any
 
 from resgrid.chip.passes.base import Pass as Pass, checked
@@ -39,6 +38,8 @@ from resgrid.chip.passes.values import (
 from resgrid.die import seed_of
 from resgrid.errors import InputError
 from resgrid.scene.chip import Chip
+from resgrid.scene.table import fields_of
+from resgrid.scene.words import suggestion
 
 PASSES: dict[str, type[Pass]] = {
     "preferred_values": PreferredValues,
@@ -94,7 +95,7 @@ def to_json(passes: Iterable[Pass]) -> list[dict[str, Any]]:
         {"pass": names[type(effect)]}
         | {
             item.name: list(value) if isinstance(value, tuple) else value
-            for item in dataclasses.fields(effect)  # type: ignore[arg-type]
+            for item in dataclasses.fields(effect)
             if (value := getattr(effect, item.name)) is not None
         }
         for effect in checked(passes)
@@ -128,20 +129,16 @@ def _pass_of(number: int, entry: Any) -> Pass:
     name = entry.get("pass")
     kind: Any = PASSES.get(name) if isinstance(name, str) else None
     if kind is None:
-        near = get_close_matches(str(name), PASSES, 1)
-        hint = f"did you mean {near[0]!r}?" if near else f"there are {', '.join(PASSES)}"
+        hint = suggestion(str(name), list(PASSES)) or f"there are {', '.join(PASSES)}"
         raise InputError(f"pass {number}: {name!r} is unknown; {hint}")
-    where = f"pass {number} ({name})"
-    values = {key: tuple(value) if isinstance(value, list) else value for key, value in entry.items() if key != "pass"}
-    known = {item.name: item for item in dataclasses.fields(kind)}
+    values = {key: value for key, value in entry.items() if key != "pass"}
+    known = [item.name for item in dataclasses.fields(kind)]
     for key in values:
         if key not in known:
-            raise InputError(f"{where}: {key!r} is unknown; it may hold {', '.join(known)}")
-    for key, item in known.items():
-        if item.default is dataclasses.MISSING and key not in values:
-            raise InputError(f"{where}: {key!r} is missing")
+            hint = suggestion(key, known) or f"it may hold {', '.join(known)}"
+            raise InputError(f"pass {number} ({name}): {key!r} is unknown; {hint}")
     try:
-        effect: Pass = kind(**values)
+        effect: Pass = kind(**fields_of(kind, values))
     except InputError as error:
-        raise InputError(f"{where}: {error}") from None
+        raise InputError(f"pass {number} ({name}): {error}") from None
     return effect

@@ -6,29 +6,51 @@ Resistors that a pass adds are appended, so that those of the grid keep their nu
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Iterator
-from typing import Any, Self
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.die import Seed
+from resgrid.die import Seed, seed_of
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, CellMap, Netlist
 from resgrid.scene.chip import Chip
+from resgrid.scene.table import check_fields
 
 
+@dataclass(frozen=True)
 class Pass:
-    """One effect of a chip on its netlist: a frozen dataclass, pure and, where it is random, seeded."""
+    """One effect of a chip on its netlist: pure and, where it is random, seeded.
+
+    Its fields are annotated as those of a `Chip` are, with range and unit; `KEYS` says from which keys of a chip's
+    description they come.
+    """
+
+    KEYS: ClassVar[Mapping[str, str]] = {}
+
+    def __post_init__(self) -> None:
+        check_fields(self)
 
     @classmethod
-    def of(cls, _chip: Chip, _seed: Seed) -> Self | None:
-        """The effect as a chip's description gives it; None where it is ideal."""
-        return None
+    def of(cls, chip: Chip, seed: Seed) -> Self | None:
+        """The effect that a chip's description asks for; None where it says nothing, and the chip is ideal."""
+        del seed
+        values = {name: attrgetter(key)(chip) for name, key in cls.KEYS.items()}
+        given = {name: value for name, value in values.items() if value}
+        return cls(**given) if given else None
 
     def apply(self, netlist: Netlist) -> Netlist:
         """The netlist with this effect."""
         raise NotImplementedError
+
+
+def check_seeded(effect: Any) -> None:
+    """Check the fields of an effect that has a seed."""
+    object.__setattr__(effect, "seed", seed_of(effect.seed))
+    check_fields(effect)
 
 
 def checked(passes: Iterable[Pass]) -> Iterator[Pass]:

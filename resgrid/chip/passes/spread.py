@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge, Len, Lt
 from numpy.typing import NDArray
 
 from resgrid import die
-from resgrid.arguments import check_number, check_optional, is_number
-from resgrid.chip.passes.base import Pass, add_resistors, select_resistors, without_stranded_currents
-from resgrid.die import DEFECTS, Seed, generator, mismatch_factors, seed_of
+from resgrid.chip.passes.base import Pass, add_resistors, check_seeded, select_resistors, without_stranded_currents
+from resgrid.die import DEFECTS, Seed, generator, mismatch_factors
 from resgrid.errors import InputError
 from resgrid.netlist import CellMap, Netlist
-from resgrid.scene.chip import Chip
+from resgrid.scene.chip import Chip, Density, Metres, Ohms
+from resgrid.scene.quantities import Listed, Quantity
+from resgrid.scene.table import check_fields
 
 
 @dataclass(frozen=True)
@@ -23,21 +26,16 @@ class Gradient(Pass):
     `shares`: growth from end to end along each axis (missing ones: 0), as a share of the nominal resistance.
     """
 
-    shares: tuple[float, ...]
+    KEYS = {"shares": "gradient"}
+
+    shares: Annotated[tuple[Annotated[float, Quantity("", share=True)], ...], Len(1, 4), Listed()]
 
     def __post_init__(self) -> None:
-        if not (isinstance(self.shares, tuple | list) and all(is_number(share) for share in self.shares)):
-            raise InputError(f"gradient = {self.shares!r} must be several finite numbers, one for each axis")
+        check_fields(self)
         if sum(abs(share) for share in self.shares) >= 2:
             raise InputError(f"gradient = {list(self.shares)} takes a resistance below 0 in a corner of the die")
 
-    @classmethod
-    def of(cls, chip: Chip, _seed: Seed) -> Gradient | None:
-        """Nothing where the chip is even."""
-        return None if chip.gradient is None else cls(chip.gradient)
-
     def apply(self, netlist: Netlist) -> Netlist:
-        """The same netlist with graded resistances."""
         ndim = netlist.cells.space.ndim
         if len(self.shares) > ndim:
             raise InputError(f"gradient has {len(self.shares)} entries, but the space has {ndim} axes")
@@ -66,23 +64,17 @@ class Mismatch(Pass):
     instead `sheet_resistance`: in ohms per square, for ``L = R W / Rs``; `seed`: the chip.
     """
 
-    sigma: float | None = None
-    pelgrom: float | None = None
-    width: float | None = None
-    length: float | None = None
-    sheet_resistance: float | None = None
+    sigma: Annotated[float, Ge(0), Lt(1), Quantity("", share=True)] | None = None
+    pelgrom: Annotated[float, Ge(0), Quantity("% µm")] | None = None
+    width: Metres | None = None
+    length: Metres | None = None
+    sheet_resistance: Ohms | None = None
     seed: Seed = 0
 
     def __post_init__(self) -> None:
+        check_seeded(self)
         if (self.sigma is None) == (self.pelgrom is None):
             raise InputError("mismatch needs either sigma or pelgrom")
-        if self.sigma is not None:
-            check_number("sigma", self.sigma, "at least 0 and below 1", least=0.0, below=1.0)
-        check_optional("pelgrom", self.pelgrom, "finite and at least 0, in % µm", least=0.0)
-        for name in ("width", "length"):
-            check_optional(name, getattr(self, name), "positive and finite, in metres", above=0.0)
-        check_optional("sheet_resistance", self.sheet_resistance, "positive and finite, in ohms per square", above=0.0)
-        seed_of(self.seed)
         if self.pelgrom is not None and (
             self.width is None or (self.length is None) == (self.sheet_resistance is None)
         ):
@@ -117,7 +109,6 @@ class Mismatch(Pass):
         return mismatch_factors(die.place_count(netlist), self.deviation(netlist), self.seed)
 
     def apply(self, netlist: Netlist) -> Netlist:
-        """One chip of this seed."""
         return die.scaled(netlist, self.factors(netlist))
 
 
@@ -132,21 +123,18 @@ class Faults(Pass):
     ohms; `seed`: the chip.
     """
 
-    open_density: float = 0.0
-    short_density: float = 0.0
-    short_resistance: float = 1.0
+    open_density: Density = 0.0
+    short_density: Density = 0.0
+    short_resistance: Ohms = 1.0
     seed: Seed = 0
 
     def __post_init__(self) -> None:
-        for name in ("open_density", "short_density"):
-            check_number(name, getattr(self, name), "a share of the resistors, at least 0", least=0.0)
+        check_seeded(self)
         if self.open_density + self.short_density > 1:
             raise InputError(
                 f"open_density = {self.open_density:g} and short_density = {self.short_density:g} must be shares of "
                 "the resistors, together at most 1"
             )
-        check_number("short_resistance", self.short_resistance, "positive and finite, in ohms", above=0.0)
-        seed_of(self.seed)
 
     @classmethod
     def of(cls, chip: Chip, seed: Seed) -> Faults | None:
@@ -162,7 +150,6 @@ class Faults(Pass):
         return draw < self.open_density, draw >= 1 - self.short_density
 
     def apply(self, netlist: Netlist) -> Netlist:
-        """One chip of this seed."""
         opened, shorted = (np.append(mask, False) for mask in self.places(netlist))
         linear, nonlinear = die.places(netlist)
         short = shorted[linear]

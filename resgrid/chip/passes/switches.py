@@ -8,18 +8,19 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
+from typing import Annotated
 
 import numpy as np
+from annotated_types import Ge
 from numpy.typing import NDArray
 
 from resgrid import die
-from resgrid.arguments import check_number, check_optional
 from resgrid.chip.passes.base import Pass, add_nodes, add_resistors, cells_with_nodes, rail_pin, to_node
 from resgrid.compiler import compile_space
-from resgrid.die import Seed
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, CellMap, Netlist
-from resgrid.scene.chip import Chip
+from resgrid.scene.chip import Ohms, OhmsOrNone
+from resgrid.scene.quantities import Quantity
 from resgrid.space import Cell
 
 
@@ -44,21 +45,12 @@ class InternodalSwitches(Pass):
     them keep their nominal values, and the leakage through them crosses no face of the field.
     """
 
-    on: float | None = None
-    off: float | None = None
+    KEYS = {"on": "internodal_switch_on", "off": "internodal_switch_off"}
 
-    def __post_init__(self) -> None:
-        check_optional("on", self.on, "at least 0 and finite, in ohms", least=0.0)
-        check_optional("off", self.off, "positive and finite, in ohms", above=0.0)
-
-    @classmethod
-    def of(cls, chip: Chip, _seed: Seed) -> InternodalSwitches | None:
-        """Nothing where links are wires, or none."""
-        on, off = chip.internodal_switch_on, chip.internodal_switch_off
-        return None if on is None and off is None else cls(on, off)
+    on: OhmsOrNone | None = None
+    off: Ohms | None = None
 
     def apply(self, netlist: Netlist) -> Netlist:
-        """The same netlist with these switches."""
         cells = cells_with_nodes(netlist, "internodal switches")
         if netlist.nonlinear_nodes.size:
             raise InputError("internodal switches come before saturation in a list of passes")
@@ -113,23 +105,14 @@ class RailSwitches(Pass):
     ones, in ohms; None is no connection.
     """
 
-    obstacle_on: float | None = None
-    obstacle_off: float | None = None
-    goal_on: float | None = None
-    goal_off: float | None = None
+    KEYS = {f"{rail}_{state}": f"{rail}_switch_{state}" for rail in ("obstacle", "goal") for state in ("on", "off")}
 
-    def __post_init__(self) -> None:
-        for name in ("obstacle_on", "obstacle_off", "goal_on", "goal_off"):
-            check_optional(name, getattr(self, name), "positive and finite, in ohms", above=0.0)
-
-    @classmethod
-    def of(cls, chip: Chip, _seed: Seed) -> RailSwitches | None:
-        """Nothing where switches are wires, or none."""
-        effect = cls(chip.obstacle_switch_on, chip.obstacle_switch_off, chip.goal_switch_on, chip.goal_switch_off)
-        return None if effect == cls() else effect
+    obstacle_on: Ohms | None = None
+    obstacle_off: Ohms | None = None
+    goal_on: Ohms | None = None
+    goal_off: Ohms | None = None
 
     def apply(self, netlist: Netlist) -> Netlist:
-        """The same netlist with these switches."""
         cells = cells_with_nodes(netlist, "switches to the rails")
         for rail, on, off in (
             ("obstacle", self.obstacle_on, self.obstacle_off),
@@ -167,18 +150,11 @@ class RailResistance(Pass):
     `ohms`: resistance of a segment; 0 is an ideal rail.
     """
 
-    ohms: float
+    KEYS = {"ohms": "rail_resistance"}
 
-    def __post_init__(self) -> None:
-        check_number("ohms", self.ohms, "at least 0 and finite", least=0.0)
-
-    @classmethod
-    def of(cls, chip: Chip, _seed: Seed) -> RailResistance | None:
-        """Nothing where rails are ideal."""
-        return cls(chip.rail_resistance) if chip.rail_resistance else None
+    ohms: OhmsOrNone
 
     def apply(self, netlist: Netlist) -> Netlist:
-        """The same netlist with these rails."""
         cells = cells_with_nodes(netlist, "rails")
         if self.ohms == 0:
             return netlist
@@ -230,18 +206,11 @@ class Capacitance(Pass):
     `farads`: its capacitance.
     """
 
-    farads: float
+    KEYS = {"farads": "capacitance"}
 
-    def __post_init__(self) -> None:
-        check_number("farads", self.farads, "at least 0 and finite", least=0.0)
-
-    @classmethod
-    def of(cls, chip: Chip, _seed: Seed) -> Capacitance | None:
-        """Nothing where voltages settle at once."""
-        return cls(chip.capacitance) if chip.capacitance else None
+    farads: Annotated[float, Ge(0), Quantity("F")]
 
     def apply(self, netlist: Netlist) -> Netlist:
-        """The same netlist with these capacitors."""
         cells = cells_with_nodes(netlist, "capacitors")
         nodes = cells.node[cells.node >= 0]
         return netlist.replace(
@@ -258,19 +227,11 @@ class ReadoutLoad(Pass):
     `ohms`: its input resistance.
     """
 
-    ohms: float
+    KEYS = {"ohms": "readout.input_resistance"}
 
-    def __post_init__(self) -> None:
-        check_number("ohms", self.ohms, "positive and finite", above=0.0)
-
-    @classmethod
-    def of(cls, chip: Chip, _seed: Seed) -> ReadoutLoad | None:
-        """Nothing where the read-out takes no current."""
-        ohms = chip.readout.input_resistance
-        return None if ohms is None else cls(ohms)
+    ohms: Ohms
 
     def apply(self, netlist: Netlist) -> Netlist:
-        """The same netlist with these loads."""
         cells = cells_with_nodes(netlist, "loads of the read-out")
         nodes = cells.node[cells.node >= 0]
         return add_resistors(netlist, to_node(nodes, GROUND), np.full(len(nodes), 1 / self.ohms))

@@ -5,17 +5,19 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Annotated, Literal
 
 import numpy as np
+from annotated_types import Gt
 from numpy.typing import NDArray
 
 from resgrid import die
-from resgrid.arguments import check_number
 from resgrid.chip.passes.base import Pass, select_resistors
 from resgrid.die import Seed
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.scene.chip import ABSOLUTE_ZERO, Chip
+from resgrid.scene.chip import ABSOLUTE_ZERO, Chip, Metres, Ohms
+from resgrid.scene.quantities import Quantity
 
 NOMINAL_CELSIUS = 27.0
 """Temperature at which resistances are given: SPICE's ``TNOM``."""
@@ -23,13 +25,14 @@ NOMINAL_CELSIUS = 27.0
 _E24 = (10, 11, 12, 13, 15, 16, 18, 20, 22, 24, 27, 30, 33, 36, 39, 43, 47, 51, 56, 62, 68, 75, 82, 91)
 
 
-def preferred_values(series: str) -> NDArray[np.float64]:
+Series = Literal["E6", "E12", "E24", "E48", "E96", "E192"]
+
+
+def preferred_values(series: Series) -> NDArray[np.float64]:
     """The preferred values of a decade, IEC 60063.  Returns (n,)."""
-    if series in ("E6", "E12", "E24"):
-        return np.array(_E24[:: 24 // int(series[1:])]) / 10
-    if series not in ("E48", "E96", "E192"):
-        raise InputError(f"preferred = {series!r} is unknown; it may be one of E6, E12, E24, E48, E96, E192")
     count = int(series[1:])
+    if count <= len(_E24):
+        return np.array(_E24[:: len(_E24) // count]) / 10
     values = np.round(10.0 ** (np.arange(count) / count), 2)
     values[values == 9.19] = 9.2  # as the standard lists it
     return values
@@ -42,18 +45,11 @@ class PreferredValues(Pass):
     `series`: ``"E6"`` to ``"E192"``.
     """
 
-    series: str
+    KEYS = {"series": "preferred"}
 
-    def __post_init__(self) -> None:
-        preferred_values(self.series)
-
-    @classmethod
-    def of(cls, chip: Chip, _seed: Seed) -> PreferredValues | None:
-        """Nothing where any value can be had."""
-        return None if chip.preferred is None else cls(chip.preferred)
+    series: Series
 
     def apply(self, netlist: Netlist) -> Netlist:
-        """The same netlist with resistances of the series."""
         decade = np.append(preferred_values(self.series), 10.0)
         between = np.sqrt(decade[:-1] * decade[1:])
 
@@ -72,17 +68,14 @@ class SheetResistors(Pass):
     metres.
     """
 
-    sheet_resistance: float
-    width: float
-    drawing_grid: float = 5e-9
-
-    def __post_init__(self) -> None:
-        for name, unit in (("sheet_resistance", "ohms per square"), ("width", "metres"), ("drawing_grid", "metres")):
-            check_number(name, getattr(self, name), f"positive and finite, in {unit}", above=0.0)
+    sheet_resistance: Ohms
+    width: Metres
+    drawing_grid: Metres = 5e-9
 
     @classmethod
-    def of(cls, chip: Chip, _seed: Seed) -> SheetResistors | None:
-        """Nothing where any length can be drawn."""
+    def of(cls, chip: Chip, seed: Seed) -> SheetResistors | None:
+        """As the chip's sheet resistance and width say, if both do."""
+        del seed
         if chip.sheet_resistance is None or chip.width is None:
             return None
         return cls(chip.sheet_resistance, chip.width, chip.drawing_grid)
@@ -105,7 +98,6 @@ class SheetResistors(Pass):
         return float(self.width * self.length(np.append(resistance, nonlinear)).sum())
 
     def apply(self, netlist: Netlist) -> Netlist:
-        """The same netlist with the resistances of the drawn strips."""
         return _with_resistances(netlist, lambda r: self.sheet_resistance * self.length(r) / self.width)
 
 
@@ -126,20 +118,12 @@ class TemperatureCoefficients(Pass):
     `tc1, tc2`: in 1/K and 1/K^2, from 27 degrees Celsius.
     """
 
-    tc1: float = 0.0
-    tc2: float = 0.0
+    KEYS = {"tc1": "tc1", "tc2": "tc2"}
 
-    def __post_init__(self) -> None:
-        check_number("tc1", self.tc1, "finite, in 1/K")
-        check_number("tc2", self.tc2, "finite, in 1/K^2")
-
-    @classmethod
-    def of(cls, chip: Chip, _seed: Seed) -> TemperatureCoefficients | None:
-        """Nothing where heat does not matter."""
-        return cls(chip.tc1 or 0.0, chip.tc2 or 0.0) if chip.tc1 or chip.tc2 else None
+    tc1: Annotated[float, Quantity("1/K")] = 0.0
+    tc2: Annotated[float, Quantity("1/K^2")] = 0.0
 
     def apply(self, netlist: Netlist) -> Netlist:
-        """The same netlist with ``tc1`` and ``tc2``."""
         own = die.on_grid(netlist)
         return netlist.replace(tc1=np.where(own, self.tc1, 0.0), tc2=np.where(own, self.tc2, 0.0))
 
@@ -151,19 +135,15 @@ class Temperature(Pass):
     `celsius`: in degrees Celsius.
     """
 
-    celsius: float
-
-    def __post_init__(self) -> None:
-        words = f"finite and above {ABSOLUTE_ZERO}, absolute zero in degrees Celsius"
-        check_number("celsius", self.celsius, words, above=ABSOLUTE_ZERO)
+    celsius: Annotated[float, Gt(ABSOLUTE_ZERO), Quantity("°C")]
 
     @classmethod
-    def of(cls, chip: Chip, _seed: Seed) -> Temperature | None:
-        """Nothing at the nominal temperature, and where it does not matter."""
+    def of(cls, chip: Chip, seed: Seed) -> Temperature | None:
+        """As the chip says, if its resistors have temperature coefficients."""
+        del seed
         return None if chip.temperature is None or not (chip.tc1 or chip.tc2) else cls(chip.temperature)
 
     def apply(self, netlist: Netlist) -> Netlist:
-        """The same netlist with its resistances at this temperature, and no coefficients left."""
         rise = self.celsius - NOMINAL_CELSIUS
         tc1 = 0.0 if netlist.tc1 is None else netlist.tc1
         tc2 = 0.0 if netlist.tc2 is None else netlist.tc2
@@ -183,18 +163,11 @@ class Saturation(Pass):
     `volts`: ``V0``, in volts.
     """
 
-    volts: float
+    KEYS = {"volts": "saturation_voltage"}
 
-    def __post_init__(self) -> None:
-        check_number("volts", self.volts, "positive and finite", above=0.0)
-
-    @classmethod
-    def of(cls, chip: Chip, _seed: Seed) -> Saturation | None:
-        """Nothing where resistors are linear."""
-        return None if chip.saturation_voltage is None else cls(chip.saturation_voltage)
+    volts: Annotated[float, Gt(0), Quantity("V")]
 
     def apply(self, netlist: Netlist) -> Netlist:
-        """The same netlist with saturating resistors; their temperature coefficients are lost."""
         own = die.on_grid(netlist)
         cell_map = netlist.cell_map
         if cell_map is not None:
