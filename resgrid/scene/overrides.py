@@ -10,7 +10,7 @@ from typing import Any
 from resgrid.errors import InputError
 from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, Polygon, Robot
 from resgrid.scene.goals import CostArea, GoalJoints
-from resgrid.scene.maps.data import MapData
+from resgrid.scene.maps.arrays import MapData
 from resgrid.scene.read import build_scene
 from resgrid.scene.scene import Scene
 from resgrid.scene.table import plain
@@ -30,7 +30,7 @@ def document_of(scene: Scene) -> dict[str, Any]:
             document[key] = plain(value)
     if scene.map is not None:
         document["map"] = plain(scene.map.table)
-    if scene.map is None or ("headings" not in scene.map.table and len(scene.map.axes) != len(scene.axes)):
+    if scene.map is None or scene.axes[: len(scene.map.axes)] != scene.map.axes:
         document["grid"] = {"axes": [plain(axis) for axis in scene.axes]}
     for key, attribute in _LISTS.items():
         document[key] = [_table(value) for value in getattr(scene, attribute)]
