@@ -19,10 +19,9 @@ from resgrid.spice.check.agreement import compare
 from resgrid.spice.check.deck import check_deck
 from resgrid.spice.check.kirchhoff import inspect_deck
 from resgrid.spice.run.ngspice import Simulation
-from resgrid.spice.write.expected import expect
 from resgrid.spice.write.files import write_spice
 from resgrid.spice.write.flat import flatten
-from resgrid.spice.write.sidecar import altered_lines, read_sidecar
+from resgrid.spice.write.sidecar import altered_lines, expect, read_sidecar
 
 
 @pytest.fixture(scope="module")

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from resgrid.errors import InputError
 from resgrid.spice.circuit import Circuit
 from resgrid.spice.read.deck import read_with
-from resgrid.spice.write.expected import Expected
+from resgrid.spice.write.sidecar import Expected
 
 _MAX_FINDINGS = 5
 _OPTIONS = {"reltol", "abstol", "vntol"}
