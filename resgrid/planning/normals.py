@@ -167,16 +167,8 @@ def _field_around(space: ConfigurationSpace, padding: int) -> tuple[Field, NDArr
 
 
 def _directions(field: Field, cells: NDArray[np.int64], local: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Unit vectors up the gradient, NaN where there is none; currents are scaled by each cell's largest one.
-
-    The current through a face of axis ``a`` is ``(h_ref / h_a)**2`` times the difference of the potential, in units
-    of supply / R, so that the gradient is the current times ``h_a``, up to a common factor; it runs downwards.
-    """
-    direction, log_current = field.faces_of(cells)
-    largest = log_current.max(axis=(0, 2))
-    base = np.where(np.isfinite(largest), largest, 0.0)
-    lower, upper = direction * np.exp(log_current - base[:, np.newaxis])
-    gradient = -((1.0 - local) * lower + local * upper) * field.space.spacing
+    """Unit vectors up the gradient, NaN where there is none.  Shapes: `cells, local` (n, ndim); returns (n, ndim)."""
+    gradient, _ = field.gradient(cells, local)
     gradient[field.space.cell[tuple(cells.T)] != Cell.FREE] = 0.0
     length = np.linalg.norm(gradient, axis=1, keepdims=True)
     defined = length > _FLAT * field.space.spacing.min()

@@ -67,7 +67,7 @@ def test_a_scene_says_what_options_leave_out(scenes: Path) -> None:
     assert planner.field.edge == scene.edge
     assert {path.outcome for path in planner.paths()} == {Outcome.REACHED}
     walled = plan(scene, boundary="wall", wall_resistance=1e5)
-    assert walled.field.boundary == "wall" and walled.obstacle_field is None
+    assert walled.field.boundary == "wall" and len(walled.solution.pure) == 1
 
 
 def test_clearance_grows_with_k() -> None:
