@@ -14,6 +14,7 @@ from click.shell_completion import CompletionItem
 
 from resgrid.cli.report import Verbosity, require_one_output
 from resgrid.errors import InputError
+from resgrid.spice.dialects import DIALECTS
 
 if TYPE_CHECKING:
     _Type = click.ParamType[Any]
@@ -101,7 +102,6 @@ class Verb(click.Command):
 SOURCE = click.Path(path_type=str, allow_dash=True)
 NUMBERS = Numbers()
 POSITIVE = Amount(0, min_open=True)
-DIALECTS = ("ngspice", "ltspice", "xyce", "hspice", "spectre")
 
 _SCENE_OPTIONS: tuple[Decorator, ...] = (
     click.option(
