@@ -167,8 +167,7 @@ def _draw_path(run: Run, axes: Axes) -> None:
     if run.ending is Ending.ARRIVED:
         mark(ends[1:], axes, "goal", "")
     else:
-        label = str(run.ending).replace("_", " ")
-        axes.scatter(ends[1, 0], ends[1, 1], s=34, marker="x", color=FAILURE, linewidth=1.6, zorder=8, label=label)
+        mark(ends[1:], axes, "failure", str(run.ending).replace("_", " "))
 
 
 def _enters(points: NDArray[np.float64], run: Run) -> bool:
