@@ -261,11 +261,7 @@ def _file_and_section(card: Card, word: str) -> tuple[list[Token], str | None, i
         section = pairs.pop("section", None)
         if pairs:
             raise card.error(next(iter(pairs.values())).offset, "only section= is understood here")
-        return (
-            words,
-            None if section is None else section.values[0].text.lower(),
-            0 if section is None else section.offset,
-        )
+        return (words, None, 0) if section is None else (words, section.values[0].text.lower(), section.offset)
     quoted = any(mark in card.text for mark in "\"'")
     words = tokenise(card)[1:] if quoted else _bare_words(card)
     if len(words) == 2 and word == ".lib":

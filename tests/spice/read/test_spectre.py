@@ -101,7 +101,7 @@ def test_a_section_of_a_library_is_included(tmp_path: Path) -> None:
     deck.write_text('// t\ninclude "lib.scs" section=slow\nr1 (a 0) resistor r=k*1K\nv1 (a 0) vsource dc=1\n')
     assert rg.read_spice(deck).resistance.tolist() == [2000.0]
     deck.write_text('// t\ninclude "lib.scs" section=typical\n')
-    with pytest.raises(rg.InputError, match=r"deck\.scs:2:19: lib\.scs has no section 'typical'"):
+    with pytest.raises(rg.InputError, match=r"deck\.scs:2:19: .*lib\.scs has no section 'typical'"):
         rg.read_spice(deck)
 
 
