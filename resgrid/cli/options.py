@@ -15,6 +15,7 @@ from click.shell_completion import CompletionItem
 
 from resgrid.cli.report import Verbosity, require_one_output
 from resgrid.errors import InputError
+from resgrid.spice.dialects import DIALECTS
 
 if TYPE_CHECKING:
     _Type = click.ParamType[Any]
@@ -109,7 +110,6 @@ class Verb(click.Command):
 SOURCE = click.Path(path_type=str, allow_dash=True)
 NUMBERS = Numbers()
 POSITIVE = Amount(0, min_open=True)
-DIALECTS = ("ngspice", "ltspice", "xyce", "hspice", "spectre")
 OUTPUT, KEYS, MAP, DECK = "Output", "In place of the scene's keys", "Of a map", "Of a deck"
 
 _output, _key, _map, _deck = (partial(click.option, cls=Shared, group=group) for group in (OUTPUT, KEYS, MAP, DECK))
