@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from resgrid.arguments import check_number
 from resgrid.frozen import lock, picture_of
+from resgrid.scene.quantities import format_quantity
 
-_PREFIXES = dict(zip(range(-24, 13, 3), ("y", "z", "a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"), strict=True))
 _UNITS = {"ohm": "Ω", "V/sqrt(Hz)": "V/√Hz"}
 
 
@@ -43,11 +43,7 @@ def formatted(value: float | int | str | None, unit: str) -> str:
         return value
     if unit in ("", "bit", "°C", "%"):
         return f"{value:,}" if isinstance(value, int) else f"{value:.4g}" + (f" {unit}" if unit else "")
-    unit = _UNITS.get(unit, unit)
-    if value == 0:
-        return f"0 {unit}"
-    power = min(max(3 * math.floor(math.log10(abs(float(f"{value:.4g}"))) / 3), -24), 12)
-    return f"{value / 10.0**power:.4g} {_PREFIXES[power]}{unit}"
+    return format_quantity(value, _UNITS.get(unit, unit))
 
 
 def html_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -14,6 +14,7 @@ from click.shell_completion import CompletionItem
 
 from resgrid.cli.report import Verbosity, require_one_output
 from resgrid.errors import InputError
+from resgrid.spice.dialects import DIALECTS
 
 if TYPE_CHECKING:
     _Type = click.ParamType[Any]
@@ -40,6 +41,22 @@ class Numbers(_Type):
         if not all(abs(number) < float("inf") for number in numbers):
             raise InputError(f"{option} {value!r}: expected finite numbers")
         return numbers
+
+
+class Amount(click.FloatRange):
+    """A finite number within limits."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """The number of a text."""
+        number = super().convert(value, param, ctx)
+        if not abs(number) < float("inf"):
+            self.fail(f"{value} is not finite", param, ctx)
+        return number
+
+
+def share(below: float) -> Amount:
+    """A number between 0 and a limit, neither of them included."""
+    return Amount(0, below, min_open=True, max_open=True)
 
 
 class Suggested(_Type):
@@ -84,7 +101,7 @@ class Verb(click.Command):
 
 SOURCE = click.Path(path_type=str, allow_dash=True)
 NUMBERS = Numbers()
-DIALECTS = ("ngspice", "ltspice", "xyce", "hspice", "spectre")
+POSITIVE = Amount(0, min_open=True)
 
 _SCENE_OPTIONS: tuple[Decorator, ...] = (
     click.option(
@@ -105,7 +122,7 @@ _SCENE_OPTIONS: tuple[Decorator, ...] = (
         help="Share of the Dirichlet field, 1: away from obstacles, 0: past them (Neumann); repeatable.",
     ),
     click.option("--set", "settings", metavar="KEY=VALUE", multiple=True, help="Any other key, such as chip.supply=3."),
-    click.option("--threads", metavar="N", type=click.IntRange(1), default=1, show_default=True, help="For solving."),
+    click.option("--threads", metavar="N", type=click.IntRange(1), default=1, help="For solving."),
 )  # fmt: skip
 _MAP_OPTIONS: tuple[Decorator, ...] = (
     click.option("--format", type=Suggested("name", "ros", "movingai", "image", "epic", "npy"),
@@ -127,7 +144,7 @@ _REPORT_OPTIONS: tuple[Decorator, ...] = (
 )
 _DECK_OPTIONS: tuple[Decorator, ...] = (
     click.option(
-        "--read-as", type=Suggested("dialect", "auto", *DIALECTS), default="auto", show_default=True,
+        "--read-as", type=Suggested("dialect", "auto", *DIALECTS), default="auto",
         help="The deck's dialect, where it does not show it.",
     ),
     click.option(
@@ -178,7 +195,9 @@ def verb(name: str, *, examples: Sequence[str]) -> Decorator:
             require_one_output(values.get("output"))
             return function(**values)
 
-        made: click.Command = click.command(name, cls=Verb, examples=examples)(_decorated(reporting, _REPORT_OPTIONS))
+        made: click.Command = click.command(name, cls=Verb, examples=examples, context_settings={"show_default": True})(
+            _decorated(reporting, _REPORT_OPTIONS)
+        )
         return made
 
     return decorate
@@ -226,7 +245,7 @@ def folder_of(output: str | None, source: Source, end: str = "") -> Path:
 def dialect_option(default: str | None = "ngspice") -> Decorator:
     """The option ``--dialect``, of decks that are written."""
     return click.option(
-        "--dialect", type=Suggested("dialect", *DIALECTS), default=default, show_default=default is not None,
+        "--dialect", type=Suggested("dialect", *DIALECTS), default=default,
         help=f"SPICE dialect of the deck: {', '.join(DIALECTS)}.",
     )  # fmt: skip
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -98,6 +100,18 @@ def test_a_force_along_the_streamline_is_a_jam() -> None:
     assert (
         abs(np.cross(np.r_[torque, 0], np.r_[velocity, 0])[2]) <= 1e-3 * np.linalg.norm(torque) * sim.controller.speed
     )
+
+
+@pytest.mark.parametrize("limits", [None, 0.02, [0.1, 0.4], [0.5, 0.01]])
+def test_the_velocity_is_the_command_at_the_logged_forces(limits) -> None:
+    sim = hiding([Box((1.0, 3.0), (7.5, 4.0))], learn=False, friction=0.0)
+    controller = controlled(sim.space, speed=1.0, speed_limits=limits)
+    run = replace(sim, controller=controller).run((3.5, 6.0))
+    rows = np.flatnonzero(run.torque.any(axis=1))
+    assert len(rows) > 100
+    for row in rows:
+        command = controller.command(run.believed[row], run.torque[row])
+        np.testing.assert_allclose(run.velocity[row], command, atol=1e-7 * np.abs(command).max())
 
 
 def test_friction_that_holds_is_named() -> None:

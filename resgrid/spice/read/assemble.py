@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +45,7 @@ def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Ci
     parts["resistor"] = _with_switches(parts, len(elements.nodes.names), files, diagnostics)
     diagnostics.raise_errors()
     _note_oddities(parts, elements.nodes, files, contents)
-    numbers, names = _by_first_use([parts[kind].nodes for kind in KINDS], elements.nodes.names, bool(collector.bulks))
+    numbers, names = _by_first_use([parts[kind].nodes for kind in KINDS], elements.nodes.names)
     temperature, nominal = temperatures
     usual = DIALECTS[contents.rules.name].nominal_temperature
     ohms, tc1, tc2 = _at_nominal(parts["resistor"], usual if nominal is None else nominal)
@@ -66,7 +67,7 @@ def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Ci
         nonlinear_nodes=nodes["nonlinear resistor"],
         nonlinear_current=value["nonlinear resistor"],
         nonlinear_voltage=parts["nonlinear resistor"].values[:, 1].copy(),
-        element_names=LateNames({kind: parts[kind].names.make for kind in KINDS}),
+        element_names=LateNames({kind: parts[kind].names for kind in KINDS}),
         place={kind: parts[kind].place for kind in KINDS},
         files=files,
         notes=diagnostics.notes(),
@@ -100,7 +101,7 @@ def _add_bulk(bulk: Bulk, source: Source, elements: Elements) -> None:
         place = np.empty((len(line), 2), dtype=np.int64)
         place[:, 0], place[:, 1] = source.number, line
         values = bulk.value[chosen][:, np.newaxis]
-        elements.parts[kind].append(Part(bulk.names(chosen), numbers[bulk.nodes[chosen]], values, place, None))
+        elements.parts[kind].append(Part(partial(bulk.names, chosen), numbers[bulk.nodes[chosen]], values, place, None))
 
 
 def _settle_title(contents: Contents, scope: Scope, elements: Elements, expander: Expander) -> None:
@@ -130,7 +131,7 @@ def _settle_title(contents: Contents, scope: Scope, elements: Elements, expander
 def _with_switches(parts: dict[str, Part], node_count: int, files: tuple[str, ...], diagnostics: Diagnostics) -> Part:
     """Resistors, with every switch among them as the resistance of its state."""
     switches, resistors = parts["switch"], parts["resistor"]
-    if not len(switches.names):
+    if not len(switches):
         return resistors
     volts = _held_voltages(parts, node_count)
     control = volts[0][switches.nodes[:, 2]] - volts[0][switches.nodes[:, 3]]
@@ -150,7 +151,7 @@ def _with_switches(parts: dict[str, Part], node_count: int, files: tuple[str, ..
             if tied[i]
             else "is controlled by nodes that no voltage source holds"
         )
-        diagnostics.error(CardError(Spot(files[file], line), f"the switch {switches.names.make()[i]} {why}"))
+        diagnostics.error(CardError(Spot(files[file], line), f"the switch {switches.names()[i]} {why}"))
     if inside.any():
         file, line = switches.place[int(np.argmax(inside))].tolist()
         diagnostics.warn(Spot(files[file], line), "a switch within its hysteresis is off unless ON is said")
@@ -196,19 +197,16 @@ def _note_oddities(parts: dict[str, Part], nodes: NodeTable, files: tuple[str, .
         )
 
 
-def _by_first_use(
-    nodes: list[NDArray[np.int64]], names: list[str], compiled: bool
-) -> tuple[NDArray[np.int32], tuple[str, ...]]:
+def _by_first_use(nodes: list[NDArray[np.int64]], names: list[str]) -> tuple[NDArray[np.int32], tuple[str, ...]]:
     """Renumber nodes in the order of their first use, ground first; unused ones vanish."""
-    used = np.concatenate([np.zeros(1, dtype=np.int64), *(pairs.ravel() for pairs in nodes)])
-    if compiled:
-        from resgrid.spice.read.kernels import first_uses
-
-        number, order = first_uses(used, len(names))
-    else:
-        number = np.full(len(names), -1, dtype=np.int32)
-        order = used[np.sort(np.unique(used, return_index=True)[1])]
-        number[order] = np.arange(len(order))
+    used = np.concatenate([np.zeros(1, dtype=np.int64), *(ends.ravel() for ends in nodes)])
+    first = np.full(len(names), -1, dtype=np.int64)
+    first[used[::-1]] = np.arange(len(used))[::-1]  # of several values for one place, the last counts
+    is_first = np.zeros(len(used), dtype=np.bool_)
+    is_first[first[first >= 0]] = True
+    order = used[is_first]
+    number = np.full(len(names), -1, dtype=np.int32)
+    number[order] = np.arange(len(order))
     return number, tuple(map(names.__getitem__, order.tolist()))
 
 

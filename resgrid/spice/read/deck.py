@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from itertools import chain
 from pathlib import Path
 from typing import IO
 
@@ -11,7 +12,9 @@ from resgrid.errors import InputError
 from resgrid.spice.circuit import Circuit
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.dialects.reading import ReadingRules
-from resgrid.spice.networks.read import is_network, read_network
+from resgrid.spice.networks.circuitscape import read_circuitscape
+from resgrid.spice.networks.edges import is_edge_list, read_edges
+from resgrid.spice.networks.graphs import GRAPH_SUFFIXES, read_graph
 from resgrid.spice.read.assemble import assemble_deck
 from resgrid.spice.read.collect import Collector
 from resgrid.spice.read.commands import Contents
@@ -22,7 +25,6 @@ from resgrid.spice.read.plain import LEAST_BYTES
 _HEAD = 4096
 _LOOKED_AT = 65536
 _STATED = re.compile(rb'"dialect": "([a-z]+)"')
-_SUFFIXES = {".scs": "spectre"}
 
 
 def read_spice(
@@ -83,9 +85,22 @@ def read_spice(
     ('divider', ('0', 'in', 'out'), [1000.0, 1000.0])
     """
     tables = measure is not None or sources is not None or grounds is not None
-    if isinstance(path, str | os.PathLike) and (tables or is_network(path)):
-        return read_network(path, measure=measure, sources=sources, grounds=grounds, root=root)
-    return read_with(path, dialect=dialect, root=root, max_elements=max_elements)
+    if not isinstance(path, str | os.PathLike) or not (tables or is_network(path)):
+        return read_with(path, dialect=dialect, root=root, max_elements=max_elements)
+    name = os.fspath(path)
+    suffix = Path(path).suffix.lower()
+    if suffix not in (*GRAPH_SUFFIXES, ".ini"):
+        return Circuit.of(read_edges(path, sources, grounds, measure, measure).netlist(), name)
+    if tables:
+        raise InputError(f"{name} names its own sources, grounds and measure; leave those options out")
+    netlist = read_graph(path) if suffix != ".ini" else read_circuitscape(path, root=root)[0].netlist()
+    return Circuit.of(netlist, name)
+
+
+def is_network(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is a network that is no deck: a graph, arrays, a configuration, or a list of edges."""
+    suffix = Path(path).suffix.lower()
+    return is_edge_list(path) if suffix == ".txt" else suffix in (".csv", ".tsv", ".ini", *GRAPH_SUFFIXES)
 
 
 def read_with(
@@ -109,8 +124,12 @@ def read_with(
         raise InputError(f"{source.name}: something in it is nested too deeply to be read") from None
 
 
+def _readable() -> dict[str, ReadingRules]:
+    return {dialect.name: dialect.reading for dialect in DIALECTS.values() if dialect.reading is not None}
+
+
 def _rules_of(dialect: str) -> ReadingRules:
-    known = {name: rules for name, rules in ((d.name, d.reading) for d in DIALECTS.values()) if rules is not None}
+    known = _readable()
     if dialect not in known:
         raise InputError(f"decks of dialect {dialect!r} cannot be read; those of {', '.join(known)} can")
     return known[dialect]
@@ -145,17 +164,19 @@ def _folder(root: str | os.PathLike[str]) -> Path:
 
 def _dialect_of(source: Source) -> str:
     """Dialect that a deck's sidecar states, its name says, or its words show; ngspice without any sign."""
+    suffix = ""
     if source.path is not None:
+        suffix = source.path.suffix.lower()
         try:
             with source.path.with_name(source.path.name + ".json").open("rb") as sidecar:
                 stated = _STATED.search(sidecar.read(_HEAD))
-            if stated is not None:
-                return stated.group(1).decode()
         except OSError:
-            pass
-        if source.path.suffix.lower() in _SUFFIXES:
-            return _SUFFIXES[source.path.suffix.lower()]
+            stated = None
+        if stated is not None:
+            return stated.group(1).decode()
     data = source.data
     text = b"\n" + (data[:_LOOKED_AT] + data[-_LOOKED_AT:] if len(data) > 2 * _LOOKED_AT else data).lower()
-    readable = [dialect for dialect in DIALECTS.values() if dialect.reading is not None]
-    return next((d.name for d in readable if d.reading and any(sign in text for sign in d.reading.signs)), "ngspice")
+    rules = list(_readable().values())
+    named = (rule.name for rule in rules if suffix and rule.suffix == suffix)
+    signed = (rule.name for rule in rules if any(sign in text for sign in rule.signs))
+    return next(chain(named, signed), "ngspice")
