@@ -41,7 +41,7 @@ def of_chip(what: str) -> Any:
     netlist = rg.build_chip(rg.study(small_space(), CHIP).ideal, CHIP)
     match what:
         case "yield":
-            return rg.study(rg.study(small_space(), CHIP).ideal, CHIP).yields(trials=8, batch=8)
+            return rg.study(small_space(), CHIP).yields(trials=8, batch=8)
         case "criticality":
             return rg.study(netlist).criticality(readout=rg.Readout(bits=7), seconds=5.0)
     return rg.study(small_space(), CHIP).exploration(("mismatch", [0.0, 0.1]), ("readout.bits", [4, 8]), trials=2)
