@@ -31,7 +31,7 @@ def is_deck(source: str) -> bool:
 
 def is_network(source: str) -> bool:
     """Whether a file is a network that is no deck: a graph, arrays, a configuration, or a list of edges."""
-    from resgrid.spice.networks.read import is_network as is_one
+    from resgrid.spice.read.deck import is_network as is_one
 
     return is_one(source)
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from functools import cached_property, partial
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -151,7 +151,7 @@ class Controller:
         velocity = np.empty(self.field.space.ndim)
         if point.shape != velocity.shape:
             raise InputError(f"a configuration of this space has {len(velocity)} coordinates, got shape {point.shape}")
-        status, length = self._kernel(*self._tables, point, velocity)
+        status, length = self._kernel(point, velocity)
         if status == 0:
             return Nominal("free", velocity * self.speed, length / self.speed)
         if status >= len(_PLACES):
@@ -189,18 +189,15 @@ class Controller:
         return configuration if self._frame.is_world else self.field.space.from_world(configuration)
 
     @cached_property
-    def _tables(self) -> tuple[Any, ...]:
+    def _kernel(self) -> Callable[[NDArray[np.float64], NDArray[np.float64]], tuple[int, float]]:
+        """What the field says at a point, whose velocity is written into the second array."""
+        from resgrid.control.kernels import FlowGrid, nominal
+
         space, flow = self.field.space, self.field.flow
-        return (
+        return partial(nominal, FlowGrid(
             flow.code, np.ascontiguousarray(self._served).ravel(), flow.shape, space.lower, flow.spacing,
             space.periodic, flow.first_face, flow.face_stride, flow.direction, flow.log_current,
-        )  # fmt: skip
-
-    @cached_property
-    def _kernel(self) -> Callable[..., tuple[int, float]]:
-        from resgrid.control import kernels
-
-        return kernels.nominal
+        ))  # fmt: skip
 
     @cached_property
     def _served(self) -> NDArray[np.bool_]:

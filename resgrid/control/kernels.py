@@ -6,6 +6,7 @@ Numba takes seconds to import: only functions that are about to run import this 
 from __future__ import annotations
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -22,35 +23,50 @@ _EDGE = 1e-9
 _BORDER = 2e-9
 
 
+class FlowGrid(NamedTuple):
+    """A grid and the currents through its faces.
+
+    `code, served` (cells,): what each cell is, and whether it is a goal or has a path to one; `shape, corner, spacing,
+    periodic` (n,): of the axes; `first_face` (n,), `face_stride` (n, n): where faces of each axis lie in `direction,
+    log_current` (faces,).
+    """
+
+    code: NDArray[np.uint8]
+    served: NDArray[np.bool_]
+    shape: Integers
+    corner: Floats
+    spacing: Floats
+    periodic: NDArray[np.bool_]
+    first_face: Integers
+    face_stride: Integers
+    direction: NDArray[np.int8]
+    log_current: Floats
+
+
 @inner
-def _cell_at(
-    shape: Integers, corner: Floats, spacing: Floats, periodic: NDArray[np.bool_], point: Floats, cell: Integers,
-    local: Floats,
-) -> int:  # fmt: skip
+def _cell_at(grid: FlowGrid, point: Floats, cell: Integers, local: Floats) -> int:
     """Cell of a point, and where in it the point is, each coordinate in [0, 1]; returns a status."""
-    for axis in range(len(shape)):
-        x = (point[axis] - corner[axis]) / spacing[axis]
+    for axis in range(len(cell)):
+        count = grid.shape[axis]
+        x = (point[axis] - grid.corner[axis]) / grid.spacing[axis]
         if not math.isfinite(x):
             return NOT_FINITE
-        if periodic[axis]:
-            x -= shape[axis] * math.floor(x / shape[axis])
-        elif x < -_EDGE or x > shape[axis] + _EDGE:
+        if grid.periodic[axis]:
+            x -= count * math.floor(x / count)
+        elif x < -_EDGE or x > count + _EDGE:
             return OUTSIDE
-        cell[axis] = min(max(math.floor(x), 0), shape[axis] - 1)
+        cell[axis] = min(max(math.floor(x), 0), count - 1)
         local[axis] = min(max(x - cell[axis], 0.0), 1.0)
     return MOVES
 
 
 @inner
-def _face_velocities(
-    first_face: Integers, face_stride: Integers, direction: NDArray[np.int8], log_current: Floats, cell: Integers,
-    lower: Floats, upper: Floats,
-) -> bool:  # fmt: skip
+def _face_velocities(grid: FlowGrid, cell: Integers, lower: Floats, upper: Floats) -> bool:
     """Velocities on the lower and upper faces of a cell, scaled to a maximum of 1; False where none flows."""
-    ndim = len(cell)
+    ndim, face_stride, log_current = len(cell), grid.face_stride, grid.log_current
     face, scale = np.empty(ndim, np.int64), -np.inf
     for axis in range(ndim):
-        face[axis] = first_face[axis]
+        face[axis] = grid.first_face[axis]
         for other in range(ndim):
             face[axis] += cell[other] * face_stride[axis, other]
         scale = max(scale, log_current[face[axis]], log_current[face[axis] + face_stride[axis, axis]])
@@ -58,8 +74,8 @@ def _face_velocities(
         return False
     for axis in range(ndim):
         above = face[axis] + face_stride[axis, axis]
-        lower[axis] = direction[face[axis]] * math.exp(log_current[face[axis]] - scale)
-        upper[axis] = direction[above] * math.exp(log_current[above] - scale)
+        lower[axis] = grid.direction[face[axis]] * math.exp(log_current[face[axis]] - scale)
+        upper[axis] = grid.direction[above] * math.exp(log_current[above] - scale)
     return True
 
 
@@ -75,7 +91,7 @@ def _along_current(local: Floats, lower: Floats, upper: Floats, spacing: Floats,
 
     Each component is linear between its two faces (Pollock 1988).
     """
-    drifts, outward, way = False, 0.0, 0
+    drifts, outward, out = False, 0.0, 0
     squares, decay = 0.0, 0.0
     for axis in range(len(local)):
         speed = lower[axis] * (1.0 - local[axis]) + upper[axis] * local[axis]
@@ -84,13 +100,13 @@ def _along_current(local: Floats, lower: Floats, upper: Floats, spacing: Floats,
         squares += velocity[axis] ** 2
         decay = max(decay, lower[axis] - upper[axis])
         if max(upper[axis], -lower[axis]) > outward:
-            outward, way = max(upper[axis], -lower[axis]), axis
+            outward, out = max(upper[axis], -lower[axis]), axis
     if outward <= 0.0:
         return -1.0
     if not drifts:
         velocity[:] = 0.0
-        velocity[way] = 1.0 if upper[way] >= -lower[way] else -1.0
-        return _to_face(local[way], velocity[way], spacing[way])
+        velocity[out] = 1.0 if upper[out] >= -lower[out] else -1.0
+        return _to_face(local[out], velocity[out], spacing[out])
     length = math.sqrt(squares)
     farthest = 0.5 * length / decay if decay > 0.0 else np.inf
     for axis in range(len(local)):
@@ -101,71 +117,56 @@ def _along_current(local: Floats, lower: Floats, upper: Floats, spacing: Floats,
 
 
 @inner
-def _cross(
-    shape: Integers, periodic: NDArray[np.bool_], cell: Integers, local: Floats, lower: Floats, upper: Floats
-) -> bool:
+def _cross(grid: FlowGrid, cell: Integers, local: Floats, lower: Floats, upper: Floats) -> bool:
     """Into the next cell, where a point lies on faces that current leaves by: by the largest; whether there is one."""
-    way, step, outward = 0, 0, 0.0
-    for axis in range(len(shape)):
+    out, step, outward = 0, 0, 0.0
+    for axis in range(len(cell)):
         if local[axis] >= 1.0 - _BORDER and upper[axis] > outward:
-            way, step, outward = axis, 1, upper[axis]
+            out, step, outward = axis, 1, upper[axis]
         if local[axis] <= _BORDER and -lower[axis] > outward:
-            way, step, outward = axis, -1, -lower[axis]
-    other = cell[way] + step
-    if periodic[way]:
-        other %= shape[way]
-    if step == 0 or other < 0 or other >= shape[way]:
+            out, step, outward = axis, -1, -lower[axis]
+    return step != 0 and _step(grid, cell, local, out, step)
+
+
+@inner
+def _step(grid: FlowGrid, cell: Integers, local: Floats, axis: int, step: int) -> bool:
+    """To the same place on a border as it belongs to the next cell; whether there is one."""
+    other = cell[axis] + step
+    if grid.periodic[axis]:
+        other %= grid.shape[axis]
+    if other < 0 or other >= grid.shape[axis]:
         return False
-    cell[way] = other
-    local[way] = 0.0 if step > 0 else 1.0
+    cell[axis] = other
+    local[axis] = 0.0 if step > 0 else 1.0
     return True
 
 
 @inner
-def _flat(shape: Integers, cell: Integers) -> int:
+def _flat(grid: FlowGrid, cell: Integers) -> int:
     """Number of a cell in C order."""
     flat = 0
-    for axis in range(len(shape)):
-        flat = flat * shape[axis] + cell[axis]
+    for axis in range(len(cell)):
+        flat = flat * grid.shape[axis] + cell[axis]
     return flat
 
 
 @inner
-def _beside_served(
-    served: NDArray[np.bool_], shape: Integers, periodic: NDArray[np.bool_], cell: Integers, local: Floats
-) -> bool:
+def _beside_served(grid: FlowGrid, cell: Integers, local: Floats) -> bool:
     """Into a cell with a path, where a point lies on its border but was rounded out of it; whether there is one."""
-    for axis in range(len(shape)):
+    for axis in range(len(cell)):
         step = 1 if local[axis] >= 1.0 - _BORDER else -1
         if step < 0 and local[axis] > _BORDER:
             continue
-        own, other = cell[axis], cell[axis] + step
-        if periodic[axis]:
-            other %= shape[axis]
-        if 0 <= other < shape[axis]:
-            cell[axis] = other
-            if served[_flat(shape, cell)]:
-                local[axis] = 0.0 if step > 0 else 1.0
+        own, at = cell[axis], local[axis]
+        if _step(grid, cell, local, axis, step):
+            if grid.served[_flat(grid, cell)]:
                 return True
-            cell[axis] = own
+            cell[axis], local[axis] = own, at
     return False
 
 
 @njit(cache=True)
-def nominal(
-    code: NDArray[np.uint8],
-    served: NDArray[np.bool_],
-    shape: Integers,
-    corner: Floats,
-    spacing: Floats,
-    periodic: NDArray[np.bool_],
-    first_face: Integers,
-    face_stride: Integers,
-    direction: NDArray[np.int8],
-    log_current: Floats,
-    point: Floats,
-    velocity: Floats,
-) -> tuple[int, float]:
+def nominal(grid: FlowGrid, point: Floats, velocity: Floats) -> tuple[int, float]:
     """Unit velocity along the current at a point, as Pollock interpolates it within the point's cell.
 
     A point on a border belongs to the cell that current enters there, step by step down the potential: else a robot at
@@ -174,24 +175,24 @@ def nominal(
     and how far a straight step may go: just across the next face that current leaves by, and no more than half way to
     where a component vanishes, so that no step ends beyond a face without outward current.
     """
-    ndim = len(shape)
+    ndim = len(point)
     cell, local, lower, upper = np.empty(ndim, np.int64), np.empty(ndim), np.empty(ndim), np.empty(ndim)
     velocity[:] = 0.0
-    status = _cell_at(shape, corner, spacing, periodic, point, cell, local)
+    status = _cell_at(grid, point, cell, local)
     if status != MOVES:
         return status, 0.0
-    flat = _flat(shape, cell)
-    if code[flat] == _GOAL:
+    flat = _flat(grid, cell)
+    if grid.code[flat] == _GOAL:
         return GOAL, 0.0
-    if not served[flat] and not _beside_served(served, shape, periodic, cell, local):
+    if not grid.served[flat] and not _beside_served(grid, cell, local):
         return OFF, 0.0
-    if not _face_velocities(first_face, face_stride, direction, log_current, cell, lower, upper):
+    if not _face_velocities(grid, cell, lower, upper):
         return OFF, 0.0
     for _ in range(2**ndim):
-        farthest = _along_current(local, lower, upper, spacing, velocity)
-        if not _cross(shape, periodic, cell, local, lower, upper) or code[_flat(shape, cell)] == _GOAL:
+        farthest = _along_current(local, lower, upper, grid.spacing, velocity)
+        if not _cross(grid, cell, local, lower, upper) or grid.code[_flat(grid, cell)] == _GOAL:
             break
-        _face_velocities(first_face, face_stride, direction, log_current, cell, lower, upper)
+        _face_velocities(grid, cell, lower, upper)
     if farthest >= 0.0:
         return MOVES, farthest
     velocity[:] = 0.0

@@ -2,41 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import json
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 import shapely
 from numpy.typing import NDArray
+from support.dumbbell import Dumbbell
 
 import resgrid as rg
 from resgrid.errors import InputError
-from resgrid.robots import Part, Pose, to_shapely
-
-
-@dataclass(frozen=True)
-class Dumbbell(rg.Robot):
-    """Two discs on a massless bar, at (x, y, theta); an arc of theta is an angle of theta / (length / 2)."""
-
-    length: float
-    radius: float
-
-    def _ends(self, configurations: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-        angle = configurations[:, 2] / (self.length / 2)
-        half = self.length / 2 * np.column_stack([np.cos(angle), np.sin(angle)])
-        return [configurations[:, :2] - half, configurations[:, :2] + half]
-
-    def parts(self, configurations: NDArray[np.float64]) -> list[Part]:
-        return [Part(np.asarray(shapely.points(end)), self.radius) for end in self._ends(configurations)]
-
-    def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
-        step = np.abs(end - start)
-        return np.asarray(np.linalg.norm(step[:, :2], axis=1) + step[:, 2])
-
-    def pose(self, configuration: NDArray[np.float64]) -> Pose:
-        ends = np.concatenate(self._ends(configuration[np.newaxis]))
-        return Pose.of_body(np.hstack([ends, ends]), self.radius, configuration, self.length / 2)
-
+from resgrid.robots import Part, to_shapely
 
 ROBOT = Dumbbell(0.8, 0.12)
 OBSTACLES = (rg.Box((1.2, 0.0), (1.4, 0.9)), rg.Ball((1.3, 1.7), 0.2), rg.HalfSpace((0.0, 1.0), 0.02))
@@ -58,7 +39,7 @@ def test_no_configuration_in_a_free_cell_collides() -> None:
     cells = np.argwhere(~blocked)
     chosen = cells[rng.integers(len(cells), size=5000)] + rng.random((5000, 3))
     solid = shapely.union_all([to_shapely(shape) for shape in OBSTACLES])
-    for end in ROBOT._ends(chosen * [axis.spacing for axis in AXES]):
+    for end in ROBOT.ends(chosen * [axis.spacing for axis in AXES]):
         assert shapely.distance(shapely.points(end), solid).min() > ROBOT.radius
 
 
@@ -66,7 +47,7 @@ def test_it_is_planned_for_replayed_drawn_and_controlled() -> None:
     planner = rg.plan(SCENE)
     path = planner.path(SCENE.starts[0])
     assert path.outcome is rg.Outcome.REACHED
-    assert rg.replay(path, ROBOT, OBSTACLES, planner.space) is None
+    assert rg.replay(path, OBSTACLES) is None
     assert len(rg.draw_robot(path.points, SCENE).patches) > 10
     run = rg.simulation(SCENE).run()
     assert run.ending is rg.Ending.ARRIVED
@@ -93,3 +74,59 @@ def test_what_a_robot_does_not_say_is_named() -> None:
 
     with pytest.raises(InputError, match=r"give Ghost a method pose"):
         rg.simulation(replace(SCENE, robot=Ghost())).run()
+
+
+SCENE_FILE = """
+schema = 1
+title = "Dumbbell"
+starts = [[0.4, 1.0, 0.0]]
+k = [0.98]
+[grid]
+axes = [
+    { name = "x", lower = 0, upper = 2.6, cells = 26 }, { name = "y", lower = 0, upper = 2, cells = 20 },
+    { name = "theta", lower = 0, upper = 2.5132741228718345, cells = 24, periodic = true },
+]
+[robot]
+type = "dumbbell"
+length = 0.8
+radius = 0.12
+[[obstacle]]
+shape = "rectangle"
+lower = [1.2, 0.0]
+upper = [1.4, 0.9]
+[[hidden]]
+shape = "circle"
+centre = [1.3, 1.7]
+radius = 0.2
+[[goal]]
+point = [2.2, 1.2]
+"""
+REGISTERED = """
+import sys
+from support.dumbbell import Dumbbell
+from resgrid.robots import ROBOTS
+ROBOTS["dumbbell"] = Dumbbell
+from resgrid.cli import main
+sys.exit(main())
+"""
+
+
+def test_one_line_in_the_registry_takes_it_through_the_command_line(tmp_path: Path) -> None:
+    (tmp_path / "scene.toml").write_text(SCENE_FILE)
+
+    def call(*words: str) -> str:
+        command = [sys.executable, "-c", REGISTERED, *words]
+        path = str(Path(__file__).parents[1])
+        done = subprocess.run(
+            command, cwd=tmp_path, capture_output=True, text=True, check=False, env={"PYTHONPATH": path, **os.environ}
+        )
+        assert done.returncode == 0, done.stderr
+        return done.stdout
+
+    call("run", "scene.toml", "-o", "out", "--no-check")
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["schema"] == 1
+    call("plot", "scene.toml", "-o", "robot.png", "--what", "robot")
+    assert len(json.loads(call("control", "scene.toml", "--json"))["runs"]) == 1
+    (tmp_path / "wrong.toml").write_text(SCENE_FILE.replace("radius = 0.12", "radiu = 0.12"))
+    with pytest.raises(AssertionError, match="radius"):
+        call("run", "wrong.toml")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,7 +67,7 @@ def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Ci
         nonlinear_nodes=nodes["nonlinear resistor"],
         nonlinear_current=value["nonlinear resistor"],
         nonlinear_voltage=parts["nonlinear resistor"].values[:, 1].copy(),
-        element_names=LateNames({kind: parts[kind].names.make for kind in KINDS}),
+        element_names=LateNames({kind: parts[kind].names for kind in KINDS}),
         place={kind: parts[kind].place for kind in KINDS},
         files=files,
         notes=diagnostics.notes(),
@@ -100,7 +101,7 @@ def _add_bulk(bulk: Bulk, source: Source, elements: Elements) -> None:
         place = np.empty((len(line), 2), dtype=np.int64)
         place[:, 0], place[:, 1] = source.number, line
         values = bulk.value[chosen][:, np.newaxis]
-        elements.parts[kind].append(Part(bulk.names(chosen), numbers[bulk.nodes[chosen]], values, place, None))
+        elements.parts[kind].append(Part(partial(bulk.names, chosen), numbers[bulk.nodes[chosen]], values, place, None))
 
 
 def _settle_title(contents: Contents, scope: Scope, elements: Elements, expander: Expander) -> None:
@@ -130,7 +131,7 @@ def _settle_title(contents: Contents, scope: Scope, elements: Elements, expander
 def _with_switches(parts: dict[str, Part], node_count: int, files: tuple[str, ...], diagnostics: Diagnostics) -> Part:
     """Resistors, with every switch among them as the resistance of its state."""
     switches, resistors = parts["switch"], parts["resistor"]
-    if not len(switches.names):
+    if not len(switches):
         return resistors
     volts = _held_voltages(parts, node_count)
     control = volts[0][switches.nodes[:, 2]] - volts[0][switches.nodes[:, 3]]
@@ -150,7 +151,7 @@ def _with_switches(parts: dict[str, Part], node_count: int, files: tuple[str, ..
             if tied[i]
             else "is controlled by nodes that no voltage source holds"
         )
-        diagnostics.error(CardError(Spot(files[file], line), f"the switch {switches.names.make()[i]} {why}"))
+        diagnostics.error(CardError(Spot(files[file], line), f"the switch {switches.names()[i]} {why}"))
     if inside.any():
         file, line = switches.place[int(np.argmax(inside))].tolist()
         diagnostics.warn(Spot(files[file], line), "a switch within its hysteresis is off unless ON is said")

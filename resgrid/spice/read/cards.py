@@ -10,7 +10,7 @@ import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from resgrid.spice.dialects.reading import ReadingRules
 from resgrid.spice.read.diagnostics import CardError, Diagnostics, Spot
@@ -156,8 +156,7 @@ _KINDS: dict[str | None, Kind] = {
 }
 
 
-@dataclass(frozen=True)
-class Token:
+class Token(NamedTuple):
     """A piece of a card: its text without quotes or braces, and the offset of its first character in the card's."""
 
     kind: Kind
@@ -201,8 +200,7 @@ def _cut(text: str) -> tuple[tuple[Token, ...], int]:
     return tuple(tokens), -1
 
 
-@dataclass(frozen=True)
-class Setting:
+class Setting(NamedTuple):
     """``key=value`` of a card, the key in lower case; several values where more follow after commas or blanks."""
 
     key: str
@@ -233,6 +231,7 @@ def settings(card: Card, tokens: list[Token], several: frozenset[str] = frozense
     return pairs
 
 
+_WORD = re.compile(r"[+-]?[\d.]+(?:[eE][+-]?\d+)?\w*|[^\W\d]\w*")
 _KEY = re.compile(r"([^\W\d]\w*)\s*=(?!=)\s*")
 
 
@@ -249,7 +248,13 @@ def _unquoted_settings(card: Card, tokens: list[Token]) -> list[Setting]:
         value = card.text[key.end() : stop].strip()
         if not value:
             raise card.error(key.start(), f"{key[1]!r} has no value")
-        pairs.append(Setting(key[1].lower(), key.start(), (Token("expression", value, key.end()),)))
+        pairs.append(
+            Setting(
+                key[1].lower(),
+                key.start(),
+                (Token("word" if _WORD.fullmatch(value) else "expression", value, key.end()),),
+            )
+        )
     return pairs
 
 

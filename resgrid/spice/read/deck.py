@@ -11,7 +11,9 @@ from resgrid.errors import InputError
 from resgrid.spice.circuit import Circuit
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.dialects.reading import ReadingRules
-from resgrid.spice.networks.read import is_network, read_network
+from resgrid.spice.networks.circuitscape import read_circuitscape
+from resgrid.spice.networks.edges import is_edge_list, read_edges
+from resgrid.spice.networks.graphs import GRAPH_SUFFIXES, read_graph
 from resgrid.spice.read.assemble import assemble_deck
 from resgrid.spice.read.collect import Collector
 from resgrid.spice.read.commands import Contents
@@ -83,9 +85,22 @@ def read_spice(
     ('divider', ('0', 'in', 'out'), [1000.0, 1000.0])
     """
     tables = measure is not None or sources is not None or grounds is not None
-    if isinstance(path, str | os.PathLike) and (tables or is_network(path)):
-        return read_network(path, measure=measure, sources=sources, grounds=grounds, root=root)
-    return read_with(path, dialect=dialect, root=root, max_elements=max_elements)
+    if not isinstance(path, str | os.PathLike) or not (tables or is_network(path)):
+        return read_with(path, dialect=dialect, root=root, max_elements=max_elements)
+    name = os.fspath(path)
+    suffix = Path(path).suffix.lower()
+    if suffix not in (*GRAPH_SUFFIXES, ".ini"):
+        return Circuit.of(read_edges(path, sources, grounds, measure, measure).netlist(), name)
+    if tables:
+        raise InputError(f"{name} names its own sources, grounds and measure; leave those options out")
+    netlist = read_graph(path) if suffix != ".ini" else read_circuitscape(path, root=root)[0].netlist()
+    return Circuit.of(netlist, name)
+
+
+def is_network(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is a network that is no deck: a graph, arrays, a configuration, or a list of edges."""
+    suffix = Path(path).suffix.lower()
+    return is_edge_list(path) if suffix == ".txt" else suffix in (".csv", ".tsv", ".ini", *GRAPH_SUFFIXES)
 
 
 def read_with(

@@ -74,9 +74,8 @@ def letter_of(card: Card, block: Block) -> str:
     return spectre.letter_of(card, block) if card.rules.instances else card.text[0].lower()
 
 
-def read_element(card: Card, scope: Scope, elements: Elements) -> None:
+def read_element(card: Card, letter: str, scope: Scope, elements: Elements) -> None:
     """Read one element into those of its block."""
-    letter = letter_of(card, scope.block)
     refused = card.rules.refused_elements.get(letter)
     if refused is not None:
         raise card.error(0, f"{card.text.split()[0]} is {refused}")

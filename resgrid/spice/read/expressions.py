@@ -15,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
+from typing import NamedTuple
 
 from resgrid.spice.dialects.reading import ReadingRules
 from resgrid.spice.read.numerals import parse_numeral
@@ -47,11 +48,14 @@ class ExpressionError(ValueError):
         self.offset = offset
 
 
-@dataclass(frozen=True)
-class _Token:
+class _Token(NamedTuple):
     kind: str
     text: str
     offset: int
+
+    @property
+    def shown(self) -> str:
+        return repr(self.text) if self.kind != "end" else "the end"
 
 
 def evaluate(text: str, rules: ReadingRules, lookup: Lookup, call: Call) -> float:
@@ -157,8 +161,7 @@ class _Reader:
 
     def _expect(self, text: str) -> None:
         if self._now.text != text:
-            found = repr(self._now.text) if self._now.kind != "end" else "the end"
-            raise ExpressionError(self._now.offset, f"{text!r} was expected, found {found}")
+            raise ExpressionError(self._now.offset, f"{text!r} was expected, found {self._now.shown}")
         self.position += 1
 
     def _binary(self, level: int) -> float:
@@ -227,8 +230,7 @@ class _Reader:
             value = self.choice()
             self._expect(")")
             return value
-        found = repr(token.text) if token.kind != "end" else "the end"
-        raise ExpressionError(token.offset, f"a number or a name was expected, found {found}")
+        raise ExpressionError(token.offset, f"a number or a name was expected, found {token.shown}")
 
     def _number(self, token: _Token) -> float:
         numeral = parse_numeral(token.text, self.rules, computed=True)

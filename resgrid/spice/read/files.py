@@ -50,21 +50,21 @@ class Library:
         known = next((source for source in self.sources if source.path == resolved), None)
         return known or self.add(name, resolved, read_bytes(resolved, name))
 
-    def find(self, wanted: str, beside: Source) -> tuple[Path, str]:
+    def find(self, file: str, beside: Source) -> tuple[Path, str]:
         """Where an included file lies, and how to display it."""
         if self.root is None:
-            raise InputError(f"{wanted!r} is included, but the deck has no folder: give the root to read below")
+            raise InputError(f"{file!r} is included, but the deck has no folder: give the root to read below")
         folder = self.root if beside.path is None else beside.path.parent
         tried: list[Path] = []
         for base in dict.fromkeys((folder, self.root)):
-            path = _resolve(base / wanted, wanted)
+            path = _resolve(base / file, file)
             if not path.is_relative_to(self.root):
-                raise InputError(f"{wanted!r} lies outside {str(self.root)!r}: copy it, or name a wider root")
+                raise InputError(f"{file!r} lies outside {str(self.root)!r}: copy it, or name a wider root")
             if _exists(path):
-                return path, os.path.normpath(Path(beside.name).parent / wanted) if base == folder else wanted
+                return path, os.path.normpath(Path(beside.name).parent / file) if base == folder else file
             tried.append(path)
         raise InputError(
-            f"the file {wanted[-80:]!r} that is included does not exist (looked in {str(tried[0].parent)!r})"
+            f"the file {file[-80:]!r} that is included does not exist (looked in {str(tried[0].parent)!r})"
         )
 
 

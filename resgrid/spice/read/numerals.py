@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from dataclasses import dataclass
+from typing import NamedTuple
 
 from resgrid.spice.dialects.reading import ReadingRules
 
@@ -18,8 +18,7 @@ _UNIT = "Ω"
 _NO_D = "{} does not everywhere take D for an exponent; write e"
 
 
-@dataclass(frozen=True)
-class Numeral:
+class Numeral(NamedTuple):
     """A number as it was read.
 
     `warning`: what other readers might make of it; empty if nothing.

@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from resgrid.spice.dialects.reading import ReadingRules
 from resgrid.spice.read.files import decode
 from resgrid.spice.read.numerals import Numeral, parse_numeral
-from resgrid.spice.read.tables import Names
 
 if TYPE_CHECKING:
     from resgrid.spice.read.kernels import CardTable
@@ -49,10 +48,9 @@ class Bulk:
     line: NDArray[np.int32]
     other: NDArray[np.int64]
 
-    def names(self, which: NDArray[np.bool_]) -> Names:
+    def names(self, which: NDArray[np.bool_]) -> list[str]:
         """Names of some elements."""
-        text, span = self.text, self.span
-        return Names(int(np.count_nonzero(which)), lambda: _texts(text, span[which]))
+        return _texts(self.text, self.span[which])
 
     def others(self, data: bytes) -> Iterator[tuple[int, str]]:
         """Lines that were not plain."""

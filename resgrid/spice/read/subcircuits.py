@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +17,7 @@ from resgrid.spice.read.diagnostics import CardError
 from resgrid.spice.read.elements import letter_of, multiplier, read_element
 from resgrid.spice.read.scopes import Block, Scope
 from resgrid.spice.read.spectre import PRIMITIVES
-from resgrid.spice.read.tables import RESISTIVE, WIDTHS, Elements, Names, NodeTable, Part, order_of, widened
+from resgrid.spice.read.tables import RESISTIVE, WIDTHS, Elements, NodeTable, Part, order_of, widened
 
 MAX_DEPTH = 50
 MAX_ELEMENTS = 20_000_000
@@ -80,7 +81,8 @@ class Expander:
         names: set[str] = set()
         for card in cards:
             try:
-                if letter_of(card, scope.block) == "x":
+                letter = letter_of(card, scope.block)
+                if letter == "x":
                     call = self._call(card, scope.block)
                     if call.name.lower() in names:
                         raise card.error(0, f"{call.name} is called twice; instances need names of their own")
@@ -89,7 +91,7 @@ class Expander:
                     flat = self._flat(call, given, scope)
                     groups.setdefault(id(flat), (flat, []))[1].append((call, factor))
                 else:
-                    read_element(card, scope, elements)
+                    read_element(card, letter, scope, elements)
             except CardError as error:
                 scope.diagnostics.error(error)
         for flat, calls in groups.values():
@@ -241,7 +243,7 @@ class Expander:
             tuple(table.names),
             len(block.ports),
             common,
-            {kind: part for kind in WIDTHS if len((part := elements.joined(kind)).names)},
+            {kind: part for kind in WIDTHS if len(part := elements.joined(kind))},
         )
 
 
@@ -252,19 +254,23 @@ def _stamp(flat: Flat, calls: list[tuple[Call, float]], elements: Elements) -> N
     order = order_of(place)
     nodes = _node_map(flat, [call for call, _ in calls], order.tolist(), elements.nodes)
     for kind, part in flat.parts.items():
-        count, names = len(part.names), part.names.make()
         values = np.tile(widened(kind, part.values), (len(calls), 1))
         if np.any(factor != 1.0):
-            _multiply(kind, values, np.repeat(factor, count))
+            _multiply(kind, values, np.repeat(factor, len(part)))
         elements.parts[kind].append(
             Part(
-                Names.given([f"{call.name}.{name}" for call, _ in calls for name in names]),
+                partial(_names_of_instances, calls, part),
                 nodes[:, part.nodes].reshape(-1, part.nodes.shape[1]),
                 values,
                 np.tile(part.place, (len(calls), 1)),
-                np.repeat(order, count),
+                np.repeat(order, len(part)),
             )
         )
+
+
+def _names_of_instances(calls: list[tuple[Call, float]], part: Part) -> list[str]:
+    names = part.names()
+    return [f"{call.name}.{name}" for call, _ in calls for name in names]
 
 
 def _node_map(flat: Flat, calls: list[Call], orders: list[int], table: NodeTable) -> NDArray[np.int64]:

@@ -118,36 +118,24 @@ class NodeTable:
 
 
 @dataclass(frozen=True, eq=False)
-class Names:
-    """Names of elements, made when they are asked for."""
-
-    count: int
-    make: Callable[[], list[str]]
-
-    @classmethod
-    def given(cls, names: list[str]) -> Names:
-        """Names that are there already."""
-        return cls(len(names), lambda: names)
-
-    def __len__(self) -> int:
-        """How many they are."""
-        return self.count
-
-
-@dataclass(frozen=True, eq=False)
 class Part:
     """Elements of one kind as arrays.
 
-    `nodes` (n, nodes); `values` (n, values): or, for resistors that have nothing else, ohms alone, shape (n, 1);
-    `place` (n, 2): file and line of the card that describes the element; `order` (n,): file and line of the card of
-    the deck that brings it, as one number; None if that is its own place, and the elements are in order.
+    `names`: makes their names; `nodes` (n, nodes); `values` (n, values): or, for resistors that have nothing else,
+    ohms alone, shape (n, 1); `place` (n, 2): file and line of the card that describes the element; `order` (n,): file
+    and line of the card of the deck that brings it, as one number; None if that is its own place, and the elements are
+    in order.
     """
 
-    names: Names
+    names: Callable[[], list[str]]
     nodes: NDArray[np.int64]
     values: NDArray[np.float64]
     place: NDArray[np.int64]
     order: NDArray[np.int64] | None
+
+    def __len__(self) -> int:
+        """How many elements they are."""
+        return len(self.nodes)
 
     @property
     def ordered(self) -> NDArray[np.int64]:
@@ -183,19 +171,21 @@ class Elements:
             return joined_parts(kind, self.parts[kind])
         names, nodes, values, places = zip(*self.rows[kind], strict=True)
         place = np.array(places, dtype=np.int64)
-        own = Part(Names.given(list(names)), np.array(nodes, np.int64), np.array(values), place, order_of(place))
+        own = Part(lambda: list(names), np.array(nodes, np.int64), np.array(values), place, order_of(place))
         return joined_parts(kind, [own, *self.parts[kind]])
 
 
 def joined_parts(kind: str, parts: list[Part]) -> Part:
     """Elements of one kind from several parts, in the order of the deck."""
-    filled = [part for part in parts if len(part.names)]
-    if len(filled) <= 1:
-        return _sorted(filled[0]) if filled else _nothing(kind)
-    makers = [part.names.make for part in filled]
+    filled = [part for part in parts if len(part)]
+    if not filled:
+        width, count = WIDTHS[kind]
+        return Part(list, np.empty((0, width), np.int64), np.empty((0, count)), np.empty((0, 2), np.int64), None)
+    if len(filled) == 1:
+        return _sorted(filled[0])
     return _sorted(
         Part(
-            Names(sum(len(part.names) for part in filled), lambda: [name for make in makers for name in make()]),
+            lambda: [name for part in filled for name in part.names()],
             np.concatenate([part.nodes for part in filled]),
             np.concatenate([widened(kind, part.values) for part in filled]),
             np.concatenate([part.place for part in filled]),
@@ -214,25 +204,16 @@ def widened(kind: str, values: NDArray[np.float64]) -> NDArray[np.float64]:
     return full
 
 
-def _nothing(kind: str) -> Part:
-    width, count = WIDTHS[kind]
-    no_place = np.empty((0, 2), dtype=np.int64)
-    return Part(Names.given([]), np.empty((0, width), np.int64), np.empty((0, count)), no_place, None)
-
-
 def _sorted(part: Part) -> Part:
     if part.order is None or np.all(part.order[1:] >= part.order[:-1]):
         return part
     order = np.argsort(part.order, kind="stable")
-    make = part.names.make
 
-    def sorted_names() -> list[str]:
-        names = make()
-        return [names[i] for i in order.tolist()]
+    def names() -> list[str]:
+        unsorted = part.names()
+        return [unsorted[i] for i in order.tolist()]
 
-    return Part(
-        Names(len(order), sorted_names), part.nodes[order], part.values[order], part.place[order], part.order[order]
-    )
+    return Part(names, part.nodes[order], part.values[order], part.place[order], part.order[order])
 
 
 class LateNames(Mapping[str, tuple[str, ...]]):

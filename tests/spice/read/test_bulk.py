@@ -23,7 +23,7 @@ def test_numbers_are_the_nearest_doubles(wanted: list[tuple[float, str]]) -> Non
     data = "".join(f"R{i} a b {word}\n" for i, word in enumerate(words)).encode()
     found = scan(data, 0, DIALECTS["ngspice"].reading)
     assert found is not None
-    kept = dict(zip(found.names(found.kind == 0).make(), found.value.tolist(), strict=True))
+    kept = dict(zip(found.names(found.kind == 0), found.value.tolist(), strict=True))
     for i, word in enumerate(words):
         if f"R{i}" in kept:
             assert kept[f"R{i}"] == float(word), word

@@ -72,7 +72,7 @@ def test_a_deck_in_both_languages() -> None:
     ("line", "message"),
     [
         ("r1 (a 0) resistor r=1meg", ":3:21: '1meg' has letters behind its suffix"),
-        ("r1 (a 0) resistor r=x", ":3:21: there is no parameter 'x'"),
+        ("r1 (a 0) resistor r=x", ":3:21: 'x' is neither a number nor a parameter"),
         ("r1 (a) resistor r=1", ":3: r1 has 1 node"),
         ("d1 (a 0) diode area=1", "there is no subcircuit 'diode'"),
         ("b1 (a 0) bsource i=v(a,0)**2", "only .* can be read"),

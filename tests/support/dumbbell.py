@@ -1,0 +1,35 @@
+"""A robot that the package does not know: all that one has to write."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from resgrid.robots import Part, Pose, Robot
+
+
+@dataclass(frozen=True)
+class Dumbbell(Robot):
+    """Two discs on a massless bar, at (x, y, theta); an arc of theta is an angle of theta / (length / 2)."""
+
+    length: float
+    radius: float
+
+    def ends(self, configurations: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+        angle = configurations[:, 2] / (self.length / 2)
+        half = self.length / 2 * np.column_stack([np.cos(angle), np.sin(angle)])
+        return [configurations[:, :2] - half, configurations[:, :2] + half]
+
+    def parts(self, configurations: NDArray[np.float64]) -> list[Part]:
+        return [Part(np.asarray(shapely.points(end)), self.radius) for end in self.ends(configurations)]
+
+    def travel(self, start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+        step = np.abs(end - start)
+        return np.asarray(np.linalg.norm(step[:, :2], axis=1) + step[:, 2])
+
+    def pose(self, configuration: NDArray[np.float64]) -> Pose:
+        ends = np.concatenate(self.ends(configuration[np.newaxis]))
+        return Pose.of_body(np.hstack([ends, ends]), self.radius, configuration, self.length / 2)
