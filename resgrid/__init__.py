@@ -33,8 +33,8 @@ def __getattr__(name: str) -> Any:
     if name not in __all__:
         from difflib import get_close_matches
 
-        near = get_close_matches(name, __all__, 1)
-        hint = f"did you mean {near[0]!r}?" if near else "dir(resgrid) lists its names"
+        near = " or ".join(map(repr, get_close_matches(name, __all__)))
+        hint = f"did you mean {near}?" if near else "dir(resgrid) lists its names"
         raise AttributeError(f"module 'resgrid' has no attribute {name!r}; {hint}")
     from resgrid.doors import guarded
 

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.arguments import check_number
-from resgrid.frozen import picture_of
+from resgrid.frozen import lock, picture_of
+from resgrid.scene.quantities import format_quantity
 
-_PREFIXES = dict(zip(range(-24, 13, 3), ("y", "z", "a", "f", "p", "n", "µ", "m", "", "k", "M", "G", "T"), strict=True))
 _UNITS = {"ohm": "Ω", "V/sqrt(Hz)": "V/√Hz"}
 
 
@@ -43,11 +43,7 @@ def formatted(value: float | int | str | None, unit: str) -> str:
         return value
     if unit in ("", "bit", "°C", "%"):
         return f"{value:,}" if isinstance(value, int) else f"{value:.4g}" + (f" {unit}" if unit else "")
-    unit = _UNITS.get(unit, unit)
-    if value == 0:
-        return f"0 {unit}"
-    power = min(max(3 * math.floor(math.log10(abs(float(f"{value:.4g}"))) / 3), -24), 12)
-    return f"{value / 10.0**power:.4g} {_PREFIXES[power]}{unit}"
+    return format_quantity(value, _UNITS.get(unit, unit))
 
 
 def html_table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
@@ -61,9 +57,7 @@ class Result:
     """What an analysis returns: a frozen dataclass whose arrays are read-only, and its figures of merit."""
 
     def __post_init__(self) -> None:
-        for value in vars(self).values():
-            if isinstance(value, np.ndarray):
-                value.flags.writeable = False
+        lock(vars(self))
 
     @property
     def figures(self) -> Mapping[str, Figure]:

@@ -10,7 +10,7 @@ import click
 
 from resgrid.cli.decks import is_deck, is_network, open_deck, refuse_scene_options, solve_deck
 from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
-from resgrid.cli.options import Source, Suggested, verb, with_source
+from resgrid.cli.options import POSITIVE, Source, Suggested, share, verb, with_source
 from resgrid.cli.report import detail, finish, say, stage
 from resgrid.cli.scenes import open_job, say_unheeded
 from resgrid.errors import InputError, ResgridError, ToolMissingError
@@ -38,10 +38,16 @@ PATIENCE = 30.0
 @with_source("SCENE|DECK")
 @click.option("--rules", is_flag=True, help="Check the electrical rules only; errors exit with 1.")
 @click.option("--deck", metavar="FILE", type=click.Path(), help="Simulate this deck, and compare it with SCENE.")
-@click.option("--tolerance", metavar="T", default=1e-9, show_default=True, help="Largest error, over the supply.")
-@click.option("--timeout", metavar="S", default=TIMEOUT, show_default=True, help="Time for the simulator, in seconds.")
 @click.option(
-    "--engine", type=Suggested("name", "ngspice", "eecircuit"), default="ngspice", show_default=True,
+    "--tolerance",
+    metavar="T",
+    type=share(1),
+    default=1e-9,
+    help="Largest error, over the supply.",
+)
+@click.option("--timeout", metavar="S", type=POSITIVE, default=TIMEOUT, help="Time for the simulator, in seconds.")
+@click.option(
+    "--engine", type=Suggested("name", "ngspice", "eecircuit"), default="ngspice",
     help="ngspice, or eecircuit (for large decks).",
 )  # fmt: skip
 def command(source: Source, rules: bool, deck: str | None, tolerance: float, timeout: float, engine: str) -> int:
@@ -59,10 +65,6 @@ def command(source: Source, rules: bool, deck: str | None, tolerance: float, tim
     from resgrid.spice.run import engine_named
 
     engine_named(engine)
-    if not 0 < tolerance < 1:
-        raise InputError(f"--tolerance {tolerance}: it must lie between 0 and 1, for it is relative to the supply")
-    if not 0 < timeout < float("inf"):
-        raise InputError(f"--timeout {timeout}: it must be a positive number of seconds")
     limits = {"engine": engine, "tolerance": tolerance, "timeout": timeout}
     given = is_deck(source.file)
     if given and deck is not None:

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import html
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -14,7 +13,17 @@ import click
 
 from resgrid.cli.check import check_written
 from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
-from resgrid.cli.options import Source, dialect_option, folder_of, output_option, verb, with_source
+from resgrid.cli.options import (
+    POSITIVE,
+    Source,
+    Suggested,
+    dialect_option,
+    folder_of,
+    output_option,
+    share,
+    verb,
+    with_source,
+)
 from resgrid.cli.report import compute, finish, stage
 from resgrid.cli.scenes import Job, open_job, say_unheeded
 from resgrid.errors import InputError
@@ -31,53 +40,58 @@ ANALYSES = ("yield", "precision", "settling", "noise", "power", "sensitivity", "
 """Every analysis, in the order of the report."""
 
 
+class Names(Suggested):
+    """Names of analyses with commas, in the order of the report."""
+
+    def __init__(self) -> None:
+        super().__init__("names", *ANALYSES)
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> tuple[str, ...]:
+        """The analyses that a text names."""
+        names = {word.strip() for word in value.split(",") if word.strip()}
+        if not names or names - set(ANALYSES):
+            self.fail(f"{value}: choose some of {', '.join(ANALYSES)}", param, ctx)
+        return tuple(name for name in ANALYSES if name in names)
+
+
 @verb(
     "chip",
     examples=("resgrid chip chip.toml -o report", "resgrid chip chip.toml --only yield --at-least 0.95 --jobs 0"),
 )
 @with_source()
 @output_option("Folder for the report.  [default: out/SCENE_chip]", metavar="DIR")
-@click.option("--only", metavar="NAMES", help=f"Some analyses, with commas: {', '.join(ANALYSES)}.")
-@click.option(
-    "--half-width", metavar="W", default=0.01, show_default=True, help="Stop when the yield is known so well."
-)
-@click.option("--most", metavar="N", default=2000, show_default=True, help="Chips after which trials stop in any case.")
-@click.option("--jobs", metavar="N", default=1, show_default=True, help="Processes that try chips; 0: one per core.")
+@click.option("--only", metavar="NAMES", type=Names(), default=",".join(ANALYSES), help="Some analyses, with commas.")
+@click.option("--half-width", metavar="W", type=share(0.5), default=0.01, help="Stop when the yield is known so well.")
+@click.option("--most", metavar="N", type=click.IntRange(1), default=2000, help="Chips after which trials stop.")
+@click.option("--jobs", metavar="N", type=click.IntRange(0), default=1, help="Processes for chips; 0: one per core.")
 @click.option(
     "--sweep", metavar="KEY=V,V,...", multiple=True,
     help="Value of the chip to explore, twice: the second is what is paid for.  [default: the offset or mismatch, "
     "and readout.bits]",
 )  # fmt: skip
-@click.option("--seconds", metavar="S", default=60.0, show_default=True, help="Time for making elements faulty.")
-@click.option("--at-least", metavar="SHARE", type=float, help="Exit with 1 if the yield is surely below.")
+@click.option("--seconds", metavar="S", type=POSITIVE, default=60.0, help="Time for making elements faulty.")
+@click.option(
+    "--at-least", metavar="SHARE", type=click.FloatRange(0, 1), help="Exit with 1 if the yield is surely less."
+)
 @click.option("--check/--no-check", "asked", default=None, help="Simulate op.cir, however long it takes; or do not.")
 @dialect_option()
 def command(
-    source: Source,
-    output: str | None,
-    only: str | None,
-    half_width: float,
-    most: int,
-    jobs: int,
-    sweep: tuple[str, ...],
-    seconds: float,
-    at_least: float | None,
-    asked: bool | None,
-    dialect: str,
-) -> int:
+    source: Source, output: str | None, only: tuple[str, ...], half_width: float, most: int, jobs: int,
+    sweep: tuple[str, ...], seconds: float, at_least: float | None, asked: bool | None, dialect: str,
+) -> int:  # fmt: skip
     """Find out what the chip of SCENE, as its [chip] table describes it, does to a robot.
 
     The folder holds report.md and report.html, one page with every figure, its unit and its definition; pictures;
     summary.json; and decks for the operating point, a transient, noise and temperatures, each with the answer to be
     expected in its sidecar.  A run that was interrupted takes up the counting of yield where it stopped.
     """
-    folder = folder_of(output, source, "_chip")
-    names = _names(only)
-    _check(half_width, most, jobs, seconds, sweep, at_least)
     from resgrid.chip.decks import described_files
     from resgrid.chip.report import Effort, checkpoint_beside, report_markdown
-    from resgrid.io.tables import json_text
+    from resgrid.io.tables import html_page, json_text
 
+    folder = folder_of(output, source, "_chip")
+    if len(sweep) not in (0, 2):
+        raise InputError("--sweep explores two values: give it twice, or not at all")
     effort = Effort(half_width, most, seconds, tuple(_sweep(text) for text in sweep))
     with whole_folder(folder) as made:
         job = open_job(source)
@@ -85,7 +99,7 @@ def command(
         effort = replace(effort, checkpoint=checkpoint_beside(folder, study, half_width))
         unheeded = say_unheeded(job, "chip")
         with _workers(jobs) as executor:
-            sections = [_analyse(name, study, replace(effort, executor=executor), made) for name in names]
+            sections = [_analyse(name, study, replace(effort, executor=executor), made) for name in only]
         with stage("write the decks"):
             decks = described_files(study.write_decks(made, dialect=dialect), dialect)
         agreement = check_written(made / "op.cir", study.netlist, asked, folder)
@@ -93,7 +107,7 @@ def command(
         data = _summary(study, job, sections, decks, verdict) | unheeded
         text = report_markdown(study, sections, decks, verdict)
         (made / "report.md").write_text(text, encoding="utf-8")
-        (made / "report.html").write_text(_page(study.title, text), encoding="utf-8")
+        (made / "report.html").write_text(html_page(study.title, text), encoding="utf-8")
         (made / SUMMARY).write_text(json_text(data) + "\n", encoding="utf-8")
     if effort.checkpoint is not None:
         effort.checkpoint.unlink(missing_ok=True)
@@ -104,29 +118,6 @@ def command(
     if agrees is False or (at_least is not None and high < at_least):
         return NEGATIVE
     return NOT_VERIFIED if asked and agrees is None else 0
-
-
-def _names(only: str | None) -> list[str]:
-    if only is None:
-        return list(ANALYSES)
-    names = [word.strip() for word in only.split(",") if word.strip()]
-    unknown = [name for name in names if name not in ANALYSES]
-    if unknown or not names:
-        raise InputError(f"--only {only}: choose some of {', '.join(ANALYSES)}")
-    return [name for name in ANALYSES if name in names]
-
-
-def _check(
-    half_width: float, most: int, jobs: int, seconds: float, sweep: Sequence[str], at_least: float | None
-) -> None:
-    if not 0 < half_width < 0.5:
-        raise InputError(f"--half-width {half_width}: it lies between 0 and 0.5, such as 0.01")
-    if most < 1 or jobs < 0 or not seconds > 0:
-        raise InputError("--most must be at least 1, --jobs at least 0 and --seconds positive")
-    if len(sweep) not in (0, 2):
-        raise InputError("--sweep explores two values: give it twice, or not at all")
-    if at_least is not None and not 0 <= at_least <= 1:
-        raise InputError(f"--at-least {at_least}: a share lies between 0 and 1")
 
 
 def _sweep(text: str) -> tuple[str, tuple[float | int, ...]]:
@@ -168,13 +159,7 @@ def _analyse(name: str, study: Study, effort: Effort, made: Path) -> Section:
     from resgrid.chip.report import report_section, seconds_needed
 
     with stage(name, seconds=seconds_needed(name, study, effort)) as progress:
-
-        def tell(done: int, total: int, remark: str) -> None:
-            progress.count(done, total)
-            if remark:
-                progress.note(remark)
-
-        section = report_section(name, study, replace(effort, progress=tell))
+        section = report_section(name, study, replace(effort, progress=progress.count))
     for picture in section.pictures:
         plot.save_figure(plot.draw(picture.value, **picture.options), made / f"{picture.name}.png")
     return section
@@ -208,31 +193,3 @@ def _summary(study: Study, job: Job, sections: list[Section], decks: dict[str, s
         "check": verdict,
         "files": {**reports, **pictures, **decks},
     }
-
-
-def _page(title: str, text: str) -> str:
-    """The Markdown of a report as a page."""
-    from markdown_it import MarkdownIt
-
-    body = MarkdownIt("commonmark").enable("table").render(text)
-    return _PAGE.format(title=html.escape(title), body=body)
-
-
-_PAGE = """<!DOCTYPE html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<title>{title}</title>
-<style>
-body {{ font: 15px/1.45 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; }}
-table {{ border-collapse: collapse; margin: 1em 0; }}
-th, td {{ text-align: left; vertical-align: top; padding: 0.2em 0.8em 0.2em 0; border-bottom: 1px solid #ccc; }}
-td:nth-child(2) {{ white-space: nowrap; }}
-img {{ max-width: 100%; max-height: 36em; }}
-</style>
-</head>
-<body>
-{body}
-</body>
-</html>
-"""

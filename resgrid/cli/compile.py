@@ -40,7 +40,7 @@ if TYPE_CHECKING:
 )
 @dialect_option()
 @click.option(
-    "--form", type=click.Choice(("flat", "cells")), default="flat", show_default=True,
+    "--form", type=click.Choice(("flat", "cells")), default="flat",
     help="One line per element, or an array of tiles with the scene as a pattern of switches.",
 )  # fmt: skip
 def command(source: Source, output: str | None, dialect: str, form: Form) -> int:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
-from math import inf
 from typing import TYPE_CHECKING
 
 import click
 
 from resgrid.cli.failures import NEGATIVE
-from resgrid.cli.options import NUMBERS, Source, output_option, verb, with_source
+from resgrid.cli.options import NUMBERS, POSITIVE, Amount, Source, output_option, verb, with_source
 from resgrid.cli.paths import answer_queries, plan_routes, route_line
 from resgrid.cli.report import finish
 from resgrid.cli.scenes import open_job, require_starts, say_unheeded
@@ -39,10 +38,6 @@ class Motion:
             raise InputError("--acceleration times a path only together with --speed")
         if self.rate is not None and not self.speed:
             raise InputError("--rate samples a timed path: give --speed too")
-        if self.rate is not None and not 0 < self.rate < inf:
-            raise InputError(f"--rate {self.rate:g}: a number of samples a second is positive and finite")
-        if not 0 <= self.clearance < inf:
-            raise InputError(f"--keep-clearance {self.clearance:g}: a distance is at least 0 and finite")
         if self.clearance and not self.shorten:
             raise InputError("--keep-clearance is for shortcuts: give --shorten too")
 
@@ -86,9 +81,7 @@ class Motion:
 @click.option("--queries", metavar="FILE", type=click.Path(), help="Starts and goals from a MovingAI .scen file.")
 @click.option("--limit", metavar="N", type=click.IntRange(min=1), help="Only the first N queries.")
 @click.option("--shorten", is_flag=True, help="Straighten paths by lines that meet free cells only.")
-@click.option(
-    "--keep-clearance", metavar="C", type=float, default=0.0, show_default=True, help="Distance that these lines keep."
-)
+@click.option("--keep-clearance", metavar="C", type=Amount(0), default=0.0, help="Distance that these lines keep.")
 @click.option(
     "--speed",
     metavar="V,...",
@@ -97,7 +90,7 @@ class Motion:
     help="Time the paths: greatest speed (of an arm, of every joint), or one number for each coordinate.",
 )
 @click.option("--acceleration", metavar="A,...", type=NUMBERS, default=(), help="Greatest acceleration, likewise.")
-@click.option("--rate", metavar="HZ", type=float, help="Write a timed path so often a second.")
+@click.option("--rate", metavar="HZ", type=POSITIVE, help="Write a timed path so often a second.")
 def command(
     source: Source, output: str | None, queries: str | None, limit: int | None, shorten: bool, keep_clearance: float,
     speed: tuple[float, ...], acceleration: tuple[float, ...], rate: float | None,

@@ -32,7 +32,7 @@ CIRCUIT_CELLS = 8
 )
 @with_source()
 @output_option("The picture: FILE.png, .pdf or .svg; - prints a PNG.", required=True)
-@click.option("--what", default="page", show_default=True, type=click.Choice(PICTURES), help="Which picture.")
+@click.option("--what", default="page", type=click.Choice(PICTURES), help="Which picture.")
 def command(source: Source, output: str, what: str) -> int:
     """Draw one picture of SCENE.
 

@@ -107,13 +107,10 @@ class Stage:
         """One more step is done."""
         self._done += 1
 
-    def count(self, done: int, total: int) -> None:
-        """Steps as the library counts them."""
+    def count(self, done: int, total: int, note: str = "") -> None:
+        """Steps as the library counts them, and what is known so far, for people."""
         self._done, self._steps = done, total
-
-    def note(self, text: str) -> None:
-        """What is known so far, for people."""
-        self._note = f"{text}  "
+        self._note = f"{note}  " if note else self._note
 
     def follow(self, _steps: int, residual: float, seconds_left: float | None) -> None:
         """An iteration: how small its residual is, and about how long it still takes."""

@@ -20,11 +20,9 @@ from resgrid.cli.scenes import open_job, say_unheeded, size_of, solution_summary
 )
 @with_source("SCENE|DECK")
 @output_option("Write the solution: a scene's to FILE.npz, a deck's to FILE.csv, .json, .npz or .raw.")
+@click.option("--worst", metavar="N", type=click.IntRange(0), default=10, help="Deck: worst drops to list.")
 @click.option(
-    "--worst", metavar="N", type=click.IntRange(0), default=10, show_default=True, help="Deck: worst drops to list."
-)
-@click.option(
-    "--raw", type=Suggested("form", "binary", "ascii"), default="binary", show_default=True,
+    "--raw", type=Suggested("form", "binary", "ascii"), default="binary",
     help="Deck: a .raw file is binary or ascii.",
 )  # fmt: skip
 def command(source: Source, output: str | None, worst: int, raw: str) -> int:

@@ -68,18 +68,10 @@ class RelaxationSweep:
 class Wavefront:
     """How a change of the map spreads.
 
-    Attributes
-    ----------
-    before, after : ConfigurationSpace
-        The map that the grid had settled to, and the one it is settling to.
-    cells : ndarray of float64, shape (t,)
-        When: in cells that the robot could have crossed.
-    potential : ndarray of float64, shape (t, *shape of the space)
-        At those times; NaN in cells without a node.
-    distance : ndarray of float64, shape (t,)
-        Largest distance of a potential from its end.
-    first : ndarray of float64, shape of the space
-        Potential before the change.
+    `before, after`: the map that the grid had settled to, and the one it is settling to; `cells` (t,): when: in cells
+    that the robot could have crossed; `potential` (t, *shape of the space): at those times; NaN in cells without a
+    node; `distance` (t,): largest distance of a potential from its end; `first` as the space: potential before the
+    change.
     """
 
     before: ConfigurationSpace
@@ -128,31 +120,25 @@ def wavefront(world: Simulation, cells: NDArray[np.float64]) -> Wavefront:
 
 
 def settling_time(world: Simulation) -> float:
-    """Sweeps, or units ``R C``, until the grid of a world where something was announced has settled."""
-    relaxation = _grid_before(world).relaxation
-    if relaxation.method == "chip":
-        step = 1.0
-        while step < _LONGEST:
-            last, spent = _watched(world, step / TICK, TICK * np.arange(1.0, 41.0))
-            if spent > 2 * last:
-                return _finely(world, max(last, step))
-            step *= 2
-    else:
+    """Sweeps, or units ``R C``, until the grid of a world where something was announced has settled.
+
+    A chip's is measured twice, the second time with steps of 1/200 of it: a step h of backward Euler lets
+    ``exp(-t / tau)`` take ``h / (2 tau)`` longer, and settling takes some 7 tau.
+    """
+    if _grid_before(world).relaxation.method != "chip":
         times = np.unique(np.round(1.05 ** np.arange(1.0, 330.0))).astype(np.float64)
         last, spent = _watched(world, 1.0, times[times < _LONGEST])
         if spent > last:
             return max(last, 1.0)
-    raise InputError(f"the grid has not settled after {spent:g} sweeps or units of R C")
-
-
-def _finely(world: Simulation, about: float) -> float:
-    """The same with steps of 1/200 of a settling time that is known coarsely: it is too long, as that of slow steps is.
-
-    A step h of backward Euler lets ``exp(-t / tau)`` take ``h / (2 tau)`` longer, and settling takes some 7 tau.
-    """
-    tick = about / _STEPS
-    last, _ = _watched(world, tick / TICK, TICK * np.arange(1.0, 1.25 * _STEPS))
-    return last + tick / 2
+        raise InputError(f"the grid has not settled after {spent:g} sweeps")
+    step = 1.0
+    while step < _LONGEST:
+        last, spent = _watched(world, step / TICK, TICK * np.arange(1.0, 41.0))
+        if spent > 2 * last:
+            tick = max(last, step) / _STEPS
+            return _watched(world, tick / TICK, TICK * np.arange(1.0, 1.25 * _STEPS))[0] + tick / 2
+        step *= 2
+    raise InputError(f"the grid has not settled after {spent:g} units of R C")
 
 
 def _watched(world: Simulation, pace: float, cells: NDArray[np.float64]) -> tuple[float, float]:
@@ -188,31 +174,27 @@ def relaxation_sweep(
     progress: Callable[[int, int], object] | None = None,
 ) -> RelaxationSweep:
     """Let a robot go while its grid settles, at several ratios of both speeds.  Shapes: `start` (ndim,)."""
-    wanted = np.sort(np.asarray(ratios, dtype=np.float64))[::-1]
-    if wanted.ndim != 1 or not len(wanted) or not (np.isfinite(wanted).all() and wanted[-1] > 0):
+    requested = np.sort(np.asarray(ratios, dtype=np.float64))[::-1]
+    if requested.ndim != 1 or not len(requested) or not (np.isfinite(requested).all() and requested[-1] > 0):
         raise InputError("ratios must be finite numbers above 0, at least one")
     world = announce_hidden(sim, relaxation)
     settle = settling_time(world)
     cells = sim.controller.speed / float(sim.space.spacing.min())
     instant = replace(world, relaxation=None, before=None).run(start, max_steps=max_steps)
     runs: list[Run] = []
-    for number, ratio in enumerate(wanted.tolist()):
+    for number, ratio in enumerate(requested.tolist()):
         paced = replace(world, relaxation=replace(relaxation, pace=settle / ratio))
         runs.append(paced.run(start, max_steps=max_steps))
         if progress is not None:
-            progress(number + 1, len(wanted))
+            progress(number + 1, len(requested))
+    waited = [float(np.diff(run.time)[run.mode[:-1] == Mode.WAITING].sum()) for run in runs]
     return RelaxationSweep(
         relaxation=relaxation,
         settle=settle,
-        pace=settle / wanted,
-        ratio=wanted.copy(),
+        pace=settle / requested,
+        ratio=requested.copy(),
         ending=tuple(run.ending for run in runs),
         time=np.array([run.time[-1] for run in runs]) * cells,
-        waited=np.array([time_in(run, Mode.WAITING) for run in runs]) * cells,
+        waited=np.array(waited) * cells,
         instant=float(instant.time[-1]) * cells,
     )
-
-
-def time_in(run: Run, mode: Mode) -> float:
-    """How long a run was in a mode, in seconds."""
-    return float(np.diff(run.time)[run.mode[:-1] == mode].sum())

@@ -9,6 +9,7 @@ import os
 import sys
 import zipfile
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from html import escape
 from io import BytesIO, StringIO
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -126,3 +127,31 @@ def require_names(axes: Iterable[Axis], names: Sequence[str]) -> None:
                 f"axis {axis.name!r} has a name that this file needs for something else; rename the axis, or write "
                 "another format"
             )
+
+
+def html_page(title: str, markdown: str) -> str:
+    """A Markdown text as a page for browsers."""
+    from markdown_it import MarkdownIt
+
+    body = MarkdownIt("commonmark").enable("table").render(markdown)
+    return _PAGE.format(title=escape(title), body=body)
+
+
+_PAGE = """<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<title>{title}</title>
+<style>
+body {{ font: 15px/1.45 sans-serif; max-width: 60em; margin: 2em auto; padding: 0 1em; }}
+table {{ border-collapse: collapse; margin: 1em 0; }}
+th, td {{ text-align: left; vertical-align: top; padding: 0.2em 0.8em 0.2em 0; border-bottom: 1px solid #ccc; }}
+td:nth-child(2) {{ white-space: nowrap; }}
+img {{ max-width: 100%; max-height: 36em; }}
+</style>
+</head>
+<body>
+{body}
+</body>
+</html>
+"""

@@ -123,18 +123,7 @@ def dirichlet_share(dirichlet: Field, neumann: Field, k: float) -> NDArray[np.fl
 
 
 def _log_gradient(field: Field) -> NDArray[np.float64]:
-    """Natural logarithm of the gradient at the centre of every cell, up to a common factor; -inf where none is.
-
-    A current is ``(h_ref / h_a)**2`` times the difference of the potential: the gradient is the current times ``h_a``.
-    """
-    logs, signs = [], []
-    for axis, (direction, log_current) in enumerate(zip(field.face_direction, field.face_log_current, strict=True)):
-        size, log_width = field.space.shape[axis], np.log(field.space.spacing[axis])
-        for part in (range(size), range(1, size + 1)):
-            logs.append(np.take(log_current, part, axis) + log_width)
-            signs.append(np.take(direction, part, axis))
-    scale = np.max(logs, axis=0)
-    base = np.where(np.isfinite(scale), scale, 0.0)
-    faces = np.array(signs) * np.exp(np.array(logs) - base)
-    centre = 0.5 * (faces[::2] + faces[1::2])
-    return np.asarray(base + np.log(np.linalg.norm(centre, axis=0)))
+    """Natural logarithm of the gradient at the centre of every cell, up to a common factor; -inf where none is."""
+    cells = np.indices(field.space.shape).reshape(field.space.ndim, -1).T
+    gradient, log_scale = field.gradient(cells, np.full(cells.shape, 0.5))
+    return np.reshape(log_scale + np.log(np.linalg.norm(gradient, axis=1)), field.space.shape)

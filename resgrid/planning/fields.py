@@ -85,32 +85,11 @@ class Field:
         return {attribute.name: getattr(self, attribute.name) for attribute in dataclasses.fields(self)}
 
     def face_current(self, axis: int) -> NDArray[np.float64]:
-        """Current through every face across one axis, positive along it.
-
-        Parameters
-        ----------
-        axis : int
-
-        Returns
-        -------
-        ndarray of float64
-            Shape of the space with one more along ``axis``; in units of supply / resistance; 0 where it underflows.
-        """
+        """Current through every face across an axis, as `face_direction`; in units of supply / resistance."""
         return np.asarray(self.face_direction[axis] * np.exp(self.face_log_current[axis]), dtype=np.float64)
 
     def faces_of(self, cells: NDArray[np.int64]) -> tuple[NDArray[np.int8], NDArray[np.float64]]:
-        """Currents through the faces of cells.
-
-        Parameters
-        ----------
-        cells : ndarray of int64, shape (n, ndim)
-
-        Returns
-        -------
-        direction : ndarray of int8, shape (2, n, ndim)
-            Of every axis' lower and upper face, as in `face_direction`.
-        log_current : ndarray of float64, shape (2, n, ndim)
-        """
+        """Directions and log currents of every axis' lower and upper face, both (2, n, ndim), of cells (n, ndim)."""
         direction = np.empty((2, *cells.shape), dtype=np.int8)
         log_current = np.empty((2, *cells.shape))
         for axis in range(self.space.ndim):
@@ -120,6 +99,21 @@ class Field:
                 direction[side, :, axis] = self.face_direction[axis][tuple(face.T)]
                 log_current[side, :, axis] = self.face_log_current[axis][tuple(face.T)]
         return direction, log_current
+
+    def gradient(
+        self, cells: NDArray[np.int64], local: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Gradient of the potential within cells, divided by a number for each, and the logarithm of that number.
+
+        The current through a face of axis ``a`` is ``(h_ref / h_a)**2`` times the difference of the potential, and runs
+        downwards: the gradient is the current times ``h_a``, up to a common factor, and linear between the faces.
+        Shapes: `cells, local` (n, ndim); returns (n, ndim), (n,).
+        """
+        direction, log_current = self.faces_of(cells)
+        largest = log_current.max(axis=(0, 2))
+        base = np.where(np.isfinite(largest), largest, 0.0)
+        lower, upper = direction * np.exp(log_current - base[:, np.newaxis])
+        return -((1.0 - local) * lower + local * upper) * self.space.spacing, base
 
     @cached_property
     def obstacle_reach(self) -> NDArray[np.float64] | None:

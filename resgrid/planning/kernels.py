@@ -41,20 +41,36 @@ class Flow(NamedTuple):
 
 
 @njit(cache=True, inline="always")
+def _unravel(flat: int, shape: Integers, cell: Integers) -> None:
+    for axis in range(len(shape) - 1, -1, -1):
+        cell[axis] = flat % shape[axis]
+        flat //= shape[axis]
+
+
+@njit(cache=True, inline="always")
+def _ravel(cell: Integers, shape: Integers) -> int:
+    flat = 0
+    for axis in range(len(shape)):
+        flat = flat * shape[axis] + cell[axis]
+    return flat
+
+
+@njit(cache=True, inline="always")
+def _unravel_box(number: int, low: Integers, high: Integers, at: Integers) -> None:
+    """Cell ``number`` of a box of cells, in C order."""
+    for axis in range(len(at) - 1, -1, -1):
+        width = high[axis] - low[axis] + 1
+        at[axis] = low[axis] + number % width
+        number //= width
+
+
+@njit(cache=True, inline="always")
 def _face(flow: Flow, cell: Integers, axis: int) -> int:
     """Number of the lower face of a cell across an axis."""
     face: int = flow.first_face[axis]
     for other in range(len(cell)):
         face += cell[other] * flow.face_stride[axis, other]
     return face
-
-
-@njit(cache=True, inline="always")
-def _velocity(flow: Flow, face: int, scale: float) -> float:
-    if flow.direction[face] == 0:
-        return 0.0
-    sign: int = flow.direction[face]
-    return sign * math.exp(flow.log_current[face] - scale)
 
 
 @inner
@@ -66,8 +82,9 @@ def _velocities(flow: Flow, cell: Integers, lower: Floats, upper: Floats) -> flo
         scale = max(scale, flow.log_current[face], flow.log_current[face + flow.face_stride[axis, axis]])
     for axis in range(len(cell)):
         face = _face(flow, cell, axis)
-        lower[axis] = _velocity(flow, face, scale)
-        upper[axis] = _velocity(flow, face + flow.face_stride[axis, axis], scale)
+        above = face + flow.face_stride[axis, axis]
+        lower[axis] = flow.direction[face] * math.exp(flow.log_current[face] - scale)
+        upper[axis] = flow.direction[above] * math.exp(flow.log_current[above] - scale)
     return scale
 
 
@@ -172,10 +189,7 @@ def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: F
     for step in range(limit):
         if step < len(cells):
             cells[step], locals_[step] = cell, local
-        flat = 0
-        for axis in range(ndim):
-            flat = flat * flow.shape[axis] + cell[axis]
-        if flow.code[flat] == _GOAL:
+        if flow.code[_ravel(cell, flow.shape)] == _GOAL:
             return REACHED, step, length, log_time
         scale = _velocities(flow, cell, lower, upper)
         if scale == -np.inf:
@@ -241,30 +255,9 @@ def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Intege
     return label
 
 
-@njit(cache=True, inline="always")
-def _unravel(flat: int, shape: Integers, cell: Integers) -> None:
-    for axis in range(len(shape) - 1, -1, -1):
-        cell[axis] = flat % shape[axis]
-        flat //= shape[axis]
-
-
-@njit(cache=True, inline="always")
-def _ravel(cell: Integers, shape: Integers) -> int:
-    flat = 0
-    for axis in range(len(shape)):
-        flat = flat * shape[axis] + cell[axis]
-    return flat
-
-
 @njit(cache=True)
 def trace_many(
-    flow: Flow,
-    starts: Integers,
-    locals_: Floats,
-    outcome: Integers,
-    steps: Integers,
-    length: Floats,
-    log_time: Floats,
+    flow: Flow, starts: Integers, locals_: Floats, outcome: Integers, steps: Integers, length: Floats, log_time: Floats
 ) -> None:
     """Trace many starts; ``starts`` and ``locals_`` end as the last cells and positions."""
     no_cells, no_locals = np.empty((0, starts.shape[1]), np.int64), np.empty((0, starts.shape[1]))
@@ -335,11 +328,8 @@ def clearance(
                 high[axis] = min(high[axis], shape[axis] - 1 - cells[k, axis])
             total *= high[axis] - low[axis] + 1
         for number in range(total):
-            rest, flat = number, 0
-            for axis in range(ndim - 1, -1, -1):
-                width = high[axis] - low[axis] + 1
-                at[axis] = low[axis] + rest % width
-                rest //= width
+            _unravel_box(number, low, high, at)
+            flat = 0
             for axis in range(ndim):
                 flat = flat * shape[axis] + (cells[k, axis] + at[axis]) % shape[axis]
             if not obstacle[flat]:
@@ -353,12 +343,7 @@ def clearance(
 
 @njit(cache=True)
 def segment_is_free(
-    start: Floats,
-    end: Floats,
-    free: NDArray[np.bool_],
-    shape: Integers,
-    periodic: NDArray[np.bool_],
-    rim: float,
+    start: Floats, end: Floats, free: NDArray[np.bool_], shape: Integers, periodic: NDArray[np.bool_], rim: float
 ) -> bool:
     """Whether every closed cell that a closed segment touches is free; in units of cells, continuous.
 
@@ -383,12 +368,9 @@ def segment_is_free(
                 low[axis] = high[axis] = slab
             total *= high[axis] - low[axis] + 1
         for number in range(total):
-            rest, flat, inside = number, 0, True
-            t0, t1 = 0.0, 1.0
+            _unravel_box(number, low, high, at)
+            flat, inside, t0, t1 = 0, True, 0.0, 1.0
             for axis in range(ndim - 1, -1, -1):
-                width = high[axis] - low[axis] + 1
-                at[axis] = low[axis] + rest % width
-                rest //= width
                 t0, t1 = _slab_shares(start[axis], end[axis], at[axis], rim, t0, t1)
             if t0 > t1:
                 continue

@@ -12,7 +12,7 @@ from resgrid.errors import InputError
 from resgrid.frozen import frozen, picture_html
 from resgrid.planning.blend import blend, dirichlet_share
 from resgrid.planning.fields import Field
-from resgrid.planning.road import problem_of, require_uniform, solve_field, solve_halves, solve_problem
+from resgrid.planning.road import Solution, problem_of, require_uniform, solve_field, solve_problem
 from resgrid.planning.separation import Separation, separation
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.planning.trace import Traces, basins, follow, start_points, streamline, streamlines
@@ -28,16 +28,12 @@ class Planner:
     ----------
     field : Field
         The field that streamlines follow.
-    obstacle_field, open_field : Field or None
-        For blends: k = 1, obstacles on the rail (or behind walls), and k = 0, open obstacles.
-    scene_starts : ndarray of float64, shape (n, ndim)
-        Starts that the scene lists, in world coordinates.
+    solution : Solution
+        What was solved: one field, or the halves of every blend.
     """
 
     field: Field
-    obstacle_field: Field | None
-    open_field: Field | None
-    scene_starts: NDArray[np.float64]
+    solution: Solution
 
     @property
     def space(self) -> ConfigurationSpace:
@@ -49,9 +45,24 @@ class Planner:
         """Share of the Dirichlet field."""
         return self.field.k
 
+    @property
+    def obstacle_field(self) -> Field:
+        """The field of k = 1: obstacles on the rail, or behind walls."""
+        return self.solution.halves[0]
+
+    @property
+    def open_field(self) -> Field:
+        """The field of k = 0: open obstacles."""
+        return self.solution.halves[1]
+
+    @property
+    def scene_starts(self) -> NDArray[np.float64]:
+        """Starts that the scene lists, in world coordinates, shape (n, ndim)."""
+        return self.solution.problem.starts
+
     def at(self, k: float) -> Planner:
         """The planner of another blend, k in [0, 1], from the same two solves: of one that was made with a k."""
-        return replace(self, field=blend(*self._halves(), k))
+        return replace(self, field=blend(*self.solution.halves, k))
 
     def dirichlet_share(self) -> NDArray[np.float64]:
         """How much of the gradient of this blend is that of its Dirichlet half, shape of the space, in [0, 1].
@@ -59,7 +70,7 @@ class Planner:
         Away from the goals the Dirichlet gradient falls off exponentially, and the Neumann one does not: with a weight
         of 0.98 the blend is still almost Neumann there.  NaN where neither flows.
         """
-        return dirichlet_share(*self._halves(), self.k)
+        return dirichlet_share(*self.solution.halves, self.k)
 
     def path(self, start: ArrayLike | None = None, *, cell: Sequence[int] | None = None) -> Streamline:
         """Streamline from a point of the world, or from a cell's centre; see `resgrid.streamline`."""
@@ -82,11 +93,6 @@ class Planner:
     ) -> Separation:
         """Which obstacles separate a start from the goals; see `resgrid.separation`."""
         return separation(self.space, start, cell=cell, virtual=virtual)
-
-    def _halves(self) -> tuple[Field, Field]:
-        if self.obstacle_field is None or self.open_field is None:
-            raise InputError("this planner holds one field only: make it with plan(..., k=...) to blend")
-        return self.obstacle_field, self.open_field
 
     def _starts(self, starts: ArrayLike | None) -> ArrayLike:
         return self.scene_starts if starts is None else starts
@@ -137,9 +143,10 @@ def plan(
         where, boundary=boundary, k=k, edge=edge, resistance=resistance, wall_resistance=wall_resistance
     )
     if not problem.ks:
-        return Planner(solve_problem(problem).fields[0], None, None, problem.starts)
-    halves = solve_halves(problem)
-    return Planner(blend(*halves, problem.ks[0]), *halves, problem.starts)
+        solution = solve_problem(problem)
+        return Planner(solution.fields[0], solution)
+    solution = solve_problem(replace(problem, ks=(1.0, 0.0)))
+    return Planner(blend(*solution.halves, problem.ks[0]), solution)
 
 
 @frozen

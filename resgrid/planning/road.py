@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -66,7 +66,9 @@ class Problem:
 
     @property
     def wirings(self) -> dict[str, Wiring]:
-        """The circuits that the fields are made of, by name, which is their boundary."""
+        """The circuits that the fields are made of, by name: the boundary, or the start that drives it."""
+        if self.start_driven:
+            return dict(self.driven_by(number) for number in range(len(self.starts)))
         if not self.ks:
             return {self.wiring.boundary: self.wiring}
         halves = self.halves
@@ -100,11 +102,29 @@ class Problem:
 
 @dataclass(frozen=True, eq=False)
 class Solution:
-    """The circuits of a problem, by name, and its fields: one for each k, or where starts drive for each start."""
+    """The circuits of a problem and their own fields, by name."""
 
     problem: Problem
     operating_points: Mapping[str, OperatingPoint]
-    fields: tuple[Field, ...]
+    pure: Mapping[str, Field]
+
+    @cached_property
+    def fields(self) -> tuple[Field, ...]:
+        """The fields that were asked for: one for each k, or where starts drive for each start."""
+        ks = self.problem.ks
+        if self.problem.start_driven or not ks:
+            return tuple(self.pure.values())
+        if len(self.pure) == 1:
+            return tuple(self.pure.values()) * len(ks)
+        return tuple(blend(*self.halves, k) for k in ks)
+
+    @property
+    def halves(self) -> tuple[Field, Field]:
+        """The fields of k = 1 and k = 0, from which every other is blended."""
+        if len(self.pure) != 2 or self.problem.start_driven:
+            raise InputError("this holds one field only: make it with a k to blend, as plan(..., k=...)")
+        obstacle, opened = (self.pure[wiring.boundary] for wiring in self.problem.halves.values())
+        return obstacle, opened
 
     @property
     def tasks(self) -> list[tuple[Field, int]]:
@@ -210,23 +230,30 @@ def solve_circuit(
 def solve_problem(
     problem: Problem, *, scaled: bool = False, threads: int = 1, observe: Observe = unobserved
 ) -> Solution:
-    """Solve the ideal circuits of a problem, and blend their fields."""
-    run = partial(solve_circuit, problem.space, scaled=scaled, threads=threads, observe=observe)
-    if problem.start_driven:
-        return _solve_start_driven(problem, run)
-    points, pure = _solve_wirings(problem.space, problem.wirings, run)
-    if not problem.ks:
-        return Solution(problem, points, tuple(pure.values()))
-    obstacle, opened = (pure.get(wiring.boundary) for wiring in problem.halves.values())
-    return Solution(problem, points, tuple(_blended(obstacle, opened, k) for k in problem.ks))
+    """Solve the ideal circuits of a problem.
 
-
-def solve_halves(problem: Problem) -> tuple[Field, Field]:
-    """The fields of k = 1 and k = 0, from which every other is blended."""
-    wirings = {wiring.boundary: wiring for wiring in problem.halves.values()}
-    _, pure = _solve_wirings(problem.space, wirings, partial(solve_circuit, problem.space, scaled=False))
-    obstacle, opened = pure.values()
-    return obstacle, opened
+    Where nothing drives the Dirichlet half of a blend (no obstacle, no edge that counts as one) it is flat, and what
+    flows is the share ``1 - k`` of the Neumann half.  A start that is blocked or cut off drives nothing.
+    """
+    if problem.start_driven and any(problem.ks):
+        raise InputError(
+            f"k = {', '.join(f'{k:g}' for k in problem.ks)} asks for a Dirichlet field, and drive = 'start' serves one "
+            "start of a Neumann field only: use drive = 'uniform', or k = 0"
+        )
+    space, wirings = problem.space, problem.wirings
+    points, pure = dict[str, OperatingPoint](), dict[str, Field]()
+    for name, wiring in wirings.items():
+        if wiring.start is not None and not space.goal_connected[wiring.start]:
+            pure[name] = undriven_field(space, wiring)
+            continue
+        try:
+            points[name] = solve_circuit(space, wiring, scaled=scaled, threads=threads, observe=observe)
+            pure[name] = fields.field(points[name])
+        except CircuitError:
+            if wiring.is_driven or "neumann" not in wirings:
+                raise
+            pure[name] = undriven_field(space, wiring)
+    return Solution(problem, points, pure)
 
 
 def solve_field(space: ConfigurationSpace, wiring: Wiring, k: float | None = None) -> Field:
@@ -235,58 +262,7 @@ def solve_field(space: ConfigurationSpace, wiring: Wiring, k: float | None = Non
     return solve_problem(Problem(space, wiring, () if k is None else (k,), starts)).fields[0]
 
 
-def solve_seconds(nodes: int) -> float:
-    """Rough time of a direction-safe solution, in seconds."""
-    return 0.5 + 4e-6 * nodes
-
-
 def _solved(netlist: Netlist, stage: str, threads: int, observe: Observe) -> OperatingPoint:
     run = partial(solve, threads=threads)
-    op: OperatingPoint = observe(stage, run, netlist, seconds=solve_seconds(netlist.node_count), iterates=True)
+    op: OperatingPoint = observe(stage, run, netlist, seconds=0.5 + 4e-6 * netlist.node_count, iterates=True)
     return op
-
-
-def _solve_wirings(
-    space: ConfigurationSpace, wirings: Mapping[str, Wiring], run: Callable[[Wiring], OperatingPoint]
-) -> tuple[dict[str, OperatingPoint], dict[str, Field]]:
-    """Operating points and fields, by name.
-
-    Where nothing drives the Dirichlet half of a blend (no obstacle, no edge that counts as one) it is flat, and what
-    flows is the share ``1 - k`` of the Neumann half.
-    """
-    points, pure = dict[str, OperatingPoint](), dict[str, Field]()
-    for name, wiring in wirings.items():
-        try:
-            points[name] = run(wiring)
-            pure[name] = fields.field(points[name])
-        except CircuitError:
-            if name == "neumann" or "neumann" not in wirings:
-                raise
-            pure[name] = undriven_field(space, wiring)
-    return points, pure
-
-
-def _solve_start_driven(problem: Problem, run: Callable[[Wiring], OperatingPoint]) -> Solution:
-    """Each start is tied to the supply in turn, by a circuit of its own; none that is blocked or cut off."""
-    if any(problem.ks):
-        raise InputError(
-            f"k = {', '.join(f'{k:g}' for k in problem.ks)} asks for a Dirichlet field, and drive = 'start' serves one "
-            "start of a Neumann field only: use drive = 'uniform', or k = 0"
-        )
-    space, points, found = problem.space, dict[str, OperatingPoint](), list[Field]()
-    for number in range(len(problem.starts)):
-        name, wiring = problem.driven_by(number)
-        if space.goal_connected[wiring.start]:
-            points[name] = run(wiring)
-            found.append(fields.field(points[name]))
-        else:
-            found.append(undriven_field(space, problem.wiring.opened()))
-    return Solution(problem, points, tuple(found))
-
-
-def _blended(obstacle: Field | None, opened: Field | None, k: float) -> Field:
-    if obstacle is None or opened is None:
-        pure = obstacle if k == 1.0 else opened
-        assert pure is not None
-        return pure
-    return blend(obstacle, opened, k)

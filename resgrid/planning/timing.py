@@ -72,22 +72,9 @@ class Trajectory:
         return float(self.times[-1])
 
     def at(self, times: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Positions and velocities at any times; before the start and after the end the robot rests there.
+        """Positions and velocities at any times, both (m, ndim); before the start and after the end the robot rests.
 
-        Parameters
-        ----------
-        times : array_like of float, shape (m,)
-            In seconds.
-
-        Returns
-        -------
-        positions : ndarray of float64, shape (m, ndim)
-        velocities : ndarray of float64, shape (m, ndim)
-
-        Raises
-        ------
-        InputError
-            If the times are not numbers in a row.
+        Shapes: `times` (m,), in seconds.
         """
         try:
             when = np.atleast_1d(np.asarray(times, dtype=np.float64))
@@ -111,24 +98,7 @@ class Trajectory:
         return position, velocity
 
     def sample(self, rate: float) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """Times a fixed step apart and the end, with positions and velocities there.
-
-        Parameters
-        ----------
-        rate : float
-            Samples a second.
-
-        Returns
-        -------
-        times : ndarray of float64, shape (m,)
-        positions : ndarray of float64, shape (m, ndim)
-        velocities : ndarray of float64, shape (m, ndim)
-
-        Raises
-        ------
-        InputError
-            If the rate is not positive, or asks for more than ten million samples.
-        """
+        """So many times a second and the end (m,), with positions and velocities there, both (m, ndim)."""
         check_number("rate", rate, "a positive number of samples a second", above=0.0)
         if rate * self.duration > _MOST_SAMPLES:
             raise InputError(
@@ -139,18 +109,7 @@ class Trajectory:
         return times, *self.at(times)
 
     def resampled(self, rate: float) -> Trajectory:
-        """The same motion with knots a fixed step apart; as `sample` otherwise.
-
-        Parameters
-        ----------
-        rate : float
-            Knots a second.
-
-        Returns
-        -------
-        Trajectory
-            Positions and velocities are exact at the knots, and `at` any time; accelerations are mean ones.
-        """
+        """The same motion with so many knots a second: exact at them, and `at` any time; accelerations are means."""
         times, positions, velocities = self.sample(rate)
         step = np.diff(times)[:, np.newaxis]
         accelerations = np.diff(velocities, axis=0) / step

@@ -150,16 +150,15 @@ def follow_many(field: Field, points: NDArray[np.float64]) -> Traces:
     _check_ended(code)
     reached = code == kernels.REACHED
     outcome[free] = np.where(reached, Outcome.REACHED.value, Outcome.NO_CURRENT.value)
-    goal = np.full(len(points), -1, dtype=np.int64)
-    goal[free[reached]] = field.space.goal_region[tuple(last[reached].T)]
-    length[reached] += _last_leg(field.space, last[reached], position[reached])[1]
-    return Traces(
-        outcome=outcome,
-        goal=goal,
-        length=_spread(len(points), free, np.where(reached, length, np.nan)),
-        log_duration=_spread(len(points), free, _log_duration(field, log_time)),
-        steps=_spread(len(points), free, steps).astype(np.int64),
+    count, arrived = len(points), free[reached]
+    traces = Traces(
+        outcome, np.full(count, -1), np.full(count, np.nan), np.full(count, np.nan), np.zeros(count, dtype=np.int64)
     )
+    traces.goal[arrived] = field.space.goal_region[tuple(last[reached].T)]
+    traces.length[arrived] = length[reached] + _last_leg(field.space, last[reached], position[reached])[1]
+    traces.log_duration[free] = _log_duration(field, log_time)
+    traces.steps[free] = steps
+    return traces
 
 
 def basins(field: Field) -> NDArray[np.int32]:
@@ -228,12 +227,19 @@ def one_start(space: ConfigurationSpace, start: ArrayLike | None, cell: Sequence
         if len(points) != 1:
             raise InputError(f"one start is wanted, a point with {space.ndim} coordinates; got {len(points)}")
         return np.asarray(points[0])
-    index = np.asarray(cell)
-    if index.shape != (space.ndim,) or index.dtype.kind not in "iu":
-        raise InputError(f"a cell of this space has {space.ndim} whole indices, got {cell!r}")
-    if np.any(index < 0) or np.any(index >= space.shape):
-        raise InputError(f"the start cell {tuple(index.tolist())} is not in the grid of {space.shape} cells")
-    return space.axis_centre(index)
+    return space.axis_centre(cell_indices(space, cell, ndim=1))
+
+
+def cell_indices(space: ConfigurationSpace, cells: ArrayLike | None, ndim: int | None = None) -> NDArray[np.int64]:
+    """Cells that are given by their indices, checked, shape (..., ndim); with `ndim`, as an array of so many axes."""
+    index = np.asarray(cells)
+    if index.dtype.kind not in "iu" or index.shape[-1:] != (space.ndim,) or ndim not in (None, index.ndim):
+        raise InputError(f"a cell of this space has {space.ndim} whole indices, got {cells!r}")
+    outside = np.any((index < 0) | (index >= space.shape), axis=-1)
+    if outside.any():
+        cell = tuple(index[outside][0].tolist())
+        raise InputError(f"cell {cell} is not in the grid of {' x '.join(map(str, space.shape))} cells")
+    return index.astype(np.int64)
 
 
 def start_points(space: ConfigurationSpace, starts: ArrayLike) -> NDArray[np.float64]:
@@ -302,9 +308,3 @@ def _log_duration(field: Field, log_time: NDArray[np.float64]) -> NDArray[np.flo
     """From face currents to velocities: ``d xi / dt = I R / supply / h_ref**2`` in every axis; NaN where none moved."""
     scaled = log_time + 2.0 * np.log(field.space.spacing.min())
     return np.where(np.isneginf(log_time), np.nan, scaled)
-
-
-def _spread(count: int, where: NDArray[np.int64], values: NDArray[np.generic]) -> NDArray[np.float64]:
-    out = np.full(count, np.nan if values.dtype.kind == "f" else 0.0)
-    out[where] = values
-    return out

@@ -32,7 +32,7 @@ from resgrid.plot.control import (
 from resgrid.plot.diagrams import add_change_bar, draw_change, draw_moment
 from resgrid.plot.figures import new_figure, panel_height
 from resgrid.plot.plane import plane_of, seam_shifts, wrapped
-from resgrid.plot.style import TEXT, mark_start, refresh_legend
+from resgrid.plot.style import TEXT, mark, refresh_legend
 from resgrid.plot.workspace import draw_robot, fill, skeleton
 
 ROBOT = "#0072B2"
@@ -224,7 +224,7 @@ class _Workspace:
         draw_robot(run.configuration[:1], self._scene, axes, ghosts=1)
         self._tips = self._scene.robot.reference_point(run.configuration)
         (self._path,) = axes.plot([], [], color=ROBOT, linewidth=1.0, alpha=0.7, zorder=4)
-        mark_start(self._tips[:1], axes)
+        mark(self._tips[:1], axes, "start")
         axes.plot([], [], color=ROBOT, linewidth=0, marker="o", label="robot")
         self._scale = 0.0
         if len(run.contacts.step):
@@ -259,7 +259,7 @@ class _Configurations:
     def __init__(self, run: Run, axes: Axes) -> None:
         self._run = run
         draw_configurations(run, axes, path=False)
-        mark_start(wrapped(run.configuration[:1], run.space), axes)
+        mark(wrapped(run.configuration[:1], run.space), axes, "start")
         (self._robot,) = axes.plot([], [], "o", color=ROBOT, markersize=5, zorder=9, label="robot")
         self._paths = [axes.plot([], [], color=ROBOT, linewidth=1.4, zorder=4)[0] for _ in seam_shifts(run.space)]
         self._learnt = draw_lessons(np.empty((0, 2)), axes) if run.lessons else None
@@ -291,7 +291,7 @@ def _wavefront_frames(front: Wavefront, run: Run | None) -> Iterator[Figure]:
     (trail,) = axes.plot([], [], color="black", linewidth=0, marker=".", markersize=2, zorder=5)
     (robot,) = axes.plot([], [], "o", color="black", markersize=6, zorder=9, label="robot" if run else "")
     if run is not None:
-        mark_start(places[:1], axes)
+        mark(places[:1], axes, "start")
     refresh_legend(axes)
     _settle_layout(figure)
     image.set_visible(False)

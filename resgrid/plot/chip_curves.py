@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -40,10 +40,8 @@ _UNITS = {
 """By the last word of a key."""
 
 
-def draw_settled(result: Settling, ax: Axes | None = None, *, quantity: str = "map") -> Axes:
+def draw_settled(result: Settling, ax: Axes | None = None, *, quantity: Literal["map", "curve"] = "map") -> Axes:
     """Draw when every cell has settled, or the curve of the last node on its way."""
-    if quantity not in ("map", "curve"):
-        raise InputError(f"quantity = {quantity!r} is unknown; it may be one of map, curve")
     return draw_settling(result, ax) if quantity == "map" else draw_settling_curve(result, ax)
 
 
@@ -74,11 +72,10 @@ def draw_settling_curve(result: Settling, ax: Axes | None = None) -> Axes:
 
 
 def draw_precisions(
-    results: Mapping[str, Precision], ax: Axes | None = None, *, quantity: str = "page", bits: int = 10, title: str = ""
-) -> Axes | Figure:
+    results: Mapping[str, Precision], ax: Axes | None = None, *,
+    quantity: Literal["page", "served", "histogram"] = "page", bits: int = 10, title: str = "",
+) -> Axes | Figure:  # fmt: skip
     """Draw precision by name, e.g. of the boundary: a page, the share of starts served, or a histogram of bits."""
-    if quantity not in ("page", "served", "histogram"):
-        raise InputError(f"quantity = {quantity!r} is unknown; it may be one of page, served, histogram")
     if quantity == "served":
         return _draw_served(results, ax, bits)
     if quantity == "histogram":

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -52,10 +52,12 @@ def draw_settling(result: Settling, ax: Axes | None = None) -> Axes:
     return axes
 
 
-def draw_noise(result: Noise, ax: Axes | None = None, *, quantity: str | None = None) -> Axes:
+def draw_noise(
+    result: Noise, ax: Axes | None = None, *, quantity: Literal["total", "limit", "resistance"] | None = None
+) -> Axes:
     """Draw the thermal noise of every cell within the band or over all frequencies, or its resistance to the rails."""
     shown = quantity or ("resistance" if result.total is None else "total")
-    label, unit = _known(shown, _NOISE)
+    label, unit = _NOISE[shown]
     values = getattr(result, shown)
     if values is None:
         raise InputError("the noise within a band was not computed: give the analysis a band")
@@ -67,9 +69,9 @@ def draw_noise(result: Noise, ax: Axes | None = None, *, quantity: str | None = 
     return axes
 
 
-def draw_power(result: Power, ax: Axes | None = None, *, quantity: str = "heat") -> Axes:
+def draw_power(result: Power, ax: Axes | None = None, *, quantity: Literal["heat", "droop"] = "heat") -> Axes:
     """Draw where heat arises, with the hottest resistors, or how far rail cells droop."""
-    label, unit = _known(quantity, _POWER)
+    label, unit = _POWER[quantity]
     netlist = result.op.netlist
     cells = netlist.cells
     if quantity == "droop":
@@ -115,8 +117,7 @@ def draw_sensitivity(result: Sensitivity, ax: Axes | None = None, *, drift: floa
     marked.set(color=FAILURE, linewidth=2.4, label=f"{len(flips)} resistors: {100 * drift:g} % suffices")
     x, y = plane.place(space.axis_centre(result.cells)).T
     axes.scatter(x, y, s=9, color="white", edgecolor="black", linewidth=0.7, zorder=5, label="decisions")
-    finish(plane, axes)
-    refresh_legend(axes, columns=2)
+    finish(plane, axes, columns=2)
     return axes
 
 
@@ -147,10 +148,8 @@ def draw_yield(result: Yield, ax: Axes | None = None) -> Axes:
     return axes
 
 
-def draw_criticality(result: Criticality, ax: Axes | None = None, *, fault: str = "open") -> Axes:
+def draw_criticality(result: Criticality, ax: Axes | None = None, *, fault: Literal["open", "short"] = "open") -> Axes:
     """Draw how many starts every resistor costs when it is open, or shorted; switches as dots in their cells."""
-    if fault not in ("open", "short"):
-        raise InputError(f"fault = {fault!r} is unknown; it may be open or short")
     netlist, cells = result.netlist, result.netlist.cells
     plane = plane_of(cells.space)
     axes = axes_or_new(ax, plane.aspect)
@@ -181,7 +180,6 @@ def draw_criticality(result: Criticality, ax: Axes | None = None, *, fault: str 
     axes.set_title(
         f"{what}: {critical} of {result.examined:,} elements cost some of {result.served} starts", fontsize=TEXT
     )
-    refresh_legend(axes)
     return axes
 
 
@@ -226,7 +224,6 @@ def draw_map(
     add_colour_bar(image, axes, f"{label} ({prefix}{unit})")
     if log:
         _plain_ticks(image)
-    refresh_legend(axes)
     return axes
 
 
@@ -257,13 +254,6 @@ def draw_resistors(
     lines = LineCollection(list(segments), zorder=4, capstyle="butt")
     axes.add_collection(lines, autolim=False)
     return lines
-
-
-def _known(quantity: str, table: dict[str, tuple[str, str]]) -> tuple[str, str]:
-    """Label and unit of a quantity."""
-    if quantity not in table:
-        raise InputError(f"quantity = {quantity!r} is unknown; it may be one of {', '.join(table)}")
-    return table[quantity]
 
 
 def _of_free_cells(cells: CellMap, value: NDArray[np.float64]) -> NDArray[np.float64]:

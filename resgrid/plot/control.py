@@ -17,7 +17,7 @@ from resgrid.errors import InputError
 from resgrid.plot.fields import draw_space
 from resgrid.plot.figures import PAGE, add_title, caption_height, new_figure, panel_height
 from resgrid.plot.plane import paint_cells, plane_of, seam_shifts, wrapped
-from resgrid.plot.style import FAILURE, PATHS, TEXT, mark_goal, mark_start, refresh_legend
+from resgrid.plot.style import FAILURE, PATHS, TEXT, mark, refresh_legend
 from resgrid.plot.workspace import draw_robot
 from resgrid.scene.scene import Scene
 from resgrid.space import Cell
@@ -163,9 +163,9 @@ def _draw_path(run: Run, axes: Axes) -> None:
     if len(taught):
         axes.scatter(taught[:, 0], taught[:, 1], s=12, marker="D", color="black", zorder=5, label="learning")
     ends = wrapped(path[[0, -1]], space)
-    mark_start(ends[:1], axes)
+    mark(ends[:1], axes, "start")
     if run.ending is Ending.ARRIVED:
-        mark_goal(ends[1:], axes, "")
+        mark(ends[1:], axes, "goal", "")
     else:
         label = str(run.ending).replace("_", " ")
         axes.scatter(ends[1, 0], ends[1, 1], s=34, marker="x", color=FAILURE, linewidth=1.6, zorder=8, label=label)

@@ -81,7 +81,6 @@ def draw_velocities(
     _arrow(axes, at, along * scale, PATHS[0], r"along the equipotential, $v_\phi$")
     axes.scatter(at[:1], at[1:], s=26, color="black", zorder=8, label="robot")
     finish(plane, axes)
-    refresh_legend(axes)
     return axes
 
 
@@ -123,7 +122,6 @@ def draw_dirichlet_share(dirichlet: Field, neumann: Field, k: float, ax: Axes | 
     draw_cells(plane, axes)
     finish(plane, axes)
     add_colour_bar(image, axes, rf"share of the Dirichlet gradient, $k$ = {k:g}")
-    refresh_legend(axes)
     return axes
 
 
@@ -180,7 +178,7 @@ def draw_moment(front: Wavefront, row: int, axes: Axes) -> AxesImage:
     draw_cells(plane, axes)
     new = (front.after.cell == Cell.OBSTACLE) & (front.before.cell != Cell.OBSTACLE)
     paint_cells(front.after, new, HIDDEN, "new obstacle", axes)
-    finish(plane, axes)
+    finish(plane, axes, columns=0)
     return image
 
 

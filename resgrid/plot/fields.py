@@ -28,8 +28,8 @@ from resgrid.plot.plane import (
     paint_cells,
     plane_of,
 )  # fmt: skip
-from resgrid.plot.shading import Shading, add_border, fill_open_walls, no_drop, shading_of, span
-from resgrid.plot.style import NO_DROP, SMALL, add_swatch, height_map, refresh_legend, strength_map
+from resgrid.plot.shading import Scale, Shading, add_border, fill_open_walls, no_drop, shading_of, span
+from resgrid.plot.style import NO_DROP, SMALL, add_swatch, height_map, strength_map
 from resgrid.space import ConfigurationSpace
 
 _ARROWS = 26
@@ -50,11 +50,10 @@ def draw_space(space: ConfigurationSpace, ax: Axes | None = None, *, virtual: ND
     if virtual is not None:
         paint_cells(space, virtual, VIRTUAL, "virtual obstacle", axes)
     finish(plane, axes)
-    refresh_legend(axes)
     return axes
 
 
-def draw_potential(field: Field, ax: Axes | None = None, *, scale: str = "auto", contours: bool = True) -> Axes:
+def draw_potential(field: Field, ax: Axes | None = None, *, scale: Scale = "auto", contours: bool = True) -> Axes:
     """Draw the potential of a field of two axes as an image with equipotential lines."""
     plane = plane_of(field.space)
     shading = shading_of(field, scale)
@@ -64,7 +63,6 @@ def draw_potential(field: Field, ax: Axes | None = None, *, scale: str = "auto",
     draw_cells(plane, axes)
     finish(plane, axes)
     add_colour_bar(image, axes, shading.label)
-    refresh_legend(axes)
     return axes
 
 
@@ -83,7 +81,6 @@ def draw_currents(field: Field, ax: Axes | None = None) -> Axes:
         )  # fmt: skip
         add_colour_bar(quiver, axes, r"$\log_{10}$ of current, in supply / $R$")
     finish(plane, axes)
-    refresh_legend(axes)
     return axes
 
 
@@ -118,7 +115,7 @@ def add_colour_bar(mappable: ScalarMappable, axes: Axes, label: str) -> None:
 def _beyond(mappable: ScalarMappable) -> Literal["min", "neither"]:
     """Whether values lie below the colour scale."""
     values, lowest = mappable.get_array(), mappable.norm.vmin
-    return "min" if values is not None and lowest is not None and np.min(values) < lowest else "neither"
+    return "min" if values is not None and lowest is not None and np.any(values < lowest) else "neither"
 
 
 def _draw_contours(plane: Plane, shading: Shading, values: NDArray[np.float64], axes: Axes) -> None:

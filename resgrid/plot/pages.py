@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from matplotlib.artist import Artist
@@ -21,11 +21,10 @@ from resgrid.plot.fields import draw_currents, draw_no_drop, draw_potential, dra
 from resgrid.plot.figures import PAGE, add_title, figure_of, new_figure, panel_height
 from resgrid.plot.paths import draw_streamlines, require_paths, seam_pieces
 from resgrid.plot.plane import draw_cells, finish, kinds_of, plane_of, plane_slice
-from resgrid.plot.shading import Shading, no_drop, shading_of
+from resgrid.plot.shading import Scale, Shading, no_drop, shading_of
 from resgrid.plot.style import FAILURE, PATHS, SMALL, TEXT, axis_label, dress, refresh_legend
 from resgrid.space import Cell, ConfigurationSpace
 
-QUANTITIES = ("potential", "currents")
 _PANELS = 6
 _WIDE = 0.55
 """Height over width below which a map is so wide that panels are stacked."""
@@ -35,16 +34,14 @@ def draw_field(
     field: Field,
     ax: Axes | None = None,
     *,
-    quantity: str = "potential",
-    scale: str = "auto",
+    quantity: Literal["potential", "currents"] = "potential",
+    scale: Scale = "auto",
     contours: bool = True,
     axis: int | None = None,
     indices: Sequence[int] | None = None,
 ) -> Axes | Figure:
     """Draw the potential of a field, as a profile, an image or slices by its number of axes, or its currents."""
     ndim = field.space.ndim
-    if quantity not in QUANTITIES:
-        raise InputError(f"quantity = {quantity!r} is unknown; it may be one of {', '.join(QUANTITIES)}")
     if quantity == "currents":
         return draw_currents(field, ax)
     if ndim == 1:
@@ -58,7 +55,7 @@ def draw_field(
 
 def draw_page(
     field: Field, paths: Sequence[Streamline] = (), *, k: Sequence[float] | None = None, title: str = "",
-    scale: str = "auto",
+    scale: Scale = "auto",
 ) -> Figure:  # fmt: skip
     """Draw the overview of a field and its paths, whatever its dimension.
 
@@ -99,7 +96,7 @@ def draw_page(
     return figure
 
 
-def _plane_page(field: Field, paths: Sequence[Streamline], k: Sequence[float] | None, scale: str) -> Figure:
+def _plane_page(field: Field, paths: Sequence[Streamline], k: Sequence[float] | None, scale: Scale) -> Figure:
     aspect = plane_of(field.space).aspect
     stacked = aspect < _WIDE
     width = PAGE if stacked else PAGE / 2
@@ -116,7 +113,7 @@ def _plane_page(field: Field, paths: Sequence[Streamline], k: Sequence[float] | 
 
 
 def draw_profile(
-    field: Field, ax: Axes | None = None, *, scale: str = "auto", paths: Sequence[Streamline] = ()
+    field: Field, ax: Axes | None = None, *, scale: Scale = "auto", paths: Sequence[Streamline] = ()
 ) -> Axes:
     """Draw the potential of a space with one axis over its coordinate, with the starts of paths on the curve."""
     space = field.space
@@ -144,7 +141,7 @@ def draw_profile(
 
 def draw_slices(
     field: Field, axis: int | None = None, *, indices: Sequence[int] | None = None, paths: Sequence[Streamline] = (),
-    scale: str = "auto",
+    scale: Scale = "auto",
 ) -> Figure:  # fmt: skip
     """Draw slices of a field with three axes normal to one of them, or through the goal normal to each.
 
@@ -200,7 +197,7 @@ def _draw_slice(
     draw_cells(plane, axes)
     for path in paths:
         _draw_path(path, field.space, normal, index, axes)
-    finish(plane, axes)
+    finish(plane, axes, columns=0)
     axes.set_title(_where(field.space, normal, index), fontsize=TEXT)
 
 

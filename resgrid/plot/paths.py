@@ -54,7 +54,6 @@ def draw_streamlines(paths: Sequence[Streamline], ax: Axes | None = None, *, k: 
         _draw_ends(reached, plane, axes)
     _draw_failures([path for path in paths if path.outcome != Outcome.REACHED], plane, axes)
     finish(plane, axes, [path.axis_points for path in paths])
-    refresh_legend(axes)
     return axes
 
 

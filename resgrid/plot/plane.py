@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
 from resgrid.grids import label_regions
-from resgrid.plot.style import GOAL, OBSTACLE, UNREACHABLE, add_swatch, axis_label, dress
+from resgrid.plot.style import GOAL, OBSTACLE, UNREACHABLE, add_swatch, axis_label, dress, refresh_legend
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
 MOST_CELLS = 1024
@@ -53,11 +53,6 @@ class Plane:
         return not np.array_equal(self.matrix, np.eye(3))
 
     @property
-    def extent(self) -> tuple[float, float, float, float]:
-        """Left, right, bottom, top in axis units."""
-        return self.x.lower, self.x.upper, self.y.lower, self.y.upper
-
-    @property
     def aspect(self) -> float:
         """Height of the picture over its width; 1 where the axes have different units."""
         if self.x.unit != self.y.unit:
@@ -81,13 +76,17 @@ class Plane:
     @property
     def view(self) -> NDArray[np.float64]:
         """Corners of the window in the picture, shape (4, 2)."""
-        x, y = (axis.edges[[part.start, part.stop]] for axis, part in zip((self.x, self.y), self.window, strict=True))
-        return self.place([(x[0], y[0]), (x[1], y[0]), (x[1], y[1]), (x[0], y[1])])
+        return self._corners(*self.window)
 
     @property
     def corners(self) -> NDArray[np.float64]:
         """Corners of the whole grid in the picture, shape (4, 2)."""
-        left, right, bottom, top = self.extent
+        return self._corners(slice(0, self.x.cells), slice(0, self.y.cells))
+
+    def _corners(self, across: slice, up: slice) -> NDArray[np.float64]:
+        (left, right), (bottom, top) = (
+            axis.edges[[part.start, part.stop]] for axis, part in ((self.x, across), (self.y, up))
+        )
         return self.place([(left, bottom), (right, bottom), (right, top), (left, top)])
 
     @property
@@ -149,19 +148,17 @@ def draw_image(plane: Plane, values: NDArray[Any], axes: Axes, **style: Any) -> 
     block = block_size(values.shape, MOST_CELLS)
     coloured = values.ndim == 3
     pixels = block_colours(values, block) if coloured else np.ma.masked_invalid(block_means(values, block))
-    left, _, bottom, _ = plane.extent
-    right, top = (
-        axis.lower + count * block * axis.spacing for axis, count in zip((plane.x, plane.y), pixels.shape, strict=False)
+    across, up = (
+        (axis.lower, axis.lower + count * block * axis.spacing)
+        for axis, count in zip((plane.x, plane.y), pixels.shape, strict=False)
     )
-    image = axes.imshow(
-        pixels.swapaxes(0, 1), origin="lower", extent=(left, right, bottom, top), aspect="auto", **style
-    )
+    image = axes.imshow(pixels.swapaxes(0, 1), origin="lower", extent=(*across, *up), aspect="auto", **style)
     if plane.is_turned:
         image.set_transform(Affine2D(plane.matrix) + axes.transData)
     return image
 
 
-def draw_cells(plane: Plane, axes: Axes, **style: Any) -> AxesImage:
+def draw_cells(plane: Plane, axes: Axes) -> None:
     """Draw obstacles, goals and unreachable cells over whatever else there is, and put them into the legend."""
     colours = np.zeros((*plane.cell.shape, 4), dtype=np.uint8)
     for label, colour, where in kinds_of(plane.cell, plane.connected):
@@ -169,7 +166,7 @@ def draw_cells(plane: Plane, axes: Axes, **style: Any) -> AxesImage:
             colours[where] = np.round(255 * np.array(to_rgba(colour)))
             add_swatch(axes, label, colour)
     _ring_small_goals(plane, axes)
-    return draw_image(plane, colours, axes, zorder=2.0, **style)
+    draw_image(plane, colours, axes, zorder=2.0)
 
 
 def _ring_small_goals(plane: Plane, axes: Axes) -> None:
@@ -189,8 +186,8 @@ def _ring_small_goals(plane: Plane, axes: Axes) -> None:
         )  # fmt: skip
 
 
-def finish(plane: Plane, axes: Axes, points: Sequence[NDArray[np.float64]] = ()) -> Axes:
-    """Set limits that hold the given points, aspect and labels: equal aspect where both axes have the same unit."""
+def finish(plane: Plane, axes: Axes, points: Sequence[NDArray[np.float64]] = (), columns: int = 3) -> None:
+    """Set limits that hold the given points, equal aspect where both axes have the same unit, labels, legend."""
     shown = np.concatenate([plane.view, *(plane.place(part) for part in points)])
     (left, bottom), (right, top) = shown.min(axis=0), shown.max(axis=0)
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal" if plane.x.unit == plane.y.unit else "auto")
@@ -199,7 +196,8 @@ def finish(plane: Plane, axes: Axes, points: Sequence[NDArray[np.float64]] = ())
     axes.set_xlabel(axis_label(plane.x, world=plane.is_turned))
     axes.set_ylabel(axis_label(plane.y, world=plane.is_turned))
     dress(axes)
-    return axes
+    if columns:
+        refresh_legend(axes, columns)
 
 
 def _matrix(space: ConfigurationSpace) -> NDArray[np.float64]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from matplotlib.colors import Colormap
@@ -13,7 +14,7 @@ from resgrid.planning.fields import Field
 from resgrid.plot.style import height_map
 from resgrid.space import Cell
 
-SCALES = ("auto", "linear", "log")
+Scale = Literal["auto", "linear", "log"]
 _DECADES_WORTH_A_LOG = 2.0
 _LINES = 16
 _TAIL = 0.02
@@ -46,10 +47,8 @@ class Shading:
         return height_map().reversed() if self.is_log else height_map()
 
 
-def shading_of(field: Field, scale: str = "auto") -> Shading:
+def shading_of(field: Field, scale: Scale = "auto") -> Shading:
     """Choose what to show of a field."""
-    if scale not in SCALES:
-        raise InputError(f"scale = {scale!r} is unknown; it may be one of {', '.join(SCALES)}")
     if field.log_drop is None:
         if scale == "log":
             kind = "a blend" if field.boundary == "blend" else f"drive = {field.wiring.drive!r}"

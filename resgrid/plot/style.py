@@ -33,6 +33,7 @@ LINE_STYLES: tuple[str | tuple[int, tuple[float, ...]], ...] = (
     (0, (2, 1)),
 )
 
+_MARKS = {"start": ("o", 22, "white"), "goal": ("*", 70, GOAL)}
 TEXT = 8.0
 SMALL = 7.0
 DPI = 200
@@ -73,28 +74,20 @@ def dress(axes: Axes) -> None:
         spine.set_linewidth(0.6)
 
 
-def add_swatch(axes: Axes, label: str, colour: str, *, edge: str = "#00000080") -> None:
+def add_swatch(axes: Axes, label: str, colour: str) -> None:
     """Add a square to the legend for something that is drawn as part of an image."""
     axes.add_line(
-        Line2D([], [], linestyle="", marker="s", markersize=6, color=colour, markeredgecolor=edge, label=label)
+        Line2D([], [], linestyle="", marker="s", markersize=6, color=colour, markeredgecolor="#00000080", label=label)
     )
 
 
-def mark_start(places: NDArray[np.float64], axes: Axes, label: str = "start") -> None:
-    """White discs where motions start, shape (n, 2)."""
-    _mark(places, axes, "o", 22, "white", label)
-
-
-def mark_goal(places: NDArray[np.float64], axes: Axes, label: str = "goal") -> None:
-    """Stars where goals are, shape (n, 2)."""
-    _mark(places, axes, "*", 70, GOAL, label)
-
-
-def _mark(places: NDArray[np.float64], axes: Axes, marker: str, size: float, colour: str, label: str) -> None:
+def mark(places: NDArray[np.float64], axes: Axes, kind: str, label: str | None = None) -> None:
+    """Mark starts or goals, shape (n, 2); the legend calls them by their kind unless told otherwise."""
+    marker, size, colour = _MARKS[kind]
     if len(places):
         axes.scatter(
             places[:, 0], places[:, 1], s=size, marker=marker, facecolor=colour, edgecolor="black", linewidth=0.8,
-            zorder=8, label=label,
+            zorder=8, label=kind if label is None else label,
         )  # fmt: skip
 
 
@@ -102,18 +95,10 @@ def refresh_legend(axes: Axes, columns: int = 3, gap: float = 4.6) -> None:
     """Draw one legend, ``gap`` text heights below the axes, of everything labelled so far, each label once."""
     handles, labels = axes.get_legend_handles_labels()
     unique = dict(zip(reversed(labels), reversed(handles), strict=True))
-    if not unique:
-        return
     names = list(dict.fromkeys(labels))
-    axes.legend(
-        [unique[name] for name in names],
-        names,
-        loc="upper center",
-        bbox_to_anchor=(0.5, 0.0),
-        ncols=min(len(names), columns),
-        fontsize=SMALL,
-        frameon=False,
-        handlelength=1.8,
-        columnspacing=1.0,
-        borderaxespad=gap,
-    )
+    if names:
+        axes.legend(
+            [unique[name] for name in names], names, ncols=min(len(names), columns), loc="upper center",
+            bbox_to_anchor=(0.5, 0.0), borderaxespad=gap, fontsize=SMALL, frameon=False, handlelength=1.8,
+            columnspacing=1.0,
+        )  # fmt: skip

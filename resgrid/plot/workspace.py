@@ -34,12 +34,11 @@ from resgrid.plot.style import (
     TEXT,
     add_swatch,
     dress,
-    mark_goal,
-    mark_start,
+    mark,
     refresh_legend,
 )  # fmt: skip
 from resgrid.robots import CellSet, HalfSpace, Robot, Shape, to_shapely
-from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint
+from resgrid.scene.goals import GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.scene import Scene
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -53,7 +52,7 @@ def draw_scene(scene: Scene, ax: Axes | None = None) -> Axes:
     """Draw the workspace of a scene: obstacles, those that the map does not show, goals, and the starts."""
     axes = _draw_surroundings(scene, ax)
     places = np.array([_reference(start, scene) for start in scene.starts]).reshape(-1, 2)
-    mark_start(places, axes)
+    mark(places, axes, "start")
     _frame(axes, scene, [places])
     refresh_legend(axes)
     return axes
@@ -99,8 +98,8 @@ def draw_robot(
         effects = [Stroke(linewidth=2.4, foreground="white"), Normal()]
         label = f"path of the {robot.reference}"
         axes.plot(tip[:, 0], tip[:, 1], color=colour, linewidth=1.4, zorder=6, path_effects=effects, label=label)
-        mark_start(tip[:1], axes, "")
-        mark_goal(tip[-1:], axes, "")
+        mark(tip[:1], axes, "start", "")
+        mark(tip[-1:], axes, "goal", "")
     if robot.base is not None:
         axes.scatter([robot.base[0]], [robot.base[1]], s=30, marker="s", facecolor="black", zorder=7, label="base")
     _frame(axes, scene, [tip, *_outlines(robot, shown)])
@@ -207,7 +206,7 @@ def _draw_line(points: NDArray[np.float64], space: ConfigurationSpace, axes: Axe
     """A polyline of the world in configuration space, with copies where it crosses seams, and its first point."""
     for shift in seam_shifts(space) if len(points) > 1 else ():
         axes.plot(*(points + shift).T, color=PATHS[0], linewidth=1.5, zorder=4, label="path")
-    mark_start(points[:1], axes)
+    mark(points[:1], axes, "start")
     refresh_legend(axes)
 
 
@@ -249,7 +248,7 @@ def _draw_surroundings(scene: Scene, ax: Axes | None) -> Axes:
     mark_shapes(scene.obstacles, axes, OBSTACLE, "obstacle", 2.0)
     mark_shapes(scene.hidden, axes, HIDDEN, "hidden obstacle", 2.4)
     mark_shapes(_goal_regions(scene), axes, GOAL, "goal", 1.5)
-    mark_goal(goal_places(scene), axes)
+    mark(goal_places(scene), axes, "goal")
     unit = "m" if scene.robot.base is not None else scene.axes[0].unit
     axes.set(aspect="equal", xlabel=f"x ({unit})", ylabel=f"y ({unit})")
     axes.set_title("Workspace", fontsize=TEXT)
@@ -265,21 +264,16 @@ def _goal_regions(scene: Scene) -> list[Shape]:
 
 def goal_places(scene: Scene) -> NDArray[np.float64]:
     """Where the robot's reference point is at goals that are places, cells or configurations, shape (g, 2)."""
-    places = [_goal_place(goal, scene) for goal in scene.goals if not isinstance(goal, Shape)]
+    places: list[Any] = []
+    for goal in scene.goals:
+        match goal:
+            case GoalPoint(point):
+                places.append(point[:2])
+            case GoalCell(cell):
+                places.append(_reference(empty_space(scene).centre(np.array(cell)), scene))
+            case GoalJoints(lower, upper):
+                places.append(_reference(np.add(lower, upper) / 2, scene))
     return np.array(places).reshape(-1, 2)
-
-
-def _goal_place(goal: Goal, scene: Scene) -> NDArray[np.float64]:
-    match goal:
-        case GoalPoint(point) if len(point) == 2:
-            return np.array(point)
-        case GoalPoint(point):
-            return _reference(point, scene)
-        case GoalCell(cell):
-            return _reference(empty_space(scene).centre(np.array(cell)), scene)
-        case GoalJoints(lower, upper):
-            return _reference((np.array(lower) + upper) / 2, scene)
-    raise InputError(f"where a {type(goal).__name__} lies in the plane is not known")
 
 
 def _reference(configuration: Any, scene: Scene) -> NDArray[np.float64]:
@@ -337,15 +331,16 @@ def _outlines(robot: Robot, poses: NDArray[np.float64]) -> list[NDArray[np.float
 
 
 def _frame(axes: Axes, scene: Scene, lines: list[NDArray[np.float64]]) -> None:
-    """Limits around lines and bounded shapes; an arm's hold its reach, so that its pictures can be compared."""
-    shapes = (*scene.obstacles, *scene.hidden, *_goal_regions(scene))
-    corners = [np.array(shape.bounds) for shape in shapes if not isinstance(shape, HalfSpace | CellSet)]
+    """Limits: of the grid, or around lines and bounded shapes, an arm's reach among them to compare its pictures."""
     robot = scene.robot
-    if robot.base is not None:
-        corners.append(np.add([[-robot.reach] * 2, [robot.reach] * 2], robot.base))
-    elif scene.ndim == 2:
-        corners.append(plane_of(empty_space(scene)).corners)
-    everything = np.concatenate([*lines, *corners, goal_places(scene)])
-    low, high = everything.min(axis=0), everything.max(axis=0)
-    margin = 0.05 * float((high - low).max())
-    axes.set(xlim=(low[0] - margin, high[0] + margin), ylim=(low[1] - margin, high[1] + margin))
+    if robot.moves_in_workspace:
+        places, margin = plane_of(empty_space(scene)).corners, 0.0
+    else:
+        shapes = (*scene.obstacles, *scene.hidden, *_goal_regions(scene))
+        corners = [np.array(shape.bounds) for shape in shapes if not isinstance(shape, HalfSpace | CellSet)]
+        if robot.base is not None:
+            corners.append(np.add([[-robot.reach] * 2, [robot.reach] * 2], robot.base))
+        places, margin = np.concatenate([*lines, *corners, goal_places(scene)]), 0.05
+    low, high = places.min(axis=0), places.max(axis=0)
+    around = margin * float((high - low).max())
+    axes.set(xlim=(low[0] - around, high[0] + around), ylim=(low[1] - around, high[1] + around))

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from fractions import Fraction
 from itertools import product
-from math import ceil, floor, isinf
+from math import ceil
 from typing import Literal
 
 import numpy as np
@@ -23,59 +22,14 @@ Sampling = Literal["conservative", "centre"]
 Progress = Callable[[int, int], object]
 """Called now and then with how much work is done, and how much there is in all."""
 
+FAR = 1e3
+"""So many times the size of the grid a ring may stick out before it is cut off."""
+
+Grids = Sequence[NDArray[np.float64]]
+"""Coordinates of cells along every axis, shaped to broadcast over a block."""
+
 RIM = 1e-9
 """Share of a cell's width that its interior leaves out on every side."""
-
-
-@dataclass(frozen=True, eq=False)
-class Window:
-    """A block of neighbouring cells.
-
-    `axes`: the whole grid; `start, stop`: first and past-the-last cell per axis; `half`: half the width of what
-    stands for a cell, as `halves` says.
-    """
-
-    axes: tuple[Axis, ...]
-    start: tuple[int, ...]
-    stop: tuple[int, ...]
-    half: tuple[float, ...]
-
-    @classmethod
-    def around(cls, axes: tuple[Axis, ...], bounds: Bounds, reach: float, rule: Sampling) -> Window | None:
-        """The cells that could come within a distance of a box; None if there are none."""
-        start = tuple(
-            _clip((low - reach - axis.lower) / axis.spacing - 1, axis.cells)
-            for axis, low in zip(axes, bounds[0], strict=True)
-        )
-        stop = tuple(
-            _clip((high + reach - axis.lower) / axis.spacing + 2, axis.cells)
-            for axis, high in zip(axes, bounds[1], strict=True)
-        )
-        if any(first >= last for first, last in zip(start, stop, strict=True)):
-            return None
-        return cls(axes, start, stop, halves(axes, bounds, reach, rule))
-
-    @property
-    def ndim(self) -> int:
-        """Number of axes."""
-        return len(self.axes)
-
-    @property
-    def slices(self) -> tuple[slice, ...]:
-        """The block, as an index into an array of cells."""
-        return tuple(slice(first, last) for first, last in zip(self.start, self.stop, strict=True))
-
-    def centres(self, k: int) -> NDArray[np.float64]:
-        """Cell centres along one axis, shape ``(stop[k] - start[k],)``."""
-        axis = self.axes[k]
-        return np.asarray(axis.lower + (np.arange(self.start[k], self.stop[k]) + 0.5) * axis.spacing)
-
-    def grids(self) -> list[NDArray[np.float64]]:
-        """Cell centres along every axis, shaped to broadcast over the block."""
-        return [
-            self.centres(k).reshape(tuple(-1 if other == k else 1 for other in range(self.ndim)))
-            for k in range(self.ndim)
-        ]
 
 
 def rims(axes: Sequence[Axis]) -> list[float]:
@@ -94,12 +48,6 @@ def halves(axes: Sequence[Axis], bounds: Bounds, reach: float, rule: Sampling) -
     )
 
 
-def _clip(index: float, cells: int) -> int:
-    if isinf(index):
-        return 0 if index < 0 else cells
-    return max(0, min(cells, ceil(index) if index > 0 else floor(index)))
-
-
 def mark(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Shape, reach: float, rule: Sampling) -> None:
     """Mark, in place, the cells that come within a distance of a shape."""
     if shape.ndim != len(axes):
@@ -111,41 +59,45 @@ def mark(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Shape, reach: fl
         mark_copy(out, axes, copy, reach, rule)
 
 
-def mark_copy(
-    out: NDArray[np.bool_],
-    axes: tuple[Axis, ...],
-    shape: Solid,
-    reach: float,
-    rule: Sampling,
-) -> None:
+def mark_copy(out: NDArray[np.bool_], axes: tuple[Axis, ...], shape: Solid, reach: float, rule: Sampling) -> None:
     """The same for one copy of a shape, which is cut off where it sticks out of the grid."""
-    window = Window.around(axes, shape.bounds, reach, rule)
-    if window is None:
-        return
+    half = halves(axes, shape.bounds, reach, rule)
     if isinstance(shape, Polygon):
-        mark_polygon(out, axes, window.half, shape, reach)
-    elif isinstance(shape, HalfSpace):
-        out[window.slices] |= _near_half_space(window, shape, reach)
+        _mark_polygon(out, axes, half, shape, reach)
+        return
+    block = tuple(
+        slice(_clip((low - reach - axis.lower) / axis.spacing - 1, axis.cells),
+              _clip((high + reach - axis.lower) / axis.spacing + 2, axis.cells))
+        for axis, low, high in zip(axes, *shape.bounds, strict=True)
+    )  # fmt: skip
+    grids = np.meshgrid(
+        *(axis.centres[part] for axis, part in zip(axes, block, strict=True)), indexing="ij", sparse=True
+    )
+    if isinstance(shape, HalfSpace):
+        out[block] |= _near_half_space(shape, grids, half, reach)
     else:
-        out[window.slices] |= _near_round(window, shape, reach)
+        out[block] |= _near_round(shape, grids, half, reach)
 
 
-def _near_round(window: Window, shape: Box | Ball, reach: float) -> NDArray[np.bool_]:
+def _clip(index: float, cells: int) -> int:
+    return ceil(min(max(index, 0.0), float(cells)))
+
+
+def _near_round(shape: Box | Ball, centres: Grids, half: Sequence[float], reach: float) -> NDArray[np.bool_]:
     lower, upper = (shape.centre, shape.centre) if isinstance(shape, Ball) else shape.bounds
     within = reach + shape.radius if isinstance(shape, Ball) else reach
-    squared = np.zeros((1,) * window.ndim)
-    for centre, half, low, high in zip(window.grids(), window.half, lower, upper, strict=True):
-        gap = np.maximum(np.maximum(centre - half - high, low - (centre + half)), 0.0)
+    squared = np.zeros((1,) * len(half))
+    for centre, side, low, high in zip(centres, half, lower, upper, strict=True):
+        gap = np.maximum(np.maximum(centre - side - high, low - (centre + side)), 0.0)
         squared = squared + gap**2
     return np.asarray(squared <= within**2)
 
 
-def _near_half_space(window: Window, shape: HalfSpace, reach: float) -> NDArray[np.bool_]:
-    length = float(np.linalg.norm(shape.normal))
-    smallest = np.zeros((1,) * window.ndim)
-    for centre, half, component in zip(window.grids(), window.half, shape.normal, strict=True):
-        smallest = smallest + component * centre - abs(component) * half
-    return np.asarray(smallest <= shape.offset + reach * length)
+def _near_half_space(shape: HalfSpace, centres: Grids, half: Sequence[float], reach: float) -> NDArray[np.bool_]:
+    smallest = np.zeros((1,) * len(half))
+    for centre, side, component in zip(centres, half, shape.normal, strict=True):
+        smallest = smallest + component * centre - abs(component) * side
+    return np.asarray(smallest <= shape.offset + reach * float(np.linalg.norm(shape.normal)))
 
 
 def _near_cells(shape: CellSet, axes: tuple[Axis, ...], reach: float, rule: Sampling) -> NDArray[np.bool_]:
@@ -180,17 +132,10 @@ def _distance_from_boxes(mask: NDArray[np.bool_], spacing: NDArray[np.float64], 
     return np.asarray(distance[(slice(1, None, 2),) * mask.ndim])
 
 
-FAR = 1e3
-"""So many times the size of the grid a ring may stick out before it is cut off."""
-
-
-def mark_polygon(
+def _mark_polygon(
     out: NDArray[np.bool_], axes: Sequence[Axis], half: Sequence[float], polygon: Polygon, reach: float
 ) -> None:
-    """Mark, in place, the cells of a grid that come within a distance of a polygon.
-
-    A cell meets a polygon if it meets the outline, or if its centre is enclosed.
-    """
+    """The same for a polygon: a cell meets it if it meets the outline, or if its centre is enclosed."""
     from resgrid.robots.kernels import Plane, mark_enclosed, mark_parallelograms
 
     x, y = axes

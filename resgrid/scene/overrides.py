@@ -10,7 +10,7 @@ from typing import Any
 from resgrid.errors import InputError
 from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, Polygon, Robot
 from resgrid.scene.goals import CostArea, GoalJoints
-from resgrid.scene.maps.data import MapData
+from resgrid.scene.maps.arrays import MapData
 from resgrid.scene.read import build_scene
 from resgrid.scene.scene import Scene
 from resgrid.scene.table import plain
@@ -24,13 +24,15 @@ _SHAPES = {Box: ("rectangle", "box"), Ball: ("circle", "sphere"), Polygon: ("pol
 def document_of(scene: Scene) -> dict[str, Any]:
     """The document that describes a scene; the inverse of `build_scene`."""
     document = {"schema": 1, "robot": _robot_table(scene.robot), "starts": plain(scene.starts)}
-    for key in ("title", "boundary", "drive", "sampling", "edge", "k", "chip", "control"):
+    for key in ("title", "boundary", "drive", "sampling", "k", "chip", "control"):
         value = getattr(scene, key)
         if value is not None:
             document[key] = plain(value)
+    rules = [*dict.fromkeys(rule for rule in scene.edge if rule != "periodic")]
+    document["edge"] = rules if len(rules) == 1 else list(scene.edge)  # one for all axes, also those of another robot
     if scene.map is not None:
         document["map"] = plain(scene.map.table)
-    if scene.map is None or ("headings" not in scene.map.table and len(scene.map.axes) != len(scene.axes)):
+    if scene.map is None or scene.axes[: len(scene.map.axes)] != scene.map.axes:
         document["grid"] = {"axes": [plain(axis) for axis in scene.axes]}
     for key, attribute in _LISTS.items():
         document[key] = [_table(value) for value in getattr(scene, attribute)]
@@ -68,7 +70,7 @@ def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
     ``obstacle.2.radius``); ``resistance``, ``supply`` and ``radius`` alone are enough.  ``goal``, ``goal_cell``,
     ``start`` and ``start_cell`` take one place or a list of them and replace all goals or starts; world coordinates, or
     cell indices counted from 0.  A text is read as TOML would read it (``"4.5"`` is a number, ``"[0, 1]"`` a list), as
-    numbers separated by commas, or else as itself.
+    numbers separated by commas, or else as itself.  Another ``robot.type`` or ``robot.footprint`` is another robot.
     """
     document = document_of(scene)
     changes_by_key = {SHORT.get(key, key): value for key, value in changes.items()}
@@ -81,6 +83,8 @@ def apply_overrides(scene: Scene, changes: Mapping[str, Any]) -> Scene:
             document[key] = places
             if key == "start":
                 document["starts"] = []
+    if {"robot.type", "robot.footprint"} & changes_by_key.keys():
+        document["robot"] = {}
     for key, value in changes_by_key.items():
         if key not in PLACES:
             _set(document, key, value)

@@ -14,7 +14,7 @@ from resgrid.files import decode, read_bytes
 from resgrid.frame import Frame
 from resgrid.robots import ROBOTS, Robot
 from resgrid.scene.consistency import Parts, Problem, inconsistencies
-from resgrid.scene.maps.data import MapData
+from resgrid.scene.maps.arrays import MapData
 from resgrid.scene.maps.formats import COMMON, FORMATS, format_of, read_map
 from resgrid.scene.scene import MapCells, Scene, check_attributes, edge_rules, start_point
 from resgrid.scene.toml_lines import Path as KeyPath, key_lines

@@ -17,8 +17,8 @@ from resgrid.scene.goals import Goal, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.maps.formats import format_of
 from resgrid.scene.maps.pictures import THRESHOLD, read_raster
 from resgrid.scene.scene import Scene
-from resgrid.scene.world import check_cell, located, to_space
-from resgrid.space import Axis, Cell, ConfigurationSpace
+from resgrid.scene.world import cell_centre, check_cell, extent_of, located, to_space
+from resgrid.space import Cell, ConfigurationSpace
 
 
 def sample(scene: Scene, *, require_goal: bool = True, progress: Progress | None = None) -> ConfigurationSpace:
@@ -63,14 +63,8 @@ def sample(scene: Scene, *, require_goal: bool = True, progress: Progress | None
         raise InputError(f"{where}: there is no goal; add a [[goal]] to the scene, or say --goal X,Y")
     for number, start in enumerate(scene.starts):
         located(scene.axes, scene.frame, start, f"{where}: starts[{number}]")
-    return ConfigurationSpace(
-        scene.axes,
-        cell,
-        _conductivity(scene),
-        frame=scene.frame,
-        goal_points=every.points,
-        robot=scene.robot,
-    )
+    costs = _conductivity(scene)
+    return ConfigurationSpace(scene.axes, cell, costs, frame=scene.frame, goal_points=every.points, robot=scene.robot)
 
 
 def _obstacles(scene: Scene) -> list[Shape]:
@@ -81,40 +75,42 @@ def _obstacles(scene: Scene) -> list[Shape]:
 
 
 def _goal_cells(scene: Scene, goal: Goal, blocked: NDArray[np.bool_], key: str) -> GoalCells:
-    place = _configuration(scene, goal)
-    if place is not None:
-        cell, point = _one_cell(scene, place, key)
+    single = _single_cell(scene, goal, key)
+    if single is not None:
+        words, cell, point = single
         if blocked[cell]:
             remedy = _nearest_free(scene, blocked, cell)
-            raise InputError(f"{key}: {_place(goal)} lies in an obstacle (cell {cell}); {remedy}")
-        single = np.zeros_like(blocked)
-        single[cell] = True
-        return GoalCells(single, np.array([point]))
+            raise InputError(f"{key}: {words} lies in an obstacle (cell {cell}); {remedy}")
+        cells = np.zeros_like(blocked)
+        cells[cell] = True
+        return GoalCells(cells, np.array([point]))
     try:
-        region = _region(scene, goal)
+        met, points = _region(scene, goal)
     except InputError as error:
         raise InputError(f"{key}: {error}") from None
-    met = region.cells
     if not met.any():
-        raise InputError(f"{key}: this goal lies outside the grid ({_extent(scene.axes)}); move it inside")
+        raise InputError(f"{key}: this goal lies outside the grid ({extent_of(scene.axes)}); move it inside")
     if blocked[met].all():
         raise InputError(
             f"{key}: this goal lies inside an obstacle (all {int(met.sum())} cells of it); "
             f"move or enlarge it, or {scene.robot.remedy}"
         )
-    return GoalCells(met & ~blocked, region.points[~blocked[met]])
+    return GoalCells(met & ~blocked, points[~blocked[met]])
 
 
-def _configuration(scene: Scene, goal: Goal) -> GoalPoint | GoalCell | None:
-    """The goal, if it is a single cell of configuration space."""
+def _single_cell(scene: Scene, goal: Goal, key: str) -> tuple[str, tuple[int, ...], Point] | None:
+    """A goal that is one cell: its name, the cell, and the point in it that is meant, NaN where that is all of it."""
     match goal:
-        case GoalCell():
-            return goal
-        case GoalJoints(lower, upper) if lower == upper:
-            return GoalPoint(lower)
+        case GoalCell(cell):
+            check_cell(scene.axes, cell, key)
+            return f"the cell {list(cell)}", cell, (np.nan,) * scene.ndim
+        case GoalJoints(point, upper) if point == upper:
+            kind = "configuration"
         case GoalPoint(point) if scene.robot.base is None and len(point) == scene.ndim:
-            return goal
-    return None
+            kind = "point"
+        case _:
+            return None
+    return f"the {kind} {list(point)}", *located(scene.axes, scene.frame, point, key)
 
 
 def _region(scene: Scene, goal: Goal) -> GoalCells:
@@ -126,14 +122,6 @@ def _region(scene: Scene, goal: Goal) -> GoalCells:
         case GoalCell():
             raise AssertionError("a cell is no region")
     return scene.robot.goal_cells(scene.axes, to_space(goal, scene.frame))
-
-
-def _one_cell(scene: Scene, goal: GoalPoint | GoalCell, key: str) -> tuple[tuple[int, ...], Point]:
-    """The cell, and the point in it that is meant: none (NaN) where the whole cell is."""
-    if isinstance(goal, GoalPoint):
-        return located(scene.axes, scene.frame, goal.point, key)
-    check_cell(scene.axes, goal.cell, key)
-    return goal.cell, (np.nan,) * scene.ndim
 
 
 def _map_goals(scene: Scene, blocked: NDArray[np.bool_], where: str) -> GoalCells:
@@ -172,26 +160,8 @@ def _over_map(scene: Scene, values: NDArray[Any], what: str) -> NDArray[Any]:
     return np.broadcast_to(values.reshape(values.shape + (1,) * (scene.ndim - values.ndim)), shape)
 
 
-def _place(goal: Goal) -> str:
-    match goal:
-        case GoalCell(cell):
-            return f"the cell {list(cell)}"
-        case GoalJoints(lower):
-            return f"the configuration {list(lower)}"
-        case GoalPoint(point):
-            return f"the point {list(point)}"
-    return "this goal"
-
-
-def _extent(axes: tuple[Axis, ...]) -> str:
-    return ", ".join(f"{axis.name} in [{axis.lower:g}, {axis.upper:g}]" for axis in axes)
-
-
 def _nearest_free(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...]) -> str:
-    """Where the nearest free place is; of a grey picture also why the cell is an obstacle.
-
-    Shapes: `blocked` as the grid.
-    """
+    """Where the nearest free place is; of a grey picture also why the cell is an obstacle."""
     free = np.argwhere(~blocked)
     if not len(free):
         return "no cell is free"
@@ -199,8 +169,8 @@ def _nearest_free(scene: Scene, blocked: NDArray[np.bool_], cell: tuple[int, ...
     around = [axis.cells if axis.periodic else np.inf for axis in scene.axes]
     steps = np.minimum(steps, np.abs(np.array(around) - steps)) * [axis.spacing for axis in scene.axes]
     nearest = free[int(np.argmin((steps**2).sum(axis=1)))]
-    centre = [axis.lower + (index + 0.5) * axis.spacing for axis, index in zip(scene.axes, nearest, strict=True)]
-    place = ", ".join(f"{value:.6g}" for value in np.asarray(scene.frame.to_world(centre)).tolist())
+    centre = cell_centre(scene.axes, scene.frame, tuple(nearest.tolist()), "")
+    place = ", ".join(f"{value:.6g}" for value in centre)
     return f"move it to a free place, the nearest is ({place}){_grey(scene, cell)}"
 
 
@@ -210,7 +180,7 @@ def _grey(scene: Scene, cell: tuple[int, ...]) -> str:
         return ""
     threshold: int = scene.map.table.get("threshold", THRESHOLD)
     try:
-        grey = int(read_raster(Path(scene.map.table["file"])).grey[::-1].T[cell])
+        grey = int(read_raster(Path(scene.map.table["file"])).grey[::-1].T[cell[:2]])
     except InputError:  # the picture came through a pipe, or is gone: there is less to tell
         return ""
     return f"; its grey value is {grey}, and cells are free from {threshold} on (--threshold)" * (grey < threshold)

@@ -189,23 +189,30 @@ class Scene:
         (GoalPoint(point=(3.5, 0.5)),)
         """
         check_attributes(changes)
-        if "robot" in changes and self.map is not None and "axes" not in changes:
-            changes["axes"], changes["frame"] = self.map.space_of(changes["robot"], self.map_frame)
+        robot = changes.get("robot")
+        if isinstance(robot, Robot) and self.map is not None and "axes" not in changes and not self._keeps_grid(robot):
+            changes["axes"], changes["frame"] = self.map.space_of(robot, self.map_frame)
         axes, frame = changes.get("axes", self.axes), changes.get("frame", self.frame)
+        if not (isinstance(axes, list | tuple) and all(isinstance(axis, Axis) for axis in axes)):
+            return dataclasses.replace(self, axes=axes)  # which says what axes are
         if "goal" in changes:
             goals = _places("goal", changes.pop("goal"))
             changes["goals"] = tuple(GoalPoint(goal) if isinstance(goal, tuple) else goal for goal in goals)
         if "start" in changes:
             starts = _places("start", changes.pop("start"))
-            changes["starts"] = tuple(start_point(start, axes, frame) for start in starts)
+            changes["starts"] = tuple(start_point(start, tuple(axes), frame) for start in starts)
         if isinstance(changes.get("k"), int | float):
-            changes["k"] = (float(changes["k"]),)
+            changes["k"] = (changes["k"],)
         if isinstance(changes.get("edge"), str):
             changes["edge"] = edge_rules((changes["edge"],), axes)
         elif "axes" in changes and "edge" not in changes:
             rules = {axis.name: rule for axis, rule in zip(self.axes, self.edge, strict=True) if rule != "periodic"}
             changes["edge"] = edge_rules([rules.get(axis.name, "obstacle") for axis in axes], axes)
         return dataclasses.replace(self, **changes)
+
+    def _keeps_grid(self, robot: Robot) -> bool:
+        """Whether axes that are not those of the map suit another robot: an arm's, for an arm."""
+        return robot.base is not None and self.map is not None and self.axes[: len(self.map.axes)] != self.map.axes
 
     def _parts(self) -> Parts:
         lists: dict[str, tuple[Any, ...]] = {

@@ -32,7 +32,7 @@ from resgrid.space import Axis
 
 Coordinates = Annotated[tuple[float, ...], Strict(False), Len(1, 4)]
 Pair = Annotated[tuple[float, ...], Strict(False), Len(2, 2)]
-Count = Annotated[int, Ge(1)]
+Count = Annotated[int, Ge(1), Le(10**15)]
 
 SHAPES: dict[str, tuple[type, bool]] = {
     "rectangle": (Box, True),

@@ -50,10 +50,8 @@ def meanings(value: type) -> dict[str, str]:
 
 def unit_of(hint: Any) -> str:
     """The unit of a field, by its annotation."""
-    marks = [*getattr(hint, "__metadata__", ()), *(mark for part in get_args(hint) for mark in [unit_of(part)] if mark)]
-    return next(
-        (mark.unit if isinstance(mark, Quantity) else mark for mark in marks if isinstance(mark, Quantity | str)), ""
-    )
+    units = [mark.unit for mark in getattr(hint, "__metadata__", ()) if isinstance(mark, Quantity)]
+    return next(filter(None, [*units, *map(unit_of, get_args(hint))]), "")
 
 
 def described_keys(value: type) -> dict[str, tuple[str, str]]:
@@ -128,9 +126,9 @@ def filled_as(table: Any, build: Callable[..., Any], *left_out: str) -> Any:
 
 
 def check_fields(value: Any) -> None:
-    """Check the fields of a value made in Python as those of its table are, and take over how they are read."""
-    given = {item.name: getattr(value, item.name) for item in dataclasses.fields(value)}
-    given = {name: field for name, field in given.items() if not dataclasses.is_dataclass(field)}
+    """Check the fields of a value made in Python as those of its table are, and keep them as these are read."""
+    single = [item.name for item in dataclasses.fields(value) if item.default_factory is dataclasses.MISSING]
+    given = {name: getattr(value, name) for name in single}
     filled = fields_of(type(value), given)
     for name in given:
         object.__setattr__(value, name, filled[name])

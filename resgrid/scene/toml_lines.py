@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
-from bisect import bisect_right
+import re
 from collections.abc import Mapping
+from typing import NamedTuple
 
 Path = tuple[str | int, ...]
 
+_TOKEN = re.compile(
+    r'''
+      (?P<blank> [ \t\r]+ | \#[^\n]* )
+    | (?P<text> """(?:\\.|[^\\])*?"{3,5} | \'\'\'.*?\'{3,5} | "(?:\\.|[^"\\])*" | '[^']*' )
+    | (?P<mark> [\[\]{},=.\n] )
+    | (?P<bare> [^\s\[\]{},=."'\#]+ )
+    ''',
+    re.VERBOSE | re.DOTALL,
+)
+
+
+class _Token(NamedTuple):
+    text: str
+    line: int
+
 
 def key_lines(text: str) -> dict[Path, int]:
-    r"""Line of every table, key and array element of a TOML document."""
+    """Line of every table, key and array element of a TOML document that is known to be valid."""
     return _Scanner(text).run()
 
 
@@ -21,65 +37,62 @@ def line_of(lines: Mapping[Path, int], path: Path) -> int | None:
     return None
 
 
+def _tokens(text: str) -> list[_Token]:
+    tokens, line = [], 1
+    for match in _TOKEN.finditer(text):
+        if match.lastgroup != "blank":
+            tokens.append(_Token(match[0], line))
+        line += match[0].count("\n")
+    return tokens
+
+
 class _Scanner:
-    """Walks once through a document that is known to be valid."""
+    """Walks once through the tokens of a document."""
 
     def __init__(self, text: str) -> None:
-        self.text = text
+        self.tokens = [*_tokens(text), _Token("", 0)]
         self.at = 0
         self.lines: dict[Path, int] = {}
         self.tables: dict[Path, int] = {}
-        self.line_starts = [0, *(i + 1 for i, character in enumerate(text) if character == "\n")]
 
     def run(self) -> dict[Path, int]:
         prefix: Path = ()
-        self.skip_blank()
-        while self.at < len(self.text):
-            prefix = self.header() if self.peek() == "[" else self.pair(prefix)
-            self.skip_blank()
+        while self.skip_lines():
+            if self.peek() == "[":
+                prefix = self.header()
+            else:
+                self.pair(prefix)
         return self.lines
 
-    def peek(self, length: int = 1) -> str:
-        return self.text[self.at : self.at + length]
+    def peek(self) -> str:
+        return self.tokens[self.at].text
 
-    def note(self, path: Path) -> None:
-        self.lines.setdefault(path, bisect_right(self.line_starts, self.at))
+    def take(self) -> _Token:
+        self.at += 1
+        return self.tokens[self.at - 1]
 
-    def skip_blank(self) -> None:
-        while self.at < len(self.text):
-            if self.peek() == "#":
-                end = self.text.find("\n", self.at)
-                self.at = len(self.text) if end < 0 else end
-            elif self.peek() in " \t\n\r":
-                self.at += 1
-            else:
-                return
-
-    def skip_spaces(self) -> None:
-        while self.peek() in (" ", "\t"):
+    def skip_lines(self) -> str:
+        """The next token that is no end of a line."""
+        while self.peek() == "\n":
             self.at += 1
+        return self.peek()
 
     def header(self) -> Path:
-        brackets = 2 if self.peek(2) == "[[" else 1
-        start = self.at
-        self.at += brackets
+        line = self.take().line
+        is_array = self.peek() == "["
+        self.at += is_array
         parts = self.key()
-        self.at += brackets
-        path = self.resolve(parts[:-1])
-        path = (*path, parts[-1])
-        if brackets == 2:
-            number = self.tables[path] = self.tables.get(path, -1) + 1
-            after, self.at = self.at, start
-            self.note(path)
-            path = (*path, number)
-        else:
-            path = self.resolve(parts)
-            after, self.at = self.at, start
-        self.note(path)
-        self.at = after
+        self.at += 1 + is_array
+        if is_array:
+            path = (*self.resolved(parts[:-1]), parts[-1])
+            self.lines.setdefault(path, line)
+            self.tables[path] = self.tables.get(path, -1) + 1
+        path = self.resolved(parts)
+        self.lines.setdefault(path, line)
         return path
 
-    def resolve(self, parts: list[str]) -> Path:
+    def resolved(self, parts: list[str]) -> Path:
+        """A key path with the numbers of the last tables of arrays in it."""
         path: Path = ()
         for part in parts:
             path = (*path, part)
@@ -87,73 +100,40 @@ class _Scanner:
                 path = (*path, self.tables[path])
         return path
 
-    def pair(self, prefix: Path) -> Path:
-        start = self.at
-        path = prefix
-        parts = self.key()
-        after, self.at = self.at, start
-        for part in parts:
-            path = (*path, part)
-            self.note(path)
-        self.at = after + 1
-        self.skip_spaces()
-        self.value(path)
-        return prefix
-
     def key(self) -> list[str]:
-        parts: list[str] = []
-        while True:
-            self.skip_spaces()
-            if self.peek() in ("'", '"'):
-                parts.append(self.string())
-            else:
-                start = self.at
-                while self.peek() and (self.peek().isalnum() or self.peek() in "_-"):
-                    self.at += 1
-                parts.append(self.text[start : self.at])
-            self.skip_spaces()
-            if self.peek() != ".":
-                return parts
+        parts = [self.take().text.strip("'\"")]
+        while self.peek() == ".":
             self.at += 1
+            parts.append(self.take().text.strip("'\""))
+        return parts
 
-    def string(self) -> str:
-        quote = self.peek()
-        fence = quote * 3 if self.peek(3) == quote * 3 else quote
-        self.at += len(fence)
-        start = self.at
-        while self.at < len(self.text) and not self.text.startswith(fence, self.at):
-            self.at += 2 if quote == '"' and self.peek() == "\\" else 1
-        end = self.at
-        self.at += len(fence)
-        while len(fence) == 3 and self.peek() == quote:
-            self.at += 1
-        return self.text[start:end]
+    def pair(self, path: Path) -> None:
+        line = self.tokens[self.at].line
+        for part in self.key():
+            path = (*path, part)
+            self.lines.setdefault(path, line)
+        self.at += 1
+        self.value(path)
 
     def value(self, path: Path) -> None:
-        opening = self.peek()
+        opening = self.take().text
         if opening == "[":
-            self.items(path, "]")
+            number = 0
+            while self.skip_lines() != "]":
+                if self.peek() != ",":
+                    self.lines.setdefault((*path, number), self.tokens[self.at].line)
+                    self.value((*path, number))
+                    number += 1
+                else:
+                    self.at += 1
+            self.at += 1
         elif opening == "{":
-            self.items(path, "}")
-        elif opening in ("'", '"'):
-            self.string()
-        else:
-            while self.at < len(self.text) and self.peek() not in ",]}#\n":
+            while self.skip_lines() != "}":
+                if self.peek() != ",":
+                    self.pair(path)
+                else:
+                    self.at += 1
+            self.at += 1
+        else:  # a number with a point or a date with a blank is several
+            while self.peek() not in (",", "]", "}", "\n", ""):
                 self.at += 1
-
-    def items(self, path: Path, closing: str) -> None:
-        self.at += 1
-        number = 0
-        self.skip_blank()
-        while self.at < len(self.text) and self.peek() != closing:
-            if closing == "]":
-                self.note((*path, number))
-                self.value((*path, number))
-            else:
-                self.pair(path)
-            number += 1
-            self.skip_blank()
-            if self.peek() == ",":
-                self.at += 1
-                self.skip_blank()
-        self.at += 1

@@ -21,13 +21,16 @@ def located(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -> tup
         cell, local = split_points(axes, inside)
     except InputError:
         turned = "" if frame.is_world else f", which is {inside.round(6).tolist()} in the map's frame,"
-        extent = ", ".join(f"{each.name} in [{each.lower:g}, {each.upper:g}]" for each in axes)
-        raise InputError(
-            f"{key}: the point {list(point)}{turned} lies outside the grid ({extent}); move it inside"
-        ) from None
+        words = f"the point {list(point)}{turned} lies outside the grid ({extent_of(axes)})"
+        raise InputError(f"{key}: {words}; move it inside") from None
     steps = zip(axes, cell.tolist(), local.tolist(), strict=True)
     within = tuple(axis.lower + (number + share) * axis.spacing for axis, number, share in steps)
     return tuple(cell.tolist()), within
+
+
+def extent_of(axes: tuple[Axis, ...]) -> str:
+    """What axes cover, in words."""
+    return ", ".join(f"{axis.name} in [{axis.lower:g}, {axis.upper:g}]" for axis in axes)
 
 
 def cell_centre(axes: tuple[Axis, ...], frame: Frame, cell: tuple[int, ...], key: str) -> Point:

@@ -234,6 +234,19 @@ def test_a_map_and_its_copies_across_the_seam_are_bodies() -> None:
     np.testing.assert_allclose(plant.near(plant.pose(np.array([7.9, 1.5])), 0.2)[:, 6], near[:, 6])
 
 
+def test_a_body_described_some_turns_away_is_touched_where_it_is() -> None:
+    axes = (Axis("x", 0, 4, 8, periodic=True), Axis("y", 0, 4, 8, periodic=True))
+    far = make_plant(
+        DiscRobot(0.3), axes, [Ball((1.0 + 12.0, 1.0 - 20.0), 0.5), Box((3.0 - 8.0, 2.0), (3.5 - 8.0, 3.0))]
+    )
+    near = make_plant(DiscRobot(0.3), axes, [Ball((1.0, 1.0), 0.5), Box((3.0, 2.0), (3.5, 3.0))])
+    rng = np.random.default_rng(0)
+    for place in rng.uniform(-6, 10, (40, 2)):
+        gaps = [np.sort(plant.near(plant.pose(place), 1.0)[:, 6]) for plant in (far, near)]
+        np.testing.assert_allclose(*gaps, atol=1e-12)
+        np.testing.assert_allclose(*(plant.axis_penetration(place[np.newaxis]) for plant in (far, near)), atol=1e-12)
+
+
 @settings(max_examples=100)
 @given(st.sampled_from(ROBOTS), st.integers(0, 2**32 - 1))
 def test_no_point_moves_farther_in_a_cell_than_the_bound(robot: Robot, seed: int) -> None:

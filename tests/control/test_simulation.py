@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings, strategies as st
@@ -10,6 +12,7 @@ from support.hidden import controlled, hiding, square
 import resgrid as rg
 from resgrid.control.log import Ending, Mode, Run
 from resgrid.control.pushes import Push, random_pushes
+from resgrid.control.relaxation import Relaxation
 from resgrid.control.simulation import Simulation, simulation
 from resgrid.errors import InputError
 from resgrid.grids import label_regions
@@ -100,6 +103,18 @@ def test_a_force_along_the_streamline_is_a_jam() -> None:
     )
 
 
+@pytest.mark.parametrize("limits", [None, 0.02, [0.1, 0.4], [0.5, 0.01]])
+def test_the_velocity_is_the_command_at_the_logged_forces(limits) -> None:
+    sim = hiding([Box((1.0, 3.0), (7.5, 4.0))], learn=False, friction=0.0)
+    controller = controlled(sim.space, speed=1.0, speed_limits=limits)
+    run = replace(sim, controller=controller).run((3.5, 6.0))
+    rows = np.flatnonzero(run.torque.any(axis=1))
+    assert len(rows) > 100
+    for row in rows:
+        command = controller.command(run.believed[row], run.torque[row])
+        np.testing.assert_allclose(run.velocity[row], command, atol=1e-7 * np.abs(command).max())
+
+
 def test_friction_that_holds_is_named() -> None:
     sim = hiding([Box((1.0, 3.0), (7.5, 4.0))], learn=False, friction=1.0, response="admittance")
     run = sim.run((3.5, 6.0))
@@ -158,7 +173,7 @@ def test_a_scene_says_how_its_robot_is_controlled() -> None:
     assert not unpushed.push.any()
     assert simulation(scene, k=1.0, friction=0.1).friction == 0.1
     announced = simulation(scene.replace(control=rg.Control(announce=True, pace=5.0)))
-    assert (announced.learn, announced.relaxation) == (False, rg.Relaxation(pace=5.0))
+    assert (announced.learn, announced.relaxation) == (False, Relaxation(pace=5.0))
     assert announced.before is not None
     with pytest.raises(InputError, match="force of 2 entries"):
         simulation(scene.replace(control=rg.Control(push=((0.0, 1.0, 1.0),)))).run()

@@ -10,6 +10,7 @@ import shapely
 from hypothesis import assume, given, settings, strategies as st
 from support.hidden import controlled, hiding, square
 
+from resgrid.control.contact import solve_contacts, surroundings
 from resgrid.control.controller import make_controller
 from resgrid.control.log import End, Ending, Mode, Recorder, Run
 from resgrid.control.plant import Plant, make_plant
@@ -185,6 +186,21 @@ def test_in_the_wedge_between_an_obstacle_and_the_end_of_an_axis_time_goes_on(ro
     pushed = np.diff(run.time)[run.push[:-1].any(axis=1)]
     assert pushed.max() > 0.1
     assert (pushed < 1e-6).sum() <= 2
+
+
+def test_steps_without_known_forces_are_counted() -> None:
+    space, none = square(), np.zeros(2)
+    plant = make_plant(PointRobot(), space.axes, [], [Box((1.0, 3.0), (7.0, 4.0))])
+    pose = plant.pose(np.array([4.0, 4.001]))
+    around = surroundings(pose, plant.near(pose, 0.01))
+    contacts = solve_contacts(around, np.array([True]), np.array([0.0, -1.0]), np.eye(2), 0.0, np.zeros(1))
+    recorder = Recorder(2)
+    for solved in (True, False, False):
+        row = replace(contacts, solved=solved)
+        recorder.add(0.0, np.array([4.0, 4.001]), none, none, Mode.SLIDING, row, none)
+    run = recorder.run(End(Ending.STALLED, "stood"), None, (), controlled(space).field, space, plant, None)
+    assert run.unsolved == 2
+    assert run.message == "stood; in 2 steps no contact forces were known, and the robot stood still"
 
 
 def test_depth_is_measured_between_rows_and_an_entry_is_no_arrival() -> None:

@@ -78,7 +78,7 @@ def test_auto_takes_decades_only_for_a_wide_span(field: rg.Field, neumann: rg.Fi
     assert not shading_of(neumann).is_log
     with pytest.raises(rg.InputError, match="needs a drop"):
         rg.draw(neumann, scale="log")
-    with pytest.raises(rg.InputError, match="may be one of auto, linear, log"):
+    with pytest.raises(rg.InputError, match="must be 'auto' or 'linear' or 'log'"):
         rg.draw(field, scale="logarithmic")
 
 
@@ -226,7 +226,7 @@ def test_slices_show_what_is_cut(cube: rg.Field) -> None:
         ({"axis": 1, "indices": []}, "cells 0 to 4"),
         ({"indices": [1]}, "need the axis"),
         ({"quantity": "currents"}, "two axes"),
-        ({"quantity": "sound"}, "potential, currents"),
+        ({"quantity": "sound"}, "'potential' or 'currents'"),
     ],
 )
 def test_wrong_slices_are_refused(cube: rg.Field, options: dict, message: str) -> None:

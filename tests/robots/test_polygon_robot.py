@@ -6,7 +6,18 @@ import shapely
 from hypothesis import given, settings, strategies as st
 
 from resgrid.errors import InputError
-from resgrid.robots import Ball, Box, DiscRobot, HalfSpace, PointRobot, Polygon, PolygonRobot, Robot, to_shapely
+from resgrid.robots import (
+    Ball,
+    Box,
+    CellSet,
+    DiscRobot,
+    HalfSpace,
+    PointRobot,
+    Polygon,
+    PolygonRobot,
+    Robot,
+    to_shapely,
+)
 from resgrid.robots.geometry import edges_of
 from resgrid.robots.kernels import Plane
 from resgrid.robots.polygon import mark_sum
@@ -126,6 +137,29 @@ def test_the_shipped_scene_can_be_turned_by_any_number_of_cells(scenes, turns):
     chosen = np.random.default_rng(turns).choice(free, 500)
     share = np.random.default_rng(0).choice([0.0, 0.5, 1.0], (500, 3))
     assert not overlaps(scene.robot, space.lower + (chosen + share) * space.spacing, scene.obstacles)[1].any()
+
+
+@pytest.mark.parametrize("robot", [BAR, ELL])
+def test_cells_of_a_map_are_obstacles(robot):
+    """Ragged walls, single cells, a ring with something inside it, and cells that the robot covers whole."""
+    rng = np.random.default_rng(1)
+    mask = rng.random((30, 20)) < 0.03
+    mask[10:20, 4:14], mask[11:19, 5:13], mask[15, 9] = True, False, True
+    mask[:, 0] = True
+    axes = axes_of(robot, (45, 30, 12))
+    cells = CellSet((Axis("x", 0, 3, 30), Axis("y", 0, 2, 20)), mask)
+    boxes = cells.boxes()
+    assert np.isclose(shapely.union_all([to_shapely(box) for box in boxes]).area, to_shapely(cells).area)
+    for rule in ("centre", "conservative"):
+        blocked = robot.occupancy(axes, [cells], rule)
+        assert 0.1 < blocked.mean() < 0.99
+        np.testing.assert_array_equal(blocked, robot.occupancy(axes, boxes, rule))
+    grid = np.stack(np.meshgrid(*(axis.centres for axis in axes), indexing="ij"), axis=-1)
+    sure, perhaps = overlaps(robot, grid, [cells])
+    centre = robot.occupancy(axes, [cells], "centre")
+    assert not (sure & ~centre).any()
+    assert not (centre & ~perhaps).any()
+    assert not robot.occupancy(axes, [CellSet(cells.axes, np.zeros_like(mask))], "conservative").any()
 
 
 simple = st.sampled_from(

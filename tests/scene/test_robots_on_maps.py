@@ -10,6 +10,7 @@ import shapely
 from shapely import affinity
 
 import resgrid as rg
+from resgrid.scene.overrides import apply_overrides
 
 HEADER = "image: map.pgm\nresolution: 0.1\nnegate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
 FOOTPRINT = ((-0.35, -0.15), (0.35, -0.15), (0.35, 0.15), (-0.35, 0.15))
@@ -70,6 +71,11 @@ def test_a_footprint_in_a_file_has_a_goal_with_a_heading(turned: Path) -> None:
     assert np.allclose(space.goal_points, [(5.05, 2.05, 0.05)])
     bare = rg.sample(scene.replace(obstacles=()))
     assert (space.cell == rg.Cell.OBSTACLE).sum() > (bare.cell == rg.Cell.OBSTACLE).sum()
+    changed = apply_overrides(scene, {"start": f"{x},{y},1.0", "map.headings": "12"})
+    assert (changed.axes[2].cells, changed.robot, changed.frame) == (12, scene.robot, scene.frame)
+    assert changed.starts == ((x, y, 1.0),)
+    square = apply_overrides(rg.read_scene(turned), {"robot.footprint": "[[0, 0], [0.2, 0], [0, 0.2]]"})
+    assert (square.ndim, square.robot.turning_length) == (3, 1.0)
     disc = rg.sample(scene.replace(robot=rg.DiscRobot(0.2), goal=(x, y)))
     assert disc.shape == (60, 40)
 
@@ -89,7 +95,8 @@ def test_an_arm_has_a_map_for_its_workspace(tmp_path: Path) -> None:
     poses = np.concatenate([free, space.goal_points])
     assert not any(shapely.intersects(walls, scene.robot.shapes_at(pose)).any() for pose in poses)
     assert 0 < (space.cell == rg.Cell.OBSTACLE).sum() < space.cell.size
-    assert rg.sample(scene.replace(starts=((0.0, 0.0),))).shape == (48, 48)
+    longer = rg.Arm((1.0, 1.0), base=(1.5, 2.0))
+    assert scene.replace(robot=longer, start=(0, 0)).axes == apply_overrides(scene, {"title": "x"}).axes == scene.axes
 
 
 def test_axes_of_a_map_may_be_rings(tmp_path: Path) -> None:

@@ -13,15 +13,15 @@ from support.spaces import serpentine, space_of
 
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError, ToolMissingError
+from resgrid.netlist import Netlist
 from resgrid.nodal.solve import solve
 from resgrid.spice.check.agreement import compare
 from resgrid.spice.check.deck import check_deck
 from resgrid.spice.check.kirchhoff import inspect_deck
 from resgrid.spice.run.ngspice import Simulation
-from resgrid.spice.write.expected import expect
 from resgrid.spice.write.files import write_spice
 from resgrid.spice.write.flat import flatten
-from resgrid.spice.write.sidecar import altered_lines, read_sidecar
+from resgrid.spice.write.sidecar import altered_lines, expect, read_sidecar
 
 
 @pytest.fixture(scope="module")
@@ -169,6 +169,29 @@ def test_a_changed_resistor_is_found_beside_parts_that_carry_no_current() -> Non
         )
     )
     assert inspect_deck(tripled.text.encode(), expected, 1e-6)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("r_x n_1 0 0", "0 ohm"),
+        ("r_x n_1 0 -5", "-5 ohm"),
+        (".temp 99", ".temp is stated"),
+        (".option gmin=1e-9", "gmin is stated"),
+        ("d_x n_1 0 dd", "a diode"),
+        ("r_x y 0 5", "names the node y"),
+    ],
+)
+def test_a_line_that_is_not_ours_is_found_without_the_hash(line: str, message: str) -> None:
+    deck = flatten(
+        Netlist(
+            3, [[1, 2], [2, 0]], [1e-3, 1e-3], source_nodes=[[1, 0]], source_volts=[1.0], node_names=("0", "n_1", "n_2")
+        )
+    )
+    expected = expect(deck, solve(deck.netlist))
+    assert inspect_deck(deck.text.encode(), expected, 1e-9) == []
+    changed = deck.text.replace(".end\n", f"{line}\n.end\n").encode()
+    assert message in "\n".join(inspect_deck(changed, expected, 1e-9))
 
 
 def test_an_operating_point_of_another_circuit_with_as_many_nodes_is_refused() -> None:

@@ -11,8 +11,7 @@ from typing import Any
 
 from resgrid.errors import InputError
 from resgrid.files import read_bytes
-from resgrid.scene.maps.arrays import read_npy
-from resgrid.scene.maps.data import MapData
+from resgrid.scene.maps.arrays import MapData, read_npy
 from resgrid.scene.maps.movingai import PASSABLE, read_movingai
 from resgrid.scene.maps.pictures import THRESHOLD, read_epic, read_grey
 from resgrid.scene.maps.ros import UNKNOWN, occupancy_grid, read_ros, ros_greys

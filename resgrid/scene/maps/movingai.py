@@ -17,7 +17,7 @@ from resgrid.budget import require_grid_memory
 from resgrid.errors import InputError
 from resgrid.files import read_text
 from resgrid.frame import Frame
-from resgrid.scene.maps.data import MapData, cells_from_rows, placed_axes
+from resgrid.scene.maps.arrays import MapData, cells_from_rows, placed_axes
 from resgrid.space import Cell
 
 TERRAIN = ".G@OTSW"

@@ -20,7 +20,7 @@ from resgrid.budget import BYTES_PER_CELL, require_grid_memory
 from resgrid.errors import BudgetError, InputError, ResgridError
 from resgrid.files import read_bytes
 from resgrid.frame import Frame
-from resgrid.scene.maps.data import MapData, cells_from_rows, placed_axes
+from resgrid.scene.maps.arrays import MapData, cells_from_rows, placed_axes
 from resgrid.space import Cell
 
 if TYPE_CHECKING:

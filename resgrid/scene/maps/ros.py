@@ -42,7 +42,7 @@ from pydantic import (
 from resgrid.errors import InputError
 from resgrid.files import read_text
 from resgrid.frame import Frame
-from resgrid.scene.maps.data import MapData
+from resgrid.scene.maps.arrays import MapData
 from resgrid.scene.maps.pictures import Raster, read_raster
 from resgrid.scene.table import problems_of
 from resgrid.scene.words import complaint, report

@@ -6,9 +6,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
+import numpy as np
+
 from resgrid.spice.run import SIMULATED
 from resgrid.spice.run.ngspice import VERSIONS, Simulation
-from resgrid.spice.write.expected import Expected
+from resgrid.spice.write.sidecar import Expected
 
 Reference = Literal["sidecar", "scene", "solve"]
 _SHOWN = 5
@@ -71,39 +73,61 @@ def compare(
     findings: Sequence[str] = (),
 ) -> Agreement:
     """Compare what a simulator said with what is expected."""
-    shared = [name for name in expected.voltage if name in simulation.voltage]
-    # NaN is larger than every difference
-    error = {name: _distance(expected.voltage[name], simulation.voltage[name]) for name in shared}
-    worst = sorted(shared, key=lambda name: -error[name])[:_SHOWN]
-    largest = error[worst[0]] if worst else None
+    volts = {name: volts for name, volts in expected.voltage.items() if name in simulation.voltage}
+    error = _errors(volts, simulation.voltage)
+    largest = next(iter(error.values()), np.inf)
+    amps = {name: amps for name, amps in expected.source_current.items() if amps is not None}
     found = [
         *findings,
         *simulation.complaints,
         *_unmatched(expected.voltage, simulation.voltage, "node"),
         *_unmatched(expected.source_current, simulation.source_current, "voltage source"),
-        *_differences(expected, simulation, [name for name in worst if error[name] > tolerance * expected.supply]),
-        *_source_differences(expected, simulation, tolerance),
-    ]
-    finite = largest is not None and largest < float("inf")
+        *_differences("node", "V", volts, simulation.voltage, simulation.simulator, tolerance * expected.supply),
+        *_differences("voltage source", "A", amps, simulation.source_current, simulation.simulator,
+                      tolerance * expected.current_scale),
+    ]  # fmt: skip
+    unknown = simulation.simulator == SIMULATED and simulation.version not in (*VERSIONS, "not run")
+    tried = f"resgrid is tried with {SIMULATED} {' and '.join(VERSIONS)}; this is version {simulation.version}"
     return Agreement(
         reference=reference,
-        agrees=not found and bool(shared),
-        max_abs_error=largest if finite else None,
-        max_relative_error=largest / expected.supply if finite and largest is not None else None,
-        nodes=len(shared),
+        agrees=not found and bool(volts),
+        max_abs_error=largest if np.isfinite(largest) else None,
+        max_relative_error=largest / expected.supply if np.isfinite(largest) else None,
+        nodes=len(volts),
         simulator=simulation.simulator,
         version=simulation.version,
         tolerance=tolerance,
         findings=tuple(found),
-        worst=tuple((name, expected.voltage[name], simulation.voltage[name]) for name in worst if error[name] > 0),
-        remark=_remark(simulation),
+        worst=tuple((name, volts[name], simulation.voltage[name]) for name in list(error)[:_SHOWN] if error[name] > 0),
+        remark=tried if unknown else "",
     )
 
 
-def _remark(simulation: Simulation) -> str:
-    if simulation.simulator != SIMULATED or simulation.version in (*VERSIONS, "not run"):
-        return ""
-    return f"resgrid is tried with {SIMULATED} {' and '.join(VERSIONS)}; this is version {simulation.version}"
+def _errors(expected: Mapping[str, float], got: Mapping[str, float]) -> dict[str, float]:
+    """Distances of what both have, the largest first; NaN is larger than every number."""
+    distance = {name: abs(got[name] - value) for name, value in expected.items() if name in got}
+    finite = {name: error if error < np.inf else np.inf for name, error in distance.items()}
+    return dict(sorted(finite.items(), key=lambda entry: -entry[1]))
+
+
+def _differences(
+    what: str, unit: str, expected: Mapping[str, float], got: Mapping[str, float], simulator: str, allowed: float
+) -> list[str]:
+    return [
+        f"{what} {name}: {simulator} finds {got[name]!r} {unit}, expected {expected[name]!r} {unit}"
+        for name, error in list(_errors(expected, got).items())[:_SHOWN]
+        if error > allowed
+    ]
+
+
+def _unmatched(expected: Mapping[str, object], got: Mapping[str, object], what: str) -> list[str]:
+    missing = [name for name in expected if name not in got]
+    strange = [name for name in got if name not in expected]
+    return [
+        f"{len(names)} {what}{'s' if len(names) > 1 else ''} {verb}: {', '.join(names[:_SHOWN])}"
+        for names, verb in ((missing, "absent from the simulation"), (strange, "simulated but not expected"))
+        if names
+    ]
 
 
 def unverified(found: Agreement, why: str) -> Agreement:
@@ -119,38 +143,3 @@ def unverified(found: Agreement, why: str) -> Agreement:
         verified=False,
         as_read=found,
     )
-
-
-def _distance(expected: float, got: float) -> float:
-    difference = abs(got - expected)
-    return difference if difference < float("inf") else float("inf")
-
-
-def _unmatched(expected: Mapping[str, object], got: Mapping[str, object], what: str) -> list[str]:
-    missing = [name for name in expected if name not in got]
-    strange = [name for name in got if name not in expected]
-    return [
-        f"{len(names)} {what}{'s' if len(names) > 1 else ''} {verb}: {', '.join(names[:_SHOWN])}"
-        for names, verb in ((missing, "absent from the simulation"), (strange, "simulated but not expected"))
-        if names
-    ]
-
-
-def _differences(expected: Expected, simulation: Simulation, names: list[str]) -> list[str]:
-    return [
-        f"node {name}: {simulation.simulator} finds {simulation.voltage[name]!r} V, expected "
-        f"{expected.voltage[name]!r} V"
-        for name in names
-    ]
-
-
-def _source_differences(expected: Expected, simulation: Simulation, tolerance: float) -> list[str]:
-    allowed = tolerance * expected.current_scale
-    return [
-        f"voltage source {name}: {simulation.simulator} finds {simulation.source_current[name]!r} A, "
-        f"expected {amps!r} A"
-        for name, amps in expected.source_current.items()
-        if amps is not None
-        and name in simulation.source_current
-        and not _distance(amps, simulation.source_current[name]) <= allowed
-    ][:_SHOWN]

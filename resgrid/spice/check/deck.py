@@ -20,9 +20,8 @@ from resgrid.spice.dialects import dialect_named
 from resgrid.spice.read.deck import read_spice
 from resgrid.spice.run import SIMULATED, engine_named
 from resgrid.spice.run.ngspice import Simulation, read_deck, simulate
-from resgrid.spice.write.expected import expect
 from resgrid.spice.write.flat import flatten
-from resgrid.spice.write.sidecar import Sidecar, altered_files, read_sidecar, sidecar_path, with_parts
+from resgrid.spice.write.sidecar import Sidecar, altered_files, expect, read_sidecar, sidecar_path, with_parts
 
 
 @dataclass(frozen=True)
@@ -121,7 +120,7 @@ def _check_own(
         assert sidecar is not None
         expected = sidecar.expected
     why = ""
-    tiled = sidecar if sidecar is not None and sidecar.parts and name == SIMULATED else None
+    tiled = sidecar if sidecar is not None and sidecar.files and name == SIMULATED else None
     if name != SIMULATED:
         why = f"it is written for {name}, and only {SIMULATED} is run here"
         data = written_anew(read_spice(path, dialect=name))

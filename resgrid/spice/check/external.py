@@ -22,8 +22,8 @@ from resgrid.spice.dialects.ngspice import ngspice_name
 from resgrid.spice.read.files import MAX_FILES, read_bytes
 from resgrid.spice.run import SIMULATED
 from resgrid.spice.run.ngspice import MAX_ASCENT, refuse_commands
-from resgrid.spice.write.expected import Expected, expect
 from resgrid.spice.write.flat import flatten
+from resgrid.spice.write.sidecar import Expected, expect
 
 _TAKES_FILES = "ngspice"
 _ANALYSIS = re.compile(

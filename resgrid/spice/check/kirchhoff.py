@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 from resgrid.errors import InputError
 from resgrid.spice.circuit import Circuit
 from resgrid.spice.read.deck import read_with
-from resgrid.spice.write.expected import Expected
+from resgrid.spice.write.sidecar import Expected
 
 _MAX_FINDINGS = 5
+_OPTIONS = {"reltol", "abstol", "vntol"}
 _ROUNDING = 64 * np.finfo(np.float64).eps
 
 
@@ -28,6 +29,12 @@ def inspect_deck(data: bytes, expected: Expected, tolerance: float) -> list[str]
     except InputError as error:
         return [_by_line(text) for text in str(error).split("\n")][:_MAX_FINDINGS]
     problems = [_by_line(str(note)) for note in circuit.notes if note.severity == "warning"]
+    strange = sorted(circuit.options.keys() - _OPTIONS) + [".temp"] * (circuit.temperature is not None)
+    problems += [f"{name} is stated, which no deck that is written here does" for name in strange]
+    problems += [
+        f"line {circuit.place['resistor'][i, 1]} has a value out of range: {circuit.resistance[i]:g} ohm"
+        for i in np.flatnonzero(~(circuit.resistance > 0))[:_MAX_FINDINGS].tolist()
+    ]
     strangers = [number for number, name in enumerate(circuit.node_names) if number and name not in expected.voltage]
     problems += [
         f"line {_lines_at(circuit, number)[0]} names the node {circuit.node_names[number]}, which is not expected"
@@ -82,11 +89,10 @@ def _currents(
 ) -> Iterator[tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]]:
     """Ends of elements, their currents from the first to the second, and what rounding of voltages may change in it."""
     first, second = voltage[circuit.resistor_nodes].T
-    with np.errstate(divide="ignore"):
-        conductance = np.where(circuit.resistance > 0, 1 / circuit.resistance, np.inf)
+    positive = circuit.resistance > 0
+    conductance = np.where(positive, 1 / np.where(positive, circuit.resistance, 1.0), 0.0)
     size = _ROUNDING * (np.abs(first) + np.abs(second))
-    with np.errstate(invalid="ignore"):
-        yield circuit.resistor_nodes, conductance * (first - second), conductance * size
+    yield circuit.resistor_nodes, conductance * (first - second), conductance * size
     yield circuit.current_nodes, circuit.current_amps, np.zeros(len(circuit.current_amps))
     first, second = voltage[circuit.nonlinear_nodes].T
     current, scale = circuit.nonlinear_current, circuit.nonlinear_voltage
@@ -95,14 +101,7 @@ def _currents(
 
 
 def _lines_at(circuit: Circuit, node: int) -> list[int]:
-    ends = {
-        "resistor": circuit.resistor_nodes,
-        "voltage source": circuit.source_nodes,
-        "current source": circuit.current_nodes,
-        "nonlinear resistor": circuit.nonlinear_nodes,
-        "capacitor": circuit.capacitor_nodes,
-    }
-    lines = [circuit.place[kind][(ends[kind] == node).any(axis=1), 1] for kind in ends]
+    lines = [circuit.place[kind][(ends == node).any(axis=1), 1] for kind, ends in circuit.ends.items()]
     return list(np.sort(np.concatenate(lines)).tolist())
 
 

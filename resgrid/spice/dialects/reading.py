@@ -34,35 +34,36 @@ ARCS = {"arctan": "atan", "arcsin": "asin", "arccos": "acos"}
 class ReadingRules:
     """How decks of one dialect are read.
 
-    `name`: the dialect; `signs`: what only its decks hold, in lower case; `comments`: marks that end a line wherever
-    they stand; `dollar_comments`: whether ``$`` after a blank or a comma, or first in a line, ends it too; `suffixes`:
-    power of ten of a suffix; `infix_suffixes`: whether ``4k7`` is 4700; `d_exponents`: whether ``1d3`` is 1000;
-    `milli_mil`: whether ``mil`` is milli in expressions, 25.4e-6 elsewhere; `grounds`: names of node 0, in lower case;
-    `no_grounds`: names that are ground elsewhere; `powers`: operators that raise to a power; `functions`: what
-    functions in expressions are called and which of `resgrid.spice.read.expressions.FUNCTIONS` they are;
-    `model_factor`: whether the ``r`` of a resistor's model multiplies; `lengths_twice`: whether a model's ``narrow``
-    and ``short`` are taken off at both ends; `annotations`: what may be written behind an element without meaning
-    anything to a simulation; `operators`: operators that are not what `resgrid.spice.read.expressions` takes their
-    symbols for; `narrow_parser`: whether signs after operators and choices within choices are misread; `puts_in_text`:
-    whether functions, and what an ``X`` line gives, are put in as text: their names are looked up where they land;
-    `replaces_multipliers`: whether ``m=`` of an ``X`` line takes the place of ``m=`` within, and does not reach
-    switches; `end_is_comment`: whether what stands after ``.end`` is read; `first_counts`: whether the first of
-    several models of one name counts, and the first of several options on a line; `temp_command_first`: whether
-    ``.temp`` counts before ``.option temp``, wherever they stand; `braced_temperatures`: whether a temperature must be
-    a number, or stand in braces; `sheet_first`: whether a model's ``rsh`` counts before its ``r``, even without length
-    and width; `models_first`: whether a model's name is overlooked after a value that does not begin with a digit;
-    `ignored_model_keys`: parameters of resistors' models that others obey, and what to write instead; `spaced_lists`:
-    whether the values of ``tc=`` are parted by blanks, without parentheses; `scale_key`: whether ``scale=`` of a
-    resistor is obeyed; `refused_options`: options that change the circuit in a way that is not followed here;
-    `refused_elements`: what else a letter means; `series_resistance`: whether voltage sources may have ``rser=``;
-    `inductor_ohms`: what an inductor has unless it says ``rser=0``; `off_ohms`: resistance of a switch that is off;
-    `holds_initial`: whether ``.ic`` holds nodes at the operating point; `instances`: whether elements are instances of
-    a master, as in Spectre, whose names and suffixes differ by case, too; `spice`: how such a deck is read behind
-    ``simulator lang=spice``.
+    `name`: the dialect; `signs`: what only its decks hold, in lower case, and `suffix`: what their names end in;
+    `comments`: marks that end a line wherever they stand; `dollar_comments`: whether ``$`` after a blank or a comma,
+    or first in a line, ends it too; `suffixes`: power of ten of a suffix; `infix_suffixes`: whether ``4k7`` is 4700;
+    `d_exponents`: whether ``1d3`` is 1000; `milli_mil`: whether ``mil`` is milli in expressions, 25.4e-6 elsewhere;
+    `grounds`: names of node 0, in lower case; `no_grounds`: names that are ground elsewhere; `powers`: operators that
+    raise to a power; `functions`: what functions in expressions are called and which of
+    `resgrid.spice.read.expressions.FUNCTIONS` they are; `model_factor`: whether the ``r`` of a resistor's model
+    multiplies; `lengths_twice`: whether a model's ``narrow`` and ``short`` are taken off at both ends; `annotations`:
+    what may be written behind an element without meaning anything to a simulation; `operators`: operators that are
+    not what `resgrid.spice.read.expressions` takes their symbols for; `narrow_parser`: whether signs after operators
+    and choices within choices are misread; `puts_in_text`: whether functions, and what an ``X`` line gives, are put
+    in as text: their names are looked up where they land; `replaces_multipliers`: whether ``m=`` of an ``X`` line
+    takes the place of ``m=`` within, and does not reach switches; `end_is_comment`: whether what stands after
+    ``.end`` is read; `first_counts`: whether the first of several models of one name counts, and the first of several
+    options on a line; `temp_command_first`: whether ``.temp`` counts before ``.option temp``, wherever they stand;
+    `braced_temperatures`: whether a temperature must be a number, or stand in braces; `sheet_first`: whether a
+    model's ``rsh`` counts before its ``r``, even without length and width; `models_first`: whether a model's name is
+    overlooked after a value that does not begin with a digit; `ignored_model_keys`: parameters of resistors' models
+    that others obey, and what to write instead; `spaced_lists`: whether the values of ``tc=`` are parted by blanks,
+    without parentheses; `scale_key`: whether ``scale=`` of a resistor is obeyed; `refused_options`: options that
+    change the circuit in a way that is not followed here; `refused_elements`: what else a letter means;
+    `series_resistance`: whether voltage sources may have ``rser=``; `inductor_ohms`: what an inductor has unless it
+    says ``rser=0``; `off_ohms`: resistance of a switch that is off; `holds_initial`: whether ``.ic`` holds nodes at
+    the operating point; `instances`: whether elements are instances of a master, as in Spectre, whose names and
+    suffixes differ by case, too; `spice`: how such a deck is read behind ``simulator lang=spice``.
     """
 
     name: str
     signs: tuple[bytes, ...] = ()
+    suffix: str = ""
     comments: tuple[str, ...] = (";",)
     dollar_comments: bool = False
     suffixes: Mapping[str, int] = field(default_factory=lambda: SUFFIXES)

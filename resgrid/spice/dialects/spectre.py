@@ -92,6 +92,7 @@ SPECTRE = Dialect(
     reading=ReadingRules(
         name="spectre",
         signs=(b"simulator lang",),
+        suffix=".scs",
         comments=("//",),
         suffixes={"T": 12, "G": 9, "M": 6, "K": 3, "k": 3, "m": -3, "u": -6, "n": -9, "p": -12, "f": -15, "a": -18},
         grounds=frozenset({"0"}),

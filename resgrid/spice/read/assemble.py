@@ -45,7 +45,7 @@ def assemble_deck(collector: Collector, source: Source, limit: int | None) -> Ci
     parts["resistor"] = _with_switches(parts, len(elements.nodes.names), files, diagnostics)
     diagnostics.raise_errors()
     _note_oddities(parts, elements.nodes, files, contents)
-    numbers, names = _by_first_use([parts[kind].nodes for kind in KINDS], elements.nodes.names, bool(collector.bulks))
+    numbers, names = _by_first_use([parts[kind].nodes for kind in KINDS], elements.nodes.names)
     temperature, nominal = temperatures
     usual = DIALECTS[contents.rules.name].nominal_temperature
     ohms, tc1, tc2 = _at_nominal(parts["resistor"], usual if nominal is None else nominal)
@@ -197,19 +197,16 @@ def _note_oddities(parts: dict[str, Part], nodes: NodeTable, files: tuple[str, .
         )
 
 
-def _by_first_use(
-    nodes: list[NDArray[np.int64]], names: list[str], compiled: bool
-) -> tuple[NDArray[np.int32], tuple[str, ...]]:
+def _by_first_use(nodes: list[NDArray[np.int64]], names: list[str]) -> tuple[NDArray[np.int32], tuple[str, ...]]:
     """Renumber nodes in the order of their first use, ground first; unused ones vanish."""
-    used = np.concatenate([np.zeros(1, dtype=np.int64), *(pairs.ravel() for pairs in nodes)])
-    if compiled:
-        from resgrid.spice.read.kernels import first_uses
-
-        number, order = first_uses(used, len(names))
-    else:
-        number = np.full(len(names), -1, dtype=np.int32)
-        order = used[np.sort(np.unique(used, return_index=True)[1])]
-        number[order] = np.arange(len(order))
+    used = np.concatenate([np.zeros(1, dtype=np.int64), *(ends.ravel() for ends in nodes)])
+    first = np.full(len(names), -1, dtype=np.int64)
+    first[used[::-1]] = np.arange(len(used))[::-1]  # of several values for one place, the last counts
+    is_first = np.zeros(len(used), dtype=np.bool_)
+    is_first[first[first >= 0]] = True
+    order = used[is_first]
+    number = np.full(len(names), -1, dtype=np.int32)
+    number[order] = np.arange(len(order))
     return number, tuple(map(names.__getitem__, order.tolist()))
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+from itertools import chain
 from pathlib import Path
 from typing import IO
 
@@ -24,7 +25,6 @@ from resgrid.spice.read.plain import LEAST_BYTES
 _HEAD = 4096
 _LOOKED_AT = 65536
 _STATED = re.compile(rb'"dialect": "([a-z]+)"')
-_SUFFIXES = {".scs": "spectre"}
 
 
 def read_spice(
@@ -124,8 +124,12 @@ def read_with(
         raise InputError(f"{source.name}: something in it is nested too deeply to be read") from None
 
 
+def _readable() -> dict[str, ReadingRules]:
+    return {dialect.name: dialect.reading for dialect in DIALECTS.values() if dialect.reading is not None}
+
+
 def _rules_of(dialect: str) -> ReadingRules:
-    known = {name: rules for name, rules in ((d.name, d.reading) for d in DIALECTS.values()) if rules is not None}
+    known = _readable()
     if dialect not in known:
         raise InputError(f"decks of dialect {dialect!r} cannot be read; those of {', '.join(known)} can")
     return known[dialect]
@@ -160,17 +164,19 @@ def _folder(root: str | os.PathLike[str]) -> Path:
 
 def _dialect_of(source: Source) -> str:
     """Dialect that a deck's sidecar states, its name says, or its words show; ngspice without any sign."""
+    suffix = ""
     if source.path is not None:
+        suffix = source.path.suffix.lower()
         try:
             with source.path.with_name(source.path.name + ".json").open("rb") as sidecar:
                 stated = _STATED.search(sidecar.read(_HEAD))
-            if stated is not None:
-                return stated.group(1).decode()
         except OSError:
-            pass
-        if source.path.suffix.lower() in _SUFFIXES:
-            return _SUFFIXES[source.path.suffix.lower()]
+            stated = None
+        if stated is not None:
+            return stated.group(1).decode()
     data = source.data
     text = b"\n" + (data[:_LOOKED_AT] + data[-_LOOKED_AT:] if len(data) > 2 * _LOOKED_AT else data).lower()
-    readable = [dialect for dialect in DIALECTS.values() if dialect.reading is not None]
-    return next((d.name for d in readable if d.reading and any(sign in text for sign in d.reading.signs)), "ngspice")
+    rules = list(_readable().values())
+    named = (rule.name for rule in rules if suffix and rule.suffix == suffix)
+    signed = (rule.name for rule in rules if any(sign in text for sign in rule.signs))
+    return next(chain(named, signed), "ngspice")

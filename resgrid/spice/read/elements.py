@@ -165,8 +165,7 @@ def _read_resistor(card: Card, scope: Scope, elements: Elements) -> None:
     first, second, nominal = 0.0, 0.0, math.nan
     if model is not None:
         length, width = (element.keys[key][0] if key in element.keys else None for key in ("l", "w"))
-        modelled = modelled_resistor(model, scope, ohms, length, width, card)
-        ohms, first, second, nominal = modelled.ohms, modelled.tc1, modelled.tc2, modelled.nominal
+        ohms, first, second, nominal = modelled_resistor(model, scope, ohms, length, width, card)
     elif ohms is None:
         raise card.error(None, f"{element.name} has no value: give it ohms, r=, or a model")
     elif "l" in element.keys or "w" in element.keys:

@@ -315,17 +315,3 @@ def gather(text: Bytes, spans: NDArray[np.int64]) -> Bytes:
         out[at] = 10
         at += 1
     return out
-
-
-@njit(cache=True)
-def first_uses(used: NDArray[np.int64], count: int) -> tuple[NDArray[np.int32], NDArray[np.int64]]:
-    """Number nodes in the order in which they first occur: every node's number (-1 if it does not), and the order."""
-    number = np.full(count, -1, dtype=np.int32)
-    order = np.empty(count, dtype=np.int64)
-    seen = 0
-    for node in used:
-        if number[node] < 0:
-            number[node] = seen
-            order[seen] = node
-            seen += 1
-    return number, order[:seen]

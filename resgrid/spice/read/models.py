@@ -7,7 +7,6 @@ of 10 micrometres unless they are given; SPICE3 and Xyce take the reductions off
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 from resgrid.spice.dialects.reading import ReadingRules
 from resgrid.spice.read.cards import Card
@@ -52,26 +51,16 @@ def model_values(model: Model, scope: Scope, known: frozenset[str]) -> dict[str,
     return values
 
 
-@dataclass(frozen=True)
-class ModelledResistor:
-    """What a resistor takes from its model: ohms, temperature coefficients, the temperature they count from."""
-
-    ohms: float
-    tc1: float
-    tc2: float
-    nominal: float
-
-
 def modelled_resistor(
     model: Model, scope: Scope, ohms: float | None, length: float | None, width: float | None, card: Card
-) -> ModelledResistor:
-    """Resistance of a resistor with a model."""
+) -> tuple[float, float, float, float]:
+    """Resistance of a resistor with a model, its temperature coefficients, and the temperature they count from."""
     values = model_values(model, scope, _RESISTOR_KEYS)
     if ohms is None:
         ohms = _from_model(values, length, width, card, model)
     elif card.rules.model_factor:
         ohms *= values.get("r", 1.0)
-    return ModelledResistor(ohms, values.get("tc1", 0.0), values.get("tc2", 0.0), values.get("tnom", math.nan))
+    return ohms, values.get("tc1", 0.0), values.get("tc2", 0.0), values.get("tnom", math.nan)
 
 
 def _from_model(values: dict[str, float], length: float | None, width: float | None, card: Card, model: Model) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 from resgrid.spice.read.cards import Card, Token
@@ -21,15 +21,6 @@ _IGNORED = frozenset({"ac", "distof1", "distof2", "acmag", "acphase"})
 
 
 @dataclass(frozen=True)
-class Waveform:
-    """A waveform as it was read: its name, its values, and what stands behind them with a key."""
-
-    token: Token
-    values: list[float]
-    keys: dict[str, float]
-
-
-@dataclass(frozen=True)
 class SourceValue:
     """Value of a source at direct current, how many lie in parallel, and a resistance in series, in ohms."""
 
@@ -43,48 +34,88 @@ def source_value(card: Card, tokens: list[Token], scope: Scope) -> SourceValue:
 
     A value (with or without ``DC``) is the source's; failing that, the waveform's at time 0; failing that, 0.
     """
-    reader = _SourceReader(card, tokens, scope)
-    while reader.position < len(tokens):
-        reader.step()
-    value = reader.direct
-    if value is None and reader.waveform is not None:
+    source = _Source(card, tokens, scope)
+    while source.position < len(tokens):
+        source.read_next()
+    value = source.value
+    if value is None and source.waveform is not None:
         scope.diagnostics.inform(card.spot(), "a source without DC value has its waveform's value at time 0")
-        value = _at_zero(card, reader.waveform)
+        value = source.waveform.at_zero()
     if not tokens:
         scope.diagnostics.warn(card.spot(), "a source without any value is 0")
-    return SourceValue(0.0 if value is None else value, reader.count, reader.series)
+    return SourceValue(0.0 if value is None else value, source.keys.get("m", 1.0), source.keys.get("rser", 0.0))
+
+
+@dataclass(frozen=True)
+class _Waveform:
+    """Its name, its values, and what stands behind them with a key."""
+
+    card: Card
+    token: Token
+    values: list[float]
+    keys: dict[str, float]
+
+    def at_zero(self) -> float:
+        """What it is worth at time 0, where all simulators agree about that."""
+        name, text, values = self.token.text.lower(), self.token.text, self.values
+        delays = [values[i] for i in _DELAYS[name] if i < len(values)]
+        if name == "sffm":
+            raise self._error(f"simulators, and versions of ngspice, differ on {text} at time 0: {_SAY_DC}")
+        if min((*delays, self.keys.get("td", 0.0)), default=0.0) < 0:
+            raise self._error(f"{text} has a negative delay, and has begun at time 0: {_SAY_DC}")
+        if name == "pwl":
+            return self._polygon_at_zero()
+        if name in ("sin", "sine") and len(values) > 5:
+            return values[0] + values[1] * math.sin(math.radians(values[5]))
+        return values[0]
+
+    def _polygon_at_zero(self) -> float:
+        text, times, levels = self.token.text, self.values[0::2], self.values[1::2]
+        now = -self.keys.get("td", 0.0)
+        if len(times) != len(levels):
+            raise self._error(f"{text} has a time without a value")
+        if any(after <= time for time, after in pairwise(times)):
+            raise self._error(f"the times of {text} do not increase; simulators differ on that: {_SAY_DC}")
+        if times[-1] <= now and not self.keys.keys() <= {"td"}:
+            raise self._error(f"{text} has repeated itself before time 0: {_SAY_DC}")
+        i = bisect_right(times, now)
+        if i in (0, len(times)):
+            return levels[max(i - 1, 0)]
+        return levels[i - 1] + (levels[i] - levels[i - 1]) * (now - times[i - 1]) / (times[i] - times[i - 1])
+
+    def _error(self, text: str) -> Exception:
+        return self.card.error(self.token.offset, text)
 
 
 @dataclass
-class _SourceReader:
+class _Source:
+    """What was read of a source."""
+
     card: Card
     tokens: list[Token]
     scope: Scope
     position: int = 0
-    direct: float | None = None
-    waveform: Waveform | None = None
-    count: float = 1.0
-    series: float = 0.0
+    value: float | None = None
+    waveform: _Waveform | None = None
+    keys: dict[str, float] = field(default_factory=dict)
 
-    def step(self) -> None:
+    def read_next(self) -> None:
         token = self.tokens[self.position]
         word = token.text.lower() if token.kind == "word" else ""
         keyed = self._is_mark(self.position + 1, "=")
-        if word == "dc":
+        own_keys = ("m", "rser") if self.card.rules.series_resistance else ("m",)
+        if word == "dc" or word in _IGNORED:
             self.position += 1 + keyed
-            self._state(token, self._number(token))
-        elif word in _IGNORED:
-            self.position += 1 + keyed
-            self._skip_numbers()
+            if word == "dc":
+                self._state(token, self._number(token))
+            else:
+                self._skip_numbers()
         elif word in _DELAYS and not keyed:
             self.position += 1
-            self._read_waveform(word, token)
-        elif word == "m" and keyed:
+            self._read_waveform(token)
+        elif word in own_keys and keyed:
             self.position += 2
-            self.count = self._number(token)
-        elif word == "rser" and keyed and self.card.rules.series_resistance:
-            self.position += 2
-            self.series = self._number(token)
+            self.keys[word] = self._number(token)
         elif word in _OTHER_WAVEFORMS or keyed:
             raise self.card.error(token.offset, f"{token.text!r} is not understood in a source at direct current")
         else:
@@ -93,9 +124,9 @@ class _SourceReader:
     def _state(self, token: Token, value: float) -> None:
         if self.waveform is not None and token.text.lower() != "dc":
             raise self.card.error(token.offset, f"a value after a waveform, which ngspice drops: write DC {token.text}")
-        if self.direct is not None:
+        if self.value is not None:
             raise self.card.error(token.offset, "a second value: the source has one already")
-        self.direct = value
+        self.value = value
 
     def _is_mark(self, i: int, text: str) -> bool:
         return i < len(self.tokens) and self.tokens[i].is_mark(text)
@@ -103,79 +134,38 @@ class _SourceReader:
     def _number(self, after: Token) -> float:
         if self.position >= len(self.tokens):
             raise self.card.error(after.offset, f"{after.text!r} has no value")
-        token = self.tokens[self.position]
         self.position += 1
-        return self.scope.number(self.card, token)
+        return self.scope.number(self.card, self.tokens[self.position - 1])
 
     def _skip_numbers(self) -> None:
         for _ in range(2):
-            if self.position < len(self.tokens) and self._is_number(self.position):
+            if self.position < len(self.tokens) and self._begins_number():
                 self._number(self.tokens[self.position])
 
-    def _is_number(self, i: int) -> bool:
-        token = self.tokens[i]
-        if token.kind == "word":
-            return token.text[0] in "0123456789.+-"
-        return token.kind == "expression"
+    def _begins_number(self) -> bool:
+        token = self.tokens[self.position]
+        return token.kind == "expression" or (token.kind == "word" and token.text[0] in "0123456789.+-")
 
-    def _read_waveform(self, name: str, token: Token) -> None:
+    def _read_waveform(self, token: Token) -> None:
         bracketed = self._is_mark(self.position, "(")
         self.position += bracketed
         values: list[float] = []
         keys: dict[str, float] = {}
         while self.position < len(self.tokens) and not self._is_mark(self.position, ")"):
-            if not bracketed and not self._is_number(self.position):
+            if not bracketed and not self._begins_number():
                 break
             if self._is_mark(self.position + 1, "="):
-                self._trailing_key(name, keys)
-                continue
-            values.append(self._number(token))
+                key = self.tokens[self.position]
+                if token.text.lower() != "pwl" or key.text.lower() not in ("r", "td", "repeat"):
+                    raise self.card.error(key.offset, f"{key.text!r} is not understood in {token.text.lower()}")
+                self.position += 2
+                keys[key.text.lower()] = self._number(key)
+            else:
+                values.append(self._number(token))
         if bracketed:
             if not self._is_mark(self.position, ")"):
                 raise self.card.error(token.offset, f"the parenthesis after {token.text} is not closed")
             self.position += 1
         if len(values) < 2:
             raise self.card.error(token.offset, f"{token.text} needs two values at least, not {len(values)}")
-        self.waveform = Waveform(token, values, keys)
-
-    def _trailing_key(self, name: str, keys: dict[str, float]) -> None:
-        key = self.tokens[self.position]
-        if name != "pwl" or key.text.lower() not in ("r", "td", "repeat"):
-            raise self.card.error(key.offset, f"{key.text!r} is not understood in {name}")
-        self.position += 2
-        keys[key.text.lower()] = self._number(key)
-
-
-def _at_zero(card: Card, waveform: Waveform) -> float:
-    """What a waveform is worth at time 0, where all simulators agree about that."""
-    token, values = waveform.token, waveform.values
-    name = token.text.lower()
-    delays = [values[i] for i in _DELAYS[name] if i < len(values)]
-    if name == "sffm":
-        raise card.error(
-            token.offset, f"simulators, and versions of ngspice, differ on {token.text} at time 0: {_SAY_DC}"
-        )
-    if min((*delays, waveform.keys.get("td", 0.0)), default=0.0) < 0:
-        raise card.error(token.offset, f"{token.text} has a negative delay, and has begun at time 0: {_SAY_DC}")
-    if name == "pwl":
-        return _polygon_at_zero(card, waveform)
-    if name in ("sin", "sine") and len(values) > 5:
-        return values[0] + values[1] * math.sin(math.radians(values[5]))
-    return values[0]
-
-
-def _polygon_at_zero(card: Card, waveform: Waveform) -> float:
-    token, times, levels = waveform.token, waveform.values[0::2], waveform.values[1::2]
-    now = -waveform.keys.get("td", 0.0)
-    if len(times) != len(levels):
-        raise card.error(token.offset, f"{token.text} has a time without a value")
-    if any(after <= time for time, after in pairwise(times)):
-        raise card.error(
-            token.offset, f"the times of {token.text} do not increase; simulators differ on that: {_SAY_DC}"
-        )
-    if times[-1] <= now and not waveform.keys.keys() <= {"td"}:
-        raise card.error(token.offset, f"{token.text} has repeated itself before time 0: {_SAY_DC}")
-    i = bisect_right(times, now)
-    if i in (0, len(times)):
-        return levels[max(i - 1, 0)]
-    return levels[i - 1] + (levels[i] - levels[i - 1]) * (now - times[i - 1]) / (times[i] - times[i - 1])
+        self.waveform = _Waveform(self.card, token, values, keys)

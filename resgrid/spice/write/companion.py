@@ -10,8 +10,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from resgrid.spice.write.expected import Expected
 from resgrid.spice.write.flat import Deck, plain
+from resgrid.spice.write.sidecar import Expected
 
 TOLERANCE = 1e-9
 """Largest error of a voltage relative to the supply, of a current to the largest, of a value to itself."""

@@ -20,9 +20,8 @@ from resgrid.scene.chip import Chip
 from resgrid.spice.analyses import Analysis, MismatchAnalysis, TransientAnalysis, kind_of
 from resgrid.spice.dialects import dialect_named
 from resgrid.spice.write.companion import LARGEST, format_companion
-from resgrid.spice.write.expected import expect
 from resgrid.spice.write.flat import Deck, flatten
-from resgrid.spice.write.sidecar import format_sidecar, sidecar_path
+from resgrid.spice.write.sidecar import expect, format_sidecar, sidecar_path
 from resgrid.spice.write.statements import additions, first_source, format_analyses, only_one
 from resgrid.spice.write.tile_deck import write_tiles
 from resgrid.spice.write.tiles import difference_from_ideal, tile_values

@@ -78,23 +78,25 @@ def flatten(
     element_names = {kind: name_elements(netlist, kind, chosen, names) for kind, chosen in elements.items()}
     ohms = resistances(netlist.conductance[elements["resistor"]])
     heading = tidy_title(_default_title(netlist) if title is None else title)
-    nodes = np.flatnonzero(held)
-    nodes = nodes[nodes != GROUND]
+    nodes = np.flatnonzero(held)[1:]  # without ground
     node_names = [names[node] for node in nodes.tolist()]
     left_out = netlist.names_of(np.flatnonzero(~held))
-    values = _values(netlist, elements, ohms)
-    lines = [
-        *(f"{rules.comment}{line}" for line in (heading, _census(rules, nodes, elements))),
-        *(f"{rules.comment}{line}" for line in _left_out_line(netlist, elements, left_out)),
-        *_preamble(netlist, rules, elements, additions),
-    ]
+    lines = [f"{rules.comment}{line}" for line in (heading, *_census(netlist, rules, len(nodes), elements, left_out))]
+    lines += _preamble(netlist, rules, additions)
     for kind, chosen in elements.items():
         if chosen.size:
+            template = _template(netlist, rules, kind, additions)
             first, second = getattr(netlist, ELEMENTS[kind][0])[chosen].T.tolist()
-            ends = {"a": [names[node] for node in first], "b": [names[node] for node in second]}
-            suffix = [additions.suffix.get(number, "") for number in chosen.tolist()]
-            columns = {"name": element_names[kind], **ends, **values[kind], "suffix": suffix}
-            lines += [f"{rules.comment}{kind}s", *fill(_template(netlist, rules, kind, additions), columns)]
+            columns = {
+                "name": element_names[kind],
+                "a": [names[node] for node in first],
+                "b": [names[node] for node in second],
+                "suffix": [additions.suffix.get(number, "") for number in chosen.tolist()],
+                **_values(netlist, kind, chosen, template),
+            }
+            if kind == "resistor":
+                columns["value"] = plain(ohms)
+            lines += [f"{rules.comment}{kind}s", *fill(template, columns)]
     return Deck(
         netlist=netlist,
         text="\n".join([*lines, *([rules.end] if rules.end else []), ""]),
@@ -182,45 +184,29 @@ def _choose_elements(netlist: Netlist, held: NDArray[np.bool_]) -> dict[str, NDA
     with np.errstate(over="ignore"):
         if np.isinf(1 / netlist.conductance).any():
             raise InputError("a resistance is beyond the largest number; leave that resistor out: it is open")
-    parents = tie_sources(netlist).source
-    keep = {kind: held[getattr(netlist, ELEMENTS[kind][0])].all(axis=1) for kind in INITIALS}
     in_tree = np.zeros(len(netlist.source_volts), dtype=np.bool_)
+    parents = tie_sources(netlist).source
     in_tree[parents[parents >= 0]] = True
-    keep["voltage source"] &= in_tree
-    order = {
-        "voltage source": netlist.source_volts,
-        "current source": netlist.current_amps,
-        "resistor": -netlist.conductance,
-        "nonlinear resistor": netlist.nonlinear_current,
-        "capacitor": netlist.capacitance,
-    }
     chosen = {}
-    for kind, kept in keep.items():
-        numbers = np.flatnonzero(kept)
-        first, second = getattr(netlist, ELEMENTS[kind][0])[numbers].T
-        chosen[kind] = numbers[np.lexsort((order[kind][numbers], second, first))]
+    for kind in INITIALS:
+        nodes, columns = ELEMENTS[kind]
+        ends, value = getattr(netlist, nodes), getattr(netlist, next(iter(columns.values())))
+        kept = held[ends].all(axis=1)
+        numbers = np.flatnonzero(kept & in_tree if kind == "voltage source" else kept)
+        rank = -value if kind == "resistor" else value
+        chosen[kind] = numbers[np.lexsort((rank[numbers], ends[numbers, 1], ends[numbers, 0]))]
     return chosen
 
 
-def _values(
-    netlist: Netlist, elements: Mapping[str, NDArray[np.int64]], ohms: NDArray[np.float64]
-) -> dict[str, dict[str, list[str]]]:
-    """Columns of numbers, per kind, by the names that the dialects' templates have for them."""
-    resistors, nonlinear = elements["resistor"], elements["nonlinear resistor"]
+def _values(netlist: Netlist, kind: str, chosen: NDArray[np.int64], template: str) -> dict[str, list[str]]:
+    """Columns of numbers, by the names that a dialect's template has for them."""
+    names = {"volts": "value", "amps": "value", "capacitance": "value"}
+    columns = {names.get(key, key): getattr(netlist, column) for key, column in ELEMENTS[kind][1].items()}
     none = np.zeros(len(netlist.conductance))
     return {
-        "voltage source": {"value": plain(netlist.source_volts[elements["voltage source"]])},
-        "current source": {"value": plain(netlist.current_amps[elements["current source"]])},
-        "resistor": {
-            "value": plain(ohms),
-            "tc1": plain((none if netlist.tc1 is None else netlist.tc1)[resistors]),
-            "tc2": plain((none if netlist.tc2 is None else netlist.tc2)[resistors]),
-        },
-        "nonlinear resistor": {
-            "current": plain(netlist.nonlinear_current[nonlinear]),
-            "voltage": plain(netlist.nonlinear_voltage[nonlinear]),
-        },
-        "capacitor": {"value": plain(netlist.capacitance[elements["capacitor"]])},
+        key: plain((none if values is None else values)[chosen])
+        for key, values in columns.items()
+        if f"{{{key}}}" in template
     }
 
 
@@ -238,13 +224,10 @@ def _template(netlist: Netlist, rules: Dialect, kind: str, additions: Additions)
     return template + ("{suffix}" if kind == "voltage source" else "")
 
 
-def _preamble(
-    netlist: Netlist, rules: Dialect, elements: Mapping[str, NDArray[np.int64]], additions: Additions
-) -> list[str]:
-    lines = list(rules.preamble)
-    if elements["nonlinear resistor"].size:
-        lines.append(rules.precise)
-    return lines + spread_preamble(rules, additions.spread, temperature=_has_coefficients(netlist))
+def _preamble(netlist: Netlist, rules: Dialect, additions: Additions) -> list[str]:
+    precise = [rules.precise] if netlist.nonlinear_nodes.size else []
+    return [*rules.preamble, *precise,
+            *spread_preamble(rules, additions.spread, temperature=_has_coefficients(netlist))]  # fmt: skip
 
 
 def spread_preamble(rules: Dialect, sigma: float, *, temperature: bool = False) -> list[str]:
@@ -255,19 +238,18 @@ def spread_preamble(rules: Dialect, sigma: float, *, temperature: bool = False) 
     return [line.format(sigma=repr(sigma), defaults=defaults, passed=passed) for line in rules.spread_preamble]
 
 
-def _census(rules: Dialect, nodes: NDArray[np.int64], elements: Mapping[str, NDArray[np.int64]]) -> str:
+def _census(
+    netlist: Netlist, rules: Dialect, nodes: int, elements: Mapping[str, NDArray[np.int64]], left_out: Sequence[str]
+) -> list[str]:
     counts = [f"{len(numbers)} {kind}s" for kind, numbers in elements.items() if numbers.size]
-    return f"{rules.name} dialect: " + ", ".join([f"{len(nodes)} nodes besides ground", *counts])
-
-
-def _left_out_line(netlist: Netlist, elements: Mapping[str, NDArray[np.int64]], left_out: list[str]) -> list[str]:
+    lines = [f"{rules.name} dialect: " + ", ".join([f"{nodes} nodes besides ground", *counts])]
     dropped = sum(len(getattr(netlist, ELEMENTS[kind][0])) - len(numbers) for kind, numbers in elements.items())
-    if not left_out and not dropped:
-        return []
-    return [
-        f"left out: {len(left_out)} floating nodes (listed in the sidecar), "
-        f"{dropped} elements that touch them or close a loop of voltage sources"
-    ]
+    if left_out or dropped:
+        lines.append(
+            f"left out: {len(left_out)} floating nodes (listed in the sidecar), "
+            f"{dropped} elements that touch them or close a loop of voltage sources"
+        )
+    return lines
 
 
 def _renamed(names: Sequence[str], given: Sequence[str] | None, numbers: NDArray[np.int64]) -> dict[str, str]:

@@ -1,4 +1,4 @@
-"""The sidecar: what a deck may not hold, in JSON beside it.
+"""The sidecar: what a deck may not hold, in JSON beside it, and what a simulator should find.
 
 Hash of the deck and of every block of its lines, of the files beside it and of the sidecar itself, the cell and the
 expected voltage of every node, what was left out or renamed, and the versions that made it.
@@ -21,8 +21,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, ValidationError
 
 from resgrid.errors import InputError
+from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.spice.dialects import dialect_named
-from resgrid.spice.write.expected import Expected
 from resgrid.spice.write.flat import Deck
 
 SCHEMA = 1
@@ -34,8 +34,76 @@ _BLANK = "0" * 64
 _OWN = re.compile(rb'(?<="own_sha256": ")[0-9a-f]{64}(?=")')
 """The hash of the sidecar's own text, in which zeros stand in its place."""
 
+
+@dataclass(frozen=True, eq=False)
+class Expected:
+    """Voltages and source currents that a deck should have.
+
+    `voltage`: per node of the deck, ground excluded, in volts; `source_current`: into the plus terminal of every
+    voltage source of the deck, in amperes; None where it is undetermined; `supply`: largest voltage difference in the
+    circuit, in volts: what tolerances are relative to; with two rails it is the difference of the rails, by the
+    maximum principle; `current_scale`: what tolerances of currents are relative to, in amperes; `kcl_residual`: what
+    the voltages are worth: largest violation of Kirchhoff's current law, relative to the current through the same
+    node.
+    """
+
+    voltage: Mapping[str, float]
+    source_current: Mapping[str, float | None]
+    supply: float
+    current_scale: float
+    kcl_residual: float
+
+    @staticmethod
+    def of(op: OperatingPoint, voltage: Mapping[str, float], source_current: Mapping[str, float]) -> Expected:
+        """What an operating point says of these voltages and currents."""
+        supply = _supply_of(op)
+        return Expected(
+            voltage=voltage,
+            source_current={name: amps if np.isfinite(amps) else None for name, amps in source_current.items()},
+            supply=supply,
+            current_scale=_current_scale_of(op, supply),
+            kcl_residual=op.kcl_residual if np.isfinite(op.kcl_residual) else 0.0,
+        )
+
+
+def expect(deck: Deck, op: OperatingPoint) -> Expected:
+    """Tie an operating point to the names of a deck of the same netlist."""
+    if not op.is_of(deck.netlist):
+        raise InputError("the operating point belongs to another netlist; solve this one first")
+    voltage = op.voltage[deck.nodes]
+    if not np.isfinite(voltage).all():
+        name = deck.node_names[int(np.flatnonzero(~np.isfinite(voltage))[0])]
+        raise InputError(f"the operating point has no voltage for node {name}; solve this netlist first")
+    current = op.source_current[deck.sources].tolist()
+    return Expected.of(
+        op,
+        dict(zip(deck.node_names, voltage.tolist(), strict=True)),
+        dict(zip(deck.source_names, current, strict=True)),
+    )
+
+
+def _supply_of(op: OperatingPoint) -> float:
+    """Largest voltage difference in a circuit, in volts; 1 where there is none."""
+    netlist = op.netlist
+    ends = netlist.resistor_nodes if netlist.resistor_nodes.size else netlist.source_nodes
+    voltage = op.voltage[ends]
+    voltage = voltage[np.isfinite(voltage)]
+    span = float(np.ptp(voltage)) if voltage.size else 0.0
+    return span or float(np.max(np.abs(voltage), initial=0.0)) or 1.0
+
+
+def _current_scale_of(op: OperatingPoint, supply: float) -> float:
+    """What currents are held to, in amperes: those that are drawn, where rounding lets a simulator find them.
+
+    Beside a conductance much larger than what the circuit draws, rounding leaves some 1e-13 of what it would carry at
+    the supply (measured with ngspice 39 and 46); the tolerance of 1e-9 stays ten times above that.
+    """
+    drawn = op.source_current[np.isfinite(op.source_current)]
+    largest = float(np.max(np.abs(drawn), initial=0.0))
+    return max(largest, 1e-3 * supply * float(np.max(op.netlist.conductance, initial=0.0))) or 1.0
+
+
 _Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-_Hashes = dict[str, str]
 
 
 class _Blocks(BaseModel):
@@ -47,10 +115,17 @@ class _Node(BaseModel):
     voltage: FiniteFloat
 
 
-class _Content(BaseModel):
-    """What must stand in a sidecar; the other keys are for people."""
+class Sidecar(BaseModel):
+    """What was read from a sidecar; keys that only people read are left out.
 
-    model_config = ConfigDict(strict=True)
+    `path`: where it lies; `intact`: whether it is, to the byte, what was written; `sha256`: hash of the deck,
+    hexadecimal; `blocks`: lines per block, and the beginning of the hash of every block; `files`: that the deck
+    includes, and their hashes; none for a flat one; `companions`: files that include the deck, and their hashes.
+    """
+
+    model_config = ConfigDict(strict=True, frozen=True)
+    path: Path
+    intact: bool
     schema_: Literal[1] = Field(alias="schema")
     sha256: str
     dialect: str
@@ -60,29 +135,14 @@ class _Content(BaseModel):
     supply: _Positive
     current_scale: _Positive
     kcl_residual: FiniteFloat
-    files: _Hashes = {}
-    companions: _Hashes = {}
+    files: dict[str, str] = {}
+    companions: dict[str, str] = {}
 
-
-@dataclass(frozen=True, eq=False)
-class Sidecar:
-    """What was read from a sidecar.
-
-    `path`: where it lies; `sha256`: hash of the deck, hexadecimal; `block_lines`: number of lines per block;
-    `blocks`: beginning of the hash of every block of lines; `dialect`: of the deck; `expected`: what the simulator
-    should find; `parts`: files that the deck includes, and their hashes; empty for a flat one; `companions`: files
-    that include the deck, and their hashes; `intact`: whether the sidecar is, to the byte, what was written.
-    """
-
-    path: Path
-    sha256: str
-    block_lines: int
-    blocks: list[str]
-    dialect: str
-    expected: Expected
-    parts: Mapping[str, str]
-    companions: Mapping[str, str]
-    intact: bool
+    @property
+    def expected(self) -> Expected:
+        """What the simulator should find."""
+        voltage = {name: node.voltage for name, node in self.nodes.items()}
+        return Expected(voltage, self.sources, self.supply, self.current_scale, self.kcl_residual)
 
 
 def sidecar_path(deck: Path) -> Path:
@@ -142,26 +202,21 @@ def read_sidecar(deck: Path) -> Sidecar:
     """Read the sidecar of a deck."""
     path = sidecar_path(deck)
     data = _read(path)
-    content = _parse(path, data)
+    try:
+        content = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"the sidecar {path} is not JSON ({error}); write the deck again") from error
+    if not isinstance(content, dict):
+        raise InputError(f"the sidecar {path} is damaged: it must hold one object; write the deck again")
     own = _OWN.search(data)
     blank = _OWN.sub(_BLANK.encode(), data, count=1)
-    return Sidecar(
-        path=path,
-        sha256=content.sha256,
-        block_lines=content.blocks.lines,
-        blocks=content.blocks.sha256,
-        dialect=content.dialect,
-        expected=Expected(
-            voltage={name: node.voltage for name, node in content.nodes.items()},
-            source_current=content.sources,
-            supply=content.supply,
-            current_scale=content.current_scale,
-            kcl_residual=content.kcl_residual,
-        ),
-        parts=content.files,
-        companions=content.companions,
-        intact=own is not None and hashlib.sha256(blank).hexdigest().encode() == own[0],
-    )
+    intact = own is not None and hashlib.sha256(blank).hexdigest().encode() == own[0]
+    try:
+        return Sidecar.model_validate({**content, "path": path, "intact": intact})
+    except ValidationError as error:
+        first = error.errors(include_url=False)[0]
+        key, what = ".".join(map(str, first["loc"])), first["msg"].partition(" or instance")[0]
+        raise InputError(f"the sidecar {path} is damaged at {key}: {what}; write the deck again") from error
 
 
 def _read(path: Path) -> bytes:
@@ -177,21 +232,6 @@ def _read(path: Path) -> bytes:
         raise InputError(f"cannot read the sidecar {path}: {error.strerror}") from error
 
 
-def _parse(path: Path, data: bytes) -> _Content:
-    try:
-        content = json.loads(data)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"the sidecar {path} is not JSON ({error}); write the deck again") from error
-    if not isinstance(content, dict):
-        raise InputError(f"the sidecar {path} is damaged: it must hold one object; write the deck again")
-    try:
-        return _Content.model_validate(content)
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        key, what = ".".join(map(str, first["loc"])), first["msg"].partition(" or instance")[0]
-        raise InputError(f"the sidecar {path} is damaged at {key}: {what}; write the deck again") from error
-
-
 def block_hashes(data: bytes, lines: int) -> list[str]:
     """Beginnings of the SHA-256 of every ``lines`` lines of a text."""
     rows = data.split(b"\n")
@@ -203,9 +243,9 @@ def block_hashes(data: bytes, lines: int) -> list[str]:
 
 def altered_lines(data: bytes, sidecar: Sidecar) -> list[tuple[int, int]]:
     """Ranges of lines, first and last, counted from 1, that differ from the deck that was written."""
-    size = sidecar.block_lines
+    size = sidecar.blocks.lines
     ranges: list[tuple[int, int]] = []
-    for block, (now, then) in enumerate(zip_longest(block_hashes(data, size), sidecar.blocks)):
+    for block, (now, then) in enumerate(zip_longest(block_hashes(data, size), sidecar.blocks.sha256)):
         if now == then:
             continue
         first, last = block * size + 1, (block + 1) * size
@@ -227,7 +267,7 @@ def altered_files(data: bytes, sidecar: Sidecar) -> list[str]:
         problems.append(f"{where} from the deck that resgrid wrote (SHA-256 in {name})")
     if not sidecar.intact:
         problems.append(f"{name} differs from what resgrid wrote (its own SHA-256)")
-    for other, sha256 in {**sidecar.parts, **sidecar.companions}.items():
+    for other, sha256 in {**sidecar.files, **sidecar.companions}.items():
         path = sidecar.path.with_name(Path(other).name)
         if path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() != sha256:
             problems.append(f"{path.name} differs from what resgrid wrote (SHA-256 in {name})")
@@ -237,7 +277,7 @@ def altered_files(data: bytes, sidecar: Sidecar) -> list[str]:
 def with_parts(deck: Path, data: bytes, sidecar: Sidecar) -> bytes:
     """A deck with its parts in the place of the lines that include them."""
     include = dialect_named(sidecar.dialect).include
-    for name in sidecar.parts:
+    for name in sidecar.files:
         part = deck.with_name(Path(name).name)
         try:
             content = part.read_bytes()

@@ -361,3 +361,15 @@ def test_what_is_read_is_solved_and_checked_as_it_is() -> None:
     assert factor(read).solve(np.ones(1)).tolist() == [500.0]
     with pytest.raises(InputError, match="a list"):
         solve([read])
+
+
+def test_quoted_names_of_nodes_are_names() -> None:
+    found = deck('R1 "Net-(R1-Pad1)" 0 1k', 'V1 in "Net-(R1-Pad1)" 1', "R2 in 0 1k")
+    assert found.node_names == ("0", "Net-(R1-Pad1)", "in")
+
+
+def test_a_voltage_source_of_ltspice_may_have_a_resistance_in_series() -> None:
+    found = deck("V1 a 0 2 Rser=1k", "R1 a 0 1k", dialect="ltspice")
+    voltage = dict(zip(found.node_names, solve(found).voltage.tolist(), strict=True))
+    assert voltage == pytest.approx({"0": 0.0, "a": 1.0, "V1.rser": 2.0})
+    assert "not understood" in refusal("V1 a 0 2 Rser=1k")

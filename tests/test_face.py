@@ -1,0 +1,138 @@
+"""What `resgrid` offers: five tasks typed as a user types them, and every name in use."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.cli import ROOM
+
+import resgrid as rg
+
+PROJECT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture
+def desk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a turned ROS map, somebody's deck, a scene with a hidden obstacle, and one of a real chip."""
+    from PIL import Image
+
+    monkeypatch.chdir(tmp_path)
+    rows = np.full((24, 30), 254, np.uint8)
+    rows[6:16, 13:16] = 0
+    Image.fromarray(rows).save("map.pgm")
+    keys = "negate: 0\noccupied_thresh: 0.65\nfree_thresh: 0.196\n"
+    Path("map.yaml").write_text(f"image: map.pgm\nresolution: 0.5\norigin: [-6.0, -7.0, 0.3]\n{keys}")
+    Path("theirs.sp").write_text("divider\nv1 a 0 1.8\nr1 a b 1k\nr2 b 0 2k\n.tran 1u 1m\n.end\n")
+    hidden = '[[hidden]]\nshape = "rectangle"\nlower = [1.5, 2.5]\nupper = [2.5, 3.5]\n'
+    Path("room.toml").write_text(ROOM.replace(", [5.5, 4.5]", "") + hidden)
+    Path("chip.toml").write_text(Path("room.toml").read_text() + "[chip]\ncapacitance = 1e-12\nmismatch = 0.02\n")
+    return tmp_path
+
+
+def test_a_path_on_my_map(desk: Path) -> None:
+    scene = rg.read_scene("map.yaml", goal=(5, 0))
+    assert isinstance(scene.map, rg.MapCells)
+    path = rg.plan(scene).path((-5, -4))
+    rg.write_path(path, "path.yaml")
+    rg.save_figure(rg.draw(path), "path.png")
+    assert path.outcome is rg.Outcome.REACHED and path.field.space.frame.yaw == 0.3
+    assert rg.ros_plan(path) == Path("path.yaml").read_text()
+    np.testing.assert_allclose(path.points[0], (-5, -4))
+
+
+def test_a_chip_and_its_deck(desk: Path) -> None:
+    space = rg.sample(rg.read_scene("map.yaml", goal=(5, 0)))
+    netlist = rg.compile_space(space, boundary="neumann")
+    op = rg.solve(netlist)
+    rg.write_spice(op, "chip.cir")
+    agreement = rg.check_deck("chip.cir")
+    assert isinstance(agreement, rg.Agreement) and agreement.agrees
+    assert isinstance(netlist.cells, rg.CellMap)
+
+
+def test_somebody_s_deck(desk: Path) -> None:
+    deck = rg.read_spice("theirs.sp")
+    assert isinstance(deck, rg.Circuit) and isinstance(deck.notes[0], rg.Note)
+    violations = rg.check_rules(deck)
+    assert all(isinstance(violation, rg.Violation) for violation in violations)
+    assert {isinstance(verdict, rg.Prediction) for verdict in rg.predict_simulators(deck)} == {True}
+    op = rg.solve(deck)
+    drop, balance = rg.ir_drop(op), rg.power_balance(op)
+    assert isinstance(drop, rg.IrDrop) and isinstance(balance, rg.PowerBalance)
+    assert drop.drop.max() == pytest.approx(0.6) and balance.delivered == pytest.approx(1.8**2 / 3000)
+
+
+def test_is_this_chip_good_enough(desk: Path) -> None:
+    study = rg.study(rg.read_scene("chip.toml"))
+    found = study.settling(), study.noise(), study.sensitivity(), study.yields(trials=64)
+    assert isinstance(study, rg.Study)
+    for result, kind in zip(found, (rg.Settling, rg.Noise, rg.Sensitivity, rg.Yield), strict=True):
+        assert isinstance(result, kind) and isinstance(next(iter(result.figures.values())), rg.Figure)
+    assert isinstance(found[-1].overall, rg.Proportion)
+    assert isinstance(study.criticality(seconds=1.0), rg.Criticality)
+
+
+def test_the_robot_moving(desk: Path) -> None:
+    scene = rg.read_scene("room.toml")
+    sim = rg.simulation(scene, k=0.98)
+    run = sim.run()
+    rg.draw(run)
+    assert isinstance(sim, rg.Simulation) and isinstance(sim.controller, rg.Controller)
+    assert run.ending is rg.Ending.ARRIVED and rg.Mode.LEARNING in run.mode
+    front = rg.wavefront(rg.simulation(scene, k=0.98, announce=True, settle="sor"), np.linspace(0.0, 2.0, 3))
+    assert len(front.potential) == 3
+    turned = rg.equipotential_velocity((1.0, 0.0), (0.0, 1.0))
+    assert np.hypot(*turned) == pytest.approx(1.0)
+
+
+def test_what_a_field_tells_of_all_starts(desk: Path) -> None:
+    field = rg.plan(rg.read_scene("room.toml")).field
+    path = rg.streamline(field, (0.5, 0.5))
+    short = rg.shorten(path)
+    timed = rg.time_path(short, velocity_limits=1.0)
+    assert isinstance(short, rg.ShortPath) and isinstance(timed, rg.Trajectory)
+    ends = rg.streamlines(field, [(0.5, 0.5), (2.5, 4.5)])
+    assert isinstance(ends, rg.Traces) and set(ends.goal) == {0}
+    assert rg.basins(field)[0, 0] == 0
+    netlist = rg.compile_space(field.space)
+    walk = rg.random_walk(netlist)
+    chances = rg.hitting_probability(walk), rg.collision_probability(walk)
+    assert all(chance is not None for chance in chances)
+
+
+def test_circuits_in_time(desk: Path) -> None:
+    netlist = rg.Netlist(
+        2, [[0, 1]], [1e-3], current_nodes=[[0, 1]], current_amps=[1e-3], capacitor_nodes=[[1, 0]], capacitance=[1e-9]
+    )
+    motion = rg.transient(netlist, np.linspace(0.0, 1e-5, 11), initial=np.zeros(2))
+    assert isinstance(motion, rg.Transient) and motion.voltage[-1, 1] == pytest.approx(1 - np.exp(-10), rel=1e-4)
+    assert isinstance(rg.transient_stepper(netlist, 1e-7), rg.TransientStepper)
+    watch = rg.Watch()
+    assert rg.factor(netlist).solve([1e-3], watch=watch) == pytest.approx(1.0) and watch.iterations == 0
+
+
+def test_what_benchmarks_and_engineers_write_is_read(tmp_path: Path) -> None:
+    (tmp_path / "a.scen").write_text("version 1\n0\ta.map\t4\t2\t0\t0\t1\t1\t1.4\n")
+    (query,) = rg.read_queries(tmp_path / "a.scen")
+    assert isinstance(query, rg.Query) and query.goal == (1, 0)
+    assert rg.parse_quantity("4k7") == 4700.0
+    assert issubclass(rg.CertificateError, rg.ResgridError) and issubclass(rg.ToolMissingError, rg.ResgridError)
+
+
+def test_every_name_stands_in_an_example_a_page_or_a_test() -> None:
+    patterns = ("examples/**/*.py", "README.md", "docs/**/*.md", "tests/**/*.py")
+    text = "\n".join(file.read_text() for pattern in patterns for file in sorted(PROJECT.glob(pattern)))
+    used = set(re.findall(r"\brg\.(\w+)", text))
+    assert set(rg.__all__) - {"__version__"} - used == set()
+    assert re.fullmatch(r"\d+\.\d+.*", rg.__version__)
+
+
+def test_an_unknown_name_is_told_the_nearest_ones() -> None:
+    with pytest.raises(AttributeError) as caught:
+        rg.write_pth  # noqa: B018
+    assert "did you mean 'write_path'" in str(caught.value) and len(str(caught.value)) < 200
+    with pytest.raises(AttributeError, match=r"dir\(resgrid\) lists its names"):
+        rg.xyzzy  # noqa: B018
