@@ -107,6 +107,24 @@ def test_the_ten_lines_follow_the_map(worlds: tuple[World, World]) -> None:
     np.testing.assert_array_equal(plain.points, plain.axis_points)
 
 
+def test_the_readme_the_planner_and_the_command_line_give_one_path(worlds: tuple[World, World]) -> None:
+    """The README's ten lines on a map, turned or not, with nothing changed but the file, the goal and the start."""
+    readme = (Path(__file__).parents[1] / "README.md").read_text()
+    code = readme[readme.index("import resgrid as rg") :].partition("```")[0]
+    for world in worlds:
+        lines = code.replace('"examples/scenes/lesson.toml"', f"{str(world.file)!r}, goal={world.at(GOAL)}")
+        names: dict[str, object] = {"print": lambda *_: None}
+        exec(lines.replace("(0.5, 6.5)", repr(world.at(START))), names)
+        own = names["path"]
+        assert isinstance(own, rg.Streamline)
+        answer = call("path", world.file, "--goal", world.say(GOAL), f"--start={world.say(START)}", "--json")
+        (told,) = json.loads(answer.stdout)["paths"]
+        planned = rg.plan(rg.read_scene(world.file, goal=world.at(GOAL))).path(world.at(START))
+        assert own.outcome == told["outcome"] == planned.outcome == "reached"
+        same(told["points"], own.points)
+        same(planned.points, own.points)
+
+
 def test_a_planner_answers_in_the_world(worlds: tuple[World, World]) -> None:
     plain, turned = (rg.plan(world.scene(), k=0.9) for world in worlds)
     same(turned.scene_starts, worlds[1].place(plain.scene_starts))

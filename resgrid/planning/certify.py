@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise, product
 from numbers import Integral, Real
 
@@ -10,7 +11,6 @@ from numpy.typing import NDArray
 
 from resgrid.axis import rounding
 from resgrid.errors import CertificateError, InputError
-from resgrid.planning.certify_motion import check_motion
 from resgrid.planning.clearance import clearance_of, face_shares
 from resgrid.planning.streamline import AnyPath, Outcome, Streamline, length_of
 from resgrid.space import Cell, ConfigurationSpace
@@ -18,6 +18,14 @@ from resgrid.space import Cell, ConfigurationSpace
 Cells = set[tuple[int, ...]]
 
 _LONGEST = 10_000_000
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+
+_SAME_TIME = 1e-9
+_SLACK = 4.0
+_LARGEST_LOG = 745.0
+"""Natural logarithm of the largest ratio of two velocities that float64 can tell from infinity."""
 
 
 def certify(path: Streamline) -> None:
@@ -46,7 +54,7 @@ def certify(path: Streamline) -> None:
         _check_cells(path)
         axis, side = _check_crossings(path)
         _check_descent(path)
-        check_motion(path, _local(path), axis, side)
+        _check_motion(path, axis, side)
         _check_extent(path)
     else:
         _check_still(path)
@@ -71,17 +79,14 @@ def _check_kinds(path: Streamline) -> None:
     if points.dtype.kind != "f" or points.shape != (len(cells) + leg, space.ndim):
         goal = " and its goal point" if leg else ""
         raise CertificateError(f"points are {points.dtype} of shape {points.shape} for {len(cells)} cells{goal}")
-    if not np.isfinite(points).all():
-        raise CertificateError(f"point {int(np.argmin(np.isfinite(points).all(axis=1)))} is not finite")
+    _require(np.isfinite(points), lambda number: f"point {number} is not finite")
     for name in ("length", "clearance", "log_duration"):
         if not isinstance(getattr(path, name), Real):
             raise CertificateError(f"{name} is no number: {getattr(path, name)!r}")
     if path.goal is not None and (isinstance(path.goal, bool) or not isinstance(path.goal, Integral)):
         raise CertificateError(f"goal is no number of a region: {path.goal!r}")
-    outside = np.any(np.abs(_local(path) - 0.5) > 0.5 + rounding(space.axes), axis=1)
-    if outside.any():
-        step = int(np.argmax(outside))
-        raise CertificateError(f"point {step} lies outside its cell {_plain(path.point_cells[step])}")
+    within = np.abs(_local(path) - 0.5) <= 0.5 + rounding(space.axes)
+    _require(within, lambda number: f"point {number} lies outside its cell {_plain(path.point_cells[number])}")
     if leg and np.any(np.abs(points[-1:] - last) > rounding(space.axes) * space.spacing):
         raise CertificateError(f"the path ends at {points[-1].tolist()}, not at the goal point {last[0].tolist()}")
 
@@ -120,9 +125,7 @@ def _check_cells(path: Streamline) -> None:
     codes = path.space.cell[tuple(cells.T)]
     reached = path.outcome is Outcome.REACHED
     inner = codes[:-1] if reached else codes
-    if np.any(inner != Cell.FREE):
-        step = int(np.argmax(inner != Cell.FREE))
-        raise CertificateError(f"step {step} is in cell {_plain(cells[step])}, which is not free")
+    _require(inner == Cell.FREE, lambda step: f"step {step} is in cell {_plain(cells[step])}, which is not free")
     if reached and codes[-1] != Cell.GOAL:
         raise CertificateError(f"the last cell {_plain(cells[-1])} is not a goal cell")
     if reached and path.goal != path.space.goal_region[tuple(cells[-1])]:
@@ -143,19 +146,16 @@ def _check_crossings(path: Streamline) -> tuple[NDArray[np.int64], NDArray[np.in
     side = np.where(entered < 0.5, 1, -1)
     beyond, size = here[number, axis] + side, np.array(space.shape)[axis]
     beyond = np.where(space.periodic[axis], np.mod(beyond, size), beyond)
-    wrong = (changed.sum(axis=1) != 1) | (beyond != there[number, axis])
-    if wrong.any():
-        step = int(np.argmax(wrong))
-        raise CertificateError(
-            f"step {step}: the face crossed from cell {_plain(here[step])} does not lead to cell {_plain(there[step])}"
-        )
-    off = np.abs(entered - (side < 0)) > rounding(space.axes)[axis]
-    if off.any():
-        raise CertificateError(f"step {int(np.argmax(off))}: the crossing does not lie on the face between its cells")
-    against = ~(side * path.field.faces_of(here)[0][(side > 0).astype(np.int64), number, axis] > 0)
-    if against.any():
-        step = int(np.argmax(against))
-        raise CertificateError(f"step {step}: no current runs from cell {_plain(here[step])} to {_plain(there[step])}")
+
+    def between(step: int) -> str:
+        return f"cell {_plain(here[step])} to cell {_plain(there[step])}"
+
+    leads = (changed.sum(axis=1) == 1) & (beyond == there[number, axis])
+    _require(leads, lambda step: f"step {step}: the face that was crossed does not lead from {between(step)}")
+    on_face = np.abs(entered - (side < 0)) <= rounding(space.axes)[axis]
+    _require(on_face, lambda step: f"step {step}: the crossing does not lie on the face between its cells")
+    along = side * path.field.faces_of(here)[0][(side > 0).astype(np.int64), number, axis] > 0
+    _require(along, lambda step: f"step {step}: no current runs from {between(step)}")
     return axis, side
 
 
@@ -170,27 +170,124 @@ def _check_descent(path: Streamline) -> None:
         return
     at = tuple(path.cells.T)
     height = -field.log_drop[at] if field.log_drop is not None else field.potential[at]
-    rises = ~(np.diff(height) <= 0)
     # Where the two nodes are equal in float64 the current, known to more digits, has already decided.
-    if rises.any():
-        step = int(np.argmax(rises))
-        raise CertificateError(f"step {step}: the potential rises from cell {_plain(path.cells[step])} to the next")
+    _require(
+        np.diff(height) <= 0,
+        lambda step: f"step {step}: the potential rises from cell {_plain(path.cells[step])} to the next",
+    )
 
 
 def _check_extent(path: Streamline) -> None:
     """Length and clearance, from the points in coordinates without a seam."""
-    space, field, way = path.space, path.field, path.line
+    space, field, line = path.space, path.field, path.line
     slack = 2.0 * float(np.linalg.norm(rounding(space.axes) * space.spacing))
-    length = length_of(way)
-    if not abs(length - path.length) <= slack * len(way):
+    length = length_of(line)
+    if not abs(length - path.length) <= slack * len(line):
         raise CertificateError(f"the length is {length}, not {path.length}")
-    clearance = clearance_of(way, space, field.edge, field.obstacle_reach)
+    clearance = clearance_of(line, space, field.edge, field.obstacle_reach)
     if clearance != path.clearance and not abs(clearance - path.clearance) <= slack:
         raise CertificateError(f"the clearance is {clearance}, not {path.clearance}")
 
 
+def _require(kept: NDArray[np.bool_], message: Callable[[int], str]) -> None:
+    """Refuse the first point or step at which a promise is not kept.  Shapes: `kept` (n, ...)."""
+    if not kept.all():
+        raise CertificateError(message(int(np.argwhere(~kept)[0, 0])))
+
+
 def _plain(cell: NDArray[np.int64]) -> tuple[int, ...]:
     return tuple(cell.tolist())
+
+
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")  # what overflows counts as infinite
+def _check_motion(path: Streamline, axis: Integers, side: Integers) -> None:
+    """The current carries the streamline so, and as long as it says.
+
+    Between the two faces of a cell the velocity along an axis is linear, ``v(x) = lower (1 - x) + upper x``.  A
+    position is known to within rounding, and near a stagnation point that moves the exit, and the time, a lot: both are
+    compared with what they are for all positions that a point may stand for.
+
+    Shapes: `axis, side` (steps,).
+    """
+    local = _local(path)
+    steps, slack = np.arange(len(axis)), _SLACK * rounding(path.space.axes)
+    direction, log_current = path.field.faces_of(path.cells[:-1].astype(np.int64))
+    scale = log_current.max(axis=(0, 2))
+    lower, upper = direction * np.exp(log_current - scale[:, np.newaxis])
+    start, end = np.clip(local[: len(axis)], 0.0, 1.0), local[1 : len(axis) + 1]
+    up = side > 0
+    shortest, longest, sure = _times(
+        np.where(up, start[steps, axis], 1.0 - start[steps, axis]),
+        np.where(up, lower[steps, axis], -upper[steps, axis]),
+        np.where(up, upper[steps, axis], -lower[steps, axis]),
+        slack[axis],
+    )
+    low, high = _ends(start, lower, upper, (shortest, longest), slack)
+    # Where the streamline may have left straight, it has not moved along the other axes.
+    stays = ~sure[:, np.newaxis]
+    low, high = np.where(stays, np.minimum(low, start), low), np.where(stays, np.maximum(high, start), high)
+    carried = (end >= low - slack) & (end <= high + slack)
+    carried[steps, axis] = True
+    _require(carried, lambda step: f"point {step + 1} is not where the current carries the path from point {step}")
+    _check_duration(path, np.log(shortest) - scale, np.log(longest) - scale)
+
+
+def _times(x: Floats, enter: Floats, leave: Floats, slack: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+    """Least and greatest time from ``x`` to the face at 1, where the velocity is ``leave > 0``; at 0 it is ``enter``.
+
+    Where the velocity at ``x`` may vanish, within rounding, the streamline may go straight at the speed of the face:
+    the third is whether it surely does not.
+    """
+    before, after = np.maximum(x - slack, 0.0), np.minimum(x + slack, 1.0)
+    slowest, fastest = (enter * (1.0 - at) + leave * at for at in (before, after))
+    straight = (1.0 - before) / leave
+    sure = slowest > 0
+    shortest, longest = _drift(after, fastest, leave), _drift(before, slowest, leave)
+    # The velocity falls towards x: that at the face exceeds it.
+    endless = np.maximum(_LARGEST_LOG / np.where(sure, 1.0, leave - enter), straight)
+    least_straight = (1.0 - after) / leave
+    return (
+        np.where(sure, shortest, np.minimum(shortest, least_straight)),
+        np.where(sure, longest, np.where(fastest > 0, endless, straight)),
+        sure,
+    )
+
+
+def _drift(x: Floats, velocity: Floats, leave: Floats) -> Floats:
+    """Time from ``x`` to 1 as the velocity grows linearly to ``leave``; infinite where it does not run there."""
+    runs = velocity > 0
+    z = np.where(runs, leave / np.where(runs, velocity, 1.0), 1.0) - 1.0
+    factor = np.where(np.abs(z) < 1e-8, 1.0 - 0.5 * z, np.log1p(z) / np.where(z == 0, 1.0, z))
+    return np.where(runs, (1.0 - x) / np.where(runs, velocity, 1.0) * factor, np.inf)
+
+
+def _ends(
+    start: Floats, lower: Floats, upper: Floats, times: tuple[Floats, Floats], slack: Floats
+) -> tuple[Floats, Floats]:
+    """Least and greatest position along every axis after the time to the exit: monotone in start and time."""
+    ends = [
+        _moved(np.clip(start + off, 0.0, 1.0), lower, upper, time[:, np.newaxis])
+        for off, time in product((-slack, slack), times)
+    ]
+    return np.min(ends, axis=0), np.max(ends, axis=0)
+
+
+def _moved(x: Floats, lower: Floats, upper: Floats, time: Floats) -> Floats:
+    """Positions after a time, within the cell."""
+    velocity, growth = lower * (1.0 - x) + upper * x, (upper - lower) * time
+    step = np.where(
+        np.abs(growth) < 1e-8, velocity * time * (1.0 + 0.5 * growth), velocity * np.expm1(growth) / (upper - lower)
+    )
+    return np.clip(x + np.where(velocity == 0, 0.0, step), 0.0, 1.0)
+
+
+def _check_duration(path: Streamline, log_shortest: Floats, log_longest: Floats) -> None:
+    unit = 2.0 * np.log(path.space.spacing.min())
+    low, high = (float(np.logaddexp.reduce(logs, initial=-np.inf) + unit) for logs in (log_shortest, log_longest))
+    claimed = float(path.log_duration)
+    unmoved = np.isnan(claimed) and np.isneginf(low)
+    if not unmoved and not low - _SAME_TIME <= claimed <= high + _SAME_TIME:
+        raise CertificateError(f"the logarithm of the duration is {low}, not {claimed}")
 
 
 def certify_free(path: AnyPath) -> None:

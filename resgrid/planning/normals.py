@@ -11,11 +11,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.arguments import check_whole
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
 from resgrid.planning import fields
 from resgrid.planning.fields import Field
+from resgrid.planning.trace import cell_indices
 from resgrid.space import Axis, Cell, ConfigurationSpace
 
 _FLAT = 1e-12
@@ -67,15 +69,15 @@ def surface_normals(
         If the field would not fit in memory.
     """
     space = _model_space(model, spacing)
-    inner = _checked_queries(space, points, cells)
-    field, margin = _field_around(space, _checked_padding(space, padding))
-    if inner is None:
-        every = np.indices(space.shape).reshape(space.ndim, -1).T
-        normals = _directions(field, every + margin, np.full(every.shape, 0.5)).reshape(*space.shape, space.ndim)
-        return space.frame.turned_to_world(normals)
-    at, local = inner
-    normals = _directions(field, at.reshape(-1, space.ndim) + margin, local.reshape(-1, space.ndim))
-    _check_defined(space, at.reshape(-1, space.ndim), normals)
+    at, local = _places(space, points, cells)
+    if padding is None:
+        padding = max(space.shape) // (2 if space.ndim <= 2 else 4) + 1
+    check_whole("padding", padding, 0)
+    field, margin = _field_around(space, int(padding))
+    flat = at.reshape(-1, space.ndim)
+    normals = _directions(field, flat + margin, local.reshape(-1, space.ndim))
+    if points is not None or cells is not None:
+        _check_defined(space, flat, normals)
     return space.frame.turned_to_world(normals.reshape(at.shape))
 
 
@@ -125,30 +127,16 @@ def _array_axes(shape: tuple[int, ...], spacing: float | Sequence[float]) -> tup
     )
 
 
-def _checked_padding(space: ConfigurationSpace, padding: int | None) -> int:
-    if padding is None:
-        return max(space.shape) // (2 if space.ndim <= 2 else 4) + 1
-    if isinstance(padding, bool) or not isinstance(padding, int | np.integer) or padding < 0:
-        raise InputError(f"padding = {padding!r} must be a whole number of cells, 0 or more")
-    return int(padding)
-
-
-def _checked_queries(
+def _places(
     space: ConfigurationSpace, points: ArrayLike | None, cells: ArrayLike | None
-) -> tuple[NDArray[np.int64], NDArray[np.float64]] | None:
-    """Cells and positions within them, each of shape (..., ndim); None for every cell."""
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Cells and positions within them, each of shape (..., ndim); the centres of all cells where none are given."""
     if points is not None and cells is not None:
         raise InputError("give points or cells, not both")
     if points is not None:
         return space.split(space.from_world(points))
-    if cells is None:
-        return None
-    index = np.asarray(cells)
-    if index.dtype.kind not in "iu" or index.shape[-1:] != (space.ndim,):
-        raise InputError(f"a cell of this model has {space.ndim} whole indices, got {cells!r}")
-    if np.any(index < 0) or np.any(index >= space.shape):
-        raise InputError(f"a cell lies outside the model's {' x '.join(map(str, space.shape))} cells")
-    return index.astype(np.int64), np.full(index.shape, 0.5)
+    at = np.moveaxis(np.indices(space.shape), 0, -1) if cells is None else cell_indices(space, cells)
+    return at, np.full(at.shape, 0.5)
 
 
 def _field_around(space: ConfigurationSpace, padding: int) -> tuple[Field, NDArray[np.int64]]:

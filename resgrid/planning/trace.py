@@ -227,12 +227,19 @@ def one_start(space: ConfigurationSpace, start: ArrayLike | None, cell: Sequence
         if len(points) != 1:
             raise InputError(f"one start is wanted, a point with {space.ndim} coordinates; got {len(points)}")
         return np.asarray(points[0])
-    index = np.asarray(cell)
-    if index.shape != (space.ndim,) or index.dtype.kind not in "iu":
-        raise InputError(f"a cell of this space has {space.ndim} whole indices, got {cell!r}")
-    if np.any(index < 0) or np.any(index >= space.shape):
-        raise InputError(f"the start cell {tuple(index.tolist())} is not in the grid of {space.shape} cells")
-    return space.axis_centre(index)
+    return space.axis_centre(cell_indices(space, cell, ndim=1))
+
+
+def cell_indices(space: ConfigurationSpace, cells: ArrayLike | None, ndim: int | None = None) -> NDArray[np.int64]:
+    """Cells that are given by their indices, checked, shape (..., ndim); with `ndim`, as an array of so many axes."""
+    index = np.asarray(cells)
+    if index.dtype.kind not in "iu" or index.shape[-1:] != (space.ndim,) or ndim not in (None, index.ndim):
+        raise InputError(f"a cell of this space has {space.ndim} whole indices, got {cells!r}")
+    outside = np.any((index < 0) | (index >= space.shape), axis=-1)
+    if outside.any():
+        cell = tuple(index[outside][0].tolist())
+        raise InputError(f"cell {cell} is not in the grid of {' x '.join(map(str, space.shape))} cells")
+    return index.astype(np.int64)
 
 
 def start_points(space: ConfigurationSpace, starts: ArrayLike) -> NDArray[np.float64]:

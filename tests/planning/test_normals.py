@@ -120,7 +120,7 @@ def test_octrees_become_voxels() -> None:
         ({"model": np.eye(3, dtype=bool), "points": (1.5, 1.5)}, "inside the model"),
         ({"model": np.eye(3, dtype=bool), "points": (7.5, 1.5)}, "outside the grid"),
         ({"model": np.eye(3, dtype=bool), "points": "here"}, "is 2 numbers"),
-        ({"model": np.eye(3, dtype=bool), "cells": (0, 3)}, "outside the model"),
+        ({"model": np.eye(3, dtype=bool), "cells": (0, 3)}, "not in the grid of 3 x 3"),
         ({"model": np.eye(3, dtype=bool), "cells": (0.5, 3)}, "whole indices"),
         ({"model": np.eye(3, dtype=bool), "cells": (0, 1), "points": (0, 1)}, "not both"),
         ({"model": space_of(np.eye(3), periodic=(True, True))}, "every axis"),

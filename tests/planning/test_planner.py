@@ -1,3 +1,4 @@
+import pickle
 from pathlib import Path
 
 import numpy as np
@@ -141,3 +142,17 @@ def test_wrong_questions_are_refused() -> None:
     with pytest.raises(InputError, match="at least one"):
         clearance_curve(planner, wall_resistances=[])
     assert planner.paths([]) == [] and len(planner.ends([]).goal) == 0
+
+
+def test_many_paths_share_one_field_in_memory_and_on_their_way_elsewhere() -> None:
+    planner = plan(two_goal_room())
+    paths = planner.paths(planner.space.centre(np.argwhere(planner.space.goal_connected)[:300]))
+    assert all(path.field is planner.field for path in paths)
+    again = pickle.loads(pickle.dumps(paths))
+    assert all(path.field is again[0].field for path in again)
+    for path in again[::60]:
+        certify(path)
+    numbers = sum(path.axis_points.nbytes + path.cells.nbytes for path in paths)
+    fields = len(pickle.dumps(planner.field))
+    assert len(pickle.dumps(paths)) < 1.2 * numbers + fields + 500 * len(paths)
+    assert fields < 1.2 * len(pickle.dumps(planner.space)) + 40 * planner.space.cell.size + 2000
