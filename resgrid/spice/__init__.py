@@ -1,5 +1,5 @@
-"""Decks: simulators as data (`dialects`), decks read (`reader`) and written (`write`), run and checked.
+"""Decks: simulators as data (`dialects`), circuits read (`read`, `networks`) and written (`write`), run and checked.
 
 `write` turns a netlist into a deck, its commands and its sidecar; `run` hands it to a simulator; `check` holds a
-circuit against the electrical rules, foretells what simulators make of it, and compares what they found.
+`circuit` against the electrical rules, foretells what simulators make of it, and compares what they found.
 """

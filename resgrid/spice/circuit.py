@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import compress
 from typing import Any, Literal
 
 import numpy as np
@@ -154,6 +155,10 @@ class Circuit:
             if array is not None:
                 array.flags.writeable = False
 
+    def __repr__(self) -> str:
+        counts = [f"{len(ends)} {kind}s" for kind, ends in self.ends.items() if len(ends)]
+        return f"Circuit({self.path or 'netlist'!r}, {self.dialect}: {len(self.node_names)} nodes, {', '.join(counts)})"
+
     @staticmethod
     def of(circuit: Circuit | Netlist, path: str = "") -> Circuit:
         """A netlist, perhaps read from a file, as a circuit; a circuit as it is."""
@@ -286,31 +291,25 @@ class Circuit:
         resistance, tc1, tc2 = rebase(self.resistance, self.tc1, self.tc2, self.heating)
         self._refuse_inadmissible(resistance)
         short = resistance == 0
-        keeps = ~short
-        all_kept = bool(keeps.all())
-        names = self.element_names
-        if not all_kept:
-            names = dict(names)
-            names["resistor"] = tuple(_pick(names["resistor"], keeps))
-            names["voltage source"] += tuple(_pick(self.element_names["resistor"], short))
-        shorts = self.resistor_nodes[short]
+        keeps, shorts = ~short, self.resistor_nodes[short]
+        names: Mapping[str, tuple[str, ...]] = self.element_names
+        if len(shorts):
+            own = names["resistor"]
+            names = {**names, "resistor": tuple(compress(own, keeps))}
+            names["voltage source"] += tuple(compress(own, short))
+        changed = {
+            "resistor_nodes": self.resistor_nodes[keeps] if len(shorts) else self.resistor_nodes,
+            "source_nodes": np.concatenate([self.source_nodes, shorts]),
+            "source_volts": np.concatenate([self.source_volts, np.zeros(len(shorts))]),
+            "tc1": None if tc1 is None else tc1[keeps],
+            "tc2": None if tc2 is None else tc2[keeps],
+        }
         return Netlist(
             node_count=len(self.node_names),
-            resistor_nodes=self.resistor_nodes if all_kept else self.resistor_nodes[keeps],
             conductance=1.0 / resistance[keeps],
-            source_nodes=np.concatenate([self.source_nodes, shorts]),
-            source_volts=np.concatenate([self.source_volts, np.zeros(len(shorts))]),
-            current_nodes=self.current_nodes,
-            current_amps=self.current_amps,
-            capacitor_nodes=self.capacitor_nodes,
-            capacitance=self.capacitance,
-            nonlinear_nodes=self.nonlinear_nodes,
-            nonlinear_current=self.nonlinear_current,
-            nonlinear_voltage=self.nonlinear_voltage,
-            tc1=None if tc1 is None else tc1[keeps],
-            tc2=None if tc2 is None else tc2[keeps],
             node_names=tuple(self.node_names),
             element_names=names,
+            **{name: getattr(self, name) for name in _SHARED} | changed,
         )
 
     def _refuse_inadmissible(self, resistance: NDArray[np.float64]) -> None:
@@ -387,7 +386,3 @@ def rebase(
         np.broadcast_to(np.where(bad, 0.0, new_first), shape).copy(),
         None if tc2 is None else np.broadcast_to(np.where(bad, 0.0, new_second), shape).copy(),
     )
-
-
-def _pick(names: tuple[str, ...], which: NDArray[np.bool_]) -> list[str]:
-    return [names[i] for i in np.flatnonzero(which).tolist()]

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.frozen import frozen
 from resgrid.netlist import GROUND
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.secant import nonlinear_drops
 from resgrid.spice.circuit import connected_parts
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class PowerBalance:
     """Tellegen's theorem, element by element.
@@ -33,10 +35,6 @@ class PowerBalance:
     current_source_power: NDArray[np.float64]
     resistor_power: NDArray[np.float64]
     nonlinear_power: NDArray[np.float64]
-
-    def __post_init__(self) -> None:
-        for array in vars(self).values():
-            array.flags.writeable = False
 
     @property
     def delivered(self) -> float:
@@ -77,6 +75,7 @@ def power_balance(op: OperatingPoint) -> PowerBalance:
     return PowerBalance(np.where(volts == 0, 0.0, -volts * op.source_current), by_current, dissipated, saturated)
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class IrDrop:
     """The drop of every node from its supply.

@@ -7,6 +7,7 @@ changed circuit is solved too, and the largest difference is the error to expect
 from __future__ import annotations
 
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -15,12 +16,14 @@ from numpy.typing import NDArray
 
 from resgrid.errors import ResgridError
 from resgrid.netlist import GROUND, Netlist
+from resgrid.nodal.solve import solve
 from resgrid.spice.check.connection import Loops, loops_of
 from resgrid.spice.check.rules import check_rules
 from resgrid.spice.check.violation import Violation
 from resgrid.spice.circuit import Circuit, connected_parts, rebase
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.dialects.record import Basis, Quirks
+from resgrid.spice.read.numerals import Numeral, parse_numeral
 
 Outcome = Literal["right", "wrong", "fails", "unsure"]
 _Foretold = tuple[Outcome, float | None, str | None, tuple[str, ...]]
@@ -99,7 +102,8 @@ def predict_simulators(
     if circuit.is_deck:
         duplicates = tuple(error.place for error in errors if error.rule == "names")
         floating = np.flatnonzero(circuit.part != circuit.part[GROUND])
-        case = _Case(circuit, duplicates, loops_of(circuit), floating, _right_answer(circuit))
+        right = _voltages(circuit.netlist) if len(circuit.node_names) <= _LARGEST else None
+        case = _Case(circuit, duplicates, loops_of(circuit), floating, right)
         foretold = [_of_deck(dialect.quirks, case) for dialect in DIALECTS.values()]
     else:
         foretold = [_of_netlist(dialect.quirks, circuit.resistance, errors) for dialect in DIALECTS.values()]
@@ -124,19 +128,23 @@ def _of_deck(quirks: Quirks, case: _Case) -> _Foretold:
     fatal = _fatal(quirks, case)
     if fatal:
         return "fails", None, None, fatal
-    changed = _Changed(case.deck)
-    reasons = [*changed.lose_title(), *changed.raise_resistances(quirks), *changed.shunt(quirks, case.floating)]
-    doubts = _doubts(quirks, case, changed.resistance)
+    lost = _lost_to_title(case.deck)
+    resistance, raised = _raised(quirks, case.deck)
+    siemens, shunts = _shunt(quirks, case)
+    reasons = (*(f"the first line is taken for the title, so {name} is lost" for name in lost[:1]), *raised, *shunts)
+    doubts = _doubts(quirks, case, resistance)
     if not reasons:
         return "unsure" if doubts else "right", None, None, doubts
-    error = _error(changed, case)
-    if error is None:
+    got = None if case.voltage is None else _voltages(lambda: _simulated(case.deck, lost, resistance, siemens))
+    if case.voltage is None or got is None:
         return "wrong", None, None, (*reasons, *doubts)
-    if error.lost:
-        reasons.append(f"node {error.lost} is cut off")
-    harmless = error.volts <= TOLERANCE * error.scale and not error.lost
+    names, error = case.deck.node_names, np.nan_to_num(np.abs(got - case.voltage), nan=0.0)
+    cut_off = np.flatnonzero(np.isnan(got) & ~np.isnan(case.voltage))
+    reasons += tuple(f"node {names[node]} is cut off" for node in cut_off[:1].tolist())
+    worst = int(np.argmax(error))
+    harmless = error[worst] <= TOLERANCE * np.nanmax(np.abs(case.voltage), initial=0.0) and not cut_off.size
     outcome: Outcome = "wrong" if not harmless else "unsure" if doubts else "right"
-    return outcome, error.volts, error.node, (*reasons, *doubts)
+    return outcome, float(error[worst]), names[worst], (*reasons, *doubts)
 
 
 def _fatal(quirks: Quirks, case: _Case) -> tuple[str, ...]:
@@ -216,126 +224,83 @@ def _spread_doubts(resistance: NDArray[np.float64]) -> tuple[str, ...]:
     return (f"resistances span {decades:.0f} decades, and double precision holds 16",)
 
 
-class _Changed:
-    """A deck's elements as a simulator takes them; each method changes them and says so."""
+def _lost_to_title(deck: Circuit) -> list[str]:
+    """Names of the elements on a first line, which simulators take for the title."""
+    if deck.title is not None:
+        return []
+    first = ((kind, (place == [0, 1]).all(axis=1)) for kind, place in deck.place.items())
+    return [deck.element_names[kind][i] for kind, lines in first for i in np.flatnonzero(lines).tolist()]
 
-    def __init__(self, deck: Circuit) -> None:
-        self.deck = deck
-        self.resistance, _, _ = rebase(deck.resistance, deck.tc1, deck.tc2, deck.heating)
-        self.keeps = {kind: np.ones(len(place), dtype=np.bool_) for kind, place in deck.place.items()}
-        self.siemens = 0.0
 
-    def lose_title(self) -> list[str]:
-        """The first line is the title, even where it is an element."""
-        if self.deck.title is not None:
-            return []
-        lost = []
-        for kind, place in self.deck.place.items():
-            first = (place == [0, 1]).all(axis=1)
-            self.keeps[kind] &= ~first
-            lost += [self.deck.element_names[kind][i] for i in np.flatnonzero(first).tolist()]
-        return [f"the first line is taken for the title, so {lost[0]} is lost"] if lost else []
+def _raised(quirks: Quirks, deck: Circuit) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    """Resistances as a simulator takes them, and what it does to those that are too small."""
+    resistance, _, _ = rebase(deck.resistance, deck.tc1, deck.tc2, deck.heating)
+    least, size = quirks.smallest_resistance, np.abs(resistance)
+    if least is None:
+        return resistance, ()
+    low = size == 0 if quirks.raises_zero_only else size < least
+    if not low.any():
+        return resistance, ()
+    which = "0" if quirks.raises_zero_only else "below"
+    reason = f"{int(low.sum()):,} resistances ({which} ohm) become {least:g} ohm"
+    return np.where(low, least, resistance), (reason,)
 
-    def raise_resistances(self, quirks: Quirks) -> list[str]:
-        """Resistances that are too small are raised."""
-        least = quirks.smallest_resistance
-        if least is None:
-            return []
-        size = np.abs(self.resistance)
-        low = size == 0 if quirks.raises_zero_only else size < least
-        if not low.any():
-            return []
-        self.resistance = np.where(low, least, self.resistance)
-        return [
-            f"{int(low.sum()):,} resistances ({'0' if quirks.raises_zero_only else 'below'} ohm) become {least:g} ohm"
-        ]
 
-    def shunt(self, quirks: Quirks, floating: NDArray[np.int64]) -> list[str]:
-        """Conductances are added from nodes to ground."""
-        reasons = []
-        for option, unit in quirks.shunt_options.items():
-            value = _option(self.deck, option)
-            if value:
-                self.siemens += 1 / value if unit == "ohms" else value
-                reasons.append(f".option {option}={value:g} ties every node to ground")
-        if floating.size and quirks.floating == "everywhere":
-            wanted = (_option(self.deck, option) for option in quirks.gmin_options)
-            gmin = next((value for value in wanted if value), quirks.gmin)
-            self.siemens += gmin
-            reasons.append(
-                f"{floating.size:,} floating nodes: the answer comes, with exit status 0, as if {gmin:g} S led from "
-                "every node to ground"
-            )
-        return reasons
-
-    def netlist(self) -> Netlist:
-        """What the simulator solves."""
-        deck, keeps = self.deck, self.keeps
-        own = keeps["resistor"] & (self.resistance != 0)
-        short = keeps["resistor"] & (self.resistance == 0)
-        shunted = np.arange(1, len(deck.node_names) if self.siemens else 1)
-        ties = np.stack([shunted, np.zeros_like(shunted)], axis=1)
-        sources = keeps["voltage source"]
-        return Netlist(
-            len(deck.node_names),
-            np.concatenate([deck.resistor_nodes[own], ties]),
-            np.concatenate([1 / self.resistance[own], np.full(len(ties), self.siemens)]),
-            source_nodes=np.concatenate([deck.source_nodes[sources], deck.resistor_nodes[short]]),
-            source_volts=np.concatenate([deck.source_volts[sources], np.zeros(int(short.sum()))]),
-            current_nodes=deck.current_nodes[keeps["current source"]],
-            current_amps=deck.current_amps[keeps["current source"]],
-            nonlinear_nodes=deck.nonlinear_nodes,
-            nonlinear_current=deck.nonlinear_current,
-            nonlinear_voltage=deck.nonlinear_voltage,
+def _shunt(quirks: Quirks, case: _Case) -> tuple[float, tuple[str, ...]]:
+    """The conductance that a simulator adds from every node to ground, in siemens, and why."""
+    siemens, reasons = 0.0, []
+    for option, unit in quirks.shunt_options.items():
+        value = _option(case.deck, option)
+        if value:
+            siemens += 1 / value if unit == "ohms" else value
+            reasons.append(f".option {option}={value:g} ties every node to ground")
+    if case.floating.size and quirks.floating == "everywhere":
+        given = (_option(case.deck, option) for option in quirks.gmin_options)
+        gmin = next((value for value in given if value), quirks.gmin)
+        siemens += gmin
+        reasons.append(
+            f"{case.floating.size:,} floating nodes: the answer comes, with exit status 0, as if {gmin:g} S led from "
+            "every node to ground"
         )
+    return siemens, tuple(reasons)
 
 
 def _option(deck: Circuit, name: str) -> float:
     """Value of an option, 0 where it is not set or no positive number."""
-    from resgrid.spice.read.numerals import Numeral, parse_numeral
-
     rules = DIALECTS[deck.dialect].reading if deck.dialect in DIALECTS else None
     number = None if rules is None else parse_numeral(deck.options.get(name, "0"), rules)
     return number.value if isinstance(number, Numeral) and number.value > 0 else 0.0
 
 
-def _right_answer(deck: Circuit) -> NDArray[np.float64] | None:
-    if len(deck.node_names) > _LARGEST:
-        return None
+def _simulated(deck: Circuit, lost: list[str], resistance: NDArray[np.float64], siemens: float) -> Netlist:
+    """What a simulator solves: these resistances, a shunt at every node, and not the elements that it lost."""
+    keeps = {
+        kind: ~np.isin(deck.element_names[kind], lost) if lost else np.ones(len(ends), dtype=np.bool_)
+        for kind, ends in deck.ends.items()
+    }
+    own = keeps["resistor"] & (resistance != 0)
+    short = keeps["resistor"] & (resistance == 0)
+    shunted = np.arange(1, len(deck.node_names) if siemens else 1)
+    sources, currents = keeps["voltage source"], keeps["current source"]
+    return Netlist(
+        len(deck.node_names),
+        np.concatenate([deck.resistor_nodes[own], np.stack([shunted, np.zeros_like(shunted)], axis=1)]),
+        np.concatenate([1 / resistance[own], np.full(len(shunted), siemens)]),
+        source_nodes=np.concatenate([deck.source_nodes[sources], deck.resistor_nodes[short]]),
+        source_volts=np.concatenate([deck.source_volts[sources], np.zeros(int(short.sum()))]),
+        current_nodes=deck.current_nodes[currents],
+        current_amps=deck.current_amps[currents],
+        nonlinear_nodes=deck.nonlinear_nodes,
+        nonlinear_current=deck.nonlinear_current,
+        nonlinear_voltage=deck.nonlinear_voltage,
+    )
+
+
+def _voltages(netlist: Callable[[], Netlist]) -> NDArray[np.float64] | None:
+    """Node voltages of a netlist, None where it has none."""
     try:
-        return _voltages(deck.netlist())
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # currents in loops of shorts are of no interest here
+            return solve(netlist(), accuracy="normwise", rtol=1e-12).voltage
     except ResgridError:
         return None
-
-
-def _voltages(netlist: Netlist) -> NDArray[np.float64]:
-    from resgrid.nodal.solve import solve
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # currents in loops of shorts are of no interest here
-        return solve(netlist, accuracy="normwise", rtol=1e-12).voltage
-
-
-@dataclass(frozen=True)
-class _Error:
-    """Largest difference to the right answer and the largest right voltage, in volts; a node that has none any more."""
-
-    volts: float
-    node: str
-    scale: float
-    lost: str
-
-
-def _error(changed: _Changed, case: _Case) -> _Error | None:
-    if case.voltage is None:
-        return None
-    try:
-        got = _voltages(changed.netlist())
-    except ResgridError:
-        return None
-    names = case.deck.node_names
-    lost = np.flatnonzero(np.isnan(got) & ~np.isnan(case.voltage))
-    difference = np.nan_to_num(np.abs(got - case.voltage), nan=0.0)
-    worst = int(np.argmax(difference))
-    scale = float(np.nanmax(np.abs(case.voltage), initial=0.0))
-    return _Error(float(difference[worst]), names[worst], scale, names[lost[0]] if lost.size else "")

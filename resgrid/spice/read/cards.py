@@ -266,3 +266,11 @@ def split_positional(tokens: list[Token]) -> tuple[list[Token], list[Token]]:
     """Part what stands before the first ``key=`` from the pairs."""
     first = next((i for i in range(len(tokens)) if tokens[i].kind == "word" and _begins_pair(tokens, i)), len(tokens))
     return tokens[:first], tokens[first:]
+
+
+def split_call(tokens: list[Token]) -> tuple[list[Token], list[Token]]:
+    """The same for the first line of a subcircuit, and a call of it: parentheses and ``params:`` say nothing."""
+    positional, tail = split_positional(without_parentheses(tokens))
+    if positional and positional[-1].text.lower() == "params:":
+        positional.pop()
+    return positional, tail

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.dialects.reading import ReadingRules
-from resgrid.spice.read.cards import Card, Token, settings, split_positional, tokenise, without_parentheses
+from resgrid.spice.read.cards import Card, Token, settings, split_call, tokenise
 from resgrid.spice.read.diagnostics import CardError, Diagnostics
 from resgrid.spice.read.models import RESISTOR_KINDS, SWITCH_KINDS
 from resgrid.spice.read.scopes import Block, Definition, Model, Scope
@@ -58,9 +58,7 @@ class Contents:
             raise card.error(offset, f"{name} and {other} are two names in {card.rules.name}, one here: rename one")
 
     def _subcircuit(self, card: Card) -> None:
-        positional, tail = split_positional(without_parentheses(tokenise(card)[1:]))
-        if positional and positional[-1].text.lower() == "params:":
-            positional = positional[:-1]
+        positional, tail = split_call(tokenise(card)[1:])
         if not positional or any(token.kind != "word" for token in positional):
             raise card.error(0, ".subckt needs a name and its terminals")
         outer = self.block
@@ -80,8 +78,7 @@ class Contents:
         outer.blocks[name.text.lower()] = block
         for setting in settings(card, tail):
             block.defaults.add(setting.key)
-            token = setting.values[0]
-            block.parameters[setting.key] = Definition(token.text, card, token.offset)
+            block.parameters[setting.key] = Definition(card, setting.values[0])
 
     def _ends(self, card: Card) -> None:
         words = card.text.split()
@@ -98,11 +95,10 @@ class Contents:
             return
         parameters = self.block.parameters
         for setting in settings(card, tokens):
-            token = setting.values[0]
             self._spell(card, card.text[setting.offset : setting.offset + len(setting.key)], setting.offset)
             if setting.key in parameters:
                 self.diagnostics.warn(card.spot(setting.offset), "a parameter is defined again: the last counts")
-            parameters[setting.key] = Definition(token.text, card, token.offset)
+            parameters[setting.key] = Definition(card, setting.values[0])
 
     def _function(self, card: Card) -> None:
         """``.func f(x, y) {body}`` and ``.param f(x, y) = 'body'``."""
@@ -115,7 +111,7 @@ class Contents:
         if len(body) != 1 or body[0].kind == "mark":
             raise card.error(body[0].offset if body else 0, "the body of a function stands in braces or quotes, once")
         arguments = tuple(text.lower() for text in texts[2:close])
-        self.block.functions[texts[0].lower()] = Definition(body[0].text, card, body[0].offset, arguments)
+        self.block.functions[texts[0].lower()] = Definition(card, body[0], arguments)
 
     def _model(self, card: Card) -> None:
         tokens = tokenise(card)[1:]

@@ -22,10 +22,13 @@ MAX_CALLS = 10_000
 class Definition:
     """What a parameter or a function is: an expression and where it stands."""
 
-    text: str
     card: Card
-    offset: int
+    token: Token
     arguments: tuple[str, ...] = ()
+
+    def error(self, text: str) -> CardError:
+        """Make an error about it."""
+        return self.card.error(self.token.offset, text)
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,11 +109,9 @@ class Scope:
         if definition is None:
             return None if self.outer is None else self.outer.parameter(name)
         if name in self._busy:
-            raise definition.card.error(
-                definition.offset, f"parameters define each other in a circle: {' -> '.join([*self._busy, name])}"
-            )
+            raise definition.error(f"parameters define each other in a circle: {' -> '.join([*self._busy, name])}")
         if len(self._busy) >= (MAX_CHAIN if self._deep else 1):
-            raise definition.card.error(definition.offset, f"parameters refer to each other over {MAX_CHAIN} deep")
+            raise definition.error(f"parameters refer to each other over {MAX_CHAIN} deep")
         self._outermost._calls = 0
         self._known[name] = self._value_of(definition, name, self.parameter)
         return self._known[name]
@@ -123,35 +124,33 @@ class Scope:
         definition = self.block.functions.get(name)
         if definition is None:
             return None
-        key, card = f"{name}()", definition.card
+        key = f"{name}()"
         if len(values) != len(definition.arguments):
-            raise card.error(
-                definition.offset, f"{name} takes {len(definition.arguments)} argument(s), not {len(values)}"
-            )
+            raise definition.error(f"{name} takes {len(definition.arguments)} argument(s), not {len(values)}")
         if key in self._busy or len(self._busy) >= MAX_CHAIN:
-            raise card.error(definition.offset, f"the function {name} calls itself")
+            raise definition.error(f"the function {name} calls itself")
         self._outermost._calls += 1
         if self._outermost._calls > MAX_CALLS:
             raise BudgetError(
-                f"{card.spot(definition.offset)}: one value takes more than {MAX_CALLS:,} calls of "
+                f"{definition.card.spot(definition.token.offset)}: one value takes more than {MAX_CALLS:,} calls of "
                 "functions that call each other; give what they repeat a parameter of its own"
             )
         given = dict(zip(definition.arguments, values, strict=True))
-        further = lookup if card.rules.puts_in_text else self.parameter
+        further = lookup if definition.card.rules.puts_in_text else self.parameter
         return self._value_of(definition, key, lambda name: given[name] if name in given else further(name))
 
     def _value_of(self, definition: Definition, key: str, lookup: Lookup) -> float:
         self._busy.append(key)
         try:
-            return self._evaluated(definition.card, definition.text, definition.offset, lookup)
+            return self._evaluated(definition.card, definition.token, lookup)
         finally:
             self._busy.pop()
 
-    def _evaluated(self, card: Card, text: str, offset: int, lookup: Lookup) -> float:
+    def _evaluated(self, card: Card, token: Token, lookup: Lookup) -> float:
         try:
-            return evaluate(text, card.rules, lookup, self.function)
+            return evaluate(token.text, card.rules, lookup, self.function)
         except ExpressionError as error:
-            raise card.error(offset + error.offset, str(error)) from None
+            raise card.error(token.offset + error.offset, str(error)) from None
 
     @property
     def _outermost(self) -> Scope:
@@ -167,7 +166,7 @@ class Scope:
         lookup = lookup or self.parameter
         self._outermost._calls = 0
         if token.kind in ("expression", "string"):
-            return self._evaluated(card, token.text, token.offset, lookup)
+            return self._evaluated(card, token, lookup)
         if token.kind == "mark":
             raise card.error(token.offset, f"{token.text!r} was not expected here; a value was")
         numeral = parse_numeral(token.text, card.rules, computed=computed)

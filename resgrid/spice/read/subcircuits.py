@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.errors import BudgetError, InputError
-from resgrid.spice.read.cards import Card, Setting, settings, split_positional, tokenise, without_parentheses
+from resgrid.spice.read.cards import Card, Setting, settings, split_call, tokenise
 from resgrid.spice.read.commands import Contents
 from resgrid.spice.read.diagnostics import CardError
 from resgrid.spice.read.elements import letter_of, multiplier, read_element
@@ -139,9 +139,7 @@ class Expander:
         known = self._calls.get(id(card))
         if known is not None:
             return known
-        positional, tail = split_positional(without_parentheses(tokenise(card)))
-        if positional and positional[-1].text.lower() == "params:":
-            positional.pop()
+        positional, tail = split_call(tokenise(card))
         if len(positional) < 2 or any(token.kind not in ("word", "string") for token in positional):
             raise card.error(None, f"{card.text.split()[0]} needs its nodes and the name of a subcircuit")
         instance, *terminals, name = positional
