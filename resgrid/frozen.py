@@ -22,7 +22,7 @@ def frozen(record: type[Record]) -> type[Record]:
     def init(self: Any, *arguments: Any, **options: Any) -> None:
         made(self, *arguments, **options)
         for field in fields(self):
-            _lock(getattr(self, field.name))
+            lock(getattr(self, field.name))
 
     record.__init__ = init  # type: ignore[method-assign]
     if hasattr(record.__repr__, "__wrapped__"):  # the dataclass's, which guards itself against recursion
@@ -30,12 +30,13 @@ def frozen(record: type[Record]) -> type[Record]:
     return record
 
 
-def _lock(value: Any) -> None:
+def lock(value: Any) -> None:
+    """Make an array read-only, or all of a tuple or mapping."""
     if _is_array(value):
         value.setflags(write=False)
     elif isinstance(value, tuple | Mapping):
         for part in value.values() if isinstance(value, Mapping) else value:
-            _lock(part)
+            lock(part)
 
 
 def _is_array(value: Any) -> bool:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.arguments import check_number
-from resgrid.frozen import picture_of
+from resgrid.frozen import lock, picture_of
 from resgrid.scene.quantities import format_quantity
 
 _UNITS = {"ohm": "Ω", "V/sqrt(Hz)": "V/√Hz"}
@@ -57,9 +57,7 @@ class Result:
     """What an analysis returns: a frozen dataclass whose arrays are read-only, and its figures of merit."""
 
     def __post_init__(self) -> None:
-        for value in vars(self).values():
-            if isinstance(value, np.ndarray):
-                value.flags.writeable = False
+        lock(vars(self))
 
     @property
     def figures(self) -> Mapping[str, Figure]:

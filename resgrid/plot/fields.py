@@ -115,7 +115,7 @@ def add_colour_bar(mappable: ScalarMappable, axes: Axes, label: str) -> None:
 def _beyond(mappable: ScalarMappable) -> Literal["min", "neither"]:
     """Whether values lie below the colour scale."""
     values, lowest = mappable.get_array(), mappable.norm.vmin
-    return "min" if values is not None and lowest is not None and np.min(values) < lowest else "neither"
+    return "min" if values is not None and lowest is not None and np.any(values < lowest) else "neither"
 
 
 def _draw_contours(plane: Plane, shading: Shading, values: NDArray[np.float64], axes: Axes) -> None:

@@ -152,7 +152,7 @@ def exact_voltages(netlist: rg.Netlist, conductance: np.ndarray) -> np.ndarray:
 
 
 def test_faults_are_named() -> None:
-    result = rg.study(rg.study(cells(), rg.Chip()).ideal).criticality()
+    result = rg.study(cells(), rg.Chip()).criticality()
     with pytest.raises(rg.InputError, match="'bogus' is unknown"):
         result.worst("bogus")
     assert len(result.worst("short", 3)) <= 3
@@ -166,4 +166,4 @@ def test_faults_are_named() -> None:
 )
 def test_bad_numbers_are_named(options: dict[str, object]) -> None:
     with pytest.raises(rg.InputError, match=next(iter(options))):
-        rg.study(rg.study(cells(), rg.Chip()).ideal).criticality(**options)
+        rg.study(cells(), rg.Chip()).criticality(**options)

@@ -38,7 +38,7 @@ def test_every_point_is_a_yield_of_its_own(first: tuple[str, list[float]], secon
     assert told[-1][0] == told[-1][1] == result.share.size * 12
     for (i, j), share in np.ndenumerate(result.share):
         chip = chip_with(CHIP, {first[0]: first[1][i], second[0]: second[1][j]})
-        alone = rg.study(rg.study(cells(), chip).ideal, chip).yields(trials=12, batch=12)
+        alone = rg.study(cells(), chip).yields(trials=12, batch=12)
         assert share == alone.overall.value
         assert (result.low[i, j], result.high[i, j]) == (alone.overall.low, alone.overall.high)
 

@@ -192,21 +192,17 @@ def numbers(result: rg.Yield) -> tuple[object, ...]:
 
 
 def test_trials_are_their_own_chips_whoever_does_them(tmp_path: Path) -> None:
-    netlist = rg.study(room(), CHIP).ideal
-    alone = rg.study(netlist, CHIP).yields(trials=70, batch=35, half_width=1e-4)
+    made = rg.study(room(), CHIP)
+    alone = made.yields(trials=70, batch=35, half_width=1e-4)
     assert alone.trials == 70
     with ThreadPoolExecutor(2) as threads:
-        assert numbers(
-            rg.study(netlist, CHIP).yields(trials=70, batch=35, half_width=1e-4, executor=threads)
-        ) == numbers(alone)
+        assert numbers(made.yields(trials=70, batch=35, half_width=1e-4, executor=threads)) == numbers(alone)
     with ProcessPoolExecutor(1) as processes:
-        assert numbers(
-            rg.study(netlist, CHIP).yields(trials=70, batch=35, half_width=1e-4, executor=processes)
-        ) == numbers(alone)
-    other = rg.study(netlist, CHIP).yields(trials=70, batch=35, half_width=1e-4, seed=8)
+        assert numbers(made.yields(trials=70, batch=35, half_width=1e-4, executor=processes)) == numbers(alone)
+    other = made.yields(trials=70, batch=35, half_width=1e-4, seed=8)
     assert numbers(other) != numbers(alone)
-    one = rg.build_chip(netlist, CHIP, (7, 3))
-    experiment = prepare(netlist, CHIP, [CHIP.readout])
+    one = rg.build_chip(made.ideal, CHIP, (7, 3))
+    experiment = prepare(made.ideal, CHIP, [CHIP.readout])
     by_hand = (
         arrivals(rg.solve(one).voltage, experiment.neighbours, experiment.converters[0], (7, 3)) & experiment.starts
     )
@@ -214,9 +210,9 @@ def test_trials_are_their_own_chips_whoever_does_them(tmp_path: Path) -> None:
 
 
 def test_trials_stop_at_the_first_batch_that_suffices() -> None:
-    netlist = rg.study(room(), CHIP).ideal
+    made = rg.study(room(), CHIP)
     told = []
-    result = rg.study(netlist, CHIP).yields(
+    result = made.yields(
         half_width=0.006, batch=16, progress=lambda done, total, share: told.append((done, total, share))
     )
     assert [done for done, _, _ in told] == list(range(16, result.trials + 1, 16))
@@ -232,8 +228,8 @@ import sys, time
 sys.path.insert(0, {tests!r})
 import resgrid as rg
 from test_yields import CHIP, numbers, room
-netlist = rg.study(room(), CHIP).ideal
-result = rg.study(netlist, CHIP).yields(trials=400, batch=10, half_width=1e-4, checkpoint={checkpoint!r},
+made = rg.study(room(), CHIP)
+result = made.yields(trials=400, batch=10, half_width=1e-4, checkpoint={checkpoint!r},
                                         progress=lambda *_: time.sleep({pause}))
 print(numbers(result))
 """
@@ -265,50 +261,48 @@ def test_a_run_that_is_killed_and_started_again_ends_in_the_same_numbers(tmp_pat
         with np.load(checkpoint) as data:
             sizes.append(int(data["trials"]))
     assert 0 < sizes[0] < sizes[1] < 400
-    netlist = rg.study(room(), CHIP).ideal
-    resumed = rg.study(netlist, CHIP).yields(trials=400, batch=10, half_width=1e-4, checkpoint=checkpoint)
-    whole = rg.study(netlist, CHIP).yields(trials=400, batch=10, half_width=1e-4)
+    made = rg.study(room(), CHIP)
+    resumed = made.yields(trials=400, batch=10, half_width=1e-4, checkpoint=checkpoint)
+    whole = made.yields(trials=400, batch=10, half_width=1e-4)
     assert numbers(resumed) == numbers(whole)
-    assert numbers(rg.study(netlist, CHIP).yields(trials=400, batch=10, half_width=1e-4, checkpoint=checkpoint)) == (
-        numbers(whole)
-    )
+    assert numbers(made.yields(trials=400, batch=10, half_width=1e-4, checkpoint=checkpoint)) == (numbers(whole))
 
 
 def test_a_run_that_ended_within_a_batch_is_taken_up_at_its_end(tmp_path: Path) -> None:
-    netlist = rg.study(room(), CHIP).ideal
+    made = rg.study(room(), CHIP)
     checkpoint = tmp_path / "yield.npz"
     rule = {"batch": 7, "half_width": 0.02}
-    once = rg.study(netlist, CHIP).yields(trials=200, **rule)
+    once = made.yields(trials=200, **rule)
     assert 10 < once.trials < 200
     for trials in (3, 10):
-        assert rg.study(netlist, CHIP).yields(trials=trials, checkpoint=checkpoint, **rule).trials == trials
-    resumed = rg.study(netlist, CHIP).yields(trials=200, checkpoint=checkpoint, **rule)
+        assert made.yields(trials=trials, checkpoint=checkpoint, **rule).trials == trials
+    resumed = made.yields(trials=200, checkpoint=checkpoint, **rule)
     assert numbers(resumed) == numbers(once)
     with pytest.raises(rg.InputError, match=f"holds {once.trials} trials, more than trials = 5"):
-        rg.study(netlist, CHIP).yields(trials=5, checkpoint=checkpoint, **rule)
+        made.yields(trials=5, checkpoint=checkpoint, **rule)
 
 
 def test_checkpoints_of_other_runs_and_damaged_ones_are_refused(tmp_path: Path) -> None:
-    netlist = rg.study(room(), CHIP).ideal
+    made = rg.study(room(), CHIP)
     file = tmp_path / "yield.npz"
-    rg.study(netlist, CHIP).yields(trials=10, batch=10, checkpoint=file)
+    made.yields(trials=10, batch=10, checkpoint=file)
     with pytest.raises(rg.InputError, match="belongs to another run"):
-        rg.study(netlist, CHIP).yields(trials=10, batch=5, checkpoint=file)
+        made.yields(trials=10, batch=5, checkpoint=file)
     with pytest.raises(rg.InputError, match="belongs to another run"):
-        rg.study(netlist, CHIP).yields(trials=10, batch=10, seed=3, checkpoint=file)
+        made.yields(trials=10, batch=10, seed=3, checkpoint=file)
     data = file.read_bytes()
     for damaged in (data[: len(data) // 2], b"", b"no archive"):
         file.write_bytes(damaged)
         with pytest.raises(rg.InputError, match="cannot read the checkpoint"):
-            rg.study(netlist, CHIP).yields(trials=10, batch=10, checkpoint=file)
+            made.yields(trials=10, batch=10, checkpoint=file)
     with pytest.raises(rg.InputError, match="cannot read the checkpoint"):
-        rg.study(netlist, CHIP).yields(trials=10, batch=10, checkpoint=tmp_path)
+        made.yields(trials=10, batch=10, checkpoint=tmp_path)
     with pytest.raises(rg.InputError, match="there is no folder"):
-        rg.study(netlist, CHIP).yields(trials=10, batch=10, checkpoint=tmp_path / "none" / "yield.npz")
+        made.yields(trials=10, batch=10, checkpoint=tmp_path / "none" / "yield.npz")
 
 
 def test_wrong_arguments_have_one_message_each() -> None:
-    netlist = rg.study(room(), CHIP).ideal
+    made = rg.study(room(), CHIP)
     for options, message in (
         ({"half_width": 0.0}, "half_width"),
         ({"confidence": 1.0}, "confidence"),
@@ -321,14 +315,14 @@ def test_wrong_arguments_have_one_message_each() -> None:
         ({"starts": np.zeros((12, 12), dtype=bool)}, "no start"),
     ):
         with pytest.raises(rg.InputError, match=message):
-            rg.study(netlist, CHIP).yields(**options)  # type: ignore[arg-type]
+            made.yields(**options)  # type: ignore[arg-type]
     with pytest.raises(rg.InputError, match="one node per cell"):
         rg.study(rg.compile_space(room()), CHIP).yields()
 
 
 def test_readings_have_units_and_definitions() -> None:
-    netlist = rg.study(room(), CHIP).ideal
-    result = rg.study(netlist, CHIP).yields(trials=32, batch=32)
+    made = rg.study(room(), CHIP)
+    result = made.yields(trials=32, batch=32)
     data = result.to_json()
     assert data["yield"]["value"] == pytest.approx(np.nanmean(result.probability))
     assert all(entry["definition"] for entry in data.values() if isinstance(entry, dict))

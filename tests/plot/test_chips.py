@@ -166,7 +166,7 @@ CHIP = rg.Chip(mismatch=0.05, goal_switch_on=200.0, readout=rg.Readout(bits=7))
 
 
 def test_yield_is_drawn_by_start() -> None:
-    result = rg.study(rg.study(plain_space(), CHIP).ideal, CHIP).yields(trials=32, batch=32)
+    result = rg.study(plain_space(), CHIP).yields(trials=32, batch=32)
     axes = rg.draw(result)
     shown = pixels(axes)
     assert np.nanmax(shown) == pytest.approx(100 * np.nanmax(result.probability))

@@ -41,7 +41,7 @@ def of_chip(what: str) -> Any:
     netlist = rg.build_chip(rg.study(small_space(), CHIP).ideal, CHIP)
     match what:
         case "yield":
-            return rg.study(rg.study(small_space(), CHIP).ideal, CHIP).yields(trials=8, batch=8)
+            return rg.study(small_space(), CHIP).yields(trials=8, batch=8)
         case "criticality":
             return rg.study(netlist).criticality(readout=rg.Readout(bits=7), seconds=5.0)
     return rg.study(small_space(), CHIP).exploration(("mismatch", [0.0, 0.1]), ("readout.bits", [4, 8]), trials=2)
@@ -68,7 +68,7 @@ ALBUM: dict[str, Callable[[rg.Run], Any]] = {
     "runs": lambda run: rg.draw([run, run]),
     "robot": lambda run: rg.draw_robot(run.configuration, run.scene),
     "wavefront": lambda run: rg.draw(
-        rg.wavefront(rg.announce_hidden(rg.simulation(run.scene), rg.Relaxation(pace=2.0)), np.array([0.0, 5.0]))
+        rg.wavefront(rg.simulation(run.scene, announce=True, pace=2.0), np.array([0.0, 5.0]))
     ),
     "settling": lambda _: rg.draw(rg.study(small_scene()).settling(bits=8)),
     "settling curve": lambda _: rg.draw(rg.study(small_scene()).settling(bits=8), quantity="curve"),

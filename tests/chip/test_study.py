@@ -1,0 +1,90 @@
+"""A study: made from whatever there is, each circuit once, every question a method; results show themselves."""
+
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.dynamics import small_scene
+
+import resgrid as rg
+from resgrid.chip.report import ANALYSES, report_section
+from resgrid.cli.chip import ANALYSES as VERBS
+
+QUESTIONS = ("settling", "noise", "power", "precision", "sensitivity", "yields", "criticality", "exploration")
+QUICK = {"yields": {"trials": 8, "batch": 8}, "criticality": {"seconds": 1e-9}, "exploration": {"trials": 2}}
+
+
+@pytest.fixture(scope="module")
+def scene() -> rg.Scene:
+    return rg.read_scene(Path(__file__).parents[2] / "examples/scenes/chip.toml")
+
+
+@pytest.fixture(scope="module")
+def made(scene: rg.Scene) -> rg.Study:
+    return rg.study(scene)
+
+
+def test_a_circuit_is_made_once(made: rg.Study, scene: rg.Scene) -> None:
+    assert made.netlist is made.netlist
+    assert made.op is made.op
+    assert made.op.netlist is made.netlist
+    np.testing.assert_array_equal(made.netlist.conductance, rg.build_chip(made.ideal, scene.chip).conductance)
+    again = rg.study(rg.sample(scene), scene.chip)
+    np.testing.assert_array_equal(made.netlist.conductance, again.netlist.conductance)
+    np.testing.assert_array_equal(rg.study(scene, space=rg.sample(scene)).op.voltage, made.op.voltage)
+
+
+@pytest.mark.parametrize("question", QUESTIONS)
+def test_every_question_has_figures_that_show_themselves(made: rg.Study, question: str) -> None:
+    result = getattr(made, question)(**QUICK.get(question, {}))
+    assert isinstance(
+        result,
+        rg.Settling | rg.Noise | rg.Power | rg.Precision | rg.Sensitivity | rg.Yield | rg.Criticality | rg.Exploration,
+    )
+    assert all(isinstance(figure, rg.Figure) and len(figure.definition) > 20 for figure in result.figures.values())
+    assert "array" not in repr(result)
+    assert len(repr(result)) < 1000
+    for name, figure in result.figures.items():
+        assert f"<td>{name.replace('_', ' ')}</td><td>{figure}</td>" in result._repr_html_()
+        assert result.to_json()[name]["value"] == figure.value
+    with pytest.raises(ValueError, match="read-only"):
+        next(value for value in vars(result).values() if isinstance(value, np.ndarray) and value.size)[...] = 0
+
+
+def test_defaults_are_what_the_chip_says(made: rg.Study, scene: rg.Scene) -> None:
+    readout = scene.chip.readout
+    assert made.settling().bits == made.bits == readout.bits
+    assert made.precision().span == made.settling().span == made.span
+    assert made.noise().band == (0.0, readout.noise_bandwidth)
+    assert made.noise().temperature == pytest.approx(scene.chip.temperature + 273.15)
+    assert made.noise(temperature=100.0, band=(1.0, 2.0)).temperature == 100.0
+    assert isinstance(made.yields(**QUICK["yields"]).overall, rg.Proportion)
+    assert "netlist" not in inspect.signature(made.settling).parameters
+
+
+def test_a_deck_can_be_studied_too(tmp_path: Path) -> None:
+    op = rg.solve(small_scene())
+    written = rg.write_spice(op, tmp_path / "a.cir")
+    deck = rg.read_spice(written.path)
+    theirs, ours = rg.study(rg.solve(deck)), rg.study(op)
+    assert theirs.power().total == pytest.approx(ours.power().total)
+    assert theirs.settling(bits=8).settle_time == pytest.approx(ours.settling(bits=8).settle_time, rel=1e-6)
+    assert repr(theirs).startswith("Study(chip: ")
+    with pytest.raises(rg.InputError, match="wired already"):
+        rg.study(op, boundary="neumann")
+
+
+def test_a_boundary_may_be_another(scene: rg.Scene) -> None:
+    walled = rg.study(scene, rg.Chip(wall_resistance=1e3), boundary="wall")
+    assert walled.ideal.cells.wiring.wall_resistance == 1e3
+    assert "boundary" in walled._repr_html_()
+
+
+def test_the_report_has_a_section_for_every_question_of_the_verb(made: rg.Study) -> None:
+    assert tuple(ANALYSES) == VERBS
+    section = report_section("power", made)
+    assert section.text[0].startswith("The chip takes ")
+    assert {picture.name for picture in section.pictures} == {"power", "droop"}
