@@ -53,7 +53,7 @@ SOURCES = {
     "Scene": "rg.read_scene(file), or rg.parse_scene(text)",
     "Simulation": "rg.simulation(scene)",
     "Streamline": "rg.streamline(field, start)",
-    "Wavefront": "rg.wavefront(relaxation, before, after, cells)",
+    "Wavefront": "rg.wavefront(rg.simulation(scene, announce=True), cells)",
 }
 """How to get what functions most often ask for."""
 

@@ -138,7 +138,6 @@ RECORDS: dict[Any, dict[str, Any]] = {
     rg.GoalPoint: {"point": (1.0, 1.0)},
     rg.GoalCell: {"cell": (1, 1)},
     rg.GoalJoints: {"lower": (0.0, 0.0), "upper": (1.0, 1.0)},
-    rg.Relaxation: {},
     rg.Push: {"start": 0.0, "duration": 1.0, "force": (1.0, 1.0)},
 }
 
