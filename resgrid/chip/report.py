@@ -302,8 +302,8 @@ def seconds_needed(name: str, chip: Study, effort: Effort) -> float:
 def checkpoint_beside(folder: Path, chip: Study, half_width: float) -> Path:
     """Where the counts of a yield are kept until its folder is whole."""
     cells = chip.ideal.cells
-    told = f"{chip.chip} {cells.wiring} {half_width}".encode()
-    mark = hashlib.sha256(told + cells.space.cell.tobytes()).hexdigest()[:12]
+    text = f"{chip.chip} {cells.wiring} {half_width}".encode()
+    mark = hashlib.sha256(text + cells.space.cell.tobytes()).hexdigest()[:12]
     return folder.parent / f".{folder.name}-{mark}.yield.npz"
 
 
