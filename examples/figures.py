@@ -21,6 +21,7 @@ import numpy as np
 
 import resgrid as rg
 from resgrid.control.announced import relaxation_sweep
+from resgrid.control.relaxation import Relaxation
 from resgrid.grids import label_regions
 from resgrid.plot import add_title, new_figure
 from resgrid.plot.plane import paint_cells
@@ -225,12 +226,12 @@ def settling(folder: Path, scene: rg.Scene, ratios: tuple[float, ...] = RATIOS) 
     """The hidden obstacle is put on the map while the robot is on its way; how fast may it be against the grid."""
     sim, numbers, sweeps = rg.simulation(scene, k=0.98), {}, []
     for method in ("chip", "jacobi", "sor"):
-        sweep = relaxation_sweep(sim, scene.starts[0], rg.Relaxation(method), ratios)
+        sweep = relaxation_sweep(sim, scene.starts[0], Relaxation(method), ratios)
         sweeps.append(sweep)
         numbers |= {f"{method}_safe": sweep.safe_ratio, f"{method}_fails": sweep.failing_ratio}
         print(f"{method}: arrives up to {sweep.safe_ratio} cells a settling time, fails from {sweep.failing_ratio}")
     rg.save_figure(rg.draw(sweeps), folder / "settling.png")
-    front = rg.wavefront(rg.announce_hidden(sim, rg.Relaxation(pace=4.0)), np.array([0, 1, 3, 10, 30, 100.0]))
+    front = rg.wavefront(rg.simulation(scene, k=0.98, announce=True, pace=4.0), np.array([0, 1, 3, 10, 30, 100.0]))
     rg.save_figure(rg.draw(front), folder / "wavefront.png")
     return numbers
 
@@ -240,7 +241,7 @@ def animations(folder: Path) -> None:
     scene = rg.read_scene(SCENES / "chair.toml")
     sim = rg.simulation(scene, k=0.98)
     rg.animate(sim.run(scene.starts[0]), folder / "chair.gif")
-    world = rg.announce_hidden(sim, rg.Relaxation(pace=4.0))
+    world = rg.simulation(scene, k=0.98, announce=True, pace=4.0)
     front = rg.wavefront(world, np.arange(80) * 0.75)
     rg.animate(front, folder / "wavefront.gif", run=world.run(scene.starts[0]), rate=10)
 

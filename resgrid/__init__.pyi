@@ -13,7 +13,7 @@ from .chip.settling import Settling as Settling
 from .chip.studies import Study as Study, study as study
 from .chip.yields import Yield as Yield
 from .compiler import compile_space as compile_space
-from .control.announced import Wavefront as Wavefront, wavefront as wavefront
+from .control.announced import wavefront as wavefront
 from .control.controller import (
     Controller as Controller,
     equipotential_velocity as equipotential_velocity,
@@ -21,8 +21,7 @@ from .control.controller import (
 )
 from .control.log import Ending as Ending, Mode as Mode, Run as Run
 from .control.pushes import Push as Push, random_pushes as random_pushes
-from .control.relaxation import Relaxation as Relaxation
-from .control.simulation import Simulation as Simulation, announce_hidden as announce_hidden, simulation as simulation
+from .control.simulation import Simulation as Simulation, simulation as simulation
 from .errors import (
     AccuracyError as AccuracyError,
     BudgetError as BudgetError,

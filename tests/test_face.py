@@ -82,8 +82,8 @@ def test_the_robot_moving(desk: Path) -> None:
     rg.draw(run)
     assert isinstance(sim, rg.Simulation) and isinstance(sim.controller, rg.Controller)
     assert run.ending is rg.Ending.ARRIVED and rg.Mode.LEARNING in run.mode
-    front = rg.wavefront(rg.announce_hidden(sim, rg.Relaxation("sor")), np.linspace(0.0, 2.0, 3))
-    assert isinstance(front, rg.Wavefront)
+    front = rg.wavefront(rg.simulation(scene, k=0.98, announce=True, settle="sor"), np.linspace(0.0, 2.0, 3))
+    assert len(front.potential) == 3
     turned = rg.equipotential_velocity((1.0, 0.0), (0.0, 1.0))
     assert np.hypot(*turned) == pytest.approx(1.0)
 

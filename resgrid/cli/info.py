@@ -71,7 +71,7 @@ def describe(job: Job) -> dict[str, Any]:
             {key: getattr(axis, key) for key in ("name", "lower", "upper", "cells", "spacing", "periodic", "unit")}
             for axis in space.axes
         ],
-        "frame": vars(scene.frame),
+        "frame": {key: getattr(scene.frame, key) for key in ("x", "y", "yaw")},
         "map": None if scene.map is None else describe_map(scene.map.table),
         "sketch": sketch(space, starts) if space.ndim == 2 else None,
         "cells": space.cell.size,

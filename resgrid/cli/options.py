@@ -6,6 +6,7 @@ import functools
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -70,6 +71,14 @@ class Suggested(_Type):
         return [CompletionItem(word) for word in self.words if word.startswith(incomplete)]
 
 
+class Shared(click.Option):
+    """An option that many verbs have; help shows it in a group."""
+
+    def __init__(self, *names: Any, group: str, **options: Any) -> None:
+        super().__init__(*names, **options)
+        self.group = group
+
+
 class Verb(click.Command):
     """A command whose help shows its own options first, the shared ones in groups, and examples."""
 
@@ -79,12 +88,12 @@ class Verb(click.Command):
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write options group by group."""
-        groups: dict[str, list[tuple[str, str]]] = {title: [] for title in ("Options", *_GROUPS)}
+        groups: dict[str, list[tuple[str, str]]] = {title: [] for title in ("Options", OUTPUT, KEYS, MAP, DECK)}
         for parameter in sorted(self.get_params(ctx), key=lambda parameter: parameter.name != "output"):
             record = parameter.get_help_record(ctx) if isinstance(parameter, click.Option) else None
             if record is not None:
-                name = parameter.opts[-1]
-                groups[next((title for title, names in _GROUPS.items() if name in names), "Options")].append(record)
+                plain = OUTPUT if "--help" in parameter.opts else "Options"
+                groups[getattr(parameter, "group", plain)].append(record)
         for title, records in groups.items():
             if records:
                 with formatter.section(title):
@@ -93,76 +102,55 @@ class Verb(click.Command):
     def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the examples."""
         super().format_epilog(ctx, formatter)
-        if self.examples:
-            with formatter.section("Examples" if len(self.examples) > 1 else "Example"):
-                for example in self.examples:
-                    formatter.write(f"  {example}\n")
+        with formatter.section("Examples"):
+            for example in self.examples:
+                formatter.write(f"  {example}\n")
 
 
 SOURCE = click.Path(path_type=str, allow_dash=True)
 NUMBERS = Numbers()
 POSITIVE = Amount(0, min_open=True)
+OUTPUT, KEYS, MAP, DECK = "Output", "In place of the scene's keys", "Of a map", "Of a deck"
 
-_SCENE_OPTIONS: tuple[Decorator, ...] = (
-    click.option(
-        "--boundary", type=Suggested("rule", "dirichlet", "neumann", "wall"),
-        help="What obstacles are: dirichlet (a rail), neumann (open) or wall (a rail behind a resistance).",
-    ),
-    click.option("--drive", type=Suggested("drive", "uniform", "start"), help="What drives open obstacles."),
-    click.option(
-        "--edge", type=Suggested("rule", "obstacle", "open"), help="The grid's border: obstacle or open; one per axis."
-    ),
-    click.option("--resistance", metavar="OHMS", help="Resistance between neighbours, such as 10k."),
-    click.option("--goal", metavar="X,Y", type=NUMBERS, multiple=True, help="Goal, in world coordinates; repeatable."),
-    click.option("--start", metavar="X,Y", type=NUMBERS, multiple=True, help="Start, likewise; repeatable."),
-    click.option("--cells", is_flag=True, help="Goals and starts are cell indices, not world coordinates."),
-    click.option("--robot-radius", metavar="R", type=float, help="Radius of the robot, a disc."),
-    click.option(
-        "--k", metavar="K", type=NUMBERS, multiple=True,
-        help="Share of the Dirichlet field, 1: away from obstacles, 0: past them (Neumann); repeatable.",
-    ),
-    click.option("--set", "settings", metavar="KEY=VALUE", multiple=True, help="Any other key, such as chip.supply=3."),
-    click.option("--threads", metavar="N", type=click.IntRange(1), default=1, help="For solving."),
-)  # fmt: skip
-_MAP_OPTIONS: tuple[Decorator, ...] = (
-    click.option("--format", type=Suggested("name", "ros", "movingai", "image", "epic", "npy"),
-                 help="ros, movingai, image, epic or npy, where the name hides it."),
-    click.option("--map-dialect", type=Suggested("name", "nav2", "ros1"), help="Read a ROS map as nav2 or as ros1."),
-    click.option("--unknown", type=Suggested("policy", "obstacle", "free"), help="Unseen ROS cells: obstacle or free."),
-    click.option("--lethal", metavar="N", type=int, help="ROS occupancy (1 to 100) from which a cell is an obstacle."),
-    click.option("--passable", metavar="LETTERS", help="MovingAI terrain that is free, such as '.GS'."),
-    click.option("--threshold", metavar="N", type=int, help="Grey values of a picture from here on are free."),
-    click.option("--spacing", metavar="H", type=float, help="Width of a cell, where the map does not say."),
-    click.option("--origin", metavar="X,Y", type=NUMBERS, help="Lower corner, where the map does not say."),
-    click.option("--unit", metavar="NAME", help="Unit of lengths, where the map does not say."),
-)  # fmt: skip
+_output, _key, _map, _deck = (partial(click.option, cls=Shared, group=group) for group in (OUTPUT, KEYS, MAP, DECK))
 _REPORT_OPTIONS: tuple[Decorator, ...] = (
-    click.option("--json", "as_json", is_flag=True, help="Print one JSON object on standard output."),
-    click.option("-q", "--quiet", is_flag=True, help="Print no messages but errors."),
-    click.option("-v", "--verbose", is_flag=True, help="Print each stage and how long it took."),
-    click.option("--debug", is_flag=True, help="Show the traceback of a fault of resgrid itself."),
+    _output("--json", "as_json", is_flag=True, help="Print one JSON object on standard output."),
+    _output("-q", "--quiet", is_flag=True, help="Print no messages but errors."),
+    _output("-v", "--verbose", is_flag=True, help="Print each stage and how long it took."),
+    _output("--debug", is_flag=True, help="Show the traceback of a fault of resgrid itself."),
 )
-_DECK_OPTIONS: tuple[Decorator, ...] = (
-    click.option(
-        "--read-as", type=Suggested("dialect", "auto", *DIALECTS), default="auto",
-        help="The deck's dialect, where it does not show it.",
-    ),
-    click.option(
-        "--root", metavar="FOLDER", type=click.Path(), help="Where its includes may lie.  [default: the deck's folder]"
-    ),
+_SCENE_OPTIONS: tuple[Decorator, ...] = (
+    _key("--boundary", type=Suggested("rule", "dirichlet", "neumann", "wall"),
+         help="What obstacles are: dirichlet (a rail), neumann (open) or wall (a rail behind a resistance)."),
+    _key("--drive", type=Suggested("drive", "uniform", "start"), help="What drives open obstacles."),
+    _key("--edge", type=Suggested("rule", "obstacle", "open"),
+         help="The grid's border: obstacle or open; one per axis with commas."),
+    _key("--resistance", metavar="OHMS", help="Resistance between neighbours, such as 10k."),
+    _key("--goal", metavar="X,Y", type=NUMBERS, multiple=True, help="Goal, in world coordinates; repeatable."),
+    _key("--start", metavar="X,Y", type=NUMBERS, multiple=True, help="Start, likewise; repeatable."),
+    _key("--cells", is_flag=True, help="Goals and starts are cell indices, not world coordinates."),
+    _key("--robot-radius", metavar="R", type=float, help="Radius of the robot, a disc."),
+    _key("--k", metavar="K", type=NUMBERS, multiple=True,
+         help="Share of the Dirichlet field, 1: away from obstacles, 0: past them (Neumann); repeatable."),
+    _key("--set", "settings", metavar="KEY=VALUE", multiple=True, help="Any other key, such as chip.supply=3."),
+    _key("--threads", metavar="N", type=click.IntRange(1), default=1, help="For solving."),
+    _map("--format", type=Suggested("name", "ros", "movingai", "image", "epic", "npy"),
+         help="ros, movingai, image, epic or npy, where the name hides it."),
+    _map("--map-dialect", "dialect_", type=Suggested("name", "nav2", "ros1"), help="Read a ROS map as nav2 or ros1."),
+    _map("--unknown", type=Suggested("policy", "obstacle", "free"), help="Unseen ROS cells: obstacle or free."),
+    _map("--lethal", metavar="N", type=int, help="ROS occupancy (1 to 100) from which a cell is an obstacle."),
+    _map("--passable", metavar="LETTERS", help="MovingAI terrain that is free, such as '.GS'."),
+    _map("--threshold", metavar="N", type=int, help="Grey values of a picture from here on are free."),
+    _map("--spacing", metavar="H", type=float, help="Width of a cell, where the map does not say."),
+    _map("--origin", metavar="X,Y", type=NUMBERS, help="Lower corner, where the map does not say."),
+    _map("--unit", metavar="NAME", help="Unit of lengths, where the map does not say."),
 )  # fmt: skip
-
-_KEYS = ("boundary", "drive", "edge", "resistance", "goal", "start", "cells", "robot_radius", "k", "settings")
-_MAP_KEYS = ("format", "map_dialect", "unknown", "lethal", "passable", "threshold", "spacing", "origin", "unit")
-_GROUPS: dict[str, tuple[str, ...]] = {
-    "Output": ("--output", "--json", "--quiet", "--verbose", "--debug", "--help"),
-    "In place of the scene's keys": (
-        "--boundary", "--drive", "--edge", "--resistance", "--goal", "--start", "--cells", "--robot-radius", "--k",
-        "--set", "--threads",
-    ),
-    "Of a map": tuple(f"--{key.replace('_', '-')}" for key in _MAP_KEYS),
-    "Of a deck": ("--read-as", "--root"),
-}  # fmt: skip
+_DECK_OPTIONS: tuple[Decorator, ...] = (
+    _deck("--read-as", type=Suggested("dialect", "auto", *DIALECTS), default="auto",
+          help="The deck's dialect, where it does not show it."),
+    _deck("--root", metavar="FOLDER", type=click.Path(),
+          help="Where its includes may lie.  [default: the deck's folder]"),
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -195,9 +183,8 @@ def verb(name: str, *, examples: Sequence[str]) -> Decorator:
             require_one_output(values.get("output"))
             return function(**values)
 
-        made: click.Command = click.command(name, cls=Verb, examples=examples, context_settings={"show_default": True})(
-            _decorated(reporting, _REPORT_OPTIONS)
-        )
+        command = click.command(name, cls=Verb, examples=examples, context_settings={"show_default": True})
+        made: click.Command = command(_decorated(reporting, _REPORT_OPTIONS))
         return made
 
     return decorate
@@ -205,24 +192,25 @@ def verb(name: str, *, examples: Sequence[str]) -> Decorator:
 
 def with_source(metavar: str = "SCENE", *, required: bool = True) -> Decorator:
     """Give a verb what it works on and the shared options, bundled as ``source`` (None where it is left out)."""
-    decks = "DECK" in metavar
+    options = (*_SCENE_OPTIONS, *(_DECK_OPTIONS if "DECK" in metavar else ()))
 
     def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
         @functools.wraps(function)
         def bundled(file: str | None, **values: Any) -> Any:
-            given = {key: values.pop(key) for key in (*_KEYS, *_MAP_KEYS, "threads")}
-            reading = {"dialect": values.pop("read_as"), "root": values.pop("root")} if decks else {}
-            return function(source=None if file is None else _source(file, given, reading), **values)
+            given: dict[str, dict[str, Any]] = {KEYS: {}, MAP: {}, DECK: {}}
+            for option in click.get_current_context().command.params:
+                if isinstance(option, Shared) and option.group in given:
+                    given[option.group][option.name or ""] = values.pop(option.name or "")
+            return function(source=None if file is None else _source(file, *given.values()), **values)
 
-        argument = click.argument("file", metavar=metavar, type=SOURCE, required=required)
-        return argument(_decorated(bundled, (*_SCENE_OPTIONS, *_MAP_OPTIONS, *(_DECK_OPTIONS if decks else ()))))
+        return click.argument("file", metavar=metavar, type=SOURCE, required=required)(_decorated(bundled, options))
 
     return decorate
 
 
 def output_option(help_text: str, *, required: bool = False, metavar: str = "FILE") -> Decorator:
     """The option ``-o``."""
-    return click.option(
+    return _output(
         "-o", "--output", metavar=metavar, type=SOURCE, required=required, help=help_text, callback=_not_empty
     )
 
@@ -250,20 +238,17 @@ def dialect_option(default: str | None = "ngspice") -> Decorator:
     )  # fmt: skip
 
 
-def _source(file: str, given: Mapping[str, Any], reading: Mapping[str, Any]) -> Source:
+def _source(file: str, keys: dict[str, Any], of_map: Mapping[str, Any], of_deck: Mapping[str, Any]) -> Source:
     """Sort the values of the shared options into map options and changes of the scene."""
-    changes = {key: given[key] for key in ("boundary", "drive", "resistance") if given[key] is not None}
-    if given["edge"] is not None:
-        edges = [word.strip() for word in given["edge"].split(",")]
-        changes["edge"] = edges if len(edges) > 1 else edges[0]
+    changes = {key: keys[key] for key in ("boundary", "drive", "edge", "resistance") if keys[key] is not None}
     for key in ("goal", "start"):
-        if given[key]:
-            changes |= _cells(key, given[key]) if given["cells"] else {key: list(given[key])}
-    if given["k"]:
-        changes["k"] = [share for shares in given["k"] for share in shares]
-    if given["robot_radius"] is not None:
-        changes["robot.radius"] = given["robot_radius"]
-    for setting in given["settings"]:
+        if keys[key]:
+            changes |= _cells(key, keys[key]) if keys["cells"] else {key: list(keys[key])}
+    if keys["k"]:
+        changes["k"] = [share for shares in keys["k"] for share in shares]
+    if keys["robot_radius"] is not None:
+        changes["robot.radius"] = keys["robot_radius"]
+    for setting in keys["settings"]:
         key, equals, value = setting.partition("=")
         if not equals or not key.strip():
             raise InputError(f"--set {setting!r}: expected KEY=VALUE, such as chip.supply=3.3")
@@ -272,8 +257,9 @@ def _source(file: str, given: Mapping[str, Any], reading: Mapping[str, Any]) -> 
         changes.setdefault("k", [])
         if changes["boundary"] != "neumann":
             changes.setdefault("drive", None)
-    options = {key.removeprefix("map_"): given[key] for key in _MAP_KEYS if given[key] is not None}
-    return Source(file, options, changes, given["threads"], **reading)
+    options = {key.rstrip("_"): value for key, value in of_map.items() if value is not None}
+    reading = {"dialect": of_deck.get("read_as", "auto"), "root": of_deck.get("root")}
+    return Source(file, options, changes, keys["threads"], **reading)
 
 
 def _cells(key: str, places: Sequence[tuple[float, ...]]) -> dict[str, list[tuple[int, ...]]]:

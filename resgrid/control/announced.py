@@ -68,18 +68,10 @@ class RelaxationSweep:
 class Wavefront:
     """How a change of the map spreads.
 
-    Attributes
-    ----------
-    before, after : ConfigurationSpace
-        The map that the grid had settled to, and the one it is settling to.
-    cells : ndarray of float64, shape (t,)
-        When: in cells that the robot could have crossed.
-    potential : ndarray of float64, shape (t, *shape of the space)
-        At those times; NaN in cells without a node.
-    distance : ndarray of float64, shape (t,)
-        Largest distance of a potential from its end.
-    first : ndarray of float64, shape of the space
-        Potential before the change.
+    `before, after`: the map that the grid had settled to, and the one it is settling to; `cells` (t,): when: in cells
+    that the robot could have crossed; `potential` (t, *shape of the space): at those times; NaN in cells without a
+    node; `distance` (t,): largest distance of a potential from its end; `first` as the space: potential before the
+    change.
     """
 
     before: ConfigurationSpace

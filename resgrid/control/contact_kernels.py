@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from resgrid.jit import inner
 from resgrid.robots.geometry import TOUCH, ObstacleArrays, Pose
+from resgrid.robots.kernels import share
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -204,19 +205,9 @@ def resolve_contacts(
     return missed <= _CLOSED * largest
 
 
-@njit(cache=True, inline="always")
-def share(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
-    """Where on the segment from a to b the point nearest to p lies, in [0, 1]."""
-    dx, dy = bx - ax, by - ay
-    squared = dx * dx + dy * dy
-    if squared <= 0.0:
-        return 0.0
-    return min(max(((px - ax) * dx + (py - ay) * dy) / squared, 0.0), 1.0)
-
-
 @inner
 def _add(
-    found: Floats, count: int, px: float, py: float, ox: float, oy: float, inward: tuple[float, float],
+    pairs: Floats, count: int, px: float, py: float, ox: float, oy: float, inward: tuple[float, float],
     outward: tuple[float, float], owner: tuple[float, int, int], reach: float,
 ) -> int:  # fmt: skip
     """Keep a pair of near points: the robot's core at p, the obstacle's surface at o; where they touch, its normal."""
@@ -224,15 +215,15 @@ def _add(
     apart = math.hypot(dx, dy)
     radius, part, body = owner
     gap = apart - radius
-    if gap > reach or count >= len(found):
+    if gap > reach or count >= len(pairs):
         return count
     nx, ny = (dx / apart, dy / apart) if apart > TOUCH else outward
     rx, ry = px - radius * nx, py - radius * ny
     for k in range(count):
-        same = abs(found[k, 0] - rx) + abs(found[k, 1] - ry) + abs(found[k, 2] - ox) + abs(found[k, 3] - oy)
+        same = abs(pairs[k, 0] - rx) + abs(pairs[k, 1] - ry) + abs(pairs[k, 2] - ox) + abs(pairs[k, 3] - oy)
         if same <= 1e-12 * (1.0 + abs(ox) + abs(oy)):
             return count
-    row = found[count]
+    row = pairs[count]
     row[0], row[1], row[2], row[3], row[4], row[5] = rx, ry, ox, oy, nx, ny
     row[6], row[7], row[8], row[9], row[10] = gap, part, body, inward[0], inward[1]
     return count + 1
@@ -273,7 +264,7 @@ def _off_side(ax: float, ay: float, bx: float, by: float, inward: tuple[float, f
 
 @inner
 def _add_end(
-    found: Floats, count: int, px: float, py: float, edge: Floats, before: Floats, owner: tuple[float, int, int],
+    pairs: Floats, count: int, px: float, py: float, edge: Floats, before: Floats, owner: tuple[float, int, int],
     reach: float, facing: bool,
 ) -> int:  # fmt: skip
     """A point of the robot before an edge, or before the corner where the edge starts."""
@@ -284,22 +275,22 @@ def _add_end(
         if facing and lx * (px - ax) + ly * (py - ay) > TOUCH:
             return count
         ox, oy = ax + t * (bx - ax), ay + t * (by - ay)
-        return _add(found, count, px, py, ox, oy, (lx, ly), (-lx, -ly), owner, reach)
+        return _add(pairs, count, px, py, ox, oy, (lx, ly), (-lx, -ly), owner, reach)
     if t >= 1.0 or (facing and share(px, py, before[0], before[1], before[2], before[3]) < 1.0):
         return count
     lx, ly = _inside_corner(edge, before)
-    return _add(found, count, px, py, ax, ay, (lx, ly), (-lx, -ly), owner, reach)
+    return _add(pairs, count, px, py, ax, ay, (lx, ly), (-lx, -ly), owner, reach)
 
 
 @njit(cache=True)
-def near_points(pose: Pose, solid: ObstacleArrays, reach: float, facing: bool, found: Floats) -> int:
+def near_points(pose: Pose, solid: ObstacleArrays, reach: float, facing: bool, pairs: Floats) -> int:
     """Pairs of near points of a robot (segments with a radius) and obstacles, within a reach.
 
     Two segments that do not cross are nearest where one of them ends, so the ends of both are looked at: two parallel
     ones give both ends of their overlap.  A disc or half-plane entered by no more than `TOUCH` is touched: no gap.
     Edges have the solid on their left, and `edge_before` is the edge that ends where one starts.  With `facing`, ends
     of the robot count before the side of an edge that is free (or on it), and before a corner only where it is nearer
-    than its edges.  Rows of `found`: the robot's surface point, the obstacle's, the unit normal between them, the gap,
+    than its edges.  Rows of `pairs`: the robot's surface point, the obstacle's, the unit normal between them, the gap,
     the part, the obstacle, and the direction into it.  Returns how many there are.
     """
     count, segments, radius, part = 0, pose.segments, pose.radius, pose.part
@@ -315,16 +306,16 @@ def near_points(pose: Pose, solid: ObstacleArrays, reach: float, facing: bool, f
             if misses(edge, x0, x1, y0, y1):
                 continue
             owner = (r, part[s], solid.edge_owner[e])
-            count = _add_end(found, count, ax, ay, edge, before, owner, reach, facing)
+            count = _add_end(pairs, count, ax, ay, edge, before, owner, reach, facing)
             if single:
                 continue
-            count = _add_end(found, count, bx, by, edge, before, owner, reach, facing)
+            count = _add_end(pairs, count, bx, by, edge, before, owner, reach, facing)
             t = share(edge[0], edge[1], ax, ay, bx, by)
             if 0.0 < t < 1.0:
                 px, py = ax + t * (bx - ax), ay + t * (by - ay)
                 inward = _inside_corner(edge, before)
                 off = _off_side(ax, ay, bx, by, inward)
-                count = _add(found, count, px, py, edge[0], edge[1], inward, off, owner, reach)
+                count = _add(pairs, count, px, py, edge[0], edge[1], inward, off, owner, reach)
         for d in range(len(discs)):
             cx, cy, size = discs[d]
             t = share(cx, cy, ax, ay, bx, by)
@@ -335,7 +326,7 @@ def near_points(pose: Pose, solid: ObstacleArrays, reach: float, facing: bool, f
                 ox, oy = cx + size * nx, cy + size * ny
                 height = max(apart - size, 0.0)
                 owner, off = (r, part[s], solid.disc_owner[d]), (nx, ny)
-                count = _add(found, count, ox + height * nx, oy + height * ny, ox, oy, (-nx, -ny), off, owner, reach)
+                count = _add(pairs, count, ox + height * nx, oy + height * ny, ox, oy, (-nx, -ny), off, owner, reach)
         for h in range(len(planes)):
             nx, ny, offset = planes[h]
             for end in range(1 if single else 2):
@@ -345,16 +336,16 @@ def near_points(pose: Pose, solid: ObstacleArrays, reach: float, facing: bool, f
                     height = max(height, 0.0)
                     owner, off = (r, part[s], solid.half_plane_owner[h]), (nx, ny)
                     ox, oy = px - height * nx, py - height * ny
-                    count = _add(found, count, px, py, ox, oy, (-nx, -ny), off, owner, reach)
+                    count = _add(pairs, count, px, py, ox, oy, (-nx, -ny), off, owner, reach)
     return count
 
 
 @njit(cache=True)
-def contact_rows(found: Floats, count: int, pose: Pose, normal: Floats, tangent: Floats) -> None:
+def contact_rows(pairs: Floats, count: int, pose: Pose, normal: Floats, tangent: Floats) -> None:
     """Rows ``n . J`` and ``t . J`` of every pair, J the Jacobian of the robot's surface point; t is n turned left."""
     shift, spin, pivot = pose.shift, pose.spin, pose.pivot
     for k in range(count):
-        x, y, nx, ny, part = found[k, 0], found[k, 1], found[k, 4], found[k, 5], int(found[k, 7])
+        x, y, nx, ny, part = pairs[k, 0], pairs[k, 1], pairs[k, 4], pairs[k, 5], int(pairs[k, 7])
         for axis in range(spin.shape[1]):
             vx = shift[part, axis, 0] - spin[part, axis] * (y - pivot[part, axis, 1])
             vy = shift[part, axis, 1] + spin[part, axis] * (x - pivot[part, axis, 0])

@@ -70,10 +70,10 @@ class Plant:
 
         room = _ROOM
         while True:
-            found = np.empty((room, 11))
-            count = contact_kernels.near_points(pose, self.arrays, reach, facing, found)
+            pairs = np.empty((room, 11))
+            count = contact_kernels.near_points(pose, self.arrays, reach, facing, pairs)
             if count < room:
-                return found[:count]
+                return pairs[:count]
             room *= 4
 
     def free_share(self, pose: Pose, motion: NDArray[np.float64], least: float) -> float:
@@ -137,9 +137,9 @@ class Plant:
         """The same of configurations in axis units, shape (n, ndim)."""
         return depth_at(self.robot, self._solids, self._within_seams(configurations))
 
-    def deepest(self, way: NDArray[np.float64]) -> float:
+    def deepest(self, route: NDArray[np.float64]) -> float:
         """The same for the deepest place on straight lines between configurations in axis units, shape (n, ndim)."""
-        return depth_along(self.robot, self._solids, way, self._within_seams)
+        return depth_along(self.robot, self._solids, route, self._within_seams)
 
     @cached_property
     def _solids(self) -> list[Obstacle]:
@@ -206,21 +206,21 @@ def _core_depth(cores: NDArray[Any], solid: Any) -> NDArray[np.float64]:
         coordinates = shapely.get_coordinates(shapely.intersection(core, solid))
         if len(coordinates):
             between = coordinates[:-1, None] + _INNER[:, None] * np.diff(coordinates, axis=0)[:, None]
-            looked = np.concatenate([coordinates, between.reshape(-1, 2)])
-            depth[number] = float(shapely.distance(shapely.points(looked), target).max())
+            examined = np.concatenate([coordinates, between.reshape(-1, 2)])
+            depth[number] = float(shapely.distance(shapely.points(examined), target).max())
     return depth
 
 
-def depth_along(robot: Robot, obstacles: Sequence[Obstacle], way: NDArray[np.float64], own: Any) -> float:
+def depth_along(robot: Robot, obstacles: Sequence[Obstacle], route: NDArray[np.float64], own: Any) -> float:
     """Deepest entry on the straight lines between configurations, in metres.
 
     A line is free for sure where no point of the robot moves farther on it than the gaps at both of its ends allow
     together; others are cut in four until they are, ten times at most, or twice if something was entered.
 
-    Shapes: `way` (n, ndim).
+    Shapes: `route` (n, ndim).
     """
-    deepest = float(depth_at(robot, obstacles, own(way)).max(initial=0.0))
-    begin, end = way[:-1], way[1:]
+    deepest = float(depth_at(robot, obstacles, own(route)).max(initial=0.0))
+    begin, end = route[:-1], route[1:]
     moves = np.any(begin != end, axis=1)
     begin, end = begin[moves], end[moves]
     for level in range(_LEVELS + 1):
@@ -234,9 +234,9 @@ def depth_along(robot: Robot, obstacles: Sequence[Obstacle], way: NDArray[np.flo
             break
         shares = np.linspace(0.0, 1.0, _SPLIT + 1)[:, None, None]
         stations = begin[open_] + shares * (end[open_] - begin[open_])
-        between = stations[1:-1].reshape(-1, way.shape[1])
+        between = stations[1:-1].reshape(-1, route.shape[1])
         deepest = max(deepest, float(depth_at(robot, obstacles, own(between)).max(initial=0.0)))
-        begin, end = stations[:-1].reshape(-1, way.shape[1]), stations[1:].reshape(-1, way.shape[1])
+        begin, end = stations[:-1].reshape(-1, route.shape[1]), stations[1:].reshape(-1, route.shape[1])
     return deepest
 
 

@@ -55,17 +55,10 @@ Vector = NDArray[np.float64]
 class Relaxation:
     """How a grid settles, and how fast compared to the robot.
 
-    Attributes
-    ----------
-    method : {"jacobi", "sor", "chip"}
-        Jacobi sweeps, sweeps of successive over-relaxation, or the transient of a chip with a capacitor at every node.
-    pace : float
-        Sweeps, or for a chip units ``R C`` of time (of one resistor and one capacitor), while the robot at its nominal
-        speed crosses one cell.
-    omega : float
-        Factor of over-relaxation, in (0, 2).
-    patience : float
-        How long the robot stands still before it gives up: in cells that it might have crossed.
+    `method`: jacobi sweeps, sweeps of successive over-relaxation, or the transient of a chip with a capacitor at
+    every node; `pace`: sweeps, or for a chip units ``R C`` of time (of one resistor and one capacitor), while the
+    robot at its nominal speed crosses one cell; `omega`: factor of over-relaxation, in (0, 2); `patience`: how long
+    the robot stands still before it gives up: in cells that it might have crossed.
     """
 
     method: str = "chip"

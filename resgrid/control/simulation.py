@@ -249,23 +249,7 @@ def simulation(
 
 
 def announce_hidden(sim: Simulation, relaxation: Relaxation) -> Simulation:
-    """The same world, but at time 0 somebody puts the hidden obstacles on the map, and the grid begins to settle.
-
-    Parameters
-    ----------
-    sim : Simulation
-    relaxation : Relaxation
-
-    Returns
-    -------
-    Simulation
-        It learns nothing, for there is nothing left to learn.
-
-    Raises
-    ------
-    InputError
-        If the hidden obstacles leave no goal.
-    """
+    """The same world, but at time 0 somebody puts the hidden obstacles on the map, and the grid begins to settle."""
     truth = sim.plant.true_space(sim.space)
     if not truth.goal_count:
         raise InputError("the hidden obstacles cover every goal cell: move a goal, or an obstacle")

@@ -4,7 +4,7 @@ A segment of the robot and a convex piece of an obstacle (an edge, a disc, a hal
 separates them: a line that stands still, beyond which both ends of the segment stay, or the segment's own, which moves
 with it, and on whose other side the obstacle stays.  Heights over such a line are known with their rates, and their
 second derivatives are bounded, so that until when they stay positive is the root of a parabola.  How a segment moves is
-told by seven numbers: the rates of both of its ends, bounds on their accelerations, and the rate of its direction.
+given by seven numbers: the rates of both of its ends, bounds on their accelerations, and the rate of its direction.
 
 Numba takes seconds to import: only functions that are about to run import this module.
 """
@@ -17,9 +17,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.control.contact_kernels import misses, share
+from resgrid.control.contact_kernels import misses
 from resgrid.jit import inner
 from resgrid.robots.geometry import ObstacleArrays, Pose
+from resgrid.robots.kernels import share
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -71,15 +72,15 @@ def _beside(px: float, py: float, qx: float, qy: float, segment: Floats, moves: 
 def _apart(segment: Floats, edge: Floats) -> tuple[float, float, float]:
     """Distance of two segments that do not cross, and the unit vector from the second to the first."""
     best, vx, vy = np.inf, 0.0, 0.0
-    for way in range(4):
-        one, other = (segment, edge) if way < 2 else (edge, segment)
-        px, py = one[2 * (way % 2)], one[2 * (way % 2) + 1]
+    for case in range(4):
+        one, other = (segment, edge) if case < 2 else (edge, segment)
+        px, py = one[2 * (case % 2)], one[2 * (case % 2) + 1]
         t = share(px, py, other[0], other[1], other[2], other[3])
         dx, dy = px - other[0] - t * (other[2] - other[0]), py - other[1] - t * (other[3] - other[1])
         size = math.hypot(dx, dy)
         if size < best:
             best = size
-            vx, vy = (dx, dy) if way < 2 else (-dx, -dy)
+            vx, vy = (dx, dy) if case < 2 else (-dx, -dy)
     return (best, vx / best, vy / best) if best > 0.0 else (0.0, 0.0, 0.0)
 
 

@@ -107,8 +107,8 @@ def _first_within(
     out, into = np.zeros((len(middle), 1)), np.ones((len(middle), 1))
     for _ in range(HALVINGS):
         between = (out + into) / 2
-        found = inside(np.clip(middle + between * step, middle - half, middle + half))[:, None]
-        out, into = np.where(found, out, between), np.where(found, between, into)
+        within = inside(np.clip(middle + between * step, middle - half, middle + half))[:, None]
+        out, into = np.where(within, out, between), np.where(within, between, into)
     return np.clip(middle + into * step, middle - half, middle + half)
 
 

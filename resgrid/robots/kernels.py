@@ -20,12 +20,20 @@ Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 
-@inner
-def _squared_from_segment(x: float, y: float, ax: float, ay: float, bx: float, by: float) -> float:
+@njit(cache=True, inline="always")
+def share(px: float, py: float, ax: float, ay: float, bx: float, by: float) -> float:
+    """Where on the segment from a to b the point nearest to p lies, in [0, 1]."""
     dx, dy = bx - ax, by - ay
     squared = dx * dx + dy * dy
-    share = 0.0 if squared == 0.0 else min(1.0, max(0.0, ((x - ax) * dx + (y - ay) * dy) / squared))
-    return (x - ax - share * dx) ** 2 + (y - ay - share * dy) ** 2
+    if squared <= 0.0:
+        return 0.0
+    return min(max(((px - ax) * dx + (py - ay) * dy) / squared, 0.0), 1.0)
+
+
+@inner
+def _squared_from_segment(x: float, y: float, ax: float, ay: float, bx: float, by: float) -> float:
+    t = share(x, y, ax, ay, bx, by)
+    return (x - ax - t * (bx - ax)) ** 2 + (y - ay - t * (by - ay)) ** 2
 
 
 @inner
@@ -55,7 +63,7 @@ def _near_polygon(ax: float, ay: float, bx: float, by: float, reach: float, edge
 
 
 @inner
-def _near_solids(ax: float, ay: float, bx: float, by: float, reach: float, solids: ObstacleArrays) -> bool:
+def near_solids(ax: float, ay: float, bx: float, by: float, reach: float, solids: ObstacleArrays) -> bool:
     """Whether a segment comes within a distance of an obstacle."""
     left, right = min(ax, bx) - reach, max(ax, bx) + reach
     low, high = min(ay, by) - reach, max(ay, by) + reach
@@ -79,7 +87,7 @@ def _near_solids(ax: float, ay: float, bx: float, by: float, reach: float, solid
 
 
 @njit(cache=True)
-def _place(joints: Floats, link: int, angles: Floats, lengths: Floats, base: Floats, relative: bool) -> None:
+def place_joints(joints: Floats, link: int, angles: Floats, lengths: Floats, base: Floats, relative: bool) -> None:
     """Joint positions up to the end of a link."""
     direction = base[2]
     joints[0, 0], joints[0, 1] = base[0], base[1]
@@ -117,7 +125,7 @@ def _hits(
     radii, lengths, relative = links.radii, links.lengths, links.relative
     ax, ay, bx, by = joints[link, 0], joints[link, 1], joints[link + 1, 0], joints[link + 1, 1]
     reach = radii[link] + _travel(joints, 0, link, chords, lengths, relative) + slack
-    if _near_solids(ax, ay, bx, by, reach, solids):
+    if near_solids(ax, ay, bx, by, reach, solids):
         return True
     if self_collision:
         for j in range(link - 1):
@@ -158,7 +166,7 @@ def mark_link(
         for j in range(link, -1, -1):
             middle[j] = centres[j, rest % counts[j]]
             rest //= counts[j]
-        _place(joints, link, middle, links.lengths, links.base, links.relative)
+        place_joints(joints, link, middle, links.lengths, links.base, links.relative)
         if not _hits(joints, link, whole, folds, links, self_collision, slack, solids):
             continue
         if exact or parts == 1:
@@ -172,7 +180,7 @@ def mark_link(
             for j in range(link, -1, -1):
                 angles[j] = middle[j] + widths[j] * ((rest % parts + 0.5) / parts - 0.5)
                 rest //= parts
-            _place(joints, link, angles, links.lengths, links.base, links.relative)
+            place_joints(joints, link, angles, links.lengths, links.base, links.relative)
             if _hits(joints, link, small, folds, links, self_collision, slack, solids):
                 out[flat] = True
                 break

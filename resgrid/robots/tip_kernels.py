@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from resgrid.jit import inner
 from resgrid.robots.geometry import Links, ObstacleArrays
-from resgrid.robots.kernels import _near_solids, _place
+from resgrid.robots.kernels import near_solids, place_joints, share
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 BOXES = 200_000
-"""So many parts of a cell are looked at before it is given up."""
+"""So many parts of a cell are examined at before it is given up."""
 
 STEPS = 30
 """So many Newton steps are made from the middle of a part."""
@@ -54,14 +54,13 @@ def _towards(x: float, y: float, piece: int, goal: ObstacleArrays) -> tuple[floa
     edges, discs = len(goal.edges), len(goal.discs)
     if piece < edges:
         ax, ay = goal.edges[piece, 0], goal.edges[piece, 1]
-        dx, dy = goal.edges[piece, 2] - ax, goal.edges[piece, 3] - ay
-        squared = dx * dx + dy * dy
-        share = 0.0 if squared == 0.0 else min(1.0, max(0.0, ((x - ax) * dx + (y - ay) * dy) / squared))
-        ux, uy = x - ax - share * dx, y - ay - share * dy
+        bx, by = goal.edges[piece, 2], goal.edges[piece, 3]
+        t = share(x, y, ax, ay, bx, by)
+        ux, uy = x - ax - t * (bx - ax), y - ay - t * (by - ay)
         away = math.hypot(ux, uy)
         if away == 0.0:
             return 0.0, 1.0, 0.0, True
-        return away, ux / away, uy / away, not 0.0 < share < 1.0
+        return away, ux / away, uy / away, not 0.0 < t < 1.0
     if piece < edges + discs:
         disc = piece - edges
         cx, cy, radius = goal.discs[disc, 0], goal.discs[disc, 1], goal.discs[disc, 2]
@@ -78,7 +77,7 @@ def _towards(x: float, y: float, piece: int, goal: ObstacleArrays) -> tuple[floa
 def _place_tip(work: _Work, links: Links) -> None:
     """Joint positions of the configuration, and velocity of the tip for unit velocities of the joints, shape (n, 2)."""
     n, joints = len(work.at), work.joints
-    _place(joints, n - 1, work.at, links.lengths, links.base, links.relative)
+    place_joints(joints, n - 1, work.at, links.lengths, links.base, links.relative)
     for j in range(n):
         far = n if links.relative else j + 1
         work.rows[j, 0] = joints[j, 1] - joints[far, 1]
@@ -189,15 +188,15 @@ def _find(work: _Work, links: Links, goal: ObstacleArrays, tolerance: float) -> 
     steps look for a configuration, and where they fail the part is cut in two; the half that they led to comes first.
     """
     n, middles, halves = len(work.at), work.middles, work.halves
-    size, looked = 1, 0
-    while size > 0 and looked < BOXES:
+    size, examined = 1, 0
+    while size > 0 and examined < BOXES:
         size -= 1
-        looked += 1
+        examined += 1
         for j in range(n):
             work.at[j] = middles[size, j]
         _place_tip(work, links)
         x, y = work.joints[n, 0], work.joints[n, 1]
-        if _near_solids(x, y, x, y, 0.0, goal):
+        if near_solids(x, y, x, y, 0.0, goal):
             return True
         aim, widest = _aim(work, size, links, goal, tolerance)
         if aim < 0:
@@ -236,7 +235,7 @@ def find_tips(
         for j in range(n - 1, -1, -1):
             work.at[j] = lower[j] + (rest % counts[j] + 0.5) * widths[j]
             rest //= counts[j]
-        _place(work.joints, n - 1, work.at, links.lengths, links.base, links.relative)
+        place_joints(work.joints, n - 1, work.at, links.lengths, links.base, links.relative)
         x, y = work.joints[n, 0], work.joints[n, 1]
         if not (bounds[0] <= x <= bounds[2] and bounds[1] <= y <= bounds[3]):
             continue

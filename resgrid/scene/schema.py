@@ -86,14 +86,14 @@ def _arm_table() -> Any:
     for name in ("lengths", "widths", "limits"):
         del keys[name]
     keys["links"] = (Annotated[list[Link], Len(1, 4)], Field(description="From the base to the tip."))
-    return create_model("arm", __base__=Table, __doc__=whole.__doc__, **keys)
+    return create_model("type_arm", __base__=Table, __doc__=whole.__doc__, **keys)
 
 
 def _area(shape: type, name: str, is_planar: bool) -> Any:
     """A shape with a conductivity."""
     about = Field(description=meanings(CostArea)["conductivity"])
     keys: dict[str, Any] = {"conductivity": (Annotated[float, Gt(0)], about)}
-    table: Any = create_model(name, __base__=table_of(shape, ("shape", name), is_planar), **keys)
+    table: Any = create_model(f"area_{name}", __base__=table_of(shape, ("shape", name), is_planar), **keys)
     return filled_as(table, lambda conductivity, **keys: CostArea(shape(**keys), conductivity), "shape")
 
 

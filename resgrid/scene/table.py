@@ -105,7 +105,7 @@ def table_of(value: type, kind: tuple[str, str] | None = None, planar: bool = Fa
             Field(description=about.get(item.name), **default),
         )
     sentence = cleandoc(value.__doc__ or "").split("\n")[0]
-    return create_model(value.__name__ if kind is None else kind[1], __base__=Table, __doc__=sentence, **keys)
+    return create_model(value.__name__ if kind is None else "_".join(kind), __base__=Table, __doc__=sentence, **keys)
 
 
 def value_of(value: type, kind: tuple[str, str] | None = None, planar: bool = False) -> Any:

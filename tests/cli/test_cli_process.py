@@ -15,6 +15,7 @@ import pytest
 from support.cli import COMMAND
 
 import resgrid
+from resgrid.cli.scenes import is_first_run
 
 LIGHT = {"resgrid", "click", "lazy_loader", *sys.stdlib_module_names}
 
@@ -112,6 +113,14 @@ def test_a_bar_tells_the_time_left_on_a_terminal(tmp_path):
     assert re.search(r"about \d+ s left", said)
     done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
     assert done.stdout == done.stderr == ""
+
+
+def test_a_kept_loop_ends_the_first_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert is_first_run()
+    (tmp_path / "nodal_1").mkdir()
+    (tmp_path / "nodal_1" / "row_kernels.conductances_by_row-9.py311.nbi").touch()
+    assert not is_first_run()
 
 
 def on_terminal(words: list[str], environment: dict[str, str], command: list[str] | None = None) -> str:

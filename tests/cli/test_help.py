@@ -31,7 +31,7 @@ def test_help_shows_a_verb_s_own_options_first_in_groups(call, verb):
     places = [text.index(f"\n{title}\n") for title in titles if f"\n{title}\n" in text]
     assert places == sorted(places) and len(places) >= 4
     assert ("Of a deck:" in text) == ("DECK" in text.splitlines()[0])
-    assert text.index("--json") < text.index("--boundary") < text.index("--format")
+    assert text.index("Output:") < text.index("--json") < text.index("--boundary") < text.index("--format")
     for parameter in COMMANDS[verb].params:
         assert not isinstance(parameter, click.Option) or parameter.opts[-1] in text
 

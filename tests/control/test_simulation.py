@@ -12,6 +12,7 @@ from support.hidden import controlled, hiding, square
 import resgrid as rg
 from resgrid.control.log import Ending, Mode, Run
 from resgrid.control.pushes import Push, random_pushes
+from resgrid.control.relaxation import Relaxation
 from resgrid.control.simulation import Simulation, simulation
 from resgrid.errors import InputError
 from resgrid.grids import label_regions
@@ -172,7 +173,7 @@ def test_a_scene_says_how_its_robot_is_controlled() -> None:
     assert not unpushed.push.any()
     assert simulation(scene, k=1.0, friction=0.1).friction == 0.1
     announced = simulation(scene.replace(control=rg.Control(announce=True, pace=5.0)))
-    assert (announced.learn, announced.relaxation) == (False, rg.Relaxation(pace=5.0))
+    assert (announced.learn, announced.relaxation) == (False, Relaxation(pace=5.0))
     assert announced.before is not None
     with pytest.raises(InputError, match="force of 2 entries"):
         simulation(scene.replace(control=rg.Control(push=((0.0, 1.0, 1.0),)))).run()

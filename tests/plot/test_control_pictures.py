@@ -78,8 +78,7 @@ def test_a_sweep_marks_what_did_not_arrive() -> None:
 
 @pytest.fixture(scope="module")
 def front(scene: rg.Scene) -> Wavefront:
-    sim = rg.simulation(scene)
-    return wavefront(rg.announce_hidden(sim, rg.Relaxation(pace=2.0)), np.array([0.0, 1, 5]))
+    return wavefront(rg.simulation(scene, announce=True, pace=2.0), np.array([0.0, 1, 5]))
 
 
 def test_a_wavefront_is_a_row_of_pictures_and_an_animation(front: Wavefront, run: rg.Run, tmp_path) -> None:

@@ -68,7 +68,7 @@ ALBUM: dict[str, Callable[[rg.Run], Any]] = {
     "runs": lambda run: rg.draw([run, run]),
     "robot": lambda run: rg.draw_robot(run.configuration, run.scene),
     "wavefront": lambda run: rg.draw(
-        rg.wavefront(rg.announce_hidden(rg.simulation(run.scene), rg.Relaxation(pace=2.0)), np.array([0.0, 5.0]))
+        rg.wavefront(rg.simulation(run.scene, announce=True, pace=2.0), np.array([0.0, 5.0]))
     ),
     "settling": lambda _: rg.draw(rg.study(small_scene()).settling(bits=8)),
     "settling curve": lambda _: rg.draw(rg.study(small_scene()).settling(bits=8), quantity="curve"),

@@ -177,44 +177,32 @@ def read_pgm(data: bytes, path: Path, bytes_per_pixel: int = BYTES_PER_CELL) -> 
         raise InputError(f"{path}: the maximum grey value is {maxval}; it must be between 1 and {MAX_VALUE}")
     if data[at : at + 1] not in (b" ", b"\t", b"\r", b"\n", b"\v", b"\f"):
         raise InputError(f"{path}: line {_line(data, at)}: a blank must follow the maximum grey value")
-    raster = _plain_values if magic == b"P2" else _binary_values
-    if width * height <= len(data):  # otherwise it is cut short
+    count = width * height
+    if count <= len(data):  # otherwise it is cut short
         require_grid_memory((width, height), str(path), bytes_per_pixel)
-    return raster(data, at + 1, width, height, maxval, path), maxval
-
-
-def _binary_values(data: bytes, at: int, width: int, height: int, maxval: int, path: Path) -> NDArray[np.uint16]:
-    size = 1 if maxval < 256 else 2
-    needed = width * height * size
-    if len(data) - at < needed:
-        raise _too_short(path, width, height, (len(data) - at) // size)
-    values = np.frombuffer(data, dtype=np.uint8 if size == 1 else ">u2", count=width * height, offset=at)
+    read = _plain_values if magic == b"P2" else _binary_values
+    values = read(data, at + 1, count, maxval, path)
+    if len(values) < count:
+        raise InputError(
+            f"{path}: the file is cut short: {width} x {height} = {count} pixels are announced, "
+            f"{len(values)} are there; copy it again"
+        )
     if values.max() > maxval:
         raise InputError(f"{path}: pixel {int(values.argmax())} is {values.max()}, above the maximum {maxval}")
-    return values.reshape(height, width).astype(np.uint16)
+    return values.reshape(height, width).astype(np.uint16), maxval
 
 
-def _plain_values(data: bytes, at: int, width: int, height: int, maxval: int, path: Path) -> NDArray[np.uint16]:
-    if width * height > len(data):
-        raise _too_short(path, width, height, len(data))
-    words = _COMMENT.sub(b" ", data[at:]).split()
-    if len(words) < width * height:
-        raise _too_short(path, width, height, len(words))
-    words = words[: width * height]
-    if not b"".join(words).isdigit() or max(map(len, words)) > MAX_DIGITS:
-        wrong = next(word for word in words if not word.isdigit() or len(word) > MAX_DIGITS)
+def _binary_values(data: bytes, at: int, count: int, maxval: int, _path: Path) -> NDArray[Any]:
+    dtype = np.dtype(np.uint8 if maxval < 256 else ">u2")
+    return np.frombuffer(data, dtype, min(count, max(0, len(data) - at) // dtype.itemsize), at)
+
+
+def _plain_values(data: bytes, at: int, count: int, _maxval: int, path: Path) -> NDArray[Any]:
+    words = _COMMENT.sub(b" ", data[at:]).split()[:count]
+    wrong = next((word for word in words if not word.isdigit() or len(word) > MAX_DIGITS), None)
+    if wrong is not None:
         raise InputError(f"{path}: the raster holds {wrong[:20]!r}; a plain PGM holds whole numbers up to its maximum")
-    values = np.array(words).astype(np.int64)
-    if values.max() > maxval:
-        raise InputError(f"{path}: pixel {int(values.argmax())} is {values.max()}, above the maximum {maxval}")
-    return values.reshape(height, width).astype(np.uint16)
-
-
-def _too_short(path: Path, width: int, height: int, found: int) -> InputError:
-    return InputError(
-        f"{path}: the file is cut short: {width} x {height} = {width * height} pixels are announced, "
-        f"{found} are there; copy it again"
-    )
+    return np.array(words, dtype=bytes).astype(np.int64)
 
 
 def _line(data: bytes, at: int) -> int:

@@ -9,7 +9,7 @@ from itertools import chain
 
 from resgrid.errors import BudgetError, InputError
 from resgrid.spice.read import spectre
-from resgrid.spice.read.cards import Card, Token, cards, tokenise
+from resgrid.spice.read.cards import Card, Token, cards, settings, split_positional, tokenise
 from resgrid.spice.read.commands import COMMANDS, Contents
 from resgrid.spice.read.diagnostics import CardError, Spot, TooManyErrorsError
 from resgrid.spice.read.files import Library, Source, decode
@@ -198,9 +198,8 @@ class Collector:
         raise card.error(0, f"the brace of {card.text.split()[0]} is not closed")
 
     def _include(self, card: Card, word: str, source: Source, stream: Iterable[Card]) -> None:
-        words = tokenise(card)[1:] if any(q in card.text for q in "\"'") else _bare_words(card)
-        section = words[1].text.lower() if len(words) == 2 and word == ".lib" else None
-        if len(words) != 1 and section is None:
+        words, section, place = _file_and_section(card, word)
+        if len(words) != 1:
             raise card.error(
                 0, f"{word} needs the name of one file" + (" and perhaps a section" if word == ".lib" else "")
             )
@@ -223,7 +222,7 @@ class Collector:
         if section is None:
             included = self._cards(self._lines(inner, 0), inner)
         else:
-            included = self._section(inner, section, card.spot(words[1].offset))
+            included = self._section(inner, section, card.spot(place))
         self._including.append((inner, section))
         try:
             self._take(included, inner)
@@ -231,13 +230,14 @@ class Collector:
             self._including.pop()
 
     def _section(self, source: Source, section: str, asked: Spot) -> Iterator[Card]:
-        """Cards between ``.lib section`` and ``.endl``."""
+        """Cards between ``.lib section`` and ``.endl``; in Spectre, ``section`` and ``endsection``."""
+        begin, end = ("section", "endsection") if self.contents.rules.instances else (".lib", ".endl")
         inside = exists = False
         for card in self._cards(plain_lines(source.data, 0), source):
             words = card.text.lower().split()
-            if words[0] == ".endl":
+            if words[0] == end:
                 inside = False
-            elif words[0] == ".lib" and len(words) == 2 and not inside:
+            elif words[0] == begin and len(words) == 2 and not inside:
                 inside = words[1].strip("'\"") == section
                 exists |= inside
             elif inside:
@@ -251,6 +251,22 @@ def _command_word(card: Card) -> str:
     if card.rules.instances:
         return spectre.statement_of(card)
     return card.first_word if card.text[0] == "." else ""
+
+
+def _file_and_section(card: Card, word: str) -> tuple[list[Token], str | None, int]:
+    """Words that an inclusion names a file by, the section of it that is meant, and where that stands."""
+    if card.rules.instances:
+        words, tail = split_positional(tokenise(card)[1:])
+        pairs = {pair.key: pair for pair in settings(card, tail)}
+        section = pairs.pop("section", None)
+        if pairs:
+            raise card.error(next(iter(pairs.values())).offset, "only section= is understood here")
+        return (words, None, 0) if section is None else (words, section.values[0].text.lower(), section.offset)
+    quoted = any(mark in card.text for mark in "\"'")
+    words = tokenise(card)[1:] if quoted else _bare_words(card)
+    if len(words) == 2 and word == ".lib":
+        return words[:1], words[1].text.lower(), words[1].offset
+    return words, None, 0
 
 
 def _bare_words(card: Card) -> list[Token]:

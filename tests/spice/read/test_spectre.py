@@ -92,6 +92,19 @@ def test_what_is_not_understood_is_refused_with_its_place(line: str, message: st
         read(f"// title\nsimulator lang=spectre\n{line}\n")
 
 
+def test_a_section_of_a_library_is_included(tmp_path: Path) -> None:
+    (tmp_path / "lib.scs").write_text(
+        "// corners\nlibrary corners\nsection slow\nparameters k=2\nendsection slow\nsection fast\n"
+        "parameters k=1\nendsection fast\nendlibrary\n"
+    )
+    deck = tmp_path / "deck.scs"
+    deck.write_text('// t\ninclude "lib.scs" section=slow\nr1 (a 0) resistor r=k*1K\nv1 (a 0) vsource dc=1\n')
+    assert rg.read_spice(deck).resistance.tolist() == [2000.0]
+    deck.write_text('// t\ninclude "lib.scs" section=typical\n')
+    with pytest.raises(rg.InputError, match=r"deck\.scs:2:19: .*lib\.scs has no section 'typical'"):
+        rg.read_spice(deck)
+
+
 def saturating(seed: int) -> rg.Netlist:
     """A small circuit of every kind of element that decks hold."""
     rng = np.random.default_rng(seed)
