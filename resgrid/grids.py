@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import product
 from typing import Any
 
 import numpy as np
@@ -16,27 +17,42 @@ def box_around(mask: NDArray[np.bool_]) -> tuple[slice, ...]:
     return tuple(slice(int(line[0]), int(line[-1]) + 1) if len(line) else slice(0, 0) for line in lines)
 
 
-def label_regions(mask: NDArray[np.bool_], periodic: ArrayLike) -> NDArray[np.int32]:
-    """Face-connected components of a mask, numbered from 1 in C order of their first cell; 0 outside.
+def label_regions(mask: NDArray[np.bool_], periodic: ArrayLike, *, corners: bool = False) -> NDArray[np.int32]:
+    """Connected components of a mask, numbered from 1 in C order of their first cell; 0 outside.
 
-    Shapes: `periodic` (mask.ndim,); returns as the mask.
+    Cells meet across faces; with corners across edges and corners too.  Shapes: `periodic` (mask.ndim,); returns as the
+    mask.
     """
     from scipy import ndimage
 
     labels = np.empty(mask.shape, dtype=np.int32)
-    count = ndimage.label(mask, output=labels)
-    wrapped = [axis for axis, ring in enumerate(np.asarray(periodic)) if ring]
-    if not wrapped or count < 2:
+    count = ndimage.label(mask, structure=np.ones((3,) * mask.ndim) if corners else None, output=labels)
+    rings = np.asarray(periodic, dtype=np.bool_)
+    if not rings.any() or count < 2:
         return labels
-    return _join_across_seams(labels, count, wrapped)
+    pairs = [_across_seam(labels, axis, rings, corners=corners) for axis in np.flatnonzero(rings).tolist()]
+    return _join(labels, count, np.concatenate(pairs, axis=1))
 
 
-def _join_across_seams(labels: NDArray[np.int32], count: int, wrapped: list[int]) -> NDArray[np.int32]:
+def _across_seam(labels: NDArray[np.int32], axis: int, rings: NDArray[np.bool_], *, corners: bool) -> NDArray[np.int32]:
+    """Labels of cells that meet across the seam of an axis, shape (2, n)."""
+    first, last = labels.take(0, axis), labels.take(-1, axis)
+    if not corners or labels.ndim == 1:
+        return np.stack([first.ravel(), last.ravel()])
+    others = np.delete(rings, axis).astype(int).tolist()
+    wide = np.pad(np.pad(last, [(ring, ring) for ring in others], mode="wrap"), [(1 - ring,) * 2 for ring in others])
+    shape: tuple[int, ...] = last.shape
+    windows = product(*([slice(by, by + cells) for by in range(3)] for cells in shape))
+    beside = [wide[window].ravel() for window in windows]
+    return np.stack([np.tile(first.ravel(), len(beside)), np.concatenate(beside)])
+
+
+def _join(labels: NDArray[np.int32], count: int, pairs: NDArray[np.int32]) -> NDArray[np.int32]:
+    """The same with pairs of labels (2, n) made one."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    pairs = [np.stack([labels.take(0, axis).ravel(), labels.take(-1, axis).ravel()]) for axis in wrapped]
-    first, last = np.concatenate(pairs, axis=1)
+    first, last = pairs
     both = (first > 0) & (last > 0)
     graph = coo_array((np.ones(both.sum()), (first[both], last[both])), shape=(count + 1, count + 1))
     _, group = connected_components(graph, directed=False)

@@ -10,16 +10,17 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from typing import overload
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
 
 from resgrid.errors import InputError
 from resgrid.frozen import frozen, picture_html
 from resgrid.grids import label_regions
-from resgrid.planning.barriers import Barriers, group_obstacles, link
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import one_start, start_cells, static_outcomes
 from resgrid.scene import Scene, sample
@@ -27,6 +28,62 @@ from resgrid.scene.world import to_space
 from resgrid.space import Cell, ConfigurationSpace
 
 _MOST_PARTS = 63
+
+
+@dataclass(frozen=True, eq=False)
+class Barriers:
+    """The obstacle cells of a space in groups that meet across faces, edges or corners.
+
+    `label` as the space: group of every obstacle cell, numbered from 0 in C order of their first cell, real ones
+    before virtual ones; -1 elsewhere; `virtual` (groups,): which groups are virtual obstacles.
+    """
+
+    space: ConfigurationSpace
+    label: NDArray[np.int32]
+    virtual: NDArray[np.bool_]
+
+    @cached_property
+    def sizes(self) -> NDArray[np.int64]:
+        """Number of cells of every group, shape (groups,)."""
+        return np.bincount(self.label[self.label >= 0], minlength=len(self.virtual))
+
+    @cached_property
+    def links(self) -> Links:
+        """Which regions and groups touch."""
+        return _link(self)
+
+    def mask(self, *groups: int) -> NDArray[np.bool_]:
+        """Cells of some groups, shape of the space."""
+        return np.isin(self.label, groups) & (self.label >= 0)
+
+
+@dataclass(frozen=True, eq=False)
+class Links:
+    """Regions of free and goal cells, and groups of obstacle cells, as the nodes of a graph of who touches whom.
+
+    `node` as the space: region or group of every cell: regions first; `regions`: number of regions; node ``regions +
+    g`` is group ``g``; `graph` (nodes, nodes): symmetric; a path costs 1 for every group it goes through, and a
+    little for every cell of it.
+    """
+
+    node: NDArray[np.int64]
+    regions: int
+    graph: sparse.csr_array
+
+    def groups_beside(self, node: int) -> tuple[int, ...]:
+        """Groups that share a face with a region or group."""
+        beside = self.graph.indices[self.graph.indptr[node] : self.graph.indptr[node + 1]]
+        return tuple(sorted(int(other) - self.regions for other in beside if other >= self.regions))
+
+    def groups_between(self, first: int, last: int) -> tuple[int, ...]:
+        """Groups on a cheapest path between two nodes, in its order, ends included."""
+        from scipy.sparse.csgraph import dijkstra
+
+        _, before = dijkstra(self.graph, directed=False, indices=np.array([first]), return_predecessors=True)
+        nodes = [last]
+        while nodes[-1] != first:
+            nodes.append(int(before[0, nodes[-1]]))
+        return tuple(node - self.regions for node in reversed(nodes) if node >= self.regions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +218,7 @@ def separation(
     if not space.goal_count:
         raise InputError("the space has no goal cell, so that no start is separated from one")
     at = _cell_of(space, one_start(space, start, cell))
-    barriers = group_obstacles(space, virtual)
+    barriers = _group_obstacles(space, virtual)
     links = barriers.links
     here, free = int(links.node[at]), space.cell[at] != Cell.OBSTACLE
     region = (links.node == here) & free
@@ -196,7 +253,7 @@ def _obstruction(barriers: Barriers, start: tuple[int, ...], goal: int) -> Obstr
 
     def between(opened: tuple[int, ...]) -> tuple[int, ...]:
         """Groups on a shortest path when some have been taken away; none if it is open."""
-        left = link(barriers, opened) if opened else links
+        left = _link(barriers, opened) if opened else links
         return left.groups_between(int(left.node[start]), int(left.node[target]))
 
     beside = {here - links.regions} if here >= links.regions else set(links.groups_beside(here))
@@ -265,3 +322,43 @@ def _blocking_parts(scene: Scene, space: ConfigurationSpace) -> dict[str, NDArra
     blocked = space.cell == Cell.OBSTACLE
     parts["robot"] = blocked & ~np.any([*parts.values(), np.zeros_like(blocked)], axis=0)
     return {name: mask & blocked for name, mask in parts.items() if np.any(mask & blocked)}
+
+
+def _group_obstacles(space: ConfigurationSpace, virtual: ArrayLike | None = None) -> Barriers:
+    """Group the obstacle cells that meet across faces, edges or corners, periodic axes included.
+
+    Shapes: `virtual` as the space.
+    """
+    obstacle = space.cell == Cell.OBSTACLE
+    marked = np.zeros(space.shape, dtype=np.bool_) if virtual is None else np.asarray(virtual)
+    if marked.shape != space.shape or marked.dtype.kind != "b":
+        raise InputError(
+            f"virtual must be a boolean array of shape {space.shape}, got {marked.dtype} of shape {marked.shape}"
+        )
+    real, added = (label_regions(obstacle & kind, space.periodic, corners=True) - 1 for kind in (~marked, marked))
+    first = int(real.max()) + 1
+    label = np.where(added >= 0, added + np.int32(first), real)
+    return Barriers(space, label, np.arange(first + int(added.max()) + 1) >= first)
+
+
+def _link(barriers: Barriers, opened: tuple[int, ...] = ()) -> Links:
+    """Find out which regions and groups touch, with some groups taken away."""
+    space = barriers.space
+    passable = (space.cell != Cell.OBSTACLE) | barriers.mask(*opened)
+    region = label_regions(passable, space.periodic).astype(np.int64) - 1
+    regions = int(region.max()) + 1
+    node = np.where(passable, region, regions + barriers.label)
+    cost = np.concatenate([np.zeros(regions), 1.0 + barriers.sizes / (1.0 + barriers.sizes.sum())])
+    pairs = np.unique(np.concatenate([_touching(node, axis, space) for axis in range(space.ndim)]), axis=0)
+    first, last = np.concatenate([pairs, pairs[:, ::-1]]).T
+    # Half a group's cost on the way in, half on the way out.
+    graph = sparse.coo_array((0.5 * (cost[first] + cost[last]), (first, last)), shape=(len(cost), len(cost)))
+    return Links(node, regions, graph.tocsr())
+
+
+def _touching(node: NDArray[np.int64], axis: int, space: ConfigurationSpace) -> NDArray[np.int64]:
+    """Pairs of different nodes that share a face across one axis, the smaller first; shape (n, 2)."""
+    along = np.moveaxis(node, axis, 0)
+    here, there = (along, np.roll(along, -1, axis=0)) if space.axes[axis].periodic else (along[:-1], along[1:])
+    differ = here != there
+    return np.unique(np.sort(np.stack([here[differ], there[differ]], axis=1), axis=1), axis=0)

@@ -9,8 +9,8 @@ from support.verdicts import check_verdicts
 import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError
+from resgrid.grids import label_regions
 from resgrid.nodal.solve import solve
-from resgrid.planning.barriers import label_groups
 from resgrid.planning.fields import Field
 from resgrid.planning.separation import separation
 from resgrid.planning.streamline import Outcome
@@ -89,7 +89,7 @@ def test_groups_meet_at_corners_and_across_seams(ndim: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     mask = rng.random(tuple(rng.integers(1, 7, ndim))) < 0.35
     periodic = rng.random(ndim) < 0.5
-    found = label_groups(mask, periodic)
+    found = label_regions(mask, periodic, corners=True) - 1
     for number, group in enumerate(groups_of(mask, periodic)):
         assert set(map(tuple, np.argwhere(found == number).tolist())) == group
     assert np.array_equal(found >= 0, mask)
