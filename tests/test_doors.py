@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.figure import Figure
 
 import resgrid as rg
-from resgrid.doors import _accepts, _checks_of
+from resgrid.doors import Kind, kind_of, kinds_of
 from resgrid.errors import InputError
 
 FUNCTIONS = [name for name in rg.__all__ if isinstance(getattr(rg, name), types.FunctionType)]
@@ -31,37 +32,38 @@ WRONG: dict[str, Any] = {
 }
 
 
-def fitting(hint: Any) -> Any:
-    """Something of a type; an empty shell where it is a class."""
-    for value in (1.0, 1, "auto", None, (1.0, 1.0), [], {}, print, [1], [("a", [])], ("a", []), True):
-        if _accepts(hint)(value):
-            return value
-    parts = getattr(hint, "__args__", None) or (hint,)
-    shells = [object.__new__(part) for part in parts if isinstance(part, type) and not isabstract(part)]
-    shells += [rg.PointRobot(), rg.Frame()]
-    return next(shell for shell in shells if _accepts(hint)(shell))
+CLASSES = [
+    value for value in (getattr(rg, name) for name in rg.__all__) if isinstance(value, type) and not isabstract(value)
+]
+PLAIN = (1.0, 1, "auto", None, (1.0, 1.0), [], {}, print, [1], [("a", [])], ("a", []), True)
+
+
+def fitting(kind: Kind) -> Any:
+    """Something of a kind; an empty shell where it is a class."""
+    shells = (object.__new__(one) for one in CLASSES if not issubclass(one, BaseException | str | int))
+    return next(value for value in (*PLAIN, rg.PointRobot(), rg.Frame(), Figure(), *shells) if kind.accepts(value))
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_an_argument_of_the_wrong_type_is_refused_by_name(name: str) -> None:
     """Made from all public names, so that a new function is covered; nothing is computed, for types come first."""
     function = getattr(rg, name)
-    hints = _checks_of(function.__wrapped__)
+    kinds = kinds_of(function.__wrapped__)
     given: dict[str, Any] = {}
     for parameter in signature(function).parameters.values():
         if parameter.kind in (Parameter.VAR_KEYWORD, Parameter.VAR_POSITIONAL):
             continue
-        assert parameter.name in hints, f"{name}({parameter.name}) needs a type"
-        accepts, hint = hints[parameter.name]
+        assert parameter.name in kinds, f"{name}({parameter.name}) needs a type"
+        kind = kinds[parameter.name]
         for label, wrong in WRONG.items():
-            if accepts(wrong):
+            if kind.accepts(wrong):
                 continue
             with pytest.raises(InputError) as caught:
                 function(**given, **{parameter.name: wrong})
             assert str(caught.value).startswith((f"{parameter.name} = ", f"{parameter.name}[0] = ")), label
             assert " must be " in str(caught.value), label
         if parameter.default is Parameter.empty:
-            given[parameter.name] = fitting(hint)
+            given[parameter.name] = fitting(kind)
 
 
 def test_the_obvious_mistakes_say_what_to_pass() -> None:
@@ -84,8 +86,8 @@ def test_numbers_of_every_kind_are_numbers() -> None:
         (int, (1, np.int8(1)), (True, 1.0, "1", np.float64(1), None)),
         (bool, (True, np.bool_(0)), (0, 1, None, "true")),
     ):
-        assert all(map(_accepts(hint), right)), hint
-        assert not any(map(_accepts(hint), wrong)), hint
+        assert all(map(kind_of(hint).accepts, right)), hint
+        assert not any(map(kind_of(hint).accepts, wrong)), hint
 
 
 def test_a_public_function_keeps_its_name_its_signature_and_its_pickle() -> None:
@@ -145,7 +147,7 @@ def test_a_value_is_not_made_of_the_wrong_types(record: Any) -> None:
     right = RECORDS[record]
     record(**right)
     for name in signature(record).parameters:
-        accepts, _ = _checks_of(unwrap(record.__init__))[name]
+        accepts = kinds_of(unwrap(record.__init__))[name].accepts
         for wrong in (*WRONG.values(), 10**400, ["a", 1], []):
             if not accepts(wrong):
                 with pytest.raises(InputError, match=name):

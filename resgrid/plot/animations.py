@@ -7,10 +7,10 @@ from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path
 from subprocess import CalledProcessError
-from typing import Any
 
 import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -36,20 +36,6 @@ from resgrid.plot.style import TEXT, mark, refresh_legend
 from resgrid.plot.workspace import draw_robot, fill, skeleton
 
 ROBOT = "#0072B2"
-MODE_TEXTS = {
-    Mode.STREAMLINE: "follows its streamline",
-    Mode.PUSHED: "is pushed",
-    Mode.SLIDING: "slides along an obstacle",
-    Mode.STICKING: "touches an obstacle and sticks",
-    Mode.FOLLOWING: "follows the equipotential along an obstacle",
-    Mode.JAM: "is jammed: the force lies along the streamline",
-    Mode.LEARNING: "learns what it touched",
-    Mode.RETREATING: "goes back the way it came",
-    Mode.RECOVERING: "leaves an obstacle cell",
-    Mode.DITHERING: "shakes itself loose",
-    Mode.WAITING: "waits for the grid to settle",
-    Mode.ARRIVED: "has arrived",
-}
 SUFFIXES = (".gif", ".mp4")
 MOST_FRAMES = 600
 _COLOURS = 255
@@ -192,19 +178,20 @@ def _run_frames(run: Run, count: int) -> Iterator[Figure]:
         raise InputError(f"count = {count}, but an animation has 2 to {MOST_FRAMES - _HELD} frames")
     flat = run.space.ndim == 2
     figure = new_figure(8.6 if flat else 4.6, panel_height(_PANEL, panel_aspect(run)) + 0.4)
-    panels: list[_Workspace | _Configurations] = [_Workspace(run, figure.add_subplot(1, 1 + flat, 1))]
+    panels = [_workspace(run, figure.add_subplot(1, 1 + flat, 1))]
     if flat:
-        panels.append(_Configurations(run, figure.add_subplot(1, 2, 2)))
+        panels.append(_configurations(run, figure.add_subplot(1, 2, 2)))
     figure.suptitle(" ", fontsize=TEXT + 2)
     _settle_layout(figure)
     for row in frame_rows(run, count).tolist():
-        for panel in panels:
-            panel.show(row)
-        mode = Mode(run.mode[row])
-        figure.suptitle(f"{run.time[row]:.2f} s: the robot {MODE_TEXTS[mode]}", fontsize=TEXT + 2, color=MODES[mode][0])
+        colour, _, does = MODES[Mode(run.mode[row])]
+        figure.suptitle(f"{run.time[row]:.2f} s: the robot {does}", fontsize=TEXT + 2, color=colour)
+        moving = [artist for panel in panels for artist in panel(row)]
         yield figure
-    for _ in range(_HELD):
-        yield figure
+        for _ in range(_HELD if row == len(run.time) - 1 else 0):
+            yield figure
+        for artist in moving:
+            artist.remove()
 
 
 def frame_rows(run: Run, count: int) -> NDArray[np.int64]:
@@ -215,67 +202,58 @@ def frame_rows(run: Run, count: int) -> NDArray[np.int64]:
     return np.unique([*rows.tolist(), *lessons, len(run.time) - 1])[: MOST_FRAMES - _HELD]
 
 
-class _Workspace:
-    """The robot in its workspace at one moment."""
+def _workspace(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:
+    """Draw what stands in a workspace; what is returned adds the robot, and what it touches, at a row of the log."""
+    robot, contacts = scene_of(run).robot, run.contacts
+    draw_robot(run.configuration[:1], scene_of(run), axes, ghosts=1)
+    tips = robot.reference_point(run.configuration)
+    mark(tips[:1], axes, "start")
+    axes.plot([], [], color=ROBOT, linewidth=0, marker="o", label="robot")
+    if len(contacts.step):
+        axes.plot([], [], color=FORCE, linewidth=2, label="contact force")
+    scale = force_scale(contacts, axes) if len(contacts.step) else 0.0
+    refresh_legend(axes)
 
-    def __init__(self, run: Run, axes: Axes) -> None:
-        self._run, self._axes = run, axes
-        self._scene = scene_of(run)
-        draw_robot(run.configuration[:1], self._scene, axes, ghosts=1)
-        self._tips = self._scene.robot.reference_point(run.configuration)
-        (self._path,) = axes.plot([], [], color=ROBOT, linewidth=1.0, alpha=0.7, zorder=4)
-        mark(self._tips[:1], axes, "start")
-        axes.plot([], [], color=ROBOT, linewidth=0, marker="o", label="robot")
-        self._scale = 0.0
-        if len(run.contacts.step):
-            axes.plot([], [], color=FORCE, linewidth=2, label="contact force")
-            self._scale = force_scale(run.contacts, axes)
-        refresh_legend(axes)
-        self._moving = list[Any]()
-
-    def show(self, row: int) -> None:
-        """Draw the robot, and what it touches, at a row of the log."""
-        axes, robot, pose = self._axes, self._scene.robot, self._run.configuration[row]
-        for artist in self._moving:
-            artist.remove()
-        self._path.set_data(*self._tips[: row + 1].T)
+    def at(row: int) -> list[Artist]:
+        pose = run.configuration[row]
+        moving: list[Artist] = [*axes.plot(*tips[: row + 1].T, color=ROBOT, linewidth=1.0, alpha=0.7, zorder=4)]
         bodies = [shape for shape in robot.shapes_at(pose) if shape.area]
-        self._moving = [patch for shape in bodies for patch in fill(shape, axes, color=ROBOT, alpha=0.6, zorder=7.5)]
+        for shape in bodies:
+            moving += fill(shape, axes, color=ROBOT, alpha=0.6, zorder=7.5)
         joints = skeleton(robot, pose)
         if len(joints):
-            self._moving += axes.plot(*joints.T, color=ROBOT, linewidth=3, marker="o", zorder=8)
+            moving += axes.plot(*joints.T, color=ROBOT, linewidth=3, marker="o", zorder=8)
         elif not bodies:
-            self._moving += axes.plot(*self._tips[row], color=ROBOT, marker="o", markersize=7, zorder=8)
-        contacts = self._run.contacts
+            moving += axes.plot(*tips[row], color=ROBOT, marker="o", markersize=7, zorder=8)
         for number in np.flatnonzero(contacts.step == row).tolist():
-            tail, force = contacts.point[number], contacts.force[number] * self._scale
-            self._moving += axes.plot(*np.stack([tail, tail + force]).T, color=FORCE, linewidth=2, zorder=9)
-            self._moving += axes.plot(*tail, "o", color=FORCE, markersize=4, zorder=9)
+            tail, force = contacts.point[number], contacts.force[number] * scale
+            moving += axes.plot(*np.stack([tail, tail + force]).T, color=FORCE, linewidth=2, zorder=9)
+            moving += axes.plot(*tail, "o", color=FORCE, markersize=4, zorder=9)
+        return moving
+
+    return at
 
 
-class _Configurations:
-    """The robot in a configuration space of two axes at one moment."""
+def _configurations(run: Run, axes: Axes) -> Callable[[int], list[Artist]]:
+    """Draw a configuration space of two axes; what is returned adds where the robot is, was, and what it learnt."""
+    draw_configurations(run, axes, path=False)
+    mark(wrapped(run.configuration[:1], run.space), axes, "start")
+    axes.plot([], [], "o", color=ROBOT, markersize=5, label="robot")
+    if run.lessons:
+        draw_lessons(np.empty((0, 2)), axes)
+    refresh_legend(axes)
 
-    def __init__(self, run: Run, axes: Axes) -> None:
-        self._run = run
-        draw_configurations(run, axes, path=False)
-        mark(wrapped(run.configuration[:1], run.space), axes, "start")
-        (self._robot,) = axes.plot([], [], "o", color=ROBOT, markersize=5, zorder=9, label="robot")
-        self._paths = [axes.plot([], [], color=ROBOT, linewidth=1.4, zorder=4)[0] for _ in seam_shifts(run.space)]
-        self._learnt = draw_lessons(np.empty((0, 2)), axes) if run.lessons else None
-        refresh_legend(axes)
-
-    def show(self, row: int) -> None:
-        """Draw where the robot is, where it was, and what it has learnt, at a row of the log."""
-        run = self._run
-        path = run.configuration[: row + 1]
-        for line, shift in zip(self._paths, seam_shifts(run.space), strict=True):
-            line.set_data(*(path + shift).T)
-        self._robot.set_data(*wrapped(path[-1:], run.space).T)
-        self._robot.set_color(MODES[Mode(run.mode[row])][0])
+    def at(row: int) -> list[Artist]:
+        path, colour = run.configuration[: row + 1], MODES[Mode(run.mode[row])][0]
+        moving: list[Artist] = [*axes.plot(*wrapped(path[-1:], run.space).T, "o", color=colour, markersize=5, zorder=9)]
+        for shift in seam_shifts(run.space):
+            moving += axes.plot(*(path + shift).T, color=ROBOT, linewidth=1.4, zorder=4)
         cells = [lesson.cells for lesson in run.lessons if lesson.step <= row]
-        if self._learnt is not None and cells:
-            self._learnt.set_offsets(run.space.centre(np.concatenate(cells)))
+        if cells:
+            moving.append(draw_lessons(run.space.centre(np.concatenate(cells)), axes))
+        return moving
+
+    return at
 
 
 def _wavefront_frames(front: Wavefront, run: Run | None) -> Iterator[Figure]:
@@ -287,21 +265,22 @@ def _wavefront_frames(front: Wavefront, run: Run | None) -> Iterator[Figure]:
     image = draw_moment(front, 0, axes)
     aspect = axes.get_aspect()
     add_change_bar(image, axes)
-    places = np.full((len(front.cells), 2), np.nan) if run is None else _places(front, run)
-    (trail,) = axes.plot([], [], color="black", linewidth=0, marker=".", markersize=2, zorder=5)
-    (robot,) = axes.plot([], [], "o", color="black", markersize=6, zorder=9, label="robot" if run else "")
-    if run is not None:
+    image.set_visible(False)
+    places = None if run is None else _places(front, run)
+    if places is not None:
         mark(places[:1], axes, "start")
+        axes.plot([], [], "o", color="black", markersize=6, label="robot")
     refresh_legend(axes)
     _settle_layout(figure)
-    image.set_visible(False)
     for row in range(len(front.cells)):
-        change = draw_change(front, row, axes)
+        moving: list[Artist] = [draw_change(front, row, axes)]
         axes.set_aspect(aspect)
-        trail.set_data(*places[: row + 1].T)
-        robot.set_data(*places[row : row + 1].T)
+        if places is not None:
+            moving += axes.plot(*places[: row + 1].T, ".", color="black", markersize=2, zorder=5)
+            moving += axes.plot(*places[row], "o", color="black", markersize=6, zorder=9)
         yield figure
-        change.remove()
+        for artist in moving:
+            artist.remove()
 
 
 def _places(front: Wavefront, run: Run) -> NDArray[np.float64]:

@@ -11,6 +11,7 @@ from matplotlib.colors import Normalize
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, MaxNLocator, PercentFormatter
 
+from resgrid.chip.build import value_text
 from resgrid.chip.exploration import Exploration
 from resgrid.chip.precision import Precision
 from resgrid.chip.settling import Settling
@@ -20,24 +21,13 @@ from resgrid.plot.fields import add_colour_bar
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, new_figure, panel_height
 from resgrid.plot.plane import plane_of
 from resgrid.plot.style import FAILURE, LINE_STYLES, PATHS, SMALL, TEXT, dress, refresh_legend, strength_map
-from resgrid.scene.quantities import format_quantity
+from resgrid.scene.chip import Chip
+from resgrid.scene.table import described_keys
 
 _MOST_LABELS = 80
 _CONTOUR = "#E69F00"
-_UNITS = {
-    "resistance": "Ω",
-    "on": "Ω",
-    "off": "Ω",
-    "offset": "V",
-    "supply": "V",
-    "voltage": "V",
-    "capacitance": "F",
-    "bandwidth": "Hz",
-    "temperature": "°C",
-    "width": "m",
-    "length": "m",
-}
-"""By the last word of a key."""
+_SHARES = {"mismatch", "defects.open_density", "defects.short_density"}
+"""Keys whose values are shares, written as percentages."""
 
 
 def draw_settled(result: Settling, ax: Axes | None = None, *, quantity: Literal["map", "curve"] = "map") -> Axes:
@@ -171,8 +161,7 @@ def draw_exploration(result: Exploration, ax: Axes | None = None, *, share: floa
         (axes.yaxis, result.second, result.second_values),
     ):
         axis.set_ticks(range(len(ticks)), [_tick_text(key, tick) for tick in ticks])
-        unit = _UNITS.get(key.split("_")[-1].split(".")[-1])
-        axis.set_label_text(key.replace("_", " ").replace(".", ", ") + (f" ({unit})" if unit else ""))
+        axis.set_label_text(key.replace("_", " ").replace(".", ", "))
     add_colour_bar(image, axes, "starts served (%)")
     axes.set_title(f"{result.trials} chips at every point", fontsize=TEXT)
     dress(axes)
@@ -192,9 +181,4 @@ def _mark_cheapest(result: Exploration, share: float, axes: Axes) -> None:
 
 
 def _tick_text(key: str, value: Any) -> str:
-    """A value as its owner would write it."""
-    if value is None:
-        return "none"
-    if key in {"mismatch", "defects.open_density", "defects.short_density"}:
-        return f"{100 * value:g} %"
-    return format_quantity(value, "", 3) if isinstance(value, float) else f"{value}"
+    return value_text(100 * value, "%") if key in _SHARES else value_text(value, described_keys(Chip)[key][0])

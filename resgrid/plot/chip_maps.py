@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.collections import LineCollection
 from matplotlib.colors import LogNorm, Normalize
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import NDArray
 
 from resgrid.chip.criticality import Criticality
@@ -25,7 +24,7 @@ from resgrid.plot.fields import add_colour_bar
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.plane import draw_cells, draw_image, finish, paint_cells, plane_of
 from resgrid.plot.schematic import crossed_faces
-from resgrid.plot.style import FAILURE, TEXT, add_swatch, refresh_legend, strength_map
+from resgrid.plot.style import FAILURE, TEXT, add_swatch, plain_decades, refresh_legend, strength_map
 from resgrid.scene.quantities import format_quantity, prefix_of
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -232,10 +231,7 @@ def _plain_ticks(mappable: ScalarMappable) -> None:
     bar = mappable.colorbar
     low, high = mappable.get_clim()
     if bar is not None and low and high:
-        steps = (1.0,) if high > 1e3 * low else (1.0, 2.0, 5.0)
-        bar.ax.yaxis.set_major_locator(LogLocator(subs=steps, numticks=12))
-        bar.ax.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-        bar.ax.yaxis.set_minor_locator(NullLocator())
+        plain_decades(bar.ax.yaxis, (1.0,) if high > 1e3 * low else (1.0, 2.0, 5.0))
 
 
 def draw_resistors(

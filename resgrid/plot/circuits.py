@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.plot.figures import new_figure
-from resgrid.plot.schematic import HALF, Schematic, schematic_of
+from resgrid.plot.schematic import HALF, in_plane, rail_areas, resistor_ends
 from resgrid.plot.style import GOAL, OBSTACLE, SMALL, add_swatch, height_map, refresh_legend
 from resgrid.plot.workspace import fill
 from resgrid.scene.quantities import format_quantity, prefix_of
@@ -74,46 +74,42 @@ def add_ground(drawing: Any, at: ArrayLike) -> None:
 
 def draw_compiled(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) -> Axes:
     """Draw a netlist compiled from a space of one or two axes: nodes where their cells are, resistors, supplies."""
-    plan = schematic_of(netlist.cells)
+    columns, rows = in_plane(netlist.cells.node).shape
+    number, start, end, seam = resistor_ends(netlist.cells)
     supplies = _supplies(netlist, op)
-    per_row = int((max(plan.across, 4) + 1) / _SUPPLY_WIDTH)
-    left, right, bottom, top = _limits(plan, -(-len(supplies) // per_row))
-    axes = new_figure(_INCHES * (right - left), _INCHES * (top - bottom) + 0.5).add_subplot() if ax is None else ax
-    _draw_rails(plan, netlist, axes)
+    per_row = int((max(columns, 4) + 1) / _SUPPLY_WIDTH)
+    around, below = HALF + 0.2 + 0.75 * seam.any(), HALF + _SUPPLY_GAP
+    right, top = max(columns + around, 5.6 - around), rows + HALF + 0.2
+    bottom = -below - _SUPPLY_HEIGHT * -(-len(supplies) // per_row)
+    size = _INCHES * (right + around), _INCHES * (top - bottom) + 0.5
+    axes = new_figure(*size).add_subplot() if ax is None else ax
+    _draw_rails(netlist, axes)
     with symbols_on(axes) as drawing:
-        for start, end in zip(plan.start, plan.end, strict=True):
-            add_symbol(drawing, "resistor", start, end)
-        for number, supply in enumerate(supplies):
-            row, column = divmod(number, per_row)
-            _draw_supply(
-                drawing, axes, supply, 0.3 + _SUPPLY_WIDTH * column, -HALF - _SUPPLY_GAP - _SUPPLY_HEIGHT * row
-            )
+        for ends in zip(start, end, strict=True):
+            add_symbol(drawing, "resistor", *ends)
+        for rank, supply in enumerate(supplies):
+            row, column = divmod(rank, per_row)
+            _draw_supply(drawing, axes, supply, 0.3 + _SUPPLY_WIDTH * column, -below - _SUPPLY_HEIGHT * row)
     axes.add_line(Line2D([], [], color=INK, linewidth=0.9, label=resistor_note(netlist)))
-    _draw_seams(plan, netlist, axes)
-    _draw_nodes(plan, netlist, op, axes)
+    for resistor in np.flatnonzero(seam).tolist():
+        _draw_seam(netlist, int(number[resistor]), start[resistor], end[resistor], axes)
+    _draw_nodes(netlist, op, axes)
     _draw_drive(netlist, axes)
-    axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
+    axes.set(xlim=(-around, right), ylim=(bottom, top), aspect="equal")
     axes.set_axis_off()
-    refresh_legend(axes, columns=3 if plan.across >= 6 else 2, gap=0.6)
+    refresh_legend(axes, columns=3 if columns >= 6 else 2, gap=0.6)
     return axes
 
 
-def _limits(plan: Schematic, rows: int) -> tuple[float, float, float, float]:
-    """Left, right, bottom and top of the drawing."""
-    around = HALF + 0.2 + (0.75 if plan.seam.any() else 0.0)
-    left, right = -around, max(plan.across + around, 5.6 - around)
-    return left, right, -HALF - _SUPPLY_GAP - _SUPPLY_HEIGHT * rows, plan.up + HALF + 0.2
-
-
-def _draw_rails(plan: Schematic, netlist: Netlist, axes: Axes) -> None:
+def _draw_rails(netlist: Netlist, axes: Axes) -> None:
     cells = netlist.cells
-    for area, colour, label in ((plan.obstacles, OBSTACLE, "obstacle rail"), (plan.goals, GOAL, "goal rail")):
+    hatched: dict[str, Any] = {"edgecolor": "#999999", "hatch": "////", "linewidth": 0.5, "zorder": 1}
+    filled: dict[str, Any] = {"linewidth": 0, "zorder": 2.5}
+    kinds = (("obstacle rail", OBSTACLE, filled), ("goal rail", GOAL, filled), ("no node (open)", "#eeeeee", hatched))
+    for area, (label, colour, style) in zip(rail_areas(cells), kinds, strict=True):
         if not area.is_empty:
-            fill(area, axes, facecolor=colour, linewidth=0, zorder=2.5)
+            fill(area, axes, facecolor=colour, **style)
             add_swatch(axes, label, colour)
-    if not plan.open_cells.is_empty:
-        fill(plan.open_cells, axes, facecolor="#eeeeee", edgecolor="#999999", hatch="////", linewidth=0.5)
-        add_swatch(axes, "no node (open)", "#dddddd")
     named = [(Cell.GOAL, "black")] + [(Cell.OBSTACLE, "white")] * (cells.wiring.rails == "cells")
     for code, colour in named:  # each rail's name in its first square
         places = np.argwhere(cells.space.cell == code)
@@ -125,9 +121,7 @@ def _draw_rails(plan: Schematic, netlist: Netlist, axes: Axes) -> None:
 
 def resistor_note(netlist: Netlist) -> str:
     """What the resistors measure: their values if there are few, otherwise the range."""
-    drawn = (
-        np.ones(len(netlist.conductance), np.bool_) if netlist.cell_map is None else netlist.cells.resistor_face >= 0
-    )
+    drawn = netlist.cells.resistor_face >= 0
     hidden = int(np.count_nonzero(~drawn))
     rest = f"; not drawn: {hidden} of switches, rails, loads" if hidden else ""
     resistance = 1.0 / netlist.conductance[drawn]
@@ -139,34 +133,37 @@ def resistor_note(netlist: Netlist) -> str:
     return f"resistor, {', '.join(values)}{rest}"
 
 
-def _draw_seams(plan: Schematic, netlist: Netlist, axes: Axes) -> None:
+def _draw_seam(
+    netlist: Netlist, number: int, terminal: NDArray[np.float64], end: NDArray[np.float64], axes: Axes
+) -> None:
     """A resistor across a seam ends in a terminal; so does a wire from its other node, and each names the other."""
-    for terminal, end, number in zip(plan.start[plan.seam], plan.end[plan.seam], plan.resistor[plan.seam], strict=True):
-        names = netlist.names_of(netlist.resistor_nodes[number])
-        before, after = names if netlist.cells.resistor_upward[number] else names[::-1]
-        axis = int(np.argmax(np.abs(end - terminal)))
-        wire = np.repeat(terminal[None], 2, axis=0)
-        wire[:, axis] = (-HALF, 0.5)
-        axes.plot(*wire.T, color=INK, linewidth=0.9, zorder=2)
-        for place, name, outward in ((wire[0], before, -1), (terminal, after, 1)):
-            axes.plot(*place, marker="o", markersize=3, markerfacecolor="white", markeredgecolor=INK, zorder=3)
-            x, y = place + 0.08 * outward * np.eye(2)[axis]
-            sides = ("left", "center") if outward > 0 else ("right", "center")
-            ups = ("center", "bottom") if outward > 0 else ("center", "top")
-            ha, va = sides if axis == 0 else ups
-            axes.text(x, y, f"to {name}", fontsize=SMALL, ha=ha, va=va)
+    names = netlist.names_of(netlist.resistor_nodes[number])
+    before, after = names if netlist.cells.resistor_upward[number] else names[::-1]
+    axis = int(np.argmax(np.abs(end - terminal)))
+    wire = np.repeat(terminal[None], 2, axis=0)
+    wire[:, axis] = (-HALF, 0.5)
+    axes.plot(*wire.T, color=INK, linewidth=0.9, zorder=2)
+    for place, name, outward in ((wire[0], before, -1), (terminal, after, 1)):
+        axes.plot(*place, marker="o", markersize=3, markerfacecolor="white", markeredgecolor=INK, zorder=3)
+        x, y = place + 0.08 * outward * np.eye(2)[axis]
+        ha = ("left", "right")[outward < 0] if axis == 0 else "center"
+        va = ("bottom", "top")[outward < 0] if axis == 1 else "center"
+        axes.text(x, y, f"to {name}", fontsize=SMALL, ha=ha, va=va)
 
 
-def _draw_nodes(plan: Schematic, netlist: Netlist, op: OperatingPoint | None, axes: Axes) -> None:
-    if not len(plan.dot_node):
+def _draw_nodes(netlist: Netlist, op: OperatingPoint | None, axes: Axes) -> None:
+    cells = netlist.cells
+    free = (in_plane(cells.space.cell) == Cell.FREE) & (in_plane(cells.node) >= 0)
+    nodes, places = in_plane(cells.node)[free], np.argwhere(free) + 0.5
+    if not len(nodes):
         return
     colours: str | NDArray[np.float64] = INK
     if op is not None and op.potential is not None:
-        colours = height_map()(np.nan_to_num(op.potential[plan.dot_node]))
-    axes.scatter(plan.dot[:, 0], plan.dot[:, 1], s=20, c=colours, edgecolor=INK, linewidth=0.7, zorder=4)
-    texts, unit = voltage_texts(op, plan.dot_node)
+        colours = height_map()(np.nan_to_num(op.potential[nodes]))
+    axes.scatter(places[:, 0], places[:, 1], s=20, c=colours, edgecolor=INK, linewidth=0.7, zorder=4)
+    texts, unit = voltage_texts(op, nodes)
     style: dict[str, Any] = {"ha": "left", "fontsize": SMALL, "path_effects": HALO, "zorder": 6}
-    for (x, y), name, text in zip(plan.dot, netlist.names_of(plan.dot_node), texts, strict=True):
+    for (x, y), name, text in zip(places, netlist.names_of(nodes), texts, strict=True):
         axes.text(x + 0.12, y - 0.11, name, va="top", color="#666666", **style)
         axes.text(x + 0.12, y + 0.11, text, va="bottom", gid="volts", **style)
     label = f"node: name, and voltage above it in {unit}" if op is not None else "node"

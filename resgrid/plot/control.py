@@ -22,22 +22,22 @@ from resgrid.plot.workspace import draw_robot
 from resgrid.scene.scene import Scene
 from resgrid.space import Cell
 
-MODES: dict[Mode, tuple[str, Any]] = {
-    Mode.STREAMLINE: ("#0072B2", "-"),
-    Mode.PUSHED: ("#CC79A7", "-"),
-    Mode.SLIDING: ("#D55E00", "-"),
-    Mode.STICKING: (FAILURE, "-"),
-    Mode.FOLLOWING: ("#E69F00", "-"),
-    Mode.JAM: (FAILURE, "-"),
-    Mode.LEARNING: ("#000000", "-"),
-    Mode.RETREATING: ("#000000", (0, (2, 1))),
-    Mode.RECOVERING: ("#009E73", "-"),
-    Mode.DITHERING: ("#56B4E9", (0, (1, 1))),
-    Mode.WAITING: (FAILURE, (0, (1, 1))),
-    Mode.ARRIVED: ("#0072B2", "-"),
-    Mode.HOMING: ("#0072B2", (0, (4, 1))),
+MODES: dict[Mode, tuple[str, Any, str]] = {
+    Mode.STREAMLINE: ("#0072B2", "-", "follows its streamline"),
+    Mode.PUSHED: ("#CC79A7", "-", "is pushed"),
+    Mode.SLIDING: ("#D55E00", "-", "slides along an obstacle"),
+    Mode.STICKING: (FAILURE, "-", "touches an obstacle and sticks"),
+    Mode.FOLLOWING: ("#E69F00", "-", "follows the equipotential along an obstacle"),
+    Mode.JAM: (FAILURE, "-", "is jammed: the force lies along the streamline"),
+    Mode.LEARNING: ("#000000", "-", "learns what it touched"),
+    Mode.RETREATING: ("#000000", (0, (2, 1)), "goes back the way it came"),
+    Mode.RECOVERING: ("#009E73", "-", "leaves an obstacle cell"),
+    Mode.DITHERING: ("#56B4E9", (0, (1, 1)), "shakes itself loose"),
+    Mode.WAITING: (FAILURE, (0, (1, 1)), "waits for the grid to settle"),
+    Mode.ARRIVED: ("#0072B2", "-", "has arrived"),
+    Mode.HOMING: ("#0072B2", (0, (4, 1)), "goes straight to the goal in its cell"),
 }
-"""Colour and line style of the path in every mode."""
+"""Colour and line style of the path in every mode, and what the robot does."""
 
 LEARNT = "#D55E00"
 FORCE = "#B2182B"
@@ -153,7 +153,7 @@ def _draw_path(run: Run, axes: Axes) -> None:
         axes.plot(*(path + shift).T, color="white", linewidth=3.0, zorder=3.8)
     steps = np.stack([path[:-1], path[1:]], axis=1)
     moves = np.any(steps[:, 0] != steps[:, 1], axis=1)
-    for mode, (colour, line) in MODES.items():
+    for mode, (colour, line, _) in MODES.items():
         chosen = steps[moves & (run.mode[:-1] == mode)]
         if len(chosen):
             lines = list(np.concatenate([chosen + shift for shift in copies]))
@@ -167,8 +167,7 @@ def _draw_path(run: Run, axes: Axes) -> None:
     if run.ending is Ending.ARRIVED:
         mark(ends[1:], axes, "goal", "")
     else:
-        label = str(run.ending).replace("_", " ")
-        axes.scatter(ends[1, 0], ends[1, 1], s=34, marker="x", color=FAILURE, linewidth=1.6, zorder=8, label=label)
+        mark(ends[1:], axes, "failure", str(run.ending).replace("_", " "))
 
 
 def _enters(points: NDArray[np.float64], run: Run) -> bool:

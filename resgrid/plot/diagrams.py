@@ -9,7 +9,6 @@ from matplotlib.axes import Axes
 from matplotlib.colors import SymLogNorm
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.control.announced import RelaxationSweep, Wavefront
@@ -22,7 +21,7 @@ from resgrid.plot.fields import add_colour_bar, draw_shading
 from resgrid.plot.figures import PAGE, axes_or_new, new_figure
 from resgrid.plot.plane import draw_cells, draw_image, finish, paint_cells, plane_of
 from resgrid.plot.shading import shading_of
-from resgrid.plot.style import FAILURE, HIDDEN, PATHS, SMALL, dress, refresh_legend
+from resgrid.plot.style import FAILURE, HIDDEN, PATHS, SMALL, dress, plain_decades, refresh_legend
 from resgrid.space import Cell
 
 _FAINT = 1e-4
@@ -139,9 +138,7 @@ def draw_sweeps(sweeps: Sequence[RelaxationSweep], ax: Axes | None = None) -> Ax
     instant = sweeps[0].instant
     axes.axhline(instant, color="black", linewidth=0.8, linestyle=(0, (4, 2)), label="grid settled before the start")
     axes.set(xscale="log", yscale="log")
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
-    axes.yaxis.set_minor_locator(NullLocator())
+    plain_decades(axes.yaxis)
     axes.set_xlabel("robot's speed against settling: cells crossed while the grid settles")
     axes.set_ylabel("time of the run (cells at full speed)")
     dress(axes)

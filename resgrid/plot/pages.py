@@ -18,11 +18,11 @@ from resgrid.errors import InputError
 from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.plot.fields import draw_currents, draw_no_drop, draw_potential, draw_shading
-from resgrid.plot.figures import PAGE, add_title, figure_of, new_figure, panel_height
-from resgrid.plot.paths import draw_streamlines, require_paths, seam_pieces
+from resgrid.plot.figures import PAGE, add_title, axes_or_new, figure_of, new_figure, panel_height
+from resgrid.plot.paths import draw_streamlines, mark_outcome, require_paths, seam_pieces
 from resgrid.plot.plane import draw_cells, finish, kinds_of, plane_of, plane_slice
 from resgrid.plot.shading import Scale, Shading, no_drop, shading_of
-from resgrid.plot.style import FAILURE, PATHS, SMALL, TEXT, axis_label, dress, refresh_legend
+from resgrid.plot.style import PATHS, SMALL, TEXT, axis_label, dress, refresh_legend
 from resgrid.space import Cell, ConfigurationSpace
 
 _PANELS = 6
@@ -118,7 +118,7 @@ def draw_profile(
     """Draw the potential of a space with one axis over its coordinate, with the starts of paths on the curve."""
     space = field.space
     shading = shading_of(field, scale)
-    axes = new_figure(4.8, 3.2).add_subplot() if ax is None else ax
+    axes = axes_or_new(ax, 0.6)
     axis = space.axes[0]
     for label, colour, where in kinds_of(space.cell, space.goal_connected):
         for index in np.flatnonzero(where).tolist():
@@ -126,12 +126,7 @@ def draw_profile(
     shown = np.where(space.cell == Cell.OBSTACLE, np.nan, shading.values)
     axes.plot(axis.centres, shown, marker="o", markersize=3, linewidth=1.2, color=PATHS[3], label="cells")
     for path in paths:
-        reached = path.outcome == Outcome.REACHED
-        axes.plot(
-            path.axis_points[0, 0], shown[int(path.cells[0, 0])], linestyle="", marker="o" if reached else "x",
-            color="white" if reached else FAILURE, markeredgecolor="black" if reached else FAILURE, zorder=4,
-            label="start" if reached else path.outcome.value.replace("_", " "),
-        )  # fmt: skip
+        mark_outcome(path, (path.axis_points[0, 0], shown[int(path.cells[0, 0])]), axes)
     axes.set(xlim=(axis.lower, axis.upper), xlabel=axis_label(axis))
     dress(axes)
     axes.set_ylabel(shading.label, fontsize=TEXT)
@@ -214,14 +209,9 @@ def _where(space: ConfigurationSpace, normal: int, index: int) -> str:
 
 def _draw_path(path: Streamline, space: ConfigurationSpace, normal: int, index: int, axes: Axes) -> None:
     across, up = (number for number in range(3) if number != normal)
-    if path.outcome != Outcome.REACHED:
-        axes.plot(
-            path.axis_points[0, across], path.axis_points[0, up], linestyle="", marker="x", color=FAILURE, zorder=6,
-            label=path.outcome.value.replace("_", " "),
-        )  # fmt: skip
-        return
+    mark_outcome(path, path.axis_points[0, [across, up]], axes)
     lower, upper = space.axes[normal].edges[[index, index + 1]]
-    for line in seam_pieces(path):
+    for line in seam_pieces(path) if path.outcome == Outcome.REACHED else ():
         inside = (line[:, normal] >= lower) & (line[:, normal] <= upper)
         axes.plot(
             line[:, across], line[:, up], color=PATHS[0], linewidth=0.7, alpha=0.7, zorder=4, label="path, projected"
@@ -229,10 +219,6 @@ def _draw_path(path: Streamline, space: ConfigurationSpace, normal: int, index: 
         if inside.any():
             bold = np.where(inside[:, None], line, np.nan)
             axes.plot(bold[:, across], bold[:, up], color=PATHS[0], linewidth=2.2, zorder=5, label="path in the slice")
-    axes.plot(
-        path.axis_points[0, across], path.axis_points[0, up], linestyle="", marker="o", markersize=4, color="white",
-        markeredgecolor="black", zorder=6, label="start",
-    )  # fmt: skip
 
 
 def _add_scale(figure: Figure, panels: NDArray[np.object_], shading: Shading) -> None:

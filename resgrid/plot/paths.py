@@ -12,7 +12,7 @@ from matplotlib.axes import Axes
 from matplotlib.collections import LineCollection
 from matplotlib.patheffects import Normal, Stroke
 from matplotlib.ticker import FixedLocator, NullLocator
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
 from resgrid.planning.planner import ClearanceCurve
@@ -21,7 +21,7 @@ from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.plot.fields import draw_space
 from resgrid.plot.figures import axes_or_new
 from resgrid.plot.plane import Plane, finish, paint_cells, plane_of
-from resgrid.plot.style import FAILURE, GOAL, LINE_STYLES, PATHS, TEXT, dress, refresh_legend
+from resgrid.plot.style import FAILURE, GOAL, LINE_STYLES, PATHS, TEXT, dress, mark, refresh_legend
 from resgrid.space import Cell, ConfigurationSpace
 
 _FEW = 40
@@ -55,6 +55,12 @@ def draw_streamlines(paths: Sequence[Streamline], ax: Axes | None = None, *, k: 
     _draw_failures([path for path in paths if path.outcome != Outcome.REACHED], plane, axes)
     finish(plane, axes, [path.axis_points for path in paths])
     return axes
+
+
+def mark_outcome(path: Streamline, place: ArrayLike, axes: Axes) -> None:
+    """Mark where a path starts on paper: a disc, or a cross that names why it leads nowhere."""
+    reached = path.outcome == Outcome.REACHED
+    mark(place, axes, "start" if reached else "failure", None if reached else path.outcome.value.replace("_", " "))
 
 
 def require_paths(paths: Sequence[Streamline], space: ConfigurationSpace) -> None:

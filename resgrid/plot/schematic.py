@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -21,54 +20,46 @@ _BAND = 0.5
 """Width of the rail around the grid before it is drawn thinner by the gap on both sides."""
 
 
-@dataclass(frozen=True, eq=False)
-class Schematic:
-    """Places of the parts of a netlist compiled from a space of one or two axes.
-
-    `across, up`: cells along each side; `dot_node` (n,): nodes of free cells; `dot` (n, 2): where they are drawn;
-    `resistor` (m,): numbers of the resistors on the grid; `start, end` (m, 2): their ends; `seam` (m,): which of them
-    cross a periodic seam: they are drawn outwards at the upper end; `obstacles, goals, open_cells`: areas of obstacle
-    rails, the one around the grid among them, of goal rails, and of cells without a node.
-    """
-
-    across: int
-    up: int
-    dot_node: NDArray[np.int32]
-    dot: NDArray[np.float64]
-    resistor: NDArray[np.int64]
-    start: NDArray[np.float64]
-    end: NDArray[np.float64]
-    seam: NDArray[np.bool_]
-    obstacles: BaseGeometry
-    goals: BaseGeometry
-    open_cells: BaseGeometry
-
-
-def schematic_of(cells: CellMap) -> Schematic:
-    """Lay out a netlist that was compiled from a space of one or two axes."""
-    cell = cells.space.cell.reshape(len(cells.space.cell), -1)
-    node = cells.node.reshape(cell.shape)
-    dots = np.argwhere((cell == Cell.FREE) & (node >= 0))
-    across, index = crossed_faces(cells.resistor_face, cells.space.shape)
-    on_grid = np.flatnonzero(across >= 0)
-    start, end, seam = _resistor_ends(cells, cell, across[on_grid], index[on_grid])
+def rail_areas(cells: CellMap) -> tuple[BaseGeometry, BaseGeometry, BaseGeometry]:
+    """Areas of obstacle rails, the one around the grid among them, of goal rails, and of cells without a node."""
+    cell = in_plane(cells.space.cell)
+    has_node = in_plane(cells.node) >= 0
     edges = (*cells.wiring.edges(cells.space), "open")[:2]
     around = _bands(cell.shape, [rule == "obstacle" and cells.obstacle_node >= 0 for rule in edges])
-    obstacles, goals = (_squares((cell == code) & (node >= 0)) for code in (Cell.OBSTACLE, Cell.GOAL))
+    obstacles, goals = (_squares((cell == code) & has_node) for code in (Cell.OBSTACLE, Cell.GOAL))
     merged = cells.wiring.rails == "merged"
-    return Schematic(
-        across=cell.shape[0],
-        up=cell.shape[1],
-        dot_node=node[tuple(dots.T)],
-        dot=np.asarray(dots + 0.5, dtype=np.float64),
-        resistor=on_grid,
-        start=start,
-        end=end,
-        seam=seam,
-        obstacles=_area([[*around, *obstacles]] if merged else [around, *([one] for one in obstacles)]),
-        goals=_area([goals] if merged else [[one] for one in goals]),
-        open_cells=_area([[one] for one in _squares(node < 0)]),
+    return (
+        _area([[*around, *obstacles]] if merged else [around, *([one] for one in obstacles)]),
+        _area([goals] if merged else [[one] for one in goals]),
+        _area([[one] for one in _squares(~has_node)]),
     )
+
+
+def in_plane(values: NDArray[Any]) -> NDArray[Any]:
+    """Values of cells of one or two axes, as of two."""
+    return values.reshape(len(values), -1)
+
+
+def resistor_ends(
+    cells: CellMap,
+) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Numbers of the resistors on the grid, where they start and end, and whether they cross a periodic seam.
+
+    They run upwards along their axis; those across a seam are drawn outwards at the upper end.  Shapes: (m,), (m, 2),
+    (m, 2), (m,).
+    """
+    across, index = crossed_faces(cells.resistor_face, cells.space.shape)
+    number = np.flatnonzero(across >= 0)
+    along = np.eye(2, dtype=np.int64)[across[number]]
+    face = np.zeros((len(number), 2), dtype=np.int64)
+    face[:, : index.shape[1]] = index[number]
+    cell = in_plane(cells.space.cell)
+    lower, upper = _end(cell, face - along, along, 1), _end(cell, face, along, -1)
+    seam = np.array(cells.space.periodic)[across[number]] & ((face * along).sum(axis=1) == 0)
+    last = (face + (np.array(cell.shape) - 1) * along)[seam]
+    lower[seam] = last + 0.5 + (0.5 + HALF) * along[seam]
+    upper[seam] = _end(cell, last, along[seam], 1)
+    return number, lower, upper, seam
 
 
 def crossed_faces(
@@ -88,23 +79,6 @@ def crossed_faces(
         index[own] = np.stack(np.unravel_index(face[own] - first, faces), axis=1)
         first += size
     return across, index
-
-
-def _resistor_ends(
-    cells: CellMap, cell: NDArray[np.uint8], across: NDArray[np.int64], index: NDArray[np.int64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Ends on the lower and upper side of the face that each resistor crosses, and whether it crosses a seam."""
-    shape = np.array(cell.shape)
-    along = np.eye(2, dtype=np.int64)[across]
-    face = np.zeros((len(index), 2), dtype=np.int64)
-    face[:, : index.shape[1]] = index
-    lower, upper = (_end(cell, face - along, along, 1), _end(cell, face, along, -1))
-    periodic = np.array([*cells.space.periodic, False])[across]
-    seam = periodic & ((face * along).sum(axis=1) == 0)
-    last = (face + (shape - 1) * along)[seam]
-    lower[seam] = last + 0.5 + (0.5 + HALF) * along[seam]
-    upper[seam] = _end(cell, last, along[seam], 1)
-    return lower, upper, seam
 
 
 def _end(cell: NDArray[np.uint8], at: NDArray[np.int64], along: NDArray[np.int64], side: int) -> NDArray[np.float64]:

@@ -7,13 +7,17 @@ repeat what colours say.
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
+from typing import Any
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import XAxis, YAxis
 from matplotlib.colors import Colormap, LinearSegmentedColormap
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+from numpy.typing import ArrayLike
 
 from resgrid.space import Axis
 
@@ -33,7 +37,11 @@ LINE_STYLES: tuple[str | tuple[int, tuple[float, ...]], ...] = (
     (0, (2, 1)),
 )
 
-_MARKS = {"start": ("o", 22, "white"), "goal": ("*", 70, GOAL)}
+_MARKS: dict[str, dict[str, Any]] = {
+    "start": {"s": 22, "marker": "o", "facecolor": "white", "edgecolor": "black", "linewidth": 0.8},
+    "goal": {"s": 70, "marker": "*", "facecolor": GOAL, "edgecolor": "black", "linewidth": 0.8},
+    "failure": {"s": 34, "marker": "x", "color": FAILURE, "linewidth": 1.6},
+}
 TEXT = 8.0
 SMALL = 7.0
 DPI = 200
@@ -81,14 +89,18 @@ def add_swatch(axes: Axes, label: str, colour: str) -> None:
     )
 
 
-def mark(places: NDArray[np.float64], axes: Axes, kind: str, label: str | None = None) -> None:
-    """Mark starts or goals, shape (n, 2); the legend calls them by their kind unless told otherwise."""
-    marker, size, colour = _MARKS[kind]
-    if len(places):
-        axes.scatter(
-            places[:, 0], places[:, 1], s=size, marker=marker, facecolor=colour, edgecolor="black", linewidth=0.8,
-            zorder=8, label=kind if label is None else label,
-        )  # fmt: skip
+def mark(places: ArrayLike, axes: Axes, kind: str, label: str | None = None) -> None:
+    """Mark starts, goals or failures, shape (n, 2); the legend calls them by their kind unless told otherwise."""
+    x, y = np.reshape(places, (-1, 2)).T
+    if len(x):
+        axes.scatter(x, y, zorder=8, label=kind if label is None else label, **_MARKS[kind])
+
+
+def plain_decades(axis: XAxis | YAxis, steps: Sequence[float] = (1.0, 2.0, 5.0)) -> None:
+    """Write 0.01, 20, 500 along a logarithmic scale."""
+    axis.set_major_locator(LogLocator(subs=steps, numticks=12))
+    axis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:g}"))
+    axis.set_minor_locator(NullLocator())
 
 
 def refresh_legend(axes: Axes, columns: int = 3, gap: float = 4.6) -> None:

@@ -6,7 +6,7 @@ from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.plot.circuits import voltage_texts
-from resgrid.plot.schematic import HALF, schematic_of
+from resgrid.plot.schematic import HALF, rail_areas, resistor_ends
 
 
 def drawn_resistors(axes) -> list[np.ndarray]:
@@ -40,13 +40,13 @@ def test_every_resistor_is_drawn_once_between_its_nodes(options: dict, periodic:
     netlist = rg.compile_space(space, **options)
     drawn = drawn_resistors(rg.draw(rg.solve(netlist)))
     assert len(drawn) == len(netlist.conductance)
-    plan = schematic_of(netlist.cells)
+    *_, seam = resistor_ends(netlist.cells)
     cell_of = netlist.cell_of_node()
     ends = np.array([resistor[[0, -1]] for resistor in drawn])
     for number, (a, b) in enumerate(netlist.resistor_nodes.tolist()):
         for node in (a, b):
             cell = cell_of[node]
-            if cell < 0 or plan.seam[number]:
+            if cell < 0 or seam[number]:
                 continue
             centre = np.array(np.unravel_index(cell, space.shape)) + 0.5
             gap = 0.0 if space.cell.ravel()[cell] == rg.Cell.FREE else HALF
@@ -99,12 +99,12 @@ def test_uniform_drive_is_drawn_as_arrows() -> None:
 
 
 def test_the_rail_is_drawn_around_an_obstacle_edge_only() -> None:
-    closed, opened = (schematic_of(rg.compile_space(space_of(SMALL), edge=edge).cells) for edge in ("obstacle", "open"))
-    assert closed.obstacles.bounds == pytest.approx((-HALF, -HALF, 4 + HALF, 3 + HALF))
-    assert opened.obstacles.bounds == pytest.approx((1.2, 1.2, 2.8, 2.8))
-    ring = schematic_of(rg.compile_space(space_of(SMALL, periodic=(True, False))).cells)
-    assert ring.obstacles.bounds == pytest.approx((0.2, -HALF, 3.8, 3 + HALF))
-    assert ring.seam.sum() == 3
+    for edge, bounds in (("obstacle", (-HALF, -HALF, 4 + HALF, 3 + HALF)), ("open", (1.2, 1.2, 2.8, 2.8))):
+        rail, *_ = rail_areas(rg.compile_space(space_of(SMALL), edge=edge).cells)
+        assert rail.bounds == pytest.approx(bounds)
+    ring = rg.compile_space(space_of(SMALL, periodic=(True, False))).cells
+    assert rail_areas(ring)[0].bounds == pytest.approx((0.2, -HALF, 3.8, 3 + HALF))
+    assert resistor_ends(ring)[3].sum() == 3
 
 
 def test_one_axis_is_drawn_in_a_row() -> None:
