@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.chip.figures import Figure, Result
+from resgrid.die import end_names
 from resgrid.netlist import GROUND, Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.space import Cell
@@ -109,10 +110,9 @@ class Power(Result):
 
     def to_json(self) -> dict[str, Any]:
         """The figures and the hottest resistors, as plain values."""
-        worst, netlist = self.worst(), self.op.netlist
-        pairs = zip(*(netlist.names_of(netlist.resistor_nodes[worst, end]) for end in (0, 1)), strict=True)
-        heat = self.resistor[worst].tolist()
-        hottest = [{"nodes": list(pair), "power": watts} for pair, watts in zip(pairs, heat, strict=True)]
+        worst = self.worst()
+        names, heat = end_names(self.op.netlist, worst), self.resistor[worst].tolist()
+        hottest = [{"nodes": pair, "power": watts} for pair, watts in zip(names, heat, strict=True)]
         return {**super().to_json(), "hottest": hottest}
 
 
