@@ -42,6 +42,17 @@ def on_grid(netlist: Netlist) -> NDArray[np.bool_]:
     return np.asarray(places(netlist)[0] >= 0)
 
 
+def ends_of(netlist: Netlist) -> NDArray[np.int32]:
+    """Nodes of all resistors, nonlinear ones last, shape (resistors, 2)."""
+    return np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
+
+
+def end_names(netlist: Netlist, resistors: NDArray[np.int64]) -> list[list[str]]:
+    """Names of the two nodes of some resistors, numbered with nonlinear ones last."""
+    ends = ends_of(netlist)[resistors]
+    return [list(pair) for pair in zip(*(netlist.names_of(ends[:, end]) for end in (0, 1)), strict=True)]
+
+
 def scaled(netlist: Netlist, factor: NDArray[np.float64]) -> Netlist:
     """Multiply the resistances of the grid by the factors of their places, shape (places,)."""
     linear, nonlinear = places(netlist)

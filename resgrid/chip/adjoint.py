@@ -20,8 +20,8 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.die import ends_of
 from resgrid.errors import AccuracyError
-from resgrid.netlist import Netlist
 from resgrid.nodal.factors.factor import Factor
 from resgrid.nodal.methods import factor_system
 from resgrid.nodal.operating_point import OperatingPoint
@@ -154,8 +154,3 @@ def adjoint_of(op: OperatingPoint, factors: Factor | None = None) -> Adjoint:
         direction=np.concatenate([op.resistor_direction, op.nonlinear_direction]),
         height=height,
     )
-
-
-def ends_of(netlist: Netlist) -> NDArray[np.int32]:
-    """Nodes of all resistors, nonlinear ones last, shape (resistors, 2)."""
-    return np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])

@@ -24,6 +24,7 @@ from resgrid.chip.figures import Figure, Result
 from resgrid.chip.passes.base import add_resistors, cells_with_nodes, select_resistors, without_stranded_currents
 from resgrid.chip.trials import arrivals, converter_of, neighbours_of
 from resgrid.chip.yields import checked_starts
+from resgrid.die import end_names
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.solve import solve
@@ -122,8 +123,8 @@ class Criticality(Result):
         listed = {}
         for fault in ("open", "short"):
             worst = self.worst(fault)
-            counts = zip(self.names_of(worst), self.lost(fault)[worst].tolist(), strict=True)
-            listed[f"worst_{fault}"] = [{"nodes": list(pair), "starts_lost": int(count)} for pair, count in counts]
+            counts = zip(end_names(self.netlist, worst), self.lost(fault)[worst].tolist(), strict=True)
+            listed[f"worst_{fault}"] = [{"nodes": pair, "starts_lost": int(count)} for pair, count in counts]
         return {**super().to_json(), **listed}
 
     def lost(self, fault: str) -> NDArray[np.float64]:
@@ -131,11 +132,6 @@ class Criticality(Result):
         if fault not in ("open", "short"):
             raise InputError(f"fault = {fault!r} is unknown; it may be 'open' or 'short'")
         return self.open if fault == "open" else self.short
-
-    def names_of(self, elements: NDArray[np.int64]) -> list[tuple[str, str]]:
-        """Names of the nodes at both ends of elements."""
-        ends = np.concatenate([self.netlist.resistor_nodes, self.netlist.nonlinear_nodes])[elements]
-        return list(zip(*(self.netlist.names_of(ends[:, end]) for end in (0, 1)), strict=True))
 
 
 def analyse_criticality(

@@ -16,12 +16,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.chip.build import build_chip
-from resgrid.chip.noise import ROOM, Noise, analyse_noise
+from resgrid.chip.figures import defined
+from resgrid.chip.noise import ROOM, analyse_noise
 from resgrid.chip.passes.values import Temperature
 from resgrid.chip.settling import Settling
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.nodal.operating_point import OperatingPoint, Readings
+from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.nodal.solve import solve
 from resgrid.nodal.transient import transient
 from resgrid.scene.chip import Chip
@@ -104,15 +105,17 @@ def _transient(netlist: Netlist, settling: Settling, path: Path, words: Words) -
         "weight": {name: float(weight[node]) for name, node in zip(names, nodes, strict=True)},
     }
     asked: list[Analysis] = [TransientAnalysis(stop, step, netlist), *_probe(netlist, nodes)]
-    return write_spice(_at_rest(off), path, analyses=asked, expected=expected, verify=False, **words)
+    still = solve(off.replace(cell_map=None), accuracy="normwise")  # a scene would be asked for a drive
+    rest = dataclasses.replace(still, netlist=off)
+    return write_spice(rest, path, analyses=asked, expected=expected, verify=False, **words)
 
 
 def _noise(netlist: Netlist, settling: Settling, path: Path, words: Words) -> WrittenDeck:
     band = noise_band(settling)
     noise = analyse_noise(netlist, band=band)
-    node = noisiest(noise)
     assert noise.total is not None
-    limit = float(noise.limit[node])
+    free = netlist.cells.free_node
+    node = int(free[np.argmax(np.nan_to_num(noise.total)[free])])
     expected = {
         "definition": "root mean square of the noise voltage in volts at the node, from the first to the last "
         "frequency of the band in hertz, at the simulator's 27 degrees Celsius; density is that at low frequency in "
@@ -122,7 +125,7 @@ def _noise(netlist: Netlist, settling: Settling, path: Path, words: Words) -> Wr
         "temperature": ROOM,
         "total": float(noise.total[node]),
         "density": float(np.sqrt(noise.density[node])),
-        "limit": limit if np.isfinite(limit) else None,
+        "limit": defined(noise.limit[node]),
     }
     asked = [NoiseAnalysis(netlist.node_name(node), *band, points=_POINTS)]
     return write_spice(netlist, path, analyses=asked, expected=expected, **words)
@@ -138,22 +141,12 @@ def noise_band(settling: Settling) -> tuple[float, float]:
     return low, low * 10.0 ** (points / _POINTS)
 
 
-def noisiest(noise: Noise) -> int:
-    """The node of a free cell with the largest noise in the band."""
-    assert noise.total is not None
-    cell_map = noise.netlist.cell_map
-    total = np.nan_to_num(noise.total)
-    if cell_map is None:
-        return int(np.argmax(total))
-    return int(cell_map.free_node[np.argmax(total[cell_map.free_node])])
-
-
 def _temperature(ideal: Netlist, chip: Chip, path: Path, words: Words) -> WrittenDeck:
     cold = build_chip(ideal, dataclasses.replace(chip, temperature=None))
     nodes = _probed(cold, solve(cold).voltage)
-    wanted = sorted({*CELSIUS, *(() if chip.temperature is None else (chip.temperature,))})
+    own = () if chip.temperature is None else (chip.temperature,)
     voltages: dict[str, dict[str, float]] = {}
-    for celsius in wanted:
+    for celsius in sorted({*CELSIUS, *own}):
         try:
             heated = Temperature(celsius).apply(cold)
         except InputError:  # the coefficients do not reach so far
@@ -181,25 +174,3 @@ def _probed(netlist: Netlist, volts: NDArray[np.float64]) -> NDArray[np.int32]:
 
 def _probe(netlist: Netlist, nodes: NDArray[np.int32]) -> list[Analysis]:
     return [Probe(tuple(netlist.names_of(nodes)))] if netlist.node_count > _MOST_PROBES else []
-
-
-def _at_rest(netlist: Netlist) -> OperatingPoint:
-    """The operating point of a chip whose supplies are 0: nothing flows, and nothing need be solved."""
-    m = len(netlist.conductance)
-    return OperatingPoint(
-        netlist=netlist,
-        voltage=np.zeros(netlist.node_count),
-        log_drop=None,
-        potential=None,
-        ammeters=Readings(
-            resistor_current=np.zeros(m),
-            resistor_direction=np.zeros(m, dtype=np.int8),
-            source_current=np.zeros(len(netlist.source_volts)),
-            power=0.0,
-            kcl_residual=0.0,
-        ),
-        floating=np.empty(0, dtype=np.int64),
-        undriven=np.empty(0, dtype=np.int64),
-        method="none",
-        seconds={},
-    )

@@ -19,7 +19,7 @@ from resgrid.chip.modes import slowest_modes
 from resgrid.errors import AccuracyError
 from resgrid.nodal.dynamics import Dynamics, Laplacian, charge_basis, factor_resolvent
 from resgrid.nodal.selected.diagonal import estimate_diagonal, inverse_diagonal
-from resgrid.nodal.selected.positive import positive_factors
+from resgrid.nodal.selected.positive import PositiveFactors, positive_factors
 from resgrid.nodal.superlu import symmetric_factors
 
 _WEAK = 1e-3
@@ -56,7 +56,8 @@ def resistive_parts(
     result = np.empty((len(frequencies), len(rows)))
     for number, frequency in enumerate(frequencies.tolist()):
         if frequency == 0.0:
-            result[number] = _effective_resistance(dynamics.conductance, rows)
+            still = positive_factors(dynamics.conductance.coupling, dynamics.conductance.excess)
+            result[number] = inverse_columns(still, dynamics.size, rows)[np.arange(len(rows)), rows]
             continue
         w = 2.0 * np.pi * frequency
         Y = sparse.csr_array(G + 1j * w * C)
@@ -97,16 +98,14 @@ def _taken(elements: _Elements, y: NDArray[np.complex128]) -> NDArray[np.float64
     return np.asarray(value @ (across.real**2 + across.imag**2))
 
 
-def _effective_resistance(G: Laplacian, rows: NDArray[np.int64]) -> NDArray[np.float64]:
-    """Effective resistances, without capacitors."""
-    factors = positive_factors(G.coupling, G.excess)
-    unit = np.zeros(len(G.excess))
-    resistance = np.empty(len(rows))
-    for number, row in enumerate(rows.tolist()):
+def inverse_columns(factors: PositiveFactors, size: int, rows: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Columns of a positive inverse, one a row, shape (rows, size)."""
+    columns = np.empty((len(rows), size))
+    for column, row in zip(columns, rows.tolist(), strict=True):
+        unit = np.zeros(size)
         unit[row] = 1.0
-        resistance[number] = factors.solve_nonnegative(unit)[row]
-        unit[row] = 0.0
-    return resistance
+        column[:] = factors.solve_nonnegative(unit)
+    return columns
 
 
 def _swinging(G: Laplacian) -> sparse.csr_array:

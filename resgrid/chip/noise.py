@@ -18,7 +18,7 @@ from scipy import sparse
 
 from resgrid.arguments import check_number, check_whole, is_number
 from resgrid.chip.figures import Figure, Result, defined
-from resgrid.chip.impedance import estimate, find_exactly, resistive_parts
+from resgrid.chip.impedance import estimate, find_exactly, inverse_columns, resistive_parts
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.nodal.dynamics import Dynamics, charge_basis, dynamics_of, require_grounded
@@ -128,13 +128,8 @@ def analyse_noise(
     by default the die's; `method`: "exact", the diagonal of the inverse from the factors, or "estimate", from products
     with so many `samples` of random signs of a `seed`, for grids of three or more dimensions whose factors are large.
 
-    Raises
-    ------
-    CircuitError
-        If a node is tied to no rail by resistors.
-    AccuracyError
-        If conductances span so many decades that rounding may be more than 1e-3 of a density within the band, or a
-        tenth of what is estimated.
+    A node that resistors tie to no rail is a CircuitError; conductances that span so many decades that rounding may be
+    more than 1e-3 of a density within the band, or a tenth of what is estimated, are an AccuracyError.
     """
     kelvin = _checked_temperature(temperature)
     if method not in METHODS:
@@ -179,20 +174,16 @@ def noise_density(
     `nodes` (k,); `frequencies` (f,): in hertz, at least 0; `temperature`: in kelvin, by default the die's; returns (f,
     k).
 
-    Raises
-    ------
-    CircuitError
-        If a frequency is 0, and resistors tie some part to no rail.
-    AccuracyError
-        If a density may be off by more than 1e-6 of itself.
+    It is a CircuitError where a frequency is 0, and resistors tie some part to no rail, and an AccuracyError where a
+    density may be off by more than 1e-6 of itself.
     """
-    wanted = _checked_nodes(netlist, nodes)
+    node = _checked_nodes(netlist, nodes)
     when = _checked_frequencies(frequencies)
     kelvin = _checked_temperature(temperature)
     dynamics = dynamics_of(netlist)
-    rows = dynamics.row[wanted]
-    density = np.zeros((len(when), len(wanted)))
-    density[:, np.isnan(dynamics.fixed[wanted])] = np.nan
+    rows = dynamics.row[node]
+    density = np.zeros((len(when), len(node)))
+    density[:, np.isnan(dynamics.fixed[node])] = np.nan
     inside = np.flatnonzero(rows >= 0)
     if len(inside) and len(when):
         if not when.all():
@@ -208,24 +199,21 @@ def noise_covariance(netlist: Netlist, nodes: ArrayLike, *, temperature: float |
     by default the die's; returns (k, k).
     """
     kelvin = _checked_temperature(temperature)
-    wanted = _checked_nodes(netlist, nodes)
+    node = _checked_nodes(netlist, nodes)
     dynamics = dynamics_of(netlist)
     tied = _tied_by_capacitors(dynamics)
-    rows = dynamics.row[wanted]
+    rows = dynamics.row[node]
     inside = np.flatnonzero(rows >= 0)
     loose = inside[~tied[rows[inside]]]
     if len(loose):
-        node = netlist.node_name(int(wanted[loose[0]]))
-        raise InputError(f"no capacitor ties node {node} to a rail: its noise over all frequencies is unbounded")
-    covariance = np.zeros((len(wanted), len(wanted)))
+        name = netlist.node_name(int(node[loose[0]]))
+        raise InputError(f"no capacitor ties node {name} to a rail: its noise over all frequencies is unbounded")
+    covariance = np.zeros((len(node), len(node)))
     if len(inside):
         place = (np.cumsum(tied) - 1)[rows[inside]]
-        factors = _elastance_factors(dynamics, tied)
-        for column, own in zip(inside.tolist(), place.tolist(), strict=True):
-            unit = np.zeros(int(tied.sum()))
-            unit[own] = 1.0
-            covariance[inside, column] = factors.solve_nonnegative(unit)[place]
-    floating = np.isnan(dynamics.fixed[wanted])
+        columns = inverse_columns(_elastance_factors(dynamics, tied), int(tied.sum()), place)
+        covariance[np.ix_(inside, inside)] = columns[:, place]
+    floating = np.isnan(dynamics.fixed[node])
     covariance[floating] = covariance[:, floating] = np.nan
     return BOLTZMANN * kelvin * covariance
 
@@ -243,10 +231,7 @@ def _elastance(dynamics: Dynamics) -> NDArray[np.float64]:
     """Diagonal of ``C^-1`` in 1/F, infinite in parts that no capacitor ties to a rail."""
     tied = _tied_by_capacitors(dynamics)
     elastance = np.full(dynamics.size, np.inf)
-    C = dynamics.capacitance
-    if C.coupling.nnz == 0:
-        elastance[tied] = 1.0 / C.excess[tied]
-    elif tied.any():
+    if tied.any():
         elastance[tied] = _elastance_factors(dynamics, tied).inverse_diagonal()
     return elastance
 
@@ -256,26 +241,26 @@ def _is_small(dynamics: Dynamics) -> bool:
     return dynamics.size <= (_EXACT_PLANE if plane else _EXACT_VOLUME)
 
 
-def _checked_nodes(netlist: Netlist, nodes: ArrayLike) -> NDArray[np.int64]:
+def _listed(values: ArrayLike) -> NDArray[Any]:
+    """One value or several, in one dimension; truths, which are refused, where they are no array."""
     try:
-        wanted = np.atleast_1d(np.asarray(nodes))
+        return np.atleast_1d(np.asarray(values))
     except ValueError:
-        wanted = np.empty(0)
-    if wanted.dtype.kind not in "iu" or wanted.ndim != 1 or np.any((wanted < 0) | (wanted >= netlist.node_count)):
+        return np.empty(0, dtype=np.bool_)
+
+
+def _checked_nodes(netlist: Netlist, nodes: ArrayLike) -> NDArray[np.int64]:
+    listed = _listed(nodes)
+    if listed.dtype.kind not in "iu" or listed.ndim != 1 or np.any((listed < 0) | (listed >= netlist.node_count)):
         raise InputError(f"nodes must be node numbers from 0 to {netlist.node_count - 1}")
-    return wanted.astype(np.int64)
+    return listed.astype(np.int64)
 
 
 def _checked_frequencies(frequencies: ArrayLike) -> NDArray[np.float64]:
-    try:
-        wanted = np.atleast_1d(np.asarray(frequencies))
-    except ValueError:
-        wanted = np.empty(0, dtype=np.bool_)
-    if wanted.dtype.kind == "f":
-        wanted = wanted.astype(np.float64)
-    if wanted.dtype.kind not in "iuf" or wanted.ndim != 1 or not np.all((wanted >= 0) & (wanted < _HIGHEST)):
+    listed = _listed(frequencies)
+    if listed.dtype.kind not in "iuf" or listed.ndim != 1 or not np.all((listed >= 0) & (listed < _HIGHEST)):
         raise InputError(f"frequencies must be finite (below {_HIGHEST:g}) and at least 0, in hertz")
-    return wanted.astype(np.float64)
+    return listed.astype(np.float64)
 
 
 def _checked_temperature(temperature: float | None) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.chip.figures import Figure, Result
+from resgrid.die import end_names
 from resgrid.netlist import GROUND, Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.space import Cell
@@ -109,10 +110,9 @@ class Power(Result):
 
     def to_json(self) -> dict[str, Any]:
         """The figures and the hottest resistors, as plain values."""
-        worst, netlist = self.worst(), self.op.netlist
-        pairs = zip(*(netlist.names_of(netlist.resistor_nodes[worst, end]) for end in (0, 1)), strict=True)
-        heat = self.resistor[worst].tolist()
-        hottest = [{"nodes": list(pair), "power": watts} for pair, watts in zip(pairs, heat, strict=True)]
+        worst = self.worst()
+        names, heat = end_names(self.op.netlist, worst), self.resistor[worst].tolist()
+        hottest = [{"nodes": pair, "power": watts} for pair, watts in zip(names, heat, strict=True)]
         return {**super().to_json(), "hottest": hottest}
 
 
@@ -140,7 +140,7 @@ def _rails(op: OperatingPoint, balance: PowerBalance) -> tuple[RailPower, ...]:
     netlist = op.netlist
     ties = (netlist.source_volts == 0.0) & (netlist.source_nodes != GROUND).all(axis=1)
     groups: dict[tuple[str, float], list[int]] = {}
-    for number, name in enumerate(_rail_names(netlist)):
+    for number, name in enumerate(rail_names(netlist)):
         if not ties[number]:
             groups.setdefault((name, float(netlist.source_volts[number])), []).append(number)
     return tuple(
@@ -155,7 +155,7 @@ def _rails(op: OperatingPoint, balance: PowerBalance) -> tuple[RailPower, ...]:
     )
 
 
-def _rail_names(netlist: Netlist) -> list[str]:
+def rail_names(netlist: Netlist) -> list[str]:
     """For every voltage source the rail that it is part of."""
     plus, minus = netlist.source_nodes.T
     node = np.where(plus == GROUND, minus, plus)

@@ -17,6 +17,7 @@ from resgrid.chip.exploration import Sweep
 from resgrid.chip.figures import Figure, Proportion, Result, formatted
 from resgrid.chip.precision import Precision
 from resgrid.chip.studies import Study, study
+from resgrid.die import end_names
 from resgrid.errors import CircuitError
 from resgrid.scene.chip import Chip
 from resgrid.scene.table import described_keys
@@ -273,7 +274,7 @@ def _worst(result: Criticality) -> str:
     words = []
     for fault in ("open", "short"):
         worst = result.worst(fault, 1)
-        for (first, second), lost in zip(result.names_of(worst), result.lost(fault)[worst], strict=True):
+        for (first, second), lost in zip(end_names(result.netlist, worst), result.lost(fault)[worst], strict=True):
             words.append(f"the worst {fault} is that between {first} and {second}, with {int(lost)} starts lost")
     return "; ".join(words).capitalize() + "." if words else "None costs a start."
 
@@ -301,8 +302,8 @@ def seconds_needed(name: str, chip: Study, effort: Effort) -> float:
 def checkpoint_beside(folder: Path, chip: Study, half_width: float) -> Path:
     """Where the counts of a yield are kept until its folder is whole."""
     cells = chip.ideal.cells
-    told = f"{chip.chip} {cells.wiring} {half_width}".encode()
-    mark = hashlib.sha256(told + cells.space.cell.tobytes()).hexdigest()[:12]
+    text = f"{chip.chip} {cells.wiring} {half_width}".encode()
+    mark = hashlib.sha256(text + cells.space.cell.tobytes()).hexdigest()[:12]
     return folder.parent / f".{folder.name}-{mark}.yield.npz"
 
 

@@ -12,9 +12,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.chip.adjoint import adjoint_of, ends_of
+from resgrid.chip.adjoint import adjoint_of
 from resgrid.chip.figures import Figure, Result, defined
 from resgrid.chip.precision import Steps, steps_of
+from resgrid.die import end_names
 from resgrid.errors import InputError
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.space import Cell, ConfigurationSpace
@@ -81,18 +82,13 @@ class Sensitivity(Result):
 
     def to_json(self) -> dict[str, Any]:
         """The readings and the resistors that matter most, as plain values."""
-        netlist = self.op.netlist
-        ends = ends_of(netlist)
         worst = self.flips(np.finfo(np.float64).max)[:_WORST]
-        pairs = zip(*(netlist.names_of(ends[worst, end]) for end in (0, 1)), strict=True)
-        drifts, cells = self.flip_drift[worst].tolist(), self.cells[self.decision[worst]].tolist()
-        return {
-            **super().to_json(),
-            "weakest": [
-                {"nodes": list(pair), "drift": drift, "cell": cell}
-                for pair, drift, cell in zip(pairs, drifts, cells, strict=True)
-            ],
-        }
+        names, cells = end_names(self.op.netlist, worst), self.cells[self.decision[worst]].tolist()
+        weakest = [
+            {"nodes": pair, "drift": drift, "cell": cell}
+            for pair, drift, cell in zip(names, self.flip_drift[worst].tolist(), cells, strict=True)
+        ]
+        return {**super().to_json(), "weakest": weakest}
 
 
 def voltage_sensitivity(op: OperatingPoint, weights: ArrayLike) -> NDArray[np.float64]:

@@ -145,13 +145,8 @@ def analyse_settling(
     point, before the switch (as in `resgrid.transient`; by default all capacitors are discharged); `modes`: how many
     slow time constants to find; `method`: as in `resgrid.solve`.
 
-    Raises
-    ------
-    CircuitError
-        If a part of the circuit never settles.
-    AccuracyError
-        If the conductances span so many decades that rounding decides the slowest time constant, if an iteration
-        does not converge, or if a figure is beyond what doubles hold.
+    A part of the circuit that never settles is a CircuitError; conductances that span so many decades that rounding
+    decides the slowest time constant, and figures beyond what doubles hold, are AccuracyErrors.
     """
     bits = 10 if bits is None else bits
     if not (is_whole(bits) and 1 <= bits <= 24):

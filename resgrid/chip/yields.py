@@ -137,13 +137,8 @@ def analyse_yield(
     interrupted is taken up and ends in the same numbers; `progress`: called after every batch with the trials done,
     those expected in all, and the overall yield so far.
 
-    Raises
-    ------
-    InputError
-        If an argument is not admissible, the netlist does not suit the chip, or the checkpoint is of another run or
-        holds more trials than asked for.
-    CircuitError
-        If the flawless chip has no operating point; a chip that a defect leaves without one serves no start.
+    A checkpoint of another run, or one that holds more trials than asked for, is refused.  A chip that a defect leaves
+    without an operating point serves no start; a flawless chip without one is a CircuitError.
     """
     check_number("half_width", half_width, "a number between 0 and 0.5, such as 0.01", above=0.0, below=0.5)
     check_whole("trials", trials, 1)

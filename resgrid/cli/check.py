@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from resgrid.netlist import Netlist
     from resgrid.spice.check.agreement import Agreement
     from resgrid.spice.check.predictions import Prediction
-    from resgrid.spice.check.violation import Severity, Violation
-    from resgrid.spice.circuit import Circuit
+    from resgrid.spice.check.violation import Violation
+    from resgrid.spice.circuit import Circuit, Severity
 
 _WORDS = {"sidecar": "the sidecar", "scene": "the scene's solution", "solve": "our solution"}
 _LONG = 10.0

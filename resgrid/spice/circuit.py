@@ -25,7 +25,9 @@ SHOWN = 5
 """How many names a message holds."""
 
 LISTED = 1000
-_CONDUCTING = ("resistor", "voltage source", "nonlinear resistor")
+CONDUCTING = ("resistor", "voltage source", "nonlinear resistor")
+"""Kinds that carry current at direct current whatever drives them."""
+
 _NOMINAL_TEMPERATURE = 27.0
 _SHARED = (
     "resistor_nodes",
@@ -192,7 +194,7 @@ class Circuit:
     @cached_property
     def part(self) -> NDArray[np.int64]:
         """Number of the part each node belongs to: nodes that elements which conduct join; shape (nodes,)."""
-        return connected_parts(np.concatenate([self.ends[kind] for kind in _CONDUCTING]), len(self.node_names))
+        return connected_parts(np.concatenate([self.ends[kind] for kind in CONDUCTING]), len(self.node_names))
 
     @cached_property
     def degree(self) -> NDArray[np.int64]:

@@ -65,27 +65,3 @@ def strip_leaves(indptr: NDArray[np.int32], indices: NDArray[np.int32], degree: 
                 if degree[other] == 1:
                     stack[top] = other
                     top += 1
-
-
-@njit(cache=True)
-def sweep_levels(
-    indptr: NDArray[np.int32], indices: NDArray[np.int32], alive: NDArray[np.bool_], start: int
-) -> tuple[int, int, int]:
-    """Breadth-first levels from a node over those alive; their number, the nodes reached, and the last of them."""
-    seen = ~alive
-    queue = np.empty(len(alive), dtype=np.int64)
-    queue[0], head, tail, levels = start, 0, 1, 0
-    seen[start] = True
-    while head < tail:
-        levels += 1
-        level_end = tail
-        while head < level_end:
-            node = queue[head]
-            head += 1
-            for k in range(indptr[node], indptr[node + 1]):
-                other = indices[k]
-                if not seen[other]:
-                    seen[other] = True
-                    queue[tail] = other
-                    tail += 1
-    return levels, tail, queue[tail - 1]

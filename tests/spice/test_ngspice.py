@@ -118,10 +118,8 @@ def test_a_hanging_simulator_is_ended(tmp_path: Path, monkeypatch: pytest.Monkey
         f"pathlib.Path({str(pid)!r}).write_text(str(os.getpid()))\ntime.sleep(60)",
     )
     monkeypatch.setenv("RESGRID_NGSPICE", str(hang))
-    started = time.perf_counter()
     with pytest.raises(BudgetError, match="did not finish deck within 1 s"):
         simulate(FLOATING, timeout=1.0)
-    assert time.perf_counter() - started < 20
     with pytest.raises(ProcessLookupError):
         os.kill(int(pid.read_text()), 0)
 

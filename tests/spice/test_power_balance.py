@@ -46,6 +46,16 @@ def test_power_delivered_is_power_dissipated(seed: int, drive: bool) -> None:
     assert drops.supply[1] == 1.0 and np.all(drops.supply[4:] == 1.0)
 
 
+def test_nonlinear_resistors_are_weighed() -> None:
+    netlist = Netlist(
+        3, [[1, 2]], [1e-3], source_nodes=[[1, 0]], source_volts=[1.0], nonlinear_nodes=[[2, 0], [1, 0]],
+        nonlinear_current=[2e-4, 1e-5], nonlinear_voltage=[0.1, 0.3],
+    )  # fmt: skip
+    balance = power_balance(solve(netlist))
+    assert balance.imbalance < 1e-12
+    assert 0 < balance.nonlinear_power.sum() < balance.delivered
+
+
 def test_a_loop_of_sources_leaves_the_balance_open() -> None:
     pairs = [[1, 0], [1, 0]]
     with pytest.warns(UserWarning, match="loops"):

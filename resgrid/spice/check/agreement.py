@@ -77,7 +77,7 @@ def compare(
     error = _errors(volts, simulation.voltage)
     largest = next(iter(error.values()), np.inf)
     amps = {name: amps for name, amps in expected.source_current.items() if amps is not None}
-    found = [
+    problems = [
         *findings,
         *simulation.complaints,
         *_unmatched(expected.voltage, simulation.voltage, "node"),
@@ -90,14 +90,14 @@ def compare(
     tried = f"resgrid is tried with {SIMULATED} {' and '.join(VERSIONS)}; this is version {simulation.version}"
     return Agreement(
         reference=reference,
-        agrees=not found and bool(volts),
+        agrees=not problems and bool(volts),
         max_abs_error=largest if np.isfinite(largest) else None,
         max_relative_error=largest / expected.supply if np.isfinite(largest) else None,
         nodes=len(volts),
         simulator=simulation.simulator,
         version=simulation.version,
         tolerance=tolerance,
-        findings=tuple(found),
+        findings=tuple(problems),
         worst=tuple((name, volts[name], simulation.voltage[name]) for name in list(error)[:_SHOWN] if error[name] > 0),
         remark=tried if unknown else "",
     )
@@ -130,16 +130,16 @@ def _unmatched(expected: Mapping[str, object], got: Mapping[str, object], what: 
     ]
 
 
-def unverified(found: Agreement, why: str) -> Agreement:
+def unverified(agreement: Agreement, why: str) -> Agreement:
     """What a comparison with what was read of a deck, written anew, says of the deck itself: nothing good."""
     return replace(
-        found,
-        agrees=None if found.agrees else False,
+        agreement,
+        agrees=None if agreement.agrees else False,
         max_abs_error=None,
         max_relative_error=None,
         nodes=0,
         worst=(),
         remark=why,
         verified=False,
-        as_read=found,
+        as_read=agreement,
     )

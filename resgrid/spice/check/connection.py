@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.netlist import GROUND
-from resgrid.spice.check.violation import Severity, Violation
-from resgrid.spice.circuit import SHOWN, Circuit, some
+from resgrid.spice.check.violation import Violation
+from resgrid.spice.circuit import CONDUCTING, SHOWN, Circuit, Severity, some
 
 _MOST = 10
 _TOLERANCE = 1e-9
@@ -18,7 +18,7 @@ _TOLERANCE = 1e-9
 
 def ground(circuit: Circuit) -> Iterator[Violation]:
     """Nothing that conducts touches ground."""
-    if not any((circuit.ends[kind] == GROUND).any() for kind in ("resistor", "voltage source", "nonlinear resistor")):
+    if not any((circuit.ends[kind] == GROUND).any() for kind in CONDUCTING):
         yield Violation(
             "error",
             "ground",

@@ -136,8 +136,8 @@ def _check_own(
         known = {node: volts for node, volts in simulation.voltage.items() if node in expected.voltage}
         simulation = replace(simulation, voltage=known)
     origin: Reference = "sidecar" if reference is None else "scene"
-    found = compare(expected, simulation, tolerance=limits.tolerance, reference=origin, findings=findings)
-    return unverified(found, why) if why else found
+    agreement = compare(expected, simulation, tolerance=limits.tolerance, reference=origin, findings=findings)
+    return unverified(agreement, why) if why else agreement
 
 
 def _check_external(
@@ -150,16 +150,16 @@ def _check_external(
     """Somebody's deck, against our solution of it; the places of the worst nodes are told."""
     op = solve(deck.netlist()) if op is None else op
     job = runnable(deck, data, root=None if root is None else Path(root), engine=limits.engine)
-    found = compare(expected_of(deck, op, as_written=not job.why), _simulated(job, deck.path, limits),
+    agreement = compare(expected_of(deck, op, as_written=not job.why), _simulated(job, deck.path, limits),
                     tolerance=limits.tolerance)  # fmt: skip
     if job.why:
-        return unverified(found, job.why)
-    if found.agrees:
-        return found
-    places = places_of(deck, [name for name, *_ in found.worst])
+        return unverified(agreement, job.why)
+    if agreement.agrees:
+        return agreement
+    places = places_of(deck, [name for name, *_ in agreement.worst])
     prediction = next(item for item in predict_simulators(deck) if item.simulator == SIMULATED)
     known = [] if prediction.outcome == "right" else [f"this was to be expected: {prediction}"]
-    return replace(found, findings=(*(_with_place(finding, places) for finding in found.findings), *known))
+    return replace(agreement, findings=(*(_with_place(finding, places) for finding in agreement.findings), *known))
 
 
 def _simulated(job: Runnable, source: str, limits: _Limits) -> Simulation:

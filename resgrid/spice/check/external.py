@@ -108,21 +108,21 @@ def _without_analyses(rows: Iterable[bytes]) -> Iterator[bytes]:
 
 def _gather_includes(deck: Path, data: bytes, root: Path) -> dict[str, bytes]:
     """Every file that a simulator may read for a deck, by its place below the root; the deck itself is left out."""
-    found: dict[str, bytes] = {}
+    files: dict[str, bytes] = {}
     todo = [(deck, data)]
     while todo:
         path, content = todo.pop()
         for name in _names(path, content):
             for other in _places(name, path, root):
                 place = other.relative_to(root).as_posix()
-                if place in found or other == deck:
+                if place in files or other == deck:
                     continue
-                if len(found) >= MAX_FILES:
+                if len(files) >= MAX_FILES:
                     raise InputError(f"{deck}: more than {MAX_FILES} files are included")
-                found[place] = read_bytes(other, str(other))
-                refuse_commands(b"\n" + found[place], place, models=True, includes=True)
-                todo.append((other, found[place]))
-    return found
+                files[place] = read_bytes(other, str(other))
+                refuse_commands(b"\n" + files[place], place, models=True, includes=True)
+                todo.append((other, files[place]))
+    return files
 
 
 def _names(path: Path, data: bytes) -> Iterator[str]:

@@ -7,8 +7,8 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import NamedTuple
 
-from resgrid.spice.check.violation import Severity, Violation
-from resgrid.spice.circuit import LISTED, SHOWN, Circuit, some
+from resgrid.spice.check.violation import Violation
+from resgrid.spice.circuit import LISTED, SHOWN, Circuit, Severity, some
 from resgrid.spice.dialects import DIALECTS
 from resgrid.spice.dialects.reading import ReadingRules
 
@@ -106,16 +106,16 @@ def misread(circuit: Circuit) -> Iterator[Violation]:
     text = "\n".join(name.replace("\n", " ") for name in names[1:])
     for trap in _TRAPS:
         pattern = re.compile(rf"^(?:{trap.pattern})$", re.MULTILINE | re.IGNORECASE)
-        found = [match.group() for match in pattern.finditer(text)]
-        if found:
-            shown = some([repr(name) for name in found[:SHOWN]], len(found))
+        matches = [match.group() for match in pattern.finditer(text)]
+        if matches:
+            shown = some([repr(name) for name in matches[:SHOWN]], len(matches))
             yield Violation(
                 trap.severity,
                 "names",
                 circuit.path,
-                f"{len(found):,} node names ({shown}) {trap.message.format(simulators=_simulators(trap))}",
+                f"{len(matches):,} node names ({shown}) {trap.message.format(simulators=_simulators(trap))}",
                 trap.remedy,
-                tuple(found[:LISTED]),
+                tuple(matches[:LISTED]),
             )
 
 

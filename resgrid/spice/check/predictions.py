@@ -26,7 +26,7 @@ from resgrid.spice.dialects.record import Basis, Quirks
 from resgrid.spice.read.numerals import Numeral, parse_numeral
 
 Outcome = Literal["right", "wrong", "fails", "unsure"]
-_Foretold = tuple[Outcome, float | None, str | None, tuple[str, ...]]
+_Result = tuple[Outcome, float | None, str | None, tuple[str, ...]]
 
 TOLERANCE = 1e-9
 """Largest error of an answer that counts as right, relative to the largest voltage."""
@@ -104,16 +104,16 @@ def predict_simulators(
         floating = np.flatnonzero(circuit.part != circuit.part[GROUND])
         right = _voltages(circuit.netlist) if len(circuit.node_names) <= _LARGEST else None
         case = _Case(circuit, duplicates, loops_of(circuit), floating, right)
-        foretold = [_of_deck(dialect.quirks, case) for dialect in DIALECTS.values()]
+        outcomes = [_of_deck(dialect.quirks, case) for dialect in DIALECTS.values()]
     else:
-        foretold = [_of_netlist(dialect.quirks, circuit.resistance, errors) for dialect in DIALECTS.values()]
+        outcomes = [_of_netlist(dialect.quirks, circuit.resistance, errors) for dialect in DIALECTS.values()]
     return tuple(
         Prediction(dialect.name, *what, dialect.quirks.basis)
-        for dialect, what in zip(DIALECTS.values(), foretold, strict=True)
+        for dialect, what in zip(DIALECTS.values(), outcomes, strict=True)
     )
 
 
-def _of_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: list[Violation]) -> _Foretold:
+def _of_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: list[Violation]) -> _Result:
     """Our own decks leave out what simulators stumble over."""
     if errors:
         return "fails", None, None, (f"there is no deck to run: {errors[0].message}",)
@@ -124,7 +124,7 @@ def _of_netlist(quirks: Quirks, resistance: NDArray[np.float64], errors: list[Vi
     return "unsure" if doubts else "right", None, None, doubts
 
 
-def _of_deck(quirks: Quirks, case: _Case) -> _Foretold:
+def _of_deck(quirks: Quirks, case: _Case) -> _Result:
     fatal = _fatal(quirks, case)
     if fatal:
         return "fails", None, None, fatal

@@ -8,8 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.spice.check.violation import Severity, Violation
-from resgrid.spice.circuit import SHOWN, Circuit, some
+from resgrid.spice.check.violation import Violation
+from resgrid.spice.circuit import SHOWN, Circuit, Severity, some
 
 WIDEST_SPREAD = 1e15
 """Ratio of resistances beyond which double precision loses the small currents beside the large ones."""

@@ -10,13 +10,13 @@ Trees and chains fill nothing and take time in proportion to their elements.  KL
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from resgrid.errors import BudgetError, InputError
 from resgrid.netlist import GROUND, Netlist
-from resgrid.spice.circuit import Circuit, connected_parts
+from resgrid.spice.circuit import CONDUCTING, Circuit, connected_parts
 from resgrid.spice.dialects import DIALECTS
 
 _FIRST_WITH_KLU = 42
@@ -84,10 +84,11 @@ def core_of(circuit: Circuit) -> tuple[int, float]:
     """Size and width of what remains of a network without its loose ends and its nodes of known voltage."""
     from scipy.sparse import coo_array
 
-    from resgrid.spice.kernels import strip_leaves, sweep_levels
+    from resgrid.spice.kernels import strip_leaves
 
-    known = _held(circuit)
-    pairs = np.concatenate([circuit.ends[kind] for kind in ("resistor", "voltage source", "nonlinear resistor")])
+    tree = connected_parts(circuit.source_nodes, len(circuit.node_names))
+    known = tree == tree[GROUND]
+    pairs = np.concatenate([circuit.ends[kind] for kind in CONDUCTING])
     pairs = pairs[~known[pairs].any(axis=1) & (pairs[:, 0] != pairs[:, 1])].astype(np.int32)
     if not len(pairs):
         return 0, 0.0
@@ -96,20 +97,26 @@ def core_of(circuit: Circuit) -> tuple[int, float]:
     graph = coo_array((np.ones(len(both), dtype=np.int8), (both[:, 0], both[:, 1])), shape=shape).tocsr()
     degree = np.diff(graph.indptr).astype(np.int64)
     strip_leaves(graph.indptr, graph.indices, degree)
-    alive = degree > 0
-    forks = degree > 2
+    alive = np.flatnonzero(degree)
+    forks = degree[alive] > 2
     if not forks.any():
         return 0, 0.0
-    _, _, far = sweep_levels(graph.indptr, graph.indices, alive, int(np.argmax(forks)))
-    levels, reached, _ = sweep_levels(graph.indptr, graph.indices, alive, far)
-    size, neighbours = int(forks.sum()), float(degree[forks].mean())
+    core = graph[alive][:, alive]
+    _, _, far = _sweep(core, int(np.argmax(forks)))
+    levels, reached, _ = _sweep(core, far)
+    size, neighbours = int(forks.sum()), float(degree[alive][forks].mean())
     return size, min(reached / levels, _RANDOM_WIDTH * neighbours * size ** (2 / 3))
 
 
-def _held(circuit: Circuit) -> NDArray[np.bool_]:
-    """Nodes that voltage sources tie to ground."""
-    part = connected_parts(circuit.ends["voltage source"], len(circuit.node_names))
-    return np.asarray(part == part[GROUND])
+def _sweep(graph: Any, start: int) -> tuple[int, int, int]:
+    """Breadth-first levels from a node: their number, the nodes reached, and the last of them."""
+    from scipy.sparse.csgraph import breadth_first_order
+
+    order, before = breadth_first_order(graph, start)
+    levels, node = 1, order[-1]
+    while node != start:
+        levels, node = levels + 1, before[node]
+    return levels, len(order), int(order[-1])
 
 
 def _duration(seconds: float) -> str:

@@ -116,10 +116,10 @@ def ngspice_version() -> str:
 
 def find_program(name: str, remedy: str) -> str:
     """Absolute path of a program."""
-    found = shutil.which(name)
-    if found is None:
+    path = shutil.which(name)
+    if path is None:
         raise ToolMissingError(remedy.format(name=repr(name)))
-    return str(Path(found).absolute())
+    return str(Path(path).absolute())
 
 
 def refuse_commands(data: bytes, source: str, *, models: bool = False, includes: bool = False) -> None:

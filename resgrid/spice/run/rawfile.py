@@ -35,8 +35,8 @@ class RawFile:
 
 def read_rawfile(data: bytes, source: str = "raw file") -> RawFile:
     """Read a binary raw file that holds one plot."""
-    head, found, body = data.partition(_BINARY)
-    if not found:
+    head, separator, body = data.partition(_BINARY)
+    if not separator:
         if b"\nValues:\n" in data:
             raise InputError(f"{source} is a text raw file, which rounds its numbers; ask for a binary one")
         raise InputError(f"{source} ends before its data ({len(data)} bytes)")

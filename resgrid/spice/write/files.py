@@ -111,11 +111,11 @@ def write_spice(
         more = {"form": form, "tile": tile_values(op.netlist, chip), "files": parts}
     else:
         deck = flatten(op.netlist, dialect=dialect, title=title, additions=added)
-    foretold = expect(deck, op)
+    answers = expect(deck, op)
     beside = {**deck.parts, deck.dialect.name: _commands(target.name, deck, asked)}
-    checks = len(foretold.voltage) + len(foretold.source_current) + len(deck.resistors)
+    checks = len(answers.voltage) + len(answers.source_current) + len(deck.resistors)
     if verify and deck.dialect.checks_itself and not added.spread and checks <= LARGEST:
-        beside["verify"] = format_companion(target.name, deck, foretold, _hash(deck.text))
+        beside["verify"] = format_companion(target.name, deck, answers, _hash(deck.text))
     companions = {f"{target.name}.{key}": _hash(text) for key, text in beside.items() if key not in deck.parts}
     more = {"companions": companions, **more}
     if analyses:
@@ -126,7 +126,7 @@ def write_spice(
         more["scene_sha256"] = scene_sha256
     if form == "cells":
         more["difference_from_flat"] = difference_from_ideal(op)
-    beside["json"] = format_sidecar(target.name, deck, foretold, more)
+    beside["json"] = format_sidecar(target.name, deck, answers, more)
     files = {key: target.with_name(f"{target.name}.{key}") for key in beside}
     _write_all({**{files[key]: text for key, text in beside.items()}, target: deck.text})
     return WrittenDeck(

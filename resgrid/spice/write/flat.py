@@ -146,12 +146,12 @@ def resistances(conductance: NDArray[np.float64]) -> NDArray[np.float64]:
     """
     nearest = 1 / conductance
     best = nearest.copy()
-    found = np.zeros(best.shape, dtype=np.bool_)
+    done = np.zeros(best.shape, dtype=np.bool_)
     for candidate in (rounded(nearest), nearest, np.nextafter(nearest, 0), np.nextafter(nearest, np.inf)):
         with np.errstate(all="ignore"):
-            exact = ~found & (1 / candidate == conductance)
+            exact = ~done & (1 / candidate == conductance)
         best[exact] = candidate[exact]
-        found |= exact
+        done |= exact
     return best
 
 

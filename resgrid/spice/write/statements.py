@@ -38,12 +38,10 @@ _SAME_NODES, _SAME_VALUES = ("resistor", "voltage source"), ("capacitor", "nonli
 
 def only_one(analyses: Sequence[Analysis], kind: type[Analysis]) -> Any:
     """The one analysis of a kind, or None."""
-    found = [analysis for analysis in analyses if isinstance(analysis, kind)]
-    if len(found) > 1:
-        raise InputError(
-            f"{len(found)} analyses of the kind {kind.__name__} are asked for, and a deck holds one of each"
-        )
-    return found[0] if found else None
+    own = [analysis for analysis in analyses if isinstance(analysis, kind)]
+    if len(own) > 1:
+        raise InputError(f"{len(own)} analyses of the kind {kind.__name__} are asked for, and a deck holds one of each")
+    return own[0] if own else None
 
 
 def additions(analyses: Sequence[Analysis], netlist: Netlist, rules: Dialect) -> Additions:
