@@ -223,7 +223,7 @@ def _sensitivity(chip: Study, _effort: Effort) -> Section:
 
 
 def _exploration(chip: Study, effort: Effort) -> Section:
-    result = chip.yields(*effort.sweep, trials=_EXPLORED, executor=effort.executor, progress=effort.progress)
+    result = chip.exploration(*effort.sweep, trials=_EXPLORED, executor=effort.executor, progress=effort.progress)
     units = described_keys(Chip)
     first, second = (units[key][0] for key in (result.first, result.second))
     least = ", ".join(
