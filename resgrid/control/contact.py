@@ -91,7 +91,7 @@ class Surroundings:
     @property
     def gap(self) -> NDArray[np.float64]:
         """In metres, shape (n,)."""
-        return np.asarray(self.pairs[:, 6])
+        return self.pairs[:, 6]
 
 
 def surroundings(pose: Pose, pairs: NDArray[np.float64]) -> Surroundings:
@@ -202,11 +202,9 @@ class Body:
             self.configuration = self.plant.within_stops(self.configuration + away)
         return self.configuration
 
-    def look(self) -> Surroundings | None:
-        """What is near enough to be met in this step; None while that is known to be nothing."""
-        if self._clear > 2.0 * self._reach:
-            return None
-        return self._looked()
+    def look(self) -> Surroundings:
+        """What is near enough to be met in this step; `_nothing` while that is known."""
+        return self._nothing if self._clear > 2.0 * self._reach else self._looked()
 
     def _looked(self) -> Surroundings:
         pose = self._pose = self.plant.pose(self.configuration)
@@ -215,16 +213,15 @@ class Body:
         return surroundings(pose, pairs)
 
     def contacts(
-        self, around: Surroundings | None, velocity: Vector, admittance: Vector, friction: float, pause: float
+        self, around: Surroundings, velocity: Vector, admittance: Vector, friction: float, pause: float
     ) -> Contacts | None:
         """Contacts with obstacles and stops at a velocity, if there are any; gaps open within some five pauses."""
         stops = self._stops()
-        near = around if around is not None else self._nothing
-        touching = near.gap <= 1.5 * self.margin
+        touching = around.gap <= 1.5 * self.margin
         if not touching.any() and not np.any(stops @ velocity < 0.0):
             return None
-        opening = np.where(near.gap < 0.5 * self.margin, (self.margin - near.gap) / (5.0 * pause), 0.0)
-        return solve_contacts(near, touching, velocity, admittance, friction, opening, stops)
+        opening = np.where(around.gap < 0.5 * self.margin, (self.margin - around.gap) / (5.0 * pause), 0.0)
+        return solve_contacts(around, touching, velocity, admittance, friction, opening, stops)
 
     def _stops(self) -> Vector:
         """Unit vectors away from the stops that the robot is at, shape (s, ndim)."""
@@ -236,11 +233,11 @@ class Body:
         return np.concatenate([np.eye(len(low))[low], -np.eye(len(low))[high]])
 
     def move(
-        self, velocity: Vector, longest: float, pause: float, around: Surroundings | None, keep: float = KEEP
+        self, velocity: Vector, longest: float, pause: float, around: Surroundings, keep: float = KEEP
     ) -> tuple[float, Vector]:
         """Take a step; returns how long it lasts, and the velocity: 0 for a pause if it is blocked."""
         step = self._time_step(velocity, longest, around)
-        share = 1.0 if around is None else self._free(step * velocity, around, keep)
+        share = self._free(step * velocity, around, keep)
         if share < _LEAST:
             return pause, np.zeros_like(velocity)
         self._clear -= self._reach
@@ -251,13 +248,13 @@ class Body:
         """Move by a small amount, if nothing is in the way; whether it did."""
         around = self.look()
         motion = self.plant.within_stops(self.configuration + by) - self.configuration
-        if not motion.any() or (around is not None and self._free(motion, around, KEEP) < 1.0):
+        if not motion.any() or self._free(motion, around, KEEP) < 1.0:
             return False
         self._clear -= self._reach
         self.configuration = self.configuration + motion
         return True
 
-    def _time_step(self, velocity: Vector, longest: float, around: Surroundings | None) -> float:
+    def _time_step(self, velocity: Vector, longest: float, around: Surroundings) -> float:
         """Until an axis has moved by a step, or something ahead is met."""
         fastest = float((np.abs(velocity) / self._spacing).max())
         if fastest == 0.0:
@@ -269,15 +266,16 @@ class Body:
         meets = (ahead > _AT_STOP * self._spacing) & (step * np.abs(velocity) > ahead)
         if meets.any():
             step = float((ahead[meets] / np.abs(velocity[meets])).min())
-        if around is not None and len(around.gap):
-            closing = -(around.normal_rows @ velocity)
-            meets = (around.gap > 1.5 * self.margin) & (step * closing > around.gap - self.margin)
-            if meets.any():
-                step = float(((around.gap[meets] - self.margin) / closing[meets]).min())
+        closing = -(around.normal_rows @ velocity)
+        meets = (around.gap > 1.5 * self.margin) & (step * closing > around.gap - self.margin)
+        if meets.any():
+            step = float(((around.gap[meets] - self.margin) / closing[meets]).min())
         return step
 
     def _free(self, motion: Vector, around: Surroundings, keep: float) -> float:
         """Share of a motion on which no gap falls below what is kept, or below the smallest that there is."""
+        if around is self._nothing:
+            return 1.0
         nearest = float(around.gap.min(initial=np.inf))
         if nearest < 0.1 * self._lift:
             return 0.0

@@ -110,7 +110,7 @@ class Loop:
             return fastest
         return float(np.minimum(controller.speed, controller.speed_limits).max() / spacing.min())
 
-    def _contacts(self, around: Surroundings | None, velocity: Vector, pause: float) -> Contacts | None:
+    def _contacts(self, around: Surroundings, velocity: Vector, pause: float) -> Contacts | None:
         """Contacts at a velocity before speed limits, worked out at what the limits leave of it."""
         controller = self.live.controller
         limited = controller.limited(velocity)
