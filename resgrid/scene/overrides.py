@@ -12,7 +12,7 @@ from resgrid.robots import ROBOTS, Ball, Box, HalfSpace, Polygon, Robot
 from resgrid.scene.goals import CostArea, GoalJoints
 from resgrid.scene.maps.arrays import MapData
 from resgrid.scene.read import build_scene
-from resgrid.scene.scene import Scene
+from resgrid.scene.scene import IN_FILES, Scene
 from resgrid.scene.table import plain
 
 SHORT = {"resistance": "chip.resistance", "supply": "chip.supply", "radius": "robot.radius"}
@@ -24,7 +24,7 @@ _SHAPES = {Box: ("rectangle", "box"), Ball: ("circle", "sphere"), Polygon: ("pol
 def document_of(scene: Scene) -> dict[str, Any]:
     """The document that describes a scene; the inverse of `build_scene`."""
     document = {"schema": 1, "robot": _robot_table(scene.robot), "starts": plain(scene.starts)}
-    for key in ("title", "boundary", "drive", "sampling", "k", "chip", "control"):
+    for key in IN_FILES:
         value = getattr(scene, key)
         if value is not None:
             document[key] = plain(value)

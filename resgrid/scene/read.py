@@ -16,7 +16,7 @@ from resgrid.robots import ROBOTS, Robot
 from resgrid.scene.consistency import Parts, Problem, inconsistencies
 from resgrid.scene.maps.arrays import MapData
 from resgrid.scene.maps.formats import COMMON, FORMATS, format_of, read_map
-from resgrid.scene.scene import MapCells, Scene, check_attributes, edge_rules, start_point
+from resgrid.scene.scene import IN_FILES, MapCells, Scene, check_attributes, edge_rules, start_point
 from resgrid.scene.toml_lines import Path as KeyPath, key_lines
 from resgrid.scene.words import report
 from resgrid.space import Axis
@@ -130,7 +130,6 @@ def build_scene(
     )
     return Scene(
         axes=axes,
-        title=document.title,
         robot=robot,
         obstacles=tuple(document.obstacle),
         hidden=tuple(document.hidden),
@@ -139,14 +138,9 @@ def build_scene(
         areas=tuple(document.area),
         map=cells,
         frame=frame,
-        boundary=document.boundary,
-        drive=document.drive,
         edge=edge_rules(document.edge, axes),
-        k=document.k,
-        chip=document.chip,
-        control=document.control,
-        sampling=document.sampling,
         source=source,
+        **{key: getattr(document, key) for key in IN_FILES},
     )
 
 

@@ -28,6 +28,9 @@ Boundary = Literal["dirichlet", "neumann", "wall"]
 Drive = Literal["uniform", "start"]
 EdgeRule = Literal["obstacle", "open", "periodic"]
 
+IN_FILES = ("title", "boundary", "drive", "sampling", "k", "chip", "control")
+"""Attributes of a scene that are keys of its file as they are."""
+
 HEADINGS = 36
 """Cells of the third axis of a turning robot on a map that does not say."""
 

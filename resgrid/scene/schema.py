@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 
 from annotated_types import Ge, Gt, Le, Len
 from pydantic import (
+    AfterValidator,
     ConfigDict,
     Discriminator,
     Field,
@@ -25,9 +26,11 @@ from resgrid.robots.shapes import LARGEST
 from resgrid.scene.chip import Chip, Defects, Readout
 from resgrid.scene.control import Control
 from resgrid.scene.goals import CostArea, GoalCell, GoalJoints, GoalPoint
+from resgrid.scene.maps.formats import FORMATS
 from resgrid.scene.quantities import Listed
 from resgrid.scene.scene import Boundary, Drive, EdgeRule, Scene
 from resgrid.scene.table import Table, either, filled_as, meanings, table_of, value_of
+from resgrid.scene.words import suggestion
 from resgrid.space import Axis
 
 Coordinates = Annotated[tuple[float, ...], Strict(False), Len(1, 4)]
@@ -203,13 +206,25 @@ class Grid(Table):
         return cells
 
 
+def _known_format(name: str) -> str:
+    names = ["auto", *FORMATS]
+    if name not in names:
+        near = suggestion(name, names)
+        raise ValueError(f"{name!r} is unknown: it may be {' or '.join(names)}{near and f'; {near}'}")
+    return name
+
+
 class Map(Table):
     """A map file instead of a grid, and how to read it; each format takes its own options."""
 
     file: Annotated[str, Len(1), Field(description="Its name, seen from the scene's folder.")]
     format: Annotated[
-        Literal["auto", "ros", "movingai", "image", "epic", "npy"],
-        Field(description="Otherwise by the end of its name, or its first bytes."),
+        str,
+        AfterValidator(_known_format),
+        Field(
+            description="Otherwise by the end of its name, or its first bytes.",
+            json_schema_extra=lambda schema: schema.update(enum=["auto", *FORMATS]),
+        ),
     ] = "auto"
     dialect: Annotated[Literal["nav2", "ros1"] | None, Field(description="ROS: whose reader is meant.")] = None
     unknown: Annotated[

@@ -7,6 +7,8 @@ from PIL import Image
 import resgrid as rg
 from resgrid.errors import InputError, ResgridError
 from resgrid.scene import read_queries, read_scene, sample
+from resgrid.scene.maps.arrays import MapData, placed_axes
+from resgrid.scene.maps.formats import FORMATS, PLACING, MapFormat
 from resgrid.scene.maps.pictures import read_pgm
 
 MAP = "type octile\nheight 3\nwidth 4\nmap\n.G@O\nTSW.\n....\n"
@@ -275,6 +277,19 @@ def test_goals_of_a_map_survive_the_radius_or_are_reported(tmp_path):
     assert cells(tmp_path / "a.npy", robot=rg.PointRobot(0.5)).tolist() == [[1, 1, 2, 2]]
     with pytest.raises(InputError, match="goal cells"):
         cells(tmp_path / "a.npy", robot=rg.PointRobot(5.0))
+
+
+def test_a_format_of_ones_own_is_a_reader_and_a_line(tmp_path, monkeypatch):
+    def read_csv(path, **placing):
+        cell = np.loadtxt(path, delimiter=",", dtype=np.uint8)
+        return MapData(placed_axes(cell.shape, **placing), rg.Frame(), cell)
+
+    monkeypatch.setitem(FORMATS, "csv", MapFormat(read_csv, (".csv",), (), PLACING))
+    file = write(tmp_path / "a.csv", "0,1,0\n0,0,0\n")
+    assert cells(file, spacing=0.5).tolist() == [[0, 1, 0], [0, 0, 0]]
+    assert rg.read_scene(file, goal=(0.2, 0.2), spacing=0.5).axes[0].upper == 1.0
+    with pytest.raises(InputError, match=r"map\.format: 'cvs' is unknown: it may be .*; did you mean 'csv'"):
+        rg.read_scene(file, format="cvs")
 
 
 @pytest.mark.parametrize("mode", ["L", "RGBA"])

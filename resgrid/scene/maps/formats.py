@@ -28,7 +28,7 @@ class MapFormat:
 
 
 PLACING = ("spacing", "origin", "unit")
-FORMATS: Mapping[str, MapFormat] = {
+FORMATS: dict[str, MapFormat] = {
     "ros": MapFormat(read_ros, (".yaml", ".yml"), (), ("dialect", "unknown", "lethal", "least_conductivity")),
     "movingai": MapFormat(read_movingai, (".map",), (b"type ",), ("passable",)),
     "image": MapFormat(

@@ -60,7 +60,9 @@ def read_movingai(path: Path, passable: str = PASSABLE) -> MapData:
         raise InputError(f"map.passable: {''.join(unknown)!r} is no terrain; the letters are {TERRAIN}")
     lines = read_text(path).split("\n")
     first, width, height = _header(lines, path)
-    rows = _without_blank_end(lines[first : first + height])
+    rows = lines[first : first + height]
+    while rows and not rows[-1].strip():
+        rows.pop()
     _check_rows(rows, lines, path, first, width, height)
     require_grid_memory((width, height), str(path))
     letters = np.frombuffer("".join(row.rstrip() for row in rows).encode(), dtype=np.uint8).reshape(height, width)
@@ -120,12 +122,6 @@ def _sizes(values: dict[str, str], path: Path) -> tuple[int, int]:
             raise InputError(f"{path}: the header needs '{key} N' with N at least 1, got {text[:20] or 'nothing'!r}")
         sizes.append(int(text))
     return sizes[0], sizes[1]
-
-
-def _without_blank_end(rows: list[str]) -> list[str]:
-    while rows and not rows[-1].strip():
-        rows = rows[:-1]
-    return rows
 
 
 def _check_rows(rows: list[str], lines: list[str], path: Path, first: int, width: int, height: int) -> None:

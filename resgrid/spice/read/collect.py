@@ -87,7 +87,9 @@ class Collector:
         return "element" if words[0][0] in _ELEMENT_LETTERS and (len(words) > 3 or continued) else "title"
 
     def _with_first_command(self, stream: Iterator[Card]) -> Iterator[Card]:
-        first = next(stream)
+        first = next(stream, None)
+        if first is None:
+            return
         if first.first_word == ".title":
             self.contents.title = first.text.split(maxsplit=1)[1] if " " in first.text else None
         else:

@@ -1,4 +1,4 @@
-"""Compiled loops over the bytes of a deck: plain cards cut, node names numbered, simple numbers read.
+"""Compiled loops over the bytes of a deck: plain cards cut, node names numbered, plain numbers recognised.
 
 A *plain* card is one line ``name node node value``, or ``R=value`` for a resistor, ``DC value`` for a source, of
 printable ASCII without quotes, parentheses or comments, that no other line continues.  Everything else is kept aside.
@@ -21,39 +21,25 @@ Bytes = NDArray[np.uint8]
 DONE, TOO_HARD = 0, 1
 """Outcomes of `cut`: finished, or a file to be read line by line (conditions, sections, strange blanks)."""
 
-BAD, NAME, BLANK, BREAK = 0, 1, 2, 3
+BAD, NAME, BLANK = 0, 1, 2
 _OFFSET = np.uint64(14695981039346656037)
 _PRIME = np.uint64(1099511628211)
 _MIX = np.uint64(29)
 
+CLASSES = np.full(256, BAD, dtype=np.uint8)
+"""What every byte means in a plain card."""
+CLASSES[33:127] = NAME
+CLASSES[list(b"\"$'(),;={}\\")] = BAD
+CLASSES[list(b" \t")] = BLANK
 
-def _classes() -> NDArray[np.uint8]:
-    """What every byte means in a plain card."""
-    classes = np.full(256, BAD, dtype=np.uint8)
-    classes[33:127] = NAME
-    classes[np.frombuffer(b"\"$'(),;={}\\", dtype=np.uint8)] = BAD
-    classes[[32, 9]] = BLANK
-    classes[10] = BREAK
-    return classes
-
-
-def _folded() -> NDArray[np.uint8]:
-    """Every byte in lower case."""
-    table = np.arange(256, dtype=np.uint8)
-    table[65:91] += 32
-    return table
-
-
-def _kinds() -> NDArray[np.uint8]:
-    """Kind of element that a letter stands for: 0 resistor, 1 voltage source, 2 current source, 3 capacitor."""
-    kinds = np.full(256, NO_KIND, dtype=np.uint8)
-    for kind, letters in enumerate((b"rR", b"vV", b"iI", b"cC")):
-        kinds[list(letters)] = kind
-    return kinds
-
+FOLDED = np.frombuffer(bytes(range(256)).lower(), dtype=np.uint8)
+"""Every byte in lower case."""
 
 NO_KIND = 255
-CLASSES, FOLDED, KINDS = _classes(), _folded(), _kinds()
+KINDS = np.full(256, NO_KIND, dtype=np.uint8)
+"""Kind of element that a letter stands for: 0 resistor, 1 voltage source, 2 current source, 3 capacitor."""
+for _kind, _letters in enumerate((b"rR", b"vV", b"iI", b"cC")):
+    KINDS[list(_letters)] = _kind
 
 
 @inner

@@ -47,6 +47,7 @@ CARDS = st.sampled_from(
     (
         *(
             "R1 a b 1",
+            "b1 a b i=1m*tanh(v(a,b)/0.1)",
             "r2 B c 2.5e3",
             "R3 c 0 R=7",
             "R4 c gnd 1k",
