@@ -46,8 +46,8 @@ if TYPE_CHECKING:
 def command(source: Source, output: str | None, dialect: str, form: Form) -> int:
     """Compile SCENE into a resistor netlist and write it as a SPICE deck.
 
-    The flat deck is that of the chip as its [chip] table describes it; tiles hold its switches, capacitors and
-    mismatch, and what they cannot hold is refused.
+    The deck is that of the chip as its [chip] table describes it, in tiles as in the flat form; what tiles have no
+    place for is refused.
 
     Without -o, or with -o -, the flat deck alone is printed.
     """

@@ -11,13 +11,12 @@ from resgrid.cli.decks import is_deck, open_deck, solve_deck
 from resgrid.cli.options import Source, dialect_option, output_option, verb, with_source
 from resgrid.cli.report import finish, say, stage
 from resgrid.cli.scenes import (
-    DECK_SUFFIXES,
-    SPECTRE_SUFFIX,
     element_counts,
     open_job,
     say_unheeded,
 )
 from resgrid.errors import InputError
+from resgrid.spice.dialects import DECK_SUFFIXES, OWN_SUFFIXES
 
 if TYPE_CHECKING:
     from resgrid.netlist import Netlist
@@ -46,7 +45,7 @@ def command(source: Source, output: str, dialect: str | None, bare: bool) -> int
     from resgrid.io.networks import NETWORK_SUFFIXES, left_out, write_network
 
     suffix = Path(output).suffix.lower()
-    known = (*DECK_SUFFIXES, SPECTRE_SUFFIX, *NETWORK_SUFFIXES)
+    known = (*DECK_SUFFIXES, *NETWORK_SUFFIXES)
     if output != "-" and suffix not in known:
         raise InputError(f"-o {output}: it must end in {', '.join(known)}")
     is_network = output != "-" and suffix in NETWORK_SUFFIXES
@@ -63,7 +62,7 @@ def command(source: Source, output: str, dialect: str | None, bare: bool) -> int
         with stage("write it", seconds=5e-6 * data["resistors"]):
             write_network(netlist, output)
     else:
-        data["dialect"] = dialect or ("spectre" if suffix == SPECTRE_SUFFIX else "ngspice")
+        data["dialect"] = dialect or OWN_SUFFIXES.get(suffix, "ngspice")
         with stage("write it", seconds=5e-6 * data["resistors"]):
             data |= _write_deck(netlist, title, None if alone else op, output, data["dialect"])
     finish(data | unheeded, written=output)

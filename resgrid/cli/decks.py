@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from resgrid.cli.report import compute, detail, say, stage
-from resgrid.cli.scenes import DECK_SUFFIXES, SPECTRE_SUFFIX
 from resgrid.errors import CircuitError, InputError
+from resgrid.spice.dialects import DECK_SUFFIXES
 
 if TYPE_CHECKING:
     from resgrid.cli.options import Source
@@ -24,7 +24,7 @@ def is_deck(source: str) -> bool:
     """Whether a file is a circuit and no scene: by the end of its name, or by the sidecar beside it."""
     path = Path(source)
     suffix = path.suffix.lower()
-    if suffix in (*DECK_SUFFIXES, SPECTRE_SUFFIX) or is_network(source):
+    if suffix in DECK_SUFFIXES or is_network(source):
         return True
     return source != "-" and path.name != "" and path.with_name(path.name + ".json").is_file()
 

@@ -15,6 +15,7 @@ import resgrid
 from resgrid.cli.options import Source
 from resgrid.cli.report import compute, say, stage
 from resgrid.errors import InputError
+from resgrid.spice.dialects import DECK_SUFFIXES
 
 if TYPE_CHECKING:
     from resgrid.chip.build import Form
@@ -24,9 +25,6 @@ if TYPE_CHECKING:
     from resgrid.scene import Chip, Scene
     from resgrid.space import ConfigurationSpace
     from resgrid.wiring import Wiring
-
-DECK_SUFFIXES = (".cir", ".sp", ".spice", ".ckt", ".net", ".cdl")
-SPECTRE_SUFFIX = ".scs"
 
 
 @dataclass(frozen=True, eq=False)

@@ -31,7 +31,6 @@ from resgrid.wiring import Wiring
 Passes = Callable[[Netlist], Netlist]
 """What makes a real chip of an ideal netlist."""
 
-
 Observe = Callable[..., Any]
 """Runs a stage, and shows meanwhile what it likes: ``observe(stage, function, *arguments, seconds, iterates)``.
 
@@ -61,8 +60,10 @@ class Problem:
 
     @property
     def halves(self) -> dict[float, Wiring]:
-        """The circuits of k = 1, with obstacles on the rail or behind walls, and of k = 0, with open ones."""
-        return {1.0: closed(self.wiring), 0.0: self.wiring.opened()}
+        """What k means: at 1 obstacles are a rail, behind walls if the wiring has some; at 0 they are open."""
+        wiring = self.wiring
+        closed = replace(wiring, boundary="dirichlet", drive=None, start=None) if wiring.is_driven else wiring
+        return {1.0: closed, 0.0: wiring.opened()}
 
     @property
     def wirings(self) -> dict[str, Wiring]:
@@ -149,7 +150,9 @@ def problem_of(
     `wiring`: other fields of `Wiring`, None for the scene's.
     """
     if k is not None:
-        check_blend(k, boundary)
+        check_share(k)
+        if boundary == "neumann":
+            raise InputError("a blend has its obstacles on the rail at k = 1: choose boundary = 'dirichlet' or 'wall'")
     ks = () if k is None else (float(k),)
     if isinstance(where, ConfigurationSpace):
         given = {key: value for key, value in wiring.items() if value is not None}
@@ -172,18 +175,6 @@ def scene_wiring(scene: Scene, boundary: str | None = None, **given: Any) -> Wir
     if boundary == "wall":
         options["wall_resistance"] = chip.wall_resistance
     return Wiring(boundary, **(options | {key: value for key, value in given.items() if value is not None}))
-
-
-def closed(wiring: Wiring) -> Wiring:
-    """What k = 1 means: obstacles are a rail, behind walls if the wiring has some."""
-    return replace(wiring, boundary="dirichlet", drive=None, start=None) if wiring.is_driven else wiring
-
-
-def check_blend(k: float, boundary: str | None) -> None:
-    """Refuse a k that is no share, or one of obstacles that are open anyway."""
-    check_share(k)
-    if boundary == "neumann":
-        raise InputError("a blend has its obstacles on the rail at k = 1: choose boundary = 'dirichlet' or 'wall'")
 
 
 def require_uniform(scene: Scene, what: str) -> None:

@@ -120,6 +120,12 @@ def test_a_seed_decides_all(call, hidden, tmp_path) -> None:
     assert logs[0] == logs[1] != logs[2]
 
 
+def test_it_draws_a_picture(call, hidden, tmp_path) -> None:
+    assert call("control", hidden, "--picture", tmp_path / "run.png").exit_code == 0
+    assert (tmp_path / "run.png").read_bytes().startswith(b"\x89PNG")
+    assert call("control", hidden, "--picture", tmp_path / "run.txt").exit_code == 2
+
+
 def test_it_draws_an_animation(call, hidden, tmp_path, monkeypatch) -> None:
     monkeypatch.setattr("resgrid.cli.control.FRAMES", 3)
     file = tmp_path / "run.gif"
