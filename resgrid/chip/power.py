@@ -140,7 +140,7 @@ def _rails(op: OperatingPoint, balance: PowerBalance) -> tuple[RailPower, ...]:
     netlist = op.netlist
     ties = (netlist.source_volts == 0.0) & (netlist.source_nodes != GROUND).all(axis=1)
     groups: dict[tuple[str, float], list[int]] = {}
-    for number, name in enumerate(_rail_names(netlist)):
+    for number, name in enumerate(rail_names(netlist)):
         if not ties[number]:
             groups.setdefault((name, float(netlist.source_volts[number])), []).append(number)
     return tuple(
@@ -155,7 +155,7 @@ def _rails(op: OperatingPoint, balance: PowerBalance) -> tuple[RailPower, ...]:
     )
 
 
-def _rail_names(netlist: Netlist) -> list[str]:
+def rail_names(netlist: Netlist) -> list[str]:
     """For every voltage source the rail that it is part of."""
     plus, minus = netlist.source_nodes.T
     node = np.where(plus == GROUND, minus, plus)

@@ -7,11 +7,13 @@ from collections.abc import Callable, Iterator
 from itertools import chain
 from pathlib import Path
 from subprocess import CalledProcessError
+from typing import Any
 
 import numpy as np
 from matplotlib.animation import AbstractMovieWriter, FFMpegWriter, PillowWriter
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
@@ -123,6 +125,13 @@ class _GifWriter(PillowWriter):
 
     _frames: list[Image.Image]
 
+    def grab_frame(self, **_: Any) -> None:
+        """Keep the figure as it is; `savefig` would draw it twice."""
+        canvas = self.fig.canvas
+        assert isinstance(canvas, FigureCanvasAgg)
+        canvas.draw()  # type: ignore[no-untyped-call]
+        self._frames.append(Image.fromarray(np.asarray(canvas.buffer_rgba())[..., :3].copy()))  # type: ignore[no-untyped-call]
+
     def finish(self) -> None:
         """Write all frames: first their colours decide the palette, then each is drawn in it."""
         if not self._frames:
@@ -141,7 +150,7 @@ class _GifWriter(PillowWriter):
 
 def _packed(frame: Image.Image) -> NDArray[np.uint32]:
     """Colours as one number each, shape (height, width)."""
-    red, green, blue = np.moveaxis(np.asarray(frame.convert("RGB"), dtype=np.uint32), -1, 0)
+    red, green, blue = np.moveaxis(np.asarray(frame, dtype=np.uint32), -1, 0)
     return np.asarray(red << 16 | green << 8 | blue)
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patheffects import withStroke
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.chip.power import rail_names
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.plot.figures import new_figure
@@ -76,7 +76,7 @@ def draw_compiled(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) 
     """Draw a netlist compiled from a space of one or two axes: nodes where their cells are, resistors, supplies."""
     columns, rows = in_plane(netlist.cells.node).shape
     number, start, end, seam = resistor_ends(netlist.cells)
-    supplies = _supplies(netlist, op)
+    supplies = _supplies(netlist)
     per_row = int((max(columns, 4) + 1) / _SUPPLY_WIDTH)
     around, below = HALF + 0.2 + 0.75 * seam.any(), HALF + _SUPPLY_GAP
     right, top = max(columns + around, 5.6 - around), rows + HALF + 0.2
@@ -87,9 +87,11 @@ def draw_compiled(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) 
     with symbols_on(axes) as drawing:
         for ends in zip(start, end, strict=True):
             add_symbol(drawing, "resistor", *ends)
-        for rank, supply in enumerate(supplies):
+        for rank, (rail, numbers) in enumerate(supplies.items()):
             row, column = divmod(rank, per_row)
-            _draw_supply(drawing, axes, supply, 0.3 + _SUPPLY_WIDTH * column, -below - _SUPPLY_HEIGHT * row)
+            amps = None if op is None else float(op.source_current[numbers].sum())
+            at = 0.3 + _SUPPLY_WIDTH * column, -below - _SUPPLY_HEIGHT * row
+            _draw_supply(drawing, axes, rail, len(numbers), amps, at)
     axes.add_line(Line2D([], [], color=INK, linewidth=0.9, label=resistor_note(netlist)))
     for resistor in np.flatnonzero(seam).tolist():
         _draw_seam(netlist, int(number[resistor]), start[resistor], end[resistor], axes)
@@ -195,48 +197,25 @@ def _draw_drive(netlist: Netlist, axes: Axes) -> None:
     axes.add_line(Line2D([], [], linestyle="", marker=r"$\nearrow$", markersize=8, color=_DRIVE, label=label))
 
 
-@dataclass(frozen=True)
-class _Supply:
-    """Voltage sources drawn as one symbol: of one rail, or of one kind of cells; `amps` into the plus terminals."""
-
-    name: str
-    colour: str
-    volts: float
-    amps: float | None
-    count: int
+def _supplies(netlist: Netlist) -> dict[tuple[str, float], list[int]]:
+    """Numbers of the voltage sources of each rail and voltage: they are drawn as one symbol."""
+    groups: dict[tuple[str, float], list[int]] = {}
+    for number, supply in enumerate(zip(rail_names(netlist), netlist.source_volts.tolist(), strict=True)):
+        groups.setdefault(supply, []).append(number)
+    return groups
 
 
-def _supplies(netlist: Netlist, op: OperatingPoint | None) -> list[_Supply]:
-    """The voltage sources of a netlist: one for each rail, and for each kind of cell with a source of its own."""
-    groups: dict[tuple[str, str, float], list[int]] = {}
-    for number, (plus, volts) in enumerate(zip(netlist.source_nodes[:, 0], netlist.source_volts, strict=True)):
-        groups.setdefault((*_rail_of(int(plus), netlist), float(volts)), []).append(number)
-    return [
-        _Supply(name, colour, volts, None if op is None else float(op.source_current[numbers].sum()), len(numbers))
-        for (name, colour, volts), numbers in groups.items()
-    ]
-
-
-def _rail_of(node: int, netlist: Netlist) -> tuple[str, str]:
-    """What a voltage source ties, and its colour."""
-    cells = netlist.cells
-    if node == cells.obstacle_node:
-        return "obstacle", OBSTACLE
-    if node in cells.goal_nodes:
-        return netlist.node_name(node), GOAL
-    cell = int(netlist.cell_of_node()[node])
-    code = cells.space.cell.ravel()[cell] if cell >= 0 else Cell.FREE
-    kinds = {Cell.OBSTACLE: ("obstacle cells", OBSTACLE), Cell.GOAL: ("goal cells", GOAL)}
-    return kinds.get(code) or (netlist.node_name(node), INK)
-
-
-def _draw_supply(drawing: Any, axes: Axes, supply: _Supply, x: float, y: float) -> None:
-    axes.plot([x - 0.28, x + 0.28], [y, y], color=supply.colour, linewidth=3.0, solid_capstyle="butt", zorder=2)
+def _draw_supply(
+    drawing: Any, axes: Axes, rail: tuple[str, float], count: int, amps: float | None, at: tuple[float, float]
+) -> None:
+    """One symbol for the sources of a rail, with the current into their plus terminals."""
+    (name, volts), (x, y) = rail, at
+    colour = {"obstacle": OBSTACLE, "goal": GOAL}.get(name.partition("_")[0], INK)
+    axes.plot([x - 0.28, x + 0.28], [y, y], color=colour, linewidth=3.0, solid_capstyle="butt", zorder=2)
     add_symbol(drawing, "voltage source", (x, y), (x, y - 1.0))
     add_ground(drawing, (x, y - 1.0))
-    volts = format_quantity(supply.volts, "V", 3)
-    lines = [supply.name, volts] if supply.count == 1 else [f"{supply.count} {supply.name}", f"{volts} each"]
-    if supply.amps is not None and np.isfinite(supply.amps):
-        verb = "takes" if supply.amps > 0 else "gives"
-        lines.append(f"{verb} {format_quantity(abs(supply.amps), 'A', 3)}")
+    text = format_quantity(volts, "V", 3)
+    lines = [name, text] if count == 1 else [f"{name}, {count} sources", f"{text} each"]
+    if amps is not None and np.isfinite(amps):
+        lines.append(f"{'takes' if amps > 0 else 'gives'} {format_quantity(abs(amps), 'A', 3)}")
     axes.text(x + 0.34, y - 0.5, "\n".join(lines), va="center", ha="left", fontsize=SMALL, linespacing=1.25)

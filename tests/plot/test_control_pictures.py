@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.quiver import Quiver
 from PIL import Image
@@ -127,7 +128,7 @@ def test_a_colour_is_the_same_in_every_frame(front: Wavefront, monkeypatch, tmp_
         images.append(image)
 
     def frames(_front, _run):
-        figure = Figure(figsize=(0.9, 0.6), dpi=100)
+        figure = FigureCanvasAgg(Figure(figsize=(0.9, 0.6), dpi=100)).figure
         for image in images:
             figure.clear()
             figure.figimage(image)
