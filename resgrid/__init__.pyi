@@ -3,7 +3,6 @@
 from .chip import passes as passes
 from .chip.build import build_chip as build_chip
 from .chip.criticality import Criticality as Criticality
-from .chip.exploration import Exploration as Exploration
 from .chip.figures import Figure as Figure, Proportion as Proportion
 from .chip.noise import Noise as Noise
 from .chip.power import Power as Power
@@ -11,7 +10,7 @@ from .chip.precision import Precision as Precision
 from .chip.sensitivity import Sensitivity as Sensitivity
 from .chip.settling import Settling as Settling
 from .chip.studies import Study as Study, study as study
-from .chip.yields import Yield as Yield
+from .chip.yields import Exploration as Exploration, Yield as Yield
 from .compiler import compile_space as compile_space
 from .control.announced import wavefront as wavefront
 from .control.controller import (

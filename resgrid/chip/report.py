@@ -13,10 +13,10 @@ import numpy as np
 
 from resgrid.chip.build import value_text
 from resgrid.chip.criticality import Criticality
-from resgrid.chip.exploration import Sweep
-from resgrid.chip.figures import Figure, Proportion, Result, formatted
+from resgrid.chip.figures import Figure, Result, formatted
 from resgrid.chip.precision import Precision
 from resgrid.chip.studies import Study, study
+from resgrid.chip.yields import Sweep
 from resgrid.die import end_names
 from resgrid.errors import CircuitError
 from resgrid.scene.chip import Chip
@@ -35,7 +35,7 @@ class Effort:
 
     `half_width`: of the yield's interval; `trials`: most chips that are tried; `seconds`: for making elements faulty;
     `sweep`: values to explore, none or two; `executor`: shares trials; `checkpoint`: file of the yield's counts;
-    `progress`: called with what is done, what there is in all, and a remark.
+    `progress`: called with what is done, what there is in all, and a yield so far.
     """
 
     half_width: float = 0.01
@@ -44,7 +44,7 @@ class Effort:
     sweep: Sequence[Sweep] = ()
     executor: Executor | None = None
     checkpoint: Path | None = None
-    progress: Callable[[int, int, str], None] = lambda *_: None
+    progress: Callable[..., None] | None = None
 
 
 @dataclass(frozen=True)
@@ -96,15 +96,12 @@ def _missing(name: str, reason: str) -> Section:
 
 
 def _yield(chip: Study, effort: Effort) -> Section:
-    def progress(done: int, total: int, share: Proportion) -> None:
-        effort.progress(done, total, f"yield {share}")
-
     result = chip.yields(
         half_width=effort.half_width,
         trials=effort.trials,
         executor=effort.executor,
         checkpoint=effort.checkpoint,
-        progress=progress,
+        progress=effort.progress,
     )
     overall = result.overall
     known = f" ({100 * overall.low:.1f} to {100 * overall.high:.1f} %)" if result.random else ""
@@ -226,10 +223,7 @@ def _sensitivity(chip: Study, _effort: Effort) -> Section:
 
 
 def _exploration(chip: Study, effort: Effort) -> Section:
-    def progress(done: int, total: int, _share: Proportion) -> None:
-        effort.progress(done, total, "")
-
-    result = chip.exploration(*effort.sweep, trials=_EXPLORED, executor=effort.executor, progress=progress)
+    result = chip.exploration(*effort.sweep, trials=_EXPLORED, executor=effort.executor, progress=effort.progress)
     units = described_keys(Chip)
     first, second = (units[key][0] for key in (result.first, result.second))
     least = ", ".join(
@@ -245,10 +239,7 @@ def _exploration(chip: Study, effort: Effort) -> Section:
 
 
 def _defects(chip: Study, effort: Effort) -> Section:
-    def progress(done: int, total: int) -> None:
-        effort.progress(done, total, "")
-
-    result = chip.criticality(seconds=effort.seconds, progress=progress)
+    result = chip.criticality(seconds=effort.seconds, progress=effort.progress)
     opened, shorted = (int((np.nan_to_num(result.lost(fault)) > 0).sum()) for fault in ("open", "short"))
     seen = "an ideal read-out" if result.ideal else f"the {result.bits}-bit converter without offset and noise"
     text = [

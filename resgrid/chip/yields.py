@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import dataclasses
 import os
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
@@ -13,12 +14,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number, check_whole
+from resgrid.chip.build import chip_keys, ideal_netlist
 from resgrid.chip.figures import Figure, Proportion, Result, defined, effective_trials, proportion, quantile, wilson
 from resgrid.chip.trials import Experiment, Tally, prepare, run_trials
 from resgrid.die import seed_of
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.scene.chip import Chip
+from resgrid.scene.chip import Chip, Readout
+from resgrid.scene.words import suggestion
 from resgrid.space import ConfigurationSpace
 
 _TASK = 16
@@ -244,3 +247,151 @@ def checked_starts(space: ConfigurationSpace, starts: ArrayLike) -> NDArray[np.b
     if mask.dtype != np.bool_ or mask.shape != space.shape:
         raise InputError(f"starts must be True or False for every cell, shape {space.shape}")
     return mask
+
+
+Point = tuple[int, int]
+Sweep = tuple[str, Sequence[Any]]
+"""A key of a chip, and its values."""
+
+_BITS = (6, 8, 10, 12, 14, 16)
+_SHARES = (0.0, 0.01, 0.02, 0.05, 0.1)
+_MULTIPLES = (0.0, 0.3, 1.0, 3.0, 10.0)
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Exploration(Result):
+    """Yield over two values of a chip.
+
+    Attributes
+    ----------
+    first, second : str
+        Keys of the chip, such as ``"mismatch"`` or ``"readout.bits"``.
+    first_values, second_values : tuple
+        Values of either.
+    share, low, high : ndarray of float64, shape (first, second)
+        Overall yield, and its Wilson interval (`Yield.overall`).
+    trials : int
+        Chips at every point; the same dies at all of them.
+    confidence : float
+        Of the intervals.
+    """
+
+    first: str
+    second: str
+    first_values: tuple[Any, ...]
+    second_values: tuple[Any, ...]
+    share: NDArray[np.float64]
+    low: NDArray[np.float64]
+    high: NDArray[np.float64]
+    trials: int
+    confidence: float
+
+    def cheapest(self, share: float = 0.99) -> list[Any]:
+        """The first of the second values from which on the yield stays at or above a share, for each first value.
+
+        None where there is none.
+        """
+        if not 0 <= share <= 1:
+            raise InputError(f"share = {share} must lie between 0 and 1")
+        result: list[Any] = []
+        for row in self.share:
+            enough = np.logical_and.accumulate((row >= share)[::-1])[::-1]
+            result.append(self.second_values[int(np.argmax(enough))] if enough.any() else None)
+        return result
+
+    @property
+    def figures(self) -> Mapping[str, Figure]:
+        """The least second value for 99 % at every first value, with definitions."""
+        return {
+            f"least_{self.second.rpartition('.')[2]}_at_{value}": Figure(
+                least,
+                "",
+                f"smallest {self.second} tried from which on the yield is at least 99 %, at {self.first} = {value}; "
+                f"{self.trials} chips a point",
+            )
+            for value, least in zip(self.first_values, self.cheapest(), strict=True)
+        }
+
+    def to_json(self) -> dict[str, Any]:
+        """All points, as plain values."""
+        plain = {**vars(self), "yield": self.share}
+        del plain["share"]
+        arrays = {key: value.tolist() if isinstance(value, np.ndarray) else value for key, value in plain.items()}
+        return {**super().to_json(), **arrays}
+
+
+def explore_yield(
+    netlist: Netlist,
+    first: Sweep | None = None,
+    second: Sweep | None = None,
+    *,
+    chip: Chip | None = None,
+    trials: int = 64,
+    confidence: float = 0.95,
+    executor: Executor | None = None,
+    progress: Progress | None = None,
+) -> Exploration:
+    """How the yield depends on any two values of the chip, on the same dies throughout.
+
+    `first, second`: a key of the chip, with dots (``"readout.bits"``), and its values in ascending order of cost, the
+    second being what is paid for (`Exploration.cheapest`); by default the offset or the mismatch, and the bits of the
+    converter; `trials`: chips at every point; `confidence`: of the intervals; `executor`: as in `yields`; `progress`:
+    called after every group of points with the trials done, those in all, and the last point's yield.
+    """
+    cells, chip = netlist.cells, chip or Chip()
+    first, second = first or _usual_sweep(chip), second or ("readout.bits", _BITS)
+    if trials < 1:
+        raise InputError(f"trials = {trials} must be at least 1")
+    if not len(first[1]) or not len(second[1]):
+        raise InputError("both keys need at least one value")
+    points = {
+        (i, j): chip_with(chip, {first[0]: a, second[0]: b})
+        for i, a in enumerate(first[1])
+        for j, b in enumerate(second[1])
+    }
+    share, low, high = np.empty((3, len(first[1]), len(second[1])))
+    done = 0
+    for kind, members in _groups(points).items():
+        # Points that differ in the read-out only share their chips, which are solved once.
+        ideal = ideal_netlist(cells.space, kind, cells.wiring)
+        experiment = prepare(ideal, kind, [points[place].readout for place in members])
+        numbers = range(trials if experiment.random else 1)
+        tally = sum(count_trials(experiment, numbers, executor), start=run_trials(experiment, []))
+        for number, place in enumerate(members):
+            overall = overall_of(tally, experiment, confidence, number)
+            share[place], low[place], high[place] = overall.value, overall.low, overall.high
+        done += len(members)
+        if progress is not None:
+            progress(done * trials, share.size * trials, overall)
+    return Exploration(first[0], second[0], tuple(first[1]), tuple(second[1]), share, low, high, trials, confidence)
+
+
+def _usual_sweep(chip: Chip) -> Sweep:
+    for key, value in (("readout.offset", chip.readout.offset), ("pelgrom", chip.pelgrom)):
+        if value:
+            return key, tuple(float(f"{value * multiple:.3g}") for multiple in _MULTIPLES)
+    return "mismatch", _SHARES
+
+
+def _groups(points: Mapping[Point, Chip]) -> dict[Chip, list[Point]]:
+    """Points by what their chips are without the read-out's own errors."""
+    groups: dict[Chip, list[Point]] = {}
+    for place, chip in points.items():
+        load = Readout(input_resistance=chip.readout.input_resistance)
+        groups.setdefault(dataclasses.replace(chip, readout=load), []).append(place)
+    return groups
+
+
+def chip_with(chip: Chip, values: Mapping[str, Any]) -> Chip:
+    """The same chip with other values by key, with dots: ``{"mismatch": 0.02, "readout.bits": 8}``."""
+    known = [key for key, _ in chip_keys(chip)]
+    tables: dict[str, dict[str, Any]] = {"": {}}
+    for key, value in values.items():
+        if key not in known:
+            hint = suggestion(key, known) or f"there are {', '.join(known)}"
+            raise InputError(f"a chip has no key {key!r}; {hint}")
+        table, _, name = key.rpartition(".")
+        tables.setdefault(table, {})[name] = value.item() if isinstance(value, np.generic) else value
+    changes = tables.pop("")
+    inner = {table: dataclasses.replace(getattr(chip, table), **parts) for table, parts in tables.items()}
+    return dataclasses.replace(chip, **changes, **inner)

@@ -11,6 +11,7 @@ import click
 
 from resgrid.cli.failures import NEGATIVE
 from resgrid.cli.options import NUMBERS, Source, output_option, verb, with_source
+from resgrid.cli.plot import check_picture
 from resgrid.cli.report import finish, say, stage
 from resgrid.cli.scenes import open_job, place_of, require_starts, say_unheeded
 from resgrid.errors import InputError
@@ -65,10 +66,13 @@ def _is_optional(hint: Any) -> bool:
 )
 @with_source()
 @output_option("Write a log of every step to FILE.csv or .npz; - prints CSV.")
+@click.option("--picture", metavar="FILE", type=click.Path(), help="Draw the first run: .png, .pdf or .svg.")
 @click.option("--animate", metavar="FILE", type=click.Path(), help="Write an animation: .gif, or .mp4 with ffmpeg.")
 @click.option("--wavefront", metavar="FILE", type=click.Path(), help="With --announce: animate the potential's change.")
 @_control_options
-def command(source: Source, output: str | None, animate: str | None, wavefront: str | None, **keys: Any) -> int:
+def command(
+    source: Source, output: str | None, picture: str | None, animate: str | None, wavefront: str | None, **keys: Any
+) -> int:
     """Move the robot of SCENE from each start by V = V0 + A F, with the scene's hidden obstacles in its way.
 
     Contacts are felt by the whole robot; with --learn they are marked in the map, and the field is solved again. The
@@ -81,6 +85,8 @@ def command(source: Source, output: str | None, animate: str | None, wavefront: 
     if output is not None:
         check_run_file(output)
     _check_films(animate, wavefront)
+    if picture is not None:
+        check_picture(picture)
     changes = {f"control.{key}": value for key, value in keys.items() if value not in (None, ())}
     job = open_job(replace(source, changes={**source.changes, **changes}))
     scene = job.scene
@@ -92,7 +98,7 @@ def command(source: Source, output: str | None, animate: str | None, wavefront: 
     own = scene.k[:1] if scene.control.k is None else (scene.control.k,)
     shares: tuple[float | None, ...] = (scene.k if "k" in source.changes else own) or (None,)
     unheeded = say_unheeded(job, "grid", k=tuple(k for k in scene.k if k not in shares))
-    if (animate or wavefront) and len(shares) * len(scene.starts) > 1:
+    if (picture or animate or wavefront) and len(shares) * len(scene.starts) > 1:
         say("of several runs, the first is drawn; choose one with --start X,Y and --k K")
     runs: list[tuple[Simulation, Run]] = []
     starts = [start for _ in shares for start in scene.starts]
@@ -105,6 +111,10 @@ def command(source: Source, output: str | None, animate: str | None, wavefront: 
                 progress.advance()
     if output is not None:
         write_run([run for _, run in runs], output)
+    if picture is not None:
+        from resgrid.plot import draw, save_figure
+
+        say(f"wrote {save_figure(draw(runs[0][1]), picture)}")
     if animate is not None:
         _draw(animate, runs[0][1], count=FRAMES)
     if wavefront is not None:

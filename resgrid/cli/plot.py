@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 SUFFIXES = (".png", ".pdf", ".svg")
 PICTURES = ("page", "space", "potential", "currents", "paths", "circuit", "slices", "robot")
+PLANAR = ("space", "currents", "paths")
 PAGE_AXES = 3
 """Most axes of a space that is drawn."""
 
@@ -40,10 +41,12 @@ def command(source: Source, output: str, what: str) -> int:
     for several blends, the first is drawn; choose one with --k. '--what space' draws the cells alone: a map needs no
     goal for that.
     """
-    suffix = ".png" if output == "-" else Path(output).suffix.lower()
-    if suffix not in SUFFIXES:
-        raise InputError(f"-o {output}: a picture is written as {', '.join(SUFFIXES)}; name the file so")
+    suffix = check_picture(output)
     job = open_job(source, require_goal=what != "space")
+    if what in PLANAR and job.space.ndim != 2:
+        raise InputError(f"--what {what}: it needs two axes, and this space has {job.space.ndim}; 'page' shows up to 3")
+    if what == "slices" and job.space.ndim < 3:
+        raise InputError(f"--what slices: a space of {job.space.ndim} axes is not cut into slices; draw 'potential'")
     unheeded = say_unheeded(job, "grid", k=() if what == "space" else job.scene.k[1:])
     plan = Plan({}, [], []) if what == "space" else plan_routes(job)
     if not plan.fields and what != "space":
@@ -56,6 +59,14 @@ def command(source: Source, output: str, what: str) -> int:
         emit(output, render_figure(picture, suffix.lstrip(".")))
     finish({"file": output, "what": what, **unheeded}, written=output)
     return 0
+
+
+def check_picture(file: str) -> str:
+    """The format of a picture; refused where there is none."""
+    suffix = ".png" if file == "-" else Path(file).suffix.lower()
+    if suffix not in SUFFIXES:
+        raise InputError(f"{file}: a picture is written as {', '.join(SUFFIXES)}; name the file so")
+    return suffix
 
 
 def draw_all(folder: Path, job: Job, plan: Plan) -> dict[str, str]:

@@ -107,7 +107,7 @@ class Stage:
         """One more step is done."""
         self._done += 1
 
-    def count(self, done: int, total: int, note: str = "") -> None:
+    def count(self, done: int, total: int, note: object = "") -> None:
         """Steps as the library counts them, and what is known so far, for people."""
         self._done, self._steps = done, total
         self._note = f"{note}  " if note else self._note

@@ -7,7 +7,7 @@ import pytest
 from support.spaces import space_of
 
 import resgrid as rg
-from resgrid.chip.exploration import chip_with
+from resgrid.chip.yields import chip_with
 
 
 def cells() -> rg.ConfigurationSpace:

@@ -9,7 +9,7 @@ from support.dynamics import small_scene
 from support.spaces import space_of, spaces
 
 import resgrid as rg
-from resgrid.chip.adjoint import adjoint_of
+from resgrid.chip.sensitivity import adjoint_of
 from resgrid.space import Cell
 
 

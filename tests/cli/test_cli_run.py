@@ -150,6 +150,10 @@ def test_pictures_have_other_formats_and_refusals(call, answer, lesson, scenes, 
     words = [f"--set=grid.axes.{axis}.cells=6" for axis in range(3)]
     assert call("plot", scenes / "voxels.toml", *words, "--what", "slices", "-o", tmp_path / "s.pdf").exit_code == 0
     assert "axes" in call("plot", lesson, "--what", "slices", "-o", tmp_path / "x.png").stderr
+    assert (
+        "'page' shows up to 3"
+        in call("plot", scenes / "voxels.toml", "--what", "paths", "-o", tmp_path / "x.png").stderr
+    )
     assert "'page', 'space'" in call("plot", lesson, "--what", "pag", "-o", tmp_path / "x.png").stderr
     assert ".svg" in call("plot", lesson, "-o", tmp_path / "x.bmp").stderr
     assert not (tmp_path / "x.png").exists()
