@@ -154,6 +154,7 @@ class ShortPath:
         return self.axis_points
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Polyline:
     """A path of somebody's own, for all that takes paths.
@@ -184,7 +185,6 @@ class Polyline:
         if not np.isfinite(table).all():
             row = int(np.argmin(np.isfinite(table).all(axis=1)))
             raise InputError(f"point {row} of the path is not finite: {table[row].tolist()}")
-        table.flags.writeable = False
         object.__setattr__(self, "points", table)
         object.__setattr__(self, "space", space)
 
