@@ -27,8 +27,8 @@ from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.planning.fields import Field, field
 from resgrid.planning.planner import ClearanceCurve, Planner
-from resgrid.planning.separation import Separation
-from resgrid.planning.streamline import Streamline
+from resgrid.planning.separation import SceneSeparation, Separation
+from resgrid.planning.streamline import Polyline, ShortPath, Streamline
 from resgrid.plot.chip_curves import draw_exploration, draw_precisions, draw_settled
 from resgrid.plot.chip_maps import (
     draw_criticality,
@@ -46,7 +46,7 @@ from resgrid.plot.figures import render_figure
 from resgrid.plot.graphs import draw_circuit
 from resgrid.plot.pages import draw_field
 from resgrid.plot.paths import draw_clearance_curve, draw_path, draw_separation, draw_streamlines
-from resgrid.plot.workspace import draw_scene
+from resgrid.plot.workspace import draw_line, draw_scene
 from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
 from resgrid.spice.circuit import Circuit
@@ -72,13 +72,16 @@ PICTURES: dict[type, Picture] = {
     Netlist: draw_circuit,
     Noise: draw_noise,
     OperatingPoint: _draw_operating_point,
+    Polyline: draw_line,
     Power: draw_power,
     Precision: draw_precision,
     Run: draw_run,
     Scene: draw_scene,
     Sensitivity: draw_sensitivity,
     Separation: draw_separation,
+    SceneSeparation: draw_separation,
     Settling: draw_settled,
+    ShortPath: draw_line,
     Streamline: draw_path,
     Wavefront: draw_wavefront,
     Yield: draw_yield,

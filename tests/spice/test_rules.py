@@ -10,9 +10,9 @@ from support.circuits import ladder, random_grid
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
 from resgrid.space import Axis, ConfigurationSpace
+from resgrid.spice.check.connection import loop_voltages
 from resgrid.spice.check.rules import check_rules
 from resgrid.spice.circuit import Circuit
-from resgrid.spice.kernels import left_over
 from resgrid.spice.read.deck import read_spice
 
 BASE = ladder(3)  # nodes 0 to 4
@@ -159,7 +159,7 @@ def test_contradictions_are_those_of_linear_algebra(sources: list[tuple[int, int
     """A source closes a loop if its row depends on those before it, and contradicts if its volts do not."""
     ends = np.array([(a, b) for a, b, _ in sources], dtype=np.int64).reshape(-1, 2)
     volts = np.array([v for *_, v in sources], dtype=np.float64)
-    rest = left_over(ends, volts, 8)
+    rest = loop_voltages(ends.tolist(), volts.tolist())
     rows = np.zeros((len(ends), 8))
     np.add.at(rows, (np.arange(len(ends)), ends[:, 0]), 1.0)
     np.add.at(rows, (np.arange(len(ends)), ends[:, 1]), -1.0)
