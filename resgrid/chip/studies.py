@@ -24,6 +24,7 @@ from resgrid.chip.sensitivity import Sensitivity, analyse_sensitivity, voltage_s
 from resgrid.chip.settling import Settling, analyse_settling
 from resgrid.chip.trials import die_temperature
 from resgrid.chip.yields import analyse_yield, explore_yield
+from resgrid.doors import guarded
 from resgrid.errors import InputError
 from resgrid.frozen import picture_of
 from resgrid.netlist import Netlist
@@ -46,11 +47,11 @@ def _question(
     analyse: Callable[Concatenate[Asked, Rest], Answer], circuit: str, **usual: str
 ) -> Callable[Concatenate[Study, Rest], Answer]:
     """An analysis as a method, of one of a study's circuits; what is not said, attributes of the study say."""
+    answer = guarded(analyse.__name__, analyse)
 
     @wraps(analyse)
     def ask(study: Study, *arguments: Rest.args, **options: Rest.kwargs) -> Answer:
         unsaid = {name: attrgetter(path)(study) for name, path in usual.items() if options.get(name) is None}
-        answer: Any = analyse
         return cast("Answer", answer(getattr(study, circuit), *arguments, **{**options, **unsaid}))
 
     return ask  # type: ignore[return-value]
