@@ -75,8 +75,8 @@ def guarded(name: str, value: Any) -> Any:
 def checked(record: type[Record]) -> type[Record]:
     """Let a dataclass refuse values of another type than its fields have, before it looks at them itself."""
     names = ("self", *(field.name for field in fields(record) if field.init))  # type: ignore[arg-type]
-    made = record.__init__
-    record.__init__ = _door(made, names, lambda: kinds_of(made))  # type: ignore[method-assign]
+    init = record.__init__
+    record.__init__ = _door(init, names, lambda: kinds_of(init))  # type: ignore[method-assign]
     return record
 
 
@@ -217,8 +217,8 @@ def _complaint(key: str, value: Any, kind: Kind) -> str:
         return f"{key} = {_short(value)} must be {kind.words[0].removesuffix(' values')}, got {len(value)}"
     words = sorted(dict.fromkeys(kind.words), key=lambda word: word == "None")
     sources = [SOURCES.get(word.split()[-1]) for word in words]
-    ways = [f"{word} ({source})" if source else word for word, source in zip(words, sources, strict=True)]
-    return f"{key} = {_short(value)} must be {', or '.join(ways)}"
+    choices = [f"{word} ({source})" if source else word for word, source in zip(words, sources, strict=True)]
+    return f"{key} = {_short(value)} must be {', or '.join(choices)}"
 
 
 def _short(value: Any) -> str:

@@ -250,9 +250,10 @@ def _checked_nodes(netlist: Netlist, nodes: ArrayLike) -> NDArray[np.int64]:
 
 def _checked_frequencies(frequencies: ArrayLike) -> NDArray[np.float64]:
     listed = np.atleast_1d(np.asarray(frequencies))
-    if listed.dtype.kind not in "iuf" or listed.ndim != 1 or not np.all((listed >= 0) & (listed < _HIGHEST)):
+    hertz = listed.astype(np.float64) if listed.dtype.kind in "iuf" else np.full(1, np.nan)
+    if hertz.ndim != 1 or not np.all((hertz >= 0) & (hertz < _HIGHEST)):
         raise InputError(f"frequencies must be finite (below {_HIGHEST:g}) and at least 0, in hertz")
-    return listed.astype(np.float64)
+    return hertz
 
 
 def _checked_temperature(temperature: float | None) -> float:

@@ -21,7 +21,7 @@ from resgrid.die import seed_of
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.scene.chip import Chip, Readout
-from resgrid.scene.words import suggestion
+from resgrid.scene.messages import suggestion
 from resgrid.space import ConfigurationSpace
 
 _TASK = 16

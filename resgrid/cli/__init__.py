@@ -1,7 +1,7 @@
 """The command line: parse, call the library, write, choose the exit code.
 
-`entry` holds the group of verbs and turns errors into exit codes; each verb is a module of its own; `options` are
-shared by all of them, and `job` is the way from a scene to chips, fields and paths that they share.
+`entry` holds the group of verbs, each a module of its own, and turns errors into exit codes; `options`, `report`,
+`scenes`, `decks` and `paths` are shared by verbs.
 """
 
 from resgrid.cli.entry import main

@@ -93,22 +93,22 @@ def command(
     if len(sweep) not in (0, 2):
         raise InputError("--sweep explores two values: give it twice, or not at all")
     effort = Effort(half_width, most, seconds, tuple(_sweep(text) for text in sweep))
-    with whole_folder(folder) as made:
+    with whole_folder(folder) as work:
         job = open_job(source)
         study = _open(job)
         effort = replace(effort, checkpoint=checkpoint_beside(folder, study, half_width))
         unheeded = say_unheeded(job, "chip")
         with _workers(jobs) as executor:
-            sections = [_analyse(name, study, replace(effort, executor=executor), made) for name in only]
+            sections = [_analyse(name, study, replace(effort, executor=executor), work) for name in only]
         with stage("write the decks"):
-            decks = described_files(study.write_decks(made, dialect=dialect), dialect)
-        agreement = check_written(made / "op.cir", study.netlist, asked, folder)
+            decks = described_files(study.write_decks(work, dialect=dialect), dialect)
+        agreement = check_written(work / "op.cir", study.netlist, asked, folder)
         verdict = _verdict("op.cir", agreement)
         data = _summary(study, job, sections, decks, verdict) | unheeded
         text = report_markdown(study, sections, decks, verdict)
-        (made / "report.md").write_text(text, encoding="utf-8")
-        (made / "report.html").write_text(html_page(study.title, text), encoding="utf-8")
-        (made / SUMMARY).write_text(json_text(data) + "\n", encoding="utf-8")
+        (work / "report.md").write_text(text, encoding="utf-8")
+        (work / "report.html").write_text(html_page(study.title, text), encoding="utf-8")
+        (work / SUMMARY).write_text(json_text(data) + "\n", encoding="utf-8")
     if effort.checkpoint is not None:
         effort.checkpoint.unlink(missing_ok=True)
     answers = [f"  {section.name}: {section.text[0]}" for section in sections]
@@ -153,7 +153,7 @@ def _open(job: Job) -> Study:
     return chip
 
 
-def _analyse(name: str, study: Study, effort: Effort, made: Path) -> Section:
+def _analyse(name: str, study: Study, effort: Effort, work: Path) -> Section:
     """Do one of the analyses, and draw its pictures into a folder."""
     from resgrid import plot
     from resgrid.chip.report import report_section, seconds_needed
@@ -161,7 +161,7 @@ def _analyse(name: str, study: Study, effort: Effort, made: Path) -> Section:
     with stage(name, seconds=seconds_needed(name, study, effort)) as progress:
         section = report_section(name, study, replace(effort, progress=progress.count))
     for picture in section.pictures:
-        plot.save_figure(plot.draw(picture.value, **picture.options), made / f"{picture.name}.png")
+        plot.save_figure(plot.draw(picture.value, **picture.options), work / f"{picture.name}.png")
     return section
 
 

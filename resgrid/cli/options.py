@@ -184,8 +184,7 @@ def verb(name: str, *, examples: Sequence[str]) -> Decorator:
             return function(**values)
 
         command = click.command(name, cls=Verb, examples=examples, context_settings={"show_default": True})
-        made: click.Command = command(_decorated(reporting, _REPORT_OPTIONS))
-        return made
+        return command(_decorated(reporting, _REPORT_OPTIONS))
 
     return decorate
 

@@ -7,7 +7,7 @@ from itertools import islice
 from typing import TYPE_CHECKING, Any
 
 from resgrid.cli.failures import NEGATIVE
-from resgrid.cli.report import finish, quietly, stage
+from resgrid.cli.report import finish, quietly, say, stage
 from resgrid.cli.scenes import Job, place_of, size_of
 from resgrid.errors import InputError
 
@@ -41,6 +41,8 @@ def plan_routes(job: Job) -> Plan:
     from resgrid.planning.trace import streamline
 
     solution = job.solution()
+    for name in solution.flat:
+        say(f"the {name} half of the blend is flat: no obstacle, or edge that counts as one, drives it")
     routes = []
     with stage("follow the current", steps=len(solution.tasks)) as progress:
         for field, number in solution.tasks:

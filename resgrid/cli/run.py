@@ -47,15 +47,15 @@ def command(source: Source, output: str | None, asked: bool | None, dialect: str
     from resgrid.io.tables import json_text
 
     folder = folder_of(output, source)
-    with whole_folder(folder) as made:
+    with whole_folder(folder) as work:
         job = open_job(source)
         unheeded = say_unheeded(job, "grid")
         plan = plan_routes(job)
         circuits = {name: _described(job, op) for name, op in plan.operating_points.items()}
-        files = _write_all(made, job, plan, circuits, dialect)
-        checks = {name: check_written(made / f"{name}.cir", op.netlist, asked, folder) for name, op in circuits.items()}
+        files = _write_all(work, job, plan, circuits, dialect)
+        checks = {name: check_written(work / f"{name}.cir", op.netlist, asked, folder) for name, op in circuits.items()}
         data = _summary(job, plan, circuits, files, checks) | unheeded
-        (made / SUMMARY).write_text(json_text(data) + "\n", encoding="utf-8")
+        (work / SUMMARY).write_text(json_text(data) + "\n", encoding="utf-8")
     finish({"folder": folder, **data}, _lines(job, plan, folder, files, checks))
     verdicts = [check.agrees for check in checks.values() if not isinstance(check, str)]
     if not plan.complete or False in verdicts:
@@ -69,7 +69,7 @@ def _described(job: Job, op: OperatingPoint) -> OperatingPoint:
 
 
 def _write_all(
-    made: Path, job: Job, plan: Plan, circuits: Mapping[str, OperatingPoint], dialect: str
+    work: Path, job: Job, plan: Plan, circuits: Mapping[str, OperatingPoint], dialect: str
 ) -> dict[str, str]:
     """Write everything but the summary; what each file is, by its name."""
     from resgrid.io.paths import write_routes
@@ -77,19 +77,19 @@ def _write_all(
 
     files: dict[str, str] = {}
     with stage("draw the pictures"):
-        files |= draw_all(made, job, plan)
+        files |= draw_all(work, job, plan)
     if plan.routes:
-        write_routes(plan.routes, made / "paths.csv")
-        write_routes(plan.routes, made / "paths.json")
+        write_routes(plan.routes, work / "paths.csv")
+        write_routes(plan.routes, work / "paths.json")
         files |= {"paths.csv": "points of the paths, world coordinates", "paths.json": "the paths with all figures"}
     for name, op in circuits.items():
-        deck = write_deck(made / f"{name}.cir", job, name, op, dialect)
+        deck = write_deck(work / f"{name}.cir", job, name, op, dialect)
         files[deck.path.name] = f"the {name.replace('_', ' ')} chip as a SPICE deck"
         files[deck.sidecar.name] = "its nodes, cells and expected voltages"
         files[deck.commands.name] = "commands for the simulator"
         if deck.companion is not None:
             files[deck.companion.name] = "makes ngspice print PASS or FAIL"
-        write_solution(plan.operating_points[name], made / f"{name}.npz")
+        write_solution(plan.operating_points[name], work / f"{name}.npz")
         whose = "its" if job.is_ideal else "its ideal grid's"
         files[f"{name}.npz"] = f"{whose} potential, log_drop and cells as arrays"
     files[SUMMARY] = "this summary as JSON"

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number
+from resgrid.control.exits import RECOVERY, exits
 from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
@@ -26,9 +27,6 @@ RESPONSES = ("admittance", "equipotential")
 
 ALONG = 1e-3
 """Sine of the angle between force and streamline below which the force cannot be overcome: a jam."""
-
-RECOVERY = 2.0
-"""How far from a cell with a path a configuration may be and still be led back, in cells."""
 
 
 class Nominal(NamedTuple):
@@ -204,37 +202,23 @@ class Controller:
         space = self.field.space
         return np.asarray(space.goal_connected | (space.cell == Cell.GOAL))
 
-    @cached_property
-    def _nearest_served(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Distance to the nearest cell with a path, in cells, and its index, with a margin on periodic axes."""
-        from scipy.ndimage import distance_transform_edt
-
-        margin = [(_MARGIN, _MARGIN) if ring else (0, 0) for ring in self.field.space.periodic]
-        wide = np.pad(self._served, margin, mode="wrap")
-        if not wide.any():
-            return np.full(wide.shape, np.inf), np.zeros((wide.ndim, *wide.shape), np.int64)
-        away, index = distance_transform_edt(~wide, return_indices=True)
-        return away, index.astype(np.int64)
-
     def _recover(self, point: NDArray[np.float64]) -> NDArray[np.float64]:
         """Nominal velocity towards the centre of the nearest cell with a path."""
         space = self.field.space
-        cell, local = space.split(point)
-        shift = np.where(space.periodic, _MARGIN, 0)
-        at = tuple((cell + shift).tolist())
-        away, index = self._nearest_served
-        if away[at] == 0:
+        cell = tuple(space.split(point)[0].tolist())
+        if self._served[cell]:
             raise InputError(
-                f"no current flows in cell {tuple(cell.tolist())}, although it has a path to a goal: nothing drives "
-                "it; choose a blend with k below 1"
+                f"no current flows in cell {cell}, although it has a path to a goal: nothing drives it; choose a blend "
+                "with k below 1"
             )
-        if not away[at] <= RECOVERY:
-            what = "an obstacle cell" if space.cell[tuple(cell)] == Cell.OBSTACLE else "a cell without a path to a goal"
+        near = exits(space, point)
+        if not near:
+            what = "an obstacle cell" if space.cell[cell] == Cell.OBSTACLE else "a cell without a path to a goal"
             raise InputError(
-                f"the configuration {space.to_world(point).tolist()} lies in {what}, {tuple(cell.tolist())}, and no "
-                f"cell with a path is within {RECOVERY:g} cells: stop the robot, and bring it back the way it came"
+                f"the configuration {space.to_world(point).tolist()} lies in {what}, {cell}, and no cell with a path "
+                f"is within {RECOVERY:g} cells: stop the robot, and bring it back the way it came"
             )
-        offset = (index[(slice(None), *at)] - shift + 0.5 - cell - local) * space.spacing
+        offset = near[0][1]
         return np.asarray(offset * (self.speed / np.linalg.norm(offset)))
 
     def _checked_force(self, force: ArrayLike) -> NDArray[np.float64]:
@@ -250,7 +234,6 @@ class Controller:
 
 
 _PLACES = ("free", "goal", "off")
-_MARGIN = 3
 
 
 def make_controller(

@@ -172,11 +172,6 @@ class Run:
             mask[tuple(lesson.cells.T)] = True
         return mask
 
-    @property
-    def contact_points(self) -> NDArray[np.float64]:
-        """Where obstacles were touched that taught something, shape (p, 2)."""
-        return np.concatenate([np.empty((0, 2)), *(lesson.points for lesson in self.lessons)])
-
 
 class Recorder:
     """Keeps the rows of a run while it grows, and makes the log of them."""
@@ -194,11 +189,6 @@ class Recorder:
     def last_mode(self) -> Mode:
         """Mode of the last row."""
         return self._rows[-1][4] if self._rows else Mode.STREAMLINE
-
-    @property
-    def first_believed(self) -> Vector | None:
-        """Where the robot believed to be in the first row."""
-        return self._rows[0][2] if self._rows else None
 
     def add(
         self, time: float, configuration: Vector, believed: Vector, velocity: Vector, mode: Mode,

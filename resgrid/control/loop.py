@@ -8,8 +8,9 @@ from numpy.typing import NDArray
 from resgrid.control.belief import LiveMap, Sensor
 from resgrid.control.contact import KEEP, Body, Contacts, Surroundings
 from resgrid.control.controller import Nominal
+from resgrid.control.exits import goal_offset
 from resgrid.control.log import End, Ending, Lesson, Mode, Recorder
-from resgrid.control.modes import LONGEST, Navigator, Patience, goal_offset
+from resgrid.control.modes import LONGEST, Navigator, Patience
 from resgrid.control.plant import INSIDE, Plant
 from resgrid.control.pushes import Force
 from resgrid.space import Cell

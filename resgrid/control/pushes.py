@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.arguments import check_number, check_whole
 from resgrid.doors import checked
 from resgrid.errors import InputError
+from resgrid.frozen import frozen
 from resgrid.scene.control import Control
 from resgrid.space import ConfigurationSpace
 
@@ -19,6 +20,7 @@ Force = Callable[[float, NDArray[np.float64]], ArrayLike]
 
 
 @checked
+@frozen
 @dataclass(frozen=True, eq=False)
 class Push:
     """A constant generalised force for a while.

@@ -19,6 +19,7 @@ from resgrid.control.plant import Plant, plant_of
 from resgrid.control.pushes import Force, Push, control_pushes, force_of
 from resgrid.control.relaxation import Relaxation, RelaxingGrid
 from resgrid.errors import InputError
+from resgrid.frozen import frozen
 from resgrid.planning.fields import Field
 from resgrid.planning.road import require_uniform, scene_wiring, solve_field
 from resgrid.planning.trace import one_start
@@ -28,6 +29,7 @@ from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Simulation:
     """A controller, the plant it moves, and how they meet; runs from any number of starts.

@@ -67,6 +67,7 @@ def run_record(run: Run) -> dict[str, Any]:
         "contacts": len(run.contacts.step),
         "parts_touched": np.unique(run.contacts.part),
         "penetration": run.penetration,
+        "unsolved": run.unsolved,
     }
 
 

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number
 from resgrid.errors import InputError
+from resgrid.frozen import frozen
 from resgrid.netlist import Netlist
 from resgrid.nodal import methods
 from resgrid.nodal.charges import Charges
@@ -20,6 +21,7 @@ from resgrid.nodal.step_control import controlled_steps
 from resgrid.nodal.stepping import METHODS, Resolvents, Solve, advance, advance_by_sums, fixed_steps
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Transient:
     """Voltages of a netlist over time.
@@ -52,10 +54,6 @@ class Transient:
     steps: int
     factorisations: int
     method: str
-
-    def __post_init__(self) -> None:
-        for array in (self.times, self.voltage, self.energy, self.stored):
-            array.flags.writeable = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -123,47 +123,47 @@ def _moved(x: float, lower: float, upper: float, time: float) -> float:
 @inner
 def _first_exit(local: Floats, lower: Floats, upper: Floats) -> tuple[float, int, int]:
     """Time, axis and side of the first exit in finite time; axis -1 for none."""
-    time, way, side = np.inf, -1, 0
+    time, across, side = np.inf, -1, 0
     for axis in range(len(local)):
         axis_time, axis_side = _exit_time(local[axis], lower[axis], upper[axis])
         if axis_time < time:
-            time, way, side = axis_time, axis, axis_side
-    return time, way, side
+            time, across, side = axis_time, axis, axis_side
+    return time, across, side
 
 
 @inner
 def _strongest_exit(lower: Floats, upper: Floats) -> tuple[float, int, int]:
     """Speed, axis and side of the face with the largest outward current; axis -1 for none."""
-    speed, way, side = 0.0, -1, 0
+    speed, across, side = 0.0, -1, 0
     for axis in range(len(lower)):
         if upper[axis] > speed:
-            speed, way, side = upper[axis], axis, 1
+            speed, across, side = upper[axis], axis, 1
         if -lower[axis] > speed:
-            speed, way, side = -lower[axis], axis, -1
-    return speed, way, side
+            speed, across, side = -lower[axis], axis, -1
+    return speed, across, side
 
 
 @inner
 def _cross(local: Floats, lower: Floats, upper: Floats, spacing: Floats) -> tuple[float, float, int, int]:
     """Move a point to where it leaves its cell; returns time, length, axis (-1: stuck) and side."""
-    time, way, side = _first_exit(local, lower, upper)
-    drifts = way >= 0
+    time, across, side = _first_exit(local, lower, upper)
+    drifts = across >= 0
     if not drifts:
-        # A stagnation point, or a line that leads to one: straight to the strongest way out.
-        speed, way, side = _strongest_exit(lower, upper)
-        if way < 0:
-            return 0.0, 0.0, way, side
-        time = (1.0 - local[way] if side > 0 else local[way]) / speed
+        # A stagnation point, or a line that leads to one: straight through the strongest face.
+        speed, across, side = _strongest_exit(lower, upper)
+        if across < 0:
+            return 0.0, 0.0, across, side
+        time = (1.0 - local[across] if side > 0 else local[across]) / speed
     squares = 0.0
     for axis in range(len(local)):
         there = local[axis]
-        if axis == way:
+        if axis == across:
             there = 1.0 if side > 0 else 0.0
         elif drifts:
             there = _moved(local[axis], lower[axis], upper[axis], time)
         squares += ((there - local[axis]) * spacing[axis]) ** 2
         local[axis] = there
-    return time, math.sqrt(squares), way, side
+    return time, math.sqrt(squares), across, side
 
 
 @njit(cache=True, inline="always")
@@ -194,26 +194,26 @@ def trace(flow: Flow, cell: Integers, local: Floats, cells: Integers, locals_: F
         scale = _velocities(flow, cell, lower, upper)
         if scale == -np.inf:
             return NO_CURRENT, step, length, log_time
-        time, distance, way, side = _cross(local, lower, upper, flow.spacing)
-        if way < 0:
+        time, distance, across, side = _cross(local, lower, upper, flow.spacing)
+        if across < 0:
             return NO_CURRENT, step, length, log_time
         length += distance
         if time > 0.0:
             log_time = _log_add(log_time, math.log(time) - scale)
-        cell[way] = (cell[way] + side) % flow.shape[way]
-        local[way] = 0.0 if side > 0 else 1.0
+        cell[across] = (cell[across] + side) % flow.shape[across]
+        local[across] = 0.0 if side > 0 else 1.0
     return ENDLESS, limit, length, log_time
 
 
 @njit(cache=True)
 def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Integers:
-    """The goal that every way along the current from a cell leads to.
+    """The goal to which the current leads from every cell, whichever face it takes.
 
-    ``goal`` is the goal region of goal cells.  A free cell gets -1 if all ways from it end where no current leaves,
+    ``goal`` is the goal region of goal cells.  A free cell gets -1 if all lines from it end where no current leaves,
     `MIXED` if they end differently.  Cells are settled in the order of the current, the most downstream ones first.
     """
     count, ndim = len(flow.code), len(flow.shape)
-    label, open_ways = np.full(count, MIXED), np.zeros(count, np.int64)
+    label, exits = np.full(count, MIXED), np.zeros(count, np.int64)
     seen = np.zeros(count, np.bool_)
     queue, cell = np.empty(count, np.int64), np.empty(ndim, np.int64)
     first, last = 0, 0
@@ -221,8 +221,8 @@ def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Intege
         _unravel(flat, flow.shape, cell)
         for axis in range(ndim):
             face = _face(flow, cell, axis)
-            open_ways[flat] += (flow.direction[face] < 0) + (flow.direction[face + flow.face_stride[axis, axis]] > 0)
-        if flow.code[flat] == _GOAL or open_ways[flat] == 0:
+            exits[flat] += (flow.direction[face] < 0) + (flow.direction[face + flow.face_stride[axis, axis]] > 0)
+        if flow.code[flat] == _GOAL or exits[flat] == 0:
             label[flat] = goal[flat] if flow.code[flat] == _GOAL else -1
             seen[flat] = True
             queue[last] = flat
@@ -245,12 +245,12 @@ def only_goal(flow: Flow, goal: Integers, periodic: NDArray[np.bool_]) -> Intege
                     continue
                 label[above] = label[flat] if not seen[above] or label[above] == label[flat] else MIXED
                 seen[above] = True
-                open_ways[above] -= 1
-                if open_ways[above] == 0:
+                exits[above] -= 1
+                if exits[above] == 0:
                     queue[last] = above
                     last += 1
     for flat in range(count):
-        if open_ways[flat] > 0 and flow.code[flat] == _FREE:
+        if exits[flat] > 0 and flow.code[flat] == _FREE:
             label[flat] = MIXED
     return label
 
@@ -385,7 +385,7 @@ def segment_is_free(
 
 @njit(cache=True, inline="always")
 def _slab_shares(a: float, b: float, index: int, rim: float, t0: float, t1: float) -> tuple[float, float]:
-    """Part of the way from ``a`` to ``b`` that lies in the cells ``index``, within the part from t0 to t1."""
+    """Part of the line from ``a`` to ``b`` that lies in the cells ``index``, within the part from t0 to t1."""
     if a == b:
         return (t0, t1) if index - rim <= a <= index + 1 + rim else (1.0, 0.0)
     enter, leave = (index - rim - a) / (b - a), (index + 1 + rim - a) / (b - a)

@@ -20,6 +20,7 @@ from resgrid.scene import Scene
 from resgrid.space import ConfigurationSpace
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Planner:
     """A solved configuration space that answers starts.

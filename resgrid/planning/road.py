@@ -128,6 +128,11 @@ class Solution:
         return obstacle, opened
 
     @property
+    def flat(self) -> tuple[str, ...]:
+        """Halves of blends that nothing drives."""
+        return () if self.problem.start_driven else tuple(n for n, field in self.pure.items() if not field.is_flowing)
+
+    @property
     def tasks(self) -> list[tuple[Field, int]]:
         """Every field with the number of every start that it serves."""
         numbers = range(len(self.problem.starts))

@@ -154,6 +154,7 @@ class ShortPath:
         return self.axis_points
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Polyline:
     """A path of somebody's own, for all that takes paths.

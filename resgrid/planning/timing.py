@@ -239,17 +239,17 @@ def _at_constant_velocities(points: NDArray[np.float64], velocity: Load) -> Knot
 def _blended(points: NDArray[np.float64], velocity: Load, acceleration: Load, within: float) -> Knots:
     step = np.diff(points, axis=0)
     length = np.linalg.norm(step, axis=1)
-    way = step / length[:, np.newaxis]
-    top_speed, push = 1.0 / velocity(way), 1.0 / acceleration(way)
-    reach, corner_speed = _corners(way, length, top_speed, acceleration, within)
+    heading = step / length[:, np.newaxis]
+    top_speed, push = 1.0 / velocity(heading), 1.0 / acceleration(heading)
+    reach, corner_speed = _corners(heading, length, top_speed, acceleration, within)
     straight = np.maximum(length - reach[:-1] - reach[1:], 0.0)
     speed = _passes(corner_speed, straight, push)
     pieces: list[tuple[float, NDArray[np.float64]]] = []
     for k in range(len(length)):
         if reach[k] > 0:
-            pieces.append((2 * reach[k] / speed[k], speed[k] * way[k]))
+            pieces.append((2 * reach[k] / speed[k], speed[k] * heading[k]))
         pieces += [
-            (seconds, end_speed * way[k])
+            (seconds, end_speed * heading[k])
             for seconds, end_speed in _straight(straight[k], speed[k], speed[k + 1], top_speed[k], push[k])
         ]
     return _joined(points, pieces)
@@ -279,7 +279,7 @@ def _joined(points: NDArray[np.float64], pieces: list[tuple[float, NDArray[np.fl
 
 
 def _corners(
-    way: NDArray[np.float64],
+    heading: NDArray[np.float64],
     length: NDArray[np.float64],
     top_speed: NDArray[np.float64],
     acceleration: Load,
@@ -287,7 +287,7 @@ def _corners(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """How far each blend reaches on both sides, and the greatest speed in it; both 0 at start and end."""
     reach, speed = np.zeros(len(length) + 1), np.zeros(len(length) + 1)
-    turn = np.diff(way, axis=0)
+    turn = np.diff(heading, axis=0)
     sharpness = np.linalg.norm(turn, axis=1)
     bent = sharpness > _STRAIGHT
     half = np.minimum(length[:-1], length[1:]) / 2

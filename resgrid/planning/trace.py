@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import AccuracyError, InputError
+from resgrid.frozen import frozen
 from resgrid.planning.clearance import segment_clearance
 from resgrid.planning.fields import Field
 from resgrid.planning.streamline import Outcome, Streamline
@@ -25,6 +26,7 @@ from resgrid.space import Cell, ConfigurationSpace
 _BATCH = 1 << 18
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Traces:
     """The ends of many streamlines.

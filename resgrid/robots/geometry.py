@@ -264,12 +264,6 @@ class Pose(NamedTuple):
             lever[:] = np.hypot(*(segments.reshape(-1, 2) - (x, y)).T).max()
         return cls(segments, np.full(count, radius), np.zeros(count, np.int64), frame, shift, spin, pivot, lever)
 
-    def jacobian(self, point: ArrayLike, part: int) -> NDArray[np.float64]:
-        """Velocity of a point of a part for unit velocities of the axes, shape (2, ndim)."""
-        x, y = np.asarray(point, dtype=np.float64)
-        spin, pivot = self.spin[part], self.pivot[part]
-        return np.asarray(np.stack([-spin * (y - pivot[:, 1]), spin * (x - pivot[:, 0])]) + self.shift[part].T)
-
     def carried(self, point: ArrayLike, part: int, other: Pose) -> NDArray[np.float64]:
         """Where a point fixed to a part lies in another pose of the same robot, shape (2,)."""
         x, y, angle = self.frame[part]

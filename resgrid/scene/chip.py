@@ -15,7 +15,7 @@ from resgrid.scene.table import check_fields
 ABSOLUTE_ZERO = -273.15
 
 Ohms = Annotated[float, Gt(0), Quantity("ohm")]
-OhmsOrNone = Annotated[float, Ge(0), Quantity("ohm")]
+OhmsOrZero = Annotated[float, Ge(0), Quantity("ohm")]
 Metres = Annotated[float, Gt(0), Quantity("m")]
 Volts = Annotated[float, Quantity("V")]
 Share = Annotated[float, Ge(0), Quantity("", share=True)]
@@ -148,7 +148,7 @@ class Chip:
 
     resistance: Ohms = 10e3
     supply: Volts = 1.0
-    wall_resistance: OhmsOrNone | None = None
+    wall_resistance: OhmsOrZero | None = None
     capacitance: Annotated[float, Ge(0), Quantity("F")] | None = None
     goal_switch_on: Ohms | None = None
     goal_switch_off: Ohms | None = None
@@ -167,7 +167,7 @@ class Chip:
     preferred: Literal["E6", "E12", "E24", "E48", "E96", "E192"] | None = None
     sheet_resistance: Ohms | None = None
     drawing_grid: Metres = 5e-9
-    rail_resistance: OhmsOrNone | None = None
+    rail_resistance: OhmsOrZero | None = None
     saturation_voltage: Annotated[float, Gt(0), Quantity("V")] | None = None
     seed: Annotated[int, Ge(0), Le(2**128 - 1)] = 0
     readout: Readout = field(default_factory=Readout)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from resgrid.errors import InputError
@@ -39,8 +39,8 @@ class Parts:
     edge: Sequence[str]
     k: Sequence[float]
     has_wall: bool
+    names: Sequence[str | None]
     values: Mapping[Path, Any]
-    names: Sequence[str | None] = field(default_factory=tuple)
 
 
 def inconsistencies(parts: Parts) -> list[Problem]:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from resgrid.errors import InputError
-from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, Polygon, Robot
+from resgrid.robots import ROBOTS, Ball, Box, HalfSpace, Polygon, Robot
 from resgrid.scene.goals import CostArea, GoalJoints
 from resgrid.scene.maps.arrays import MapData
 from resgrid.scene.read import build_scene
@@ -56,7 +56,7 @@ def _robot_table(robot: Robot) -> dict[str, Any]:
     if type(robot) not in kinds:
         raise InputError(f"a scene file cannot describe a {type(robot).__name__}; register it in resgrid.robots.ROBOTS")
     table = {"type": kinds[type(robot)], **plain(robot)}
-    if isinstance(robot, Arm):
+    if "lengths" in table:  # one list of links in place of three
         columns = zip(table.pop("lengths"), table.pop("widths"), table.pop("limits"), strict=True)
         links = [{"length": length, "width": width, "limits": limits} for length, width, limits in columns]
         table["links"] = [{key: value for key, value in link.items() if value is not None} for link in links]

@@ -16,9 +16,9 @@ from resgrid.robots import ROBOTS, Robot
 from resgrid.scene.consistency import Parts, Problem, inconsistencies
 from resgrid.scene.maps.arrays import MapData
 from resgrid.scene.maps.formats import COMMON, FORMATS, format_of, read_map
-from resgrid.scene.scene import IN_FILES, MapCells, Scene, check_attributes, edge_rules, start_point
+from resgrid.scene.messages import report
+from resgrid.scene.scene import IN_FILES, MapCells, Scene, check_attributes, start_point
 from resgrid.scene.toml_lines import Path as KeyPath, key_lines
-from resgrid.scene.words import report
 from resgrid.space import Axis
 
 MAP_OPTIONS = (*COMMON[1:], *dict.fromkeys(option for entry in FORMATS.values() for option in entry.options))
@@ -54,7 +54,7 @@ def read_scene(path: str | os.PathLike[str], **options: Any) -> Scene:
     table = {key: options.pop(key) for key in MAP_OPTIONS if key in options}
     if file.suffix.lower() == ".toml":
         raw, lines = _toml(decode(read_bytes(file), file), str(file))
-        if table:
+        if table and isinstance(raw.get("map", {}), dict):
             raw["map"] = {**raw.get("map", {}), **table}
     else:
         table |= {"file": file.name, "format": format_of(file, table)}
@@ -138,7 +138,7 @@ def build_scene(
         areas=tuple(document.area),
         map=cells,
         frame=frame,
-        edge=edge_rules(document.edge, axes),
+        edge=document.edge,
         source=source,
         **{key: getattr(document, key) for key in IN_FILES},
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -20,7 +20,7 @@ from resgrid.scene.chip import Chip
 from resgrid.scene.consistency import Parts, inconsistencies
 from resgrid.scene.control import Control
 from resgrid.scene.goals import CostArea, Goal, GoalCell, GoalJoints, GoalPoint
-from resgrid.scene.words import report, suggestion
+from resgrid.scene.messages import report, suggestion
 from resgrid.scene.world import cell_centre
 from resgrid.space import Axis, Cell
 
@@ -105,7 +105,7 @@ class Scene:
     drive : {"uniform", "start"} or None
         What drives the grid where obstacles are open; by default uniform there, and nothing elsewhere.
     edge : tuple of {"obstacle", "open", "periodic"}
-        What the border of the grid is: one for all axes, or one each.
+        What the border of the grid is: one for all axes, or one each; periodic axes have none.
     k : tuple of float
         Blends asked for, each in [0, 1]: the share of the Dirichlet field.  Empty: no blend, ``boundary`` decides.
     chip : Chip
@@ -141,8 +141,11 @@ class Scene:
         for name in ("axes", "obstacles", "hidden", "goals", "areas", "edge", "k"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
         object.__setattr__(self, "starts", tuple(tuple(start) for start in self.starts))
-        if not self.edge:
-            object.__setattr__(self, "edge", tuple("periodic" if axis.periodic else "obstacle" for axis in self.axes))
+        rules = self.edge or ("obstacle",)
+        if len(rules) in (1, len(self.axes)):
+            each = rules * len(self.axes) if len(rules) == 1 else rules
+            edge = ("periodic" if axis.periodic else rule for axis, rule in zip(self.axes, each, strict=True))
+            object.__setattr__(self, "edge", tuple(edge))
         problems = inconsistencies(self._parts())
         if problems:
             raise InputError(report(problems, self.source or "scene"))
@@ -207,10 +210,10 @@ class Scene:
         if isinstance(changes.get("k"), int | float):
             changes["k"] = (changes["k"],)
         if isinstance(changes.get("edge"), str):
-            changes["edge"] = edge_rules((changes["edge"],), axes)
+            changes["edge"] = (changes["edge"],)
         elif "axes" in changes and "edge" not in changes:
             rules = {axis.name: rule for axis, rule in zip(self.axes, self.edge, strict=True) if rule != "periodic"}
-            changes["edge"] = edge_rules([rules.get(axis.name, "obstacle") for axis in axes], axes)
+            changes["edge"] = tuple(rules.get(axis.name, "obstacle") for axis in axes)
         return dataclasses.replace(self, **changes)
 
     def _keeps_grid(self, robot: Robot) -> bool:
@@ -246,12 +249,6 @@ def check_attributes(names: Iterable[str], *also: str) -> None:
         if name not in known:
             hint = suggestion(name, known) or f"there are {', '.join(known)}"
             raise InputError(f"a scene has no {name!r}; {hint}")
-
-
-def edge_rules(rules: Sequence[EdgeRule], axes: Sequence[Axis]) -> tuple[EdgeRule, ...]:
-    """The rule of every axis, from one for all or one each; periodic axes have no border."""
-    each = [rules[0]] * len(axes) if len(rules) == 1 else rules
-    return tuple("periodic" if axis.periodic else rule for axis, rule in zip(axes, each, strict=True))
 
 
 def start_point(start: GoalPoint | GoalCell | Point, axes: tuple[Axis, ...], frame: Frame, key: str = "start") -> Point:

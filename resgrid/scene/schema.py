@@ -27,10 +27,10 @@ from resgrid.scene.chip import Chip, Defects, Readout
 from resgrid.scene.control import Control
 from resgrid.scene.goals import CostArea, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.maps.formats import FORMATS
+from resgrid.scene.messages import suggestion
 from resgrid.scene.quantities import Listed
 from resgrid.scene.scene import Boundary, Drive, EdgeRule, Scene
 from resgrid.scene.table import Table, either, filled_as, meanings, table_of, value_of
-from resgrid.scene.words import suggestion
 from resgrid.space import Axis
 
 Coordinates = Annotated[tuple[float, ...], Strict(False), Len(1, 4)]

@@ -19,8 +19,8 @@ from annotated_types import Len
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError, create_model
 
 from resgrid.errors import InputError
+from resgrid.scene.messages import complaint, key_path
 from resgrid.scene.quantities import Quantity
-from resgrid.scene.words import complaint, key_path
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails

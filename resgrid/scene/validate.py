@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
+from resgrid.scene.messages import complaint, suggestion
 from resgrid.scene.schema import KINDS, SceneFile, keys_of
 from resgrid.scene.table import problems_of
 from resgrid.scene.toml_lines import Path
-from resgrid.scene.words import complaint, suggestion
 
 if TYPE_CHECKING:
     from pydantic_core import ErrorDetails

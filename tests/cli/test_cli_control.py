@@ -193,3 +193,12 @@ def test_a_scene_without_a_start_or_beyond_the_plane_is_refused(call, hidden, sc
     hidden.write_text(ROOM.replace("starts = [[4.2, 7.2]]\n", ""))
     assert "there is no start" in call("control", hidden).stderr
     assert "in the plane alone" in call("control", scenes / "voxels.toml").stderr
+
+
+def test_options_stand_in_for_keys_of_the_control_table(answer, hidden) -> None:
+    hidden.write_text(hidden.read_text() + "\n[control]\nspeed = 0.5\nk = 0.9\n")
+    told = answer("control", hidden)["runs"][0]
+    assert told["k"] == 0.9
+    slower = answer("control", hidden, "--speed", 0.25)["runs"][0]
+    assert slower["time"] > 1.5 * told["time"]
+    assert answer("control", hidden, "--set", "control.k=0.8")["runs"][0]["k"] == 0.8

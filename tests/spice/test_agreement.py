@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import HealthCheck, assume, given, settings, strategies as st
 from support.circuits import dense_solution, ladder, random_grid
-from support.spaces import serpentine, space_of
+from support.spaces import serpentine, space_of, spaces
 
+import resgrid as rg
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.netlist import Netlist
@@ -347,3 +348,22 @@ def test_a_version_that_resgrid_was_not_tried_with_is_told(version: str, known: 
     agreement = compare(expected, Simulation(expected.voltage, current, "ngspice", version, ()))
     assert agreement.agrees and agreement.verified
     assert (agreement.remark == "") == known and (known or version in agreement.remark)
+
+
+BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 1e5}]
+
+
+@settings(max_examples=30, suppress_health_check=[HealthCheck.filter_too_much])
+@given(spaces(), st.sampled_from(BOUNDARIES))
+def test_ngspice_agrees(space: rg.ConfigurationSpace, options: dict[str, object]) -> None:
+    try:
+        netlist = rg.compile_space(space, **options)
+        point = rg.solve(netlist)
+    except rg.CircuitError:
+        assume(False)
+    if options.get("boundary") == "neumann":
+        netlist = rg.scale_drive(netlist, point)
+        point = rg.solve(netlist)
+    agreement = rg.check_deck(point)
+    assert agreement.agrees, agreement.findings
+    assert agreement.max_relative_error < 1e-9

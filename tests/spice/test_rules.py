@@ -1,10 +1,19 @@
 from __future__ import annotations
 
+import io
+
+import numpy as np
 import pytest
+from hypothesis import given, settings, strategies as st
 from support.circuits import ladder, random_grid
 
+from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
+from resgrid.space import Axis, ConfigurationSpace
+from resgrid.spice.check.connection import loop_voltages
 from resgrid.spice.check.rules import check_rules
+from resgrid.spice.circuit import Circuit
+from resgrid.spice.read.deck import read_spice
 
 BASE = ladder(3)  # nodes 0 to 4
 
@@ -53,3 +62,111 @@ def test_each_rule_finds_its_fault(netlist: Netlist, rule: str, severity: str, p
 def test_errors_come_first() -> None:
     severities = [finding.severity for finding in check_rules(with_more(current_nodes=[[0, 5]], current_amps=[1e-6]))]
     assert severities == ["error", "warning"]
+
+
+SOUND = "* sound\nv1 a 0 1\nr1 a b 1k\nr2 b 0 1k\n"
+
+
+def findings_of(text: str) -> dict[tuple[str, str], str]:
+    return {(f.rule, f.severity): f.place for f in check_rules(read_spice(io.StringIO(text))) if f.rule != "reading"}
+
+
+def test_a_sound_deck_passes() -> None:
+    assert findings_of(SOUND + ".end\n") == {}
+
+
+@pytest.mark.parametrize(
+    ("lines", "rule", "severity", "line"),
+    [
+        ("rx c d 1k\n", "floating", "error", 5),
+        ("r3 b x 1k\ncx c 0 1u\n", "capacitor node", "error", 6),
+        ("i1 0 c 1u\n", "trapped current", "error", 5),
+        ("v2 a 0 1\n", "voltage loop", "error", 5),
+        ("r3 b 0 1k\nv2 a 0 2\n", "voltage loop", "error", 6),
+        ("r3 a 0 0\n", "voltage loop", "error", 5),
+        ("r3 b c 0\nr4 b c 0\nr5 c 0 1\n", "voltage loop", "warning", 6),
+        ("r3 b 0 0\n", "zero resistance", "warning", 5),
+        ("r3 b 0 -5\n", "negative resistance", "error", 5),
+        ("r3 b b 5\n", "shorted resistor", "warning", 5),
+        ("i3 b b 5\n", "shorted current source", "warning", 5),
+        ("r3 b c 5\n", "dangling", "info", 5),
+        ("r3 b 0 1e-14\n", "value range", "warning", 3),
+        ("r3 b 0 1e-6\n", "extreme value", "info", 5),
+        ("r3 b 0 1e15\n", "extreme value", "info", 5),
+    ],
+)
+def test_every_fault_is_found_at_its_line(lines: str, rule: str, severity: str, line: int) -> None:
+    found = findings_of(SOUND + lines + ".end\n")
+    assert (rule, severity) in found, found
+    assert found[rule, severity].endswith(f":{line}")
+
+
+def test_a_deck_without_ground_is_an_error() -> None:
+    assert ("ground", "error") in findings_of("* t\nv1 a b 1\nr1 a b 1k\n.end\n")
+
+
+def test_islands_are_told_one_by_one_with_their_nodes() -> None:
+    text = SOUND + "".join(f"rx{i} p{i} q{i} 1k\n" for i in range(12)) + ".end\n"
+    floating = [f for f in check_rules(read_spice(io.StringIO(text))) if f.rule == "floating"]
+    assert len(floating) == 11
+    assert floating[0].nodes == ("p0", "q0")
+    assert "2 more parts, with 4 nodes" in floating[-1].message
+
+
+def test_what_the_reader_noted_is_among_the_findings() -> None:
+    found = [f for f in check_rules(read_spice(io.StringIO(SOUND + "r9 b 0 1M\n.end\n"))) if f.rule == "reading"]
+    assert any("milli" in finding.message and finding.severity == "warning" for finding in found)
+    assert "milli" in str(found[0])
+
+
+@pytest.mark.parametrize(
+    ("name", "severity", "word"),
+    [
+        ("gnd", "warning", "ground"),
+        ("a b", "warning", "separate words"),
+        ("a=b", "warning", "separate words"),
+        ("a$b", "warning", "comment"),
+        ("knöten", "warning", "ASCII"),
+        ("a-b", "info", "operators"),
+        ("1a", "info", "Spectre"),
+        ("time", "info", "variables"),
+        ("", "warning", "separate words"),
+    ],
+)
+def test_names_that_are_misread_are_told(name: str, severity: str, word: str) -> None:
+    netlist = Netlist(
+        3, [[1, 2], [2, 0]], [1.0, 1.0], source_nodes=[[1, 0]], source_volts=[1.0], node_names=("0", "fine", name)
+    )
+    assert any(f.rule == "names" and f.severity == severity and word in f.message for f in check_rules(netlist))
+    assert check_rules(netlist.replace(node_names=("0", "fine", "n_12_7"))) == ()
+
+
+def test_places_in_a_scene_are_cells() -> None:
+    cell = np.zeros((5, 3), dtype=np.uint8)
+    cell[2], cell[0, 0] = 1, 2
+    space = ConfigurationSpace([Axis("x", 0, 5, 5), Axis("y", 0, 3, 3)], cell)
+    netlist = compile_space(space)
+    corner, middle = netlist.cells.node[3, 0], netlist.cells.node[0, 2]
+    subject = Circuit.of(netlist)
+    assert subject.place_of_nodes(np.array([corner])) == "cell (3, 0)"
+    assert subject.place_of_nodes(np.array([corner, middle])) == "cells (3, 0), (0, 2)"
+    assert subject.place_of_nodes(np.array([0])) == "0"
+
+
+@given(st.lists(st.tuples(st.integers(0, 7), st.integers(0, 7), st.integers(-3, 3)), max_size=14))
+@settings(max_examples=200)
+def test_contradictions_are_those_of_linear_algebra(sources: list[tuple[int, int, int]]) -> None:
+    """A source closes a loop if its row depends on those before it, and contradicts if its volts do not."""
+    ends = np.array([(a, b) for a, b, _ in sources], dtype=np.int64).reshape(-1, 2)
+    volts = np.array([v for *_, v in sources], dtype=np.float64)
+    rest = loop_voltages(ends.tolist(), volts.tolist())
+    rows = np.zeros((len(ends), 8))
+    np.add.at(rows, (np.arange(len(ends)), ends[:, 0]), 1.0)
+    np.add.at(rows, (np.arange(len(ends)), ends[:, 1]), -1.0)
+    for i in range(len(ends)):
+        before = np.linalg.matrix_rank(rows[:i]) if i else 0
+        assert np.isnan(rest[i]) == (np.linalg.matrix_rank(rows[: i + 1]) > before)
+        kept = [j for j in range(i) if np.isnan(rest[j])]
+        if not np.isnan(rest[i]):
+            solution = np.linalg.lstsq(rows[kept], volts[kept], rcond=None)[0] if kept else np.zeros(8)
+            assert rest[i] == pytest.approx(rows[i] @ solution - volts[i], abs=1e-9)

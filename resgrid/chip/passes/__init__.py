@@ -38,8 +38,8 @@ from resgrid.chip.passes.values import (
 from resgrid.die import seed_of
 from resgrid.errors import InputError
 from resgrid.scene.chip import Chip
+from resgrid.scene.messages import suggestion
 from resgrid.scene.table import fields_of
-from resgrid.scene.words import suggestion
 
 PASSES: dict[str, type[Pass]] = {
     "preferred_values": PreferredValues,

@@ -19,7 +19,7 @@ from resgrid.chip.passes.base import Pass, add_nodes, add_resistors, cells_with_
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, CellMap, Netlist
-from resgrid.scene.chip import Ohms, OhmsOrNone
+from resgrid.scene.chip import Ohms, OhmsOrZero
 from resgrid.scene.quantities import Quantity
 from resgrid.space import Cell
 
@@ -47,7 +47,7 @@ class InternodalSwitches(Pass):
 
     KEYS = {"on": "internodal_switch_on", "off": "internodal_switch_off"}
 
-    on: OhmsOrNone | None = None
+    on: OhmsOrZero | None = None
     off: Ohms | None = None
 
     def apply(self, netlist: Netlist) -> Netlist:
@@ -152,7 +152,7 @@ class RailResistance(Pass):
 
     KEYS = {"ohms": "rail_resistance"}
 
-    ohms: OhmsOrNone
+    ohms: OhmsOrZero
 
     def apply(self, netlist: Netlist) -> Netlist:
         cells = cells_with_nodes(netlist, "rails")

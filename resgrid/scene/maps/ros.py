@@ -44,8 +44,8 @@ from resgrid.files import read_text
 from resgrid.frame import Frame
 from resgrid.scene.maps.arrays import MapData
 from resgrid.scene.maps.pictures import Raster, read_raster
+from resgrid.scene.messages import complaint, report
 from resgrid.scene.table import problems_of
-from resgrid.scene.words import complaint, report
 from resgrid.space import Axis, Cell
 
 OCCUPIED, FREE, UNKNOWN = 100, 0, -1

@@ -114,14 +114,12 @@ class Loops:
 
 def loops_of(circuit: Circuit) -> Loops:
     """Find the loops of voltage sources; resistors of 0 ohm count as sources of 0 V."""
-    from resgrid.spice.kernels import left_over
-
     zero = np.flatnonzero(circuit.resistance == 0)
     sources = len(circuit.source_volts)
     order = np.argsort(circuit.is_inductor, kind="stable")
     ends = np.concatenate([circuit.source_nodes[order], circuit.resistor_nodes[zero]])
     volts = np.concatenate([circuit.source_volts[order], np.zeros(len(zero))])
-    rest = left_over(ends, volts, len(circuit.node_names)) if len(ends) else np.empty(0)
+    rest = loop_voltages(ends.tolist(), volts.tolist())
     number = np.concatenate([order, zero])
     closing = ~np.isnan(rest)
     with np.errstate(invalid="ignore"):
@@ -134,6 +132,38 @@ def loops_of(circuit: Circuit) -> Loops:
         for i in np.flatnonzero(bad).tolist()
     )
     return Loops(own[~is_inductor], own[is_inductor], short, contradictions)
+
+
+def loop_voltages(ends: list[list[int]], volts: list[float]) -> NDArray[np.float64]:
+    """Voltage by which each source contradicts those before it, NaN where it closes no loop; shape (sources,).
+
+    A union-find whose links carry voltages: every node knows one above it, and its own voltage over that one.
+    """
+    above: dict[int, tuple[int, float]] = {}
+
+    def root_of(node: int) -> tuple[int, float]:
+        path, height = [], 0.0
+        while node in above:
+            path.append((node, height))
+            node, step = above[node]
+            height += step
+        for passed, below in path:
+            above[passed] = node, height - below
+        return node, height
+
+    rest = np.full(len(volts), np.nan)
+    size: dict[int, int] = {}
+    for source, ((plus, minus), volt) in enumerate(zip(ends, volts, strict=True)):
+        (a, height_a), (b, height_b) = root_of(plus), root_of(minus)
+        step = volt + height_b - height_a  # of the plus root over the minus root
+        if a == b:
+            rest[source] = -step
+            continue
+        if size.get(a, 1) > size.get(b, 1):
+            a, b, step = b, a, -step
+        above[a] = b, step
+        size[b] = size.get(a, 1) + size.get(b, 1)
+    return rest
 
 
 def source_loops(circuit: Circuit) -> Iterator[Violation]:

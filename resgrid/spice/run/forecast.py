@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from resgrid.errors import BudgetError, InputError
 from resgrid.netlist import GROUND, Netlist
@@ -84,8 +85,6 @@ def core_of(circuit: Circuit) -> tuple[int, float]:
     """Size and width of what remains of a network without its loose ends and its nodes of known voltage."""
     from scipy.sparse import coo_array
 
-    from resgrid.spice.kernels import strip_leaves
-
     tree = connected_parts(circuit.source_nodes, len(circuit.node_names))
     known = tree == tree[GROUND]
     pairs = np.concatenate([circuit.ends[kind] for kind in CONDUCTING])
@@ -96,7 +95,7 @@ def core_of(circuit: Circuit) -> tuple[int, float]:
     shape = (len(circuit.node_names), len(circuit.node_names))
     graph = coo_array((np.ones(len(both), dtype=np.int8), (both[:, 0], both[:, 1])), shape=shape).tocsr()
     degree = np.diff(graph.indptr).astype(np.int64)
-    strip_leaves(graph.indptr, graph.indices, degree)
+    _strip_leaves(graph, degree)
     alive = np.flatnonzero(degree)
     forks = degree[alive] > 2
     if not forks.any():
@@ -106,6 +105,19 @@ def core_of(circuit: Circuit) -> tuple[int, float]:
     levels, reached, _ = _sweep(core, far)
     size, neighbours = int(forks.sum()), float(degree[alive][forks].mean())
     return size, min(reached / levels, _RANDOM_WIDTH * neighbours * size ** (2 / 3))
+
+
+def _strip_leaves(graph: Any, degree: NDArray[np.int64]) -> None:
+    """Take away nodes with one neighbour, again and again; ``degree`` ends as that of the rest, 0 for those taken."""
+    leaves = np.flatnonzero(degree == 1).tolist()
+    while leaves:
+        node = leaves.pop()
+        if degree[node] == 1:
+            degree[node] = 0
+            for other in graph.indices[graph.indptr[node] : graph.indptr[node + 1]]:
+                degree[other] -= degree[other] > 0
+                if degree[other] == 1:
+                    leaves.append(other)
 
 
 def _sweep(graph: Any, start: int) -> tuple[int, int, int]:

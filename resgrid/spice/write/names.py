@@ -64,11 +64,13 @@ def legal_names(names: Sequence[str], initial: str, reserved: Iterable[str] = ()
     """
     taken = set(reserved)
     distinct = set(names)
-    if len(distinct) == len(names) and taken.isdisjoint(distinct) and _ALL_LEGAL.fullmatch("\n".join([*names, ""])):
+    all_legal = _ALL_LEGAL.fullmatch("\n".join([*names, ""])) is not None
+    if len(distinct) == len(names) and taken.isdisjoint(distinct) and all_legal:
         return list(names)
     legal: list[str] = []
     for name in names:
-        keeps = name not in taken and len(name) <= _MAX_LENGTH and _LEGAL.fullmatch(name) is not None
+        is_legal = all_legal or (len(name) <= _MAX_LENGTH and _LEGAL.fullmatch(name) is not None)
+        keeps = is_legal and name not in taken
         legal.append(name if keeps else "")
         if keeps:
             taken.add(name)

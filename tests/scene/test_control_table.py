@@ -1,0 +1,76 @@
+"""The [control] table: what stands in the scene is what Python and the command line do, unless they say otherwise."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import resgrid as rg
+
+SCENE = """
+schema = 1
+starts = [[0.5, 0.5]]
+[grid]
+axes = [{ name = "x", lower = 0, upper = 6, cells = 12 }, { name = "y", lower = 0, upper = 5, cells = 10 }]
+[[obstacle]]
+shape = "rectangle"
+lower = [2, 0]
+upper = [3, 3]
+[[hidden]]
+shape = "circle"
+centre = [2.5, 4.2]
+radius = 0.3
+[[goal]]
+point = [5.25, 0.75]
+"""
+TABLE = """
+[control]
+speed = 0.5
+speed_limits = 0.4
+admittance = [0.2, 0.0, 0.0, 0.3]
+friction = 0.1
+step = 0.1
+k = 0.9
+bias = [0.01, -0.01]
+seed = 3
+"""
+
+
+def test_a_simulation_is_as_the_scene_says_unless_it_is_told_otherwise() -> None:
+    scene = rg.parse_scene(SCENE + TABLE)
+    world = rg.simulation(scene)
+    controller = world.controller
+    assert (controller.speed, world.friction, world.step, controller.field.k) == (0.5, 0.1, 0.1, 0.9)
+    assert controller.speed_limits.tolist() == [0.4, 0.4]
+    assert controller.admittance.tolist() == [[0.2, 0.0], [0.0, 0.3]]
+    assert rg.simulation(scene, speed=0.25, k=0.5).controller.speed == 0.25
+    run = world.run()
+    assert run.ending is rg.Ending.ARRIVED
+    assert np.abs(np.diff(run.configuration, axis=0) / np.diff(run.time)[:, None]).max() <= 0.4 + 1e-9
+    usual = rg.simulation(rg.parse_scene(SCENE))
+    assert (usual.friction, usual.learn, usual.controller.response) == (0.2, True, "equipotential")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("speed = 0", "line 17: control.speed: must be greater than 0, got 0"),
+        ("sped = 1", "line 17: control.sped: unknown key; did you mean 'speed'?"),
+        ('response = "softly"', "control.response: 'softly' is unknown: it may be equipotential or admittance"),
+        ("learn = 1", "control.learn: must be true or false, got 1"),
+        ("step = 0.6", "control.step: must be at most 0.5, got 0.6"),
+        ('push = [[0.0, "x", 1]]', "control.push[0][1]: must be a number, got 'x'"),
+        ("bias = []", "control.bias: needs at least 1 entries, got 0"),
+        ("k = nan", "control.k: must be a finite number, got nan"),
+    ],
+)
+def test_one_clear_message(text: str, message: str) -> None:
+    with pytest.raises(rg.InputError) as caught:
+        rg.parse_scene(f"{SCENE}[control]\n{text}\n")
+    assert message in str(caught.value)
+
+
+def test_tables_made_in_python_are_checked() -> None:
+    assert rg.Control(admittance=0.5).admittance == (0.5,)
+    with pytest.raises(rg.InputError, match="friction: must be at least 0"):
+        rg.Control(friction=-0.1)
