@@ -25,8 +25,8 @@ from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.planning.fields import Field, field
 from resgrid.planning.planner import ClearanceCurve
-from resgrid.planning.separation import Separation
-from resgrid.planning.streamline import Streamline
+from resgrid.planning.separation import SceneSeparation, Separation
+from resgrid.planning.streamline import Polyline, ShortPath, Streamline
 from resgrid.plot.chip_curves import draw_exploration, draw_precisions, draw_settled
 from resgrid.plot.chip_maps import (
     draw_criticality,
@@ -44,7 +44,7 @@ from resgrid.plot.figures import render_figure
 from resgrid.plot.graphs import draw_circuit
 from resgrid.plot.pages import draw_field
 from resgrid.plot.paths import draw_clearance_curve, draw_path, draw_separation, draw_streamlines
-from resgrid.plot.workspace import draw_scene
+from resgrid.plot.workspace import draw_line, draw_scene
 from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
 
@@ -74,7 +74,10 @@ PICTURES: dict[type, Picture] = {
     Run: draw_run,
     Scene: draw_scene,
     Sensitivity: draw_sensitivity,
+    Polyline: draw_line,
     Separation: draw_separation,
+    SceneSeparation: draw_separation,
+    ShortPath: draw_line,
     Streamline: draw_path,
     Settling: draw_settled,
     Wavefront: draw_wavefront,

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.doors import checked
 from resgrid.errors import InputError
-from resgrid.robots.arm_cells import arm_goal_cells, arm_occupancy, singular_cells
+from resgrid.robots.arm_cells import arm_goal_cells, arm_occupancy
 from resgrid.robots.base import Robot
 from resgrid.robots.cells import Progress, Sampling
 from resgrid.robots.geometry import Links, Part, Pose
@@ -104,11 +104,6 @@ class Arm(Robot):
     def reach(self) -> float:
         """Largest distance from the base to the tip."""
         return sum(self.lengths)
-
-    @property
-    def shortest_reach(self) -> float:
-        """Smallest distance from the base to the tip, with full turns."""
-        return max(0.0, 2 * max(self.lengths) - self.reach)
 
     def axes(self, cells: int | Sequence[int]) -> tuple[Axis, ...]:
         """Axes of the configuration space, ``theta_1``, ``theta_2``, ..., as the joints' limits say.
@@ -268,13 +263,35 @@ class Arm(Robot):
         return occupied | self.singular_cells(axes)
 
     def singular_cells(self, axes: Sequence[Axis]) -> NDArray[np.bool_]:
-        """Cells of the virtual obstacle along the singularities of the Jacobian, one entry per cell, or broadcast."""
-        return singular_cells(axes, self.singularity_width, self.singularity_cells, relative=self.angles == "relative")
+        """Cells of the virtual obstacle along the singularities of the Jacobian, one entry per cell, or broadcast.
+
+        The Jacobian of a planar arm loses rank where all links are parallel: for two links where ``sin(theta_2)`` is 0
+        (relative angles) or ``sin(theta_2 - theta_1)`` (absolute angles: the diagonals of configuration space).  For
+        three or more links that is a thin set, which parts nothing.
+        """
+        cells, singular = self.singularity_cells, np.ones((1,) * self.ndim, dtype=bool)
+        if self.singularity_width is None and cells is None:
+            return ~singular
+        relative = self.angles == "relative"
+        grids = np.meshgrid(*(axis.centres for axis in axes), indexing="ij", sparse=True)
+        for joint in range(1, self.ndim):
+            turning = [axes[joint]] if relative else [axes[joint - 1], axes[joint]]
+            bend = grids[joint] if relative else grids[joint] - grids[joint - 1]
+            away = np.abs((bend + pi / 2) % pi - pi / 2)
+            step = max(axis.spacing for axis in turning)
+            extent = sum(axis.spacing for axis in turning) / 2
+            width = (self.singularity_width or 0.0) if cells is None else (cells - 1) * step
+            # Cells that the strip's interior meets; where its middle runs along a border, the cells on both sides;
+            # where rows of cells are counted that cannot lie evenly about it, one more.
+            counted = cells is not None and relative
+            reach = width / 2 + extent + (1e-9 if counted else -1e-9) * step
+            singular = singular & (away <= max(step / 2 + 1e-9 * step, reach))
+        return singular
 
     def goal_cells(self, axes: Sequence[Axis], region: Shape | Point) -> GoalCells:
         """Cells that hold a configuration with the tip in a region; see `Robot.goal_cells`."""
         self.check_axes(axes)
-        goal = arm_goal_cells(self._links, self.shortest_reach, tuple(axes), region)
+        goal = arm_goal_cells(self._links, tuple(axes), region)
         if not goal.cells.any():
             ends = "joint limits" if any(self.limits) else "axes of the grid"
             raise InputError(f"the {ends} keep the arm's tip out of this goal; widen them, or move the goal")
@@ -325,15 +342,16 @@ def _check_link(number: int, length: float, width: float, limits: Limits | None)
 
 
 def _check_rest(arm: Arm) -> None:
-    if len(arm.base) != 2 or not all(isfinite(value) and abs(value) <= 1e9 for value in (*arm.base, arm.base_angle)):
-        raise InputError(f"an arm's base needs two finite coordinates and a finite angle, got {list(arm.base)}")
-    if arm.angles not in ("relative", "absolute"):
-        raise InputError(f"angles = {arm.angles!r} is unknown: it may be 'relative' or 'absolute'")
-    if arm.singularity_width is not None and arm.singularity_cells is not None:
-        raise InputError("give either singularity_width (radians) or singularity_cells, not both")
-    if arm.singularity_width is not None and not 0 <= arm.singularity_width < pi:
-        raise InputError(f"singularity_width = {arm.singularity_width} must be from 0 up to pi (radians)")
-    if arm.singularity_cells is not None and arm.singularity_cells < 1:
-        raise InputError(f"singularity_cells = {arm.singularity_cells} must be at least 1")
-    if arm.ndim == 1 and (arm.singularity_width is not None or arm.singularity_cells is not None):
-        raise InputError("an arm of one link is singular everywhere; leave out singularity_width and singularity_cells")
+    width, cells = arm.singularity_width, arm.singularity_cells
+    placed = len(arm.base) == 2 and all(isfinite(x) and abs(x) <= 1e9 for x in (*arm.base, arm.base_angle))
+    single = arm.ndim == 1 and (width is not None or cells is not None)
+    for is_broken, message in (
+        (not placed, f"an arm's base needs two finite coordinates and a finite angle, got {list(arm.base)}"),
+        (arm.angles not in ("relative", "absolute"), f"angles = {arm.angles!r} may be 'relative' or 'absolute'"),
+        (None not in (width, cells), "give either singularity_width (radians) or singularity_cells, not both"),
+        (not 0 <= (width or 0) < pi, f"singularity_width = {width} must be from 0 up to pi (radians)"),
+        (cells is not None and cells < 1, f"singularity_cells = {cells} must be at least 1"),
+        (single, "an arm of one link is singular everywhere; leave out singularity_width and singularity_cells"),
+    ):
+        if is_broken:
+            raise InputError(message)

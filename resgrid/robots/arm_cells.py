@@ -69,35 +69,7 @@ def arm_occupancy(
     return blocked.reshape(tuple(counts))
 
 
-def singular_cells(
-    axes: Sequence[Axis], width: float | None, cells: int | None, *, relative: bool
-) -> NDArray[np.bool_]:
-    """Cells of the virtual obstacle along the singularities of an arm's Jacobian.
-
-    The Jacobian of a planar arm loses rank where all links are parallel: for two links where ``sin(theta_2)`` is 0
-    (relative angles) or ``sin(theta_2 - theta_1)`` (absolute angles: the diagonals of configuration space).  For
-    three or more links that is a thin set, which parts nothing.
-    """
-    singular = np.ones((1,) * len(axes), dtype=bool)
-    if width is None and cells is None:
-        return ~singular
-    grids = np.meshgrid(*(axis.centres for axis in axes), indexing="ij", sparse=True)
-    for joint in range(1, len(axes)):
-        turning = [axes[joint]] if relative else [axes[joint - 1], axes[joint]]
-        bend = grids[joint] if relative else grids[joint] - grids[joint - 1]
-        away = np.abs((bend + pi / 2) % pi - pi / 2)
-        step = max(axis.spacing for axis in turning)
-        extent = sum(axis.spacing for axis in turning) / 2
-        thickness = (width or 0.0) if cells is None else (cells - 1) * step
-        # Cells that the strip's interior meets; where its middle runs along a border, the cells on both sides; where
-        # rows of cells are counted that cannot lie evenly about it, one more.
-        counted = cells is not None and relative
-        reach = thickness / 2 + extent + (1e-9 if counted else -1e-9) * step
-        singular = singular & (away <= max(step / 2 + 1e-9 * step, reach))
-    return singular
-
-
-def arm_goal_cells(links: Links, shortest_reach: float, axes: tuple[Axis, ...], region: Shape | Point) -> GoalCells:
+def arm_goal_cells(links: Links, axes: tuple[Axis, ...], region: Shape | Point) -> GoalCells:
     """Cells that bring the tip of an arm into a region of the workspace: all inverse solutions.
 
     A cell is a goal if, and only if, it holds, on its border perhaps, a configuration whose tip lies in the region or
@@ -111,14 +83,15 @@ def arm_goal_cells(links: Links, shortest_reach: float, axes: tuple[Axis, ...], 
         raise InputError(f"an arm moves in the plane: a point needs 2 coordinates, got {len(region)}")
     place = require_plane(Box(region, region) if isinstance(region, tuple) else region, "an arm")
     goal, reach = obstacle_arrays([place]), float(links.lengths.sum())
+    shortest = max(0.0, 2 * float(links.lengths.max()) - reach)
     nearest, farthest = _distances(place, tuple(links.base[:2].tolist()))
     if nearest > reach * (1 + 1e-12):
         raise InputError(
             f"the goal is {nearest:.4g} from the base, the arm reaches {reach:.4g}; move the goal or the base"
         )
-    if farthest < shortest_reach * (1 - 1e-12):
+    if farthest < shortest * (1 - 1e-12):
         raise InputError(
-            f"the goal is {farthest:.4g} from the base, but the arm cannot fold nearer than {shortest_reach:.4g}; "
+            f"the goal is {farthest:.4g} from the base, but the arm cannot fold nearer than {shortest:.4g}; "
             "move the goal or the base"
         )
     cells = np.zeros(tuple(axis.cells for axis in axes), dtype=bool)

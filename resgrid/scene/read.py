@@ -54,7 +54,7 @@ def read_scene(path: str | os.PathLike[str], **options: Any) -> Scene:
     table = {key: options.pop(key) for key in MAP_OPTIONS if key in options}
     if file.suffix.lower() == ".toml":
         raw, lines = _toml(decode(read_bytes(file), file), str(file))
-        if table:
+        if table and isinstance(raw.get("map", {}), dict):
             raw["map"] = {**raw.get("map", {}), **table}
     else:
         table |= {"file": file.name, "format": format_of(file, table)}

@@ -35,7 +35,6 @@ HSPICE = Dialect(
     ),
     statements=Statements(
         first=("* hspice {deck}.hspice", ".option post=1 numdgt=10 ingold=2"),
-        operating=(".op",),
         transient=(".option delmax={step}", ".tran {step} {stop}"),
         noise=(".ac dec {points} {start} {stop}", ".noise v({node}) {source} {points}", ".print noise onoise"),
         temperature=(".dc temp poi {count} {temperatures}",),

@@ -28,9 +28,6 @@ LTSPICE = Dialect(
     statements=Statements(
         first=("* LTspice -b {deck}.ltspice", ".options numdgt=15"),
         one_a_run=True,
-        operating=(".op",),
-        transient=(".tran {step} {stop} 0.0 {step}",),
-        noise=(".noise v({node}) {source} dec {points} {start} {stop}",),
         temperature=(".op", ".step temp list {temperatures}"),
         mismatch=(".op", ".step param run 1 {runs} 1"),
         probe=".save {what}",

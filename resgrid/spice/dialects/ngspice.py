@@ -43,9 +43,6 @@ from resgrid.spice.dialects.record import Costs, Dialect, Quirks, Statements
 _STATEMENTS = Statements(
     first=("* ngspice -n -b -r analyses.raw {deck}.ngspice",),
     deck_first=True,
-    operating=(".op",),
-    transient=(".tran {step} {stop} 0.0 {step}",),
-    noise=(".noise v({node}) {source} dec {points} {start} {stop}",),
     temperature=(
         ".control",
         "foreach celsius {temperatures}",

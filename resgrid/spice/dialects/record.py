@@ -28,12 +28,12 @@ class Statements:
     """
 
     first: tuple[str, ...]
-    operating: tuple[str, ...]
-    transient: tuple[str, ...]
-    noise: tuple[str, ...]
     temperature: tuple[str, ...]
     mismatch: tuple[str, ...]
     probe: str
+    operating: tuple[str, ...] = (".op",)
+    transient: tuple[str, ...] = (".tran {step} {stop} 0.0 {step}",)
+    noise: tuple[str, ...] = (".noise v({node}) {source} dec {points} {start} {stop}",)
     last: tuple[str, ...] = (".end",)
     deck_first: bool = False
     run: tuple[str, ...] = ()

@@ -34,7 +34,6 @@ XYCE = Dialect(
         first=("* Xyce {deck}.xyce",),
         one_a_run=True,
         operating=(_SWEEP,),
-        transient=(".tran {step} {stop} 0.0 {step}",),
         noise=(".noise v({node}) {source} dec {points} {start} {stop}", ".print noise format=csv onoise inoise"),
         temperature=(_SWEEP, ".step temp list {temperatures}"),
         mismatch=(_SWEEP, ".sampling useexpr=true", ".options samples numsamples={runs} seed={seed}"),
