@@ -13,9 +13,8 @@ from resgrid.frozen import frozen, picture_html
 from resgrid.planning.blend import blend, dirichlet_share
 from resgrid.planning.fields import Field
 from resgrid.planning.road import Solution, problem_of, require_uniform, solve_field, solve_problem
-from resgrid.planning.separation import Separation, separation
 from resgrid.planning.streamline import Outcome, Streamline
-from resgrid.planning.trace import Traces, basins, follow, start_points, streamline, streamlines
+from resgrid.planning.trace import Traces, follow, start_points, streamline, streamlines
 from resgrid.scene import Scene
 from resgrid.space import ConfigurationSpace
 
@@ -84,16 +83,6 @@ class Planner:
     def ends(self, starts: ArrayLike | None = None) -> Traces:
         """Ends of streamlines from many points, much faster than `paths`; see `resgrid.streamlines`."""
         return streamlines(self.field, self._starts(starts))
-
-    def basins(self) -> NDArray[np.int32]:
-        """Goal region that the streamline of every cell reaches; see `resgrid.basins`."""
-        return basins(self.field)
-
-    def separation(
-        self, start: ArrayLike | None = None, *, cell: Sequence[int] | None = None, virtual: ArrayLike | None = None
-    ) -> Separation:
-        """Which obstacles separate a start from the goals; see `resgrid.separation`."""
-        return separation(self.space, start, cell=cell, virtual=virtual)
 
     def _starts(self, starts: ArrayLike | None) -> ArrayLike:
         return self.scene_starts if starts is None else starts

@@ -26,6 +26,7 @@ from resgrid.nodal.watch import Watch
 from resgrid.space import Cell
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class RandomWalk:
     """A random walk on the free cells of a space: one factorisation, for many questions.

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError
+from resgrid.frozen import frozen
 from resgrid.netlist import Netlist
 from resgrid.nodal.drive import scale_drive
 from resgrid.nodal.operating_point import OperatingPoint
@@ -43,6 +44,7 @@ def unobserved(_stage: str, function: Callable[..., Any], *arguments: Any, **_: 
     return function(*arguments)
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Problem:
     """What is to be solved: a space, how it is wired, and for which blends and starts.
@@ -101,6 +103,7 @@ class Problem:
         return f"neumann_start_{number}", replace(self.wiring.opened(), drive="start", start=cell)
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Solution:
     """The circuits of a problem and their own fields, by name."""

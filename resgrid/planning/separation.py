@@ -30,6 +30,7 @@ from resgrid.space import Cell, ConfigurationSpace
 _MOST_PARTS = 63
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Barriers:
     """The obstacle cells of a space in groups that meet across faces, edges or corners.
@@ -86,6 +87,7 @@ class Links:
         return tuple(node - self.regions for node in reversed(nodes) if node >= self.regions)
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Obstruction:
     """What stands between a start and one goal region.
@@ -133,6 +135,7 @@ class Separation:
         return self.barriers.mask(*self.separating)
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class SceneSeparation:
     """Whether a start of a scene is separated from the goals, and by which of its obstacles.

@@ -185,7 +185,6 @@ class Polyline:
         if not np.isfinite(table).all():
             row = int(np.argmin(np.isfinite(table).all(axis=1)))
             raise InputError(f"point {row} of the path is not finite: {table[row].tolist()}")
-        table.flags.writeable = False
         object.__setattr__(self, "points", table)
         object.__setattr__(self, "space", space)
 

@@ -146,21 +146,18 @@ def follow_many(field: Field, points: NDArray[np.float64]) -> Traces:
     outcome = static_outcomes(field.space, cells).astype("U16")
     free = np.flatnonzero(outcome == "")
     last, position = cells[free], local[free]
-    code, steps = np.empty(len(free), dtype=np.int64), np.empty(len(free), dtype=np.int64)
-    length, log_time = np.empty(len(free)), np.empty(len(free))
-    kernels.trace_many(field.flow, last, position, code, steps, length, log_time)
+    code, crossed = np.empty(len(free), dtype=np.int64), np.empty(len(free), dtype=np.int64)
+    lengths, log_time = np.empty(len(free)), np.empty(len(free))
+    kernels.trace_many(field.flow, last, position, code, crossed, lengths, log_time)
     _check_ended(code)
     reached = code == kernels.REACHED
     outcome[free] = np.where(reached, Outcome.REACHED.value, Outcome.NO_CURRENT.value)
-    count, arrived = len(points), free[reached]
-    traces = Traces(
-        outcome, np.full(count, -1), np.full(count, np.nan), np.full(count, np.nan), np.zeros(count, dtype=np.int64)
-    )
-    traces.goal[arrived] = field.space.goal_region[tuple(last[reached].T)]
-    traces.length[arrived] = length[reached] + _last_leg(field.space, last[reached], position[reached])[1]
-    traces.log_duration[free] = _log_duration(field, log_time)
-    traces.steps[free] = steps
-    return traces
+    goal, length, log_duration, steps = (np.full(len(points), rest) for rest in (-1, np.nan, np.nan, 0))
+    arrived = free[reached]
+    goal[arrived] = field.space.goal_region[tuple(last[reached].T)]
+    length[arrived] = lengths[reached] + _last_leg(field.space, last[reached], position[reached])[1]
+    log_duration[free], steps[free] = _log_duration(field, log_time), crossed
+    return Traces(outcome, goal, length, log_duration, steps)
 
 
 def basins(field: Field) -> NDArray[np.int32]:

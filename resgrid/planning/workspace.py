@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from resgrid.arguments import check_number
 from resgrid.errors import InputError
+from resgrid.frozen import frozen
 from resgrid.planning.streamline import AnyPath, robot_of, unwrap
 from resgrid.robots import Part, Shape
 from resgrid.robots.geometry import Obstacle, obstacles_of
@@ -19,6 +20,7 @@ _MOST = 5_000_000
 _BATCH = 4096
 
 
+@frozen
 @dataclass(frozen=True, eq=False)
 class Collision:
     """The first place of a path where the robot enters an obstacle.

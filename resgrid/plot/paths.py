@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.errors import InputError
 from resgrid.planning.planner import ClearanceCurve
-from resgrid.planning.separation import Separation
+from resgrid.planning.separation import SceneSeparation, Separation
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.plot.fields import draw_space
 from resgrid.plot.figures import axes_or_new
@@ -121,7 +121,9 @@ def _draw_failures(paths: list[Streamline], plane: Plane, axes: Axes) -> None:
         )  # fmt: skip
 
 
-def draw_separation(result: Separation, ax: Axes | None = None, *, virtual: NDArray[np.bool_] | None = None) -> Axes:
+def draw_separation(
+    result: Separation | SceneSeparation, ax: Axes | None = None, *, virtual: NDArray[np.bool_] | None = None
+) -> Axes:
     """Draw the cells that a start can reach, and the obstacles that must go for a goal to be reached."""
     space = result.space
     axes = draw_space(space, ax, virtual=virtual)

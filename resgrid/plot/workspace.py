@@ -19,7 +19,7 @@ from shapely.geometry.polygon import orient
 
 from resgrid.errors import InputError
 from resgrid.planning.separation import Separation
-from resgrid.planning.streamline import AnyPath, Polyline, Streamline, unwrap
+from resgrid.planning.streamline import AnyPath, Polyline, ShortPath, Streamline, unwrap
 from resgrid.planning.workspace import dense
 from resgrid.plot.fields import draw_space
 from resgrid.plot.figures import PAGE, add_title, axes_or_new, caption_height, new_figure
@@ -200,6 +200,13 @@ def draw_pair(
     right.set_title("Configuration space", fontsize=TEXT)
     add_title(figure, title, caption)
     return figure
+
+
+def draw_line(path: Polyline | ShortPath, ax: Axes | None = None) -> Axes:
+    """Draw a path of straight lines over what the ax shows, on cells of its space if there is none."""
+    axes = draw_space(path.space) if ax is None else ax
+    _draw_line(unwrap(path), path.space, axes)
+    return axes
 
 
 def _draw_line(points: NDArray[np.float64], space: ConfigurationSpace, axes: Axes) -> None:

@@ -41,11 +41,11 @@ def test_a_planner_gives_what_the_stages_give() -> None:
     paths, ends = planner.paths(starts), planner.ends(starts)
     assert [path.outcome for path in paths] == ends.outcome.tolist()
     assert [path.outcome for path in paths] == [Outcome.REACHED] * 3 + [Outcome.START_BLOCKED]
-    assert planner.basins()[3, 5] == 0 and planner.basins()[36, 24] == 1
+    assert rg.basins(planner.field)[3, 5] == 0 and rg.basins(planner.field)[36, 24] == 1
     for path in paths:
         certify(path)
     assert planner.path(cell=(0, 0)).outcome is Outcome.REACHED
-    assert planner.separation(cell=(0, 0)).separating == ()
+    assert rg.separation(planner.space, cell=(0, 0)).separating == ()
 
 
 def test_blends_share_two_solves(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.collections import LineCollection
 from matplotlib.colors import to_rgba
+from support.cli import ROOM
 from support.spaces import space_of
 
 import resgrid as rg
@@ -142,3 +143,20 @@ def test_the_curve_shows_its_means() -> None:
     axes = rg.draw(curve, unit="m", cell=1.0)
     np.testing.assert_allclose(lines_of(axes)["mean of 2 starts"], np.stack([curve.value, curve.mean], axis=1))
     assert axes.get_ylabel().endswith("(m)")
+
+
+def test_short_paths_and_separations_of_scenes_have_pictures() -> None:
+    scene = rg.parse_scene(ROOM, "room")
+    short = rg.shorten(rg.plan(scene).path((0.5, 0.5)))
+    for path in (short, rg.Polyline(short.points, short.space)):
+        (line,) = [line for line in rg.draw(path).lines if line.get_label() == "path"]
+        np.testing.assert_allclose(line.get_xydata(), short.points)
+    verdict = rg.separation(scene, (5.5, 4.5))
+    assert verdict.separating == ("obstacle[0]",) and rg.draw(verdict).get_legend() is not None
+    for value in (
+        short,
+        rg.Polyline(short.points, short.space),
+        rg.plan(scene),
+        rg.time_path(short, velocity_limits=1.0),
+    ):
+        assert len(repr(value)) < 500 and "[" not in repr(value)
