@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from support.cli import ROOM, call
 
 import resgrid as rg
-from resgrid.io.tables import FORMATS, Format, csv_bytes, json_text, npz_bytes, require_names
+from resgrid.io.tables import FORMATS, Format, csv_bytes, emit, json_text, npz_bytes, require_names
 
 
 def tsv_bytes(table) -> bytes:
@@ -65,3 +66,9 @@ def test_solutions_are_written_by_the_library_too(tmp_path):
     with pytest.raises(rg.InputError, match=r"must end in \.npz"):
         rg.write_solution(op, tmp_path / "field.csv")
     assert [file.name for file in tmp_path.iterdir()] == ["field.npz"]
+
+
+def test_standard_output_that_takes_no_bytes_is_refused(monkeypatch):
+    monkeypatch.setattr("sys.stdout", io.StringIO())
+    with pytest.raises(rg.InputError, match="name a file"):
+        emit("-", b"")
