@@ -32,7 +32,7 @@ ROOM = 300.15
 """27 degrees Celsius, in kelvin: the nominal temperature of SPICE."""
 
 METHODS = ("auto", "exact", "estimate")
-_HIGHEST = 1e300
+_HIGHEST = np.float64(1e300)
 _EXACT_PLANE, _EXACT_VOLUME = 300_000, 15_000
 
 
