@@ -29,6 +29,8 @@ def test_a_new_format_is_one_line_and_every_writer_takes_it(monkeypatch, tmp_pat
     assert "\tb\t" in (tmp_path / "volts.tsv").read_text()
     run = rg.simulation(rg.read_scene(tmp_path / "room.toml")).run((0.5, 0.5))
     assert rg.write_run(run, tmp_path / "run.tsv").read_text().count("\n") == len(run.time)
+    (record,) = json.loads(rg.write_run([run], tmp_path / "run.json").read_text())["runs"]
+    assert record["columns"]["time"] == run.time.tolist() and record["outcome"] == run.ending
 
 
 def test_numbers_are_read_back_as_they_were_and_holes_are_empty():
