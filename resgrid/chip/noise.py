@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from resgrid.arguments import check_number, check_whole, is_number
+from resgrid.arguments import check_number, check_whole
 from resgrid.chip.figures import Figure, Result, defined
 from resgrid.chip.impedance import estimate, find_exactly, inverse_columns, resistive_parts
 from resgrid.errors import InputError
@@ -32,7 +32,7 @@ ROOM = 300.15
 """27 degrees Celsius, in kelvin: the nominal temperature of SPICE."""
 
 METHODS = ("auto", "exact", "estimate")
-_HIGHEST = 1e300
+_HIGHEST = np.float64(1e300)
 _EXACT_PLANE, _EXACT_VOLUME = 300_000, 15_000
 
 
@@ -138,7 +138,7 @@ def analyse_noise(
         raise InputError("samples = 1, but an error bar needs at least 2")
     check_whole("samples", samples, 2)
     check_whole("seed", seed, 0)
-    if band is not None and not (_are_two(band) and 0 <= band[0] < band[1]):
+    if band is not None and not 0 <= band[0] < band[1] < _HIGHEST:
         raise InputError(f"band = {band} must be two frequencies in hertz, the lower first (for all of them see limit)")
     dynamics = dynamics_of(netlist)
     require_grounded(dynamics)
@@ -241,23 +241,15 @@ def _is_small(dynamics: Dynamics) -> bool:
     return dynamics.size <= (_EXACT_PLANE if plane else _EXACT_VOLUME)
 
 
-def _listed(values: ArrayLike) -> NDArray[Any]:
-    """One value or several, in one dimension; truths, which are refused, where they are no array."""
-    try:
-        return np.atleast_1d(np.asarray(values))
-    except ValueError:
-        return np.empty(0, dtype=np.bool_)
-
-
 def _checked_nodes(netlist: Netlist, nodes: ArrayLike) -> NDArray[np.int64]:
-    listed = _listed(nodes)
+    listed = np.atleast_1d(np.asarray(nodes))
     if listed.dtype.kind not in "iu" or listed.ndim != 1 or np.any((listed < 0) | (listed >= netlist.node_count)):
         raise InputError(f"nodes must be node numbers from 0 to {netlist.node_count - 1}")
     return listed.astype(np.int64)
 
 
 def _checked_frequencies(frequencies: ArrayLike) -> NDArray[np.float64]:
-    listed = _listed(frequencies)
+    listed = np.atleast_1d(np.asarray(frequencies))
     hertz = listed.astype(np.float64) if listed.dtype.kind in "iuf" else np.full(1, np.nan)
     if hertz.ndim != 1 or not np.all((hertz >= 0) & (hertz < _HIGHEST)):
         raise InputError(f"frequencies must be finite (below {_HIGHEST:g}) and at least 0, in hertz")
@@ -269,7 +261,3 @@ def _checked_temperature(temperature: float | None) -> float:
         return ROOM
     check_number("temperature", temperature, "positive and finite, in kelvin", above=0.0)
     return float(temperature)
-
-
-def _are_two(band: Any) -> bool:
-    return isinstance(band, tuple | list | np.ndarray) and len(band) == 2 and all(is_number(limit) for limit in band)

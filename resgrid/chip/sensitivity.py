@@ -113,10 +113,7 @@ def voltage_sensitivity(op: OperatingPoint, weights: ArrayLike) -> NDArray[np.fl
     0 are 0.  Nonlinear resistors follow the others; for them it is the derivative with respect to ``-ln I0``.
     """
     netlist = op.netlist
-    try:
-        c = np.asarray(weights, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise InputError("weights must be one number per node") from error
+    c = np.asarray(weights, dtype=np.float64)
     if c.shape != (netlist.node_count,) or not np.isfinite(c).all():
         raise InputError(f"weights of shape {c.shape} must be {netlist.node_count} finite numbers, one per node")
     if c[op.floating].any():

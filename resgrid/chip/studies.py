@@ -7,6 +7,7 @@ import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property, wraps
+from operator import attrgetter
 from pathlib import Path
 from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 
@@ -23,6 +24,7 @@ from resgrid.chip.sensitivity import Sensitivity, analyse_sensitivity, voltage_s
 from resgrid.chip.settling import Settling, analyse_settling
 from resgrid.chip.trials import die_temperature
 from resgrid.chip.yields import analyse_yield, explore_yield
+from resgrid.doors import guarded
 from resgrid.errors import InputError
 from resgrid.frozen import picture_of
 from resgrid.netlist import Netlist
@@ -42,29 +44,17 @@ Answer = TypeVar("Answer")
 
 
 def _question(
-    analyse: Callable[Concatenate[Asked, Rest], Answer], subject: str, **usual: Callable[[Study], Any]
+    analyse: Callable[Concatenate[Asked, Rest], Answer], circuit: str, **usual: str
 ) -> Callable[Concatenate[Study, Rest], Answer]:
-    """An analysis as a method of a study, of one of its circuits; `usual` options come from the chip's description."""
+    """An analysis as a method, of one of a study's circuits; what is not said, attributes of the study say."""
+    answer = guarded(analyse.__name__, analyse)
 
     @wraps(analyse)
     def ask(study: Study, *arguments: Rest.args, **options: Rest.kwargs) -> Answer:
-        unsaid = {name: value(study) for name, value in usual.items() if options.get(name) is None}
-        answer: Any = analyse
-        return cast("Answer", answer(getattr(study, subject), *arguments, **{**options, **unsaid}))
+        unsaid = {name: attrgetter(path)(study) for name, path in usual.items() if options.get(name) is None}
+        return cast("Answer", answer(getattr(study, circuit), *arguments, **{**options, **unsaid}))
 
     return ask  # type: ignore[return-value]
-
-
-def _temperature(study: Study) -> float:
-    return die_temperature(study.description)
-
-
-def _description(study: Study) -> Chip:
-    return study.description
-
-
-def _span(study: Study) -> float | None:
-    return study.span
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -125,6 +115,15 @@ class Study:
         return high - low
 
     @property
+    def temperature(self) -> float:
+        """Of the die, in kelvin."""
+        return die_temperature(self.description)
+
+    @property
+    def _settling_bits(self) -> int:
+        return min(self.bits, 24)
+
+    @property
     def parameters(self) -> list[tuple[str, str, str]]:
         """What is said of the chip, key by key, without what is ideal: key, value, meaning."""
         cells = self.ideal.cells
@@ -143,23 +142,21 @@ class Study:
             return None
         return 0.0, noise_band(self.usual_settling)[1]
 
-    settling = _question(
-        analyse_settling, "linear", bits=lambda study: min(study.bits, 24), span=lambda study: study.span
-    )
-    noise = _question(analyse_noise, "linear", band=lambda study: study._band, temperature=_temperature)
-    noise_density = _question(noise_density, "linear", temperature=_temperature)
-    noise_covariance = _question(noise_covariance, "linear", temperature=_temperature)
+    settling = _question(analyse_settling, "linear", bits="_settling_bits", span="span")
+    noise = _question(analyse_noise, "linear", band="_band", temperature="temperature")
+    noise_density = _question(noise_density, "linear", temperature="temperature")
+    noise_covariance = _question(noise_covariance, "linear", temperature="temperature")
     power = _question(analyse_power, "op")
-    precision = _question(analyse_precision, "op", span=_span)
+    precision = _question(analyse_precision, "op", span="span")
     voltage_sensitivity = _question(voltage_sensitivity, "op")
-    yields = _question(analyse_yield, "ideal", chip=_description)
-    exploration = _question(explore_yield, "ideal", chip=_description)
-    conductances = _question(conductance_samples, "ideal", chip=_description)
+    yields = _question(analyse_yield, "ideal", chip="description")
+    exploration = _question(explore_yield, "ideal", chip="description")
+    conductances = _question(conductance_samples, "ideal", chip="description")
     criticality = _question(
         analyse_criticality,
         "netlist",
-        readout=lambda study: study.description.readout,
-        short_resistance=lambda study: study.description.defects.short_resistance,
+        readout="description.readout",
+        short_resistance="description.defects.short_resistance",
     )
 
     def sensitivity(self, cells: ArrayLike | None = None) -> Sensitivity:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from resgrid.cli.decks import is_deck, is_network, open_deck, refuse_scene_options, solve_deck
+from resgrid.cli.decks import is_deck, open_deck, refuse_scene_options, solve_deck
 from resgrid.cli.failures import NEGATIVE, NOT_VERIFIED
 from resgrid.cli.options import POSITIVE, Source, Suggested, share, verb, with_source
 from resgrid.cli.report import detail, finish, say, stage
@@ -124,6 +124,7 @@ def _check_deck(source: Source, limits: dict[str, Any]) -> Agreement:
     """A deck with a sidecar is held against that, any other against its own solution."""
     from resgrid.spice.check.deck import check_deck
     from resgrid.spice.check.rules import check_rules
+    from resgrid.spice.read.deck import is_network
     from resgrid.spice.write.sidecar import sidecar_path
 
     refuse_scene_options(source)

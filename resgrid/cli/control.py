@@ -65,7 +65,7 @@ def _is_optional(hint: Any) -> bool:
     ),
 )
 @with_source()
-@output_option("Write a log of every step to FILE.csv or .npz; - prints CSV.")
+@output_option("Write a log of every step to FILE.csv, .json or .npz; - prints CSV.")
 @click.option("--picture", metavar="FILE", type=click.Path(), help="Draw the first run: .png, .pdf or .svg.")
 @click.option("--animate", metavar="FILE", type=click.Path(), help="Write an animation: .gif, or .mp4 with ffmpeg.")
 @click.option("--wavefront", metavar="FILE", type=click.Path(), help="With --announce: animate the potential's change.")

@@ -22,18 +22,12 @@ _NOTES = 20
 
 def is_deck(source: str) -> bool:
     """Whether a file is a circuit and no scene: by the end of its name, or by the sidecar beside it."""
+    from resgrid.spice.read.deck import is_network
+
     path = Path(source)
-    suffix = path.suffix.lower()
-    if suffix in DECK_SUFFIXES or is_network(source):
+    if path.suffix.lower() in DECK_SUFFIXES or is_network(source):
         return True
     return source != "-" and path.name != "" and path.with_name(path.name + ".json").is_file()
-
-
-def is_network(source: str) -> bool:
-    """Whether a file is a network that is no deck: a graph, arrays, a configuration, or a list of edges."""
-    from resgrid.spice.read.deck import is_network as is_one
-
-    return is_one(source)
 
 
 def refuse_scene_options(source: Source) -> None:

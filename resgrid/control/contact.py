@@ -194,7 +194,7 @@ class Body:
         """The configuration, or where something is touched one some 1e-8 m off it, if there is one."""
         none = np.zeros_like(self.configuration)
         for _ in range(_LIFTS):
-            around = self._looked()
+            around = self._survey()
             if not len(around.gap) or float(around.gap.min()) >= 0.5 * self._lift:
                 break
             off = np.maximum(self._lift - around.gap, 0.0)
@@ -204,9 +204,9 @@ class Body:
 
     def look(self) -> Surroundings:
         """What is near enough to be met in this step; `_nothing` while that is known."""
-        return self._nothing if self._clear > 2.0 * self._reach else self._looked()
+        return self._nothing if self._clear > 2.0 * self._reach else self._survey()
 
-    def _looked(self) -> Surroundings:
+    def _survey(self) -> Surroundings:
         pose = self._pose = self.plant.pose(self.configuration)
         pairs = self.plant.near(pose, _LOOK * self._reach)
         self._clear = float(pairs[:, 6].min()) if len(pairs) else _LOOK * self._reach

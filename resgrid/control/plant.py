@@ -151,7 +151,9 @@ def plant_of(scene: Scene) -> Plant:
     if scene.ndim != 2 and scene.robot.moves_in_workspace:
         raise InputError(f"contact is known in the plane alone, and this scene has {scene.ndim} axes")
     for number, shape in enumerate(scene.hidden):
-        if _flat(shape):
+        is_point = isinstance(shape, Ball) and shape.radius == 0
+        is_line = isinstance(shape, Box) and any(a == b for a, b in zip(shape.lower, shape.upper, strict=True))
+        if is_point or is_line:
             raise InputError(f"hidden[{number}]: an obstacle to be touched needs an area; make it thicker")
     known: list[Shape] = list(scene.obstacles)
     if scene.map is not None:
@@ -170,12 +172,6 @@ def make_plant(
     """A plant from its parts."""
     place = Frame() if frame is None else frame
     return Plant(robot, tuple(axes), along_axes((*known, *hidden), place), len(known), place)
-
-
-def _flat(shape: Shape) -> bool:
-    if isinstance(shape, Ball):
-        return shape.radius == 0
-    return isinstance(shape, Box) and any(a == b for a, b in zip(shape.lower, shape.upper, strict=True))
 
 
 def depth_at(robot: Robot, obstacles: Sequence[Obstacle], points: NDArray[np.float64]) -> NDArray[np.float64]:

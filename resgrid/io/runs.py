@@ -28,7 +28,8 @@ def write_run(run: Run | Sequence[Run], file: str | os.PathLike[str]) -> Path:
     run : Run or sequence of Run
     file : path-like
         ``.csv``, or ``-`` for standard output: a table, one step a line, in world coordinates, with the strongest
-        contact of the step; ``.npz``: every array of run ``i``, with ``_i`` at the end of its name.
+        contact of the step; ``.json``: what each run came to, and all its columns; ``.npz``: every array of run ``i``,
+        with ``_i`` at the end of its name.
 
     Returns
     -------
@@ -72,7 +73,7 @@ def run_record(run: Run) -> dict[str, Any]:
 
 
 def _views(runs: Sequence[Run]) -> Views:
-    return {"table": lambda: _table(runs), "arrays": lambda: _arrays(runs)}
+    return {"table": lambda: _table(runs), "record": lambda: _record(runs), "arrays": lambda: _arrays(runs)}
 
 
 def _names(axes: Sequence[Axis]) -> list[str]:
@@ -113,7 +114,18 @@ def _arrays(runs: Sequence[Run]) -> dict[str, NDArray[np.generic]]:
         "mode_names": np.array([mode.name.lower() for mode in Mode]),
     }
     for number, run in enumerate(runs):
-        columns = {name: getattr(run, name) for name in ("time", "mode", *_STEP.values(), "learnt")}
-        columns |= {f"contact_{name}": column for name, column in vars(run.contacts).items()}
-        arrays |= {f"{name}_{number}": column for name, column in columns.items()}
+        arrays |= {f"{name}_{number}": column for name, column in _columns(run).items()}
     return arrays
+
+
+def _record(runs: Sequence[Run]) -> dict[str, Any]:
+    return {
+        "mode_names": [mode.name.lower() for mode in Mode],
+        "runs": [run_record(run) | {"columns": _columns(run)} for run in runs],
+    }
+
+
+def _columns(run: Run) -> dict[str, NDArray[np.generic]]:
+    """Everything of a run, in world coordinates: an entry a step, or a contact."""
+    columns = {name: getattr(run, name) for name in ("time", "mode", *_STEP.values(), "learnt")}
+    return columns | {f"contact_{name}": column for name, column in vars(run.contacts).items()}

@@ -113,8 +113,11 @@ def write(target: str | os.PathLike[str], views: Views, kind: str) -> Path:
 def emit(target: str | os.PathLike[str], data: bytes) -> Path:
     """Write bytes to a file, whole or not at all; ``-`` is standard output."""
     if os.fspath(target) == "-":
+        stream = getattr(sys.stdout, "buffer", None)
+        if stream is None:
+            raise InputError("'-' is standard output, and what stands for that here takes no bytes: name a file")
         sys.stdout.flush()
-        sys.stdout.buffer.write(data)
+        stream.write(data)
         return Path(target)
     return write_bytes(target, data)
 

@@ -44,7 +44,7 @@ def surface_normals(
     ----------
     model : ConfigurationSpace or array_like of bool
         A bitmap (two axes) or voxels (three), True inside the model; or a space whose obstacle cells are the model
-        (one to four axes, periodic ones included).
+        (one to four axes, periodic ones included).  `resgrid.planning.normals.octree_voxels` makes voxels of an octree.
     points : array_like of float, shape (..., ndim), optional
         Where to take normals, in world coordinates; cell ``i`` of an array covers ``[i, i + 1] * spacing``.
     cells : array_like of int, shape (..., ndim), optional

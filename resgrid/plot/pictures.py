@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 from base64 import b64encode
 from collections.abc import Callable, Mapping, Sequence
+from operator import attrgetter, methodcaller
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -16,6 +17,7 @@ from resgrid.chip.power import Power
 from resgrid.chip.precision import Precision
 from resgrid.chip.sensitivity import Sensitivity
 from resgrid.chip.settling import Settling
+from resgrid.chip.studies import Study
 from resgrid.chip.yields import Exploration, Yield
 from resgrid.control.announced import RelaxationSweep, Wavefront
 from resgrid.control.log import Run
@@ -24,7 +26,7 @@ from resgrid.errors import InputError, ResgridError
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.planning.fields import Field, field
-from resgrid.planning.planner import ClearanceCurve
+from resgrid.planning.planner import ClearanceCurve, Planner
 from resgrid.planning.separation import SceneSeparation, Separation
 from resgrid.planning.streamline import Polyline, ShortPath, Streamline
 from resgrid.plot.chip_curves import draw_exploration, draw_precisions, draw_settled
@@ -47,6 +49,7 @@ from resgrid.plot.paths import draw_clearance_curve, draw_path, draw_separation,
 from resgrid.plot.workspace import draw_line, draw_scene
 from resgrid.scene.scene import Scene
 from resgrid.space import ConfigurationSpace
+from resgrid.spice.circuit import Circuit
 
 _NOTEBOOK_DPI = 100
 Picture = Callable[..., Axes | Figure]
@@ -69,17 +72,17 @@ PICTURES: dict[type, Picture] = {
     Netlist: draw_circuit,
     Noise: draw_noise,
     OperatingPoint: _draw_operating_point,
+    Polyline: draw_line,
     Power: draw_power,
     Precision: draw_precision,
     Run: draw_run,
     Scene: draw_scene,
     Sensitivity: draw_sensitivity,
-    Polyline: draw_line,
     Separation: draw_separation,
     SceneSeparation: draw_separation,
+    Settling: draw_settled,
     ShortPath: draw_line,
     Streamline: draw_path,
-    Settling: draw_settled,
     Wavefront: draw_wavefront,
     Yield: draw_yield,
 }
@@ -92,6 +95,14 @@ PICTURES_OF_MANY: dict[type, Picture] = {
     Streamline: draw_streamlines,
 }
 """The picture of several values together: of a sequence, of precisions a mapping from their names."""
+
+
+SEEN_AS: dict[type, Callable[[Any], object]] = {
+    Circuit: methodcaller("netlist"),
+    Planner: attrgetter("field"),
+    Study: attrgetter("op"),
+}
+"""What is drawn of a value that has no picture of its own."""
 
 
 def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
@@ -107,8 +118,10 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
                                                                      ``contours``; of three axes ``axis``, ``indices``
     path, paths         streamlines, over what the ax shows          ``k`` (blend of each)
     netlist             circuit diagram                              ``op`` (voltages to write)
+    circuit of a deck   as its netlist
     operating point     circuit with voltages, or the potential of
                         a grid with more than 10 cells a side
+    planner, study      its field, its operating point
     separation          what keeps a start from the goals            ``virtual``
     clearance curve     mean and spread against k                    ``unit``, ``cell`` (width, for an error bar)
     run                 workspace and configuration space            ``title``, ``caption``
@@ -146,6 +159,7 @@ def draw(value: object, ax: Axes | None = None, **options: Any) -> Any:
     InputError
         If the value has no picture, an option does not belong to it, or the value cannot be drawn.
     """
+    value = next((part(value) for kind, part in SEEN_AS.items() if isinstance(value, kind)), value)
     picture = _picture_of(value)
     takes = list(inspect.signature(picture).parameters)[1:]
     unknown = [name for name in options if name not in takes]

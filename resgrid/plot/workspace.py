@@ -196,7 +196,7 @@ def draw_pair(
         if lines:
             draw_streamlines(lines, right)
         if not isinstance(path, Streamline):
-            _draw_line(unwrap(path), space, right)
+            draw_line(path, right)
     right.set_title("Configuration space", fontsize=TEXT)
     add_title(figure, title, caption)
     return figure
@@ -205,16 +205,12 @@ def draw_pair(
 def draw_line(path: Polyline | ShortPath, ax: Axes | None = None) -> Axes:
     """Draw a path of straight lines over what the ax shows, on cells of its space if there is none."""
     axes = draw_space(path.space) if ax is None else ax
-    _draw_line(unwrap(path), path.space, axes)
-    return axes
-
-
-def _draw_line(points: NDArray[np.float64], space: ConfigurationSpace, axes: Axes) -> None:
-    """A polyline of the world in configuration space, with copies where it crosses seams, and its first point."""
-    for shift in seam_shifts(space) if len(points) > 1 else ():
+    points = unwrap(path)
+    for shift in seam_shifts(path.space) if len(points) > 1 else ():
         axes.plot(*(points + shift).T, color=PATHS[0], linewidth=1.5, zorder=4, label="path")
     mark(points[:1], axes, "start")
     refresh_legend(axes)
+    return axes
 
 
 def empty_space(scene: Scene) -> ConfigurationSpace:

@@ -141,9 +141,9 @@ class PolygonRobot(Robot):
         self.check_axes(axes)
         x, y, turning = axes
         solids = [_Solid.of(require_plane(shape, "a turning polygon"), (x, y), self.farthest) for shape in obstacles]
-        conservative = rule == "conservative"
-        parts, half, reach = (PARTS, (x.spacing / 2, y.spacing / 2), 0.0) if conservative else (1, (0.0, 0.0), 0.0)
-        if conservative:
+        parts, half, reach = 1, (0.0, 0.0), 0.0
+        if rule == "conservative":
+            parts, half = PARTS, (x.spacing / 2, y.spacing / 2)
             extent = self.farthest + max(abs(end) for axis in (x, y) for end in (axis.lower, axis.upper))
             chord = 2 * self.farthest * np.sin(min(turning.spacing / self.turning_length / (2 * parts), pi) / 2)
             reach = float(chord) + SLACK * self.farthest + ULPS * np.spacing(extent)

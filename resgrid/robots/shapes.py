@@ -124,7 +124,11 @@ class Polygon:
             if len(ring) < 3 or any(len(point) != 2 for point in ring):
                 raise InputError("a polygon needs at least three corners [x, y] in every ring")
             _require_finite("polygon", *(c for point in ring for c in point))
-        _require_simple(self)
+        import shapely
+
+        outline = shapely.Polygon(self.vertices, self.holes)
+        if not outline.is_valid:
+            raise InputError(f"the polygon is not simple: {shapely.is_valid_reason(outline)}")
 
     @property
     def rings(self) -> tuple[tuple[Point, ...], ...]:
@@ -294,11 +298,3 @@ def _add(point: Point, by: Point) -> Point:
 def _require_finite(what: str, *values: float) -> None:
     if not all(isfinite(value) and abs(float(value)) <= LARGEST for value in values):
         raise InputError(f"a {what} needs finite coordinates up to {LARGEST:g}, got {list(values)}")
-
-
-def _require_simple(polygon: Polygon) -> None:
-    import shapely
-
-    outline = shapely.Polygon(polygon.vertices, polygon.holes)
-    if not outline.is_valid:
-        raise InputError(f"the polygon is not simple: {shapely.is_valid_reason(outline)}")

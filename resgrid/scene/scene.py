@@ -153,7 +153,8 @@ class Scene:
     def __repr__(self) -> str:
         cells = " x ".join(str(axis.cells) for axis in self.axes)
         parts = ("obstacles", "hidden", "goals", "starts")
-        counts = ", ".join(f"{len(getattr(self, part))} {part}" for part in parts if getattr(self, part))
+        sizes = {part: len(getattr(self, part)) for part in parts}
+        counts = ", ".join(f"{n} {part if n > 1 else part.removesuffix('s')}" for part, n in sizes.items() if n)
         source = "" if self.map is None else ", map"
         return f"<Scene {self.title!r}: {type(self.robot).__name__} on {cells} cells{source}, {counts or 'empty'}>"
 

@@ -138,9 +138,9 @@ def test_readings_state_the_limits_of_the_integral() -> None:
         ({"temperature": "x"}, "temperature = 'x'"),
         ({"temperature": True}, "temperature = True"),
         ({"band": 5}, "band = 5"),
-        ({"band": "ab"}, "band = ab"),
-        ({"band": (None, 1.0)}, "two frequencies"),
-        ({"band": np.array([[0.0, 1.0], [2.0, 3.0]])}, "two frequencies"),
+        ({"band": "ab"}, "band = 'ab'"),
+        ({"band": (None, 1.0)}, "finite number"),
+        ({"band": np.array([[0.0, 1.0], [2.0, 3.0]])}, "finite number"),
         ({"method": None}, "method = None"),
     ],
 )
@@ -151,9 +151,9 @@ def test_bad_arguments_are_named(options: dict[str, object], word: str) -> None:
 
 @pytest.mark.parametrize("nodes", [[10**6], [-2], [1.9], [[1]], [True], "x", [2**63], [2**70], [1, [2]], None], ids=str)
 def test_nodes_are_checked(nodes: object) -> None:
-    with pytest.raises(rg.InputError, match="node numbers"):
+    with pytest.raises(rg.InputError, match=r"node numbers|nodes = .* must be numbers"):
         rg.study(small_scene()).noise_density(nodes, [1.0])
-    with pytest.raises(rg.InputError, match="node numbers"):
+    with pytest.raises(rg.InputError, match=r"node numbers|nodes = .* must be numbers"):
         rg.study(small_scene()).noise_covariance(nodes)
 
 

@@ -251,5 +251,5 @@ def test_bad_weights_are_named() -> None:
     op = rg.solve(small_scene())
     with pytest.raises(rg.InputError, match="one per node"):
         rg.study(op).voltage_sensitivity([1.0])
-    with pytest.raises(rg.InputError, match="one number per node"):
+    with pytest.raises(rg.InputError, match="weights = 'all' must be numbers"):
         rg.study(op).voltage_sensitivity("all")

@@ -175,7 +175,7 @@ def test_the_grid_may_settle_meanwhile(answer, hidden) -> None:
         (["--settle", "chip", "--pace", "0"], "pace"),
         (["--animate", "x.txt"], ".gif or .mp4"),
         (["--wavefront", "x.gif"], "give --announce too"),
-        (["-o", "x.txt"], ".csv or .npz"),
+        (["-o", "x.txt"], ".csv, .json or .npz"),
         (["-o", "-", "--json"], "standard output"),
         (["--k", "2"], "k"),
         (["--drive", "start", "--boundary", "neumann"], "uniform"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 
 import numpy as np
@@ -9,7 +10,7 @@ import pytest
 from support.cli import ROOM, call
 
 import resgrid as rg
-from resgrid.io.tables import FORMATS, Format, csv_bytes, json_text, npz_bytes, require_names
+from resgrid.io.tables import FORMATS, Format, csv_bytes, emit, json_text, npz_bytes, require_names
 
 
 def tsv_bytes(table) -> bytes:
@@ -28,6 +29,8 @@ def test_a_new_format_is_one_line_and_every_writer_takes_it(monkeypatch, tmp_pat
     assert "\tb\t" in (tmp_path / "volts.tsv").read_text()
     run = rg.simulation(rg.read_scene(tmp_path / "room.toml")).run((0.5, 0.5))
     assert rg.write_run(run, tmp_path / "run.tsv").read_text().count("\n") == len(run.time)
+    (record,) = json.loads(rg.write_run([run], tmp_path / "run.json").read_text())["runs"]
+    assert record["columns"]["time"] == run.time.tolist() and record["outcome"] == run.ending
 
 
 def test_numbers_are_read_back_as_they_were_and_holes_are_empty():
@@ -65,3 +68,9 @@ def test_solutions_are_written_by_the_library_too(tmp_path):
     with pytest.raises(rg.InputError, match=r"must end in \.npz"):
         rg.write_solution(op, tmp_path / "field.csv")
     assert [file.name for file in tmp_path.iterdir()] == ["field.npz"]
+
+
+def test_standard_output_that_takes_no_bytes_is_refused(monkeypatch):
+    monkeypatch.setattr("sys.stdout", io.StringIO())
+    with pytest.raises(rg.InputError, match="name a file"):
+        emit("-", b"")

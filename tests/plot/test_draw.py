@@ -128,6 +128,14 @@ def test_what_has_no_picture_and_options_that_do_not_belong_are_refused(run: rg.
         rg.draw(cube.space)
 
 
+def test_what_has_parts_is_drawn_by_the_part_that_shows_it(tmp_path) -> None:
+    (tmp_path / "a.cir").write_text("* divider\nv1 a 0 5\nr1 a b 1k\nr2 b 0 1k\n.end\n")
+    deck = rg.draw(rg.read_spice(tmp_path / "a.cir"))
+    assert {"5 V", "1 kΩ"} <= {text.get_text() for text in deck.texts}
+    for whole, part in ((small_planner(), small_planner().field), (rg.study(small_op()), small_op())):
+        assert render_figure(rg.draw(whole), "png") == render_figure(rg.draw(part), "png")
+
+
 def test_an_axes_given_is_used_and_returned(field: rg.Field) -> None:
     axes = rg.draw(field.space)
     assert rg.draw(field, axes) is axes
