@@ -33,13 +33,10 @@ Floats = NDArray[np.float64]
 _FINENESS = 0.005
 """Accuracy of deviations, relative to the band."""
 
-_FEWEST_POINTS, _MOST_POINTS = 256, 2048
-_MOST_VALUES = 5e7
-"""Times within a window, and how many deviations are looked at there."""
-
-_EVERY = 8
-_BLOCKS = 32
-_HALVINGS = 30
+_STEPS = 64
+_POINTS = 256
+_FEWEST_POINTS = 32
+_MOST_VALUES = 3e7
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -231,46 +228,35 @@ def _walk_back(
     Returns that time, shape (n,); the deviations when the last row is inside, shape (n,); and times, shape (t,), with
     the largest deviation at each.
     """
-    row_time, start = np.zeros(len(deviation)), np.abs(deviation).max(initial=0.0)
+    from resgrid.chip.kernels import last_outside
+
+    row_time = np.zeros(len(deviation))
     if bound == 0.0:
-        return row_time, deviation, np.zeros(1), np.array([start])
+        return row_time, deviation, np.zeros(1), np.abs(deviation).max(initial=0.0, keepdims=True)
     end, last, curve = deviation, bound, None
     rows = np.arange(len(deviation))
     while last > 0.0 and (rows.size or curve is None):
         first = last / SPAN if last > fastest else 0.0
         motion = window(first, last)
-        count = int(np.clip(_MOST_VALUES / len(deviation), _FEWEST_POINTS, _MOST_POINTS))
-        times = np.geomspace(first or last / SPAN, last, count)
-        row_time[rows] = _last_outside(motion, rows, times if first else np.append(0.0, times), band)
+        times = np.geomspace(first or last / SPAN, last, _STEPS)
+        times = times if first else np.append(0.0, times)
+        last_outside(np.ascontiguousarray(motion.shape), motion.weight, motion.rate, times, band, rows, row_time)
         settled = float(row_time.max(initial=0.0))
         if settled > 0.0 and end is deviation:
             end, curve = motion.at(np.array([settled]))[0], None
         if curve is None:
-            largest = [np.abs(motion.at(part)).max(axis=1) for part in np.array_split(times[::_EVERY], _BLOCKS)]
-            curve = np.append(0.0, times[::_EVERY]), np.concatenate([[start], *largest])
+            curve = _curve(motion, deviation, first or last / SPAN, last)
         rows, last = rows[row_time[rows] == 0.0], first
     assert curve is not None
     return row_time, end, *curve
 
 
-def _last_outside(motion: Motion, rows: NDArray[np.int64], times: Floats, band: float) -> Floats:
-    """When rows come into a band for good, shape (rows,); 0 where they are inside at all times.
-
-    Sums of exponentials are smooth in the logarithm of time: between two of the `times` a row crosses the band once.
-    """
-    shape = motion.shape[rows] * motion.weight
-    low, high = np.zeros((2, len(rows)))
-    for block in np.array_split(np.arange(len(times)), _BLOCKS)[::-1]:
-        outside = np.abs(np.exp(-np.multiply.outer(times[block], motion.rate)) @ shape.T) > band
-        crossing = np.flatnonzero(outside.any(axis=0) & (high == 0.0))
-        number = block[-1] - np.argmax(outside[::-1, crossing], axis=0)
-        low[crossing], high[crossing] = times[number], times[np.minimum(number + 1, len(times) - 1)]
-    found = np.flatnonzero(high)
-    for _ in range(_HALVINGS if found.size else 0):
-        middle = 0.5 * (low[found] + high[found])
-        outside = np.abs(np.sum(shape[found] * np.exp(-np.multiply.outer(middle, motion.rate)), axis=1)) > band
-        low[found], high[found] = np.where(outside, middle, low[found]), np.where(outside, high[found], middle)
-    return high
+def _curve(motion: Motion, deviation: Floats, first: float, last: float) -> tuple[Floats, Floats]:
+    """Time 0 and times of a window, and the largest deviation at them."""
+    count = int(np.clip(_MOST_VALUES / len(deviation), _FEWEST_POINTS, _POINTS))
+    times = np.geomspace(first, last, count)
+    parts = [np.abs(motion.at(part)).max(axis=1) for part in np.array_split(times, _FEWEST_POINTS)]
+    return np.append(0.0, times), np.concatenate([np.abs(deviation).max(keepdims=True), *parts])
 
 
 def _energy(dynamics: Dynamics, solve: Solver, final: Floats, start: Floats, end: Floats, time: float) -> float:
