@@ -85,7 +85,8 @@ def expect(deck: Deck, op: OperatingPoint) -> Expected:
 def _supply_of(op: OperatingPoint) -> float:
     """Largest voltage difference in a circuit, in volts; 1 where there is none."""
     netlist = op.netlist
-    ends = netlist.resistor_nodes if netlist.resistor_nodes.size else netlist.source_nodes
+    ends = np.concatenate([netlist.resistor_nodes, netlist.nonlinear_nodes])
+    ends = ends if ends.size else netlist.source_nodes
     voltage = op.voltage[ends]
     voltage = voltage[np.isfinite(voltage)]
     span = float(np.ptp(voltage)) if voltage.size else 0.0
