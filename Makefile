@@ -1,5 +1,6 @@
 # make demo    install into .venv and run the shipped example
 # make test    install what the tests need, ngspice included, and run them all
+# make targets run the tests of the numbers as other processors would compute them (plain x86-64, AVX-512 where there is one)
 # make check   lint, formatting, types, import order
 # make format  apply the formatter and the safe fixes
 # make bench   run resgrid and its peers, installed into .venv-bench, in turn (BENCH=full: large sizes; SECTIONS="plane memory")
@@ -26,7 +27,9 @@ BENCH_VENV := .venv-bench
 INSTALLED_BENCH := $(BENCH_VENV)/.installed
 KEEP_MEMORY := MALLOC_MMAP_THRESHOLD_=4294967296 MALLOC_TRIM_THRESHOLD_=17179869184 MALLOC_TOP_PAD_=268435456
 
-.PHONY: demo test check format bench fuzz golden reference clean
+TARGETS := generic $(shell grep -qm1 avx512f /proc/cpuinfo 2>/dev/null && echo skylake-avx512)
+
+.PHONY: demo test targets check format bench fuzz golden reference clean
 .DELETE_ON_ERROR:
 
 demo: $(INSTALLED)
@@ -35,6 +38,12 @@ demo: $(INSTALLED)
 test: $(INSTALLED_DEV)
 	scripts/install_ngspice.sh
 	$(BIN)/python -m pytest -n $(JOBS)
+
+targets: $(INSTALLED_DEV)
+	for target in $(TARGETS); do \
+		NUMBA_CPU_NAME=$$target OPENBLAS_CORETYPE=Prescott \
+		$(BIN)/python -m pytest -q -n $(JOBS) tests/nodal tests/chip tests/control || exit 1; \
+	done
 
 check: $(INSTALLED_DEV)
 	$(BIN)/ruff check .

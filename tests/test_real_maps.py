@@ -70,7 +70,7 @@ def kcl_violation(field: Field, cells: np.ndarray) -> np.ndarray:
     scale = np.max(logs, axis=0)
     scaled = np.array(signs) * np.exp(np.array(logs) - np.where(np.isfinite(scale), scale, 0.0))
     net, through = scaled.sum(axis=0), np.abs(scaled).sum(axis=0) / 2
-    if field.drive == "uniform":
+    if field.wiring.drive == "uniform":
         drive = (net * np.exp(scale))[cells]
         per_cell = np.median(drive)
         assert per_cell > 0
