@@ -19,13 +19,14 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 
 from benchmarks.rows import Row, Scale, Spread
+from resgrid.axis import Axis
 from resgrid.chip.studies import study
 from resgrid.netlist import Netlist
 from resgrid.nodal.many import solve_many
 from resgrid.nodal.solve import solve
 from resgrid.nodal.system import assemble
 from resgrid.scene.chip import Chip
-from resgrid.space import Axis, ConfigurationSpace
+from resgrid.space import ConfigurationSpace
 
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS")
 _BLOCKS = 10

@@ -14,6 +14,7 @@ import numpy as np
 import shapely.affinity
 
 import resgrid as rg
+from resgrid.axis import Axis
 from resgrid.compiler import compile_space
 from resgrid.control.controller import make_controller
 from resgrid.control.log import Ending, Run
@@ -26,7 +27,7 @@ from resgrid.planning.road import solve_field
 from resgrid.planning.trace import streamline
 from resgrid.robots import Arm, Ball, Box, DiscRobot, PointRobot, Polygon, PolygonRobot, Robot, Shape, to_shapely
 from resgrid.scene import read_scene
-from resgrid.space import Axis, Cell, ConfigurationSpace
+from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring
 
 SCENES = Path(__file__).parents[1] / "examples" / "scenes"

@@ -36,7 +36,7 @@ def __getattr__(name: str) -> Any:
         near = " or ".join(map(repr, get_close_matches(name, __all__)))
         hint = f"did you mean {near}?" if near else "dir(resgrid) lists its names"
         raise AttributeError(f"module 'resgrid' has no attribute {name!r}; {hint}")
-    from resgrid.doors import guarded
+    from resgrid.arguments import guarded
 
     globals()[name] = guarded(name, _public(name))
     return globals()[name]

@@ -1,5 +1,6 @@
 """What `resgrid` offers, and where it lives; read at run time too, so that names are imported when first used."""
 
+from .axis import Axis as Axis
 from .chip import passes as passes
 from .chip.build import build_chip as build_chip
 from .chip.criticality import Criticality as Criticality
@@ -121,7 +122,7 @@ from .scene import (
     sample as sample,
 )
 from .scene.schema import scene_schema as scene_schema
-from .space import Axis as Axis, Cell as Cell, ConfigurationSpace as ConfigurationSpace
+from .space import Cell as Cell, ConfigurationSpace as ConfigurationSpace
 from .spice.analyses import (
     Measure as Measure,
     MismatchAnalysis as MismatchAnalysis,

@@ -1,12 +1,66 @@
-"""What numbers may be given: one check and one message each."""
+"""What `resgrid` hands out: public functions, and values a user makes, refuse types other than their signatures say.
+
+Annotations are the contract: they are read once, when a door is first passed, and turned into one test a parameter.
+"""
 
 from __future__ import annotations
 
+import builtins
+import functools
 import math
+import os
+import sys
+import types
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import fields
 from numbers import Integral, Real
-from typing import Any
+from typing import IO, Annotated, Any, Literal, NamedTuple, TypeVar, Union, get_args, get_origin
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from resgrid.errors import InputError
+
+Record = TypeVar("Record")
+
+
+class Kind(NamedTuple):
+    """What a type accepts.
+
+    `accepts`: whether a value is of it; `words`: what it is called, one for each part of a union; `entry`: the kind of
+    all entries of a list; `is_listed`: whether a value is a list, of whatever.
+    """
+
+    accepts: Callable[[Any], bool]
+    words: tuple[str, ...]
+    entry: Kind | None = None
+    is_listed: Callable[[Any], bool] = lambda _: False
+
+
+Kinds = dict[str, Kind]
+"""What parameters accept, by name."""
+
+SOURCES = {
+    "Chip": "scene.chip, or rg.Chip(...)",
+    "ConfigurationSpace": "rg.sample(scene)",
+    "Controller": "rg.make_controller(field)",
+    "Field": "rg.field(rg.solve(netlist)), or rg.plan(scene).field",
+    "Netlist": "rg.compile_space(space), or rg.read_spice(file).netlist()",
+    "OperatingPoint": "rg.solve(netlist)",
+    "Circuit": "rg.read_spice(file)",
+    "Planner": "rg.plan(scene)",
+    "Robot": "scene.robot, or rg.PointRobot(radius)",
+    "Run": "rg.simulation(scene).run(start)",
+    "Scene": "rg.read_scene(file), or rg.parse_scene(text)",
+    "Simulation": "rg.simulation(scene)",
+    "Streamline": "rg.streamline(field, start)",
+    "Wavefront": "rg.wavefront(rg.simulation(scene, announce=True), cells)",
+}
+"""How to get what functions most often ask for."""
+
+_ARRAY = frozenset(get_args(ArrayLike))
+_SHOWN = 60
+_LARGEST = 2**63 - 1
 
 
 def is_number(value: Any) -> bool:
@@ -40,3 +94,174 @@ def check_whole(name: str, value: Any, least: int) -> None:
     """Refuse what is no whole number of at least ``least``."""
     if not (is_whole(value) and int(value) >= least):
         raise InputError(f"{name} = {value!r} must be a whole number, at least {least}")
+
+
+def guarded(name: str, value: Any) -> Any:
+    """A public function behind a check of its arguments' types; anything else as it is."""
+    if not isinstance(value, types.FunctionType):
+        return value
+    code = value.__code__
+    door = _door(value, code.co_varnames[: code.co_argcount], lambda: kinds_of(value))
+    door.__module__, door.__qualname__, door.__name__ = "resgrid", name, name  # where pickle finds it again
+    return door
+
+
+def checked(record: type[Record]) -> type[Record]:
+    """Let a dataclass refuse values of another type than its fields have, before it looks at them itself."""
+    names = ("self", *(field.name for field in fields(record) if field.init))  # type: ignore[arg-type]
+    init = record.__init__
+    record.__init__ = _door(init, names, lambda: kinds_of(init))  # type: ignore[method-assign]
+    return record
+
+
+def _door(function: Callable[..., Any], names: Sequence[str], find: Callable[[], Kinds]) -> Callable[..., Any]:
+    """A function behind a check of its arguments; what they must be is found at the first call."""
+    checks: Kinds = {}
+
+    @functools.wraps(function)
+    def door(*arguments: Any, **options: Any) -> Any:
+        if not checks:
+            checks.update(find())
+        for key, argument in (*zip(names, arguments, strict=False), *options.items()):
+            if key in checks and not checks[key].accepts(argument):
+                raise InputError(_complaint(key, argument, checks[key]))
+        return function(*arguments, **options)
+
+    return door
+
+
+def kinds_of(value: Any) -> Kinds:
+    """What each parameter of a function, or field of a class, accepts, by name; at least one entry."""
+    names = _Names(vars(sys.modules[value.__module__]))
+    return {
+        key: kind_of(eval(text, {"__builtins__": builtins}, names) if isinstance(text, str) else text)
+        for key, text in value.__annotations__.items()
+    }
+
+
+class _Names(dict[str, Any]):
+    """What names in annotations mean: of the module, or, where only a type checker imports them, of the package."""
+
+    def __missing__(self, key: str) -> Any:
+        if hasattr(builtins, key):
+            return getattr(builtins, key)
+        package = sys.modules["resgrid"]
+        return getattr(package, key) if key in package.__all__ else Any
+
+
+def kind_of(hint: Any) -> Kind:  # noqa: PLR0911
+    """What a type accepts; unknown kinds of types accept anything."""
+    origin, parts = get_origin(hint), get_args(hint)
+    if origin is Annotated:
+        return kind_of(parts[0])
+    if origin in (Union, types.UnionType):
+        has_arrays = set(parts) >= _ARRAY
+        kinds = [kind_of(part) for part in parts if not (has_arrays and part in _ARRAY)] + [_NUMBERS] * has_arrays
+        words = tuple(word for kind in kinds for word in kind.words)
+        return Kind(lambda value: any(kind.accepts(value) for kind in kinds), words)
+    if hint in _PLAIN:
+        return _PLAIN[hint]
+    if origin in (tuple, list, Sequence, Iterable):
+        return _list_of(origin, parts)
+    if origin is Mapping:
+        fits = kind_of(parts[1]).accepts
+        return Kind(lambda value: isinstance(value, Mapping) and all(map(fits, value.values())), ("a mapping",))
+    if origin is Literal:
+        return Kind(lambda value: isinstance(value, str) and value in parts, (" or ".join(map(repr, parts)),))
+    if origin is np.ndarray:
+        is_mask = np.bool_ in get_args(parts[1])
+        return Kind(_is_mask, _NUMBERS.words) if is_mask else _NUMBERS
+    return _plain_kind(hint, origin or hint)
+
+
+def _plain_kind(hint: Any, base: Any) -> Kind:
+    """A class, or whatever else stands in annotations."""
+    words = (_WORDS[base] if base in _WORDS else _with_article(getattr(base, "__name__", "other value")),)
+    if base is IO:
+        return Kind(lambda value: hasattr(value, "read"), words)
+    if getattr(hint, "_is_protocol", False):
+        names = [key for key in vars(hint) if not key.startswith("_")]
+        return Kind(lambda value: not isinstance(value, type) and all(hasattr(value, key) for key in names), words)
+    is_class = isinstance(base, type) and hint not in (Any, object)
+    return Kind((lambda value: isinstance(value, base)) if is_class else lambda _: True, words)
+
+
+def _list_of(origin: Any, parts: tuple[Any, ...]) -> Kind:
+    """Lists of entries of a type; what can be read only once is taken on trust."""
+    is_fixed = origin is tuple and parts[-1] is not Ellipsis
+    entries = [kind_of(part) for part in (parts if is_fixed else parts[:1])]
+
+    def is_listed(value: Any) -> bool:
+        """Whether a value is a list of something, or, where that are numbers or words, an array."""
+        if isinstance(value, np.ndarray):
+            return value.ndim > 0 and parts[0] in (float, int, str, Any)
+        return isinstance(value, Sequence) and not isinstance(value, str | bytes)
+
+    def accepts(value: Any) -> bool:
+        if not is_listed(value):
+            once = origin is Iterable and isinstance(value, Iterable)
+            return once and not isinstance(value, str | bytes | Mapping | np.ndarray)
+        if not is_fixed:
+            return all(map(entries[0].accepts, value))
+        pairs = zip(entries, value, strict=False)
+        return len(value) == len(entries) and all(kind.accepts(entry) for kind, entry in pairs)
+
+    count = f"{len(parts)} " if is_fixed else ""
+    words = f"a list of {count}{entries[0].words[0].removeprefix('a ').removeprefix('an ')} values"
+    return Kind(accepts, (words,), entries[0] if len({*parts} - {...}) == 1 else None, is_listed)
+
+
+def _is_real(value: Any) -> bool:
+    """Whether a value is a real number, infinite ones included; limits are for the function itself to know."""
+    infinite = isinstance(value, float | np.floating) and abs(value) == np.inf
+    return infinite or (is_number(value) and not (is_whole(value) and abs(int(value)) > _LARGEST))
+
+
+def _is_array(value: Any) -> bool:
+    """Whether a value is a number, or a table of numbers or truth values."""
+    if value is None or isinstance(value, str | bytes):
+        return False
+    try:
+        return np.asarray(value).dtype.kind in "biuf"
+    except (TypeError, ValueError, OverflowError):
+        return False
+
+
+def _is_mask(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and value.dtype.kind == "b"
+
+
+_NUMBERS = Kind(_is_array, ("numbers",))
+_PLAIN: dict[Any, Kind] = {
+    float: Kind(_is_real, ("a finite number",)),
+    int: Kind(lambda value: is_whole(value) and abs(int(value)) <= _LARGEST, ("a whole number",)),
+    bool: Kind(lambda value: isinstance(value, bool | np.bool_), ("True or False",)),
+    types.NoneType: Kind(lambda value: value is None, ("None",)),
+    None: Kind(lambda value: value is None, ("None",)),
+}
+_WORDS: dict[Any, str] = {str: "text", os.PathLike: "a path", Callable: "callable"}
+
+
+def _complaint(key: str, value: Any, kind: Kind) -> str:
+    """Which value is wrong, and what is needed, with the way to get it."""
+    if kind.entry is not None and kind.is_listed(value):
+        for number, one in enumerate(value):
+            if not kind.entry.accepts(one):
+                return _complaint(f"{key}[{number}]", one, kind.entry)
+        return f"{key} = {_short(value)} must be {kind.words[0].removesuffix(' values')}, got {len(value)}"
+    words = sorted(dict.fromkeys(kind.words), key=lambda word: word == "None")
+    sources = [SOURCES.get(word.split()[-1]) for word in words]
+    choices = [f"{word} ({source})" if source else word for word, source in zip(words, sources, strict=True)]
+    return f"{key} = {_short(value)} must be {', or '.join(choices)}"
+
+
+def _short(value: Any) -> str:
+    """A value in a message: itself if it is short, its type if it is not."""
+    if value is None or isinstance(value, str | int | float | os.PathLike):
+        text = repr(value)
+        return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
+    return f"<{_with_article(type(value).__name__)}>"
+
+
+def _with_article(name: str) -> str:
+    return f"{'an' if name[:1] in 'AEIOU' else 'a'} {name}"

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.doors import checked
+from resgrid.arguments import checked
 from resgrid.errors import InputError
 
 

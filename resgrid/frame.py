@@ -9,7 +9,7 @@ from math import cos, sin
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.doors import checked
+from resgrid.arguments import checked
 from resgrid.errors import InputError
 
 

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.axis import Axis as Axis, rounding, split_points  # noqa: PLC0414
-from resgrid.doors import checked
+from resgrid.arguments import checked
+from resgrid.axis import Axis, rounding, split_points
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.frozen import frozen, picture_html

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from resgrid.doors import checked
+from resgrid.arguments import checked
 from resgrid.errors import CircuitError, InputError
 from resgrid.space import Cell, ConfigurationSpace
 

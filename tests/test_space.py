@@ -3,10 +3,11 @@ import pytest
 from scipy import ndimage
 from support.spaces import space_of
 
+from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.grids import label_regions
-from resgrid.space import Axis, Cell, ConfigurationSpace
+from resgrid.space import Cell, ConfigurationSpace
 
 
 def test_a_point_is_located_and_split() -> None:

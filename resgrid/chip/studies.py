@@ -13,6 +13,7 @@ from typing import Any, Concatenate, ParamSpec, TypeVar, cast
 
 from numpy.typing import ArrayLike
 
+from resgrid.arguments import guarded
 from resgrid.chip.build import build_chip, conductance_samples, described, ideal_netlist
 from resgrid.chip.criticality import analyse_criticality
 from resgrid.chip.decks import noise_band, write_decks
@@ -24,7 +25,6 @@ from resgrid.chip.sensitivity import Sensitivity, analyse_sensitivity, voltage_s
 from resgrid.chip.settling import Settling, analyse_settling
 from resgrid.chip.trials import die_temperature
 from resgrid.chip.yields import analyse_yield, explore_yield
-from resgrid.doors import guarded
 from resgrid.errors import InputError
 from resgrid.frozen import picture_of
 from resgrid.netlist import Netlist

@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import check_number
+from resgrid.arguments import check_number, checked
 from resgrid.control.exits import RECOVERY, exits
-from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
 from resgrid.planning.fields import Field

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.robots import Ball, Box, CellSet, Part, Pose, Robot, Shape
 from resgrid.robots.geometry import TOUCH, Obstacle, ObstacleArrays, obstacle_arrays, obstacles_of
 from resgrid.scene.scene import Scene
 from resgrid.scene.world import along_axes
-from resgrid.space import Axis, Cell, ConfigurationSpace
+from resgrid.space import Cell, ConfigurationSpace
 
 INSIDE = 1e-6
 """How far behind a touched surface the obstacle is taken to reach at least, in cells (of motion)."""

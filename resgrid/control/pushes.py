@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.arguments import check_number, check_whole
-from resgrid.doors import checked
+from resgrid.arguments import check_number, check_whole, checked
 from resgrid.errors import InputError
 from resgrid.frozen import frozen
 from resgrid.scene.control import Control

@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from resgrid.arguments import checked
 from resgrid.compiler import compile_space
-from resgrid.doors import checked
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Netlist
 from resgrid.nodal.dynamics import Dynamics, dynamics_of, factor_resolvent

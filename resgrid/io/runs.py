@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.axis import Axis
 from resgrid.control.log import Mode, Run
 from resgrid.io.tables import Views, require_names, suffix_of, write
-from resgrid.space import Axis
 
 _STEP = {"": "configuration", "_believed": "believed", "_rate": "velocity", "_torque": "torque", "_push": "push"}
 """Ends of the names of columns, one for each axis, and the arrays of a run that they hold."""

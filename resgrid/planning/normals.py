@@ -12,13 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_whole
+from resgrid.axis import Axis
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
 from resgrid.planning import fields
 from resgrid.planning.fields import Field
 from resgrid.planning.trace import cell_indices
-from resgrid.space import Axis, Cell, ConfigurationSpace
+from resgrid.space import Cell, ConfigurationSpace
 
 _FLAT = 1e-12
 """Mean of two opposite gradients, relative to the larger, below which their difference is noise."""

@@ -11,6 +11,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from resgrid.arguments import guarded
 from resgrid.chip.criticality import Criticality
 from resgrid.chip.noise import Noise
 from resgrid.chip.power import Power
@@ -21,7 +22,6 @@ from resgrid.chip.studies import Study
 from resgrid.chip.yields import Exploration, Yield
 from resgrid.control.announced import RelaxationSweep, Wavefront
 from resgrid.control.log import Run
-from resgrid.doors import guarded
 from resgrid.errors import InputError, ResgridError
 from resgrid.netlist import Netlist
 from resgrid.nodal.operating_point import OperatingPoint

@@ -16,10 +16,11 @@ from matplotlib.patches import Polygon
 from matplotlib.transforms import Affine2D
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.grids import label_regions
 from resgrid.plot.style import GOAL, OBSTACLE, UNREACHABLE, add_swatch, axis_label, dress, refresh_legend
-from resgrid.space import Axis, Cell, ConfigurationSpace
+from resgrid.space import Cell, ConfigurationSpace
 
 MOST_CELLS = 1024
 """Cells along an axis above which pictures show means over blocks."""

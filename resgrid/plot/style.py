@@ -19,7 +19,7 @@ from matplotlib.lines import Line2D
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import ArrayLike
 
-from resgrid.space import Axis
+from resgrid.axis import Axis
 
 OBSTACLE = "#3d3d3d"
 GOAL = "#E69F00"

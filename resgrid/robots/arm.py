@@ -12,7 +12,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.doors import checked
+from resgrid.arguments import checked
+from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.robots.arm_cells import arm_goal_cells, arm_occupancy
 from resgrid.robots.base import Robot
@@ -20,7 +21,7 @@ from resgrid.robots.cells import Progress, Sampling
 from resgrid.robots.geometry import Links, Part, Pose
 from resgrid.robots.goals import GoalCells
 from resgrid.robots.shapes import Point, Shape
-from resgrid.space import MAX_DIMENSIONS, Axis
+from resgrid.space import MAX_DIMENSIONS
 
 _ROUNDING = 1e-12
 """Sine, or share of the reach, below which two solutions are one."""

@@ -8,12 +8,12 @@ from math import dist, hypot, inf, pi
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.robots.cells import Progress, Sampling
 from resgrid.robots.geometry import Links, obstacle_arrays
 from resgrid.robots.goals import GoalCells
 from resgrid.robots.shapes import Ball, Box, HalfSpace, Point, Shape, require_plane, to_shapely
-from resgrid.space import Axis
 
 CHUNK = 1 << 17
 """Cells looked at between two words of progress."""

@@ -15,9 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.robots.shapes import Ball, Bounds, Box, CellSet, HalfSpace, Polygon, Shape, Solid, rings_of, to_shapely
-from resgrid.space import Axis
 
 TOUCH = 1e-9
 """Depth to which an entered round body or half-plane counts as touched, for each metre (and one more) of radius."""

@@ -10,13 +10,13 @@ import numpy as np
 from annotated_types import Ge
 from numpy.typing import NDArray
 
-from resgrid.doors import checked
+from resgrid.arguments import checked
+from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.robots.base import Robot
 from resgrid.robots.cells import Progress, Sampling, mark
 from resgrid.robots.geometry import Part, Pose
 from resgrid.robots.shapes import LARGEST, Shape
-from resgrid.space import Axis
 
 
 @checked

@@ -11,13 +11,13 @@ import numpy as np
 from annotated_types import Gt
 from numpy.typing import ArrayLike, NDArray
 
-from resgrid.doors import checked
+from resgrid.arguments import checked
+from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.robots.base import Robot
 from resgrid.robots.cells import Progress, Sampling, outline
 from resgrid.robots.geometry import Part, Pose
 from resgrid.robots.shapes import Ball, Box, CellSet, HalfSpace, Point, Polygon, Shape, require_plane
-from resgrid.space import Axis
 
 if TYPE_CHECKING:
     from resgrid.robots.kernels import Plane

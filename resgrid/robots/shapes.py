@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.doors import checked
+from resgrid.arguments import checked
+from resgrid.axis import Axis
 from resgrid.errors import InputError
-from resgrid.space import Axis
 
 if TYPE_CHECKING:
     from shapely.geometry.base import BaseGeometry

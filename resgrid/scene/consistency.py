@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
+from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.robots import Ball, Box, HalfSpace, Polygon, Robot
 from resgrid.scene.goals import CostArea, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.toml_lines import Path
-from resgrid.space import Axis
 
 Problem = tuple[Path, str]
 _FIRST_KEY = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from resgrid.doors import checked
+from resgrid.arguments import checked
 from resgrid.robots import Box, Shape
 from resgrid.robots.shapes import Point
 

@@ -9,6 +9,7 @@ from math import isclose
 from pathlib import Path
 from typing import Any
 
+from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.files import decode, read_bytes
 from resgrid.frame import Frame
@@ -19,7 +20,6 @@ from resgrid.scene.maps.formats import COMMON, FORMATS, format_of, read_map
 from resgrid.scene.messages import report
 from resgrid.scene.scene import IN_FILES, MapCells, Scene, check_attributes, start_point
 from resgrid.scene.toml_lines import Path as KeyPath, key_lines
-from resgrid.space import Axis
 
 MAP_OPTIONS = (*COMMON[1:], *dict.fromkeys(option for entry in FORMATS.values() for option in entry.options))
 _LISTS = ("obstacle", "hidden", "goal", "start", "starts", "area")

@@ -10,7 +10,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.doors import checked
+from resgrid.arguments import checked
+from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.frozen import frozen, picture_html
@@ -22,7 +23,7 @@ from resgrid.scene.control import Control
 from resgrid.scene.goals import CostArea, Goal, GoalCell, GoalJoints, GoalPoint
 from resgrid.scene.messages import report, suggestion
 from resgrid.scene.world import cell_centre
-from resgrid.space import Axis, Cell
+from resgrid.space import Cell
 
 Boundary = Literal["dirichlet", "neumann", "wall"]
 Drive = Literal["uniform", "start"]

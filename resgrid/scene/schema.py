@@ -21,6 +21,7 @@ from pydantic import (
     model_validator,
 )
 
+from resgrid.axis import Axis
 from resgrid.robots import ROBOTS, Arm, Ball, Box, HalfSpace, PointRobot, Polygon, Robot
 from resgrid.robots.shapes import LARGEST
 from resgrid.scene.chip import Chip, Defects, Readout
@@ -31,7 +32,6 @@ from resgrid.scene.messages import suggestion
 from resgrid.scene.quantities import Listed
 from resgrid.scene.scene import Boundary, Drive, EdgeRule, Scene
 from resgrid.scene.table import Table, either, filled_as, meanings, table_of, value_of
-from resgrid.space import Axis
 
 Coordinates = Annotated[tuple[float, ...], Strict(False), Len(1, 4)]
 Pair = Annotated[tuple[float, ...], Strict(False), Len(2, 2)]

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from resgrid.axis import split_points
+from resgrid.axis import Axis, split_points
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.robots import Ball, Box, CellSet, HalfSpace, Polygon, Shape
 from resgrid.robots.shapes import Point
-from resgrid.space import Axis
 
 
 def located(axes: tuple[Axis, ...], frame: Frame, point: Point, key: str) -> tuple[tuple[int, ...], Point]:

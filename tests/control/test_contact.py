@@ -8,6 +8,7 @@ import shapely
 from hypothesis import given, settings, strategies as st
 from scipy.optimize import nnls
 
+from resgrid.axis import Axis
 from resgrid.control.contact import Surroundings, solve_contacts, surroundings
 from resgrid.control.plant import make_plant, plant_of
 from resgrid.errors import InputError
@@ -26,7 +27,6 @@ from resgrid.robots import (
 )
 from resgrid.robots.geometry import Pose, obstacles_of
 from resgrid.scene import Scene
-from resgrid.space import Axis
 
 PLANE = (Axis("x", -3, 3, 12), Axis("y", -3, 3, 12))
 BAR = PolygonRobot(((-0.5, -0.1), (0.5, -0.1), (0.5, 0.1), (-0.2, 0.3)), turning_length=0.5)

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import example, given, settings, strategies as st
 from support.hidden import controlled, square
 
+from resgrid.axis import Axis
 from resgrid.control.belief import LiveMap, solve_again
 from resgrid.control.plant import INSIDE, make_plant
 from resgrid.control.simulation import simulation
@@ -15,7 +16,7 @@ from resgrid.planning.road import solve_field
 from resgrid.robots import Arm, Ball, Box, DiscRobot, Polygon, PolygonRobot, Robot
 from resgrid.scene import Scene
 from resgrid.scene.scene import GoalCell
-from resgrid.space import Axis, Cell, ConfigurationSpace
+from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring
 
 BAR = PolygonRobot(((-0.5, -0.1), (0.5, -0.1), (0.5, 0.1), (-0.5, 0.1)), turning_length=0.5)

@@ -10,6 +10,7 @@ from hypothesis import assume, example, given, settings, strategies as st
 from support.hidden import controlled, hiding, square
 
 import resgrid as rg
+from resgrid.axis import Axis
 from resgrid.compiler import compile_space
 from resgrid.control.announced import relaxation_sweep, settling_time, wavefront
 from resgrid.control.log import Ending, Mode
@@ -21,7 +22,7 @@ from resgrid.netlist import GROUND
 from resgrid.nodal.solve import solve
 from resgrid.nodal.transient import transient
 from resgrid.robots import Box, PointRobot
-from resgrid.space import Axis, Cell, ConfigurationSpace
+from resgrid.space import Cell, ConfigurationSpace
 
 BLOCK = Box((2.0, 3.0), (6.5, 4.0))
 

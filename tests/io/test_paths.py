@@ -12,12 +12,13 @@ import yaml
 from support.spaces import space_of
 
 import resgrid as rg
+from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.frame import Frame
 from resgrid.io.paths import headings, path_columns, ros_plan, write_path
 from resgrid.planning.timing import time_path
 from resgrid.robots import Arm, PolygonRobot
-from resgrid.space import Axis, ConfigurationSpace
+from resgrid.space import ConfigurationSpace
 
 PLANE = space_of(np.zeros((10, 10)))
 WAY = [(0.5, 1e-5), (3.5, 4.0), (3.5, 8.0)]

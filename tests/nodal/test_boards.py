@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from support.levels import matrix_of
 from support.spaces import space_of, spaces
 
+from resgrid.axis import Axis
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
 from resgrid.nodal.multigrid import waves
@@ -17,7 +18,7 @@ from resgrid.nodal.multigrid.coarsening import coarsen
 from resgrid.nodal.multigrid.grid_levels import UNGRADED, inverse_below, own_vectors
 from resgrid.nodal.multigrid.hierarchy import build_hierarchy
 from resgrid.nodal.system import NodalSystem, assemble
-from resgrid.space import Axis, ConfigurationSpace
+from resgrid.space import ConfigurationSpace
 
 BOUNDARIES = st.sampled_from(["dirichlet", "neumann"])
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from support.levels import matrix_of
 from support.spaces import serpentine, space_of, spaces
 
+from resgrid.axis import Axis
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
@@ -26,7 +27,7 @@ from resgrid.nodal.multigrid.stack import own_work
 from resgrid.nodal.solve import solve
 from resgrid.nodal.system import NodalSystem, assemble
 from resgrid.nodal.watch import Watch
-from resgrid.space import Axis, ConfigurationSpace
+from resgrid.space import ConfigurationSpace
 
 
 @pytest.fixture(scope="module", autouse=True)

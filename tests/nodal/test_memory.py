@@ -5,13 +5,14 @@ import tracemalloc
 import numpy as np
 import pytest
 
+from resgrid.axis import Axis
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
 from resgrid.nodal.methods import estimate_memory
 from resgrid.nodal.narrow.panels import narrow_order
 from resgrid.nodal.solve import solve
 from resgrid.nodal.system import assemble
-from resgrid.space import Axis, Cell, ConfigurationSpace
+from resgrid.space import Cell, ConfigurationSpace
 
 
 def boxes(shape: tuple[int, ...]) -> ConfigurationSpace:

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import assume, given, settings, strategies as st
 from support.spaces import space_of, spaces
 
+from resgrid.axis import Axis
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError
 from resgrid.nodal import methods
@@ -13,7 +14,7 @@ from resgrid.nodal.multigrid.grid_levels import GridLevels
 from resgrid.nodal.solve import factor, solve
 from resgrid.nodal.update.window import window_depth
 from resgrid.nodal.watch import Watch
-from resgrid.space import Axis, Cell, ConfigurationSpace
+from resgrid.space import Cell, ConfigurationSpace
 
 BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 7e3}]
 

@@ -10,6 +10,7 @@ from hypothesis import given, settings, strategies as st
 from support.spaces import spaces
 
 import resgrid as rg
+from resgrid.axis import Axis
 from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError
 from resgrid.nodal.solve import solve
@@ -18,7 +19,7 @@ from resgrid.planning.fields import Field
 from resgrid.planning.shortcut import shorten
 from resgrid.planning.streamline import Outcome, Streamline
 from resgrid.planning.trace import streamline
-from resgrid.space import Axis, Cell, ConfigurationSpace
+from resgrid.space import Cell, ConfigurationSpace
 
 PLACES = {
     "at home": ((0.0, 0.0), 0.5),

@@ -11,6 +11,7 @@ from hypothesis import given, settings, strategies as st
 from support.spaces import space_of
 
 import resgrid as rg
+from resgrid.axis import Axis
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.nodal.solve import solve
@@ -31,7 +32,7 @@ from resgrid.robots import (
     PolygonRobot,
     to_shapely,
 )  # fmt: skip
-from resgrid.space import Axis, Cell, ConfigurationSpace
+from resgrid.space import Cell, ConfigurationSpace
 
 ARM = Arm((1.0, 1.0), widths=(0.1, 0.06))
 TORUS = ConfigurationSpace(ARM.axes(8), np.zeros((8, 8)), robot=ARM)

@@ -8,11 +8,11 @@ import shapely
 from hypothesis import given, settings, strategies as st
 from scipy.optimize import least_squares
 
+from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.grids import label_regions
 from resgrid.robots import Arm, Ball, Box, HalfSpace, Polygon, Robot, to_shapely
 from resgrid.robots.arm_cells import tip_travel
-from resgrid.space import Axis
 
 OBSTACLES = [
     Box((0.8, -1.2), (1.4, -1.0)),

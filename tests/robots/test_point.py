@@ -7,9 +7,10 @@ import pytest
 import shapely
 from hypothesis import given, settings, strategies as st
 
+from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.robots import Ball, Box, CellSet, HalfSpace, PointRobot, Polygon, Robot
-from resgrid.space import Axis, label_regions
+from resgrid.space import label_regions
 
 AXES = (Axis("x", -1.0, 2.0, 12), Axis("y", 0.0, 2.0, 5))
 coordinate = st.floats(-2, 3, allow_nan=False).map(lambda value: round(value, 3))

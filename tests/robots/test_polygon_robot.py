@@ -5,6 +5,7 @@ import pytest
 import shapely
 from hypothesis import given, settings, strategies as st
 
+from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.robots import (
     Ball,
@@ -23,7 +24,7 @@ from resgrid.robots.kernels import Plane
 from resgrid.robots.polygon import mark_sum
 from resgrid.scene import read_scene, sample
 from resgrid.scene.overrides import apply_overrides
-from resgrid.space import Axis, Cell
+from resgrid.space import Cell
 
 OBSTACLES = [
     Box((0.5, 0.2), (0.7, 1.1)),

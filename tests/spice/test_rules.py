@@ -7,9 +7,10 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from support.circuits import ladder, random_grid
 
+from resgrid.axis import Axis
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
-from resgrid.space import Axis, ConfigurationSpace
+from resgrid.space import ConfigurationSpace
 from resgrid.spice.check.connection import loop_voltages
 from resgrid.spice.check.rules import check_rules
 from resgrid.spice.circuit import Circuit

@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from resgrid.axis import Axis
 from resgrid.control.controller import Controller, make_controller
 from resgrid.control.plant import make_plant
 from resgrid.control.simulation import Simulation
 from resgrid.planning.road import solve_field
 from resgrid.robots import DiscRobot, Robot, Shape
-from resgrid.space import Axis, Cell, ConfigurationSpace
+from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring
 
 

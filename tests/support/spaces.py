@@ -6,7 +6,8 @@ import numpy as np
 from hypothesis import strategies as st
 from numpy.typing import ArrayLike
 
-from resgrid.space import Axis, ConfigurationSpace
+from resgrid.axis import Axis
+from resgrid.space import ConfigurationSpace
 
 
 def space_of(

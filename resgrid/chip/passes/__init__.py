@@ -60,36 +60,14 @@ PASSES: dict[str, type[Pass]] = {
 
 
 def of_chip(chip: Chip, seed: Any = None) -> tuple[Pass, ...]:
-    """What a chip's description asks for, in the order of design, fabrication and use.
-
-    Parameters
-    ----------
-    chip : Chip
-    seed : int, sequence of int or numpy.random.SeedSequence, optional
-        Which chip of the kind; the description's by default.
-
-    Returns
-    -------
-    tuple of passes
-        Nothing for what is ideal.
-    """
+    """What a chip's description asks for, in the order of design, fabrication and use."""
     which = seed_of(chip.seed if seed is None else seed)
     effects = (kind.of(chip, which) for kind in PASSES.values())
     return tuple(effect for effect in effects if effect is not None)
 
 
 def to_json(passes: Iterable[Pass]) -> list[dict[str, Any]]:
-    """Passes as plain values.
-
-    Parameters
-    ----------
-    passes : iterable of passes
-
-    Returns
-    -------
-    list of dict
-        ``"pass"`` names it; the other keys are its values, without those that are None.
-    """
+    """Passes as plain values."""
     names = {kind: name for name, kind in PASSES.items()}
     return [
         {"pass": names[type(effect)]}
@@ -103,21 +81,7 @@ def to_json(passes: Iterable[Pass]) -> list[dict[str, Any]]:
 
 
 def from_json(entries: Sequence[Mapping[str, Any]]) -> tuple[Pass, ...]:
-    """Passes from what `to_json` gave.
-
-    Parameters
-    ----------
-    entries : sequence of mapping
-
-    Returns
-    -------
-    tuple of passes
-
-    Raises
-    ------
-    InputError
-        If a pass or a value is unknown or does not fit; the message names the entry.
-    """
+    """Passes from what `to_json` gave."""
     if not isinstance(entries, list | tuple):
         raise InputError(f"passes must be a list of tables, and this is {entries!r}")
     return tuple(_pass_of(number, entry) for number, entry in enumerate(entries))

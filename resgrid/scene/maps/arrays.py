@@ -12,11 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.axis import Axis
 from resgrid.budget import require_grid_memory
 from resgrid.errors import InputError
 from resgrid.files import read_bytes
 from resgrid.frame import Frame
-from resgrid.space import MAX_DIMENSIONS, Axis, Cell
+from resgrid.space import MAX_DIMENSIONS, Cell
 
 HEADER_READERS = {(1, 0): "read_array_header_1_0", (2, 0): "read_array_header_2_0"}
 

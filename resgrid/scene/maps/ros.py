@@ -39,6 +39,7 @@ from pydantic import (
     model_validator,
 )
 
+from resgrid.axis import Axis
 from resgrid.errors import InputError
 from resgrid.files import read_text
 from resgrid.frame import Frame
@@ -46,7 +47,7 @@ from resgrid.scene.maps.arrays import MapData
 from resgrid.scene.maps.pictures import Raster, read_raster
 from resgrid.scene.messages import complaint, report
 from resgrid.scene.table import problems_of
-from resgrid.space import Axis, Cell
+from resgrid.space import Cell
 
 OCCUPIED, FREE, UNKNOWN = 100, 0, -1
 WORDS = {"true": 1, "yes": 1, "on": 1, "y": 1, "false": 0, "no": 0, "off": 0, "n": 0}

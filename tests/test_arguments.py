@@ -14,7 +14,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import resgrid as rg
-from resgrid.doors import Kind, kind_of, kinds_of
+from resgrid.arguments import Kind, kind_of, kinds_of
 from resgrid.errors import InputError
 
 FUNCTIONS = [name for name in rg.__all__ if isinstance(getattr(rg, name), types.FunctionType)]
