@@ -155,7 +155,7 @@ def test_a_cycle_makes_a_potential_better_in_proportion(space: ConfigurationSpac
     for _ in range(3):
         x = foresight._improved(laid[0], levels.steps, currents, x)
         assert x[here].min() > 0.0
-    assert np.abs(np.log10(x[here] / exact[here])).max() < 0.3 * decades + 1e-9
+    assert np.abs(np.log10(x[here] / exact[here])).max() < 0.5 * decades + 1e-9
 
 
 def test_a_graded_step_is_symmetric_where_it_is_linear() -> None:
