@@ -203,11 +203,13 @@ def agreement_lines(agreement: Agreement) -> Iterable[str]:
     verdict = _comparison(read, _WORDS[agreement.reference])
     if agreement.verified:
         yield verdict
+    elif agreement.as_read is None:
+        yield f"not verified: {agreement.remark}"
     else:
         yield f"not verified: {agreement.simulator} did not run the deck itself, for {agreement.remark}"
         yield f"  of what was read of it: {verdict}" + ("; a wrong reading would not show" if read.agrees else "")
     yield from (f"  {finding}" for finding in agreement.findings)
-    yield from (f"  {remark}" for remark in (read.remark,) if remark)
+    yield from (f"  {remark}" for remark in (read.remark,) if remark and read.verified)
 
 
 def _comparison(agreement: Agreement, words: str) -> str:

@@ -216,6 +216,10 @@ def say_unheeded(job: Job, form: Form | Literal["chip"], *, k: Sequence[float] =
     drive = scene.drive is not None and not any(wiring.is_driven for wiring in wirings)
     if drive:
         say(f"not heeded: drive = {scene.drive!r}: here obstacles are a rail, and that drives the grid")
+    wall = form != "chip" and scene.chip.wall_resistance is not None
+    if wall and not any(wiring.boundary == "wall" for wiring in wirings):
+        keys.append("chip.wall_resistance")
+        say("not heeded: chip.wall_resistance: obstacles have walls where boundary = 'wall'")
     return {"not_heeded": [*keys, *(["k"] if k else []), *(["drive"] if drive else [])]}
 
 

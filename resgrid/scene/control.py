@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from annotated_types import Ge, Gt, Le, Len
 
+from resgrid.errors import InputError
 from resgrid.scene.quantities import Listed
 from resgrid.scene.table import check_fields
 
@@ -83,3 +84,5 @@ class Control:
 
     def __post_init__(self) -> None:
         check_fields(self)
+        if min(self.noise, default=0.0) < 0.0:
+            raise InputError(f"noise: must be at least 0, got {min(self.noise):g}")

@@ -74,3 +74,5 @@ def test_tables_made_in_python_are_checked() -> None:
     assert rg.Control(admittance=0.5).admittance == (0.5,)
     with pytest.raises(rg.InputError, match="friction: must be at least 0"):
         rg.Control(friction=-0.1)
+    with pytest.raises(rg.InputError, match="noise: must be at least 0"):
+        rg.Control(noise=(0.1, -0.02))

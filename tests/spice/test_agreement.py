@@ -377,3 +377,13 @@ def test_the_supply_of_a_saturating_chip_is_what_its_sources_give(tmp_path: Path
     written = write_spice(rg.solve(chip), tmp_path / "chip.cir")
     assert read_sidecar(written.path).supply == pytest.approx(5.0, rel=0.1)
     assert check_deck(written.path).agrees
+
+
+def test_a_simulator_without_an_answer_verifies_nothing() -> None:
+    op = dense_solution(random_grid(3))
+    expected = expect(flatten(op.netlist), op)
+    silent = Simulation({}, {}, "ngspice", "39", ("no convergence",))
+    agreement = compare(expected, silent)
+    assert agreement.agrees is None and not agreement.verified
+    assert "no operating point" in agreement.remark
+    assert compare(expected, silent, findings=["line 3 was changed"]).agrees is False

@@ -25,9 +25,10 @@ class Agreement:
     reference : {"sidecar", "scene", "solve"}
         Where the expected voltages come from.
     agrees : bool or None
-        Whether nothing at all was found; None where nothing was, but the simulator did not run the deck itself.
+        Whether nothing at all was found; None where nothing was, but the simulator did not run the deck itself, or
+        found no operating point.
     verified : bool
-        Whether the simulator was given the deck itself, byte for byte but for its analyses.
+        Whether the simulator was given the deck itself, byte for byte but for its analyses, and answered.
     max_abs_error : float or None
         Largest difference of a node's voltage, in volts; None if nothing could be compared.
     max_relative_error : float or None
@@ -88,9 +89,10 @@ def compare(
     ]  # fmt: skip
     unknown = simulation.simulator == SIMULATED and simulation.version not in (*VERSIONS, "not run")
     tried = f"resgrid is tried with {SIMULATED} {' and '.join(VERSIONS)}; this is version {simulation.version}"
+    silent = bool(expected.voltage) and not simulation.voltage and not findings
     return Agreement(
         reference=reference,
-        agrees=not problems and bool(volts),
+        agrees=None if silent else not problems and bool(volts),
         max_abs_error=largest if np.isfinite(largest) else None,
         max_relative_error=largest / expected.supply if np.isfinite(largest) else None,
         nodes=len(volts),
@@ -99,7 +101,8 @@ def compare(
         tolerance=tolerance,
         findings=tuple(problems),
         worst=tuple((name, volts[name], simulation.voltage[name]) for name in list(error)[:_SHOWN] if error[name] > 0),
-        remark=tried if unknown else "",
+        remark=f"{simulation.simulator} found no operating point" if silent else tried if unknown else "",
+        verified=not silent,
     )
 
 

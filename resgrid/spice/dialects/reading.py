@@ -52,13 +52,14 @@ class ReadingRules:
     `braced_temperatures`: whether a temperature must be a number, or stand in braces; `sheet_first`: whether a
     model's ``rsh`` counts before its ``r``, even without length and width; `models_first`: whether a model's name is
     overlooked after a value that does not begin with a digit; `ignored_model_keys`: parameters of resistors' models
-    that others obey, and what to write instead; `spaced_lists`: whether the values of ``tc=`` are parted by blanks,
-    without parentheses; `scale_key`: whether ``scale=`` of a resistor is obeyed; `refused_options`: options that
-    change the circuit in a way that is not followed here; `refused_elements`: what else a letter means;
-    `series_resistance`: whether voltage sources may have ``rser=``; `inductor_ohms`: what an inductor has unless it
-    says ``rser=0``; `off_ohms`: resistance of a switch that is off; `holds_initial`: whether ``.ic`` holds nodes at
-    the operating point; `instances`: whether elements are instances of a master, as in Spectre, whose names and
-    suffixes differ by case, too; `spice`: how such a deck is read behind ``simulator lang=spice``.
+    that others obey, and what to write instead (nothing: they are obeyed, and not read here); `spaced_lists`: whether
+    the values of ``tc=`` are parted by blanks, without parentheses; `scale_key`: whether ``scale=`` of a resistor is
+    obeyed; `refused_options`: options that change the circuit in a way that is not followed here; `refused_elements`:
+    what else a letter means; `series_resistance`: whether voltage sources may have ``rser=``; `inductor_ohms`: what
+    an inductor has unless it says ``rser=0``; `off_ohms`: resistance of a switch that is off; `holds_initial`:
+    whether ``.ic`` holds nodes at the operating point; `instances`: whether elements are instances of a master, as in
+    Spectre, whose names and suffixes differ by case, too; `spice`: how such a deck is read behind ``simulator
+    lang=spice``.
     """
 
     name: str

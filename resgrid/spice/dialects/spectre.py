@@ -96,7 +96,7 @@ SPECTRE = Dialect(
         comments=("//",),
         suffixes={"T": 12, "G": 9, "M": 6, "K": 3, "k": 3, "m": -3, "u": -6, "n": -9, "p": -12, "f": -15, "a": -18},
         grounds=frozenset({"0"}),
-        ignored_model_keys=dict.fromkeys(("rsh", "l", "w", "narrow", "short", "etch", "etchl", "scaler"), "r"),
+        ignored_model_keys=dict.fromkeys(("rsh", "l", "w", "narrow", "short", "etch", "etchl", "scaler"), ""),
         instances=True,
         spice=ReadingRules(name="spectre", comments=("//", ";"), dollar_comments=True, grounds=frozenset({"0"})),
     ),

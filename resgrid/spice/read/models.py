@@ -38,6 +38,8 @@ def model_values(model: Model, scope: Scope, known: frozenset[str]) -> dict[str,
     home, rules = scope.of(model.block), model.card.rules
     for setting in model.settings:
         own = rules.ignored_model_keys.get(setting.key)
+        if own == "":
+            raise model.card.error(setting.offset, f"{setting.key} of a model is not read; write the resistance, r")
         if own is not None:
             raise model.card.error(setting.offset, f"{rules.name} ignores {setting.key}; write {own}, or leave it out")
         key = _ALIASES.get(setting.key, setting.key)

@@ -84,6 +84,7 @@ def test_a_deck_in_both_languages() -> None:
         ("parameters A=1\nparameters a=2", ":4:12: a and A are two names in spectre"),
         ("r1 (a 0) resistor r=1\nr2 (A 0) resistor r=1", "differ by case alone"),
         ("m1 (a 0) nch w=1\nmodel nch bsim4 vth=1", "model of kind 'bsim4'"),
+        ("r1 (a 0) rm w=1u l=2u\nmodel rm resistor rsh=100", "rsh of a model is not read; write the resistance"),
         ("simulator lang=verilog", "verilog"),
     ],
 )
