@@ -65,11 +65,13 @@ def add_symbol(drawing: Any, kind: str, start: ArrayLike, end: ArrayLike) -> Non
     drawing.add(getattr(schemdraw.elements, SYMBOLS[kind])().scale(body).endpoints(tuple(first), tuple(last)))
 
 
-def add_ground(drawing: Any, at: ArrayLike) -> None:
-    """Add a ground symbol below a point."""
+def add_ground(drawing: Any, at: ArrayLike, along: ArrayLike = (0.0, -1.0)) -> None:
+    """Add a ground symbol beyond a point, in a direction: below it."""
     import schemdraw.elements
 
-    drawing.add(schemdraw.elements.Ground().scale(_BODY).at(tuple(np.asarray(at, dtype=np.float64))))
+    x, y = np.asarray(along, dtype=np.float64)
+    symbol = schemdraw.elements.Ground().scale(_BODY).theta(90.0 + float(np.degrees(np.arctan2(y, x))))
+    drawing.add(symbol.at(tuple(np.asarray(at, dtype=np.float64))))
 
 
 def draw_compiled(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) -> Axes:

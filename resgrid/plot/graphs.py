@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from numpy.typing import NDArray
+from scipy.spatial import KDTree
 
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Netlist
@@ -26,11 +28,10 @@ from resgrid.plot.style import SMALL
 from resgrid.scene.quantities import format_quantity
 
 MOST_NODES = 40
-_STUB = 0.9
-"""Length of an element to ground."""
-
-_APART = 1.1
-"""Between elements to ground of one node."""
+_NODES_APART = 2.2
+_HALF_LENGTH, _HALF_SYMBOL = 0.3, 0.18  # of an element with its leads, and without
+_LETTER = np.array([0.073, 0.15])
+"""Width and height of a letter."""
 
 _ELEMENTS = {
     "resistor": ("resistor_nodes", "conductance", "Ω"),
@@ -41,18 +42,49 @@ _ELEMENTS = {
 """Where a netlist keeps every kind of element, and the unit of what is written beside it."""
 
 Place = NDArray[np.float64]
+Elements = list[tuple[str, float, bool]]
+Groups = dict[tuple[int, int], Elements]
+Text = tuple[str, Place, Place]
 
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """An element on paper: its ends, the wires that lead there, and where a ground symbol goes, if one does."""
+    """An element on paper: its ends, and the side its value is written on if that is free."""
 
     kind: str
     value: float
     start: Place
     end: Place
-    wires: tuple[tuple[Place, Place], ...] = ()
-    ground: Place | None = None
+    outward: Place
+
+    def half_width(self) -> float:
+        """Half the width of the symbol across the branch."""
+        return _HALF_SYMBOL if "source" in self.kind else 0.1
+
+    def points(self) -> Place:
+        """Points on the symbol."""
+        along = np.array([self.outward[1], -self.outward[0]])
+        points: Place = _box(np.zeros(2), np.array([_HALF_SYMBOL, self.half_width()])) @ np.array([along, self.outward])
+        return points + (self.start + self.end) / 2
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """All elements between two nodes, side by side; the wires that join them; where a ground symbol goes, if any."""
+
+    branches: list[Branch]
+    wires: list[tuple[Place, Place]]
+    ground: tuple[Place, Place] | None = None
+
+    def points(self) -> Place:
+        """Points on everything drawn, closer together than a letter is wide."""
+        end = [] if self.ground is None else [_box(self.ground[0] + 0.1 * self.ground[1], np.full(2, 0.1))]
+        return np.concatenate([self.body(), *(_line(*wire) for wire in self.wires[:2]), *end])
+
+    def body(self) -> Place:
+        """Those on its elements and between them, without the two wires that lead there."""
+        lines = self.wires[2:] + [(branch.start, branch.end) for branch in self.branches]
+        return np.concatenate([*(branch.points() for branch in self.branches), *(_line(*line) for line in lines)])
 
 
 def draw_circuit(netlist: Netlist, ax: Axes | None = None, *, op: OperatingPoint | None = None) -> Axes:
@@ -83,121 +115,184 @@ def _draw_graph(netlist: Netlist, op: OperatingPoint | None, ax: Axes | None) ->
             f"a circuit of {netlist.node_count} nodes cannot be read; at most {MOST_NODES} are drawn.  "
             "Look at its values instead, or compile a coarser space"
         )
-    place = _places(netlist)
-    branches = _branches(netlist, place)
-    corners = np.concatenate([place[1:], *(np.array([branch.start, branch.end]) for branch in branches)])
-    left, bottom = np.subtract(corners.min(axis=0), (1.0, 0.4))
-    right, top = np.add(corners.max(axis=0), (1.1, 0.6))
+    groups = _groups(netlist)
+    place = _places(netlist, groups)
+    bundles = _bundles(groups, place)
+    texts = _texts(netlist, op, place, bundles)
+    drawn = np.concatenate([place[1:], *(bundle.points() for bundle in bundles), *(box for *_, box in texts)])
+    (left, bottom), (right, top) = drawn.min(axis=0) - 0.2, drawn.max(axis=0) + 0.2
     width, height = max(0.8 * (right - left), 2.0), max(0.8 * (top - bottom), 2.0)
     axes = new_figure(width, height).add_subplot() if ax is None else ax
     with symbols_on(axes) as drawing:
-        for branch in branches:
-            add_symbol(drawing, branch.kind, branch.start, branch.end)
-            _write_value(branch, axes)
-            for wire in branch.wires:
+        for bundle in bundles:
+            for branch in bundle.branches:
+                add_symbol(drawing, branch.kind, branch.start, branch.end)
+            for wire in bundle.wires:
                 axes.plot(*np.stack(wire, axis=1), color=INK, linewidth=0.9, zorder=2)
-            if branch.ground is not None:
-                add_ground(drawing, branch.ground)
-    _draw_nodes(netlist, op, place, branches, axes)
+            if bundle.ground is not None:
+                add_ground(drawing, *bundle.ground)
+    axes.scatter(place[1:, 0], place[1:, 1], s=20, color=INK, zorder=4)
+    for text, (x, y), _ in texts:
+        axes.text(float(x), float(y), text, ha="center", va="center", fontsize=SMALL, path_effects=HALO, zorder=6)
     axes.set(xlim=(left, right), ylim=(bottom, top), aspect="equal")
     axes.set_axis_off()
     return axes
 
 
-def _places(netlist: Netlist) -> Place:
-    """Where the nodes go; about one unit apart.  Ground has a symbol wherever it is needed instead of a place."""
+def _groups(netlist: Netlist) -> Groups:
+    """Kind and value of all elements between two nodes, and whether they lead from the higher node to the lower."""
+    groups: Groups = {}
+    for kind, (nodes, values, _) in _ELEMENTS.items():
+        value = getattr(netlist, values)
+        amounts = (1.0 / value if kind == "resistor" else value).tolist()
+        for (a, b), amount in zip(getattr(netlist, nodes).tolist(), amounts, strict=True):
+            groups.setdefault((max(a, b), min(a, b)), []).append((kind, amount, a > b))
+    return groups
+
+
+def _places(netlist: Netlist, groups: Groups) -> Place:
+    """Where the nodes go; ground has a symbol wherever it is needed instead of a place."""
     import networkx as nx
 
     graph: nx.Graph[int] = nx.Graph()
     graph.add_nodes_from(range(1, netlist.node_count))
-    for nodes, *_ in _ELEMENTS.values():
-        graph.add_edges_from((a, b) for a, b in getattr(netlist, nodes).tolist() if GROUND not in (a, b) and a != b)
+    for (high, low), elements in groups.items():
+        if low not in (GROUND, high):
+            graph.add_edge(high, low, weight=1.0 + 0.2 * (len(elements) - 1))
     place = np.zeros((netlist.node_count, 2))
     left = 0.0
     for part in sorted((sorted(part) for part in nx.connected_components(graph)), key=lambda nodes: nodes[0]):
-        spread = nx.kamada_kawai_layout(graph.subgraph(part)) if len(part) > 1 else {part[0]: np.zeros(2)}
-        local = np.array([spread[node] for node in part])
-        nearest = _nearest(local)
-        local = local * (1.9 / nearest if np.isfinite(nearest) else 1.0)
+        inside = graph.subgraph(part)
+        edges = np.searchsorted(part, np.array(inside.edges, dtype=int).reshape(-1, 2))
+        starts: list[Any] = [nx.circular_layout(inside), *(nx.random_layout(inside, seed=seed) for seed in range(4))]
+        if nx.check_planarity(inside)[0]:
+            starts.append(nx.planar_layout(inside))
+        spreads = [nx.kamada_kawai_layout(inside, pos=start) for start in starts]
+        layouts = [_lying(np.array([spread[node] for node in part])) for spread in spreads]
+        local = min(layouts, key=lambda places: _closeness(places[edges]))
         place[part] = local - (local[:, 0].min() - left, local[:, 1].min())
         left = float(place[part, 0].max()) + 2.6
     return place
 
 
-def _nearest(places: Place) -> float:
-    distance = np.linalg.norm(places[:, None] - places, axis=2)
-    np.fill_diagonal(distance, np.inf)
-    return max(float(distance.min(initial=np.inf)), 0.05)
+def _lying(places: Place) -> Place:
+    """Scale a layout to its nearest nodes; if it is longer than wide, turn it to lie, its first node on the left."""
+    centred = places - places.mean(axis=0)
+    _, extent, axes = np.linalg.svd(np.concatenate([centred, np.zeros((1, 2))]), full_matrices=False)
+    if extent[0] > 1.2 * extent[1]:
+        along = axes[0] * (1.0 if centred[0] @ axes[0] <= 0 else -1.0)
+        centred = centred @ np.array([along, [-along[1], along[0]]]).T
+        centred[:, 1] *= extent[1] > 0.05 * extent[0]  # a chain is straight
+    nearest = np.asarray(KDTree(centred).query(centred, k=[2])[0])
+    scale = min(_NODES_APART / max(float(nearest.min()), 0.05), 4.0 / max(float(np.median(nearest)), 0.05))
+    return np.asarray(centred * (scale or 1.0))
 
 
-def _branches(netlist: Netlist, place: Place) -> list[Branch]:
-    """Places of all elements: parallel ones side by side, those to ground fanned out below their node."""
-    branches: list[Branch] = []
-    ranks: dict[tuple[int, int], int] = {}
-    for kind, (nodes, values, _) in _ELEMENTS.items():
-        value = getattr(netlist, values)
-        amounts = (1.0 / value if kind == "resistor" else value).tolist()
-        for (a, b), amount in zip(getattr(netlist, nodes).tolist(), amounts, strict=True):
-            low, high = sorted((a, b))
-            rank = ranks[low, high] = ranks.get((low, high), -1) + 1
-            branches.append(
-                _to_ground(kind, amount, place[high], rank, up=a == low)
-                if low == GROUND
-                else _between(kind, amount, place[a], place[b], rank, forward=a < b)
-            )
-    return branches
+def _closeness(edges: NDArray[np.float64]) -> int:
+    """How many points of the edges, shape (edges, 2, 2), come close to another edge away from their ends."""
+    lines = [_line(*(edge + 0.15 * (edge[::-1] - edge))) for edge in edges]
+    owner = np.repeat(np.arange(len(lines)), np.array([len(line) for line in lines], dtype=int))
+    pairs = KDTree(np.concatenate([np.zeros((0, 2)), *lines])).query_pairs(0.3, output_type="ndarray")
+    return int(np.count_nonzero(owner[pairs[:, 0]] != owner[pairs[:, 1]]))
 
 
-def _to_ground(kind: str, value: float, node: Place, rank: int, *, up: bool) -> Branch:
-    """An element from ground up to a node, or down, beside ``rank`` others."""
-    corner = np.add(node, (_APART * rank, 0.0))
-    ground = np.subtract(corner, (0.0, _STUB))
-    start, end = (ground, corner) if up else (corner, ground)
-    return Branch(kind, value, start, end, ((node, corner),) if rank else (), ground)
+def _bundles(groups: Groups, place: Place) -> list[Bundle]:
+    """Places of all elements: first those between nodes, then those to ground where there is room."""
+    lines = {pair: _line(*place[list(pair)]) for pair in groups if GROUND not in pair}
+    bundles: list[Bundle] = []
+    for pair in lines:
+        a, b = place[pair[0]], place[pair[1]]
+        choices = [_bundle(groups[pair], a, b, slide) for slide in (0.5, 0.4, 0.6, 0.32, 0.68)]
+        drawn = [place[1:], *(lines[other] for other in lines if other != pair), *(done.points() for done in bundles)]
+        bundles.append(choices[_roomiest([choice.body() for choice in choices], np.concatenate(drawn), 0.2)])
+    for (node, low), elements in groups.items():
+        if low == GROUND and node != GROUND:
+            drawn = [place[1:], *(bundle.points() for bundle in bundles)]
+            bundles.append(_to_ground(elements, place[node], np.concatenate(drawn)))
+    return bundles
 
 
-def _between(kind: str, value: float, a: Place, b: Place, rank: int, *, forward: bool) -> Branch:
-    """An element beside ``rank`` others between the same nodes, alternating sides, with wires that lead there."""
-    if rank == 0:
-        return Branch(kind, value, a, b)
-    along = b - a
-    side = (1 if rank % 2 else -1) * (1 if forward else -1) * ((rank + 1) // 2)
-    aside = 0.5 * side * np.array([-along[1], along[0]]) / max(float(np.linalg.norm(along)), 1e-9)
-    start, end = a + 0.15 * along + aside, b - 0.15 * along + aside
-    return Branch(kind, value, start, end, ((a, start), (end, b)))
-
-
-def _write_value(branch: Branch, axes: Axes) -> None:
-    """The value of an element: to the right of a steep one, else above it."""
-    along = np.abs(branch.end - branch.start)
-    steep = along[1] > along[0]
-    x, y = ((branch.start + branch.end) / 2 + ((0.24, 0.0) if steep else (0.0, 0.22))).tolist()
-    text = format_quantity(branch.value, _ELEMENTS[branch.kind][2], 3)
-    axes.text(
-        x, y, text, ha="left" if steep else "center", va="center", fontsize=SMALL, path_effects=HALO, zorder=6
-    )  # fmt: skip
-
-
-def _draw_nodes(netlist: Netlist, op: OperatingPoint | None, place: Place, branches: list[Branch], axes: Axes) -> None:
-    nodes = np.arange(1, netlist.node_count)
-    axes.scatter(place[1:, 0], place[1:, 1], s=20, color=INK, zorder=4)
-    texts, unit = voltage_texts(op, nodes)
-    for at, name, text in zip(place[1:], netlist.names_of(nodes), texts, strict=True):
-        x, y = _free_side(at, branches)
-        axes.text(
-            float(at[0] + 0.15 * x), float(at[1] + 0.12 * y), f"{name}\n{text} {unit}" if text else name,
-            fontsize=SMALL, path_effects=HALO, zorder=6, ha="left" if x > 0 else "right",
-            va="bottom" if y > 0 else "top",
-        )  # fmt: skip
-
-
-def _free_side(at: Place, branches: list[Branch]) -> tuple[int, int]:
-    """The quadrant around a node, as signs, that is farthest from what is joined to it."""
-    ends = [
-        (far - at) / max(float(np.linalg.norm(far - at)), 1e-9)
-        for branch in branches
-        for near, far in ((branch.start, branch.end), (branch.end, branch.start), *branch.wires)
-        if np.allclose(near, at)
+def _to_ground(elements: Elements, node: Place, drawn: Place) -> Bundle:
+    """Elements from a node to ground: downwards if that is free, else into the widest sector that is."""
+    arms = drawn[np.abs(np.linalg.norm(drawn - node, axis=1) - 0.4) < 0.1] - node
+    angles = np.sort(np.arctan2(arms[:, 1], arms[:, 0])) if len(arms) else np.zeros(1)
+    sectors = np.diff(angles, append=angles[0] + 2 * np.pi)
+    middles = (angles + sectors / 2)[np.argsort(-sectors)[:4]].tolist()
+    directions = [-np.pi / 2, *middles, 0.0, np.pi, np.pi / 2]
+    choices = [
+        _bundle(elements, node, node + length * np.array([np.cos(angle), np.sin(angle)]), slide, grounded=True)
+        for length, slide in ((1.15, 0.6), (1.7, 0.72))
+        for angle in directions
     ]
-    quadrants = [(-1, 1), (-1, -1), (1, 1), (1, -1)]  # the left first: values are written on the right
-    return min(quadrants, key=lambda sign: max((float(np.dot(sign, end)) for end in ends), default=0.0))
+    clouds = [drawn, *(choice.points() for choice in choices)]
+    beyond, *bodies = (points[np.linalg.norm(points - node, axis=1) > 0.3] for points in clouds)
+    return choices[_roomiest(bodies, beyond, 0.3)]
+
+
+def _bundle(elements: Elements, a: Place, b: Place, slide: float, *, grounded: bool = False) -> Bundle:
+    """Elements side by side, symmetrical about the line from ``a`` to ``b``, this far along it."""
+    length = max(float(np.linalg.norm(b - a)), 1e-9)
+    along = (b - a) / length
+    across = np.array([-along[1], along[0]])
+    across = across if across @ (1.0, 1.0) > 0 else -across  # a lone value is written above or to the right
+    aside = (0.68 + 0.35 * abs(along[1])) * (np.arange(len(elements)) - (len(elements) - 1) / 2)
+    half = min(_HALF_LENGTH, 0.3 * length) * along
+    middle = a + slide * (b - a)
+    branches = []
+    for (kind, value, forward), side in zip(elements, aside.tolist(), strict=True):
+        ends = middle + side * across - half, middle + side * across + half
+        start, end = ends if forward else ends[::-1]
+        branches.append(Branch(kind, value, start, end, -across if side < 0 else across))
+    wires = [(a, middle - half), (middle + half, b)]
+    if len(elements) > 1:
+        wires += [(at + aside[0] * across, at + aside[-1] * across) for at in (middle - half, middle + half)]
+    return Bundle(branches, wires, (b, along) if grounded else None)
+
+
+def _texts(netlist: Netlist, op: OperatingPoint | None, place: Place, bundles: list[Bundle]) -> list[Text]:
+    """Values beside their elements and names beside their nodes, each with its place and points in its box."""
+    drawn = [place[1:], *(bundle.points() for bundle in bundles)]
+    texts: list[Text] = []
+
+    def write(text: str, anchors: list[tuple[Place, Place]]) -> None:
+        lines = text.split("\n")
+        half = _LETTER * (max(map(len, lines)), len(lines)) / 2
+        centres = [at + side * (np.abs(side) @ half) for at, side in anchors]
+        boxes = [_box(centre, half) for centre in centres]
+        best = _roomiest(boxes, np.concatenate(drawn), 0.07)
+        texts.append((text, centres[best], boxes[best]))
+        drawn.append(boxes[best])
+
+    centre = place[1:].mean(axis=0)
+    for branch, lone in ((branch, len(bundle.branches) == 1) for bundle in bundles for branch in bundle.branches):
+        middle, along = (branch.start + branch.end) / 2, branch.end - branch.start
+        first = -branch.outward if lone and branch.outward @ (middle - centre) < -0.3 else branch.outward
+        gap, sides = 0.08 + branch.half_width(), (first, -first)
+        anchors = [(middle + gap * side + slide * along, side) for slide in (0.0, 0.25, -0.25) for side in sides]
+        write(format_quantity(branch.value, _ELEMENTS[branch.kind][2], 3), anchors)
+    nodes = np.arange(1, netlist.node_count)
+    volts, unit = voltage_texts(op, nodes)
+    angles = np.pi / 4 * np.array([3, 1, 5, 7, 2, 4, 0, 6])
+    around = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    for at, name, text in zip(place[1:], netlist.names_of(nodes), volts, strict=True):
+        anchors = [(at + gap * side, side) for gap in (0.1, 0.25, 0.5) for side in around]
+        write(f"{name}\n{text} {unit}" if text else name, anchors)
+    return texts
+
+
+def _roomiest(choices: list[Place], drawn: Place, enough: float) -> int:
+    """The first choice of points that are this far from all that is drawn, or else the farthest."""
+    tree = KDTree(drawn)
+    room = [min(float(np.min(tree.query(points)[0])), enough) for points in choices]
+    return int(np.argmax(room))
+
+
+def _line(a: Place, b: Place) -> Place:
+    return np.linspace(a, b, 2 + int(np.linalg.norm(b - a) / 0.06))
+
+
+def _box(centre: Place, half: Place) -> Place:
+    """Points in a rectangle."""
+    counts = np.maximum(5, 2 + (2 * half / 0.08).astype(int))
+    x, y = (np.linspace(-extent, extent, count) for extent, count in zip(half, counts, strict=True))
+    return np.asarray(centre + np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))

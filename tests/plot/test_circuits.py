@@ -141,6 +141,47 @@ def test_a_netlist_without_cells_is_placed_by_its_graph() -> None:
     assert any(text.startswith("node_1\n5.0000 V") for text in texts(axes))
 
 
+BRIDGE = [[1, 2], [1, 3], [2, 3], [2, 0], [3, 0]]
+LADDER = [[1, 2], [2, 3], [3, 4], [4, 5], [1, 0], [2, 0], [3, 0], [4, 0], [5, 0], [5, 0]]
+STAR = [[1, 2], [1, 3], [1, 4], [1, 5], [1, 6], [1, 7], [2, 0]]
+RING = [[1, 2], [2, 3], [3, 4], [4, 5], [5, 6], [6, 7], [7, 8], [8, 1]]
+RANDOM = [[1, 2], [1, 3], [2, 4], [4, 5], [5, 6], [3, 7], [2, 8], [7, 9], [7, 9], [7, 10], [3, 10], [3, 11], [9, 12],
+          [1, 9], [9, 10], [4, 0]]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("resistors", "sources", "currents", "capacitors"),
+    [
+        (BRIDGE, [[1, 0]], [[2, 3]], [[3, 0]]),
+        (LADDER, [[1, 0]], [], []),
+        (STAR, [[3, 0]], [], []),
+        (RING, [[1, 0], [5, 0]], [], []),
+        ([[1, 2], [2, 0]], [[1, 2]], [[1, 2]], [[1, 2]]),
+        ([[1, 0], [2, 0]], [[1, 0]], [[2, 0]], []),
+        (RANDOM, [[1, 0]], [[9, 0]], [[4, 0]]),
+    ],
+    ids=["bridge", "ladder", "star", "ring", "parallel", "apart", "random"],
+)
+def test_values_names_and_symbols_of_a_graph_lie_apart(resistors, sources, currents, capacitors) -> None:
+    elements = []
+    for nodes, value in ((resistors, 1e-3), (sources, 5.0), (currents, 1e-3), (capacitors, 1e-7)):
+        elements += [np.array(nodes, dtype=int).reshape(-1, 2), np.full(len(nodes), value)]
+    axes = rg.draw(rg.solve(rg.Netlist(int(np.max(resistors)) + 1, *elements)))
+    axes.figure.canvas.draw()
+    written = [text for text in axes.texts if text.get_text() not in "+\N{MINUS SIGN}"]
+    boxes = [text.get_window_extent() for text in written]
+    assert not [(i, j) for i, a in enumerate(boxes) for j, b in enumerate(boxes[:i]) if a.overlaps(b)]
+    for line in axes.lines:
+        path = line.get_path().transformed(axes.transData).interpolated(20)
+        crossed = [t.get_text() for t, box in zip(written, boxes, strict=True) if box.count_contains(path.vertices)]
+        assert not crossed
+    circles = [np.array(patch.center) for patch in axes.patches if hasattr(patch, "radius")]
+    assert len(circles) == len(sources) + len(currents)
+    centres = np.array([*circles, *(middle for _, middle, _ in drawn_resistors(axes))])
+    distance = np.linalg.norm(centres[:, None] - centres, axis=2) + np.eye(len(centres))
+    assert distance.min() > 0.3
+
+
 @pytest.mark.parametrize(
     ("largest", "text", "unit"),
     [
