@@ -66,7 +66,9 @@ def command(source: Source, rules: bool, deck: str | None, tolerance: float, tim
 
     engine_named(engine)
     limits = {"engine": engine, "tolerance": tolerance, "timeout": timeout}
-    given = is_deck(source.file)
+    given = is_deck(source)
+    if given and source.file == "-" and not rules:
+        raise InputError("a simulator runs a deck that is a file: write it to one, or ask for --rules alone")
     if given and deck is not None:
         raise InputError(f"{source.file} is a deck already; --deck goes with a scene")
     if rules and deck is not None:

@@ -71,7 +71,7 @@ def command(source: Source, output: str, dialect: str | None, bare: bool) -> int
 
 def _circuit(source: Source, *, solve: bool) -> tuple[Netlist, str | None, OperatingPoint | None, dict[str, list[str]]]:
     """The netlist, its title, where it is asked for its solution, and what was not heeded of a scene."""
-    if not is_deck(source.file):
+    if not is_deck(source):
         job = open_job(source)
         unheeded = say_unheeded(job, "circuit")
         op = job.solve(job.problem.only_wiring()[1])

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,14 +23,19 @@ _READ_SECONDS, _SOLVE_SECONDS = 3e-8, 6e-6
 _NOTES = 20
 
 
-def is_deck(source: str) -> bool:
-    """Whether a file is a circuit and no scene: by the end of its name, or by the sidecar beside it."""
+def is_deck(source: Source) -> bool:
+    """Whether a file is a circuit and no scene: by the end of its name, or by the sidecar beside it.
+
+    What is piped in is one if its dialect is told.
+    """
     from resgrid.spice.read.deck import is_network
 
-    path = Path(source)
-    if path.suffix.lower() in DECK_SUFFIXES or is_network(source):
+    if source.file == "-":
+        return source.dialect != "auto"
+    path = Path(source.file)
+    if path.suffix.lower() in DECK_SUFFIXES or is_network(source.file):
         return True
-    return source != "-" and path.name != "" and path.with_name(path.name + ".json").is_file()
+    return path.name != "" and path.with_name(path.name + ".json").is_file()
 
 
 def refuse_scene_options(source: Source) -> None:
@@ -41,6 +49,11 @@ def open_deck(source: Source) -> Circuit:
     from resgrid.spice.read.deck import read_spice
 
     refuse_scene_options(source)
+    if source.file == "-":
+        with tempfile.TemporaryDirectory() as folder:
+            piped = Path(folder) / "standard_input.cir"
+            piped.write_bytes(sys.stdin.buffer.read())
+            return open_deck(replace(source, file=str(piped)))
     path = Path(source.file)
     size = path.stat().st_size if path.is_file() else 0
     with stage("read the deck", seconds=0.5 + _READ_SECONDS * size):

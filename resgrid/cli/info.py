@@ -44,7 +44,7 @@ def command(source: Source | None, schema: bool, versions: bool) -> int:
     elif versions:
         data = installed_versions()
         finish({"versions": data}, (f"{name:12} {version or 'not installed'}" for name, version in data.items()))
-    elif source is not None and is_deck(source.file):
+    elif source is not None and is_deck(source):
         data = describe_deck(open_deck(source))
         finish(data, _deck_lines(data))
     elif source is not None:

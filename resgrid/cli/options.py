@@ -147,7 +147,7 @@ _SCENE_OPTIONS: tuple[Decorator, ...] = (
 )  # fmt: skip
 _DECK_OPTIONS: tuple[Decorator, ...] = (
     _deck("--read-as", type=Suggested("dialect", "auto", *DIALECTS), default="auto",
-          help="The deck's dialect, where it does not show it."),
+          help="The deck's dialect, where it does not show it; of a deck that is piped in (-), always."),
     _deck("--root", metavar="FOLDER", type=click.Path(),
           help="Where its includes may lie.  [default: the deck's folder]"),
 )  # fmt: skip

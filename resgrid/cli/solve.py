@@ -37,7 +37,7 @@ def command(source: Source, output: str | None, worst: int, raw: str) -> int:
     """
     from resgrid.io.solutions import check_solution_file, solution_record, write_solution
 
-    given = is_deck(source.file)
+    given = is_deck(source)
     if output is not None:
         check_solution_file(output, of_space=not given)
     if given:

@@ -342,3 +342,12 @@ def test_of_several_starts_the_first_is_animated(call, room, tmp_path):
     assert "the first is drawn" in result.stderr and result.exit_code == 0, result.stderr
     with Image.open(tmp_path / "a.gif") as picture:
         assert picture.n_frames > 2
+
+
+def test_a_deck_comes_through_a_pipe_if_its_dialect_is_told(call, answer, room) -> None:
+    deck = call("compile", room, "-o", "-").stdout
+    assert answer("solve", "-", "--read-as", "ngspice", piped=deck)["nodes"] == answer("solve", room)["nodes"]
+    assert call("convert", "-", "--read-as", "ngspice", "-o", "-", piped=deck).stdout.startswith("*")
+    assert call("check", "-", "--read-as", "ngspice", "--rules", piped=deck).exit_code == 0
+    refused = call("check", "-", "--read-as", "ngspice", piped=deck)
+    assert refused.exit_code == 2 and "a deck that is a file" in refused.stderr
