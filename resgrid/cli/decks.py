@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import sys
-import tempfile
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -49,15 +47,11 @@ def open_deck(source: Source) -> Circuit:
     from resgrid.spice.read.deck import read_spice
 
     refuse_scene_options(source)
-    if source.file == "-":
-        with tempfile.TemporaryDirectory() as folder:
-            piped = Path(folder) / "standard_input.cir"
-            piped.write_bytes(sys.stdin.buffer.read())
-            return open_deck(replace(source, file=str(piped)))
     path = Path(source.file)
     size = path.stat().st_size if path.is_file() else 0
     with stage("read the deck", seconds=0.5 + _READ_SECONDS * size):
-        deck = read_spice(path, dialect=source.dialect, root=source.root)
+        circuit = sys.stdin.buffer if source.file == "-" else path
+        deck = read_spice(circuit, dialect=source.dialect, root=source.root)
     _say_notes(deck)
     return deck
 

@@ -351,3 +351,5 @@ def test_a_deck_comes_through_a_pipe_if_its_dialect_is_told(call, answer, room) 
     assert call("check", "-", "--read-as", "ngspice", "--rules", piped=deck).exit_code == 0
     refused = call("check", "-", "--read-as", "ngspice", piped=deck)
     assert refused.exit_code == 2 and "a deck that is a file" in refused.stderr
+    wrong = call("solve", "-", "--read-as", "ngspice", piped="* title\nr1 a 0 what\n.end\n")
+    assert wrong.exit_code == 2 and ":2:" in wrong.stderr and "tmp" not in wrong.stderr
