@@ -42,7 +42,7 @@ test: $(INSTALLED_DEV)
 targets: $(INSTALLED_DEV)
 	for target in $(TARGETS); do \
 		NUMBA_CPU_NAME=$$target OPENBLAS_CORETYPE=Prescott \
-		$(BIN)/python -m pytest -q -n $(JOBS) tests/nodal tests/chip tests/control || exit 1; \
+		$(BIN)/python -m pytest -q -n $(JOBS) tests/circuit tests/solvers tests/chip tests/control || exit 1; \
 	done
 
 check: $(INSTALLED_DEV)

@@ -21,10 +21,10 @@ from scipy.sparse.linalg import spsolve
 from benchmarks.rows import Row, Scale, Spread
 from resgrid.axis import Axis
 from resgrid.chip.studies import study
+from resgrid.circuit.equations import assemble
+from resgrid.circuit.many import solve_many
+from resgrid.circuit.solve import solve
 from resgrid.netlist import Netlist
-from resgrid.nodal.many import solve_many
-from resgrid.nodal.solve import solve
-from resgrid.nodal.system import assemble
 from resgrid.scene.chip import Chip
 from resgrid.space import ConfigurationSpace
 

@@ -15,6 +15,7 @@ import shapely.affinity
 
 import resgrid as rg
 from resgrid.axis import Axis
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.control.controller import make_controller
 from resgrid.control.log import Ending, Run
@@ -22,7 +23,6 @@ from resgrid.control.plant import make_plant
 from resgrid.control.pushes import random_pushes
 from resgrid.control.simulation import Simulation, simulation
 from resgrid.grids import label_regions
-from resgrid.nodal.solve import solve
 from resgrid.planning.road import solve_field
 from resgrid.planning.trace import streamline
 from resgrid.robots import Arm, Ball, Box, DiscRobot, PointRobot, Polygon, PolygonRobot, Robot, Shape, to_shapely

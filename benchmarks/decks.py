@@ -18,8 +18,8 @@ import numpy as np
 
 from benchmarks.rows import RATIO, Row, Scale
 from benchmarks.timing import alternating, spread, timed
+from resgrid.circuit.solve import solve
 from resgrid.netlist import Netlist
-from resgrid.nodal.solve import solve
 from resgrid.spice.read.deck import read_spice
 from resgrid.spice.write.flat import flatten, resistances
 

@@ -65,7 +65,7 @@ def _row(problem: Problem, scale: Scale, how: str) -> Row:
 
 def measure(how: str, problem: Problem) -> dict[str, object]:
     """Solve once, in this process; bytes at the peak above those before."""
-    from resgrid.nodal.solve import solve
+    from resgrid.circuit.solve import solve
 
     small = Problem(problem.kind, 40 if problem.kind == "rectangles" else 12, problem.boundary)
     solve(small.netlist(), accuracy="normwise", method=_method(problem), rtol=RTOL)
@@ -85,8 +85,8 @@ def measure(how: str, problem: Problem) -> dict[str, object]:
 
 def _method(problem: Problem) -> str:
     """The method that a problem of this size gets: its kernels are to be compiled before anything is counted."""
-    from resgrid.nodal.methods import choose_method
-    from resgrid.nodal.system import assemble
+    from resgrid.circuit.equations import assemble
+    from resgrid.solvers.choose import choose_method
 
     return choose_method(assemble(problem.netlist()))
 

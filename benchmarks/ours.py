@@ -10,10 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.problems import NETLISTS, Problem
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
-from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.nodal.solve import solve
 from resgrid.space import ConfigurationSpace
 
 

@@ -11,9 +11,9 @@ from benchmarks.layouts import boxes
 from benchmarks.problems import equations
 from benchmarks.rows import Row, Scale
 from benchmarks.timing import Job, alternating, repeated, scaled, spread, timed
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
-from resgrid.nodal.solve import solve
 from resgrid.planning.trace import streamlines
 from resgrid.space import ConfigurationSpace
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from benchmarks.problems import Problem
 from benchmarks.rows import RATIO, Row, Scale
 from benchmarks.timing import spread, timed
-from resgrid.nodal.solve import solve
+from resgrid.circuit.solve import solve
 from resgrid.spice.write.flat import flatten
 
 LARGE = 200

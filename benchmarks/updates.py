@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 from benchmarks.layouts import boxes
 from benchmarks.rows import Row, Scale
 from benchmarks.timing import alternating
+from resgrid.circuit.solve import factor, solve
 from resgrid.compiler import compile_space
 from resgrid.netlist import Netlist
-from resgrid.nodal.factors.factor import Factor
-from resgrid.nodal.solve import factor, solve
-from resgrid.nodal.watch import Watch
+from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.monitor import Watch
 from resgrid.space import Cell, ConfigurationSpace
 
 RTOL = 1e-8

@@ -12,6 +12,17 @@ from .chip.sensitivity import Sensitivity as Sensitivity
 from .chip.settling import Settling as Settling
 from .chip.studies import Study as Study, study as study
 from .chip.yields import Exploration as Exploration, Yield as Yield
+from .circuit.drive import scale_drive as scale_drive
+from .circuit.many import solve_many as solve_many
+from .circuit.nonlinear import small_signal as small_signal
+from .circuit.operating_point import OperatingPoint as OperatingPoint
+from .circuit.solve import factor as factor, solve as solve
+from .circuit.transient import (
+    Transient as Transient,
+    TransientStepper as TransientStepper,
+    transient as transient,
+    transient_stepper as transient_stepper,
+)
 from .compiler import compile_space as compile_space
 from .control.announced import wavefront as wavefront
 from .control.controller import (
@@ -37,18 +48,6 @@ from .io.paths import ros_plan as ros_plan, write_path as write_path
 from .io.runs import write_run as write_run
 from .io.solutions import write_solution as write_solution
 from .netlist import CellMap as CellMap, Netlist as Netlist
-from .nodal.drive import scale_drive as scale_drive
-from .nodal.many import solve_many as solve_many
-from .nodal.operating_point import OperatingPoint as OperatingPoint
-from .nodal.secant import small_signal as small_signal
-from .nodal.solve import factor as factor, solve as solve
-from .nodal.transient import (
-    Transient as Transient,
-    TransientStepper as TransientStepper,
-    transient as transient,
-    transient_stepper as transient_stepper,
-)
-from .nodal.watch import Watch as Watch
 from .planning.blend import blend as blend
 from .planning.certify import certify as certify, certify_free as certify_free
 from .planning.fields import Field as Field, field as field
@@ -122,6 +121,7 @@ from .scene import (
     sample as sample,
 )
 from .scene.schema import scene_schema as scene_schema
+from .solvers.monitor import Watch as Watch
 from .space import Cell as Cell, ConfigurationSpace as ConfigurationSpace
 from .spice.analyses import (
     Measure as Measure,

@@ -7,11 +7,11 @@ from hypothesis import assume, given, settings, strategies as st
 from support.spaces import space_of, spaces
 
 import resgrid as rg
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.circuit.solve import factor, solve
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
-from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.nodal.solve import factor, solve
 from resgrid.space import ConfigurationSpace
 
 BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}]
@@ -178,7 +178,7 @@ def dense(netlist: Netlist, voltage: np.ndarray) -> np.ndarray:
 
 
 def test_the_drive_scales_to_the_supply() -> None:
-    from resgrid.nodal.drive import scale_drive
+    from resgrid.circuit.drive import scale_drive
 
     cell = np.zeros((9, 5))
     cell[0, 0] = 2

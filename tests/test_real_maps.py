@@ -8,8 +8,8 @@ import pytest
 from scipy import ndimage
 
 import resgrid as rg
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
-from resgrid.nodal.solve import solve
 from resgrid.planning.certify import certify
 from resgrid.planning.fields import Field
 from resgrid.planning.trace import streamline, streamlines

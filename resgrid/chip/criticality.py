@@ -24,13 +24,13 @@ from resgrid.chip.figures import Figure, Result
 from resgrid.chip.passes.base import add_resistors, cells_with_nodes, select_resistors, without_stranded_currents
 from resgrid.chip.trials import arrivals, converter_of, neighbours_of
 from resgrid.chip.yields import checked_starts
+from resgrid.circuit.equations import NodalSystem, assemble
+from resgrid.circuit.solve import solve
 from resgrid.die import end_names
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Netlist
-from resgrid.nodal.solve import solve
-from resgrid.nodal.superlu import symmetric_factors
-from resgrid.nodal.system import NodalSystem, assemble
 from resgrid.scene.chip import Readout
+from resgrid.solvers.superlu import symmetric_factors
 
 IDEAL_BITS = 40
 """Resolution of an ideal read-out here: a step of 1e-12 of the supply, which rounding does not reach."""

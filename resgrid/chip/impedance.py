@@ -16,11 +16,11 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from resgrid.chip.modes import slowest_modes
+from resgrid.circuit.dynamics import Dynamics, Laplacian, charge_basis, factor_resolvent
 from resgrid.errors import AccuracyError
-from resgrid.nodal.dynamics import Dynamics, Laplacian, charge_basis, factor_resolvent
-from resgrid.nodal.selected.diagonal import estimate_diagonal, inverse_diagonal
-from resgrid.nodal.selected.positive import PositiveFactors, positive_factors
-from resgrid.nodal.superlu import symmetric_factors
+from resgrid.solvers.selected.diagonal import estimate_diagonal, inverse_diagonal
+from resgrid.solvers.selected.positive import PositiveFactors, positive_factors
+from resgrid.solvers.superlu import symmetric_factors
 
 _WEAK = 1e-3
 """Share of a part's largest conductance, below which what ties it to rails, summed, is weak."""

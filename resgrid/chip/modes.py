@@ -25,12 +25,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from resgrid.circuit.dynamics import Dynamics, Laplacian, charge_basis, factor_resolvent
 from resgrid.errors import AccuracyError, InputError
-from resgrid.nodal.dynamics import Dynamics, Laplacian, charge_basis, factor_resolvent
-from resgrid.nodal.factors.factor import Factor
-from resgrid.nodal.scaled import BITS
-from resgrid.nodal.superlu import symmetric_factors
-from resgrid.nodal.watch import Watch
+from resgrid.solvers.extended import BITS
+from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.monitor import Watch
+from resgrid.solvers.superlu import symmetric_factors
 
 Floats = NDArray[np.float64]
 Solver = Callable[[Floats], Floats]

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.chip.modes import Modes, Solver, accurate_solver, laplacian_root
+from resgrid.circuit.dynamics import Dynamics, factor_resolvent
 from resgrid.errors import AccuracyError
-from resgrid.nodal.dynamics import Dynamics, factor_resolvent
 
 Floats = NDArray[np.float64]
 

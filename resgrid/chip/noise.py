@@ -19,11 +19,11 @@ from scipy import sparse
 from resgrid.arguments import check_number, check_whole
 from resgrid.chip.figures import Figure, Result, defined
 from resgrid.chip.impedance import estimate, find_exactly, inverse_columns, resistive_parts
+from resgrid.circuit.dynamics import Dynamics, charge_basis, dynamics_of, require_grounded
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.nodal.dynamics import Dynamics, charge_basis, dynamics_of, require_grounded
-from resgrid.nodal.selected.diagonal import random_signs
-from resgrid.nodal.selected.positive import PositiveFactors, positive_factors
+from resgrid.solvers.selected.diagonal import random_signs
+from resgrid.solvers.selected.positive import PositiveFactors, positive_factors
 
 BOLTZMANN = 1.380649e-23
 """In J/K, exact."""

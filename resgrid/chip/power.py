@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.chip.figures import Figure, Result
+from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.die import end_names
 from resgrid.netlist import GROUND, Netlist
-from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.space import Cell
 from resgrid.spice.power import PowerBalance, power_balance
 

@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 
 from resgrid.arguments import check_optional
 from resgrid.chip.figures import Figure, Result, defined
+from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
 from resgrid.netlist import CellMap
-from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.space import Cell, ConfigurationSpace
 
 _MOST_CELLS = 400

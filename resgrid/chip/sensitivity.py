@@ -23,15 +23,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.chip.figures import Figure, Result, defined
 from resgrid.chip.precision import Steps, steps_of
+from resgrid.circuit.equations import assemble
+from resgrid.circuit.nonlinear import small_signal
+from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.die import end_names, ends_of
 from resgrid.errors import AccuracyError, InputError
-from resgrid.nodal.factors.factor import Factor
-from resgrid.nodal.methods import factor_system
-from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.nodal.scaled import Scaled, logarithm, power
-from resgrid.nodal.secant import small_signal
-from resgrid.nodal.system import assemble
-from resgrid.nodal.watch import Watch
+from resgrid.solvers.choose import factor_system
+from resgrid.solvers.extended import Scaled, logarithm, power
+from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.monitor import Watch
 from resgrid.space import Cell, ConfigurationSpace
 
 _WORST = 10

@@ -21,12 +21,12 @@ from resgrid.chip.modes import (
     slowest_modes,
 )
 from resgrid.chip.motion import SPAN, Motion, motions
+from resgrid.circuit.dynamics import Dynamics, charge_basis, dynamics_of, factor_resolvent
+from resgrid.circuit.energy import EnergyMeter
+from resgrid.circuit.initial import initial_state
+from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import AccuracyError, InputError
 from resgrid.netlist import Netlist
-from resgrid.nodal.dynamics import Dynamics, charge_basis, dynamics_of, factor_resolvent
-from resgrid.nodal.energy import EnergyMeter
-from resgrid.nodal.initial import initial_state
-from resgrid.nodal.operating_point import OperatingPoint
 
 Floats = NDArray[np.float64]
 

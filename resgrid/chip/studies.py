@@ -25,12 +25,12 @@ from resgrid.chip.sensitivity import Sensitivity, analyse_sensitivity, voltage_s
 from resgrid.chip.settling import Settling, analyse_settling
 from resgrid.chip.trials import die_temperature
 from resgrid.chip.yields import analyse_yield, explore_yield
+from resgrid.circuit.nonlinear import small_signal
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.circuit.solve import solve
 from resgrid.errors import InputError
 from resgrid.frozen import picture_of
 from resgrid.netlist import Netlist
-from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.nodal.secant import small_signal
-from resgrid.nodal.solve import solve
 from resgrid.planning.road import problem_of
 from resgrid.planning.trace import start_cell
 from resgrid.scene import Scene

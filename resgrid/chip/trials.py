@@ -26,14 +26,14 @@ from resgrid.chip.passes import Faults
 from resgrid.chip.passes.base import cells_with_nodes
 from resgrid.chip.passes.values import NOMINAL_CELSIUS
 from resgrid.chip.precision import steps_of
+from resgrid.circuit.many import Batch, prepare_batch, solve_batch
+from resgrid.circuit.nonlinear import small_signal
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.circuit.solve import solve
 from resgrid.die import NOISE, OFFSET, Seed, generator, seed_of
 from resgrid.errors import CircuitError, InputError
 from resgrid.files import atomic_path
 from resgrid.netlist import CellMap, Netlist
-from resgrid.nodal.many import Batch, prepare_batch, solve_batch
-from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.nodal.secant import small_signal
-from resgrid.nodal.solve import solve
 from resgrid.scene.chip import Chip, Readout
 from resgrid.space import Cell
 

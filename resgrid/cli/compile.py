@@ -21,7 +21,7 @@ from resgrid.cli.scenes import (
 from resgrid.errors import InputError
 
 if TYPE_CHECKING:
-    from resgrid.nodal.operating_point import OperatingPoint
+    from resgrid.circuit.operating_point import OperatingPoint
     from resgrid.spice.write.files import Form, WrittenDeck
 
 

@@ -19,8 +19,8 @@ from resgrid.errors import InputError
 from resgrid.spice.dialects import DECK_SUFFIXES, OWN_SUFFIXES
 
 if TYPE_CHECKING:
+    from resgrid.circuit.operating_point import OperatingPoint
     from resgrid.netlist import Netlist
-    from resgrid.nodal.operating_point import OperatingPoint
 
 
 @verb(

@@ -11,8 +11,8 @@ from resgrid.errors import CircuitError, InputError
 from resgrid.spice.dialects import DECK_SUFFIXES
 
 if TYPE_CHECKING:
+    from resgrid.circuit.operating_point import OperatingPoint
     from resgrid.cli.options import Source
-    from resgrid.nodal.operating_point import OperatingPoint
     from resgrid.spice.circuit import Circuit
 
 _READ_SECONDS, _SOLVE_SECONDS = 3e-8, 6e-6
@@ -70,7 +70,7 @@ def _say_notes(deck: Circuit) -> None:
 
 def solve_deck(deck: Circuit) -> OperatingPoint:
     """Solve a deck; as `resgrid.solve`, but where there is no answer the message names the lines at fault."""
-    from resgrid.nodal.solve import solve
+    from resgrid.circuit.solve import solve
     from resgrid.spice.check.rules import check_rules
 
     try:

@@ -14,8 +14,8 @@ from resgrid.errors import InputError
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from resgrid.circuit.operating_point import OperatingPoint
     from resgrid.io.paths import Route
-    from resgrid.nodal.operating_point import OperatingPoint
     from resgrid.planning.fields import Field
     from resgrid.scene import Query
 

@@ -19,7 +19,7 @@ from resgrid.cli.scenes import Job, open_job, say_unheeded, size_of, solution_su
 from resgrid.files import SUMMARY, whole_folder
 
 if TYPE_CHECKING:
-    from resgrid.nodal.operating_point import OperatingPoint
+    from resgrid.circuit.operating_point import OperatingPoint
     from resgrid.spice.check.agreement import Agreement
 
     Circuits = Mapping[str, OperatingPoint]

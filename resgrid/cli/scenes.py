@@ -19,8 +19,8 @@ from resgrid.spice.dialects import DECK_SUFFIXES
 
 if TYPE_CHECKING:
     from resgrid.chip.build import Form
+    from resgrid.circuit.operating_point import OperatingPoint
     from resgrid.netlist import Netlist
-    from resgrid.nodal.operating_point import OperatingPoint
     from resgrid.planning.road import Problem, Solution
     from resgrid.scene import Chip, Scene
     from resgrid.space import ConfigurationSpace
@@ -130,7 +130,7 @@ def is_first_run() -> bool:
     kept = os.environ.get("NUMBA_CACHE_DIR")
     if kept:
         return not any(Path(kept).glob(f"*/{_KEPT_LOOP}"))
-    return not any((Path(resgrid.__file__).parent / "nodal" / "__pycache__").glob(_KEPT_LOOP))
+    return not any((Path(resgrid.__file__).parent / "solvers" / "__pycache__").glob(_KEPT_LOOP))
 
 
 def _observe(name: str, function: Callable[..., Any], *arguments: Any, iterates: bool = False, **options: Any) -> Any:

@@ -26,11 +26,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.arguments import checked
+from resgrid.circuit.dynamics import Dynamics, dynamics_of, factor_resolvent
+from resgrid.circuit.transient import transient_stepper
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Netlist
-from resgrid.nodal.dynamics import Dynamics, dynamics_of, factor_resolvent
-from resgrid.nodal.transient import transient_stepper
 from resgrid.planning.blend import blend
 from resgrid.planning.fields import Field, read_field
 from resgrid.space import ConfigurationSpace

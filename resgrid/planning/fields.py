@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import AccuracyError, CircuitError, InputError
 from resgrid.frozen import frozen, picture_html
 from resgrid.netlist import CellMap, face_shape
-from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.planning.clearance import obstacle_reach
 from resgrid.space import Cell, ConfigurationSpace
 from resgrid.wiring import Wiring

@@ -13,9 +13,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_whole
 from resgrid.axis import Axis
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
-from resgrid.nodal.solve import solve
 from resgrid.planning import fields
 from resgrid.planning.fields import Field
 from resgrid.planning.trace import cell_indices

@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.budget import require_memory
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.circuit.solve import factor
 from resgrid.errors import AccuracyError, InputError
 from resgrid.frozen import frozen
 from resgrid.netlist import GROUND, CellMap, Netlist
-from resgrid.nodal.factors.factor import Factor
-from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.nodal.refine import is_answer
-from resgrid.nodal.scaled import Scaled, power
-from resgrid.nodal.solve import factor
-from resgrid.nodal.watch import Watch
+from resgrid.solvers.extended import Scaled, power
+from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.monitor import Watch
+from resgrid.solvers.refine import is_answer
 from resgrid.space import Cell
 
 

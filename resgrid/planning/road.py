@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.circuit.drive import scale_drive
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError
 from resgrid.frozen import frozen
 from resgrid.netlist import Netlist
-from resgrid.nodal.drive import scale_drive
-from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.nodal.solve import solve
 from resgrid.planning import fields
 from resgrid.planning.blend import blend, check_share
 from resgrid.planning.fields import Field, undriven_field

@@ -14,8 +14,8 @@ from matplotlib.patheffects import withStroke
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.chip.power import rail_names
+from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.netlist import Netlist
-from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.plot.figures import new_figure
 from resgrid.plot.schematic import HALF, in_plane, rail_areas, resistor_ends
 from resgrid.plot.style import GOAL, OBSTACLE, SMALL, add_swatch, height_map, refresh_legend

@@ -10,9 +10,9 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND, Netlist
-from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.plot.circuits import (
     HALO,
     INK,

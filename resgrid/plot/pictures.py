@@ -20,11 +20,11 @@ from resgrid.chip.sensitivity import Sensitivity
 from resgrid.chip.settling import Settling
 from resgrid.chip.studies import Study
 from resgrid.chip.yields import Exploration, Yield
+from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.control.announced import RelaxationSweep, Wavefront
 from resgrid.control.log import Run
 from resgrid.errors import InputError, ResgridError
 from resgrid.netlist import Netlist
-from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.planning.fields import Field, field
 from resgrid.planning.planner import ClearanceCurve, Planner
 from resgrid.planning.separation import SceneSeparation, Separation

@@ -14,7 +14,7 @@ from support.dynamics import ExactMotion, random_dynamics, run_analysis, small_s
 import resgrid as rg
 from resgrid.chip.modes import fastest_time_constant
 from resgrid.chip.noise import BOLTZMANN, ROOM
-from resgrid.nodal.dynamics import dynamics_of
+from resgrid.circuit.dynamics import dynamics_of
 from resgrid.spice.write.flat import flatten
 
 

@@ -10,7 +10,7 @@ from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.chip.modes import fastest_time_constant, slowest_modes
-from resgrid.nodal.dynamics import dynamics_of
+from resgrid.circuit.dynamics import dynamics_of
 from resgrid.spice.write.flat import flatten
 
 R, C = 10e3, 1e-12

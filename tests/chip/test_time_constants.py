@@ -12,7 +12,7 @@ from support.dynamics import with_capacitors
 
 import resgrid as rg
 from resgrid.chip.modes import fastest_time_constant, slowest_modes
-from resgrid.nodal.dynamics import dynamics_of
+from resgrid.circuit.dynamics import dynamics_of
 
 Floats = NDArray[np.float64]
 HALF_STEPS = np.log(2.0**11)

@@ -8,10 +8,10 @@ from hypothesis import given, settings, strategies as st
 from support.spaces import space_of, spaces
 
 import resgrid as rg
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.control.controller import Controller, make_controller
 from resgrid.errors import CircuitError, InputError
-from resgrid.nodal.solve import solve
 from resgrid.planning.planner import plan
 from resgrid.planning.streamline import Outcome
 from resgrid.planning.trace import streamline

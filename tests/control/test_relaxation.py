@@ -11,6 +11,8 @@ from support.hidden import controlled, hiding, square
 
 import resgrid as rg
 from resgrid.axis import Axis
+from resgrid.circuit.solve import solve
+from resgrid.circuit.transient import transient
 from resgrid.compiler import compile_space
 from resgrid.control.announced import relaxation_sweep, settling_time, wavefront
 from resgrid.control.log import Ending, Mode
@@ -19,8 +21,6 @@ from resgrid.control.relaxation import Relaxation, RelaxingGrid, field_now
 from resgrid.control.simulation import Simulation, announce_hidden
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND
-from resgrid.nodal.solve import solve
-from resgrid.nodal.transient import transient
 from resgrid.robots import Box, PointRobot
 from resgrid.space import Cell, ConfigurationSpace
 

@@ -11,9 +11,9 @@ from support.spaces import spaces
 
 import resgrid as rg
 from resgrid.axis import Axis
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError
-from resgrid.nodal.solve import solve
 from resgrid.planning.certify import certify, certify_free
 from resgrid.planning.fields import Field
 from resgrid.planning.shortcut import shorten

@@ -13,10 +13,10 @@ from hypothesis import given, settings, strategies as st
 from support.spaces import space_of, spaces
 
 import resgrid as rg
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError
 from resgrid.io.paths import path_columns, write_path
-from resgrid.nodal.solve import solve
 from resgrid.planning.certify import certify, certify_free
 from resgrid.planning.fields import Field, undriven_field
 from resgrid.planning.shortcut import shorten

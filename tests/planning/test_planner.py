@@ -7,9 +7,9 @@ from support.spaces import space_of
 from support.verdicts import check_verdicts
 
 import resgrid as rg
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
-from resgrid.nodal.solve import solve
 from resgrid.planning import road
 from resgrid.planning.blend import blend
 from resgrid.planning.certify import certify

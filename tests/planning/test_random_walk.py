@@ -5,10 +5,10 @@ from hypothesis import assume, given, settings, strategies as st
 from support.spaces import space_of, spaces
 
 import resgrid as rg
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import Netlist
-from resgrid.nodal.solve import solve
 from resgrid.planning.random_walk import collision_probability, hitting_probability, random_walk
 from resgrid.planning.trace import basins, streamline
 from resgrid.space import ConfigurationSpace

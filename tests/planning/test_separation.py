@@ -7,10 +7,10 @@ from support.spaces import space_of, spaces
 from support.verdicts import check_verdicts
 
 import resgrid as rg
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError, InputError
 from resgrid.grids import label_regions
-from resgrid.nodal.solve import solve
 from resgrid.planning.fields import Field
 from resgrid.planning.separation import separation
 from resgrid.planning.streamline import Outcome

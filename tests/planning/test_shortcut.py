@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 from support.spaces import serpentine, space_of, spaces
 
 import resgrid as rg
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError, InputError
 from resgrid.grids import label_regions
-from resgrid.nodal.solve import solve
 from resgrid.planning import kernels
 from resgrid.planning.certify import certify_free
 from resgrid.planning.fields import Field

@@ -4,9 +4,9 @@ from hypothesis import assume, given, settings, strategies as st
 from support.spaces import space_of, spaces
 
 import resgrid as rg
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import CertificateError, CircuitError, InputError
-from resgrid.nodal.solve import solve
 from resgrid.planning.blend import blend, dirichlet_share
 from resgrid.planning.certify import certify
 from resgrid.planning.fields import Field, undriven_field

@@ -10,9 +10,9 @@ from hypothesis import given, settings, strategies as st
 from support.spaces import serpentine, space_of
 
 import resgrid as rg
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
-from resgrid.nodal.solve import solve
 from resgrid.planning.certify import certify_free
 from resgrid.planning.shortcut import shorten
 from resgrid.planning.timing import time_path

@@ -6,9 +6,9 @@ from hypothesis import given, settings, strategies as st
 from support.spaces import space_of, spaces
 
 import resgrid as rg
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
-from resgrid.nodal.solve import solve
 from resgrid.planning.clearance import clearance_of, obstacle_reach
 from resgrid.planning.streamline import length_of, unwrap
 from resgrid.planning.trace import streamline

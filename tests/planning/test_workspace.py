@@ -12,9 +12,9 @@ from support.spaces import space_of
 
 import resgrid as rg
 from resgrid.axis import Axis
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError
-from resgrid.nodal.solve import solve
 from resgrid.planning.clearance import clearance_of, obstacle_reach
 from resgrid.planning.shortcut import shorten
 from resgrid.planning.streamline import unwrap

@@ -12,10 +12,10 @@ from support.circuits import dense_solution, ladder, random_grid
 from support.spaces import serpentine, space_of, spaces
 
 import resgrid as rg
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import InputError, ToolMissingError
 from resgrid.netlist import Netlist
-from resgrid.nodal.solve import solve
 from resgrid.spice.check.agreement import compare
 from resgrid.spice.check.deck import check_deck
 from resgrid.spice.check.kirchhoff import inspect_deck

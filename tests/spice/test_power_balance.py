@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from support.circuits import random_grid
 
+from resgrid.circuit.solve import solve
 from resgrid.netlist import Netlist
-from resgrid.nodal.solve import solve
 from resgrid.spice.power import ir_drop, power_balance
 
 

@@ -28,7 +28,7 @@ def verdict_of(circuit: object, simulator: str = "ngspice") -> Prediction:
 
 def measured_error(text: str, deck: Circuit) -> float:
     """How far ngspice is from our solution of the same deck, in volts."""
-    from resgrid.nodal.solve import solve
+    from resgrid.circuit.solve import solve
 
     simulation = simulate(text.encode(), direct=True)
     voltage = solve(deck.netlist()).voltage

@@ -11,8 +11,8 @@ from hypothesis import given, strategies as st
 from support.circuits import random_grid
 
 import resgrid as rg
+from resgrid.circuit.solve import solve
 from resgrid.errors import InputError
-from resgrid.nodal.solve import solve
 from resgrid.spice.run.rawfile import FORMS, RawFile, format_raw, raw_of, read_rawfile
 
 HEAD = (

@@ -6,8 +6,8 @@ from fractions import Fraction
 
 import numpy as np
 
+from resgrid.circuit.operating_point import OperatingPoint, Readings
 from resgrid.netlist import Netlist
-from resgrid.nodal.operating_point import OperatingPoint, Readings
 
 
 def ladder(rungs: int = 4) -> Netlist:

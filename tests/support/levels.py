@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.nodal.multigrid.boards import Level, to_graph
+from resgrid.solvers.multigrid.boards import Level, to_graph
 
 
 def matrix_of(level: Level) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.circuit.solve import solve
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.nodal.solve import solve
 from resgrid.spice.check.agreement import Agreement, Reference, compare, unverified
 from resgrid.spice.check.external import Runnable, expected_of, places_of, runnable, written_anew
 from resgrid.spice.check.kirchhoff import inspect_deck

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
+from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
-from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.spice.circuit import Circuit
 from resgrid.spice.dialects.ngspice import ngspice_name
 from resgrid.spice.read.files import MAX_FILES, read_bytes

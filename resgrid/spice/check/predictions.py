@@ -14,9 +14,9 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.circuit.solve import solve
 from resgrid.errors import ResgridError
 from resgrid.netlist import GROUND, Netlist
-from resgrid.nodal.solve import solve
 from resgrid.spice.check.connection import Loops, loops_of
 from resgrid.spice.check.rules import check_rules
 from resgrid.spice.check.violation import Violation

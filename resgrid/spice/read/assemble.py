@@ -166,7 +166,7 @@ def _with_switches(parts: dict[str, Part], node_count: int, files: tuple[str, ..
 
 def _held_voltages(parts: dict[str, Part], node_count: int) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """Voltage of every node above the root of its tree of voltage sources (and shorts), and that root."""
-    from resgrid.nodal.sources import tie_sources
+    from resgrid.circuit.sources import tie_sources
 
     source, resistor = parts["voltage source"], parts["resistor"]
     short = resistor.values[:, 0] == 0

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
 from resgrid.netlist import GROUND
-from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.spice.dialects.ngspice import ngspice_name
 
 _BINARY = b"Binary:\n"

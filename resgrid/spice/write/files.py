@@ -11,11 +11,11 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, Literal
 
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.circuit.solve import solve
 from resgrid.errors import InputError
 from resgrid.files import atomic_path
 from resgrid.netlist import Netlist
-from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.nodal.solve import solve
 from resgrid.scene.chip import Chip
 from resgrid.spice.analyses import Analysis, MismatchAnalysis, TransientAnalysis, kind_of
 from resgrid.spice.dialects import dialect_named

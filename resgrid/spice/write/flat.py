@@ -179,7 +179,7 @@ def _held_nodes(netlist: Netlist) -> NDArray[np.bool_]:
 
 def _choose_elements(netlist: Netlist, held: NDArray[np.bool_]) -> dict[str, NDArray[np.int64]]:
     """Numbers of the elements that the deck holds, per kind, in the order of their nodes and values."""
-    from resgrid.nodal.sources import tie_sources
+    from resgrid.circuit.sources import tie_sources
 
     with np.errstate(over="ignore"):
         if np.isinf(1 / netlist.conductance).any():

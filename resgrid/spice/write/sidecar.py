@@ -20,8 +20,8 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, PositiveInt, ValidationError
 
+from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
-from resgrid.nodal.operating_point import OperatingPoint
 from resgrid.spice.dialects import dialect_named
 from resgrid.spice.write.flat import Deck
 

@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.conductances import has_wall
 from resgrid.errors import CircuitError, InputError
 from resgrid.grids import face_counts
 from resgrid.netlist import Netlist
-from resgrid.nodal.operating_point import OperatingPoint
-from resgrid.nodal.solve import solve
 from resgrid.scene.chip import Chip
 from resgrid.space import Cell
 from resgrid.spice.write.flat import resistances, rounded

@@ -1,0 +1,1 @@
+"""Circuits: from a netlist to its equations, operating point and dynamics."""

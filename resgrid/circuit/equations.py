@@ -1,0 +1,318 @@
+"""Nodal analysis: which voltages are unknown, and the equations that hold them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from functools import cached_property, partial, wraps
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from resgrid.circuit.sources import SourceForest, tie_sources
+from resgrid.errors import CircuitError
+from resgrid.netlist import GROUND, Netlist
+from resgrid.solvers.rails import Rails, Ties
+
+_Found = TypeVar("_Found")
+
+
+@dataclass(frozen=True, eq=False)
+class NodalSystem:
+    """The reduced nodal equations of a netlist, off-diagonals and row excess kept apart.
+
+    Row ``i`` says ``sum_j g_ij (x_i - x_j) + excess_i x_i = b_i``: a symmetric positive definite M-matrix
+    whenever every connected part holds a node of known voltage.
+
+    `forest`: how the voltage sources tie the nodes; `unknown` (nodes,): row of every node that is solved for, -1
+    elsewhere; nodes tied by floating sources share a row; `excess` (n,): conductance from every row to nodes of known
+    voltage, in siemens; `feed` (n,): current that the known voltages drive into every row, measured from `reference`,
+    in amperes; read-only where there is none; `injected` (n,): current that current sources drive into every row, in
+    amperes, likewise; `reference`: the lowest known voltage in contact with the rows, in volts; `rails`: the two
+    rails, if the known voltages take just two values and nothing else drives the circuit; `undriven`: nodes of parts
+    that a single rail holds; `undriven_volts`: their voltages; `floating`: nodes that nothing ties to ground;
+    `derived` (n, n): the `coupling` of a system that was derived from another one; None where the netlist's resistors
+    make it; `summed` (n,): the
+    `degree` of a system that was derived from another one, where it is known; `dimensions`: those that the graph
+    fills: of its grid, also of what elimination leaves of one; 2 for other netlists.
+    """
+
+    netlist: Netlist
+    forest: SourceForest
+    unknown: NDArray[np.int32]
+    excess: NDArray[np.float64]
+    feed: NDArray[np.float64]
+    injected: NDArray[np.float64]
+    reference: float
+    rails: Rails | None
+    undriven: NDArray[np.int64]
+    undriven_volts: NDArray[np.float64]
+    floating: NDArray[np.int64]
+    derived: sparse.csr_array | None = None
+    summed: NDArray[np.float64] | None = None
+    dimensions: int = 2
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return len(self.excess)
+
+    @cached_property
+    def known(self) -> NDArray[np.float64]:
+        """Voltages known beforehand, in volts, shape (nodes,): rails, and `undriven` nodes; NaN elsewhere."""
+        return self.known_voltages()
+
+    def known_voltages(self) -> NDArray[np.float64]:
+        """Return a new array of the `known` voltages."""
+        forest = self.forest
+        known = np.full(forest.count, np.nan)
+        held = forest.base == GROUND
+        known[forest.order[held]] = forest.height[held]
+        known[self.undriven] = self.undriven_volts
+        return known
+
+    @property
+    def drive(self) -> NDArray[np.float64]:
+        """All that drives the rows, in amperes, shape (n,): feed and injected currents together."""
+        if not self.injected.any():
+            return self.feed
+        return self.feed + self.injected if self.feed.any() else self.injected
+
+    @cached_property
+    def coupling(self) -> sparse.csr_array:
+        """The positive conductances ``g_ij`` between rows, in siemens, shape (n, n); symmetric, no diagonal.
+
+        Compressed rows, made when first asked for: a grid's multigrid and its normwise answer do without.
+        """
+        if self.derived is not None:
+            return self.derived
+        from resgrid.solvers.row_kernels import sort_rows
+
+        if self.rows.has_sorted_indices:
+            return self.rows
+        coupling = self.rows.copy()
+        sort_rows(coupling.indptr, coupling.indices, coupling.data)
+        coupling.has_sorted_indices = coupling.has_canonical_format = True
+        vars(self)["rows"] = coupling  # one of them is enough
+        return coupling
+
+    @cached_property
+    def rows(self) -> sparse.csr_array:
+        """The `coupling` with the entries of every row in any order: half of the work, on a general graph."""
+        if self.derived is not None:
+            return self.coupling
+        from resgrid.solvers.row_kernels import conductances_by_row
+
+        netlist, size = self.netlist, self.size
+        indptr, indices, data, ordered = conductances_by_row(
+            netlist.resistor_nodes, netlist.conductance, self.unknown, size
+        )
+        rows = sparse.csr_array((data, indices, indptr), shape=(size, size))
+        rows.has_sorted_indices = rows.has_canonical_format = ordered
+        return rows
+
+    def derive(
+        self,
+        coupling: sparse.csr_array,
+        excess: NDArray[np.float64],
+        degree: NDArray[np.float64] | None = None,
+        **changes: Any,
+    ) -> NodalSystem:
+        """Return a system with other conductances, which keeps nothing that was made of its own."""
+        return replace(self, derived=coupling, excess=excess, summed=degree, **changes)
+
+    @property
+    def matrix(self) -> sparse.csr_array:
+        """The nodal matrix, in siemens, shape (n, n): for factors, whose pivots are differences anyway."""
+        return sparse.csr_array(sparse.diags_array(self.degree) - self.coupling)
+
+    @cached_property
+    def degree(self) -> NDArray[np.float64]:
+        """Diagonal of the matrix, in siemens, shape (n,): all conductances at a row, summed."""
+        if self.summed is not None:
+            return self.summed
+        if self.derived is not None:
+            return np.asarray(self.coupling.sum(axis=1) + self.excess, dtype=np.float64)
+        from resgrid.circuit.assembly_kernels import add_conductances
+
+        degree = self.excess.copy()
+        add_conductances(self.netlist.resistor_nodes, self.netlist.conductance, self.unknown, degree)
+        return degree
+
+
+def once(find: Callable[[NodalSystem], _Found]) -> Callable[[NodalSystem], _Found]:
+    """Find something out about a system once, and remember it as long as the system lives."""
+    name = f"{find.__module__}.{find.__qualname__}"
+
+    @wraps(find)
+    def remembered(system: NodalSystem) -> _Found:
+        memory = vars(system)
+        if name not in memory:
+            memory[name] = find(system)
+        found: _Found = memory[name]
+        return found
+
+    return remembered
+
+
+@dataclass(frozen=True, eq=False)
+class _Parts:
+    """Connected parts of the nodes that no source ties to ground, and what holds each part.
+
+    `of_node` (nodes,): number of every node's part, -1 for nodes tied to ground; `lowest, highest` (parts,): the
+    range of known voltages that a part's resistors reach, in volts; infinite where they reach none; `fed` (parts,):
+    whether current sources or the offsets of floating voltage sources drive it; `contacts` (c,): the resistors
+    between parts and nodes tied to ground; `ends` (c, 2): their nodes.
+    """
+
+    of_node: NDArray[np.int32]
+    lowest: NDArray[np.float64]
+    highest: NDArray[np.float64]
+    fed: NDArray[np.bool_]
+    contacts: NDArray[np.int32]
+    ends: NDArray[np.int32]
+
+    @property
+    def floating(self) -> NDArray[np.bool_]:
+        return ~np.isfinite(self.lowest)
+
+    @property
+    def driven(self) -> NDArray[np.bool_]:
+        return ~self.floating & (self.fed | (self.highest > self.lowest))
+
+
+def assemble(netlist: Netlist) -> NodalSystem:
+    """Set up the nodal equations.
+
+    Sources are merged first; parts that nothing ties to ground, and parts that a single rail holds at its own voltage,
+    are set apart: only what is driven is left to be solved.
+    """
+    from resgrid.circuit import assembly_kernels as assembly
+
+    forest = tie_sources(netlist)
+    held, offset = forest.order[forest.base == GROUND], forest.offset
+    parts = _parts(netlist, forest, held, offset)
+    _refuse_fed(netlist, parts)
+    driven = parts.driven
+    alone = None if driven.any() else _between_rails(netlist, offset, parts)  # the parts are numbered anew in place
+    low, high = parts.lowest[driven].min(initial=np.inf), parts.highest[driven].max(initial=-np.inf)
+    root = forest.root if len(held) < len(forest.order) else np.empty(0, dtype=np.int64)
+    size, undriven, volts, floating = assembly.number_rows(parts.of_node, driven, parts.lowest, root)
+    unknown = parts.of_node
+    reference = float(low) if size else 0.0
+    excess, feed, injected = np.zeros(size), np.zeros(size), np.zeros(size if len(netlist.current_nodes) else 0)
+    touching = netlist.conductance[parts.contacts]
+    two = assembly.add_contacts(parts.ends, touching, unknown, offset, reference, high, excess, feed)
+    assembly.add_injected(netlist.current_nodes, netlist.current_amps, unknown, injected)
+    lifted = _lifted(forest, unknown)
+    if lifted:
+        assembly.add_offsets(netlist.resistor_nodes, netlist.conductance, unknown, offset, feed)
+    if alone is not None:
+        low, high, two = alone
+    plain = two and low < high and not lifted and not injected.any()
+    return NodalSystem(
+        netlist=netlist,
+        forest=forest,
+        unknown=unknown,
+        excess=excess,
+        feed=_without_memory(feed, size),
+        injected=_without_memory(injected, size),
+        reference=reference,
+        rails=_rails(netlist, parts.contacts, unknown, forest, float(low), float(high)) if plain else None,
+        undriven=undriven,
+        undriven_volts=volts,
+        floating=floating,
+        dimensions=2 if netlist.cell_map is None else sum(size > 2 for size in netlist.cells.space.shape),
+    )
+
+
+def _without_memory(currents: NDArray[np.float64], size: int) -> NDArray[np.float64]:
+    """The same currents; one zero for all rows where nothing flows."""
+    return currents if currents.any() else np.broadcast_to(0.0, size)
+
+
+def _parts(netlist: Netlist, forest: SourceForest, held: NDArray[np.int64], volts: NDArray[np.float64]) -> _Parts:
+    from resgrid.circuit.assembly_kernels import join_parts, known_range, mark_fed, number_parts
+
+    part = np.arange(netlist.node_count, dtype=np.int32)
+    part[held] = -1
+    room = np.empty(max(len(netlist.resistor_nodes), len(netlist.source_nodes)), dtype=np.int32)
+    contacts = room[: join_parts(netlist.resistor_nodes, part, room)].copy()
+    join_parts(netlist.source_nodes, part, room)
+    number = number_parts(part)
+    lowest, highest = np.full(number, np.inf), np.full(number, -np.inf)
+    ends = np.take(netlist.resistor_nodes, contacts, axis=0)
+    known_range(ends, volts, part, lowest, highest)
+    fed = np.zeros(number, dtype=np.bool_)
+    mark_fed(netlist.current_nodes, netlist.current_amps, part, fed)
+    fed[part[forest.order[(forest.base != GROUND) & (forest.height != 0)]]] = True
+    return _Parts(part, lowest, highest, fed, contacts, ends)
+
+
+def _lifted(forest: SourceForest, unknown: NDArray[np.int32]) -> bool:
+    """Whether a floating source holds a node above another one that is solved for."""
+    return bool(np.any((unknown[forest.order] >= 0) & (forest.height != 0)))
+
+
+def _refuse_fed(netlist: Netlist, parts: _Parts) -> None:
+    if np.any(parts.fed & parts.floating):
+        fed = netlist.current_nodes[netlist.current_amps != 0].ravel()
+        stuck = fed[(parts.of_node[fed] >= 0) & parts.floating[parts.of_node[fed]]]
+        if stuck.size:
+            raise CircuitError(
+                f"a current source feeds node {netlist.node_name(int(stuck.min()))}, which nothing ties to ground: "
+                "its voltage has no bound; add a resistor to a rail or remove the source"
+            )
+
+
+def _between_rails(netlist: Netlist, volts: NDArray[np.float64], parts: _Parts) -> tuple[float, float, bool]:
+    """The lowest and the highest known voltage that resistors join to others, and whether there are just two.
+
+    Where there is none, nothing flows: of the chip of a space that is an error, any other circuit is at rest.
+    """
+    ends = np.where(parts.of_node < 0, volts, np.nan)[netlist.resistor_nodes]
+    ends = ends[np.abs(ends[:, 0] - ends[:, 1]) > 0]
+    if ends.size:
+        low, high = float(ends.min()), float(ends.max())
+        return low, high, bool(np.all((ends == low) | (ends == high)))
+    if netlist.cell_map is not None:
+        raise CircuitError(
+            "nothing is driven: no part of the circuit touches two rails or is fed a current, so that nothing flows; "
+            "add a second rail (an obstacle, an edge that counts as one), open a way to the goal, or feed every free "
+            "cell the same current (--boundary neumann)"
+        )
+    if parts.floating.all() and np.count_nonzero(parts.of_node < 0) == 1:
+        raise CircuitError("no element touches ground, node 0, so that no voltage is known; tie the circuit to it")
+    return 0.0, 0.0, False
+
+
+def _rails(
+    netlist: Netlist,
+    contacts: NDArray[np.int32],
+    unknown: NDArray[np.int32],
+    forest: SourceForest,
+    lowest: float,
+    highest: float,
+) -> Rails:
+    """Both rails; a map of cells says which of them the obstacles are on."""
+    upside_down = netlist.cell_map is not None and netlist.cell_map.wiring.supply < 0
+    high, low = (lowest, highest) if upside_down else (highest, lowest)
+    return Rails(high, low, partial(_ties, netlist, contacts, unknown, forest, high))
+
+
+def _ties(
+    netlist: Netlist,
+    contacts: NDArray[np.int32],
+    unknown: NDArray[np.int32],
+    forest: SourceForest,
+    high: float,
+) -> Ties:
+    from resgrid.circuit.assembly_kernels import rail_contacts
+
+    size = int(unknown.max(initial=-1)) + 1
+    to_high, to_low = np.zeros(size), np.zeros(size)
+    ends, conductance = np.take(netlist.resistor_nodes, contacts, axis=0), netlist.conductance[contacts]
+    rail_contacts(ends, conductance, unknown, forest.offset, high, to_high, to_low)
+    return to_high, to_low

@@ -1,0 +1,92 @@
+"""Solve a linear circuit: assemble, factor, substitute, read off, and refuse what is not as accurate as promised."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.circuit.equations import assemble
+from resgrid.circuit.node_values import node_values
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.circuit.plain import read_plain
+from resgrid.circuit.readout import DIRECTION_RESIDUAL, OUT_OF_RANGE, read_off
+from resgrid.errors import AccuracyError, CircuitError
+from resgrid.netlist import Netlist
+from resgrid.solvers.choose import factor_system
+from resgrid.solvers.monitor import Progress, Watch
+from resgrid.solvers.refine import is_answer
+
+
+def solve_linear(
+    netlist: Netlist, *, accuracy: str, method: str, rtol: float, threads: int = 1, progress: Progress | None = None
+) -> OperatingPoint:
+    """Find the operating point of a netlist without nonlinear resistors; options and errors are `resgrid.solve`'s."""
+    watch = Watch(progress)
+    seconds: dict[str, float] = {}
+    with _timed(seconds, "assemble"):
+        system = assemble(netlist)
+    with _timed(seconds, "factor"):
+        later = accuracy == "direction"
+        factors = factor_system(system, method, accuracy=accuracy, later=later) if system.size else None
+    name = factors.name if factors else "none"
+    if accuracy == "normwise":
+        with _timed(seconds, "substitute"):
+            try:
+                x = factors.solve(system.drive, rtol=rtol, watch=watch) if factors else np.zeros(0)
+            except AccuracyError as error:
+                best = np.asarray(error.best, dtype=np.float64)
+                if not np.isfinite(best).all():
+                    raise CircuitError(OUT_OF_RANGE) from None
+                raise AccuracyError(str(error), read_plain(system, best, name, seconds)) from None
+            del factors
+        with _timed(seconds, "read"):
+            point = read_plain(system, x, name, seconds)
+        return replace(point, iterations=watch.iterations, backward_error=watch.error)
+    with _timed(seconds, "substitute"):
+        values = node_values(system, factors, watch, threads)
+        del factors
+    with _timed(seconds, "read"):
+        point, residual = read_off(system, values, name, seconds)
+    signed = point.log_drop is None and point.potential is None
+    bound = np.inf if signed else watch.bound + np.finfo(np.float64).eps
+    point = replace(point, iterations=watch.iterations, backward_error=watch.error, entry_error=bound)
+    _check_direction(point, residual, values.doubt)
+    return point
+
+
+@contextmanager
+def _timed(seconds: dict[str, float], stage: str) -> Iterator[None]:
+    start = time.perf_counter()
+    yield
+    seconds[stage] = time.perf_counter() - start
+
+
+def _check_direction(point: OperatingPoint, residual: NDArray[np.float64], doubt: float) -> None:
+    """Refuse an answer that is not direction-safe, or whose voltages may be off by a share of the largest."""
+    if doubt > DIRECTION_RESIDUAL:
+        raise AccuracyError(
+            f"currents of both signs nearly cancel: voltages may be off by {doubt:.1e} of the largest (at most "
+            f"{DIRECTION_RESIDUAL:g} is allowed); check what ties the circuit to its rails, or use accuracy = "
+            "'normwise'",
+            point,
+        )
+    if not is_answer(point.backward_error, point.entry_error):
+        raise AccuracyError(
+            f"method {point.method!r} reached a componentwise backward error of {point.backward_error:.1e} only: the "
+            "potential falls, or the conductances differ, by more decades than it can hold; use another method, or "
+            "accuracy = 'normwise'",
+            point,
+        )
+    if not point.kcl_residual <= DIRECTION_RESIDUAL:
+        worst = int(np.argmax(residual))
+        raise AccuracyError(
+            f"the field is not direction-safe: at node {point.netlist.node_name(worst)} KCL is violated by "
+            f"{residual[worst]:.1e} of the current through it (at most {DIRECTION_RESIDUAL:g} is allowed); use another "
+            "method, or accuracy = 'normwise'",
+            point,
+        )

@@ -1,0 +1,161 @@
+"""Solve one circuit for many sets of conductances: what is the same for all chips is done once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from concurrent.futures import Executor
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.budget import require_memory
+from resgrid.circuit.equations import assemble
+from resgrid.circuit.linear import solve_linear
+from resgrid.errors import InputError
+from resgrid.netlist import Netlist
+from resgrid.solvers.batch.boards import BoardBatch, board_batch
+from resgrid.solvers.batch.factored import FactoredBatch, factored_batch
+from resgrid.solvers.batch.pattern import Pattern, pattern_of
+from resgrid.solvers.factors.factor import check_rtol
+
+CHUNK = 16
+"""Chips that one task of an executor solves."""
+
+_SMALL = 1000
+"""Rows up to which factors are quicker than multigrid."""
+
+_MOST_CONTRAST = 1e3
+"""Between the nominal chip's conductances, up to which its levels precondition others."""
+
+_MOST_FACTORED = 1e10
+"""Between its conductances, up to which its factors in double precision tell how far off others are."""
+
+
+@dataclass(frozen=True, eq=False)
+class SeparateBatch:
+    """A circuit whose chips have too little in common: each is solved by itself."""
+
+    pattern: Pattern
+    name = "one by one"
+
+    def solve(self, conductance: NDArray[np.float64], rtol: float) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """As the other batches: no chip is solved."""
+        del rtol
+        return np.zeros((len(conductance), self.pattern.system.size)), np.zeros(len(conductance), dtype=np.bool_)
+
+
+Batch = BoardBatch | FactoredBatch | SeparateBatch
+
+
+def solve_many(
+    netlist: Netlist, conductances: ArrayLike, *, rtol: float = 1e-10, executor: Executor | None = None
+) -> NDArray[np.float64]:
+    """Find the node voltages of many chips that differ in their conductances only.
+
+    The equations are laid out once.  Every chip is solved by conjugate gradients from the voltages of the nominal one,
+    preconditioned by the nominal chip's coarse levels and its own finest one (grids), or by the nominal factors (other
+    circuits, small ones).  Chips that are too far from the nominal one for that, as with conductances many decades
+    larger than any of its own, are solved one by one (`resgrid.solve`).  A chip's answer does not depend on which
+    others are solved beside it.
+
+    Parameters
+    ----------
+    netlist : Netlist
+        The nominal chip; linear.
+    conductances : array_like of float, shape (chips, resistors)
+        In siemens; positive and finite.
+    rtol : float
+        Of grids by multigrid, a bound on the norm of the residual relative to that of the currents that the sources
+        drive in, nodes that are tied more stiffly than any of the nominal chip's counting as those; of other circuits,
+        on the error of voltages, as the residual and the nominal chip tell it, relative to the largest; or what
+        rounding allows.
+    executor : concurrent.futures.Executor, optional
+        Chips are solved in its threads (the loops release the lock) or processes, instead of one after the other.
+
+    Returns
+    -------
+    ndarray of float64, shape (chips, nodes)
+        In volts; NaN where a node floats.
+
+    Raises
+    ------
+    InputError
+        If the netlist has nonlinear resistors, or the conductances do not fit.
+    CircuitError
+        If the nominal chip has no operating point.
+    AccuracyError
+        If a chip that is solved by itself has no answer that is right.
+    BudgetError
+        If the voltages of all chips would not fit in memory.
+    """
+    wanted = _checked(netlist, conductances)
+    require_memory(
+        8.0 * len(wanted) * netlist.node_count,
+        f"the voltages of {len(wanted):,} chips of {netlist.node_count:,} nodes each",
+        "solve fewer chips at a time",
+    )
+    check_rtol(rtol)
+    batch = prepare_batch(netlist)
+    if batch is None:
+        return np.tile(assemble(netlist).known, (len(wanted), 1))
+    chunks = [wanted[begin : begin + CHUNK] for begin in range(0, len(wanted), CHUNK)]
+    run: Callable[..., Iterable[NDArray[np.float64]]] = map if executor is None else executor.map
+    voltage = np.empty((len(wanted), netlist.node_count))
+    begin = 0
+    for part in run(partial(solve_batch, batch, rtol=rtol), chunks):
+        voltage[begin : begin + len(part)] = part
+        begin += len(part)
+    return voltage
+
+
+def prepare_batch(netlist: Netlist) -> Batch | None:
+    """Lay out what all chips of a kind share; None if the rails hold every node."""
+    system = assemble(netlist)
+    if not system.size:
+        return None
+    pattern = pattern_of(system)
+    weakest = min(float(system.degree.min()), float(system.coupling.data.min(initial=np.inf)))
+    contrast = float(system.degree.max()) / weakest
+    if system.size > _SMALL and contrast <= _MOST_CONTRAST:
+        batch = board_batch(pattern)
+        if batch is not None:
+            return batch
+    return factored_batch(pattern) if contrast <= _MOST_FACTORED else SeparateBatch(pattern)
+
+
+def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
+    """Voltages of some chips, shape (chips, nodes)."""
+    solution, reached = batch.solve(conductance, rtol)
+    voltage = batch.pattern.voltages(solution)
+    for chip in np.flatnonzero(~reached):
+        voltage[chip] = _alone(batch.pattern.system.netlist, conductance[chip])
+    return voltage
+
+
+def _alone(netlist: Netlist, conductance: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The voltages of one chip that has little to do with the nominal one."""
+    chip = netlist.replace(conductance=conductance)
+    return solve_linear(chip, accuracy="direction", method="auto", rtol=1e-10).voltage
+
+
+def _checked(netlist: Netlist, conductances: ArrayLike) -> NDArray[np.float64]:
+    if netlist.nonlinear_nodes.size:
+        raise InputError("nonlinear resistors have no conductances to exchange; solve such chips one by one")
+    try:
+        wanted = np.ascontiguousarray(conductances, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise InputError("conductances must be one number per chip and resistor") from error
+    if wanted.ndim != 2 or wanted.shape[1] != len(netlist.conductance):
+        raise InputError(
+            f"conductances have shape {wanted.shape}, but the netlist has {len(netlist.conductance)} resistors; "
+            "give one row a chip"
+        )
+    good = np.isfinite(wanted) & (wanted > 0)
+    if not good.all():
+        chip, resistor = np.argwhere(~good)[0].tolist()
+        raise InputError(
+            f"chip {chip}: resistor {resistor} has conductance {wanted[chip, resistor]}; it must be positive and finite"
+        )
+    return wanted

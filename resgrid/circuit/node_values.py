@@ -1,0 +1,136 @@
+"""Entrywise answers: every node is counted from the nearer rail, so that small differences keep their digits.
+
+Where a circuit hangs between two rails, the drop ``u`` from the high one is solved for; the height ``phi = 1 - u``
+above the low one is what is left of it, or a solution of its own where that would be a small difference somewhere.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.circuit.cancellation import subtract
+from resgrid.circuit.equations import NodalSystem
+from resgrid.solvers.extended import Scaled, power
+from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.monitor import Watch
+from resgrid.solvers.parallel import side_by_side
+from resgrid.solvers.rails import Rails
+
+_LEAST_REST = 1e-3
+"""Smallest height above the low rail, as a share of both rails' distance, that is read off the drop."""
+
+
+@dataclass(frozen=True, eq=False)
+class NodeValues:
+    """A value for every node, counted from one rail, or from the nearer one of two.
+
+    `value` (nodes,): 0 where the node floats; `down` (nodes,): whether the value is a drop from the high rail, 1 unit
+    above the low one; `zero, volts`: voltage of the low (or only) rail, and volts of a unit; negative where values
+    grow as voltages fall; `noise`: relative difference of two values counted upwards below which it is noise;
+    ``value.noise`` is that of drops; `doubt`: by how much any value may be off at most, relative to the largest,
+    where currents of both signs drive the circuit; of all others nothing is said here; `grain`: difference of two
+    values, in units, below which it is noise because they are differences themselves.
+    """
+
+    value: Scaled
+    down: NDArray[np.bool_]
+    zero: float
+    volts: float
+    noise: float
+    doubt: float = 0.0
+    grain: float = 0.0
+
+    @property
+    def height(self) -> NDArray[np.float64]:
+        """Plain heights above the low rail, in units."""
+        plain = self.value.plain
+        return np.where(self.down, 1.0 - plain, plain)
+
+
+def node_values(system: NodalSystem, factors: Factor | None, watch: Watch, threads: int) -> NodeValues:
+    """Solve for all that the currents of a circuit are read off."""
+    if system.rails is not None:
+        return _between(system, system.rails, *_drop_and_height(system.rails, factors, watch, threads))
+    drive = system.drive
+    rising, falling = _solved(factors, [np.maximum(drive, 0.0), np.maximum(-drive, 0.0)], watch, threads)
+    if not np.any(drive < 0):
+        return _above(system, rising, 1.0)
+    if not np.any(drive > 0):
+        return _above(system, falling, -1.0)
+    assert factors is not None
+    difference, doubt, grain = subtract(factors, drive, rising, falling, watch.bound)
+    return replace(_above(system, difference, 1.0), doubt=doubt, grain=grain)
+
+
+def _drop_and_height(rails: Rails, factors: Factor | None, watch: Watch, threads: int) -> tuple[Scaled, Scaled | None]:
+    """The drop from the high rail, and the height above the low one where it is no mere rest of the drop.
+
+    All that flows into the low rail comes from the high one: ``to_low * height`` is at most the sum of ``to_high``.
+    Where that says that both are needed, they are solved at once.
+    """
+    if threads > 1 and rails.to_high.sum() < _LEAST_REST * rails.to_low.max(initial=0.0):
+        drop, height = _solved(factors, [rails.to_low, rails.to_high], watch, threads)
+        return drop, None if _leaves_rest(drop) else height
+    (drop,) = _solved(factors, [rails.to_low], watch, threads)
+    return drop, None if _leaves_rest(drop) else _solved(factors, [rails.to_high], watch, threads)[0]
+
+
+def _leaves_rest(drop: Scaled) -> bool:
+    """Whether the height ``1 - drop`` is nowhere a small difference."""
+    return bool(drop.plain.max(initial=0.0) < 1.0 - _LEAST_REST)
+
+
+def _solved(factors: Factor | None, currents: list[NDArray[np.float64]], watch: Watch, threads: int) -> list[Scaled]:
+    """Solve for right-hand sides of one sign each."""
+
+    def one(rhs: NDArray[np.float64]) -> Scaled:
+        if factors is None or not rhs.any():
+            return Scaled.of(np.zeros(len(rhs)))
+        return factors.solve_nonnegative(rhs, watch=watch)[0]
+
+    return side_by_side([partial(one, rhs) for rhs in currents], threads, watch.stop)
+
+
+def _between(system: NodalSystem, rails: Rails, drop: Scaled, height: Scaled | None) -> NodeValues:
+    """Spread drops, and heights where they were solved for, over the nodes."""
+    from resgrid.circuit.readout_kernels import from_nearer_rail
+
+    nodes = len(system.unknown)
+    out, down = _zeros(nodes), np.zeros(nodes, dtype=np.bool_)
+    own = height if height is not None else _zeros(0)
+    from_nearer_rail(
+        system.unknown, system.known, rails.low, rails.high,
+        drop.hi, drop.lo, drop.exponent, own.hi, own.lo, own.exponent,
+        out.hi, out.lo, out.exponent, down,
+    )  # fmt: skip
+    value = Scaled(out.hi, out.lo, out.exponent, drop.noise)
+    noise = height.noise if height is not None else drop.noise / _LEAST_REST
+    return NodeValues(value, down, rails.low, rails.high - rails.low, noise)
+
+
+def _above(system: NodalSystem, rows: Scaled, volts: float) -> NodeValues:
+    """Spread heights above the reference over the nodes."""
+    from resgrid.circuit.readout_kernels import from_one_rail
+
+    nodes, forest = len(system.unknown), system.forest
+    out = _zeros(nodes)
+    from_one_rail(
+        system.unknown, system.known, system.reference, volts,
+        rows.hi, rows.lo, rows.exponent, out.hi, out.lo, out.exponent,
+    )  # fmt: skip
+    lifted = (forest.height != 0) & (system.unknown[forest.order] >= 0)
+    if lifted.any():
+        # Floating sources occur only in circuits without two rails, whose values do not leave the range of a double.
+        node = forest.order[lifted]
+        out.hi[node] = out.hi[node] * power(out.exponent[node]) + forest.height[lifted] / volts
+        out.lo[node] = out.exponent[node] = 0
+    value = Scaled(out.hi, out.lo, out.exponent, rows.noise)
+    return NodeValues(value, np.zeros(nodes, dtype=np.bool_), system.reference, volts, rows.noise)
+
+
+def _zeros(nodes: int) -> Scaled:
+    return Scaled.of(np.zeros(nodes))

@@ -1,0 +1,145 @@
+"""Solve a netlist, or factor it once for many right-hand sides."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from resgrid.arguments import check_whole
+from resgrid.circuit.equations import assemble
+from resgrid.circuit.linear import solve_linear
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.errors import InputError
+from resgrid.netlist import Netlist
+from resgrid.solvers.choose import factor_system
+from resgrid.solvers.factors.factor import Factor, check_rtol
+from resgrid.solvers.monitor import Progress
+
+ACCURACIES = ("direction", "normwise")
+
+
+class Deck(Protocol):
+    """A circuit as somebody wrote it, such as `resgrid.read_spice` returns."""
+
+    def netlist(self) -> Netlist:
+        """Make a netlist of it."""
+        ...
+
+
+def solve(
+    netlist: Netlist | Deck,
+    *,
+    accuracy: str = "direction",
+    method: str = "auto",
+    rtol: float = 1e-10,
+    threads: int = 1,
+    progress: Progress | None = None,
+) -> OperatingPoint:
+    """Find the operating point of a netlist.
+
+    Parameters
+    ----------
+    netlist : Netlist or Circuit
+        Resistors and sources; capacitors are open.  With nonlinear resistors the voltages come from Newton's method.
+        Of a deck it is what its ``netlist()`` makes.
+    accuracy : {"direction", "normwise"}
+        ``"direction"``: at every node that carries current KCL holds to 1e-6 of the current through that same node, so
+        that the way down is right everywhere; where the circuit has two rails, or one and currents of one sign, every
+        entry is right to ``entry_error``, some 1e-8 of itself.  Where parts carry no current, KCL proves less or
+        nothing of entries, and the componentwise backward error is at most 1e-12.
+        ``"normwise"``: only the backward error is held below ``rtol``.
+    method : {"auto", "direct", "multigrid"}
+        How to solve; ``"auto"`` chooses by size and shape (`resgrid.solvers.choose.choose_method`); the operating point
+        says what it chose.  Nodes with at most two neighbours are eliminated beforehand where that pays; where nothing
+        is left, as in corridors of one or two cells, the method is reported as ``"elimination"``.
+    rtol : float
+        Backward error for ``"normwise"``.
+    threads : int
+        How many right-hand sides may be solved at the same time.  A field whose ties to the high rail are weak takes
+        two (the drop from that rail, and the height above the other), and so do current sources of both signs; the
+        digits are the same.  Circuits with nonlinear resistors are solved on one.
+    progress : callable, optional
+        Called after every step of an iterative method with the steps so far, the residual relative to where the
+        present pass began, and about how many seconds that pass still takes (None where nothing is gained).  With
+        several threads it is called from each.
+
+    Returns
+    -------
+    OperatingPoint
+
+    Raises
+    ------
+    InputError
+        If an option is unknown, or this is no circuit.
+    CircuitError
+        If sources contradict each other, nothing drives the chip of a space (any other circuit is at rest then),
+        nothing touches ground, or current sources exceed what nonlinear resistors carry.
+    AccuracyError
+        If the promised accuracy is not reached; it carries the best answer.
+    BudgetError
+        If the factors would not fit in memory.
+    """
+    _check_options(accuracy, rtol, threads, progress)
+    netlist = _netlist_of(netlist)
+    if netlist.nonlinear_nodes.size:
+        from resgrid.circuit.nonlinear import solve_nonlinear
+
+        return solve_nonlinear(netlist, accuracy=accuracy, method=method, rtol=rtol, progress=progress)
+    return solve_linear(netlist, accuracy=accuracy, method=method, rtol=rtol, threads=threads, progress=progress)
+
+
+def factor(netlist: Netlist | Deck, *, method: str = "auto") -> Factor:
+    """Factor a netlist once, for many right-hand sides.
+
+    Parameters
+    ----------
+    netlist : Netlist or Circuit
+    method : {"auto", "direct", "multigrid"}
+
+    Returns
+    -------
+    Factor
+        With ``solve(rhs)`` for currents into the rows of its ``system``.
+
+    Raises
+    ------
+    InputError
+        If the method is unknown, or the netlist has nonlinear resistors, or no unknown voltage.
+    CircuitError
+        As `solve`.
+    AccuracyError
+        If a pivot vanishes in double precision.
+    BudgetError
+        If the factors would not fit in memory.
+    """
+    netlist = _netlist_of(netlist)
+    if netlist.nonlinear_nodes.size:
+        raise InputError(
+            "a netlist with nonlinear resistors has no factors; factor small_signal(point), the circuit around one of "
+            "its operating points"
+        )
+    system = assemble(netlist)
+    if not system.size:
+        raise InputError("there is nothing to factor: the rails hold every node")
+    return factor_system(system, method)
+
+
+def _netlist_of(circuit: Netlist | Deck) -> Netlist:
+    if isinstance(circuit, Netlist):
+        return circuit
+    make = getattr(circuit, "netlist", None)
+    netlist = make() if callable(make) else None
+    if not isinstance(netlist, Netlist):
+        raise InputError(
+            f"this is no circuit but a {type(circuit).__name__}: give a Netlist (compile_space makes one of a space) "
+            "or what read_spice returns"
+        )
+    return netlist
+
+
+def _check_options(accuracy: str, rtol: float, threads: int, progress: Progress | None) -> None:
+    if accuracy not in ACCURACIES:
+        raise InputError(f"accuracy = {accuracy!r} is unknown; it may be one of {', '.join(ACCURACIES)}")
+    check_rtol(rtol)
+    check_whole("threads", threads, 1)
+    if not (progress is None or callable(progress)):
+        raise InputError(f"progress = {progress!r} must be callable, or None")

@@ -1,0 +1,231 @@
+"""How a netlist with capacitors moves in time: what is asked for, and what comes back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from resgrid.arguments import check_number
+from resgrid.circuit.charges import Charges
+from resgrid.circuit.dynamics import Dynamics, dynamics_of
+from resgrid.circuit.energy import EnergyMeter
+from resgrid.circuit.initial import initial_state, real_numbers
+from resgrid.circuit.operating_point import OperatingPoint
+from resgrid.circuit.step_control import controlled_steps
+from resgrid.circuit.stepping import METHODS, Resolvents, Solve, advance, advance_by_sums, fixed_steps
+from resgrid.errors import InputError
+from resgrid.frozen import frozen
+from resgrid.netlist import Netlist
+from resgrid.solvers import choose as methods
+
+
+@frozen
+@dataclass(frozen=True, eq=False)
+class Transient:
+    """Voltages of a netlist over time.
+
+    Attributes
+    ----------
+    netlist : Netlist
+        The circuit.
+    times : ndarray of float64, shape (t,)
+        In seconds; at time 0 the state is that of 0+, when the sources already act.
+    voltage : ndarray of float64, shape (t, nodes)
+        Node voltages above ground, in volts; NaN where a node floats.
+    energy : ndarray of float64, shape (t,)
+        Energy that all sources have delivered since 0+, in joules; what floats counts nothing.
+    stored : ndarray of float64, shape (t,)
+        Energy in the capacitors, in joules.
+    steps : int
+        Steps of integration.
+    factorisations : int
+        How many matrices were factored.
+    method : str
+        The method of integration.
+    """
+
+    netlist: Netlist
+    times: NDArray[np.float64]
+    voltage: NDArray[np.float64]
+    energy: NDArray[np.float64]
+    stored: NDArray[np.float64]
+    steps: int
+    factorisations: int
+    method: str
+
+
+@dataclass(frozen=True, eq=False)
+class TransientStepper:
+    """A netlist made ready for steps of one length.
+
+    Attributes
+    ----------
+    dynamics : Dynamics
+        Its equations.
+    step : float
+        In seconds.
+    method : str
+        The method of integration.
+    """
+
+    dynamics: Dynamics
+    step: float
+    method: str
+    _solve: Solve = field(repr=False)
+
+    def start(self, initial: OperatingPoint | ArrayLike | None = None) -> NDArray[np.float64]:
+        """Node voltages at time 0+, shape (nodes,), in volts; ``initial`` as in `transient`."""
+        return self.dynamics.voltage(initial_state(self.dynamics, initial))
+
+    def advance(self, voltage: ArrayLike) -> NDArray[np.float64]:
+        """Node voltages one step after ``voltage``, which `start` or `advance` returned; shape (nodes,), in volts.
+
+        Backward Euler subtracts nothing where every capacitor goes to a rail: voltages of one sign keep their relative
+        accuracy then, over any number of decades.
+
+        Raises
+        ------
+        InputError
+            If the voltage is not one finite number for every node that is solved for.
+        """
+        dynamics, x = self.dynamics, self.dynamics.state(_checked_voltage(self.dynamics, voltage))
+        if self.method == "backward_euler" and dynamics.capacitance.coupling.nnz == 0:
+            after = advance_by_sums(dynamics, x, self.step, self._solve)
+        else:
+            after, _ = advance(dynamics, self.method, x, self.step, self._solve)
+        return dynamics.voltage(after)
+
+
+def transient(
+    netlist: Netlist,
+    times: ArrayLike,
+    *,
+    initial: OperatingPoint | ArrayLike | None = None,
+    step: float | None = None,
+    tolerance: float = 1e-6,
+    method: str = "tr-bdf2",
+    solver: str = "auto",
+) -> Transient:
+    """Follow the voltages of a netlist after its sources are switched on at time 0.
+
+    Parameters
+    ----------
+    netlist : Netlist
+        With capacitors; nodes without any follow the others at once.
+    times : array_like of float, shape (t,)
+        When to report, in seconds, ascending, none negative.
+    initial : OperatingPoint or array_like of float, shape (nodes,), optional
+        Node voltages before time 0: they say how the capacitors are charged.  An operating point of another scene on
+        the same grid is carried over cell by cell; a cell that had no voltage counts as 0 V.  None: all capacitors
+        are discharged (SPICE's UIC without initial conditions).
+    step : float, optional
+        Length of a step in seconds; every interval between times is divided evenly into steps no longer than this.
+        None: chosen as the answer needs, in powers of two, by comparing each step with two halves.
+    tolerance : float
+        Without ``step``: wanted accuracy of every voltage, relative to the largest voltage difference that has occurred
+        until then, ground and rails included.  So no answer depends on how long the circuit is watched.
+    method : {"tr-bdf2", "trapezoidal", "backward_euler"}
+        Method of integration.  To a tolerance ``e`` one decay takes about ``2 / e**(1/3)``, ``1 / e**(1/2)`` or
+        ``2 / e`` steps.  The trapezoidal rule of fixed step begins with four backward Euler steps of half the length
+        (Rannacher 1984), which damp what it would let ring.
+    solver : {"auto", "direct", "multigrid"}
+        Method for the linear systems, as in `resgrid.solve`.
+
+    Returns
+    -------
+    Transient
+
+    Raises
+    ------
+    InputError
+        If an argument is not admissible or the netlist holds nonlinear elements.
+    CircuitError
+        If the netlist contradicts itself, or a current source feeds a part that nothing ties to ground.
+    AccuracyError
+        If double precision does not tell the state at 0+, or does not allow the tolerance.
+    BudgetError
+        If it would take more than ten million steps.
+    """
+    when = _checked_times(times)
+    if step is not None:
+        _check_step(step)
+    _check_options(method, solver)
+    check_number("tolerance", tolerance, "a number between 1e-12 and 1", least=1e-12, below=1.0)
+    dynamics = dynamics_of(netlist)
+    resolvents = Resolvents(dynamics, solver)
+    charges = Charges(dynamics)
+    x = initial_state(dynamics, initial, charges)
+    meter = EnergyMeter(dynamics)
+    voltage = np.empty((len(when), netlist.node_count))
+    energy, stored = np.empty(len(when)), np.empty(len(when))
+    if step is not None:
+        states = fixed_steps(dynamics, method, x, when, step, resolvents)
+    else:
+        states = controlled_steps(charges, method, x, when, tolerance, resolvents)
+    steps = 0
+    for number, (state, integral, taken) in enumerate(states):
+        voltage[number] = dynamics.voltage(state)
+        energy[number] = meter.delivered(when[number], state - x, integral)
+        stored[number] = meter.stored(voltage[number])
+        steps = taken
+    return Transient(netlist, when, voltage, energy, stored, steps, resolvents.made, method)
+
+
+def transient_stepper(
+    netlist: Netlist, step: float, *, method: str = "tr-bdf2", solver: str = "auto"
+) -> TransientStepper:
+    """Make a netlist ready for many steps of one length, for callers that do something between steps.
+
+    Parameters
+    ----------
+    netlist : Netlist
+        With capacitors.
+    step : float
+        In seconds.
+    method : {"tr-bdf2", "trapezoidal", "backward_euler"}
+    solver : {"auto", "direct", "multigrid"}
+
+    Returns
+    -------
+    TransientStepper
+
+    Raises
+    ------
+    InputError, CircuitError
+        As `transient`.
+    """
+    _check_step(step)
+    _check_options(method, solver)
+    dynamics = dynamics_of(netlist)
+    return TransientStepper(dynamics, float(step), method, Resolvents(dynamics, solver))
+
+
+def _checked_times(times: ArrayLike) -> NDArray[np.float64]:
+    when = real_numbers(times, "times must be real numbers, in seconds")
+    if when.ndim != 1 or not len(when):
+        raise InputError(f"times has shape {when.shape}; give at least one time, in a row")
+    if not (np.isfinite(when).all() and (when >= 0).all() and (np.diff(when) >= 0).all()):
+        raise InputError("times must be finite, at least 0 and ascending, in seconds")
+    return when
+
+
+def _checked_voltage(dynamics: Dynamics, voltage: ArrayLike) -> NDArray[np.float64]:
+    volts = real_numbers(voltage, "voltage must be one real number per node, in volts")
+    if volts.shape != dynamics.row.shape:
+        raise InputError(f"voltage has shape {volts.shape}, but the netlist has {len(dynamics.row)} nodes")
+    bad = ~np.isfinite(volts) & (dynamics.row >= 0)
+    if bad.any():
+        raise InputError(f"the voltage of node {dynamics.netlist.node_name(int(np.argmax(bad)))} is not finite")
+    return volts
+
+
+def _check_step(step: float) -> None:
+    check_number("step", step, "a positive and finite number, in seconds", above=0.0)
+
+
+def _check_options(method: str, solver: str) -> None:
+    for name, given, known in (("method", method, METHODS), ("solver", solver, ("auto", *methods.METHODS))):
+        if not (isinstance(given, str) and given in known):
+            raise InputError(f"{name} = {given!r} is unknown; it may be one of {', '.join(known)}")

@@ -1,1 +1,0 @@
-"""Nodal analysis: assemble, solve, read off the operating point."""

@@ -1,1 +1,0 @@
-"""Cells of a factored circuit that become obstacles or goals: what changes is patched, what need not is kept."""

@@ -1,0 +1,135 @@
+"""Compiled loops of the direct solver, in numbers whose exponent never runs out.
+
+A *scaled* number is ``m * 2**(256 e)`` with a double ``m`` (canonical: ``2**-128 <= |m| < 2**128``, or 0) and a 64-bit
+integer ``e``.  A scaled double-double adds a second double, ``(hi + lo) * 2**(256 e)`` with ``|lo| <= ulp(hi) / 2``;
+its error-free sum and product are those of Knuth and Dekker (Ogita, Rump & Oishi 2005, algorithms 3.1 to 3.3).
+
+Numba takes seconds to import: only functions that are about to solve import this module.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from resgrid.solvers.extended import BITS
+
+_BASE = 2.0**BITS
+_INVERSE = 2.0**-BITS
+_LARGE = 2.0 ** (BITS // 2)
+_SMALL = 2.0 ** -(BITS // 2)
+_SPLITTER = 2.0**27 + 1.0
+
+Floats = NDArray[np.float64]
+Integers = NDArray[np.int64]
+Indices = NDArray[np.int32]
+
+
+@njit(cache=True, inline="always")
+def _canonical(m: float, e: int) -> tuple[float, int]:
+    if m == 0.0 or not math.isfinite(m):
+        return m, e
+    while abs(m) < _SMALL:
+        m *= _BASE
+        e -= 1
+    while abs(m) >= _LARGE:
+        m *= _INVERSE
+        e += 1
+    return m, e
+
+
+@njit(cache=True, inline="always")
+def _add(m: float, e: int, t: float, te: int) -> tuple[float, int]:
+    """Sum of two scaled numbers; what lies 2**256 below the other is dropped."""
+    if t == 0.0:
+        return m, e
+    if m == 0.0 or te > e + 1:
+        return t, te
+    if te == e:
+        return m + t, e
+    if te == e + 1:
+        return m * _INVERSE + t, te
+    if te == e - 1:
+        return m + t * _INVERSE, e
+    return m, e
+
+
+@njit(cache=True, inline="always")
+def _add_product(m: float, e: int, factor: float, v: float, ve: int) -> tuple[float, int]:
+    """A scaled number and a double times another."""
+    t, te = _canonical(factor * v, ve)
+    return _add(m, e, t, te)
+
+
+@njit(cache=True, nogil=True)
+def canonical(m: Floats, e: Integers) -> None:
+    """Make scaled numbers canonical, in place."""
+    for i in range(len(m)):
+        m[i], e[i] = _canonical(m[i], e[i])
+
+
+@njit(cache=True, nogil=True)
+def substitute(indptr: Indices, indices: Indices, lower: Floats, pivot: Floats, m: Floats, e: Integers) -> None:
+    """Solve ``L D L^T x = b`` in place, in scaled numbers.
+
+    ``L`` is unit lower triangular by columns, the diagonal entry first; ``D = diag(pivot)``; ``(m, e)`` is ``b`` on
+    entry, ``x`` on return.  With ``b >= 0`` and an M-matrix every term is non-negative, so that nothing cancels.
+    """
+    n = len(pivot)
+    for j in range(n):
+        v, ve = _canonical(m[j], e[j])
+        m[j], e[j] = v, ve
+        if v == 0.0:
+            continue
+        for k in range(indptr[j] + 1, indptr[j + 1]):
+            i = indices[k]
+            m[i], e[i] = _add_product(m[i], e[i], -lower[k], v, ve)
+    for j in range(n - 1, -1, -1):
+        v, ve = _canonical(m[j] / pivot[j], e[j])
+        for k in range(indptr[j] + 1, indptr[j + 1]):
+            i = indices[k]
+            v, ve = _add_product(v, ve, -lower[k], m[i], e[i])
+        m[j], e[j] = _canonical(v, ve)
+
+
+@njit(cache=True, inline="always")
+def _two_sum(a: float, b: float) -> tuple[float, float]:
+    s = a + b
+    t = s - a
+    return s, (a - (s - t)) + (b - t)
+
+
+@njit(cache=True, inline="always")
+def _two_product(a: float, b: float) -> tuple[float, float]:
+    p = a * b
+    t = _SPLITTER * a
+    a1 = t - (t - a)
+    a2 = a - a1
+    t = _SPLITTER * b
+    b1 = t - (t - b)
+    b2 = b - b1
+    return p, a2 * b2 - (((p - a1 * b1) - a2 * b1) - a1 * b2)
+
+
+@njit(cache=True, inline="always")
+def _sum(a: float, a_low: float, b: float, b_low: float) -> tuple[float, float]:
+    """Sum of two double-doubles."""
+    s, t = _two_sum(a, b)
+    u, v = _two_sum(a_low, b_low)
+    s, t = _two_sum(s, t + u)
+    return _two_sum(s, t + v)
+
+
+@njit(cache=True, inline="always")
+def _shift(value: float, steps: int) -> float:
+    """``value * 2**(256 steps)``: 0 or infinity beyond the range of a double."""
+    if steps == 0 or value == 0.0:
+        return value
+    if steps == 1:
+        return value * _BASE
+    if steps == -1:
+        return value * _INVERSE
+    return 0.0 if steps < 0 else math.copysign(np.inf, value)

@@ -1,0 +1,107 @@
+"""The multigrid method as a factor: normwise answers, and entrywise ones by refinement.
+
+The algorithm is told on one page in `resgrid.solvers.multigrid`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property, partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import NDArray
+
+from resgrid.circuit.equations import NodalSystem
+from resgrid.solvers.extended import Scaled
+from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.monitor import Watch
+from resgrid.solvers.multigrid.approximation import approximate
+from resgrid.solvers.multigrid.grading import decades_in_slit, is_graded
+from resgrid.solvers.refine import Approximation, Refined, refine
+
+if TYPE_CHECKING:
+    from resgrid.solvers.multigrid.graded import Gradable
+    from resgrid.solvers.multigrid.hierarchy import Hierarchy
+
+REFINED = 1e-26
+"""Componentwise backward error that is enough where no current flows."""
+
+
+@dataclass(frozen=True, eq=False)
+class MultigridFactor(Factor):
+    """A nodal system and the hierarchy that preconditions it.
+
+    `system`: as of every `Factor`.
+    """
+
+    name = "multigrid"
+
+    @cached_property
+    def hierarchy(self) -> Hierarchy:
+        """What preconditions normwise solutions, and others that fall by few decades; made when it is asked for."""
+        from resgrid.solvers.multigrid.hierarchy import build_hierarchy
+
+        return build_hierarchy(self.system)
+
+    @cached_property
+    def _gradable(self) -> Gradable | None:
+        from resgrid.solvers.multigrid.graded import gradable
+
+        return gradable(self.system)
+
+    def _solve(
+        self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
+    ) -> NDArray[np.float64]:
+        """As every `Factor` does; the residual norm is brought to ``rtol |b|`` where rounding allows.
+
+        From a guess on, the iteration also ends where it estimates the error of every voltage to be at most ``rtol``
+        of the largest one: where all currents meet in a few cells, as at the goal of open obstacles, the residual
+        norm asks for much more than that.
+        """
+        from resgrid.solvers.multigrid.iteration import iterate
+        from resgrid.solvers.multigrid.kernels import norm
+
+        x, residual = iterate(self.system, self.hierarchy, rhs, rtol, guess, watch)
+        largest = self.hierarchy.largest_degree(self.system)
+        error = residual / (2.0 * largest * norm(x) + norm(rhs) or 1.0)
+        return self._judged(x, error, rtol, watch)
+
+    def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
+        graded = self._graded_approximation(rhs, watch)
+        found = None if graded is None else self._refined(rhs, graded)
+        if found is None or not found.converged:
+            # Levels that are not graded have their turn.
+            found = self._refined(rhs, partial(approximate, self.system, self.hierarchy, watch))
+        if watch is not None:
+            watch.done(found.error, found.bound)
+        return found.solution, found.error
+
+    def _refined(self, rhs: NDArray[np.float64] | Scaled, passes: Approximation) -> Refined:
+        from resgrid.solvers.multigrid.pockets import PocketsDirectly
+
+        in_slit = decades_in_slit(self.system) > 0.0
+        pockets = PocketsDirectly(self.system, passes, in_slit)
+        return refine(self.system, rhs, pockets, REFINED, resolve=pockets.anew)
+
+    def _graded_approximation(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Approximation | None:
+        """What approximates ``A^-1`` in proportion to the solution, where that falls by many decades."""
+        if isinstance(rhs, Scaled) or not is_graded(self.system):
+            return None
+        levels = self._gradable
+        if levels is None:
+            return None
+        from resgrid.solvers.multigrid.graded_solver import graded_approximation
+
+        graded = graded_approximation(self.system, levels, rhs, watch)
+        if graded is None:
+            vars(self)["_gradable"] = None  # neither kept nor tried again
+        return graded
+
+
+def factor_multigrid(system: NodalSystem, *, later: bool = False) -> MultigridFactor:
+    """Build the hierarchy of a nodal system; ``later``, with the first solution, which tells how it is graded."""
+    factors = MultigridFactor(system)
+    if not later:
+        _ = factors.hierarchy
+    return factors

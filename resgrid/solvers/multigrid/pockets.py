@@ -1,0 +1,170 @@
+"""Passes of refinement where few rows are left: their equations are solved directly, with what surrounds them.
+
+Coarse levels see little of slits and of the pockets behind them, which are the last to be right.  All around them is
+right by then, and corrections die out within a few cells, so that a pass over the whole circuit would serve some
+hundred rows alone.
+
+Along a slit the potential falls by decades within a few cells.  Where what a pass over the whole circuit leaves is
+larger than the potential itself, it is found there from what flows in, all decades at once: every number is positive.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+
+from resgrid.circuit.equations import NodalSystem
+from resgrid.errors import AccuracyError
+from resgrid.solvers.extended import power
+from resgrid.solvers.refine import Approximation, Numbers
+from resgrid.solvers.superlu import symmetric_factors
+
+_FEW = 5_000
+"""Rows left, at most, for which a direct pass is tried."""
+
+_STEPS = 8
+"""Steps around a row within which corrections die out."""
+
+_MOST, _SHARE = 20_000, 16
+"""Rows that are solved directly, at most: so many, or one in so many of all."""
+
+_LEAST = 8
+"""One of so many of these are solved at least: along a slit all that lies below changes with what lies above."""
+
+_GAIN = 0.5
+"""Share of the rows left before that may be left after a direct pass, for another one to follow."""
+
+
+class PocketsDirectly:
+    """An approximate inverse that solves directly where few entries of the right-hand side are left.
+
+    Corrections in the open do not die out: where a direct pass leaves many of the rows, the next one is a whole one.
+
+    `whole`: the approximate inverse of all rows; `in_slit`: whether the currents flow into a slit. Its surroundings
+    have the first turn then, and not the whole: a pass over all rows would gain the decades along the slit, and few
+    beyond.
+    """
+
+    def __init__(self, system: NodalSystem, whole: Approximation, in_slit: bool = False) -> None:
+        self._system, self._whole = system, whole
+        self._most, self._most_anew = float(_FEW if in_slit else 0), float(_MOST)
+        self._in_slit = in_slit
+
+    def __call__(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
+        """As `resgrid.solvers.refine.refine` takes it."""
+        count = np.count_nonzero(m)
+        part = _part_around(self._system, m) if 0 < count <= self._most else None
+        if part is not None:
+            self._most = _GAIN * count
+            return part.correction(m, e)
+        self._most, self._in_slit = _FEW, False
+        return self._whole(m, e, accuracy)
+
+    def anew(
+        self, left: NDArray[np.float64], voltage: Numbers, current: Numbers
+    ) -> tuple[NDArray[np.int64], Numbers] | None:
+        """Voltages of the rows left and those around, from all others; as `resgrid.solvers.refine.refine` takes it."""
+        if self._in_slit:
+            return None
+        count = np.count_nonzero(left)
+        part = _part_around(self._system, left) if 0 < count <= self._most_anew else None
+        if part is None:
+            return None
+        self._most_anew = _GAIN * count
+        return part.rows, part.fed(voltage, current)
+
+
+@dataclass(frozen=True, eq=False)
+class _Part:
+    """The equations of some rows.
+
+    `rows` (n,): in ascending order; `inside, outside` (edges,): conductances that lead out: from which of the rows,
+    counted, to which one; `conductance` (edges,); `coupling` (n, n): conductances among the rows.
+    """
+
+    rows: NDArray[np.int64]
+    inside: NDArray[np.int64]
+    outside: NDArray[np.int64]
+    conductance: NDArray[np.float64]
+    coupling: sparse.csr_array
+    factors: Any
+
+    def correction(self, m: NDArray[np.float64], e: NDArray[np.int64]) -> Numbers:
+        """Corrections of these rows, all others as they are."""
+        x, exponent, right = np.zeros_like(m), np.zeros_like(e), m[self.rows]
+        if e.size:
+            own = e[self.rows]
+            top = self._tops([(np.arange(len(right)), right, own)])
+            exponent[self.rows] = top
+            right = right * power(np.clip(own - top, -8, 0))
+        x[self.rows] = self.factors.solve(right)
+        return x, exponent
+
+    def fed(self, voltage: Numbers, current: Numbers) -> Numbers:
+        """Voltages of these rows, fed by all others and by currents."""
+        (x, e), (b, scale), n = voltage, current, len(self.rows)
+        drawn, into = self.conductance * x[self.outside], b[self.rows]
+        top = np.zeros(0, dtype=np.int64)
+        if e.size:
+            there, own = e[self.outside], scale[self.rows]
+            top = self._tops([(self.inside, drawn, there), (np.arange(n), into, own)])
+            drawn = drawn * power(np.clip(there - top[self.inside], -8, 0))
+            into = into * power(np.clip(own - top, -8, 0))
+        return self.factors.solve(into + np.bincount(self.inside, drawn, n)), top
+
+    def _tops(self, terms: list[tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.int64]]]) -> NDArray[np.int64]:
+        """The largest exponent, in every row's pocket, of terms ``(row, mantissa, exponent)``.
+
+        Pockets do not know of each other: each has an exponent of its own.
+        """
+        count, pocket = connected_components(self.coupling, directed=False)
+        none = np.iinfo(np.int64).min
+        top = np.full(count, none)
+        for row, mantissa, exponent in terms:
+            used = mantissa != 0.0
+            np.maximum.at(top, pocket[row[used]], exponent[used])
+        return np.asarray(np.where(top == none, 0, top)[pocket], dtype=np.int64)
+
+
+def _part_around(system: NodalSystem, left: NDArray[np.float64]) -> _Part | None:
+    """The equations of the rows left, and of those around; None for too many, or if rounding forbids."""
+    region = _around(system, np.flatnonzero(left))
+    return None if region is None else _part(system, region)
+
+
+def _around(system: NodalSystem, rows: NDArray[np.int64]) -> NDArray[np.int64] | None:
+    """Some rows, and all that are few steps away; None for too many."""
+    most = min(_MOST, system.size // _SHARE)
+    seen, edge, count, steps = np.zeros(system.size, dtype=np.bool_), rows, len(rows), 0
+    seen[rows] = True
+    while len(edge) and (steps < _STEPS or count < most // _LEAST):
+        steps += 1
+        if count > most:
+            return None
+        around = system.coupling[edge].indices
+        around = around[~seen[around]]
+        seen[around] = True
+        edge = np.unique(around)
+        count += len(edge)
+    return np.flatnonzero(seen) if count <= most else None
+
+
+def _part(system: NodalSystem, region: NDArray[np.int64]) -> _Part | None:
+    """The equations of some rows; None if rounding forbids."""
+    rows, n = system.coupling[region], len(region)
+    here, there, conductance = np.repeat(np.arange(n), np.diff(rows.indptr)), rows.indices, rows.data
+    degree = np.bincount(here, conductance, n) + system.excess[region]
+    column = np.searchsorted(region, there)
+    inside = region[np.minimum(column, n - 1)] == there
+    coupling = sparse.csr_array((conductance[inside], (here[inside], column[inside])), shape=(n, n))
+    try:
+        factors = symmetric_factors(sparse.diags_array(degree) - coupling)
+    except AccuracyError:
+        return None
+    out = ~inside
+    return _Part(region, here[out], there[out].astype(np.int64), conductance[out], coupling, factors)

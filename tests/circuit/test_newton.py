@@ -1,0 +1,277 @@
+"""Nonlinear resistors: Newton's method against scipy, exact answers, ngspice and the laws of monotone branches."""
+
+from __future__ import annotations
+
+import dataclasses
+import subprocess
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from scipy.optimize import root
+from support.circuits import random_grid
+from support.spaces import serpentine, space_of, spaces
+
+import resgrid as rg
+from resgrid.circuit.newton import newton
+from resgrid.circuit.nonlinear import small_signal
+from resgrid.space import Cell
+
+
+def saturating(netlist: rg.Netlist, volts: float | np.ndarray) -> rg.Netlist:
+    """All resistors replaced by nonlinear ones of the same small-signal resistance."""
+    cell_map, m = netlist.cell_map, len(netlist.conductance)
+    if cell_map is not None:
+        cell_map = dataclasses.replace(
+            cell_map,
+            resistor_face=np.empty(0, dtype=np.int64),
+            resistor_upward=np.empty(0, dtype=np.bool_),
+            nonlinear_face=cell_map.resistor_face,
+            nonlinear_upward=cell_map.resistor_upward,
+        )
+    voltage = np.broadcast_to(volts, m)
+    return netlist.replace(
+        resistor_nodes=np.empty((0, 2), dtype=np.int64),
+        conductance=np.empty(0),
+        nonlinear_nodes=netlist.resistor_nodes,
+        nonlinear_current=netlist.conductance * voltage,
+        nonlinear_voltage=voltage,
+        cell_map=cell_map,
+    )
+
+
+def pair(amps: float = 0.5e-6) -> rg.Netlist:
+    """1 uA tanh(dV / 0.1 V) from node 1 to ground, fed with a current."""
+    return rg.Netlist(
+        2, np.empty((0, 2), dtype=np.int64), [],
+        current_nodes=[[0, 1]], current_amps=[amps],
+        nonlinear_nodes=[[1, 0]], nonlinear_current=[1e-6], nonlinear_voltage=[0.1],
+    )  # fmt: skip
+
+
+def wide_open() -> rg.ConfigurationSpace:
+    cell = np.zeros((12, 12), dtype=np.uint8)
+    cell[3:9, 5], cell[9, 3] = Cell.OBSTACLE, Cell.GOAL
+    return space_of(cell)
+
+
+@pytest.mark.parametrize("share", [1e-9, 0.5, 0.999, -0.5, 1 - 1e-9])
+def test_one_resistor_has_the_inverse_law(share: float) -> None:
+    point = rg.solve(pair(share * 1e-6))
+    assert point.voltage[1] == pytest.approx(0.1 * np.arctanh(share), rel=1e-7 if share > 0.9999 else 1e-12)
+    assert point.nonlinear_amps[0] == pytest.approx(share * 1e-6, rel=1e-12)
+    assert point.power == pytest.approx(point.voltage[1] * share * 1e-6, rel=1e-7)
+
+
+def test_a_mixed_circuit_agrees_with_a_root_finder() -> None:
+    linear = random_grid(3, side=5, drive=True)
+    half = np.arange(len(linear.conductance)) % 2 == 0
+    rng = np.random.default_rng(5)
+    volts = rng.uniform(0.05, 0.5, int(half.sum()))
+    netlist = linear.replace(
+        resistor_nodes=linear.resistor_nodes[~half],
+        conductance=linear.conductance[~half],
+        nonlinear_nodes=linear.resistor_nodes[half],
+        nonlinear_current=linear.conductance[half] * volts,
+        nonlinear_voltage=volts,
+    )
+
+    def kcl(free: np.ndarray) -> np.ndarray:
+        v = np.concatenate([[0.0, 1.0, 0.0, 0.0], free])
+        out = np.zeros(len(v))
+        for (a, b), g in zip(netlist.resistor_nodes, netlist.conductance, strict=True):
+            out[a] += g * (v[a] - v[b])
+            out[b] -= g * (v[a] - v[b])
+        for (a, b), i0, v0 in zip(
+            netlist.nonlinear_nodes, netlist.nonlinear_current, netlist.nonlinear_voltage, strict=True
+        ):
+            out[a] += i0 * np.tanh((v[a] - v[b]) / v0)
+            out[b] -= i0 * np.tanh((v[a] - v[b]) / v0)
+        np.subtract.at(out, netlist.current_nodes[:, 1], netlist.current_amps)
+        return out[4:] * 1e4
+
+    found = root(kcl, np.full(25, 0.4), tol=1e-14, method="hybr").x
+    point = rg.solve(netlist)
+    assert np.abs(point.voltage[4:] - found).max() < 1e-9
+    assert np.abs(kcl(point.voltage[4:])).max() < 1e-14
+
+
+def test_newton_converges_quadratically() -> None:
+    history = np.array(newton(saturating(rg.compile_space(wide_open()), 0.3)).residual)
+    tail = history[history > 1e-16][-4:]
+    assert len(tail) == 4
+    order = np.diff(np.log(tail))[1:] / np.diff(np.log(tail))[:-1]
+    assert np.all(order > 1.7), history
+
+
+def test_deep_saturation_is_damped_and_still_converges() -> None:
+    netlist = saturating(rg.compile_space(wide_open()), 2e-3)
+    found = newton(netlist)
+    assert min(found.step) < 1 and found.step[-1] == 1
+    assert len(found.step) < 40
+    assert rg.solve(netlist).kcl_residual < 1e-12
+
+
+@given(space=spaces(), volts=st.sampled_from([0.02, 0.2, 2.0]), spread=st.floats(0, 0.5), seed=st.integers(0, 99))
+@settings(max_examples=25)
+def test_monotone_branches_leave_no_local_minimum(
+    space: rg.ConfigurationSpace, volts: float, spread: float, seed: int
+) -> None:
+    linear = rg.compile_space(space, edge=["periodic" if ring else "obstacle" for ring in space.periodic])
+    chip = saturating(
+        linear, volts * np.random.default_rng(seed).uniform(1 - spread, 1 + spread, len(linear.conductance))
+    )
+    try:
+        ideal = rg.field(rg.solve(linear))
+    except rg.CircuitError:
+        return
+    field = rg.field(rg.solve(chip))
+    for cell in np.argwhere(space.goal_connected):
+        path = rg.streamline(field, cell=cell)
+        assert path.outcome == rg.streamline(ideal, cell=cell).outcome
+        rg.certify(path)
+
+
+def test_the_bottom_of_a_long_corridor_is_still_told_apart() -> None:
+    space = space_of(serpentine(8, 40, 2))
+    field = rg.field(rg.solve(saturating(rg.compile_space(space), 0.05)))
+    assert np.nanmin(field.log_drop[space.cell == Cell.FREE]) < -200
+    outcomes = {rg.streamline(field, cell=cell).outcome for cell in np.argwhere(space.goal_connected)}
+    assert outcomes == {"reached"}
+
+
+@pytest.mark.parametrize("amps", [1e-6, -1e-6, 1.5e-6])
+def test_more_than_a_cut_can_carry_has_no_operating_point(amps: float) -> None:
+    with pytest.raises(rg.CircuitError, match=r"carry less than 1e-06 A, the sum of their I0"):
+        rg.solve(pair(amps))
+
+
+def test_the_overloaded_cut_is_named() -> None:
+    linear = rg.compile_space(wide_open(), boundary="neumann", drive="uniform")
+    goal_ring = np.isin(linear.resistor_nodes, linear.cells.goal_nodes).any(axis=1)
+    netlist = saturating(linear, np.where(goal_ring, 0.1, 10.0))
+    with pytest.raises(rg.CircuitError, match=r"drive 0.0001 A through the 4 nonlinear resistors around 137 nodes"):
+        rg.solve(netlist)
+    assert rg.solve(netlist.replace(current_amps=netlist.current_amps * 0.39)).kcl_residual < 1e-9
+
+
+@pytest.mark.parametrize("seed", range(24))
+def test_extreme_circuits_are_solved_or_shown_to_be_overloaded(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    linear = random_grid(seed, side=int(rng.integers(3, 8)), decades=float(rng.uniform(0, 8)), drive=bool(seed % 2))
+    half = rng.random(len(linear.conductance)) < rng.choice([0.3, 0.9, 1.0])
+    volts = 10.0 ** rng.uniform(-5, 0.5, int(half.sum()))
+    netlist = linear.replace(
+        resistor_nodes=linear.resistor_nodes[~half],
+        conductance=linear.conductance[~half],
+        nonlinear_nodes=linear.resistor_nodes[half],
+        nonlinear_current=linear.conductance[half] * volts,
+        nonlinear_voltage=volts,
+        current_amps=linear.current_amps * 10.0 ** rng.uniform(-4, 0),
+    )
+    try:
+        point = rg.solve(netlist)
+    except rg.CircuitError as error:
+        words = str(error).split()
+        fed, least = float(words[words.index("drive") + 1]), float(words[words.index("than") + 1])
+        assert fed >= least * (1 - 1e-5)
+        return
+    v = point.voltage
+    d = v[netlist.nonlinear_nodes[:, 0]] - v[netlist.nonlinear_nodes[:, 1]]
+    slope = netlist.nonlinear_current / netlist.nonlinear_voltage
+    law = netlist.nonlinear_current * np.tanh(d / netlist.nonlinear_voltage)
+    np.testing.assert_allclose(point.nonlinear_amps, law, rtol=1e-6, atol=1e-14 * slope.max() * np.abs(v).max())
+    assert point.kcl_residual < 1e-9
+
+
+def test_small_signals_see_the_slope() -> None:
+    netlist = saturating(rg.compile_space(wide_open(), boundary="neumann"), 0.5)
+    point = rg.solve(netlist)
+    row = int(netlist.cells.free_node[20])
+    nudge = 1e-4 * netlist.current_amps[0]
+
+    def fed(amps: float) -> np.ndarray:
+        return rg.solve(netlist.replace(
+            current_nodes=np.concatenate([netlist.current_nodes, [[0, row]]]),
+            current_amps=np.append(netlist.current_amps, amps),
+        )).voltage  # fmt: skip
+
+    seen = (fed(nudge) - fed(-nudge)) / (2 * nudge)
+    slope = rg.solve(small_signal(point).replace(current_nodes=[[0, row]], current_amps=[1.0]))
+    np.testing.assert_allclose(slope.voltage, seen, rtol=1e-6, atol=1e-6 * np.abs(seen).max())
+
+
+def test_what_is_only_for_linear_circuits_says_so() -> None:
+    netlist = saturating(rg.compile_space(wide_open(), boundary="neumann"), 1.0)
+    with pytest.raises(rg.InputError, match="small_signal"):
+        rg.factor(netlist)
+    with pytest.raises(rg.InputError, match="do not scale"):
+        rg.scale_drive(netlist, rg.solve(netlist))
+
+
+def test_ngspice_finds_the_same_voltages(tmp_path: Path) -> None:
+    cell = np.zeros((16, 16), dtype=np.uint8)
+    cell[4:9, 6], cell[12, 3] = Cell.OBSTACLE, Cell.GOAL
+    netlist = saturating(rg.compile_space(space_of(cell)), 0.2)
+    lines = ["* tanh", *(f"v{k} {a} {b} {v!r}" for k, ((a, b), v) in enumerate(
+        zip(netlist.source_nodes.tolist(), netlist.source_volts.tolist(), strict=True)))]  # fmt: skip
+    laws = zip(
+        netlist.nonlinear_nodes.tolist(), netlist.nonlinear_current.tolist(), netlist.nonlinear_voltage.tolist(),
+        strict=True,
+    )  # fmt: skip
+    lines += [f"b{k} {a} {b} i={i!r}*tanh((v({a})-v({b}))/{v!r})" for k, ((a, b), i, v) in enumerate(laws)]
+    lines += [".options reltol=1e-10 vntol=1e-12 abstol=1e-18 gmin=1e-18", ".control", "op", "set numdgt=15"]
+    lines += ["print all", ".endc", ".end"]
+    deck = tmp_path / "tanh.cir"
+    deck.write_text("\n".join(lines) + "\n")
+    run = subprocess.run(["ngspice", "-b", deck], capture_output=True, text=True, timeout=60, check=False)
+    found = dict(line.split(" = ") for line in run.stdout.splitlines() if line.startswith("v(") and " = " in line)
+    point = rg.solve(netlist)
+    told = {int(name[2:-1]): float(value) for name, value in found.items()}
+    assert len(told) >= netlist.node_count - 1
+    assert max(abs(value - point.voltage[node]) for node, value in told.items()) < 1e-6
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e-9, 1e-12])
+@pytest.mark.parametrize("share", [1e-3, 0.9, 0.999])
+def test_slope_and_heat_are_those_of_the_drop_however_high_the_resistor_lies(scale: float, share: float) -> None:
+    """A share of ``I0`` flows through a resistor that hangs on 1 V: the drop is ``V0 atanh(share)``."""
+    netlist = rg.Netlist(
+        3,
+        [[1, 0]],
+        [1e-3],
+        source_nodes=[[1, 0]],
+        source_volts=[1.0],
+        current_nodes=[[0, 2]],
+        current_amps=[share * scale],
+        nonlinear_nodes=[[2, 1]],
+        nonlinear_current=[scale],
+        nonlinear_voltage=[scale],
+    )
+    point = rg.solve(netlist)
+    drop = scale * np.arctanh(share)
+    np.testing.assert_allclose(rg.study(point).power().nonlinear, [share * scale * drop], rtol=1e-9)
+    np.testing.assert_allclose(small_signal(point).conductance[-1], (1 - share) * (1 + share), rtol=1e-9)
+
+
+def test_a_resistor_nearly_saturated_may_have_no_operating_point() -> None:
+    with pytest.raises(rg.CircuitError, match="may be no operating point, so close"):
+        rg.solve(one_resistor(1.0 - 1e-13))
+    with pytest.raises(rg.CircuitError, match="there is no operating point"):
+        rg.solve(one_resistor(1.0))
+    assert rg.solve(one_resistor(1.0 - 1e-9)).voltage[1] == pytest.approx(0.1 * np.arctanh(1.0 - 1e-9), rel=1e-6)
+
+
+def one_resistor(amps: float) -> rg.Netlist:
+    """A source feeds a nonlinear resistor to ground, ``I0`` = 1 A and ``V0`` = 0.1 V."""
+    return rg.Netlist(
+        2,
+        [],
+        [],
+        current_nodes=[[0, 1]],
+        current_amps=[amps],
+        nonlinear_nodes=[[1, 0]],
+        nonlinear_current=[1.0],
+        nonlinear_voltage=[0.1],
+    )

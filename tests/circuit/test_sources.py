@@ -1,0 +1,86 @@
+import numpy as np
+import pytest
+from support.spaces import space_of
+
+from resgrid.circuit.solve import solve
+from resgrid.compiler import compile_space
+from resgrid.errors import CircuitError
+from resgrid.netlist import Netlist
+
+
+def circuit(nodes: int, resistors: list[tuple[int, int, float]], sources: list[tuple[int, int, float]]) -> Netlist:
+    return Netlist(
+        nodes,
+        np.array([r[:2] for r in resistors]),
+        np.array([1.0 / r[2] for r in resistors]),
+        source_nodes=np.array([s[:2] for s in sources]),
+        source_volts=np.array([s[2] for s in sources]),
+    )
+
+
+def test_a_divider_has_the_textbook_answer_with_spice_signs() -> None:
+    point = solve(circuit(3, [(1, 2, 1e3), (2, 0, 3e3)], [(1, 0, 4.0)]))
+    assert point.voltage.tolist() == pytest.approx([0.0, 4.0, 3.0])
+    assert point.source_current.tolist() == pytest.approx([-1e-3])
+    assert point.power == pytest.approx(4e-3)
+
+
+def test_a_floating_source_ties_two_unknowns() -> None:
+    point = solve(circuit(4, [(1, 2, 1.0), (3, 0, 1.0)], [(1, 0, 5.0), (2, 3, 2.0)]))
+    assert point.voltage.tolist() == pytest.approx([0.0, 5.0, 3.5, 1.5])
+    assert point.source_current.tolist() == pytest.approx([-1.5, 1.5])
+
+
+def test_a_zero_volt_source_is_an_ammeter() -> None:
+    point = solve(circuit(4, [(1, 2, 2.0), (3, 0, 2.0)], [(1, 0, 4.0), (2, 3, 0.0)]))
+    assert point.source_current.tolist() == pytest.approx([-1.0, 1.0])
+
+
+def test_a_contradictory_loop_is_refused_and_named() -> None:
+    with pytest.raises(CircuitError, match=r"source 1 between nodes node_1 and node_2 contradicts .* by 1 V"):
+        solve(circuit(3, [(1, 0, 1.0)], [(1, 0, 2.0), (1, 2, 1.0), (2, 0, 2.0)]))
+
+
+def test_a_consistent_loop_is_solved_with_unknown_currents() -> None:
+    with pytest.warns(UserWarning, match="undetermined"):
+        point = solve(circuit(4, [(1, 3, 1.0)], [(1, 0, 2.0), (1, 2, 1.0), (2, 0, 1.0), (3, 0, 0.0)]))
+    assert point.voltage.tolist() == pytest.approx([0.0, 2.0, 1.0, 0.0])
+    assert np.isnan(point.source_current[:3]).all()
+    assert point.source_current[3] == pytest.approx(2.0)
+
+
+def test_a_current_into_a_floating_part_is_refused() -> None:
+    netlist = Netlist(
+        4,
+        np.array([[1, 0], [2, 3]]),
+        np.ones(2),
+        source_nodes=np.array([[1, 0]]),
+        source_volts=np.ones(1),
+        current_nodes=np.array([[0, 2]]),
+        current_amps=np.ones(1),
+    )
+    with pytest.raises(CircuitError, match="node_2"):
+        solve(netlist)
+
+
+def test_a_floating_part_is_data_not_an_error() -> None:
+    point = solve(circuit(5, [(1, 2, 1.0), (2, 0, 1.0), (3, 4, 1.0)], [(1, 0, 1.0)]))
+    assert point.floating.tolist() == [3, 4]
+    assert np.isnan(point.voltage[3:]).all()
+    assert point.voltage[:3].tolist() == pytest.approx([0.0, 1.0, 0.5])
+    assert point.resistor_current[2] == 0.0
+
+
+def test_a_space_in_which_nothing_is_driven_is_an_error_that_says_what_to_do() -> None:
+    cell = np.zeros((3, 3), dtype=np.uint8)
+    cell[0, 0] = 2
+    netlist = compile_space(space_of(cell), edge="open")
+    with pytest.raises(CircuitError, match="second rail"):
+        solve(netlist)
+    assert not solve(netlist.replace(cell_map=None)).voltage.any()
+
+
+def test_a_part_with_one_rail_is_flat_and_reported() -> None:
+    point = solve(circuit(6, [(1, 2, 1.0), (2, 0, 1.0), (3, 4, 1.0), (4, 5, 1.0)], [(1, 0, 2.0), (3, 0, 1.5)]))
+    assert point.undriven.tolist() == [4, 5]
+    assert point.voltage[4:].tolist() == [1.5, 1.5]

@@ -1,0 +1,144 @@
+"""Steps that keep a tolerance: against closed forms of circuits whose scales lie far apart."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from numpy.typing import NDArray
+
+import resgrid as rg
+from resgrid.circuit.charges import Charges
+from resgrid.circuit.dynamics import dynamics_of
+from resgrid.circuit.step_control import controlled_steps
+from resgrid.circuit.stepping import METHODS, Resolvents
+
+
+def one_pole() -> rg.Netlist:
+    """1 V through 1 kohm into 1 nF: a time constant of 1 us."""
+    return rg.Netlist(
+        3, [[1, 2]], [1e-3], source_nodes=[[1, 0]], source_volts=[1.0], capacitor_nodes=[[2, 0]], capacitance=[1e-9]
+    )
+
+
+@pytest.mark.parametrize("options", [{}, {"step": 1e-4}, {"step": 1e-4, "method": "backward_euler"}])
+@pytest.mark.parametrize("weak", [1e-9, 1e-13, 1e-16])
+def test_charge_of_an_island_stays(weak: float, options: dict[str, object]) -> None:
+    netlist = rg.Netlist(
+        4, [[2, 3]], [1e-3], source_nodes=[[1, 0]], source_volts=[1.0],
+        capacitor_nodes=[[1, 2], [2, 3], [3, 0]], capacitance=[weak, 1e-6, weak],
+    )  # fmt: skip
+    found = rg.transient(netlist, [0.0, 1e-3, 1e-2], **options)
+    assert np.abs(found.voltage[:, 2] + found.voltage[:, 3] - 1.0).max() < 1e-13
+    assert found.steps < 200
+
+
+@pytest.mark.parametrize("leak", [1e-6, 1e-9, 1e-12, 1e-14])
+def test_a_charge_between_weakly_tied_islands_leaks_off(leak: float) -> None:
+    netlist = rg.Netlist(
+        5, [[1, 0], [2, 1], [4, 3], [3, 0]], [1e-3, 1e3, leak, leak], current_nodes=[[0, 1]], current_amps=[1e-3],
+        capacitor_nodes=[[2, 4]], capacitance=[1e-10],
+    )  # fmt: skip
+    times = np.array([0.0, 1e-9, 1e-6, 1e-3, 1.0])
+    found = rg.transient(netlist, times, initial=[0, 3, 1, -2, 5.0])
+    # 1 V at node 2 in the end; what the capacitor holds beyond that flows through 1 ohm, 1 mS and the two leaks.
+    ohms = 1e3 + 1e-3 + 2 / leak
+    current = (1.0 - (-4.0)) / ohms * np.exp(-times / (1e-10 * ohms))
+    assert found.voltage[:, 4] == pytest.approx(2 / leak * current, abs=5e-6)
+    assert found.steps < 500
+
+
+def test_strong_currents_within_an_island_leave_it_where_it_is() -> None:
+    netlist = rg.Netlist(
+        7, [[1, 0], [2, 1], [3, 2], [4, 3], [5, 0], [6, 0]], [2.12e-4, 1.015e-2, 2.67e3, 1.66e-8, 2.75e-12, 1.877e-11],
+        current_nodes=[[3, 2], [3, 0]], current_amps=[-0.0569, 0.00216], capacitor_nodes=[[3, 6]],
+        capacitance=[1.2e-10],
+    )  # fmt: skip
+    before = [0, 12.0, 382.7, 197.7, 22.4, 131.6, -192.5]
+    found = rg.transient(netlist, [0.0, 1.0], initial=before)
+    node3 = -0.00216 * (1 / 2.12e-4 + 1 / 1.015e-2) + (0.0569 - 0.00216) / 2.67e3
+    assert found.voltage[-1, 3] == pytest.approx(node3, abs=1e-4)
+    ohms = 1 / 2.12e-4 + 1 / 1.015e-2 + 1 / 2.67e3 + 1 / 1.877e-11
+    held = (197.7 + 192.5) - node3
+    assert found.voltage[-1, 6] == pytest.approx(-held * np.exp(-1.0 / (1.2e-10 * ohms)), abs=1e-3)
+
+
+@pytest.mark.parametrize("scale", [1.0, 1e-6, 1e-12])
+def test_a_circuit_at_rest_without_operating_point_is_judged_by_its_own_voltages(scale: float) -> None:
+    amps, ohms, farads = 1e-9 * scale, 1e3, 1e-9
+    netlist = rg.Netlist(
+        3, [[1, 2]], [1 / ohms], current_nodes=[[0, 1]], current_amps=[amps], capacitor_nodes=[[1, 0], [2, 0]],
+        capacitance=[farads, farads],
+    )  # fmt: skip
+    times = np.linspace(0, 5e-6, 21)
+    common, apart = amps * times / farads, amps * ohms / 2 * -np.expm1(-2 * times / (ohms * farads))
+    found = rg.transient(netlist, times)
+    error = np.abs(found.voltage[:, 1] - (common + apart) / 2)
+    assert (error <= 1e-6 * np.maximum.accumulate(found.voltage.max(axis=1))).all()
+
+
+@pytest.mark.parametrize("leak", [1e-12, 1e-14, 1e-18])
+def test_an_end_that_is_never_reached_loosens_nothing(leak: float) -> None:
+    netlist = rg.Netlist(
+        4, [[1, 2], [3, 0]], [1e-3, leak], source_nodes=[[1, 0]], source_volts=[1.0], current_nodes=[[0, 3]],
+        current_amps=[1e-9], capacitor_nodes=[[2, 0], [3, 0]], capacitance=[1e-9, 1e-12],
+    )  # fmt: skip
+    times = np.linspace(0, 5e-6, 21)
+    found = rg.transient(netlist, times)
+    assert np.abs(found.voltage[:, 2] + np.expm1(-times / 1e-6)).max() < 1e-6
+
+
+@settings(max_examples=20)
+@given(small=st.integers(-18, -13), tolerance=st.sampled_from([1e-2, 1e-3, 1e-6]), last=st.sampled_from([1e-3, 1.0]))
+def test_a_fast_mode_is_followed_however_late_the_last_time(small: int, tolerance: float, last: float) -> None:
+    # Both nodes rise together with 1 kohm times the small capacitance; 1 nF between them holds them together.
+    farads = 10.0**small
+    netlist = rg.Netlist(
+        4, [[3, 1], [2, 0]], [1e-3, 1e-6], source_nodes=[[3, 0]], source_volts=[1.0],
+        capacitor_nodes=[[1, 2], [2, 0]], capacitance=[1e-9, farads],
+    )  # fmt: skip
+    end = 1e6 / (1e6 + 1e3)
+    tau = 1e3 * end * farads
+    times = np.array([0.5, 1, 2, 4]) * tau
+    found = rg.transient(netlist, np.append(times, last), tolerance=tolerance).voltage[:-1, 1]
+    # What 1 nF takes up meanwhile is at most twice the share of the small capacitance.
+    assert np.abs(found + end * np.expm1(-times / tau)).max() < tolerance + 2 * farads / 1e-9
+
+
+@pytest.mark.parametrize(
+    ("method", "tolerance"),
+    [
+        ("tr-bdf2", 1e-2),
+        ("tr-bdf2", 1e-6),
+        ("tr-bdf2", 1e-10),
+        ("trapezoidal", 1e-2),
+        ("trapezoidal", 1e-6),
+        ("trapezoidal", 1e-8),
+        ("backward_euler", 1e-1),
+        ("backward_euler", 1e-2),
+        ("backward_euler", 1e-4),
+    ],
+)
+def test_every_method_keeps_its_tolerance(method: str, tolerance: float) -> None:
+    times = np.linspace(0, 5e-6, 51)
+    found = rg.transient(one_pole(), times, method=method, tolerance=tolerance)
+    assert np.abs(found.voltage[:, 2] + np.expm1(-times / 1e-6)).max() < 0.7 * tolerance
+
+
+@pytest.mark.parametrize(("method", "tolerance"), [("backward_euler", 1e-9), ("trapezoidal", 1e-11)])
+def test_a_tolerance_beyond_rounding_is_refused(method: str, tolerance: float) -> None:
+    with pytest.raises(rg.AccuracyError, match="tr-bdf2"):
+        rg.transient(one_pole(), [1e-6], method=method, tolerance=tolerance)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_steps_that_no_longer_gain_are_refused(method: str) -> None:
+    dynamics = dynamics_of(one_pole())
+    solve, rng = Resolvents(dynamics, "auto"), np.random.default_rng(0)
+
+    def noisy(rate: float, rhs: NDArray[np.float64]) -> NDArray[np.float64]:
+        return solve(rate, rhs) + rng.uniform(-1e-4, 1e-4, len(rhs))
+
+    states = controlled_steps(Charges(dynamics), method, np.zeros(1), np.array([1e-6]), 1e-6, noisy)
+    with pytest.raises(rg.AccuracyError, match="rounding"):
+        list(states)

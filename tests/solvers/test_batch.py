@@ -1,0 +1,194 @@
+"""Many chips at once, against dense solutions of every chip."""
+
+from __future__ import annotations
+
+from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from scipy import sparse
+from scipy.sparse.linalg import spsolve
+from support.spaces import space_of
+
+import resgrid as rg
+from resgrid.circuit.equations import assemble
+from resgrid.circuit.many import prepare_batch
+
+
+def open_grid(shape: tuple[int, ...], periodic: tuple[bool, ...] | None = None, **options: object) -> rg.Netlist:
+    cell = (np.random.default_rng(1).random(shape) < 0.06).astype(np.uint8)
+    cell[tuple(n // 3 for n in shape)] = 2
+    return rg.compile_space(space_of(cell, periodic=periodic), **options)
+
+
+def samples(netlist: rg.Netlist, chips: int, spread: float = 0.05) -> np.ndarray:
+    rng = np.random.default_rng(2)
+    return netlist.conductance * np.exp(spread * rng.standard_normal((chips, len(netlist.conductance))))
+
+
+def exact(netlist: rg.Netlist, conductance: np.ndarray) -> np.ndarray:
+    """Node voltages by modified nodal analysis (Ho, Ruehli & Brennan 1975), all sources kept."""
+    n, s = netlist.node_count, len(netlist.source_volts)
+    a, b = netlist.resistor_nodes.T
+    row, column = np.concatenate([a, b, a, b]), np.concatenate([a, b, b, a])
+    value = np.concatenate([conductance, conductance, -conductance, -conductance])
+    plus, minus = netlist.source_nodes.T
+    extra = np.arange(n, n + s)
+    row = np.concatenate([row, plus, minus, extra, extra])
+    column = np.concatenate([column, extra, extra, plus, minus])
+    value = np.concatenate([value, np.ones(s), -np.ones(s), np.ones(s), -np.ones(s)])
+    rhs = np.zeros(n + s)
+    np.add.at(rhs, netlist.current_nodes[:, 0], -netlist.current_amps)
+    np.add.at(rhs, netlist.current_nodes[:, 1], netlist.current_amps)
+    rhs[n:] = netlist.source_volts
+    live = np.flatnonzero(np.isin(np.arange(n + s), row) & (np.arange(n + s) > 0))
+    matrix = sparse.csc_matrix((value, (row, column)), shape=(n + s, n + s))[live][:, live]
+    voltage = np.full(n + s, np.nan)
+    voltage[0], voltage[live] = 0.0, spsolve(matrix, rhs[live])
+    return voltage[:n]
+
+
+GRIDS = {
+    "plane": ((40, 50), None, {}),
+    "cells": ((40, 50), None, {"rails": "cells"}),
+    "torus": ((32, 48), (True, True), {}),
+    "uneven torus": ((36, 42), (True, True), {}),
+    "volume": ((12, 14, 16), None, {}),
+    "uniform": ((40, 50), None, {"boundary": "neumann"}),
+    "odd ring": ((41, 50), (True, False), {}),
+    "small": ((9, 9), None, {}),
+}
+
+
+@pytest.mark.parametrize("name", GRIDS)
+def test_every_chip_is_that_of_nodal_analysis(name: str) -> None:
+    shape, periodic, options = GRIDS[name]
+    netlist = open_grid(shape, periodic, **options)
+    batch = prepare_batch(netlist)
+    assert batch is not None
+    assert batch.name == ("direct" if name in {"odd ring", "small", "uneven torus"} else "multigrid")
+    conductance = samples(netlist, 3)
+    found = rg.solve_many(netlist, conductance)
+    scale = np.nanmax(np.abs(found))
+    for volts, chip in zip(found, conductance, strict=True):
+        point = rg.solve(netlist.replace(conductance=chip), accuracy="normwise", rtol=1e-14, method="direct")
+        np.testing.assert_allclose(volts, point.voltage, rtol=0, atol=2e-8 * scale)
+        if options.get("boundary") is None:
+            np.testing.assert_allclose(volts, exact(netlist, chip), rtol=0, atol=2e-8 * scale)
+
+
+def test_floating_sources_and_parallel_resistors_follow_their_conductances() -> None:
+    netlist = rg.Netlist(
+        6,
+        [[0, 1], [1, 2], [1, 2], [2, 3], [4, 5], [5, 0], [3, 0], [2, 4]],
+        np.linspace(1.0, 2.0, 8),
+        source_nodes=[[1, 0], [3, 4]],
+        source_volts=[1.0, 0.25],
+        current_nodes=[[0, 5]],
+        current_amps=[0.1],
+    )
+    conductance = samples(netlist, 4, 0.5)
+    for volts, chip in zip(rg.solve_many(netlist, conductance, rtol=1e-14), conductance, strict=True):
+        np.testing.assert_allclose(volts, exact(netlist, chip), rtol=1e-12)
+
+
+def test_chips_do_not_depend_on_their_company_nor_on_the_executor() -> None:
+    netlist = open_grid((40, 50))
+    conductance = samples(netlist, 20)
+    together = rg.solve_many(netlist, conductance)
+    np.testing.assert_array_equal(rg.solve_many(netlist, conductance[7:8])[0], together[7])
+    with ThreadPoolExecutor(2) as threads:
+        np.testing.assert_array_equal(rg.solve_many(netlist, conductance, executor=threads), together)
+    with ProcessPoolExecutor(1) as processes:
+        np.testing.assert_array_equal(rg.solve_many(netlist, conductance, executor=processes), together)
+
+
+def test_nothing_to_solve_and_no_chips() -> None:
+    rails = rg.Netlist(2, [[0, 1]], [1.0], source_nodes=[[1, 0]], source_volts=[2.0])
+    np.testing.assert_array_equal(rg.solve_many(rails, [[3.0], [4.0]]), [[0, 2], [0, 2]])
+    assert rg.solve_many(open_grid((9, 9)), np.empty((0, len(open_grid((9, 9)).conductance)))).shape[0] == 0
+
+
+def test_wrong_conductances_are_refused() -> None:
+    netlist = open_grid((9, 9))
+    good = samples(netlist, 2)
+    bad = good.copy()
+    bad[1, 5] = -1.0
+    with pytest.raises(rg.InputError, match="chip 1: resistor 5 has conductance -1"):
+        rg.solve_many(netlist, bad)
+    with pytest.raises(rg.InputError, match="one row a chip"):
+        rg.solve_many(netlist, good[0])
+    with pytest.raises(rg.InputError, match="must be numbers"):
+        rg.solve_many(netlist, "many")  # type: ignore[arg-type]
+    with pytest.raises(rg.InputError, match="rtol"):
+        rg.solve_many(netlist, good, rtol=0.0)
+
+
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+def test_chips_far_from_the_nominal_one_keep_the_residual_they_promise(boundary: str) -> None:
+    netlist = open_grid((40, 50), boundary=boundary)
+    far = samples(netlist, 6, 1.5)
+    for volts, chip in zip(rg.solve_many(netlist, far, rtol=1e-8), far, strict=True):
+        system = assemble(netlist.replace(conductance=chip))
+        solved, x = system.unknown >= 0, np.zeros(system.size)
+        x[system.unknown[solved]] = volts[solved] - system.reference
+        residual = system.drive - (system.degree * x - system.coupling @ x)
+        assert np.linalg.norm(residual) <= 1.01e-8 * np.linalg.norm(system.drive)
+        np.testing.assert_allclose(volts, exact(netlist, chip), rtol=0, atol=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(40, 50), (9, 9)], ids=["multigrid", "factors"])
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+@pytest.mark.parametrize("spread", [0.3, 3.0])
+def test_a_chip_is_the_same_as_alone_however_far_it_is(shape: tuple[int, int], boundary: str, spread: float) -> None:
+    """Open obstacles leave currents a millionth of what the matrix makes of voltages: small residuals tell little."""
+    netlist = open_grid(shape, boundary=boundary)
+    for rtol in (1e-6, 1e-10):
+        chips = samples(netlist, 2, spread)
+        for volts, chip in zip(rg.solve_many(netlist, chips, rtol=rtol), chips, strict=True):
+            alone = rg.solve(netlist.replace(conductance=chip)).voltage
+            assert np.abs(volts - alone).max() <= 1e2 * rtol * np.abs(alone).max()
+
+
+@pytest.mark.parametrize("shape", [(40, 50), (20, 24)], ids=["multigrid", "factors"])
+@pytest.mark.parametrize("where", ["contact", "inside", "contacts"])
+@pytest.mark.parametrize("times", [1e4, 1e6, 1e9])
+def test_shorts_hide_nothing(shape: tuple[int, int], where: str, times: float) -> None:
+    """What stiff contacts drive in is so much that residuals beside it seem small."""
+    netlist = open_grid(shape)
+    (chip,) = samples(netlist, 1)
+    contact = np.flatnonzero((netlist.resistor_nodes == netlist.cells.obstacle_node).any(axis=1))
+    inside = np.setdiff1d(np.arange(len(chip)), contact)
+    chip[{"contact": contact[:1], "inside": inside[len(inside) // 2 :][:1], "contacts": contact}[where]] *= times
+    (volts,) = rg.solve_many(netlist, [chip])
+    np.testing.assert_allclose(volts, rg.solve(netlist.replace(conductance=chip)).voltage, rtol=0, atol=2e-8)
+
+
+def test_weak_parts_beside_stiff_ones_are_solved_too() -> None:
+    netlist = rg.Netlist(
+        4, [[1, 2], [2, 0], [1, 3], [3, 0]], [1.0, 1.0, 1e-11, 1e-11], source_nodes=[[1, 0]], source_volts=[1.0]
+    )
+    (volts,) = rg.solve_many(netlist, [[1.0, 1.0, 3e-11, 1e-11]])
+    np.testing.assert_allclose(volts, [0.0, 1.0, 0.5, 0.75], rtol=1e-9)
+
+
+@pytest.mark.parametrize("shape", [(40, 50), (9, 9)], ids=["multigrid", "factors"])
+@pytest.mark.parametrize("scale", [1e-160, 1e-20, 1e20, 1e150])
+def test_units_make_no_difference(shape: tuple[int, int], scale: float) -> None:
+    netlist = open_grid(shape)
+    chips = samples(netlist, 2)
+    expected = rg.solve_many(netlist, chips)
+    np.testing.assert_allclose(rg.solve_many(netlist, scale * chips), expected, rtol=0, atol=1e-8)
+    scaled = netlist.replace(conductance=scale * netlist.conductance)
+    np.testing.assert_allclose(rg.solve_many(scaled, scale * chips), expected, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("on", [100.0, 1.0, 1e-3, 1e-6])
+def test_switches_as_good_as_wires_hide_nothing(on: float) -> None:
+    """The nominal chip has them too."""
+    netlist = open_grid((40, 50), rails="cells")
+    chip = rg.Chip(mismatch=0.2, obstacle_switch_on=on, goal_switch_on=on)
+    built, chips = rg.study(netlist, chip).conductances([1, 2])
+    for volts, conductance in zip(rg.solve_many(built, chips), chips, strict=True):
+        alone = rg.solve(built.replace(conductance=conductance)).voltage
+        np.testing.assert_allclose(volts, alone, rtol=0, atol=2e-8)

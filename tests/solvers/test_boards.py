@@ -1,0 +1,272 @@
+"""Boards against dense algebra and brute force: what the passes form, and how blocks fall apart."""
+
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from numpy.typing import NDArray
+from support.levels import matrix_of
+from support.spaces import space_of, spaces
+
+from resgrid.axis import Axis
+from resgrid.circuit.equations import NodalSystem, assemble
+from resgrid.compiler import compile_space
+from resgrid.errors import CircuitError
+from resgrid.solvers.multigrid import waves
+from resgrid.solvers.multigrid.board_cycle import cycle_boards
+from resgrid.solvers.multigrid.boards import Level, compensated, in_double, in_single, lay_out, to_graph
+from resgrid.solvers.multigrid.coarsening import coarsen
+from resgrid.solvers.multigrid.grid_levels import UNGRADED, inverse_below, own_vectors
+from resgrid.solvers.multigrid.hierarchy import build_hierarchy
+from resgrid.space import ConfigurationSpace
+
+BOUNDARIES = st.sampled_from(["dirichlet", "neumann"])
+
+
+def laid_out(space: ConfigurationSpace, boundary: str, spread: float, seed: int) -> tuple[NodalSystem, Level] | None:
+    """A space as a board, its conductances spread by factors; None where nothing is driven or no board fits."""
+    try:
+        netlist = compile_space(space, boundary=boundary)
+        factors = np.exp(np.random.default_rng(seed).normal(0.0, spread, len(netlist.conductance)))
+        system = assemble(netlist.replace(conductance=netlist.conductance * factors))
+    except CircuitError:
+        return None
+    made = lay_out(
+        system.netlist.resistor_nodes,
+        system.netlist.conductance,
+        system.unknown,
+        system.netlist.cells.node,
+        system.excess,
+        1.0,
+    )
+    return None if made is None else (system, made[0])
+
+
+def down(level: Level, split: bool) -> list[Level]:
+    """A level and the coarse ones below it."""
+    levels = [level]
+    while levels[-1].size > 3 and min(levels[-1].lattice.shape) > 1:
+        made = coarsen(levels[-1], split=split)
+        if made is None or made.level.size == levels[-1].size:
+            break
+        levels.append(made.level)
+    return levels
+
+
+@settings(max_examples=60)
+@given(spaces(max_cells=12), BOUNDARIES, st.integers(1, 40), st.integers(0, 2**16))
+def test_the_schur_complement_is_that_of_dense_elimination(
+    space: ConfigurationSpace, boundary: str, block: int, seed: int
+) -> None:
+    made = laid_out(space, boundary, 0.3, seed)
+    if made is None:
+        return
+    for level in down(made[1], split=False):
+        matrix, used = matrix_of(level)
+        places = level.lattice.places
+        red, black = used < places, used >= places
+        if not red.any() or not black.any():
+            continue
+        schur = matrix[np.ix_(black, black)] - matrix[np.ix_(black, red)] @ np.linalg.solve(
+            matrix[np.ix_(red, red)], matrix[np.ix_(red, black)]
+        )
+        rng = np.random.default_rng(seed)
+        z, r, s = np.zeros((3, places), dtype=np.float32)
+        here = used[black] - places
+        z[here], r[here], s[here] = rng.normal(size=(3, len(here)))
+        w = np.zeros(places, dtype=np.float32)
+        board = in_single(level)._replace(block=block)
+        relaxed, coarse = z[here] + 1.0, np.array([0.0, 1.0], dtype=np.float32)
+        to_one = np.zeros(places, dtype=np.int32)
+        to_one[here] = 1
+        zr, zw, zs = waves.prolong_and_multiply(board, compensated(level, board), to_one, UNGRADED, coarse, r, s, z, w)
+        size = np.abs(schur).sum(axis=1).max() * np.abs(z).max()
+        degree = matrix.diagonal()[black]
+        relaxed += (r[here] - schur @ relaxed) / degree
+        np.testing.assert_allclose(z[here], relaxed, rtol=0, atol=1e-5 * np.abs(z).max())
+        np.testing.assert_allclose(w[here], schur @ z[here].astype(float), rtol=0, atol=1e-6 * size)
+        wide, product = z[here].astype(float), schur @ z[here].astype(float)
+        assert zr == pytest.approx(wide @ r[here], rel=1e-6, abs=1e-6 * np.abs(wide).sum())
+        assert zw == pytest.approx(wide @ product, rel=1e-6, abs=1e-6 * size * np.abs(wide).sum())
+        assert zs == pytest.approx(wide @ s[here], rel=1e-6, abs=1e-6 * np.abs(wide).sum())
+
+
+@settings(max_examples=60)
+@given(spaces(max_cells=12), BOUNDARIES, st.integers(0, 2**16))
+def test_rounded_products_of_a_constant_are_what_leaks(space: ConfigurationSpace, boundary: str, seed: int) -> None:
+    made = laid_out(space, boundary, 1.0, seed)
+    if made is None:
+        return
+    for level in down(made[1], split=False):
+        matrix, used = matrix_of(level)
+        places, ends = level.lattice.places, level.ends
+        black = used >= places
+        schur = matrix[np.ix_(black, black)] - matrix[np.ix_(black, ~black)] @ np.linalg.solve(
+            matrix[np.ix_(~black, ~black)], matrix[np.ix_(~black, black)]
+        )
+        board = compensated(level, in_single(level))
+        red, far = np.nonzero(board.faces)[::-1], level.lattice.distance
+        there = np.concatenate([red[0] + far[red[1]], ends[1]])
+        here, g = np.concatenate([red[0], ends[0]]), np.concatenate([board.faces[red[::-1]], board.links]).astype(float)
+        share = board.red_inverse * np.bincount(here, g, places)
+        left = board.black_degree - np.bincount(there, g * share[here], places)
+        degree = matrix.diagonal()[black]
+        np.testing.assert_array_less(
+            np.abs(left[used[black] - places] - schur.sum(axis=1)), 1e-6 * schur.sum(axis=1) + 1e-13 * degree
+        )
+
+
+@settings(max_examples=60)
+@given(spaces(max_cells=12), BOUNDARIES, st.integers(1, 40), st.integers(0, 2**16))
+def test_the_residual_is_that_of_the_netlist(space: ConfigurationSpace, boundary: str, block: int, seed: int) -> None:
+    made = laid_out(space, boundary, 1.0, seed)
+    if made is None:
+        return
+    for level in down(made[1], split=False):
+        matrix, used = matrix_of(level)
+        places = level.lattice.places
+        rng = np.random.default_rng(seed)
+        x, b = np.zeros((2, 2 * places))
+        x[used], b[used] = rng.normal(size=(2, len(used)))
+        r = np.ones(places)
+        x = x.reshape(2, places)
+        norm = waves.black_residual(in_double(level)._replace(block=block), b.reshape(2, places), x, r)
+        assert not r[: level.lattice.margin].any()
+        assert not r[-level.lattice.margin :].any()
+        residual = b[used] - matrix @ x.ravel()[used]
+        size = np.abs(matrix).sum(axis=1).max() * np.abs(x).max() + np.abs(b).max()
+        black = used >= places
+        np.testing.assert_allclose(r[used[black] - places], residual[black], rtol=0, atol=1e-13 * size)
+        np.testing.assert_allclose(residual[~black], 0.0, atol=1e-13 * size)
+        assert norm == pytest.approx(np.linalg.norm(residual[black]), rel=1e-12, abs=1e-13 * size)
+
+
+@settings(max_examples=60)
+@given(spaces(max_cells=12), BOUNDARIES, st.integers(1, 40), st.booleans(), st.integers(0, 2**16))
+def test_the_residual_at_rest_is_that_of_nothing_but_zeros(
+    space: ConfigurationSpace, boundary: str, block: int, sparse: bool, seed: int
+) -> None:
+    made = laid_out(space, boundary, 1.0, seed)
+    if made is None:
+        return
+    for level in down(made[1], split=False):
+        places, used = level.lattice.places, level.degree > 0
+        rng = np.random.default_rng(seed)
+        b = np.where(used & (rng.random(used.shape) < (0.1 if sparse else 1.0)), rng.normal(size=used.shape), 0.0)
+        board = in_double(level)._replace(block=block)
+        (x, expected), (r, still) = np.zeros((2, 2, places)), np.zeros((2, places))
+        assert waves.residual_at_rest(board, b, x, r) == pytest.approx(waves.black_residual(board, b, expected, still))
+        np.testing.assert_allclose(r[used[1]], still[used[1]], rtol=1e-12, atol=1e-14)
+        np.testing.assert_allclose(x, expected, rtol=1e-12)
+
+
+@settings(max_examples=60)
+@given(spaces(max_cells=12), BOUNDARIES, st.integers(0, 2**16))
+def test_aggregates_are_the_connected_parts_of_blocks(space: ConfigurationSpace, boundary: str, seed: int) -> None:
+    check_aggregates(space, boundary, seed)
+
+
+def test_parts_of_a_ring_of_two_blocks_stay_apart() -> None:
+    """Across the ring of two blocks two conductances join the same cells: no reason to take four cells for one part."""
+    walls = "002000020100 000010110100 000110010000 100100010000"
+    cell = np.array([list(row) for row in walls.split()], dtype=np.uint8).reshape(4, 4, 3)
+    axes = [Axis("x", 0.0, 2.0, 4, periodic=True), Axis("y", 0.0, 8.0, 4), Axis("z", 0.0, 1.5, 3)]
+    check_aggregates(ConfigurationSpace(axes, cell), "dirichlet", 0)
+
+
+def check_aggregates(space: ConfigurationSpace, boundary: str, seed: int) -> None:
+    made = laid_out(space, boundary, 0.0, seed)
+    if made is None:
+        return
+    level = made[1]
+    for _ in range(3):
+        result = coarsen(level, split=False, keep=True)
+        if result is None or level.size < 3:
+            return
+        coarse, target = result.level, result.whole_target
+        graph, number = to_graph(level)
+        row = np.repeat(np.arange(graph.size), np.diff(graph.indptr))
+        shrinks = [n > m for n, m in zip(level.lattice.shape, coarse.lattice.shape, strict=True)]
+        block = graph.coordinate >> np.array(shrinks, dtype=np.int64)
+        inside = np.all(block[row] == block[graph.indices], axis=1)
+        parts = nx.Graph()
+        parts.add_nodes_from(range(graph.size))
+        parts.add_edges_from(zip(row[inside].tolist(), graph.indices[inside].tolist(), strict=True))
+        node = target.ravel()[number >= 0]
+        expected = {frozenset(part) for part in nx.connected_components(parts)}
+        assert {frozenset(np.flatnonzero(node == one).tolist()) for one in np.unique(node)} == expected
+        assert coarse.size == len(expected)
+        level = coarse
+
+
+@settings(max_examples=40)
+@given(spaces(max_cells=14), BOUNDARIES, st.integers(0, 2**16))
+def test_coarse_levels_join_what_resistors_join_and_nothing_else(
+    space: ConfigurationSpace, boundary: str, seed: int
+) -> None:
+    made = laid_out(space, boundary, 0.0, seed)
+    result = None if made is None else coarsen(made[1], split=False, keep=True)
+    if made is None or result is None:
+        return
+    level, coarse, target = made[1], result.level, result.whole_target
+    fine, number = to_graph(level)
+    small, place = to_graph(coarse)
+    node = place[target.ravel()[number >= 0]]
+    row = np.repeat(np.arange(fine.size), np.diff(fine.indptr))
+    joined = {(a, b) for a, b in zip(node[row].tolist(), node[fine.indices].tolist(), strict=True) if a != b}
+    there = np.repeat(np.arange(small.size), np.diff(small.indptr))
+    assert set(zip(there.tolist(), small.indices.tolist(), strict=True)) == joined
+    tied = np.unique(node[fine.leak > 0])
+    np.testing.assert_array_equal(np.flatnonzero(small.leak > 0), tied)
+    assert np.all(small.leak[tied] <= np.bincount(node, fine.leak, small.size)[tied] * (1 + 1e-12))
+
+
+def test_a_room_without_obstacles_keeps_its_resistance_from_level_to_level() -> None:
+    cell = np.zeros((64, 64), dtype=np.uint8)
+    cell[0, 0] = 2
+    made = laid_out(space_of(cell), "neumann", 0.0, 1)
+    assert made is not None
+    unit = made[0].netlist.conductance.mean()
+    for level in down(made[1], split=False)[:4]:
+        inner = level.faces[level.faces > 0] / unit
+        assert np.median(inner) == pytest.approx(1.0, rel=1e-6)
+
+
+@pytest.mark.parametrize("shape", [(40, 40), (40, 64), (12, 13, 14)])
+def test_a_step_of_the_cycle_is_symmetric_where_it_is_linear(shape: tuple[int, ...]) -> None:
+    cell = (np.random.default_rng(7).random(shape) < 0.2).astype(np.uint8)
+    cell[(0,) * len(shape)] = 2
+    system = assemble(compile_space(space_of(cell), boundary="neumann"))
+    hierarchy = build_hierarchy(system)
+    grid = hierarchy.grid
+    assert grid is not None
+    assert len(grid.boards.margin) > 0
+    places = len(grid.aggregate)
+    used = grid.true.black_degree > 0
+    rng = np.random.default_rng(1)
+
+    def preconditioned(r: NDArray[np.float32]) -> NDArray[np.float64]:
+        z = grid.board.black_inverse * r
+        boards = own_vectors(grid.boards)
+        waves.restrict(grid.board, grid.aggregate, grid.weight, z, boards.b[: boards.size])
+        assert cycle_boards(boards, inverse_below(hierarchy.stack), np.inf, 99)
+        coarse = boards.x[: boards.size]
+        waves.prolong_and_multiply(
+            grid.board, grid.exact, grid.aggregate, grid.weight, coarse, r, r, z, np.zeros_like(z)
+        )
+        return z.astype(np.float64)
+
+    a, b = (rng.normal(size=(2, places)) * used).astype(np.float32)
+    left, right = b @ preconditioned(a), a @ preconditioned(b)
+    assert left == pytest.approx(right, rel=1e-4)
+    assert a @ preconditioned(a) > 0
+
+
+def test_work_space_is_not_shared_but_conductances_are() -> None:
+    cell = np.zeros((40, 40), dtype=np.uint8)
+    cell[0, 0] = 2
+    grid = build_hierarchy(assemble(compile_space(space_of(cell), boundary="neumann"))).grid
+    assert grid is not None
+    own, other = own_vectors(grid.boards), own_vectors(grid.boards)
+    assert not np.shares_memory(own.b, other.b)
+    assert np.shares_memory(own.faces, grid.boards.faces)

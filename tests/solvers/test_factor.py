@@ -1,0 +1,115 @@
+"""What a factor is given: one finite number per row, whatever solves."""
+
+from __future__ import annotations
+
+import pickle
+
+import numpy as np
+import pytest
+from support.spaces import serpentine, space_of
+
+import resgrid as rg
+from resgrid.solvers import choose as methods
+from resgrid.solvers.extended import Scaled
+from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.factors.reduced import ReducedFactor
+
+
+def room(*shape: int) -> rg.Netlist:
+    cell = np.zeros(shape, dtype=np.uint8)
+    cell[0, 0], cell[-1, -1] = 2, 1
+    return rg.compile_space(space_of(cell))
+
+
+FACTORS = {
+    "direct": lambda: rg.factor(room(24, 30), method="direct"),
+    "direct, in space": lambda: rg.factor(room(12, 13, 14), method="direct"),
+    "multigrid": lambda: rg.factor(room(24, 30), method="multigrid"),
+    "elimination": lambda: rg.factor(rg.compile_space(space_of(serpentine(3, 30, 1)))),
+}
+
+
+@pytest.fixture(scope="module", params=FACTORS)
+def factors(request: pytest.FixtureRequest) -> Factor:
+    return FACTORS[request.param]()
+
+
+def test_elimination_is_among_them() -> None:
+    assert isinstance(FACTORS["elimination"](), ReducedFactor)
+
+
+@pytest.mark.parametrize("shape", [7, 10_000, "2d"])
+def test_right_hand_sides_and_guesses_of_a_wrong_shape_are_refused(factors: Factor, shape: int | str) -> None:
+    n = factors.system.size
+    wrong = np.ones((n, 1)) if shape == "2d" else np.ones(shape)
+    with pytest.raises(rg.InputError, match=rf"rhs has shape .*, but the system has {n} rows"):
+        factors.solve(wrong)
+    with pytest.raises(rg.InputError, match=rf"guess has shape .*, but the system has {n} rows"):
+        factors.solve(np.ones(n), guess=wrong)
+    with pytest.raises(rg.InputError, match=rf"rhs has shape .*, but the system has {n} rows"):
+        factors.solve_nonnegative(wrong)
+
+
+def test_what_is_no_current_is_refused(factors: Factor) -> None:
+    n = factors.system.size
+    for wrong in (["one"] * n, np.ones(n) + 1j, None):
+        with pytest.raises(rg.InputError, match=r"rhs (must be real numbers|has shape)"):
+            factors.solve(wrong)
+    for bad in (np.nan, np.inf):
+        rhs = np.ones(n)
+        rhs[3] = bad
+        with pytest.raises(rg.InputError, match=rf"rhs\[3\] is {bad}; it must be finite"):
+            factors.solve(rhs)
+        with pytest.raises(rg.InputError, match=r"guess\[3\]"):
+            factors.solve(np.ones(n), guess=rhs)
+    for rtol in (0.0, 1.0, -1e-8, np.nan):
+        with pytest.raises(rg.InputError, match="must be a number between 0 and 1"):
+            factors.solve(np.ones(n), rtol=rtol)
+    negative = np.ones(n)
+    negative[5] = -1e-300
+    for rhs in (negative, Scaled.of(negative)):
+        with pytest.raises(rg.InputError, match=r"rhs\[5\] is negative"):
+            factors.solve_nonnegative(rhs)
+
+
+def test_any_array_of_numbers_will_do(factors: Factor) -> None:
+    n = factors.system.size
+    amps = np.arange(2.0 * n)[::2]
+    x = factors.solve(np.ascontiguousarray(amps))
+    for same in (amps, amps.tolist(), amps.astype(np.int64)):
+        np.testing.assert_array_equal(factors.solve(same), x)
+    entrywise, _ = factors.solve_nonnegative(amps)
+    np.testing.assert_allclose(entrywise.plain, x, rtol=1e-8, atol=1e-8 * x.max())
+
+
+def test_the_best_answer_has_all_rows_and_all_nodes(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Also where only a core is left to iterate on."""
+    monkeypatch.setattr(methods, "_FAIR_SHARE", 0.0)
+    maze = np.pad(np.zeros((20, 20), dtype=np.uint8), ((0, 0), (0, 60)), constant_values=1)
+    maze[10, 20:], maze[0, 0] = 0, 2
+    netlist = rg.compile_space(
+        space_of(maze, conductivity=10.0 ** np.random.default_rng(1).uniform(-9, 9, maze.shape)), boundary="neumann"
+    )
+    reduced = rg.factor(netlist, method="multigrid")
+    assert isinstance(reduced, ReducedFactor)
+    with pytest.raises(rg.AccuracyError) as failure:
+        reduced.solve(reduced.system.drive, rtol=1e-20)
+    assert np.shape(failure.value.best) == (reduced.system.size,)
+    with pytest.raises(rg.AccuracyError) as failure:
+        rg.solve(netlist, method="multigrid", accuracy="normwise", rtol=1e-20)
+    assert isinstance(failure.value.best, rg.OperatingPoint)
+    assert failure.value.best.voltage.shape == (netlist.node_count,)
+
+
+@pytest.mark.parametrize("method", ["direct", "multigrid"])
+@pytest.mark.parametrize("density", [0.1, 0.38])
+def test_factors_go_to_other_processes(method: str, density: float) -> None:
+    """Where elimination has left a core, too, and after an update."""
+    cell = (np.random.default_rng(1).random((60, 60)) < density).astype(np.uint8)
+    cell[20:22, 20:22] = 2, 0
+    factors = rg.factor(rg.compile_space(space_of(cell)), method=method)
+    rhs = factors.system.drive
+    if factors.name == "direct":
+        np.testing.assert_array_equal(pickle.loads(pickle.dumps(factors)).solve(rhs), factors.solve(rhs))
+    else:
+        np.testing.assert_allclose(pickle.loads(pickle.dumps(factors)).solve(rhs), factors.solve(rhs), atol=1e-8)

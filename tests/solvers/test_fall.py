@@ -1,0 +1,69 @@
+"""By how many decades a potential falls: cells against the graph, and the graph against networkx."""
+
+from dataclasses import replace
+
+import networkx as nx
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from support.spaces import serpentine, space_of, spaces
+
+from resgrid.circuit.equations import NodalSystem, assemble
+from resgrid.circuit.solve import solve
+from resgrid.compiler import compile_space
+from resgrid.errors import CircuitError
+from resgrid.solvers.decay import _of_graph, _of_grid, foresee_decades
+from resgrid.solvers.decay_kernels import _costs, decay
+from resgrid.space import ConfigurationSpace
+
+RATE, WALL = np.pi, 0.3
+LN10 = np.log(10.0)
+
+
+def railed(space: ConfigurationSpace, boundary: str) -> NodalSystem | None:
+    """The system of a space between two rails; None where nothing is driven, or otherwise."""
+    try:
+        system = assemble(compile_space(space, boundary=boundary))
+    except CircuitError:
+        return None
+    return system if system.rails is not None else None
+
+
+@settings(max_examples=150)
+@given(spaces(), st.sampled_from(["dirichlet", "neumann"]), st.integers(0, 5), st.integers(0, 5))
+def test_cells_tell_what_the_graph_tells(space, boundary, first, rest):
+    axes = tuple(replace(axis, periodic=False) for axis in space.axes)
+    system = railed(ConfigurationSpace(axes, space.cell, space.conductivity), boundary)
+    if system is None:
+        return
+    low, high = system.rails.to_low > 0, system.rails.to_high > 0
+    on_grid = _of_grid(system.netlist.cells.node, system.unknown, low, high)
+    on_graph = _of_graph(system.coupling, low, high)
+    assert decay(on_grid, RATE, WALL, 1, first, rest) == decay(on_graph, RATE, WALL, system.size, first, rest)
+
+
+@settings(max_examples=80)
+@given(spaces(), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
+def test_the_best_way_is_that_of_networkx_to_the_first_nodes_and_all_but_the_lowest(space, share, near):
+    system = railed(space, "dirichlet")
+    if system is None:
+        return
+    low, high = system.rails.to_low > 0, system.rails.to_high > 0
+    graph = nx.from_scipy_sparse_array(system.coupling)
+    depth = nx.multi_source_dijkstra_path_length(graph, set(np.flatnonzero(high)), weight=None)
+    costs = _costs.py_func(system.size, RATE, WALL)
+    parts = nx.multi_source_dijkstra_path_length(
+        graph, set(np.flatnonzero(low)), weight=lambda _, to, __: int(costs[depth.get(to, system.size)])
+    )
+    first, rest = int(near * system.size), int(share * system.size)
+    found = decay(_of_graph(system.coupling, low, high), RATE, WALL, system.size, first, rest)
+    ways = sorted(parts.values())
+    assert found == tuple(max(ways[:count], default=0) / 64.0 for count in (first, system.size - rest, system.size))
+
+
+@pytest.mark.parametrize("width", [1, 3, 8])
+def test_corridors_fall_as_foreseen(width):
+    netlist = compile_space(space_of(serpentine(6, 60, width)))
+    drop = solve(netlist).log_drop
+    truth = -np.quantile(drop[np.isfinite(drop)], 0.02) / LN10
+    assert 0.9 < foresee_decades(assemble(netlist)).most / truth < 1.8

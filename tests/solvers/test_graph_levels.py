@@ -1,0 +1,235 @@
+"""The levels of netlists that are no grids: aggregates, orders of rows, and the cycle over them."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from numba import njit
+from numpy.typing import NDArray
+from scipy import sparse
+
+from resgrid.circuit.equations import assemble
+from resgrid.circuit.solve import solve
+from resgrid.netlist import Netlist
+from resgrid.solvers import numbering_kernels as numbering
+from resgrid.solvers.monitor import Watch
+from resgrid.solvers.multigrid import clusters, kernels, ordering, stack
+from resgrid.solvers.multigrid.graph_iteration import iterate_on_graph
+from resgrid.solvers.multigrid.hierarchy import build_hierarchy
+from resgrid.solvers.multigrid.levels import Graph, coarsen_down
+
+GRAPHS = {"nodes": st.integers(2, 60), "per_node": st.floats(0.6, 8.0), "seed": st.integers(0, 2**31)}
+
+
+def random_graph(nodes: int, per_node: float, seed: int, decades: float = 2.0) -> Graph:
+    """Random conductances, some in parallel, and a few leaks; parts may be apart."""
+    rng = np.random.default_rng(seed)
+    ends = rng.integers(0, nodes, (max(int(nodes * per_node), 1), 2))
+    ends = ends[ends[:, 0] != ends[:, 1]]
+    g = 10.0 ** rng.uniform(-decades / 2, decades / 2, len(ends))
+    upper = sparse.coo_array((g, tuple(ends.T)), shape=(nodes, nodes)).tocsr()
+    rows = (upper + upper.T).tocsr()
+    rows.sort_indices()
+    leak = np.where(rng.random(nodes) < 0.2, 10.0 ** rng.uniform(-2, 1, nodes), 0.0)
+    leak[0] = 1.0
+    return Graph(rows.indptr.astype(np.int32), rows.indices.astype(np.int32), rows.data, leak, None)
+
+
+def rows_of(graph: Graph) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
+    return graph.indptr, graph.indices, graph.conductance, graph.leak
+
+
+def dense(graph: Graph) -> NDArray[np.float64]:
+    coupling = sparse.csr_array((graph.conductance, graph.indices, graph.indptr), shape=(graph.size,) * 2).toarray()
+    return np.diag(coupling.sum(axis=1) + graph.leak) - coupling
+
+
+@settings(max_examples=60)
+@given(**GRAPHS, window=st.integers(1, 80))
+def test_rows_stand_by_colour_and_no_two_neighbours_share_one(
+    nodes: int, per_node: float, seed: int, window: int
+) -> None:
+    graph = random_graph(nodes, per_node, seed)
+    order = ordering.order_by_colour(graph.indptr, graph.indices, window)
+    assert np.array_equal(np.sort(order), np.arange(nodes))
+    colour, _ = ordering._colours(graph.indptr, graph.indices)
+    assert np.all(np.diff(colour[order]) >= 0)
+    row = np.repeat(np.arange(nodes), np.diff(graph.indptr))
+    assert not np.any(colour[row] == colour[graph.indices])
+
+
+def test_rows_of_a_window_stand_by_length() -> None:
+    graph = random_graph(500, 4.0, 3)
+    order = ordering.order_by_colour(graph.indptr, graph.indices, 10**6)
+    colour, _ = ordering._colours(graph.indptr, graph.indices)
+    length = np.minimum(np.diff(graph.indptr), 31)[order]
+    assert np.all((np.diff(length) >= 0) | (np.diff(colour[order]) > 0))
+
+
+@settings(max_examples=60)
+@given(**GRAPHS, strict=st.booleans())
+def test_aggregates_are_connected_and_their_sums_conserve_conductance(
+    nodes: int, per_node: float, seed: int, strict: bool
+) -> None:
+    graph = random_graph(nodes, per_node, seed)
+    aggregate, count = clusters.grow_aggregates(*rows_of(graph), 4, strict)
+    assert np.array_equal(np.unique(aggregate), np.arange(count))
+    summed = dense(Graph(*clusters.sum_up(*rows_of(graph), aggregate, count), None))
+    spread = np.eye(count)[aggregate]
+    assert np.allclose(summed, spread.T @ dense(graph) @ spread, rtol=1e-12, atol=1e-12)
+    linked = dense(graph) < 0
+    for group in range(count):
+        members = np.flatnonzero(aggregate == group)
+        assert len(members) <= 6 or not strict
+        assert len(members) > 1 or strict or not linked[members].any()
+        within = np.linalg.matrix_power(linked[np.ix_(members, members)] + np.eye(len(members)), len(members))
+        assert np.all(within > 0)
+
+
+@settings(max_examples=40)
+@given(**GRAPHS)
+def test_breadth_first_renumbering_is_the_same_graph(nodes: int, per_node: float, seed: int) -> None:
+    graph = random_graph(nodes, per_node, seed)
+    order = numbering.breadth_first(graph.indptr, graph.indices)
+    assert np.array_equal(np.sort(order), np.arange(nodes))
+    moved = Graph(*numbering.renumber(*rows_of(graph), order), None)
+    assert np.allclose(dense(moved), dense(graph)[np.ix_(order, order)], rtol=1e-14, atol=0)
+
+
+def test_breadth_first_brings_neighbours_together() -> None:
+    side = 40
+    mesh = np.random.default_rng(0).permutation(side * side).reshape(side, side)
+    ends = np.concatenate([np.stack([mesh[1:].ravel(), mesh[:-1].ravel()]),
+                           np.stack([mesh[:, 1:].ravel(), mesh[:, :-1].ravel()])], axis=1)  # fmt: skip
+    upper = sparse.coo_array((np.ones(ends.shape[1]), tuple(ends)), shape=(side * side,) * 2).tocsr()
+    rows = (upper + upper.T).tocsr()
+    indptr, indices = rows.indptr.astype(np.int32), rows.indices.astype(np.int32)
+    order = numbering.breadth_first(indptr, indices)
+    moved = numbering.renumber(indptr, indices, rows.data, np.zeros(side * side), order)
+    assert numbering.far_share(indptr, indices) > 0.7
+    assert numbering.far_share(moved[0], moved[1]) < 0.1
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_a_stack_holds_the_levels_in_its_own_order(seed: int) -> None:
+    graph = random_graph(2000, 4.0, seed)
+    levels = stack.stack_graph(graph)
+    n = graph.size
+    assert np.array_equal(np.sort(levels.order), np.arange(n))
+    matrix = dense(graph)[np.ix_(levels.order, levels.order)]
+    begin, middle, end = (part.astype(np.int64) for part in (levels.indptr[:n], levels.middle[:n], levels.indptr[1:]))
+    for row in range(0, n, 97):
+        entries = levels.indices[begin[row] : end[row]]
+        assert np.allclose(-matrix[row, entries], levels.conductance[begin[row] : end[row]], rtol=1e-6)
+        assert len(entries) == np.count_nonzero(matrix[row] < 0)
+        assert np.array_equal(entries < row, np.arange(begin[row], end[row]) < middle[row])
+    assert np.allclose(levels.diagonal[:n], np.diag(matrix), rtol=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_one_cycle_without_inner_steps_is_symmetric_and_positive(seed: int) -> None:
+    graph = random_graph(400, 3.0, seed)
+    levels = stack.stack_graph(graph)
+    assert len(levels.first) > 2
+    columns = np.empty((graph.size, graph.size))
+    for node in range(graph.size):
+        levels.b[: graph.size] = 0.0
+        levels.b[node] = 1.0
+        kernels.cycle(levels, 0.25, 99)
+        columns[:, node] = levels.x[: graph.size]
+    scale = np.abs(columns).max()
+    assert np.allclose(columns, columns.T, rtol=1e-4, atol=1e-5 * scale)
+    assert np.linalg.eigvalsh(0.5 * (columns + columns.T)).min() > 0
+
+
+@njit
+def _up_and_product(levels: kernels.Stack, n: int) -> float:
+    kernels._ascend_in_order(levels, 0, n)
+    return kernels._multiply_after(levels, 0, n, levels.v)
+
+
+def test_half_a_product_after_the_way_up_is_the_whole_one() -> None:
+    graph = random_graph(600, 4.0, 1)
+    levels = stack.stack_graph(graph)
+    n = graph.size
+    rng = np.random.default_rng(0)
+    levels.b[:n], levels.x[:] = rng.random(n), rng.random(len(levels.x))
+    energy = _up_and_product(levels, n)
+    true = dense(graph)[np.ix_(levels.order, levels.order)] @ levels.x[:n]
+    assert np.allclose(levels.v[:n], true, atol=1e-4 * np.abs(true).max())
+    assert energy == pytest.approx(float(levels.x[:n] @ true), rel=1e-4)
+
+
+def test_the_coarsest_inverse() -> None:
+    graph = random_graph(50, 3.0, 2)
+    graph.leak[:] += 0.1
+    assert np.allclose(ordering.inverse_matrix(*rows_of(graph)), np.linalg.inv(dense(graph)), rtol=1e-4, atol=1e-6)
+
+
+def test_a_graph_of_many_small_parts_needs_no_large_inverse() -> None:
+    """Five thousand cliques of five: coarse levels are nodes without neighbours, and do not shrink."""
+    corner = np.arange(5)
+    pairs = np.stack(np.triu_indices(5, 1), axis=1)
+    nodes = 1 + (5 * np.arange(5000)[:, None] + corner).ravel()
+    ends = 1 + (5 * np.arange(5000)[:, None, None] + pairs).reshape(-1, 2)
+    held = np.stack([nodes[::5], np.zeros(5000, dtype=np.int64)], axis=1)
+    netlist = Netlist(
+        node_count=25_001,
+        resistor_nodes=np.concatenate([ends, held]),
+        conductance=np.random.default_rng(0).uniform(0.1, 1.0, len(ends) + len(held)),
+        current_nodes=np.stack([np.zeros(5000, dtype=np.int64), nodes[2::5]], axis=1),
+        current_amps=np.ones(5000),
+    )
+    direct = solve(netlist, method="direct", accuracy="normwise")
+    multigrid = solve(netlist, method="multigrid", accuracy="normwise", rtol=1e-12)
+    assert np.allclose(direct.voltage, multigrid.voltage, rtol=1e-9)
+
+
+def hubs(seed: int) -> Netlist:
+    """A few nodes joined to hundreds of others, which hang together by weaker and stronger conductances."""
+    rng = np.random.default_rng(seed)
+    ends = np.concatenate([rng.integers(1, 4000, (9000, 2)),
+                           np.stack([rng.integers(1, 6, 3000), rng.integers(6, 4000, 3000)], axis=1)])  # fmt: skip
+    ends = ends[ends[:, 0] != ends[:, 1]]
+    return Netlist(
+        node_count=4000,
+        resistor_nodes=np.concatenate([ends, [[3999, 0], [17, 0]]]),
+        conductance=10.0 ** rng.uniform(-3, 3, len(ends) + 2),
+        current_nodes=np.array([[0, 33], [44, 0]]),
+        current_amps=np.array([1.0, 0.25]),
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("large", [0, 10**9])
+def test_netlists_with_hubs_agree_with_direct(seed: int, large: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(stack, "_LARGE", large)
+    netlist = hubs(seed)
+    direct, multigrid = solve(netlist, method="direct"), solve(netlist, method="multigrid")
+    assert np.allclose(direct.voltage, multigrid.voltage, rtol=1e-9, atol=1e-15, equal_nan=True)
+
+
+def test_the_same_netlist_gives_the_same_bits() -> None:
+    netlist = hubs(9)
+    first, second = (solve(netlist, method="multigrid", accuracy="normwise") for _ in range(2))
+    assert np.array_equal(first.voltage, second.voltage, equal_nan=True)
+
+
+def test_a_guess_spares_steps() -> None:
+    system = assemble(hubs(2))
+    hierarchy = build_hierarchy(system)
+    b = system.feed + system.injected
+    cold, warm = Watch(), Watch()
+    x, residual = iterate_on_graph(system, hierarchy.stack, hierarchy.unit, b, 1e-8, None, cold)
+    assert residual <= 1e-8 * np.linalg.norm(b)
+    near = x * (1 + 1e-5 * np.random.default_rng(0).random(len(x)))
+    again, _ = iterate_on_graph(system, hierarchy.stack, hierarchy.unit, b, 1e-8, near, warm)
+    assert warm.iterations < cold.iterations
+    assert np.abs(x - again).max() < 1e-6 * np.abs(x).max()
+
+
+def test_levels_shrink_on_netlists_of_every_kind() -> None:
+    for graph in (random_graph(5000, 2.0, 0), random_graph(5000, 8.0, 1, 12.0), random_graph(3000, 20.0, 2)):
+        graphs, steps = coarsen_down(graph)
+        sizes = np.array([level.size for level in graphs])
+        assert len(steps) == len(graphs) - 1
+        assert np.all(sizes[1:] < 0.8 * sizes[:-1])

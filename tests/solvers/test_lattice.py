@@ -1,0 +1,44 @@
+"""Places of cells against the indices they stand for."""
+
+import numpy as np
+from hypothesis import given, strategies as st
+
+from resgrid.solvers.multigrid.lattice import Lattice
+
+LATTICES = st.builds(Lattice, st.lists(st.integers(1, 6), min_size=2, max_size=4).map(tuple), st.integers(0, 3))
+
+
+@given(LATTICES)
+def test_every_cell_has_a_place_of_its_own_in_the_array_of_its_colour(lattice: Lattice) -> None:
+    index = np.indices(lattice.shape).reshape(len(lattice.shape), -1)
+    place = lattice.place(lattice.number(list(index)))
+    black = index.sum(axis=0) % 2 == 1
+    np.testing.assert_array_equal(place >= lattice.places, black)
+    assert len(np.unique(place)) == index.shape[1]
+    for colour in range(2):
+        here = place[black == colour] - colour * lattice.places
+        assert np.all((here >= lattice.margin) & (here < lattice.first_extra))
+        np.testing.assert_array_equal(np.stack(lattice.cells_at(colour, here)), index[:, black == colour])
+
+
+@given(LATTICES)
+def test_cells_lie_at_a_face_s_distance_if_they_share_that_face_and_only_then(lattice: Lattice) -> None:
+    index = np.indices(lattice.shape).reshape(len(lattice.shape), -1)
+    place, red = lattice.place(lattice.number(list(index))), index.sum(axis=0) % 2 == 0
+    away = (place[~red] - lattice.places)[np.newaxis, :] - place[red][:, np.newaxis]
+    step = index[:, ~red][:, np.newaxis, :] - index[:, red][:, :, np.newaxis]
+    for side, distance in enumerate(lattice.distance.tolist()):
+        shares = (step[side // 2] == (1 if side % 2 else -1)) & (np.abs(step).sum(axis=0) == 1)
+        np.testing.assert_array_equal(away == distance, shares)
+
+
+@given(LATTICES)
+def test_no_face_leads_out_of_the_array(lattice: Lattice) -> None:
+    assert lattice.margin + lattice.distance.min() >= 0
+    assert lattice.first_extra + lattice.extras + lattice.distance.max() <= lattice.places
+
+
+@given(LATTICES)
+def test_rows_begin_where_their_first_cells_lie(lattice: Lattice) -> None:
+    first = np.indices((*lattice.shape[:-1], 1)).reshape(len(lattice.shape), -1)
+    np.testing.assert_array_equal(lattice.rows, lattice.number(list(first)))

@@ -1,0 +1,70 @@
+"""The estimate of memory against what a solution takes."""
+
+import tracemalloc
+
+import numpy as np
+import pytest
+
+from resgrid.axis import Axis
+from resgrid.circuit.equations import assemble
+from resgrid.circuit.solve import solve
+from resgrid.compiler import compile_space
+from resgrid.netlist import Netlist
+from resgrid.solvers.choose import estimate_memory
+from resgrid.solvers.narrow.panels import narrow_order
+from resgrid.space import Cell, ConfigurationSpace
+
+
+def boxes(shape: tuple[int, ...]) -> ConfigurationSpace:
+    """A tenth of the cells in boxes, the goal in a corner."""
+    rng, cell = np.random.default_rng(3), np.zeros(shape, dtype=np.uint8)
+    while np.mean(cell) < 0.1:
+        low = rng.integers(2, shape)
+        cell[tuple(slice(a, a + n // 12) for a, n in zip(low, shape, strict=True))] = Cell.OBSTACLE
+    cell[(0,) * len(shape)] = Cell.GOAL
+    return ConfigurationSpace([Axis("xyz"[k], 0, 1, n) for k, n in enumerate(shape)], cell)
+
+
+def without_layout(netlist: Netlist) -> Netlist:
+    """The same circuit as a netlist that comes from no space."""
+    return netlist.replace(cell_map=None)
+
+
+@pytest.mark.parametrize("shape", [(12, 3000), (1500, 5, 5)])
+def test_factors_along_a_corridor_take_what_the_estimate_says(shape: tuple[int, ...]) -> None:
+    cell = np.zeros(shape, dtype=np.uint8)
+    cell[(0,) * len(shape)] = Cell.GOAL
+    netlist = compile_space(ConfigurationSpace([Axis("xyz"[k], 0, n, n) for k, n in enumerate(shape)], cell))
+    system = assemble(netlist)
+    assert narrow_order(system) is not None
+    estimate = estimate_memory(system, "direct")
+    solve(netlist, method="direct")
+    tracemalloc.start()
+    solve(netlist, method="direct")
+    taken = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert taken < estimate < 2.5 * taken
+
+
+def test_a_winding_volume_needs_no_more_memory_than_its_corridor() -> None:
+    """Factors of an open volume of as many cells take ten times as much."""
+    shaft = np.zeros((6000, 5, 5), dtype=np.uint8)
+    shaft[0, 2, 2] = Cell.GOAL
+    axes = [Axis("xyz"[k], 0, n, n) for k, n in enumerate(shaft.shape)]
+    system = assemble(compile_space(ConfigurationSpace(axes, shaft)))
+    assert estimate_memory(system, "direct") < 2000.0 * system.size
+
+
+@pytest.mark.parametrize("accuracy", ["normwise", "direction"])
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+@pytest.mark.parametrize("shape", [(200, 220), (36, 34, 40)])
+def test_multigrid_takes_what_the_estimate_says(shape: tuple[int, ...], boundary: str, accuracy: str) -> None:
+    netlist = compile_space(boxes(shape), boundary=boundary)
+    for circuit in (netlist, without_layout(netlist)):
+        estimate = estimate_memory(assemble(circuit), "multigrid", accuracy)
+        solve(circuit, accuracy=accuracy, method="multigrid")
+        tracemalloc.start()
+        solve(circuit, accuracy=accuracy, method="multigrid")
+        taken = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert taken < estimate < 2.0 * taken

@@ -1,0 +1,253 @@
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+from hypothesis import assume, example, given, settings, strategies as st
+from support.spaces import serpentine, space_of, spaces
+
+from resgrid.circuit.dynamics import dynamics_of, factor_resolvent
+from resgrid.circuit.equations import assemble
+from resgrid.circuit.solve import factor, solve
+from resgrid.compiler import compile_space
+from resgrid.errors import AccuracyError, BudgetError, CircuitError, InputError
+from resgrid.netlist import Netlist
+from resgrid.solvers import choose as methods, decay as fall
+from resgrid.solvers.factors.multigrid import factor_multigrid
+from resgrid.solvers.monitor import Watch
+from resgrid.solvers.multigrid import aggregation
+from resgrid.solvers.multigrid.grading import MOST_DECADES
+from resgrid.solvers.narrow.panels import narrow_order
+
+BOUNDARIES = [{}, {"boundary": "neumann"}, {"boundary": "wall", "wall_resistance": 2.0}]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def unreduced() -> Iterator[None]:
+    """Both methods on the whole circuit, so that one can check the other."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(methods, "may_reduce", lambda _: False)
+        yield
+
+
+def blocks(shape: tuple[int, ...], seed: int, share: float = 0.2) -> np.ndarray:
+    """Cells with random boxes as obstacles and a goal in the first corner."""
+    rng = np.random.default_rng(seed)
+    cell = np.zeros(shape, dtype=np.uint8)
+    while np.mean(cell) < share:
+        low = rng.integers(0, shape)
+        size = rng.integers(1, np.array(shape) // 6 + 2)
+        cell[tuple(slice(a, a + b) for a, b in zip(low, size, strict=True))] = 1
+    cell[(slice(0, 3),) * len(shape)] = 0
+    cell[(1,) * len(shape)] = 2
+    return cell
+
+
+def random_netlist(count: int, seed: int) -> Netlist:
+    """A connected random graph whose resistors span two decades, held at two nodes."""
+    rng = np.random.default_rng(seed)
+    tree = np.stack([np.arange(2, count), rng.integers(1, np.arange(2, count))], axis=1)
+    extra = rng.integers(1, count, (2 * count, 2))
+    pairs = np.concatenate([tree, extra[extra[:, 0] != extra[:, 1]]])
+    conductance = 10.0 ** rng.uniform(-1, 1, len(pairs))
+    return Netlist(count, pairs, conductance, np.array([[1, 0], [count - 1, 0]]), np.array([1.0, 0.0]))
+
+
+@settings(max_examples=60)
+@given(spaces(), st.sampled_from(BOUNDARIES))
+def test_multigrid_and_direct_agree_on_small_spaces(space: object, options: dict[str, object]) -> None:
+    try:
+        netlist = compile_space(space, **options)
+        direct = solve(netlist, method="direct")
+    except CircuitError:
+        assume(False)
+    multigrid = solve(netlist, method="multigrid")
+    assert np.allclose(direct.voltage, multigrid.voltage, rtol=1e-8, atol=0, equal_nan=True)
+    if direct.log_drop is not None:
+        proved = min(multigrid.entry_error + direct.entry_error, 1e-8)
+        assert np.allclose(direct.log_drop, multigrid.log_drop, rtol=1e-15, atol=proved, equal_nan=True)
+
+
+@pytest.mark.parametrize("shape", [(90, 70), (24, 20, 22), (9, 9, 8, 9)])
+@pytest.mark.parametrize("options", BOUNDARIES)
+def test_multigrid_is_entrywise_right_on_larger_grids(shape: tuple[int, ...], options: dict[str, object]) -> None:
+    netlist = compile_space(space_of(blocks(shape, seed=len(shape))), **options)
+    direct, multigrid = solve(netlist, method="direct"), solve(netlist, method="multigrid")
+    assert multigrid.method == "multigrid"
+    assert multigrid.kcl_residual < 1e-6
+    told = direct.entry_error + multigrid.entry_error
+    assert told <= 2e-8
+    assert np.allclose(direct.voltage, multigrid.voltage, rtol=told + 1e-15, atol=0, equal_nan=True)
+    if direct.log_drop is not None:
+        assert np.nanmin(np.where(np.isfinite(direct.log_drop), direct.log_drop, 0)) < -5
+        assert np.allclose(direct.log_drop, multigrid.log_drop, rtol=1e-15, atol=told, equal_nan=True)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_multigrid_solves_netlists_without_a_grid(seed: int) -> None:
+    netlist = random_netlist(3000, seed)
+    direct, multigrid = solve(netlist, method="direct"), solve(netlist, method="multigrid")
+    assert np.allclose(direct.voltage, multigrid.voltage, rtol=1e-9, atol=1e-15, equal_nan=True)
+    normwise = solve(netlist, method="multigrid", accuracy="normwise", rtol=1e-10)
+    assert np.allclose(direct.voltage, normwise.voltage, atol=1e-7, equal_nan=True)
+
+
+@settings(max_examples=60)
+@example(134)
+@given(st.integers(0, 2**32 - 1))
+def test_small_netlists_are_solved_as_far_as_rounding_lets(seed: int) -> None:
+    """Where a burst ends in rounding, the next one begins with a residual that has nothing to do with the last step."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(4, 40))
+    tree = [(int(rng.integers(0, k)), k) for k in range(1, count + 1)]
+    more = [tuple(sorted(rng.choice(count + 1, 2, replace=False).tolist())) for _ in range(2 * count)]
+    conductance = np.append(10.0 ** rng.uniform(-7, -3, len(tree + more)), 1e-4)
+    pairs = np.array([*tree, *more, (count, count + 1)])
+    system = assemble(Netlist(count + 2, pairs, conductance, np.array([[count + 1, 0]]), np.array([1.0])))
+    x = factor_multigrid(system).solve(system.drive, rtol=1e-12)
+    exact = np.linalg.solve(np.diag(system.degree) - system.coupling.toarray(), system.drive)
+    np.testing.assert_allclose(x, exact, rtol=0, atol=1e-6)
+
+
+def test_aggregates_never_join_across_a_wall() -> None:
+    """Two corridors side by side, joined at one end only: no coarse node holds cells of both until the end is near."""
+    wall = np.zeros((64, 3), dtype=np.uint8)
+    wall[:-1, 1] = 1
+    wall[0, 0] = 2
+    system = assemble(compile_space(space_of(np.repeat(wall, 3, axis=0)), boundary="neumann"))
+    coupling = system.coupling
+    cell_map = system.netlist.cells
+    cell = np.flatnonzero(cell_map.space.cell.ravel() == 0)
+    coordinate = np.stack(np.unravel_index(cell, cell_map.space.shape), axis=1).astype(np.int32)
+    group_of, count = aggregation.aggregate_blocks(
+        coupling.indptr, coupling.indices, coupling.data, coordinate, np.ones(2, dtype=np.int64), 0.1
+    )
+    assert count == group_of.max() + 1 < system.size / 2
+    for group in range(count):
+        members = np.flatnonzero(group_of == group)
+        inner = coupling[members][:, members]
+        reach = np.linalg.matrix_power((inner.toarray() > 0) + np.eye(len(members)), len(members))
+        assert np.all(reach > 0)
+
+
+def test_auto_takes_multigrid_unless_a_system_is_small_or_rough() -> None:
+    little = assemble(compile_space(space_of(blocks((40, 40), 1))))
+    assert methods.choose_method(little) == "direct"
+    plane = assemble(compile_space(space_of(blocks((160, 160), 1)), boundary="neumann"))
+    assert methods.choose_method(plane) == "multigrid"
+    assert methods.choose_method(plane, "normwise") == "multigrid"
+    volume = assemble(compile_space(space_of(blocks((32, 32, 32), 1))))
+    assert methods.choose_method(volume) == "multigrid"
+    rough = compile_space(
+        space_of(blocks((32, 32, 32), 1), conductivity=10.0 ** np.random.default_rng(0).uniform(-3, 3, (32, 32, 32)))
+    )
+    assert methods.choose_method(assemble(rough)) == "direct"
+
+
+def test_auto_takes_direct_where_refinement_would_have_to_win_too_many_decades() -> None:
+    shaft = np.zeros((1300, 6, 6), dtype=np.uint8)
+    shaft[0, 1, 1] = 2
+    assert methods.choose_method(assemble(compile_space(space_of(shaft)))) == "direct"
+    assert methods.choose_method(assemble(compile_space(space_of(shaft), boundary="neumann"))) == "multigrid"
+
+
+@pytest.mark.parametrize(("length", "method"), [(800, "multigrid"), (1600, "direct")])
+def test_wide_corridors_take_multigrid_as_far_as_it_is_graded(length: int, method: str) -> None:
+    corridor = np.zeros((14, 14, length), dtype=np.uint8)
+    corridor[5, 5, 0] = 2
+    system = assemble(compile_space(space_of(corridor)))
+    assert (fall.foresee_decades(system).whole > MOST_DECADES) == (method == "direct")
+    assert methods.choose_method(system) == method
+
+
+@pytest.mark.parametrize("width", [3, 8, 21])
+@pytest.mark.parametrize("wall", [0.0, 1.0, 30.0, 1e3])
+def test_decades_are_foreseen_along_corridors_behind_walls_of_any_resistance(width: int, wall: float) -> None:
+    corridor = np.zeros((width, 40 * width), dtype=np.uint8)
+    corridor[:, 0] = 2
+    netlist = compile_space(space_of(corridor), boundary="wall", resistance=1.0, wall_resistance=wall)
+    log_drop = solve(netlist, method="direct").log_drop
+    decades = -log_drop[np.isfinite(log_drop)].min() / np.log(10.0)
+    foreseen = fall.foresee_decades(assemble(netlist)).whole / fall.WHOLE_STEPS
+    assert 0.7 < foreseen / decades < 1.8
+
+
+def test_potentials_that_walls_hold_up_take_multigrid() -> None:
+    corridor = np.zeros((48, 8000), dtype=np.uint8)
+    corridor[:, 0] = 2
+    options = {"boundary": "wall", "resistance": 1.0}
+    thin = compile_space(space_of(corridor), **options, wall_resistance=0.0)
+    thick = compile_space(space_of(corridor), **options, wall_resistance=1e4)
+    assert methods.choose_method(assemble(thin)) == "direct"
+    assert methods.choose_method(assemble(thick)) == "multigrid"
+
+
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+def test_mazes_are_solved_directly_and_halls_by_multigrid(boundary: str) -> None:
+    narrow = assemble(compile_space(space_of(serpentine(40, 120, 4)), boundary=boundary))
+    assert methods.choose_method(narrow) == "direct"
+    assert narrow_order(narrow) is not None
+    hall = np.zeros((80, 800), dtype=np.uint8)
+    hall[20, 20] = 2
+    assert methods.choose_method(assemble(compile_space(space_of(hall), boundary=boundary))) == "multigrid"
+
+
+def test_refinement_carries_multigrid_down_a_shaft_of_a_hundred_decades() -> None:
+    shaft = np.zeros((420, 6, 5), dtype=np.uint8)
+    shaft[0, 2, 2] = 2
+    netlist = compile_space(space_of(shaft))
+    direct, multigrid = solve(netlist, method="direct"), solve(netlist, method="multigrid")
+    assert np.nanmin(np.where(np.isfinite(direct.log_drop), direct.log_drop, 0)) < -100 * np.log(10)
+    told = direct.entry_error + multigrid.entry_error
+    assert told <= 2e-8
+    assert np.allclose(direct.log_drop, multigrid.log_drop, rtol=1e-15, atol=told, equal_nan=True)
+    assert multigrid.kcl_residual < 1e-6
+
+
+def test_what_multigrid_cannot_reach_is_an_error_with_the_best_answer() -> None:
+    rng = np.random.default_rng(5)
+    space = space_of(blocks((80, 80), 2), conductivity=10.0 ** rng.uniform(-9, 9, (80, 80)))
+    netlist = compile_space(space, boundary="neumann")
+    with pytest.raises(AccuracyError) as failure:
+        solve(netlist, method="multigrid")
+    assert failure.value.best is not None
+    assert solve(netlist, method="direct").kcl_residual < 1e-6
+
+
+def test_a_factor_serves_many_right_hand_sides() -> None:
+    netlist = compile_space(space_of(blocks((40, 30), 3)))
+    direct, multigrid = factor(netlist, method="direct"), factor(netlist, method="multigrid")
+    rng = np.random.default_rng(1)
+    for _ in range(3):
+        rhs = rng.standard_normal(direct.system.size)
+        assert np.allclose(direct.solve(rhs), multigrid.solve(rhs, rtol=1e-12), rtol=1e-6, atol=1e-6 * 1e4)
+
+
+def test_unknown_methods_and_jobs_beyond_memory_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    netlist = compile_space(space_of(blocks((20, 20), 1)))
+    with pytest.raises(InputError, match="direct, multigrid"):
+        solve(netlist, method="cholesky")
+    monkeypatch.setattr("resgrid.budget.available_memory", lambda: 1000)
+    with pytest.raises(BudgetError, match="GiB"):
+        solve(netlist)
+
+
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+@pytest.mark.parametrize("leak", [1e2, 1e3, 1e4, 1e5, 1e6])
+def test_leaks_that_outweigh_the_grid_are_no_harder(boundary: str, leak: float) -> None:
+    """Steps in time lead to such circuits; the first iteration gains more digits than single precision has."""
+    cell = np.zeros((64, 64), dtype=np.uint8)
+    cell[16:32, 21], cell[61, 2] = 1, 2
+    netlist = compile_space(space_of(cell), boundary=boundary)
+    nodes = netlist.cells.free_node
+    dynamics = dynamics_of(
+        netlist.replace(
+            capacitor_nodes=np.stack([nodes, np.zeros_like(nodes)], axis=1), capacitance=np.full(len(nodes), 1e-12)
+        )
+    )
+    rate = leak * netlist.conductance.max() / 1e-12
+    iterative, direct = (factor_resolvent(dynamics, rate, method) for method in ("multigrid", "direct"))
+    watch = Watch()
+    x = iterative.solve(dynamics.drive, rtol=1e-12, watch=watch)
+    assert watch.iterations <= 12
+    expected = direct.solve(dynamics.drive, rtol=1e-14)
+    np.testing.assert_allclose(x, expected, rtol=0, atol=1e-11 * np.abs(expected).max())

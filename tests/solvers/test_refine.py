@@ -1,0 +1,177 @@
+"""Refinement and read-off: every node is judged by its own currents, whatever its size beside others."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from support.circuits import eliminated
+from support.spaces import serpentine, space_of, spaces
+
+from resgrid.circuit import readout
+from resgrid.circuit.equations import NodalSystem, assemble
+from resgrid.circuit.solve import solve
+from resgrid.compiler import compile_space
+from resgrid.errors import CircuitError
+from resgrid.solvers import choose as methods, refine
+from resgrid.solvers.choose import factor_system
+from resgrid.solvers.extended import Scaled, power
+from resgrid.solvers.monitor import Watch
+from resgrid.solvers.refine_kernels import residual
+from resgrid.space import ConfigurationSpace
+
+
+def scattered(shape: tuple[int, ...], seed: int) -> ConfigurationSpace:
+    """Single obstacle cells here and there, the goal in the middle."""
+    cell = (np.random.default_rng(seed).random(shape) < 0.08).astype(np.uint8)
+    cell[tuple(size // 2 for size in shape)] = 2
+    return space_of(cell)
+
+
+def violations(system: NodalSystem, rhs: np.ndarray, value: list[Fraction]) -> list[Fraction]:
+    """Violation of KCL at every row, relative to the currents there, in exact arithmetic."""
+    coupling, found = system.coupling, []
+    for i in range(system.size):
+        flows = [Fraction(float(rhs[i])), -Fraction(float(system.excess[i])) * value[i]]
+        for k in range(coupling.indptr[i], coupling.indptr[i + 1]):
+            flows.append(Fraction(float(coupling.data[k])) * (value[coupling.indices[k]] - value[i]))
+        size = sum((abs(flow) for flow in flows), Fraction(0))
+        found.append(abs(sum(flows, Fraction(0))) / size if size else Fraction(0))
+    return found
+
+
+def exactly(found: Scaled) -> list[Fraction]:
+    return [
+        (Fraction(float(hi)) + Fraction(float(lo))) * Fraction(2) ** (256 * int(e))
+        for hi, lo, e in zip(found.hi, found.lo, found.exponent, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("shape", [(40, 30), (12, 10, 9)])
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann", "wall"])
+@pytest.mark.parametrize("method", ["direct", "multigrid"])
+def test_currents_balance_at_every_node_in_exact_arithmetic(shape: tuple[int, ...], boundary: str, method: str) -> None:
+    options = {"wall_resistance": 1e6} if boundary == "wall" else {}
+    system = assemble(compile_space(scattered(shape, 3), boundary=boundary, **options))
+    rhs, watch = system.rails.to_low if system.rails is not None else system.injected, Watch()
+    found, _ = factor_system(system, method, reduce=False).solve_nonnegative(rhs, watch=watch)
+    violated = violations(system, rhs, exactly(found))
+    assert 2 * float(sum(violated)) <= watch.bound < 4.1e-9
+    assert max(violated) < 2e-9
+    exact, _ = factor_system(system, "direct", reduce=False).solve_nonnegative(rhs)
+    assert np.abs(found.log - exact.log).max() <= watch.bound + 1e-15
+
+
+def test_currents_balance_where_potentials_leave_the_range_of_a_double() -> None:
+    system, watch = assemble(compile_space(space_of(serpentine(9, 120, 3)))), Watch()
+    assert system.rails is not None
+    found, _ = factor_system(system, "multigrid").solve_nonnegative(system.rails.to_low, watch=watch)
+    assert found.log.min() / np.log(10) < -330
+    assert 2 * float(sum(violations(system, system.rails.to_low, exactly(found)))) <= watch.bound < 4.1e-9
+
+
+@settings(max_examples=80)
+@given(spaces(max_cells=4, dimensions=(2, 3)), st.integers(0, 2**16), st.floats(-6.0, -1.5))
+def test_no_entry_is_off_by_more_than_the_violations_of_kcl_prove(
+    space: ConfigurationSpace, seed: int, decades: float
+) -> None:
+    """Wrong answers of small circuits whose conductances differ by twelve decades, and the exact ones."""
+    rng = np.random.default_rng(seed)
+    try:
+        netlist = compile_space(space, boundary="wall", wall_resistance=30.0)
+        system = assemble(netlist.replace(conductance=10.0 ** rng.uniform(-6, 6, len(netlist.conductance))))
+    except CircuitError:
+        return
+    if system.rails is None or not 0 < system.size <= 24:
+        return
+    rhs = system.rails.to_low
+    true = rational_solution(system, rhs)
+    wrong = [x * (1 + Fraction(float(10.0**decades * rng.uniform(-1, 1)))) for x in true]
+    violation = sum(violations(system, rhs, wrong))
+    if violation < Fraction(1, 10):
+        error = max(abs(a / b - 1) for a, b in zip(wrong, true, strict=True))
+        assert error <= refine.entry_bound(float(violation)) * (1 + 1e-9)
+
+
+def rational_solution(system: NodalSystem, rhs: np.ndarray) -> list[Fraction]:
+    """By elimination in exact arithmetic, the diagonal being the sum of conductances."""
+    n, coupling = system.size, system.coupling.toarray()
+    a = [[-Fraction(float(g)) for g in row] for row in coupling]
+    for i in range(n):
+        a[i][i] = Fraction(float(system.excess[i])) - sum(a[i], Fraction(0))
+    return eliminated(a, [Fraction(float(current)) for current in rhs])
+
+
+def test_a_start_behind_which_nothing_flows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where no current flows its rounding is no scale: there voltages are equal to thirty digits."""
+    monkeypatch.setattr(methods, "may_reduce", lambda _: False)
+    space = space_of(serpentine(7, 60, 3))
+    netlist = compile_space(space, boundary="neumann", drive="start", start=(9, 30))
+    direct, multigrid = (solve(netlist, method=method) for method in ("direct", "multigrid"))
+    assert np.any(direct.resistor_direction == 0)
+    assert np.array_equal(direct.resistor_direction, multigrid.resistor_direction)
+
+
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann", "wall"])
+def test_exponents_change_nothing_where_they_are_not_needed(boundary: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    options = {"wall_resistance": 1e5} if boundary == "wall" else {}
+    netlist = compile_space(scattered((50, 40), 4), boundary=boundary, **options)
+    plain = solve(netlist)
+    monkeypatch.setattr(readout, "_LEAST_EXPONENT", 1)
+    scaled = solve(netlist)
+    assert np.array_equal(plain.resistor_direction, scaled.resistor_direction)
+    flows = plain.resistor_direction != 0
+    error = plain.resistor_log_current[flows] - scaled.resistor_log_current[flows]
+    assert np.abs(error).max() < 1e-13
+    assert np.allclose(plain.source_current, scaled.source_current, rtol=1e-12, atol=0)
+    assert plain.power == pytest.approx(scaled.power, rel=1e-13)
+    assert scaled.kcl_residual < 1e-12
+    assert plain.kcl_residual < 1e-12
+
+
+def test_powers_are_those_of_two() -> None:
+    exponent = np.array([-100, -5, -4, -3, -1, 0, 1, 3])
+    assert np.array_equal(power(exponent), np.exp2(256.0 * exponent))
+    assert np.all(np.isinf(power(np.array([4, 5, 99]))))
+
+
+def test_what_lower_parts_leave_of_values_that_are_gone_is_right() -> None:
+    """Two nodes, joined and held by 1 S each, whose values have cancelled but for the last bits of a double."""
+    indptr, indices, one = np.array([0, 1, 2], np.int32), np.array([1, 0], np.int32), np.ones(2)
+    none, hi, lo, left = np.empty(0, np.int64), np.zeros(2), np.array([0.0, 5e-324]), np.ones(2)
+    rows = np.empty(0, np.int32)
+    found = residual(indptr, indices, one, one, np.zeros(2), none, hi, lo, none, True, 1e-20, 1.0, rows, left, none)
+    assert (found.backward, found.left, found.largest) == (0.0, 0.0, 0.0)
+    assert not left.any()
+
+
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+def test_around_few_corrections_residuals_are_those_of_all_rows(boundary: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """An inverse that is off at some rows, and turns to them alone from its second pass on."""
+    system = assemble(compile_space(scattered((60, 50), 8), boundary=boundary))
+    rhs = system.rails.to_low if system.rails is not None else system.injected
+    inverse = np.linalg.inv(np.diag(system.degree) - system.coupling.toarray())
+    late = np.random.default_rng(1).random(system.size) < 0.01
+    own = np.linalg.inv(np.linalg.inv(inverse)[np.ix_(late, late)])
+
+    def answer() -> refine.Refined:
+        passes = 0
+
+        def approximate(m: np.ndarray, e: np.ndarray, _: float) -> refine.Numbers:
+            nonlocal passes
+            passes += 1
+            x = (inverse @ m) * np.where(late, 1.001, 1.0)
+            if passes > 1:
+                x = np.zeros_like(m)
+                x[late] = own @ m[late]
+            return x, np.zeros_like(e)
+
+        return refine.refine(system, rhs, approximate, 1e-20)
+
+    around = answer()
+    monkeypatch.setattr(refine, "_FEW", system.size + 1)
+    of_all = answer()
+    assert np.array_equal(around.solution.hi, of_all.solution.hi)
+    assert np.array_equal(around.solution.lo, of_all.solution.lo)
+    assert of_all.error <= around.error < 1e-12
+    assert of_all.bound <= around.bound < 1e-8

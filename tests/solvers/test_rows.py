@@ -1,0 +1,61 @@
+"""Compressed rows, in order and in none, against scipy's sums of the same resistors."""
+
+import numpy as np
+import pytest
+from hypothesis import given, strategies as st
+from numpy.typing import NDArray
+from scipy import sparse
+from support.spaces import space_of
+
+from resgrid.circuit.equations import NodalSystem, assemble
+from resgrid.compiler import compile_space
+from resgrid.netlist import GROUND, Netlist
+
+
+def netlist_of(pairs: NDArray[np.int64], conductance: NDArray[np.float64], nodes: int) -> Netlist:
+    """A circuit whose first node is held at 1 V, its last one at 0 V, and no others."""
+    return Netlist(
+        node_count=nodes,
+        resistor_nodes=pairs,
+        conductance=conductance,
+        source_nodes=np.array([[1, GROUND], [nodes - 1, GROUND]]),
+        source_volts=np.array([1.0, 0.0]),
+    )
+
+
+def summed(system: NodalSystem) -> NDArray[np.float64]:
+    """What scipy makes of the conductances between rows."""
+    row, g = system.unknown[system.netlist.resistor_nodes], system.netlist.conductance
+    a, b = row[np.all(row >= 0, axis=1) & (row[:, 0] != row[:, 1])].T
+    g = g[np.all(row >= 0, axis=1) & (row[:, 0] != row[:, 1])]
+    ends = (np.concatenate([a, b]), np.concatenate([b, a]))
+    return sparse.coo_array((np.concatenate([g, g]), ends), shape=(system.size, system.size)).toarray()
+
+
+@given(st.integers(4, 40), st.integers(0, 2**32 - 1), st.sampled_from([1, 3, 12]))
+def test_rows_are_the_coupling_in_any_order(nodes: int, seed: int, crowd: int) -> None:
+    rng = np.random.default_rng(seed)
+    line = np.stack([np.arange(1, nodes - 1), np.arange(2, nodes)], axis=1)
+    pairs = np.concatenate([line, rng.integers(0, nodes, (crowd * nodes, 2))])
+    pairs = rng.permutation(pairs[pairs[:, 0] != pairs[:, 1]])
+    system = assemble(netlist_of(pairs, rng.uniform(0.5, 2.0, len(pairs)), nodes))
+    rows, expected = system.rows.toarray(), summed(system)
+    np.testing.assert_allclose(rows, expected, rtol=1e-14)
+    coupling = system.coupling
+    assert system.rows is coupling
+    assert coupling.has_canonical_format
+    column = coupling.indices.copy()
+    coupling.has_sorted_indices = False
+    coupling.sort_indices()
+    np.testing.assert_array_equal(coupling.indices, column)
+    np.testing.assert_allclose(coupling.toarray(), expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize("shape", [(9, 8), (6, 5, 7), (4, 3, 4, 5)])
+def test_those_of_a_grid_come_in_order(shape: tuple[int, ...]) -> None:
+    cell = (np.random.default_rng(2).random(shape) < 0.1).astype(np.uint8)
+    cell[(0,) * len(shape)] = 2
+    system = assemble(compile_space(space_of(cell)))
+    assert system.rows.has_sorted_indices
+    assert system.coupling is system.rows
+    np.testing.assert_allclose(system.coupling.toarray(), summed(system), rtol=1e-14)
