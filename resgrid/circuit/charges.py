@@ -1,8 +1,8 @@
 """What charge decides, and what follows it at once: the two linear systems behind the state at 0+ and its slope.
 
 In the coordinates ``x = E_c y + N z`` of `resgrid.circuit.dynamics.ChargeBasis` charges give ``y`` by ``C_cc y = q``,
-and Kirchhoff's law for the parts that capacitors leave loose gives ``z`` by ``N^T G N z = N^T (b - G E_c y)``.  Both are
-nodal matrices, assembled and solved as such: a part of strong conductances keeps its weak ties to what holds it.
+and Kirchhoff's law for the parts that capacitors leave loose gives ``z`` by ``N^T G N z = N^T (b - G E_c y)``.  Both
+are nodal matrices, assembled and solved as such: a part of strong conductances keeps its weak ties to what holds it.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ def grounded(pairs: np.ndarray, conductance: np.ndarray) -> NodalSystem:
 def reduced(system: NodalSystem, method: str = "direct") -> ReducedFactor:
     """A factor behind a reduction, whether it pays or not."""
     reduction, make = reduce_system(system), partial(factor_system, method=method, reduce=False)
-    return ReducedFactor(system, reduction, make(reduction.core) if reduction.core else None, make)
+    return ReducedFactor(system, reduction, make(reduction.core) if reduction.core else None)
 
 
 def exact(system: NodalSystem, rhs: np.ndarray) -> list[Fraction]:
