@@ -7,8 +7,7 @@ from pathlib import Path
 DOCS = Path(__file__).resolve().parent
 sys.path.insert(0, str(DOCS / "_ext"))
 
-import figures  # noqa: E402
-from sphinx_gallery.sorting import ExplicitOrder  # noqa: E402
+from figures import SECTIONS  # noqa: E402
 
 import resgrid  # noqa: E402
 
@@ -19,7 +18,8 @@ os.environ["NO_COLOR"] = "1"
 os.environ["PYDEVD_DISABLE_FILE_VALIDATION"] = "1"
 
 project = "resgrid"
-author = copyright = "the resgrid maintainers"
+author = "the resgrid maintainers"
+project_copyright = author
 release = version = resgrid.__version__
 
 extensions = [
@@ -40,7 +40,7 @@ exclude_patterns = [
     "_ext",
     "jupyter_execute",
     "gallery/**/*.ipynb",
-    "**/sg_execution_times.rst",
+    "**sg_execution_times.rst",
     "**.ipynb_checkpoints",
 ]
 nitpicky = False
@@ -69,7 +69,7 @@ myst_update_mathjax = False
 nb_execution_mode = "force"
 nb_execution_in_temp = True
 nb_execution_timeout = 120
-nb_execution_raise_on_error = True
+nb_execution_show_tb = True
 nb_merge_streams = True
 
 autodoc_typehints = "none"
@@ -82,10 +82,10 @@ sphinx_gallery_conf = {
     "gallery_dirs": ["gallery"],
     "filename_pattern": r"\.py$",
     "ignore_pattern": r"__init__\.py",
-    "subsection_order": ExplicitOrder([f"../examples/{name}" for name in figures.SECTIONS]),
+    "subsection_order": [f"../examples/{name}" for name in SECTIONS],
     "within_subsection_order": "FileNameSortKey",
-    "image_scrapers": (figures.saved_pictures,),
-    "reset_modules": (figures.forget_output,),
+    "image_scrapers": ("figures.saved_pictures",),
+    "reset_modules": ("figures.forget_output",),
     "reset_modules_order": "both",
     "copyfile_regex": r".*\.toml",
     "doc_module": ("resgrid",),

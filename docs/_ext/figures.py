@@ -1,5 +1,6 @@
 """What the gallery shows of an example: the pictures that it saves in `out`, moved to where the page looks for them."""
 
+import builtins
 import shutil
 from pathlib import Path
 
@@ -9,12 +10,10 @@ SECTIONS = ("first", "figures_1992", "space", "chip", "control")
 SUFFIXES = (".png", ".gif")
 
 
-def saved_pictures(block, block_vars, gallery_conf):
+def saved_pictures(_block, block_vars, gallery_conf):
     """Move the pictures saved by a block of an example, oldest first, and write the markup that shows them."""
     folder = Path(block_vars["src_file"]).parent / "out"
-    saved = sorted(
-        (file for file in folder.rglob("*") if file.suffix in SUFFIXES), key=lambda file: file.stat().st_mtime_ns
-    )
+    saved = sorted((file for file in folder.rglob("*") if file.suffix in SUFFIXES), key=_age)
     shown = []
     for file, place in zip(saved, block_vars["image_path_iterator"], strict=False):
         shown.append(str(Path(place).with_suffix(file.suffix)))
@@ -22,7 +21,13 @@ def saved_pictures(block, block_vars, gallery_conf):
     return figure_rst(shown, gallery_conf["src_dir"])
 
 
-def forget_output(gallery_conf, fname):
-    """Remove what the example before wrote."""
+def forget_output(gallery_conf, fname, when):
+    """Remove what the example before wrote, and tell the next where it lies, as Python itself does."""
     for section in SECTIONS:
-        shutil.rmtree(Path(gallery_conf["examples_dirs"][0], section, "out"), ignore_errors=True)
+        examples = Path(gallery_conf["src_dir"], gallery_conf["examples_dirs"][0])
+        shutil.rmtree(examples / section / "out", ignore_errors=True)
+    builtins.__file__ = fname
+
+
+def _age(file):
+    return file.stat().st_mtime_ns

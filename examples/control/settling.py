@@ -8,15 +8,13 @@ It drives while the grid still settles; how many cells may pass in a settling ti
 from pathlib import Path
 
 import resgrid as rg
+from resgrid.control.announced import relaxation_sweep
+from resgrid.control.relaxation import Relaxation
 
-SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
 # A hidden obstacle is put on the map while the robot is on its way, and the grid relaxes towards the new field.
-
-from resgrid.control.announced import relaxation_sweep
-from resgrid.control.relaxation import Relaxation
 
 scene = rg.Scene(
     (rg.Axis("x", 0, 8, 16), rg.Axis("y", 0, 8, 16)),

@@ -20,8 +20,8 @@ Path("out").mkdir(exist_ok=True)
 
 # %%
 # The arm's configurations form a torus: both angles turn all the way round. Where the arm is stretched or folded the
-# Jacobian is singular; a strip of virtual obstacle there cuts the torus into two bands. In one the arm turns left at its
-# elbow, in the other right. The goal has an inverse solution in each, so no start is without one.
+# Jacobian is singular; a strip of virtual obstacle there cuts the torus into two bands. In one the arm turns left at
+# its elbow, in the other right. The goal has an inverse solution in each, so no start is without one.
 
 scene = rg.read_scene(SCENES / "problem_a.toml")
 space = rg.sample(scene)

@@ -16,8 +16,8 @@ SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
 
 # %%
-# No path is decided by connectivity, and the field agrees. Of configuration space we see which cells must go, and of the
-# workspace which obstacle: without it there would be a way.
+# No path is decided by connectivity, and the field agrees. Of configuration space we see which cells must go, and of
+# the workspace which obstacle: without it there would be a way.
 
 scene = rg.read_scene(SCENES / "problem_b.toml")
 planner = rg.plan(scene, boundary="dirichlet")

@@ -29,7 +29,7 @@ print(f"the contact is {from_tip:.2f} m from the tip")
 assert from_tip > 0.2
 
 # %%
-# With learning, each contact proves cells to be obstacle, and the field is solved again. No cell is learnt that is free.
+# With learning, each contact proves cells to be obstacle, and the field is solved again. No free cell is learnt.
 
 taught = replace(simulation, learn=True).run()
 truth = simulation.plant.true_space(simulation.space).cell == rg.Cell.OBSTACLE
