@@ -61,7 +61,7 @@ class Steps:
 
 
 def enterable(space: ConfigurationSpace) -> NDArray[np.bool_]:
-    """Cells that a robot steps into: free and goal cells, never an obstacle, however low a switch or load lets it lie."""
+    """Cells that a robot steps into: free and goal cells, never an obstacle, however low its switch lets it lie."""
     return np.asarray(space.cell != Cell.OBSTACLE)
 
 

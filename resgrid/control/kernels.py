@@ -23,7 +23,7 @@ _EDGE = 1e-9
 _BORDER = 2e-9
 _OFF = 3e-9
 _NOTHING = 4e-9
-"""Shares of a cell: beyond a face that was crossed, where a border ends, where who keeps off it is, and a rate's zero."""
+"""Shares of a cell: beyond a face that was crossed, a border's width, off it, and around where a component is 0."""
 
 _LITTLE = 1e-3
 
@@ -145,8 +145,12 @@ def _keep_off(local: Floats, spacing: Floats, farthest: float, velocity: Floats)
     On one it could lie on an edge where two cells meet that no current joins, and be taken to be in either.
     """
     for axis in range(len(local)):
-        inward = _OFF - local[axis] if local[axis] <= _BORDER else 1.0 - _OFF - local[axis]
-        if (local[axis] <= _BORDER or local[axis] >= 1.0 - _BORDER) and abs(inward) * spacing[axis] <= _LITTLE * farthest:
+        inward = 0.0
+        if local[axis] <= _BORDER:
+            inward = _OFF - local[axis]
+        elif local[axis] >= 1.0 - _BORDER:
+            inward = 1.0 - _OFF - local[axis]
+        if inward != 0.0 and abs(inward) * spacing[axis] <= _LITTLE * farthest:
             velocity[axis] += inward * spacing[axis] / farthest
 
 
