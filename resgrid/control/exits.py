@@ -31,9 +31,7 @@ def goal_offset(space: ConfigurationSpace, place: Vector, *, sure: bool = True) 
     return np.asarray((np.clip(solution, _INSIDE, 1.0 - _INSIDE) - local) * space.spacing)
 
 
-def goal_offsets(
-    space: ConfigurationSpace, place: Vector, *, sure: bool = True
-) -> list[tuple[CellIndex, Vector]]:
+def goal_offsets(space: ConfigurationSpace, place: Vector, *, sure: bool = True) -> list[tuple[CellIndex, Vector]]:
     """Goal cells whose goal may be taken from a place in one, and how far: its own, then those across its faces.
 
     Neighbours that share a face make a convex box, so that straight lines there meet goal cells alone.

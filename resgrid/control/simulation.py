@@ -109,9 +109,8 @@ class Simulation:
         The robot is solid: no configuration inside an obstacle is entered, whatever the push, the step, the width and
         the cell.  One that touches an obstacle at the start is lifted off by 1e-8 m; one that is inside by more than
         1e-9 m is refused.  It arrives at the configuration of the goal cell that solves the goal, where the space names
-        one (`ConfigurationSpace.goal_points`), and anywhere in the cell otherwise (in its middle, with a bias or noise).
-        It stops where it believes that; whether it ``arrived`` or ``missed`` the goal is
-        decided by where it truly is.
+        one (`ConfigurationSpace.goal_points`), and anywhere in the cell otherwise, with a bias or noise in its middle.
+        It stops where it believes that; whether it ``arrived`` or ``missed`` the goal is decided by where it truly is.
 
         Parameters
         ----------
