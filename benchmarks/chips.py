@@ -53,7 +53,7 @@ def matrices(netlist: Netlist, conductance: np.ndarray) -> list[tuple[Any, np.nd
     ready = []
     for chip in conductance:
         system = assemble(netlist.replace(conductance=chip))
-        matrix = sparse.csc_matrix(sparse.diags_array(system.degree) - system.coupling)
+        matrix = sparse.csc_matrix(sparse.diags_array(system.laplacian.diagonal) - system.laplacian.edges)
         ready.append((matrix, system.feed + system.injected, np.flatnonzero(system.unknown >= 0)))
     return ready
 

@@ -24,7 +24,7 @@ from resgrid.chip.figures import Figure, Result
 from resgrid.chip.passes.base import add_resistors, cells_with_nodes, select_resistors, without_stranded_currents
 from resgrid.chip.trials import arrivals, converter_of, neighbours_of
 from resgrid.chip.yields import checked_starts
-from resgrid.circuit.equations import NodalSystem, assemble
+from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.solve import solve
 from resgrid.die import end_names
 from resgrid.errors import CircuitError, InputError
@@ -184,7 +184,7 @@ def faulty_voltages(
 ) -> Iterator[tuple[int, NDArray[np.float64], NDArray[np.float64]]]:
     """An element after the other, and the voltages of all nodes when it is open, and when it is shorted."""
     system = None if netlist.nonlinear_nodes.size else assemble(netlist)
-    factors = symmetric_factors(system.matrix) if system is not None and system.size else None
+    factors = symmetric_factors(system.laplacian.matrix) if system is not None and system.size else None
     for begin in range(0, len(order), _BLOCK):
         block = order[begin : begin + _BLOCK]
         spread = np.empty(0) if system is None else _responses(system, factors, netlist.resistor_nodes[block])
@@ -197,7 +197,7 @@ def faulty_voltages(
 
 
 def _changed(
-    system: NodalSystem, factors: Any, volts: NDArray[np.float64], element: int, siemens: float, z: NDArray[np.float64]
+    system: Equations, factors: Any, volts: NDArray[np.float64], element: int, siemens: float, z: NDArray[np.float64]
 ) -> NDArray[np.float64] | None:
     """Voltages when an element has another conductance; None where the others do not determine them."""
     a, b = system.netlist.resistor_nodes[element]
@@ -212,7 +212,7 @@ def _changed(
     return np.asarray(changed)
 
 
-def _responses(system: NodalSystem, factors: Any, ends: NDArray[np.int32]) -> NDArray[np.float64]:
+def _responses(system: Equations, factors: Any, ends: NDArray[np.int32]) -> NDArray[np.float64]:
     """``A^-1 w`` at all nodes for every element, shape (elements, nodes); 0 where voltages are known."""
     w = np.zeros((system.size, len(ends)))
     for column, sign in ((0, 1.0), (1, -1.0)):
@@ -222,7 +222,7 @@ def _responses(system: NodalSystem, factors: Any, ends: NDArray[np.int32]) -> ND
     return _spread(system, factors.solve(w) if factors is not None else w)
 
 
-def _spread(system: NodalSystem, rows: NDArray[np.float64]) -> NDArray[np.float64]:
+def _spread(system: Equations, rows: NDArray[np.float64]) -> NDArray[np.float64]:
     """Values of rows, shape (n,) or (n, k), at nodes, shape (nodes,) or (k, nodes); 0 where voltages are known."""
     result = np.zeros((*rows.shape[1:], len(system.unknown)))
     solved = np.flatnonzero(system.unknown >= 0)
@@ -230,7 +230,7 @@ def _spread(system: NodalSystem, rows: NDArray[np.float64]) -> NDArray[np.float6
     return result
 
 
-def _imbalance(system: NodalSystem, volts: NDArray[np.float64], element: int, siemens: float) -> NDArray[np.float64]:
+def _imbalance(system: Equations, volts: NDArray[np.float64], element: int, siemens: float) -> NDArray[np.float64]:
     """Current that KCL lacks at every row when an element has another conductance, in amperes, shape (n,)."""
     netlist = system.netlist
     conductance = netlist.conductance.copy()

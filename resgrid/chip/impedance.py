@@ -16,8 +16,9 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from resgrid.chip.modes import slowest_modes
-from resgrid.circuit.dynamics import Dynamics, Laplacian, charge_basis, factor_resolvent
+from resgrid.circuit.dynamics import Dynamics, charge_basis, factor_resolvent
 from resgrid.errors import AccuracyError
+from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.selected.diagonal import estimate_diagonal, inverse_diagonal
 from resgrid.solvers.selected.positive import PositiveFactors, positive_factors
 from resgrid.solvers.superlu import symmetric_factors
@@ -56,7 +57,7 @@ def resistive_parts(
     result = np.empty((len(frequencies), len(rows)))
     for number, frequency in enumerate(frequencies.tolist()):
         if frequency == 0.0:
-            still = positive_factors(dynamics.conductance.coupling, dynamics.conductance.excess)
+            still = positive_factors(dynamics.conductance.edges, dynamics.conductance.ground)
             result[number] = inverse_columns(still, dynamics.size, rows)[np.arange(len(rows)), rows]
             continue
         w = 2.0 * np.pi * frequency
@@ -110,11 +111,11 @@ def inverse_columns(factors: PositiveFactors, size: int, rows: NDArray[np.int64]
 
 def _swinging(G: Laplacian) -> sparse.csr_array:
     """The basis: rows of weakly tied parts count from the first of them."""
-    n = len(G.excess)
-    number, part = connected_components(G.coupling, directed=False)
-    tied = np.bincount(part, G.excess, number)
+    n = len(G.ground)
+    number, part = connected_components(G.edges, directed=False)
+    tied = np.bincount(part, G.ground, number)
     stiffest = np.zeros(number)
-    np.maximum.at(stiffest, part, G.coupling.max(axis=1).toarray().ravel() if n else np.zeros(0))
+    np.maximum.at(stiffest, part, G.edges.max(axis=1).toarray().ravel() if n else np.zeros(0))
     _, first = np.unique(part, return_index=True)
     others = np.flatnonzero((tied < _WEAK * stiffest)[part])
     others = others[first[part[others]] != others]
@@ -140,7 +141,7 @@ def find_exactly(dynamics: Dynamics, band: tuple[float, float] | None) -> Integr
     none = np.zeros(dynamics.size)
     if not dynamics.size:
         return Integrals(none, none, none, none)
-    factors = positive_factors(dynamics.conductance.coupling, dynamics.conductance.excess)
+    factors = positive_factors(dynamics.conductance.edges, dynamics.conductance.ground)
     resistance = factors.inverse_diagonal()
     if band is None:
         return Integrals(resistance, none, none, none)

@@ -224,7 +224,7 @@ def _tied_by_capacitors(dynamics: Dynamics) -> NDArray[np.bool_]:
 
 def _elastance_factors(dynamics: Dynamics, tied: NDArray[np.bool_]) -> PositiveFactors:
     C = dynamics.capacitance
-    return positive_factors(sparse.csr_array(C.coupling[tied][:, tied]), C.excess[tied])
+    return positive_factors(sparse.csr_array(C.edges[tied][:, tied]), C.ground[tied])
 
 
 def _elastance(dynamics: Dynamics) -> NDArray[np.float64]:
@@ -237,7 +237,7 @@ def _elastance(dynamics: Dynamics) -> NDArray[np.float64]:
 
 
 def _is_small(dynamics: Dynamics) -> bool:
-    plane = dynamics.conductance.coupling.nnz <= 4.2 * max(dynamics.size, 1)
+    plane = dynamics.conductance.edges.nnz <= 4.2 * max(dynamics.size, 1)
     return dynamics.size <= (_EXACT_PLANE if plane else _EXACT_VOLUME)
 
 

@@ -23,14 +23,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from resgrid.chip.figures import Figure, Result, defined
 from resgrid.chip.precision import Steps, steps_of
+from resgrid.circuit.circuit_factor import CircuitFactor, factor_circuit
 from resgrid.circuit.equations import assemble
 from resgrid.circuit.nonlinear import small_signal
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.die import end_names, ends_of
 from resgrid.errors import AccuracyError, InputError
-from resgrid.solvers.choose import factor_system
 from resgrid.solvers.extended import Scaled, logarithm, power
-from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.monitor import Watch
 from resgrid.space import Cell, ConfigurationSpace
 
@@ -149,18 +148,17 @@ def analyse_sensitivity(op: OperatingPoint, cells: ArrayLike) -> Sensitivity:
 def _decision(steps: Steps, cell: int) -> tuple[int, int, float, float]:
     """The lowest neighbour, the runner-up (or the cell itself), and the distance between them: ``gap exp(scale)`` V."""
     first, last = np.searchsorted(steps.cell, [cell, cell + 1])
-    code = steps.cells.space.cell.ravel()
-    ways = np.flatnonzero(code[steps.neighbour[first:last]] != Cell.OBSTACLE) + first
-    if not np.any(steps.sign[ways] > 0):
+    if not np.any(steps.sign[first:last] > 0):
         place = tuple(int(i) for i in np.unravel_index(cell, steps.cells.space.shape))
         raise InputError(
             f"cell {place} has no lower neighbour: no current leaves it, so that there is no step to change"
         )
-    scale = float(steps.log_volts[ways].max())
-    down = steps.sign[ways] * np.exp(steps.log_volts[ways] - scale)
+    neighbour, log_volts = steps.neighbour[first:last], steps.log_volts[first:last]
+    scale = float(log_volts.max())
+    down = steps.sign[first:last] * np.exp(log_volts - scale)
     order = np.argsort(-down, kind="stable")
-    best = int(steps.neighbour[ways[order[0]]])
-    others = [(float(down[k]), int(steps.neighbour[ways[k]])) for k in order[1:].tolist() if down[k] > 0.0]
+    best = int(neighbour[order[0]])
+    others = [(float(down[k]), int(neighbour[k])) for k in order[1:].tolist() if down[k] > 0.0]
     second, runner_up = next(((volts, place) for volts, place in others if place != best), (0.0, cell))
     return best, runner_up, float(down[order[0]]) - second, scale
 
@@ -196,7 +194,7 @@ class Adjoint:
     (n,): ``G^-1`` times 1 A in every row, in volts.
     """
 
-    factors: Factor | None
+    factors: CircuitFactor | None
     ends: NDArray[np.int32]
     conductance: NDArray[np.float64]
     log_amps: NDArray[np.float64]
@@ -229,26 +227,26 @@ class Adjoint:
             "largest of them: the conductances span too many decades"
         )
 
-    def _quickly(self, factors: Factor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    def _quickly(self, factors: CircuitFactor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         """Signs and logarithms of the differences of ``lambda``, and of what they may be off by at most."""
-        system = factors.system
+        matrix = factors.system.laplacian
         try:
             x = factors.solve(rhs, rtol=_RTOL)
         except AccuracyError as error:
             x = np.asarray(error.best, dtype=np.float64)
-        coupled = system.degree * np.abs(x) + system.coupling @ np.abs(x) + np.abs(rhs)
-        residual = np.abs(rhs - (system.degree * x - system.coupling @ x)) + 4.0 * _EPS * coupled
+        coupled = matrix.diagonal * np.abs(x) + matrix.edges @ np.abs(x) + np.abs(rhs)
+        residual = np.abs(rhs - (matrix.diagonal * x - matrix.edges @ x)) + 4.0 * _EPS * coupled
         return *self._across([Scaled.of(x)]), self._log_doubt(residual)
 
-    def _by_entry(self, factors: Factor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    def _by_entry(self, factors: CircuitFactor, rhs: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
         """As `_quickly`, from solutions for currents of one sign."""
-        parts, residual = [], np.zeros(len(rhs))
+        parts, residual, matrix = [], np.zeros(len(rhs)), factors.system.laplacian
         bound = 0.0
         for part in (np.maximum(rhs, 0.0), np.maximum(-rhs, 0.0)):
             watch = Watch()
             x, error = factors.solve_nonnegative(part, watch=watch) if part.any() else (Scaled.of(part), 0.0)
             parts.append(x)
-            residual += error * (factors.system.degree * x.plain + factors.system.coupling @ x.plain + part)
+            residual += error * (matrix.diagonal * x.plain + matrix.edges @ x.plain + part)
             bound = max(bound, watch.bound)
         log_sum = np.append(np.logaddexp.reduce([x.log for x in parts]), -np.inf)
         log_sum = np.logaddexp(*log_sum[self._row.T])
@@ -260,7 +258,7 @@ class Adjoint:
     @cached_property
     def _row(self) -> NDArray[np.int32]:
         """Rows of the ends of every resistor, -1 where the voltage is known."""
-        return cast(Factor, self.factors).system.unknown[self.ends]
+        return cast(CircuitFactor, self.factors).system.unknown[self.ends]
 
     def _log_doubt(self, residual: NDArray[np.float64]) -> NDArray[np.float64]:
         """Logarithm of the error across every resistor that a residual may leave."""
@@ -285,12 +283,12 @@ def _less(parts: list[NDArray[np.float64]]) -> NDArray[np.float64]:
     return parts[0] if len(parts) == 1 else parts[0] - parts[1]
 
 
-def adjoint_of(op: OperatingPoint, factors: Factor | None = None) -> Adjoint:
+def adjoint_of(op: OperatingPoint, factors: CircuitFactor | None = None) -> Adjoint:
     """Make a circuit ready for derivatives; ``factors`` are those of its small signals, if they are known."""
     signals = small_signal(op)
     if factors is None:
         system = assemble(signals)
-        factors = factor_system(system, "auto") if system.size else None
+        factors = factor_circuit(system) if system.size else None
     height = np.zeros(0)
     if factors is not None:
         height = np.abs(factors.solve(np.ones(factors.system.size)))

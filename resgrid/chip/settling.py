@@ -211,7 +211,7 @@ def settling_bound(dynamics: Dynamics, solve: Solver, deviation: Floats, tau: fl
 
     Shapes: `deviation` (n,).
     """
-    stiffness = dynamics.capacitance.excess[charge_basis(dynamics).charged]
+    stiffness = dynamics.capacitance.ground[charge_basis(dynamics).charged]
     if (stiffness > 0).all():
         norm, reach = dynamics.capacitance, 1.0 / np.sqrt(float(stiffness.min()))
     else:

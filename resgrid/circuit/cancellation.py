@@ -10,10 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.equations import NodalSystem
-from resgrid.netlist import GROUND
 from resgrid.solvers.extended import NOISE, Scaled, logarithm
 from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.laplacian import Laplacian
 
 _CERTAIN = 1e-9
 """Errors relative to the largest value that need no closer look."""
@@ -22,15 +21,20 @@ _MOST_CORRECTIONS = 5
 
 
 def subtract(
-    factors: Factor, drive: NDArray[np.float64], rising: Scaled, falling: Scaled, bound: float
+    factors: Factor,
+    drive: NDArray[np.float64],
+    rounding: NDArray[np.float64],
+    rising: Scaled,
+    falling: Scaled,
+    bound: float,
 ) -> tuple[Scaled, float, float]:
-    """Subtract the solutions for the currents of either sign.
+    """Subtract the solutions for the currents of either sign; ``rounding`` is what these may be off by themselves.
 
-    Shapes: `drive` (n,), `rising, falling` (n,); returns `difference` (n,).
+    Shapes: `drive, rounding` (n,), `rising, falling` (n,); returns `difference` (n,).
     """
     difference, doubt, parts = _minus(rising, falling), 0.0, [rising, falling]
     if bound * _quotient(parts, difference) > _CERTAIN:
-        difference, doubt = _refined(factors, drive, difference)
+        difference, doubt = _refined(factors, drive, rounding, difference)
         parts = [difference]
     grain = max(NOISE, doubt) * np.exp(max(map(_largest_log, parts)))
     return difference, doubt, float(grain)
@@ -45,11 +49,13 @@ def _minus(a: Scaled, b: Scaled) -> Scaled:
     return Scaled(hi, lo, exponent)
 
 
-def _refined(factors: Factor, drive: NDArray[np.float64], x: Scaled) -> tuple[Scaled, float]:
+def _refined(
+    factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np.float64], x: Scaled
+) -> tuple[Scaled, float]:
     """Make a difference better; returns what it may be off by at most, relative to its largest entry."""
     best, doubt = x, np.inf
     for _ in range(_MOST_CORRECTIONS):
-        rise, fall = (factors.solve_nonnegative(part)[0] for part in _residual(factors.system, drive, x))
+        rise, fall = (factors.solve_nonnegative(part)[0] for part in _residual(factors.laplacian, drive, rounding, x))
         found = 2.0 * _quotient([rise, fall], x)
         if not found < doubt:
             break
@@ -60,34 +66,21 @@ def _refined(factors: Factor, drive: NDArray[np.float64], x: Scaled) -> tuple[Sc
     return best, float(doubt)
 
 
-def _residual(system: NodalSystem, drive: NDArray[np.float64], x: Scaled) -> tuple[Scaled, Scaled]:
+def _residual(
+    laplacian: Laplacian, drive: NDArray[np.float64], rounding: NDArray[np.float64], x: Scaled
+) -> tuple[Scaled, Scaled]:
     """The residual's positive part, and what is negative of it; both with what the drive's own rounding may hide."""
     from resgrid.solvers.refine import scaled_currents
     from resgrid.solvers.refine_kernels import correct, exact_residual
 
-    coupling, (amps, scale) = system.coupling, scaled_currents(drive)
-    r, e = np.empty(system.size), np.empty(system.size, dtype=np.int64)
-    exact_residual(
-        coupling.indptr, coupling.indices, coupling.data, system.excess, amps, scale, x.hi, x.lo, x.exponent, r, e
-    )
-    hidden, none = _drive_rounding(system), np.zeros_like(e)
+    edges, (amps, scale) = laplacian.edges, scaled_currents(drive)
+    r, e = np.empty(laplacian.size), np.empty(laplacian.size, dtype=np.int64)
+    exact_residual(edges.indptr, edges.indices, edges.data, laplacian.ground, amps, scale, x.hi, x.lo, x.exponent, r, e)
+    none = np.zeros_like(e)
     parts = [Scaled(np.maximum(sign * r, 0.0), np.zeros_like(r), np.where(sign * r > 0.0, e, 0)) for sign in (1, -1)]
     for part in parts:
-        correct(part.hi, part.lo, part.exponent, hidden, none)
+        correct(part.hi, part.lo, part.exponent, rounding, none)
     return parts[0], parts[1]
-
-
-def _drive_rounding(system: NodalSystem) -> NDArray[np.float64]:
-    """By how much the current driven into every row may be rounded, in amperes.
-
-    Rails and floating sources drive sums of products; several current sources at a row are summed.
-    """
-    lift = float(np.abs(system.forest.height[system.forest.base != GROUND]).max(initial=0.0))
-    row, amps = system.unknown[system.netlist.current_nodes].ravel(), np.repeat(system.netlist.current_amps, 2)
-    row, amps = row[row >= 0], np.abs(amps[row >= 0])
-    several = np.bincount(row, minlength=system.size) > 1
-    summed = np.where(several, np.bincount(row, amps, system.size), 0.0)
-    return np.asarray(np.finfo(np.float64).eps * (lift * system.degree + np.abs(system.feed) + summed))
 
 
 def _quotient(parts: list[Scaled], x: Scaled) -> float:

@@ -7,20 +7,23 @@ are nodal matrices, assembled and solved as such: a part of strong conductances 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import sparse
 
 from resgrid.circuit.cancellation import subtract
-from resgrid.circuit.dynamics import ChargeBasis, Dynamics, Laplacian, charge_basis, nodal_system
+from resgrid.circuit.dynamics import ChargeBasis, Dynamics, charge_basis
 from resgrid.errors import AccuracyError
-from resgrid.solvers.choose import factor_system
+from resgrid.netlist import GROUND
+from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import is_answer
 
+_EPS = float(np.finfo(np.float64).eps)
 _DOUBT = 1e-6
 """Largest share of the largest voltage by which any may be off at 0+."""
 
@@ -45,7 +48,7 @@ class Charges:
         if self._apart:
             x[charged] = charge[charged] / self.dynamics.capacitance.diagonal[charged]
         elif charge[charged].any():
-            x[charged] = _entrywise(self._charged, charge[charged])
+            x[charged] = _entrywise(self._charged, charge[charged], self._lift(self._charged))
         return x
 
     def followed(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -53,7 +56,14 @@ class Charges:
         groups = self.basis.spread
         if not groups.shape[1]:
             return x
-        return np.asarray(x + groups @ _entrywise(self._loose, groups.T @ self.dynamics.imbalance(x)))
+        drive = groups.T @ self.dynamics.imbalance(x)
+        netlist = self.dynamics.netlist
+        nodes, amps = netlist.current_nodes.ravel().astype(np.int64), np.repeat(netlist.current_amps, 2)
+        into = sparse.csr_array(groups.T)
+        several = into @ self.dynamics.injection(nodes, np.ones(len(nodes))) > 1.0
+        summed = np.where(several, into @ self.dynamics.injection(nodes, np.abs(amps)), 0.0)
+        rounding = self._lift(self._loose) + _EPS * summed
+        return np.asarray(x + groups @ _entrywise(self._loose, drive, rounding))
 
     def slope(self, current: NDArray[np.float64]) -> NDArray[np.float64]:
         """How fast voltages rise when currents charge the rows, in V/s, shape (n,); to some 0.1 %."""
@@ -66,32 +76,27 @@ class Charges:
             v += groups @ self._loose.solve(-(groups.T @ self.dynamics.conductance.times(v)), rtol=_ROUGH)
         return v
 
+    def _lift(self, factors: Factor) -> NDArray[np.float64]:
+        """What floating sources may round off the drive of every row of a matrix, shape (n,)."""
+        forest = self.dynamics.forest
+        height = float(np.abs(forest.height[forest.base != GROUND]).max(initial=0.0))
+        return np.asarray(_EPS * height * factors.laplacian.diagonal)
+
     @property
     def _apart(self) -> bool:
         """Whether every capacitor goes to a rail."""
-        return self.dynamics.capacitance.coupling.nnz == 0
+        return self.dynamics.capacitance.edges.nnz == 0
 
     @cached_property
     def _charged(self) -> Factor:
-        none = np.full(self.dynamics.size, -1, dtype=np.int64)  # for no current source feeds charges
-        return self._factors(self.dynamics.capacitance.within(self.basis.charged), none)
+        return factor_laplacian(self.dynamics.capacitance.within(self.basis.charged), "auto")
 
     @cached_property
     def _loose(self) -> Factor:
-        groups = self.basis.spread
-        group = np.full(self.dynamics.size, -1, dtype=np.int64)
-        group[np.diff(groups.indptr) > 0] = groups.indices
-        return self._factors(self.dynamics.conductance.grouped(groups), group)
-
-    def _factors(self, matrix: Laplacian, number: NDArray[np.int64]) -> Factor:
-        """Factors of a matrix whose row ``number[i]`` stands for row ``i`` of the dynamics."""
-        row = self.dynamics.row
-        own = np.where(row >= 0, number[row], -1) if len(number) else row
-        system = nodal_system(self.dynamics, matrix, own, np.zeros(len(matrix.excess)))
-        return factor_system(replace(system, netlist=system.netlist.replace(cell_map=None)), "auto")
+        return factor_laplacian(self.dynamics.conductance.grouped(self.basis.spread), "auto")
 
 
-def _entrywise(factors: Factor, drive: NDArray[np.float64]) -> NDArray[np.float64]:
+def _entrywise(factors: Factor, drive: NDArray[np.float64], rounding: NDArray[np.float64]) -> NDArray[np.float64]:
     """Solve for a right-hand side of both signs, each entry right beside the largest one."""
     watch = Watch()
     parts = [np.maximum(drive, 0.0), np.maximum(-drive, 0.0)]
@@ -99,7 +104,7 @@ def _entrywise(factors: Factor, drive: NDArray[np.float64]) -> NDArray[np.float6
     rising, falling = found
     doubt = 0.0
     if rising is not None and falling is not None:
-        rising, doubt, _ = subtract(factors, drive, rising, falling, watch.bound)
+        rising, doubt, _ = subtract(factors, drive, rounding, rising, falling, watch.bound)
         falling = None
     if doubt > _DOUBT or not is_answer(watch.error, watch.bound):
         raise AccuracyError(

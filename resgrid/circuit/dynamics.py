@@ -7,88 +7,20 @@ Nagel 1975, section 4.3), so that every method that solves operating points solv
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from resgrid.circuit.equations import NodalSystem
+from resgrid.circuit.equations import grid_of
 from resgrid.circuit.sources import SourceForest, tie_sources
 from resgrid.errors import CircuitError, InputError
 from resgrid.netlist import GROUND, Netlist
-from resgrid.solvers.choose import factor_system
+from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.factors.factor import Factor
-
-
-@dataclass(frozen=True, eq=False)
-class Laplacian:
-    """A symmetric M-matrix, off-diagonals and row excess kept apart.
-
-    `coupling` (n, n): positive off-diagonals with their sign changed; no diagonal; `excess` (n,): what every row has
-    to nodes of known voltage.
-    """
-
-    coupling: sparse.csr_array
-    excess: NDArray[np.float64]
-
-    @cached_property
-    def diagonal(self) -> NDArray[np.float64]:
-        """Diagonal, shape (n,)."""
-        return np.asarray(self.coupling.sum(axis=1) + self.excess, dtype=np.float64)
-
-    @cached_property
-    def matrix(self) -> sparse.csr_array:
-        """The whole matrix, shape (n, n)."""
-        return sparse.csr_array(sparse.diags_array(self.diagonal, format="csr") - self.coupling)
-
-    @cached_property
-    def elements(self) -> tuple[sparse.csr_array, NDArray[np.float64]]:
-        """What the matrix is made of: ``A^T diag(value) A``.  Returns `incidence` (m, n), `value` (m,)."""
-        upper, tied = sparse.triu(self.coupling, 1).tocoo(), np.flatnonzero(self.excess)
-        m = upper.nnz
-        ends = np.append(np.stack([upper.row, upper.col], axis=1).ravel(), tied).astype(np.int32)
-        starts = np.append(np.arange(0, 2 * m + 1, 2), 2 * m + 1 + np.arange(len(tied))).astype(np.int32)
-        sign = np.append(np.tile([1.0, -1.0], m), np.ones(len(tied)))
-        incidence = sparse.csr_array((sign, ends, starts), shape=(m + len(tied), len(self.excess)))
-        return incidence, np.append(upper.data, self.excess[tied])
-
-    @cached_property
-    def _branches(self) -> tuple[sparse.csr_array, sparse.csr_array]:
-        """From rows to differences across what joins them, every pair once, and from those to what leaves every row."""
-        incidence, value = self.elements
-        inner = len(value) - int(np.count_nonzero(self.excess))
-        across = incidence[:inner]
-        return across, sparse.csr_array(across.T @ sparse.diags_array(value[:inner]))
-
-    def between(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """What leaves every row for other rows, formed from differences: none of it is lost on the way."""
-        across, leaving = self._branches
-        return np.asarray(leaving @ (across @ x))
-
-    def times(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """The matrix times ``x``, shape (n,)."""
-        return self.excess * x + self.between(x)
-
-    def within(self, rows: NDArray[np.bool_]) -> Laplacian:
-        """Only some of the rows; the others count as nodes of known voltage."""
-        kept = self.coupling[rows]
-        return Laplacian(sparse.csr_array(kept[:, rows]), self.excess[rows] + kept[:, ~rows].sum(axis=1))
-
-    def grouped(self, groups: sparse.csr_array) -> Laplacian:
-        """Groups of rows as one row each; rows of no group count as nodes of known voltage.
-
-        Shapes: `groups` (n, m).
-        """
-        joined = sparse.coo_array(groups.T @ self.coupling @ groups)
-        apart = joined.row != joined.col
-        entries = (joined.data[apart], (joined.row[apart], joined.col[apart]))
-        outside = 1.0 - groups.sum(axis=1)
-        return Laplacian(
-            sparse.coo_array(entries, shape=joined.shape).tocsr(), groups.T @ (self.excess + self.coupling @ outside)
-        )
+from resgrid.solvers.laplacian import Laplacian
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,7 +50,7 @@ class Dynamics:
 
     def imbalance(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """``b - G x``: the current that charges every row, in amperes, shape (n,); formed from differences."""
-        return np.asarray((self.drive - self.conductance.excess * x) - self.conductance.between(x))
+        return np.asarray((self.drive - self.conductance.ground * x) - self.conductance.between(x))
 
     def voltage(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Node voltages of a state, in volts; shape (nodes,)."""
@@ -164,13 +96,16 @@ def dynamics_of(netlist: Netlist) -> Dynamics:
     ends, amps = np.concatenate([netlist.resistor_nodes, netlist.current_nodes]), [through, netlist.current_amps]
     a, b = ends.T
     flow = np.concatenate(amps)
+    grid = grid_of(netlist)
+    grid = None if grid is None else grid.of_rows(row.astype(np.int32))
+    conductance = _laplacian(netlist.resistor_nodes, netlist.conductance, row, size)
     count = netlist.node_count
     into = np.bincount(b, flow, count) - np.bincount(a, flow, count)
     return Dynamics(
         netlist=netlist,
         row=row,
         fixed=fixed,
-        conductance=_laplacian(netlist.resistor_nodes, netlist.conductance, row, size),
+        conductance=replace(conductance, grid=grid, dimensions=2 if grid is None else grid.dimensions),
         capacitance=_laplacian(netlist.capacitor_nodes, netlist.capacitance, row, size),
         drive=np.bincount(row[free], into[free], size).astype(np.float64),
         floating=np.flatnonzero(floats),
@@ -183,32 +118,9 @@ def factor_resolvent(dynamics: Dynamics, rate: float, method: str = "auto") -> F
     G, C = dynamics.conductance, dynamics.capacitance
     if rate == 0.0:
         require_grounded(dynamics)
-    coupling = sparse.csr_array(G.coupling + rate * C.coupling) if rate else G.coupling
-    matrix = Laplacian(coupling, G.excess + rate * C.excess)
-    return factor_system(nodal_system(dynamics, matrix, dynamics.row, dynamics.drive), method)
-
-
-def nodal_system(
-    dynamics: Dynamics, matrix: Laplacian, row: NDArray[np.int64], drive: NDArray[np.float64]
-) -> NodalSystem:
-    """Nodal equations of a circuit's rows, or of groups of them, for every method that solves operating points.
-
-    Shapes: `matrix` (m, m), `row` (nodes,), `drive` (m,).
-    """
-    return NodalSystem(
-        netlist=dynamics.netlist,
-        forest=dynamics.forest,
-        unknown=row.astype(np.int32),
-        excess=matrix.excess,
-        feed=np.zeros(len(drive)),
-        injected=drive,
-        reference=0.0,
-        rails=None,
-        undriven=np.empty(0, dtype=np.int64),
-        undriven_volts=np.empty(0),
-        floating=dynamics.floating,
-        derived=matrix.coupling,
-    )
+    edges = sparse.csr_array(G.edges + rate * C.edges) if rate else G.edges
+    matrix = Laplacian(G.ground + rate * C.ground, compressed=edges, grid=G.grid, dimensions=G.dimensions)
+    return factor_laplacian(matrix, method)
 
 
 def require_linear(netlist: Netlist) -> None:
@@ -226,8 +138,8 @@ def require_linear(netlist: Netlist) -> None:
 def require_grounded(dynamics: Dynamics) -> None:
     """Refuse a circuit of which a part is tied to no rail by resistors."""
     G = dynamics.conductance
-    number, part = connected_components(G.coupling, directed=False)
-    loose = np.bincount(part, G.excess > 0, number) == 0
+    number, part = connected_components(G.edges, directed=False)
+    loose = np.bincount(part, G.ground > 0, number) == 0
     if loose.any():
         row = int(np.argmax(loose[part]))
         node = dynamics.netlist.node_name(int(np.argmax(dynamics.row == row)))
@@ -253,8 +165,8 @@ class ChargeBasis:
 def charge_basis(dynamics: Dynamics) -> ChargeBasis:
     """Tell the coordinates that hold charge from those that follow at once."""
     C, n = dynamics.capacitance, dynamics.size
-    number, part = connected_components(C.coupling, directed=False)
-    loose = np.bincount(part, C.excess > 0, number) == 0
+    number, part = connected_components(C.edges, directed=False)
+    loose = np.bincount(part, C.ground > 0, number) == 0
     _, first = np.unique(part, return_index=True)
     charged = np.ones(n, dtype=np.bool_)
     charged[first[loose]] = False
@@ -272,8 +184,8 @@ def _laplacian(ends: NDArray[np.int32], value: NDArray[np.float64], row: NDArray
     v = value[inner]
     entries = (np.concatenate([v, v]), (np.concatenate([a, b]), np.concatenate([b, a])))
     border = ((rows >= 0).sum(axis=1) == 1) & present
-    excess = np.bincount(rows[border].max(axis=1), value[border], size).astype(np.float64)
-    return Laplacian(sparse.coo_array(entries, shape=(size, size)).tocsr(), excess)
+    ground = np.bincount(rows[border].max(axis=1), value[border], size).astype(np.float64)
+    return Laplacian(ground, compressed=sparse.coo_array(entries, shape=(size, size)).tocsr())
 
 
 def _floating(netlist: Netlist, held: NDArray[np.bool_]) -> NDArray[np.bool_]:

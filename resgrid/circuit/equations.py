@@ -2,62 +2,53 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
-from functools import cached_property, partial, wraps
-from typing import Any, TypeVar
+from dataclasses import dataclass
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 
 from resgrid.circuit.sources import SourceForest, tie_sources
 from resgrid.errors import CircuitError
 from resgrid.netlist import GROUND, Netlist
+from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian
 from resgrid.solvers.rails import Rails, Ties
-
-_Found = TypeVar("_Found")
 
 
 @dataclass(frozen=True, eq=False)
-class NodalSystem:
-    """The reduced nodal equations of a netlist, off-diagonals and row excess kept apart.
-
-    Row ``i`` says ``sum_j g_ij (x_i - x_j) + excess_i x_i = b_i``: a symmetric positive definite M-matrix
-    whenever every connected part holds a node of known voltage.
+class Equations:
+    """The reduced nodal equations of a netlist: ``laplacian @ x = drive``, heights ``x`` above `reference`.
 
     `forest`: how the voltage sources tie the nodes; `unknown` (nodes,): row of every node that is solved for, -1
-    elsewhere; nodes tied by floating sources share a row; `excess` (n,): conductance from every row to nodes of known
-    voltage, in siemens; `feed` (n,): current that the known voltages drive into every row, measured from `reference`,
-    in amperes; read-only where there is none; `injected` (n,): current that current sources drive into every row, in
-    amperes, likewise; `reference`: the lowest known voltage in contact with the rows, in volts; `rails`: the two
-    rails, if the known voltages take just two values and nothing else drives the circuit; `undriven`: nodes of parts
-    that a single rail holds; `undriven_volts`: their voltages; `floating`: nodes that nothing ties to ground;
-    `derived` (n, n): the `coupling` of a system that was derived from another one; None where the netlist's resistors
-    make it; `summed` (n,): the
-    `degree` of a system that was derived from another one, where it is known; `dimensions`: those that the graph
-    fills: of its grid, also of what elimination leaves of one; 2 for other netlists.
+    elsewhere; nodes tied by floating sources share a row; `laplacian` (n, n): conductances between the rows, and from
+    them to nodes of known voltage; it tells the two rails apart, if the known voltages take just two values and
+    nothing else drives the circuit; `feed` (n,): current that the known voltages drive into every row, measured from
+    `reference`, in amperes; read-only where there is none; `injected` (n,): current that current sources drive into
+    every row, in amperes, likewise; `reference`: the lowest known voltage in contact with the rows, in volts;
+    `undriven`: nodes of parts that a single rail holds; `undriven_volts`: their voltages; `floating`: nodes that
+    nothing ties to ground.
     """
 
     netlist: Netlist
     forest: SourceForest
     unknown: NDArray[np.int32]
-    excess: NDArray[np.float64]
+    laplacian: Laplacian
     feed: NDArray[np.float64]
     injected: NDArray[np.float64]
     reference: float
-    rails: Rails | None
     undriven: NDArray[np.int64]
     undriven_volts: NDArray[np.float64]
     floating: NDArray[np.int64]
-    derived: sparse.csr_array | None = None
-    summed: NDArray[np.float64] | None = None
-    dimensions: int = 2
 
     @property
     def size(self) -> int:
         """Number of rows."""
-        return len(self.excess)
+        return self.laplacian.size
+
+    @property
+    def rails(self) -> Rails | None:
+        """The two rails that the circuit hangs between, if it does."""
+        return self.laplacian.rails
 
     @cached_property
     def known(self) -> NDArray[np.float64]:
@@ -80,81 +71,18 @@ class NodalSystem:
             return self.feed
         return self.feed + self.injected if self.feed.any() else self.injected
 
-    @cached_property
-    def coupling(self) -> sparse.csr_array:
-        """The positive conductances ``g_ij`` between rows, in siemens, shape (n, n); symmetric, no diagonal.
-
-        Compressed rows, made when first asked for: a grid's multigrid and its normwise answer do without.
-        """
-        if self.derived is not None:
-            return self.derived
-        from resgrid.solvers.row_kernels import sort_rows
-
-        if self.rows.has_sorted_indices:
-            return self.rows
-        coupling = self.rows.copy()
-        sort_rows(coupling.indptr, coupling.indices, coupling.data)
-        coupling.has_sorted_indices = coupling.has_canonical_format = True
-        vars(self)["rows"] = coupling  # one of them is enough
-        return coupling
-
-    @cached_property
-    def rows(self) -> sparse.csr_array:
-        """The `coupling` with the entries of every row in any order: half of the work, on a general graph."""
-        if self.derived is not None:
-            return self.coupling
-        from resgrid.solvers.row_kernels import conductances_by_row
-
-        netlist, size = self.netlist, self.size
-        indptr, indices, data, ordered = conductances_by_row(
-            netlist.resistor_nodes, netlist.conductance, self.unknown, size
-        )
-        rows = sparse.csr_array((data, indices, indptr), shape=(size, size))
-        rows.has_sorted_indices = rows.has_canonical_format = ordered
-        return rows
-
-    def derive(
-        self,
-        coupling: sparse.csr_array,
-        excess: NDArray[np.float64],
-        degree: NDArray[np.float64] | None = None,
-        **changes: Any,
-    ) -> NodalSystem:
-        """Return a system with other conductances, which keeps nothing that was made of its own."""
-        return replace(self, derived=coupling, excess=excess, summed=degree, **changes)
-
     @property
-    def matrix(self) -> sparse.csr_array:
-        """The nodal matrix, in siemens, shape (n, n): for factors, whose pivots are differences anyway."""
-        return sparse.csr_array(sparse.diags_array(self.degree) - self.coupling)
+    def drive_rounding(self) -> NDArray[np.float64]:
+        """By how much the current driven into every row may be rounded, in amperes, shape (n,).
 
-    @cached_property
-    def degree(self) -> NDArray[np.float64]:
-        """Diagonal of the matrix, in siemens, shape (n,): all conductances at a row, summed."""
-        if self.summed is not None:
-            return self.summed
-        if self.derived is not None:
-            return np.asarray(self.coupling.sum(axis=1) + self.excess, dtype=np.float64)
-        from resgrid.circuit.assembly_kernels import add_conductances
-
-        degree = self.excess.copy()
-        add_conductances(self.netlist.resistor_nodes, self.netlist.conductance, self.unknown, degree)
-        return degree
-
-
-def once(find: Callable[[NodalSystem], _Found]) -> Callable[[NodalSystem], _Found]:
-    """Find something out about a system once, and remember it as long as the system lives."""
-    name = f"{find.__module__}.{find.__qualname__}"
-
-    @wraps(find)
-    def remembered(system: NodalSystem) -> _Found:
-        memory = vars(system)
-        if name not in memory:
-            memory[name] = find(system)
-        found: _Found = memory[name]
-        return found
-
-    return remembered
+        Rails and floating sources drive sums of products; several current sources at a row are summed.
+        """
+        lift = float(np.abs(self.forest.height[self.forest.base != GROUND]).max(initial=0.0))
+        row, amps = self.unknown[self.netlist.current_nodes].ravel(), np.repeat(self.netlist.current_amps, 2)
+        row, amps = row[row >= 0], np.abs(amps[row >= 0])
+        several = np.bincount(row, minlength=self.size) > 1
+        summed = np.where(several, np.bincount(row, amps, self.size), 0.0)
+        return np.asarray(np.finfo(np.float64).eps * (lift * self.laplacian.diagonal + np.abs(self.feed) + summed))
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,7 +111,7 @@ class _Parts:
         return ~self.floating & (self.fed | (self.highest > self.lowest))
 
 
-def assemble(netlist: Netlist) -> NodalSystem:
+def assemble(netlist: Netlist) -> Equations:
     """Set up the nodal equations.
 
     Sources are merged first; parts that nothing ties to ground, and parts that a single rail holds at its own voltage,
@@ -202,9 +130,9 @@ def assemble(netlist: Netlist) -> NodalSystem:
     size, undriven, volts, floating = assembly.number_rows(parts.of_node, driven, parts.lowest, root)
     unknown = parts.of_node
     reference = float(low) if size else 0.0
-    excess, feed, injected = np.zeros(size), np.zeros(size), np.zeros(size if len(netlist.current_nodes) else 0)
+    ground, feed, injected = np.zeros(size), np.zeros(size), np.zeros(size if len(netlist.current_nodes) else 0)
     touching = netlist.conductance[parts.contacts]
-    two = assembly.add_contacts(parts.ends, touching, unknown, offset, reference, high, excess, feed)
+    two = assembly.add_contacts(parts.ends, touching, unknown, offset, reference, high, ground, feed)
     assembly.add_injected(netlist.current_nodes, netlist.current_amps, unknown, injected)
     lifted = _lifted(forest, unknown)
     if lifted:
@@ -212,20 +140,33 @@ def assemble(netlist: Netlist) -> NodalSystem:
     if alone is not None:
         low, high, two = alone
     plain = two and low < high and not lifted and not injected.any()
-    return NodalSystem(
+    grid = grid_of(netlist)
+    return Equations(
         netlist=netlist,
         forest=forest,
         unknown=unknown,
-        excess=excess,
+        laplacian=Laplacian(
+            ground,
+            listed=EdgeList(netlist.resistor_nodes, netlist.conductance, unknown),
+            grid=grid,
+            dimensions=2 if grid is None else grid.dimensions,
+            rails=_rails(netlist, parts.contacts, unknown, forest, float(low), float(high)) if plain else None,
+        ),
         feed=_without_memory(feed, size),
         injected=_without_memory(injected, size),
         reference=reference,
-        rails=_rails(netlist, parts.contacts, unknown, forest, float(low), float(high)) if plain else None,
         undriven=undriven,
         undriven_volts=volts,
         floating=floating,
-        dimensions=2 if netlist.cell_map is None else sum(size > 2 for size in netlist.cells.space.shape),
     )
+
+
+def grid_of(netlist: Netlist) -> Grid | None:
+    """The grid that a netlist's nodes are cells of."""
+    if netlist.cell_map is None:
+        return None
+    axes = netlist.cell_map.space.axes
+    return Grid(netlist.cell_map.node, tuple(axis.periodic for axis in axes))
 
 
 def _without_memory(currents: NDArray[np.float64], size: int) -> NDArray[np.float64]:

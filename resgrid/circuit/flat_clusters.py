@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from resgrid.circuit.equations import NodalSystem
+from resgrid.circuit.equations import Equations
 from resgrid.circuit.node_values import NodeValues
 from resgrid.netlist import GROUND
 from resgrid.solvers.extended import logarithm
@@ -21,7 +21,7 @@ _TOLD, _GRAINS = np.log(1e-12), np.log(1e6)
 
 
 def plateau_residual(
-    system: NodalSystem,
+    system: Equations,
     values: NodeValues,
     amps: NDArray[np.float64],
     exponent: NDArray[np.int64],
@@ -62,7 +62,7 @@ def _least_log_volts(values: NodeValues, ends: NDArray[np.int32]) -> NDArray[np.
     return np.asarray(np.maximum(_TOLD + larger, _GRAINS + grain) + np.log(abs(values.volts)))
 
 
-def _plateaus(system: NodalSystem, alike: NDArray[np.int32]) -> NDArray[np.int32]:
+def _plateaus(system: Equations, alike: NDArray[np.int32]) -> NDArray[np.int32]:
     """The plateau of every node."""
     forest, count = system.forest, len(system.unknown)
     lifted = forest.base != GROUND

@@ -17,7 +17,7 @@ from resgrid.circuit.plain import read_plain
 from resgrid.circuit.readout import DIRECTION_RESIDUAL, OUT_OF_RANGE, read_off
 from resgrid.errors import AccuracyError, CircuitError
 from resgrid.netlist import Netlist
-from resgrid.solvers.choose import factor_system
+from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.monitor import Progress, Watch
 from resgrid.solvers.refine import is_answer
 
@@ -32,7 +32,7 @@ def solve_linear(
         system = assemble(netlist)
     with _timed(seconds, "factor"):
         later = accuracy == "direction"
-        factors = factor_system(system, method, accuracy=accuracy, later=later) if system.size else None
+        factors = factor_laplacian(system.laplacian, method, accuracy=accuracy, later=later) if system.size else None
     name = factors.name if factors else "none"
     if accuracy == "normwise":
         with _timed(seconds, "substitute"):

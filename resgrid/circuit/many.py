@@ -13,11 +13,11 @@ from numpy.typing import ArrayLike, NDArray
 from resgrid.budget import require_memory
 from resgrid.circuit.equations import assemble
 from resgrid.circuit.linear import solve_linear
+from resgrid.circuit.pattern import Pattern, pattern_of
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
 from resgrid.solvers.batch.boards import BoardBatch, board_batch
 from resgrid.solvers.batch.factored import FactoredBatch, factored_batch
-from resgrid.solvers.batch.pattern import Pattern, pattern_of
 from resgrid.solvers.factors.factor import check_rtol
 
 CHUNK = 16
@@ -34,19 +34,20 @@ _MOST_FACTORED = 1e10
 
 
 @dataclass(frozen=True, eq=False)
-class SeparateBatch:
-    """A circuit whose chips have too little in common: each is solved by itself."""
+class Batch:
+    """What all chips of a kind share.
+
+    `pattern`: how their equations follow from their conductances; `solver`: solves them; None where they have too
+    little in common, so that each is solved by itself.
+    """
 
     pattern: Pattern
-    name = "one by one"
+    solver: BoardBatch | FactoredBatch | None
 
-    def solve(self, conductance: NDArray[np.float64], rtol: float) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """As the other batches: no chip is solved."""
-        del rtol
-        return np.zeros((len(conductance), self.pattern.system.size)), np.zeros(len(conductance), dtype=np.bool_)
-
-
-Batch = BoardBatch | FactoredBatch | SeparateBatch
+    @property
+    def name(self) -> str:
+        """The method."""
+        return "one by one" if self.solver is None else self.solver.name
 
 
 def solve_many(
@@ -115,22 +116,25 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
     system = assemble(netlist)
     if not system.size:
         return None
-    pattern = pattern_of(system)
-    weakest = min(float(system.degree.min()), float(system.coupling.data.min(initial=np.inf)))
-    contrast = float(system.degree.max()) / weakest
+    pattern, matrix = pattern_of(system), system.laplacian
+    weakest = min(float(matrix.diagonal.min()), float(matrix.edges.data.min(initial=np.inf)))
+    contrast = float(matrix.diagonal.max()) / weakest
     if system.size > _SMALL and contrast <= _MOST_CONTRAST:
-        batch = board_batch(pattern)
-        if batch is not None:
-            return batch
-    return factored_batch(pattern) if contrast <= _MOST_FACTORED else SeparateBatch(pattern)
+        solver = board_batch(matrix, system.drive)
+        if solver is not None:
+            return Batch(pattern, solver)
+    return Batch(pattern, factored_batch(matrix, system.drive) if contrast <= _MOST_FACTORED else None)
 
 
 def solve_batch(batch: Batch, conductance: NDArray[np.float64], *, rtol: float = 1e-10) -> NDArray[np.float64]:
     """Voltages of some chips, shape (chips, nodes)."""
-    solution, reached = batch.solve(conductance, rtol)
-    voltage = batch.pattern.voltages(solution)
+    pattern, count = batch.pattern, len(conductance)
+    solution, reached = np.zeros((count, pattern.system.size)), np.zeros(count, dtype=np.bool_)
+    if batch.solver is not None:
+        batch.solver.solve(map(pattern.chip, conductance), rtol, solution, reached)
+    voltage = pattern.voltages(solution)
     for chip in np.flatnonzero(~reached):
-        voltage[chip] = _alone(batch.pattern.system.netlist, conductance[chip])
+        voltage[chip] = _alone(pattern.system.netlist, conductance[chip])
     return voltage
 
 

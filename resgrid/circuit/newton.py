@@ -19,12 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.circuit.equations import NodalSystem, assemble
+from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.readout import injected_currents
 from resgrid.circuit.saturation import refuse_saturated_cut
 from resgrid.errors import AccuracyError
 from resgrid.netlist import Netlist
-from resgrid.solvers.choose import factor_system
+from resgrid.solvers.choose import factor_laplacian
+from resgrid.solvers.laplacian import Laplacian
 
 MOST_STEPS = 200
 _EPS = float(np.finfo(np.float64).eps)
@@ -150,7 +151,7 @@ class _Circuit:
     """Kirchhoff's current law for the rows of a nodal system, each element with its own law."""
 
     netlist: Netlist
-    system: NodalSystem
+    system: Equations
 
     @cached_property
     def ends(self) -> NDArray[np.int64]:
@@ -234,17 +235,19 @@ class _Circuit:
         m = len(self.netlist.conductance)
         return np.append(self.netlist.conductance, secant_conductance(self.netlist, d[m:]))
 
-    def linear(self, g: NDArray[np.float64]) -> NodalSystem:
-        """The nodal system of a conductance for every element."""
+    def linear(self, g: NDArray[np.float64]) -> Laplacian:
+        """The matrix of a conductance for every element."""
         (a, b), size = self.rows.T, self.system.size
         inner = (a >= 0) & (b >= 0) & (a != b)
         contact = (a >= 0) != (b >= 0)
         pairs = a[inner].astype(np.int32), b[inner].astype(np.int32)
         entries = np.append(g[inner], g[inner]), (np.append(*pairs), np.append(*pairs[::-1]))
-        return self.system.derive(
-            sparse.coo_array(entries, shape=(size, size)).tocsr(),
+        nominal = self.system.laplacian
+        return Laplacian(
             np.asarray(np.bincount(np.maximum(a, b)[contact], g[contact], size), dtype=np.float64),
-            rails=None,
+            compressed=sparse.coo_array(entries, shape=(size, size)).tocsr(),
+            grid=None if nominal.grid is None else nominal.grid.of_rows(self.system.unknown),
+            dimensions=nominal.dimensions,
         )
 
 
@@ -256,7 +259,7 @@ def _step(
     here, size = circuit.content(x)
     choices: list[tuple[float, NDArray[np.float64], float]] = []
     try:
-        direction = factor_system(circuit.linear(circuit.slopes(d)), method).solve(-excess, rtol=1e-8)
+        direction = factor_laplacian(circuit.linear(circuit.slopes(d)), method).solve(-excess, rtol=1e-8)
         share = _share(circuit, x, direction, excess)
         there = circuit.content(x + share * direction)[0]
         if share >= _WORTHWHILE and there <= here + _ROUNDING * size:
@@ -264,7 +267,7 @@ def _step(
         choices.append((there, share * direction, share))
     except AccuracyError:  # differential conductances that vanish can leave the matrix singular
         pass
-    move = factor_system(circuit.linear(circuit.secants(d)), method).solve(-excess, rtol=1e-8)
+    move = factor_laplacian(circuit.linear(circuit.secants(d)), method).solve(-excess, rtol=1e-8)
     choices.append((circuit.content(x + move)[0], move, 0.0))
     _, move, share = min(choices, key=lambda choice: choice[0])
     return move, share

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from resgrid.circuit.cancellation import subtract
-from resgrid.circuit.equations import NodalSystem
+from resgrid.circuit.equations import Equations
 from resgrid.solvers.extended import Scaled, power
 from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.monitor import Watch
@@ -51,7 +51,7 @@ class NodeValues:
         return np.where(self.down, 1.0 - plain, plain)
 
 
-def node_values(system: NodalSystem, factors: Factor | None, watch: Watch, threads: int) -> NodeValues:
+def node_values(system: Equations, factors: Factor | None, watch: Watch, threads: int) -> NodeValues:
     """Solve for all that the currents of a circuit are read off."""
     if system.rails is not None:
         return _between(system, system.rails, *_drop_and_height(system.rails, factors, watch, threads))
@@ -62,7 +62,7 @@ def node_values(system: NodalSystem, factors: Factor | None, watch: Watch, threa
     if not np.any(drive > 0):
         return _above(system, falling, -1.0)
     assert factors is not None
-    difference, doubt, grain = subtract(factors, drive, rising, falling, watch.bound)
+    difference, doubt, grain = subtract(factors, drive, system.drive_rounding, rising, falling, watch.bound)
     return replace(_above(system, difference, 1.0), doubt=doubt, grain=grain)
 
 
@@ -95,7 +95,7 @@ def _solved(factors: Factor | None, currents: list[NDArray[np.float64]], watch: 
     return side_by_side([partial(one, rhs) for rhs in currents], threads, watch.stop)
 
 
-def _between(system: NodalSystem, rails: Rails, drop: Scaled, height: Scaled | None) -> NodeValues:
+def _between(system: Equations, rails: Rails, drop: Scaled, height: Scaled | None) -> NodeValues:
     """Spread drops, and heights where they were solved for, over the nodes."""
     from resgrid.circuit.readout_kernels import from_nearer_rail
 
@@ -112,7 +112,7 @@ def _between(system: NodalSystem, rails: Rails, drop: Scaled, height: Scaled | N
     return NodeValues(value, down, rails.low, rails.high - rails.low, noise)
 
 
-def _above(system: NodalSystem, rows: Scaled, volts: float) -> NodeValues:
+def _above(system: Equations, rows: Scaled, volts: float) -> NodeValues:
     """Spread heights above the reference over the nodes."""
     from resgrid.circuit.readout_kernels import from_one_rail
 

@@ -11,16 +11,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.equations import NodalSystem
+from resgrid.circuit.equations import Equations
 from resgrid.circuit.operating_point import Ammeters, OperatingPoint, Readings
 from resgrid.circuit.readout import injected_currents
 from resgrid.circuit.sources import SourceForest, source_currents
 from resgrid.netlist import Netlist
 
 
-def read_plain(
-    system: NodalSystem, x: NDArray[np.float64], method: str, seconds: Mapping[str, float]
-) -> OperatingPoint:
+def read_plain(system: Equations, x: NDArray[np.float64], method: str, seconds: Mapping[str, float]) -> OperatingPoint:
     """Spread a solution over the nodes.  Shapes: `x` (n,)."""
     forest = system.forest
     height = _heights(system, x)
@@ -41,7 +39,7 @@ def read_plain(
     return point
 
 
-def _heights(system: NodalSystem, x: NDArray[np.float64]) -> NDArray[np.float64]:
+def _heights(system: Equations, x: NDArray[np.float64]) -> NDArray[np.float64]:
     """Voltages of all nodes above the reference."""
     from resgrid.circuit.assembly_kernels import spread
 
@@ -53,7 +51,7 @@ def _heights(system: NodalSystem, x: NDArray[np.float64]) -> NDArray[np.float64]
     return height
 
 
-def _potential(system: NodalSystem, height: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64] | None:
+def _potential(system: Equations, height: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64] | None:
     """Between two rails the share of their difference; above a single one the share of the highest node."""
     if system.rails is not None:
         return _share(height, system.reference - system.rails.low, system.rails.high - system.rails.low)

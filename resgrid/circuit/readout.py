@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.equations import NodalSystem
+from resgrid.circuit.equations import Equations
 from resgrid.circuit.node_values import NodeValues
 from resgrid.circuit.operating_point import OperatingPoint, Readings
 from resgrid.circuit.sources import source_currents
@@ -59,7 +59,7 @@ def injected_currents(netlist: Netlist) -> NDArray[np.float64]:
 
 
 def read_off(
-    system: NodalSystem, values: NodeValues, method: str, seconds: Mapping[str, float]
+    system: Equations, values: NodeValues, method: str, seconds: Mapping[str, float]
 ) -> tuple[OperatingPoint, NDArray[np.float64]]:
     """Read everything off the values of the nodes.  Returns `residual` (nodes,)."""
     netlist = system.netlist
@@ -99,7 +99,7 @@ def _log_current(amps: NDArray[np.float64], exponent: NDArray[np.int64]) -> NDAr
 
 
 def _relative_residual(
-    system: NodalSystem, values: NodeValues, amps: NDArray[np.float64], exponent: NDArray[np.int64], sums: Balance
+    system: Equations, values: NodeValues, amps: NDArray[np.float64], exponent: NDArray[np.int64], sums: Balance
 ) -> NDArray[np.float64]:
     """Violation of KCL at every node that is solved for, relative to its through-current.
 
@@ -191,7 +191,7 @@ def _drop_unresolved(
     )
 
 
-def _stored(system: NodalSystem, values: NodeValues) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
+def _stored(system: Equations, values: NodeValues) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None]:
     """``log_drop`` and ``potential`` of every node, where they exist."""
     height = values.height
     if system.rails is None:
@@ -211,7 +211,7 @@ def _stored(system: NodalSystem, values: NodeValues) -> tuple[NDArray[np.float64
     return log_drop, height
 
 
-def _voltage(system: NodalSystem, values: NodeValues) -> NDArray[np.float64]:
+def _voltage(system: Equations, values: NodeValues) -> NDArray[np.float64]:
     plain = values.value.plain
     with np.errstate(over="ignore"):
         volts = values.zero + values.volts * plain

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.circuit.equations import NodalSystem
+from resgrid.circuit.equations import Equations
 from resgrid.circuit.readout import injected_currents
 from resgrid.errors import CircuitError
 from resgrid.netlist import Netlist
@@ -28,7 +28,7 @@ _MARGIN = 1e-12
 """Share of what a cut carries, below which doubles do not tell what is left of it."""
 
 
-def refuse_saturated_cut(netlist: Netlist, system: NodalSystem) -> None:
+def refuse_saturated_cut(netlist: Netlist, system: Equations) -> None:
     """Refuse a circuit whose current sources exceed what a cut through nonlinear resistors can carry."""
     injected = _rows_fed(netlist, system)
     demand = max(float(injected[injected > 0].sum()), float(-injected[injected < 0].sum()))
@@ -43,7 +43,7 @@ def refuse_saturated_cut(netlist: Netlist, system: NodalSystem) -> None:
 
 def _message(
     netlist: Netlist,
-    system: NodalSystem,
+    system: Equations,
     inside: NDArray[np.bool_],
     across: NDArray[np.int64],
     fed: float,
@@ -60,14 +60,14 @@ def _message(
     )
 
 
-def _rows_fed(netlist: Netlist, system: NodalSystem) -> NDArray[np.float64]:
+def _rows_fed(netlist: Netlist, system: Equations) -> NDArray[np.float64]:
     solved = system.unknown >= 0
     amps = np.bincount(system.unknown[solved], injected_currents(netlist)[solved], system.size)
     return np.asarray(amps, dtype=np.float64)
 
 
 def _tightest(
-    netlist: Netlist, system: NodalSystem, injected: NDArray[np.float64], demand: float
+    netlist: Netlist, system: Equations, injected: NDArray[np.float64], demand: float
 ) -> Iterator[NDArray[np.bool_]]:
     """Rows cut off from the rails by a minimum cut, shape (n,): the cut nearest what is fed in, then the farthest."""
     from scipy.sparse.csgraph import breadth_first_order, maximum_flow
@@ -82,7 +82,7 @@ def _tightest(
         yield np.asarray(side[: system.size] != side[rail])
 
 
-def _flow_graph(netlist: Netlist, system: NodalSystem, injected: NDArray[np.float64], demand: float) -> Any:
+def _flow_graph(netlist: Netlist, system: Equations, injected: NDArray[np.float64], demand: float) -> Any:
     """Capacities between rows, the rails (as one), the source of what is fed in and the sink of what is taken out."""
     size = system.size
     rail, source, sink = size, size + 1, size + 2
@@ -102,7 +102,7 @@ def _flow_graph(netlist: Netlist, system: NodalSystem, injected: NDArray[np.floa
     return graph
 
 
-def _leading_out(netlist: Netlist, system: NodalSystem, inside: NDArray[np.bool_]) -> tuple[NDArray[np.int64], float]:
+def _leading_out(netlist: Netlist, system: Equations, inside: NDArray[np.bool_]) -> tuple[NDArray[np.int64], float]:
     """Nonlinear resistors across the border of some rows, and the sum of their I0; none if a resistor crosses it."""
     within = (system.unknown >= 0) & inside[np.maximum(system.unknown, 0)]
     linear = within[netlist.resistor_nodes]

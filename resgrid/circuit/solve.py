@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Protocol
 
 from resgrid.arguments import check_whole
+from resgrid.circuit.circuit_factor import CircuitFactor, factor_circuit
 from resgrid.circuit.equations import assemble
 from resgrid.circuit.linear import solve_linear
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.solvers.choose import factor_system
-from resgrid.solvers.factors.factor import Factor, check_rtol
+from resgrid.solvers.factors.factor import check_rtol
 from resgrid.solvers.monitor import Progress
 
 ACCURACIES = ("direction", "normwise")
@@ -87,7 +87,7 @@ def solve(
     return solve_linear(netlist, accuracy=accuracy, method=method, rtol=rtol, threads=threads, progress=progress)
 
 
-def factor(netlist: Netlist | Deck, *, method: str = "auto") -> Factor:
+def factor(netlist: Netlist | Deck, *, method: str = "auto") -> CircuitFactor:
     """Factor a netlist once, for many right-hand sides.
 
     Parameters
@@ -97,7 +97,7 @@ def factor(netlist: Netlist | Deck, *, method: str = "auto") -> Factor:
 
     Returns
     -------
-    Factor
+    CircuitFactor
         With ``solve(rhs)`` for currents into the rows of its ``system``.
 
     Raises
@@ -120,7 +120,7 @@ def factor(netlist: Netlist | Deck, *, method: str = "auto") -> Factor:
     system = assemble(netlist)
     if not system.size:
         raise InputError("there is nothing to factor: the rails hold every node")
-    return factor_system(system, method)
+    return factor_circuit(system, method)
 
 
 def _netlist_of(circuit: Netlist | Deck) -> Netlist:

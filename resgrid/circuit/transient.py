@@ -91,7 +91,7 @@ class TransientStepper:
             If the voltage is not one finite number for every node that is solved for.
         """
         dynamics, x = self.dynamics, self.dynamics.state(_checked_voltage(self.dynamics, voltage))
-        if self.method == "backward_euler" and dynamics.capacitance.coupling.nnz == 0:
+        if self.method == "backward_euler" and dynamics.capacitance.edges.nnz == 0:
             after = advance_by_sums(dynamics, x, self.step, self._solve)
         else:
             after, _ = advance(dynamics, self.method, x, self.step, self._solve)

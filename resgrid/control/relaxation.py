@@ -192,7 +192,7 @@ def _stepping(dynamics: Dynamics, relaxation: Relaxation, solver: str) -> Callab
         return charged
     from resgrid.control import kernels
 
-    matrix = sparse.csr_array(dynamics.conductance.coupling)
+    matrix = sparse.csr_array(dynamics.conductance.edges)
     rows = (matrix.indptr, matrix.indices, matrix.data, dynamics.conductance.diagonal, dynamics.drive)
     omega = 0.0 if relaxation.method == "jacobi" else relaxation.omega
 

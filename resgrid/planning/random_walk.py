@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.budget import require_memory
+from resgrid.circuit.circuit_factor import CircuitFactor
 from resgrid.circuit.operating_point import OperatingPoint
 from resgrid.circuit.solve import factor
 from resgrid.errors import AccuracyError, InputError
 from resgrid.frozen import frozen
 from resgrid.netlist import GROUND, CellMap, Netlist
 from resgrid.solvers.extended import Scaled, power
-from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import is_answer
 from resgrid.space import Cell
@@ -36,7 +36,7 @@ class RandomWalk:
     """
 
     cells: CellMap
-    factors: Factor
+    factors: CircuitFactor
     row: NDArray[np.int64]
     to_goal: sparse.csr_array
 
@@ -165,7 +165,7 @@ def collision_probability(circuit: Netlist | OperatingPoint | RandomWalk) -> Col
         If the conductances differ by more decades than the factors can hold.
     """
     walk = random_walk(circuit)
-    degree = walk.factors.system.degree
+    degree = walk.factors.system.laplacian.diagonal
     clock = np.full(len(degree), 1.0 / walk.cells.wiring.resistance)
     u = walk.solve(walk.to_goal.T @ np.ones(walk.to_goal.shape[0]))
     log_u = np.minimum(u.log, 0.0)

@@ -1,11 +1,10 @@
-"""Which methods there are, which one suits a system, and what it would take."""
+"""Which methods there are, which one suits a laplacian, and what it would take."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from resgrid.budget import require_memory
-from resgrid.circuit.equations import NodalSystem
 from resgrid.errors import InputError
 from resgrid.solvers.connections import count_connections
 from resgrid.solvers.decay import VOLUME, foresee_decades
@@ -13,6 +12,7 @@ from resgrid.solvers.factors.direct import EXACT_ROWS, factor_direct
 from resgrid.solvers.factors.factor import Factor
 from resgrid.solvers.factors.multigrid import factor_multigrid
 from resgrid.solvers.factors.reduced import ReducedFactor
+from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.multigrid.grading import is_graded, may_be_graded
 from resgrid.solvers.narrow.panels import NarrowOrder, narrow_memory, narrow_order
 from resgrid.solvers.reduction.elimination import may_reduce, reduce_system
@@ -44,8 +44,8 @@ _REDUCING = 220.0
 """Peak memory of elimination, in bytes a row."""
 
 
-def factor_system(
-    system: NodalSystem, method: str, *, reduce: bool = True, accuracy: str = "direction", later: bool = False
+def factor_laplacian(
+    laplacian: Laplacian, method: str, *, reduce: bool = True, accuracy: str = "direction", later: bool = False
 ) -> Factor:
     """Make a system ready to be solved, unless it would not fit in memory.
 
@@ -55,72 +55,72 @@ def factor_system(
     """
     if method != "auto" and method not in METHODS:
         raise InputError(f"method = {method!r} is unknown; it may be one of auto, {', '.join(METHODS)}")
-    if reduce and may_reduce(system):
-        if _is_long_corridor(system, method, accuracy):
-            return _factor_whole(system, "direct", accuracy, later)
-        _require(_REDUCING * system.size, system, "elimination")
-        reduction = reduce_system(system)
+    if reduce and may_reduce(laplacian):
+        if _is_long_corridor(laplacian, method, accuracy):
+            return _factor_whole(laplacian, "direct", accuracy, later)
+        _require(_REDUCING * laplacian.size, laplacian, "elimination")
+        reduction = reduce_system(laplacian)
         if reduction.core is None:
-            return ReducedFactor(system, reduction, None)
-        if reduction.count >= _FAIR_SHARE * system.size:
+            return ReducedFactor(laplacian, reduction, None)
+        if reduction.count >= _FAIR_SHARE * laplacian.size:
             inner = _factor_whole(reduction.core, method, accuracy, later)
-            return ReducedFactor(system, reduction, inner)
-    return _factor_whole(system, method, accuracy, later)
+            return ReducedFactor(laplacian, reduction, inner)
+    return _factor_whole(laplacian, method, accuracy, later)
 
 
-def _is_long_corridor(system: NodalSystem, method: str, accuracy: str) -> bool:
-    """Whether a system is factored whole, along its corridors, in less time than rows are eliminated and put back."""
-    if accuracy != "direction" or method == "multigrid" or system.size < _LONG or narrow_order(system) is None:
+def _is_long_corridor(laplacian: Laplacian, method: str, accuracy: str) -> bool:
+    """Whether a matrix is factored whole, along its corridors, in less time than rows are eliminated and put back."""
+    if accuracy != "direction" or method == "multigrid" or laplacian.size < _LONG or narrow_order(laplacian) is None:
         return False
-    return method == "direct" or choose_method(system, accuracy) == "direct"
+    return method == "direct" or choose_method(laplacian, accuracy) == "direct"
 
 
-def _factor_whole(system: NodalSystem, method: str, accuracy: str, later: bool) -> Factor:
-    name = choose_method(system, accuracy) if method == "auto" else method
-    _require(estimate_memory(system, name, accuracy), system, name)
-    return factor_multigrid(system, later=later) if name == "multigrid" else factor_direct(system)
+def _factor_whole(laplacian: Laplacian, method: str, accuracy: str, later: bool) -> Factor:
+    name = choose_method(laplacian, accuracy) if method == "auto" else method
+    _require(estimate_memory(laplacian, name, accuracy), laplacian, name)
+    return factor_multigrid(laplacian, later=later) if name == "multigrid" else factor_direct(laplacian)
 
 
-def _require(needed: float, system: NodalSystem, name: str) -> None:
+def _require(needed: float, laplacian: Laplacian, name: str) -> None:
     require_memory(
         needed,
-        f"solving for {system.size:,} unknowns by method = {name!r}",
+        f"solving for {laplacian.size:,} unknowns by method = {name!r}",
         "use a coarser grid, or a machine with more memory",
     )
 
 
-def choose_method(system: NodalSystem, accuracy: str = "direction") -> str:
+def choose_method(laplacian: Laplacian, accuracy: str = "direction") -> str:
     """Choose a method beforehand: the one that would take less time.
 
-    Direct where the system is small, or narrow; where conductances differ so wildly from node to node that no coarse
+    Direct where the laplacian is small, or narrow; where conductances differ so wildly from node to node that no coarse
     grid stands for them; and between two rails where the potential falls by more decades than refinement wins back in
     that time, some twelve a pass.
     """
-    found = count_connections(system)
-    if system.size < _SMALL or not found.entries:
+    found = count_connections(laplacian)
+    if laplacian.size < _SMALL or not found.entries:
         return "direct"
-    neighbours = found.entries / system.size
+    neighbours = found.entries / laplacian.size
     if found.weak > (_ROUGH_VOLUME if neighbours > VOLUME else _ROUGH):
         return "direct"
-    width, decades = _corridor_width(system), _LEAST_DECADES
-    seconds = _multigrid_seconds(system, accuracy, width, decades)
+    width, decades = _corridor_width(laplacian), _LEAST_DECADES
+    seconds = _multigrid_seconds(laplacian, accuracy, width, decades)
     if accuracy == "direction":
-        along = _narrow_seconds(system, width)
-        if system.rails is not None and not along < seconds:
-            decades = foresee_decades(system).most
-            seconds = _multigrid_seconds(system, accuracy, width, decades, graded=may_be_graded(system))
+        along = _narrow_seconds(laplacian, width)
+        if laplacian.rails is not None and not along < seconds:
+            decades = foresee_decades(laplacian).most
+            seconds = _multigrid_seconds(laplacian, accuracy, width, decades, graded=may_be_graded(laplacian))
         if decades > _MOST_DECADES:
             return "direct"
-        narrow = narrow_order(system) if along < seconds else None
+        narrow = narrow_order(laplacian) if along < seconds else None
         if narrow is not None and _panel_seconds(narrow) < seconds:
             return "direct"
-    return "multigrid" if seconds < _direct_seconds(system.size, neighbours) else "direct"
+    return "multigrid" if seconds < _direct_seconds(laplacian.size, neighbours) else "direct"
 
 
-def _corridor_width(system: NodalSystem) -> float:
+def _corridor_width(laplacian: Laplacian) -> float:
     """Cells across the corridors of a maze whose nodes have as many neighbours on average; infinite in the open."""
-    dimensions = system.dimensions
-    missing = 2.0 * dimensions - count_connections(system).entries / system.size
+    dimensions = laplacian.dimensions
+    missing = 2.0 * dimensions - count_connections(laplacian).entries / laplacian.size
     return 2.0 * (dimensions - 1) / missing if missing > 0.0 else np.inf
 
 
@@ -132,11 +132,11 @@ def _direct_seconds(size: int, neighbours: float) -> float:
     return float(a_row * size * (size / 128e3) ** 0.2)
 
 
-def _narrow_seconds(system: NodalSystem, width: float) -> float:
+def _narrow_seconds(laplacian: Laplacian, width: float) -> float:
     """Rough time of a direct solution along corridors of one width, measured on mazes and maps."""
-    if system.dimensions <= 2:
-        return (0.5e-6 + 0.0007e-6 * width**2) * system.size
-    return (0.7e-6 + 0.009e-6 * width**2) * system.size
+    if laplacian.dimensions <= 2:
+        return (0.5e-6 + 0.0007e-6 * width**2) * laplacian.size
+    return (0.7e-6 + 0.009e-6 * width**2) * laplacian.size
 
 
 def _panel_seconds(narrow: NarrowOrder) -> float:
@@ -147,25 +147,25 @@ def _panel_seconds(narrow: NarrowOrder) -> float:
 
 
 def _multigrid_seconds(
-    system: NodalSystem, accuracy: str, width: float, decades: float, *, graded: bool = True
+    laplacian: Laplacian, accuracy: str, width: float, decades: float, *, graded: bool = True
 ) -> float:
     """Rough time of a multigrid solution, measured on the same: of all iterations between two rails, by decades.
 
     Levels that may be graded take half as many.
     """
-    on_grid, mazy = system.netlist.cell_map is not None, width < _ROOM
+    on_grid, mazy = laplacian.grid is not None, width < _ROOM
     if accuracy == "normwise":
         a_row = 0.4e-6 if on_grid else 0.9e-6
-    elif system.rails is None:
+    elif laplacian.rails is None:
         a_row = (0.9e-6 if mazy else 0.5e-6) if on_grid else 1.6e-6
     elif on_grid:
         a_row = (0.7e-6 if mazy else 0.33e-6) + (0.012e-6 if graded else 0.025e-6) * decades
     else:
         a_row = 1.5e-6 + 0.04e-6 * decades
-    return _OVERHEAD + a_row * system.size
+    return _OVERHEAD + a_row * laplacian.size
 
 
-def estimate_memory(system: NodalSystem, method: str, accuracy: str = "direction") -> float:
+def estimate_memory(laplacian: Laplacian, method: str, accuracy: str = "direction") -> float:
     """Estimate the peak memory of a method above the netlist, in bytes.
 
     Entries of narrow circuits' factors are counted (`resgrid.solvers.narrow`).  Those of others grow about as
@@ -174,20 +174,20 @@ def estimate_memory(system: NodalSystem, method: str, accuracy: str = "direction
     what was measured on grids, which do without compressed rows, and on other netlists; directions take rows and
     scaled numbers besides, and where levels are graded, as in most planes, a second set of them.
     """
-    n = system.size
+    n = laplacian.size
     if method == "multigrid":
-        on_nodes, on_entries = (100.0, 12.0) if system.netlist.cell_map is not None else (230.0, 22.0)
+        on_nodes, on_entries = (100.0, 12.0) if laplacian.grid is not None else (230.0, 22.0)
         if accuracy == "direction":
-            on_nodes, on_entries = on_nodes + (120.0 if is_graded(system) else 60.0), on_entries + 18.0
-        return on_nodes * n + on_entries * count_connections(system).entries
-    narrow = narrow_order(system)
+            on_nodes, on_entries = on_nodes + (120.0 if is_graded(laplacian) else 60.0), on_entries + 18.0
+        return on_nodes * n + on_entries * count_connections(laplacian).entries
+    narrow = narrow_order(laplacian)
     if narrow is not None:
-        return narrow_memory(system, narrow)
+        return narrow_memory(laplacian, narrow)
     fill = {
         0: 3.0 * n,
         1: 3.0 * n,
         2: 2.6 * n * np.log2(n + 2),
         3: 10.0 * n ** (4 / 3),
         4: 4.5 * n ** (3 / 2),
-    }[system.dimensions]
+    }[laplacian.dimensions]
     return float(50 * fill + 600 * n)

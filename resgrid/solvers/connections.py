@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from resgrid.circuit.equations import NodalSystem, once
-from resgrid.netlist import CellMap
+from resgrid.solvers.laplacian import Laplacian, once
 
 WEAK = 0.1
 """A conductance is weak below this share of the strongest one at either of its ends."""
@@ -32,30 +31,29 @@ class Connections:
 
 
 @once
-def count_connections(system: NodalSystem) -> Connections:
+def count_connections(laplacian: Laplacian) -> Connections:
     """Count the neighbours of all rows, and compare their conductances.
 
     On a grid the resistors are counted one by one, so that no compressed rows are needed; there only the two across
     a ring of two cells are parallel.
     """
-    from resgrid.circuit import assembly_kernels as assembly
+    from resgrid.solvers import row_kernels as kernels
 
-    netlist = system.netlist
-    if system.derived is None and _is_simple(netlist.cell_map):
-        neighbours = np.zeros(system.size, dtype=np.int8)
-        graph = netlist.resistor_nodes, netlist.conductance, system.unknown
-        inner, smallest, largest, half = assembly.count_neighbours(*graph, neighbours)
+    listed, grid = laplacian.listed, laplacian.grid
+    if listed is not None and grid is not None and grid.simple:
+        neighbours = np.zeros(laplacian.size, dtype=np.int8)
+        inner, smallest, largest, half = kernels.count_neighbours(*listed, neighbours)
         some = smallest < WEAK * largest
-        weak = assembly.weak_pairs(*graph, system.size, WEAK) / inner if some else 0.0
+        weak = kernels.weak_pairs(*listed, laplacian.size, WEAK) / inner if some else 0.0
         entries, few = 2 * inner, int(np.count_nonzero(neighbours <= 2))
         total = 2.0 * half
     else:
-        rows = system.rows
+        rows = laplacian.rows
         entries, few = rows.nnz, int(np.count_nonzero(np.diff(rows.indptr) <= 2))
-        weak = assembly.weak_share(rows.indptr, rows.indices, rows.data, WEAK)
+        weak = kernels.weak_share(rows.indptr, rows.indices, rows.data, WEAK)
         smallest, largest = rows.data.min(initial=np.inf), rows.data.max(initial=0.0)
         total = rows.data.sum()
-    present = system.excess[system.excess > 0]
+    present = laplacian.ground[laplacian.ground > 0]
     return Connections(
         entries=entries,
         few=few,
@@ -64,8 +62,3 @@ def count_connections(system: NodalSystem) -> Connections:
         smallest=float(min(smallest, present.min(initial=np.inf))),
         largest=float(max(largest, present.max(initial=0.0))),
     )
-
-
-def _is_simple(cell_map: CellMap | None) -> bool:
-    """Whether no two resistors join the same cells."""
-    return cell_map is not None and not any(axis.periodic and axis.cells == 2 for axis in cell_map.space.axes)

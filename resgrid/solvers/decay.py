@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.equations import NodalSystem, once
 from resgrid.solvers.connections import count_connections
+from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian, once
 from resgrid.solvers.rails import Rails
 
 if TYPE_CHECKING:
@@ -48,38 +48,39 @@ class Fall(NamedTuple):
 
 
 @once
-def foresee_decades(system: NodalSystem) -> Fall:
+def foresee_decades(laplacian: Laplacian) -> Fall:
     """Rough number of decades that a potential between two rails falls over the graph; 0 for other circuits.
 
     Along a corridor ``w`` cells wide it falls by ``exp(-pi sqrt(d) / w)`` a cell, in ``d = 1`` or 2 cross dimensions;
     behind walls of ``k`` times the resistance between cells by ``exp(-sqrt(2 d / (k w)))`` where that is less.  On 20
     spaces and maps the estimate was 0.9 to 1.7 times the true number, in volumes 2 times.
     """
-    if system.rails is None or not count_connections(system).entries:
+    if laplacian.rails is None or not count_connections(laplacian).entries:
         return Fall(0.0, 0.0, 0.0)
     from resgrid.solvers.decay_kernels import decay
 
-    cross = 2.0 if count_connections(system).entries > VOLUME * system.size else 1.0
-    rounds = 1 if system.netlist.cell_map is not None else _ROUNDS
-    wall = _wall(system, system.rails)
-    rest = min(_MOST_REST, system.size // _SHARE_OF_REST)
-    factors = decay(_places(system, system.rails), np.pi * np.sqrt(cross), wall / (2.0 * cross), rounds, _FIRST, rest)
+    cross = 2.0 if count_connections(laplacian).entries > VOLUME * laplacian.size else 1.0
+    rounds = 1 if laplacian.grid is not None else _ROUNDS
+    wall = _wall(laplacian, laplacian.rails)
+    rest = min(_MOST_REST, laplacian.size // _SHARE_OF_REST)
+    factors = decay(
+        _places(laplacian, laplacian.rails), np.pi * np.sqrt(cross), wall / (2.0 * cross), rounds, _FIRST, rest
+    )
     return Fall(*(float(WHOLE_STEPS * factor / np.log(10.0)) for factor in factors))
 
 
-def _wall(system: NodalSystem, rails: Rails) -> float:
+def _wall(laplacian: Laplacian, rails: Rails) -> float:
     """Mean resistance before the high rail beyond that between nodes, and as a multiple of that."""
     tied = rails.to_high[rails.to_high > 0]
-    return max(count_connections(system).mean / float(tied.mean()) - 1.0, 0.0) if tied.size else 0.0
+    return max(count_connections(laplacian).mean / float(tied.mean()) - 1.0, 0.0) if tied.size else 0.0
 
 
-def _places(system: NodalSystem, rails: Rails) -> Places:
+def _places(laplacian: Laplacian, rails: Rails) -> Places:
     """The rows as a graph, or, where most cells of a grid are rows, as its cells: these need no compressed rows."""
-    low, high, cell_map = rails.to_low > 0, rails.to_high > 0, system.netlist.cell_map
-    whole = system.derived is None
-    if cell_map is None or not whole or cell_map.space.periodic.any() or cell_map.node.size > _SPARSE * system.size:
-        return _of_graph(system.rows, low, high)
-    return _of_grid(cell_map.node, system.unknown, low, high)
+    low, high, grid, listed = rails.to_low > 0, rails.to_high > 0, laplacian.grid, laplacian.listed
+    if grid is None or listed is None or any(grid.periodic) or grid.vertex.size > _SPARSE * laplacian.size:
+        return _of_graph(laplacian.rows, low, high)
+    return _of_grid(grid, listed, low, high)
 
 
 def _of_graph(rows: sparse.csr_array, low: NDArray[np.bool_], high: NDArray[np.bool_]) -> Places:
@@ -88,12 +89,10 @@ def _of_graph(rows: sparse.csr_array, low: NDArray[np.bool_], high: NDArray[np.b
     return Places(np.ones_like(low), low, high, rows.indptr, rows.indices, np.empty(0, dtype=np.int64))
 
 
-def _of_grid(
-    node: NDArray[np.int32], unknown: NDArray[np.int32], low: NDArray[np.bool_], high: NDArray[np.bool_]
-) -> Places:
+def _of_grid(grid: Grid, listed: EdgeList, low: NDArray[np.bool_], high: NDArray[np.bool_]) -> Places:
     from resgrid.solvers.decay_kernels import Places
 
-    row = np.take(np.append(unknown, np.int32(-1)), np.pad(node, 1, constant_values=-1))
+    row = np.take(np.append(listed.row, np.int32(-1)), np.pad(grid.vertex, 1, constant_values=-1))
     strides, row = np.array(row.strides) // row.itemsize, row.ravel()
     low, high = (np.take(np.append(flags, False), row) for flags in (low, high))
     none = np.empty(0, dtype=np.int32)

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.equations import NodalSystem
 from resgrid.solvers.extended import BITS, NOISE, Scaled, power
+from resgrid.solvers.laplacian import Laplacian
 
 if TYPE_CHECKING:
     from resgrid.solvers.refine_kernels import Imbalance
@@ -95,7 +95,7 @@ def is_answer(error: float, bound: float) -> bool:
 
 
 def refine(
-    system: NodalSystem,
+    laplacian: Laplacian,
     rhs: NDArray[np.float64] | Scaled,
     approximate: Approximation,
     floor: float,
@@ -104,7 +104,7 @@ def refine(
     resolve: Resolution | None = None,
 ) -> Refined:
     """Solve for a right-hand side without negative entries.  Shapes: `rhs` (n,)."""
-    pair = _Answer(system, rhs, floor, exact)
+    pair = _Answer(laplacian, rhs, floor, exact)
     best, size, bound, gain = np.inf, np.inf, np.inf, 0.0
     while pair.steps < _MOST_STEPS:
         anew = resolve is not None and pair.hopeless and pair.replace(resolve)
@@ -127,9 +127,9 @@ def refine(
 class _Answer:
     """Double-doubles that are corrected step by step, and their residual; with exponents only where needed."""
 
-    def __init__(self, system: NodalSystem, rhs: NDArray[np.float64] | Scaled, floor: float, exact: bool) -> None:
-        n = system.size
-        self._system, self._floor, self._exact, self.steps = system, floor, exact, 0
+    def __init__(self, laplacian: Laplacian, rhs: NDArray[np.float64] | Scaled, floor: float, exact: bool) -> None:
+        n = laplacian.size
+        self._laplacian, self._floor, self._exact, self.steps = laplacian, floor, exact, 0
         self._current, self._scale = scaled_currents(rhs)
         self._plain = not exact and _without_exponent(self._current, self._scale)
         if self._plain:
@@ -214,7 +214,7 @@ class _Answer:
         changed = self._changed
         if not self._plain or self._found is None or _FEW * np.count_nonzero(changed) > len(changed):
             return _ALL
-        changed[self._system.coupling[np.flatnonzero(changed)].indices] = True
+        changed[self._laplacian.edges[np.flatnonzero(changed)].indices] = True
         rows = np.flatnonzero(changed).astype(np.int32)
         return rows if np.count_nonzero(self.residual[rows]) == np.count_nonzero(self.residual) else _ALL
 
@@ -261,8 +261,8 @@ class _Answer:
 
     @property
     def _rows(self) -> tuple[NDArray[np.int32], NDArray[np.int32], NDArray[np.float64], NDArray[np.float64]]:
-        coupling = self._system.coupling
-        return coupling.indptr, coupling.indices, coupling.data, self._system.excess
+        coupling = self._laplacian.edges
+        return coupling.indptr, coupling.indices, coupling.data, self._laplacian.ground
 
     def _leave_plain(self) -> None:
         from resgrid.solvers.extended_kernels import canonical

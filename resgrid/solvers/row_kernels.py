@@ -121,3 +121,85 @@ def sort_row(indices: Indices, data: Floats, begin: int, end: int) -> None:
             indices[place + step] = column
             data[place + step] = value
         step //= 3
+
+
+@inner
+def find(parent: Indices, node: int) -> int:
+    """Root of a node in a union-find, whose trees have their smallest node as root; halves the way there."""
+    above = parent[node]
+    while above != node:
+        top = parent[above]
+        if top != above:
+            parent[node] = top
+        node, above = top, parent[top]
+    return node
+
+
+@inner
+def join(parent: Indices, a: int, b: int) -> None:
+    """Make one tree of the trees of two nodes."""
+    a, b = find(parent, a), find(parent, b)
+    if a != b:
+        parent[max(a, b)] = min(a, b)
+
+
+@njit(cache=True)
+def add_conductances(pairs: Indices, conductance: Floats, row: Indices, degree: Floats) -> None:
+    """Add the conductances between different rows to both rows' degree."""
+    for k in range(len(pairs)):
+        i, j = row[pairs[k, 0]], row[pairs[k, 1]]
+        if i >= 0 and j >= 0 and i != j:
+            degree[i] += conductance[k]
+            degree[j] += conductance[k]
+
+
+@njit(cache=True)
+def count_neighbours(
+    pairs: Indices, conductance: Floats, row: Indices, neighbours: NDArray[np.int8]
+) -> tuple[int, float, float, float]:
+    """Count the neighbours of every row up to three.
+
+    Returns how many conductances there are between rows, their smallest, their largest and their sum.
+    """
+    count, smallest, largest, total = 0, np.inf, 0.0, 0.0
+    for k in range(len(pairs)):
+        i, j = row[pairs[k, 0]], row[pairs[k, 1]]
+        if i < 0 or j < 0 or i == j:
+            continue
+        count += 1
+        g = conductance[k]
+        smallest, largest, total = min(smallest, g), max(largest, g), total + g
+        neighbours[i], neighbours[j] = min(neighbours[i] + 1, 3), min(neighbours[j] + 1, 3)
+    return count, smallest, largest, total
+
+
+@njit(cache=True)
+def weak_pairs(pairs: Indices, conductance: Floats, row: Indices, size: int, weak: float) -> int:
+    """Count the conductances below ``weak`` times the strongest one at either of their rows."""
+    strongest = np.zeros(size)
+    for k in range(len(pairs)):
+        i, j = row[pairs[k, 0]], row[pairs[k, 1]]
+        if i >= 0 and j >= 0 and i != j:
+            strongest[i], strongest[j] = max(strongest[i], conductance[k]), max(strongest[j], conductance[k])
+    count = 0
+    for k in range(len(pairs)):
+        i, j = row[pairs[k, 0]], row[pairs[k, 1]]
+        if i >= 0 and j >= 0 and i != j and conductance[k] < weak * max(strongest[i], strongest[j]):
+            count += 1
+    return count
+
+
+@njit(cache=True)
+def weak_share(indptr: Indices, indices: Indices, conductance: Floats, weak: float) -> float:
+    """Share of conductances below ``weak`` times the strongest one at either of their ends."""
+    n = len(indptr) - 1
+    strongest = np.zeros(n)
+    for i in range(n):
+        for k in range(indptr[i], indptr[i + 1]):
+            strongest[i] = max(strongest[i], conductance[k])
+    count = 0
+    for i in range(n):
+        for k in range(indptr[i], indptr[i + 1]):
+            if conductance[k] < weak * max(strongest[i], strongest[indices[k]]):
+                count += 1
+    return count / max(len(indices), 1)

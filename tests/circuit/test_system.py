@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from support.spaces import space_of, spaces
 
-from resgrid.circuit.equations import NodalSystem, assemble
+from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
@@ -31,7 +31,7 @@ RULES: tuple[dict[str, Any], ...] = (
 )
 
 
-def dense_sums(system: NodalSystem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def dense_sums(system: Equations) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Couplings, excess and feed, resistor by resistor."""
     n, netlist = system.size, system.netlist
     coupling, excess, feed = np.zeros((n, n)), np.zeros(n), np.zeros(n)
@@ -47,13 +47,13 @@ def dense_sums(system: NodalSystem) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return coupling, excess, feed
 
 
-def check(system: NodalSystem) -> None:
+def check(system: Equations) -> None:
     coupling, excess, feed = dense_sums(system)
     assert system.unknown.dtype == np.int32
-    np.testing.assert_allclose(system.excess, excess, rtol=1e-14)
+    np.testing.assert_allclose(system.laplacian.ground, excess, rtol=1e-14)
     np.testing.assert_allclose(system.feed, feed, rtol=1e-12, atol=1e-12 * np.abs(feed).max(initial=0.0))
-    np.testing.assert_allclose(system.degree, coupling.sum(axis=1) + excess, rtol=1e-14)
-    np.testing.assert_allclose(system.coupling.toarray(), coupling, rtol=1e-14)
+    np.testing.assert_allclose(system.laplacian.diagonal, coupling.sum(axis=1) + excess, rtol=1e-14)
+    np.testing.assert_allclose(system.laplacian.edges.toarray(), coupling, rtol=1e-14)
     if system.rails is not None:
         np.testing.assert_allclose(system.rails.to_high + system.rails.to_low, excess, rtol=1e-14)
         heights = [volts - system.reference for volts in (system.rails.high, system.rails.low)]
@@ -159,19 +159,19 @@ def test_counts_are_those_of_the_compressed_rows(
         system = assemble(netlist.replace(conductance=netlist.conductance * spread))
     except CircuitError:
         return
-    found = count_connections(system)
-    assert "coupling" not in vars(system) or any(n == 2 for n in space.shape)
-    coupling = system.coupling.toarray()
+    found = count_connections(system.laplacian)
+    assert "rows" not in vars(system.laplacian) or any(n == 2 for n in space.shape)
+    coupling = system.laplacian.edges.toarray()
     strongest = coupling.max(axis=1, initial=0.0)
     present = coupling > 0
     weak = present & (coupling < WEAK * np.maximum(strongest[:, None], strongest))
-    values = np.concatenate([coupling[present], system.excess[system.excess > 0]])
+    values = np.concatenate([coupling[present], system.laplacian.ground[system.laplacian.ground > 0]])
     assert found.entries == np.count_nonzero(present)
     assert found.few == np.count_nonzero(np.count_nonzero(present, axis=1) <= 2)
     assert found.weak == np.count_nonzero(weak) / max(np.count_nonzero(present), 1)
     assert (found.smallest, found.largest) == (values.min(initial=np.inf), values.max(initial=0.0))
     assert found.mean == pytest.approx(coupling[present].mean() if present.any() else 0.0, rel=1e-12)
-    of_rows = count_connections(replace(system, derived=system.coupling))
+    of_rows = count_connections(replace(system.laplacian, listed=None, compressed=system.laplacian.edges))
     assert of_rows == replace(found, mean=pytest.approx(found.mean, rel=1e-12))
 
 
@@ -180,7 +180,7 @@ def test_a_grid_is_judged_without_compressed_rows(boundary: str) -> None:
     cell = (np.random.default_rng(3).random((120, 120)) < 0.1).astype(np.uint8)
     cell[30, 30] = 2
     system = assemble(compile_space(space_of(cell), boundary=boundary))
-    assert not may_reduce(system)
-    assert choose_method(system, "normwise") == "multigrid"
-    assert system.degree.min() > 0
-    assert "coupling" not in vars(system)
+    assert not may_reduce(system.laplacian)
+    assert choose_method(system.laplacian, "normwise") == "multigrid"
+    assert system.laplacian.diagonal.min() > 0
+    assert "rows" not in vars(system.laplacian)

@@ -132,7 +132,7 @@ def test_chips_far_from_the_nominal_one_keep_the_residual_they_promise(boundary:
         system = assemble(netlist.replace(conductance=chip))
         solved, x = system.unknown >= 0, np.zeros(system.size)
         x[system.unknown[solved]] = volts[solved] - system.reference
-        residual = system.drive - (system.degree * x - system.coupling @ x)
+        residual = system.drive - (system.laplacian.diagonal * x - system.laplacian.edges @ x)
         assert np.linalg.norm(residual) <= 1.01e-8 * np.linalg.norm(system.drive)
         np.testing.assert_allclose(volts, exact(netlist, chip), rtol=0, atol=1e-6)
 

@@ -9,7 +9,7 @@ from support.levels import matrix_of
 from support.spaces import space_of, spaces
 
 from resgrid.axis import Axis
-from resgrid.circuit.equations import NodalSystem, assemble
+from resgrid.circuit.equations import Equations, assemble
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
 from resgrid.solvers.multigrid import waves
@@ -23,7 +23,7 @@ from resgrid.space import ConfigurationSpace
 BOUNDARIES = st.sampled_from(["dirichlet", "neumann"])
 
 
-def laid_out(space: ConfigurationSpace, boundary: str, spread: float, seed: int) -> tuple[NodalSystem, Level] | None:
+def laid_out(space: ConfigurationSpace, boundary: str, spread: float, seed: int) -> tuple[Equations, Level] | None:
     """A space as a board, its conductances spread by factors; None where nothing is driven or no board fits."""
     try:
         netlist = compile_space(space, boundary=boundary)
@@ -36,7 +36,7 @@ def laid_out(space: ConfigurationSpace, boundary: str, spread: float, seed: int)
         system.netlist.conductance,
         system.unknown,
         system.netlist.cells.node,
-        system.excess,
+        system.laplacian.ground,
         1.0,
     )
     return None if made is None else (system, made[0])
@@ -237,7 +237,7 @@ def test_a_step_of_the_cycle_is_symmetric_where_it_is_linear(shape: tuple[int, .
     cell = (np.random.default_rng(7).random(shape) < 0.2).astype(np.uint8)
     cell[(0,) * len(shape)] = 2
     system = assemble(compile_space(space_of(cell), boundary="neumann"))
-    hierarchy = build_hierarchy(system)
+    hierarchy = build_hierarchy(system.laplacian)
     grid = hierarchy.grid
     assert grid is not None
     assert len(grid.boards.margin) > 0
@@ -265,7 +265,7 @@ def test_a_step_of_the_cycle_is_symmetric_where_it_is_linear(shape: tuple[int, .
 def test_work_space_is_not_shared_but_conductances_are() -> None:
     cell = np.zeros((40, 40), dtype=np.uint8)
     cell[0, 0] = 2
-    grid = build_hierarchy(assemble(compile_space(space_of(cell), boundary="neumann"))).grid
+    grid = build_hierarchy(assemble(compile_space(space_of(cell), boundary="neumann")).laplacian).grid
     assert grid is not None
     own, other = own_vectors(grid.boards), own_vectors(grid.boards)
     assert not np.shares_memory(own.b, other.b)

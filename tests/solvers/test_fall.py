@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from support.spaces import serpentine, space_of, spaces
 
-from resgrid.circuit.equations import NodalSystem, assemble
+from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
@@ -20,7 +20,7 @@ RATE, WALL = np.pi, 0.3
 LN10 = np.log(10.0)
 
 
-def railed(space: ConfigurationSpace, boundary: str) -> NodalSystem | None:
+def railed(space: ConfigurationSpace, boundary: str) -> Equations | None:
     """The system of a space between two rails; None where nothing is driven, or otherwise."""
     try:
         system = assemble(compile_space(space, boundary=boundary))
@@ -37,8 +37,8 @@ def test_cells_tell_what_the_graph_tells(space, boundary, first, rest):
     if system is None:
         return
     low, high = system.rails.to_low > 0, system.rails.to_high > 0
-    on_grid = _of_grid(system.netlist.cells.node, system.unknown, low, high)
-    on_graph = _of_graph(system.coupling, low, high)
+    on_grid = _of_grid(system.laplacian.grid, system.laplacian.listed, low, high)
+    on_graph = _of_graph(system.laplacian.edges, low, high)
     assert decay(on_grid, RATE, WALL, 1, first, rest) == decay(on_graph, RATE, WALL, system.size, first, rest)
 
 
@@ -49,14 +49,14 @@ def test_the_best_way_is_that_of_networkx_to_the_first_nodes_and_all_but_the_low
     if system is None:
         return
     low, high = system.rails.to_low > 0, system.rails.to_high > 0
-    graph = nx.from_scipy_sparse_array(system.coupling)
+    graph = nx.from_scipy_sparse_array(system.laplacian.edges)
     depth = nx.multi_source_dijkstra_path_length(graph, set(np.flatnonzero(high)), weight=None)
     costs = _costs.py_func(system.size, RATE, WALL)
     parts = nx.multi_source_dijkstra_path_length(
         graph, set(np.flatnonzero(low)), weight=lambda _, to, __: int(costs[depth.get(to, system.size)])
     )
     first, rest = int(near * system.size), int(share * system.size)
-    found = decay(_of_graph(system.coupling, low, high), RATE, WALL, system.size, first, rest)
+    found = decay(_of_graph(system.laplacian.edges, low, high), RATE, WALL, system.size, first, rest)
     ways = sorted(parts.values())
     assert found == tuple(max(ways[:count], default=0) / 64.0 for count in (first, system.size - rest, system.size))
 
@@ -66,4 +66,4 @@ def test_corridors_fall_as_foreseen(width):
     netlist = compile_space(space_of(serpentine(6, 60, width)))
     drop = solve(netlist).log_drop
     truth = -np.quantile(drop[np.isfinite(drop)], 0.02) / LN10
-    assert 0.9 < foresee_decades(assemble(netlist)).most / truth < 1.8
+    assert 0.9 < foresee_decades(assemble(netlist).laplacian).most / truth < 1.8

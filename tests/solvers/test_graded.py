@@ -11,7 +11,7 @@ from support.levels import matrix_of
 from support.spaces import serpentine, space_of, spaces
 
 from resgrid.axis import Axis
-from resgrid.circuit.equations import NodalSystem, assemble
+from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
@@ -60,7 +60,7 @@ def with_slits() -> NDArray[np.uint8]:
     return cell
 
 
-def log_potential(netlist: Netlist) -> tuple[NodalSystem, NDArray[np.float64]]:
+def log_potential(netlist: Netlist) -> tuple[Equations, NDArray[np.float64]]:
     """The system of a netlist, and the logarithm of its potential at every row, solved directly."""
     system, point = assemble(netlist), solve(netlist, method="direct")
     assert point.log_drop is not None
@@ -70,7 +70,7 @@ def log_potential(netlist: Netlist) -> tuple[NodalSystem, NDArray[np.float64]]:
     return system, log
 
 
-def after_one_pass(system: NodalSystem, hierarchy: Hierarchy) -> tuple[NDArray[np.float64], int]:
+def after_one_pass(system: Equations, hierarchy: Hierarchy) -> tuple[NDArray[np.float64], int]:
     """The potential after one pass, and its iterations."""
     assert hierarchy.grid is not None
     assert system.rails is not None
@@ -82,11 +82,11 @@ def after_one_pass(system: NodalSystem, hierarchy: Hierarchy) -> tuple[NDArray[n
 def test_one_pass_is_right_in_all_decades_where_plain_levels_are_right_in_the_first_ones() -> None:
     system, log = log_potential(compile_space(space_of(rooms()), boundary="dirichlet"))
     assert log.min() < -15 * np.log(10.0)
-    levels = graded.gradable(system)
+    levels = graded.gradable(system.laplacian)
     assert levels is not None
     height = np.zeros((2, levels.level.lattice.places))
     put_at_places(levels.place, np.exp(log), 1.0, height.ravel())
-    plain, steps = after_one_pass(system, build_hierarchy(system))
+    plain, steps = after_one_pass(system, build_hierarchy(system.laplacian))
     assert np.abs(plain / np.exp(log) - 1.0).max() > 1.0
     x, more = after_one_pass(system, levels.grade(height))
     assert np.abs(x / np.exp(log) - 1.0).max() < 1e-4
@@ -95,7 +95,7 @@ def test_one_pass_is_right_in_all_decades_where_plain_levels_are_right_in_the_fi
 
 def test_what_is_foreseen_falls_as_the_potential_does() -> None:
     system, log = log_potential(compile_space(space_of(rooms(400)), boundary="dirichlet"))
-    levels = graded.gradable(system)
+    levels = graded.gradable(system.laplacian)
     assert levels is not None
     assert system.rails is not None
     height = foresee(levels, at_places(levels, system.rails.to_low)).ravel()[levels.place]
@@ -110,7 +110,7 @@ def test_what_is_foreseen_falls_as_the_potential_does() -> None:
 @given(spaces(max_cells=14, dimensions=(2, 3)), st.integers(0, 2**16))
 def test_coarse_levels_are_galerkins_sums_in_proportion_to_the_height(space: ConfigurationSpace, seed: int) -> None:
     try:
-        levels = graded.gradable(assemble(compile_space(space, boundary="dirichlet")))
+        levels = graded.gradable(assemble(compile_space(space, boundary="dirichlet")).laplacian)
     except CircuitError:
         return
     if levels is None:
@@ -119,7 +119,7 @@ def test_coarse_levels_are_galerkins_sums_in_proportion_to_the_height(space: Con
     plain = replace(step, stretch=np.ones_like(step.stretch), link_stretch=np.ones_like(step.link_stretch))
     used = levels.unknown.ravel()
     h = np.where(used, np.random.default_rng(seed).uniform(0.7, 1.3, used.size), 0.0).reshape(2, -1)
-    fresh = graded.lay_out_system(assemble(compile_space(space, boundary="dirichlet")))
+    fresh = graded.lay_out_grid(assemble(compile_space(space, boundary="dirichlet")).laplacian)
     assert fresh is not None
     matrix, fine = matrix_of(fresh[0])
     coarse = graded.summed(graded.transformed(level, levels.first[0], h), plain, fed=True)
@@ -139,12 +139,12 @@ def test_a_cycle_makes_a_potential_better_in_proportion(space: ConfigurationSpac
         system, log = log_potential(netlist)
     except CircuitError:
         return
-    levels = graded.gradable(system) if system.rails is not None else None
+    levels = graded.gradable(system.laplacian) if system.rails is not None else None
     if levels is None or not np.isfinite(log).all():
         return
     exact, currents = np.zeros((2, levels.level.lattice.places)), at_places(levels, system.rails.to_low)
     put_at_places(levels.place, np.exp(log), 1.0, exact.ravel())
-    laid = graded.lay_out_system(system)
+    laid = graded.lay_out_grid(system.laplacian)
     assert laid is not None
     still = foresight._improved(laid[0], levels.steps, currents, exact.copy())
     here = levels.unknown
@@ -164,7 +164,7 @@ def test_a_graded_step_is_symmetric_where_it_is_linear() -> None:
     from resgrid.solvers.multigrid.grid_levels import inverse_below
 
     system, log = log_potential(compile_space(space_of(rooms(60)), boundary="dirichlet"))
-    levels = graded.gradable(system)
+    levels = graded.gradable(system.laplacian)
     assert levels is not None
     height = np.zeros((2, levels.level.lattice.places))
     put_at_places(levels.place, np.exp(0.2 * log), 1.0, height.ravel())
@@ -219,7 +219,7 @@ def test_coarse_levels_may_fall_lower_than_squares_of_doubles() -> None:
     axes = (Axis("x", 0.0, 112.42590557036654, 145), Axis("y", 0.0, 224.66565792072865, 127))
     netlist = compile_space(ConfigurationSpace(axes, cell), boundary="wall", wall_resistance=288481.0)
     system = assemble(netlist)
-    levels = graded.gradable(system)
+    levels = graded.gradable(system.laplacian)
     assert levels is not None
     assert system.rails is not None
     height = foresee(levels, at_places(levels, system.rails.to_low))
@@ -230,13 +230,13 @@ def test_coarse_levels_may_fall_lower_than_squares_of_doubles() -> None:
 def test_potentials_whose_squares_are_no_doubles_are_not_graded(monkeypatch: pytest.MonkeyPatch) -> None:
     tried: list[float] = []
     monkeypatch.setattr(
-        graded_solver, "graded_approximation", lambda system, *_: tried.append(foresee_decades(system).whole)
+        graded_solver, "graded_approximation", lambda laplacian, *_: tried.append(foresee_decades(laplacian).whole)
     )
     for cell in (rooms(60), with_slits()):
         netlist = compile_space(space_of(cell), boundary="dirichlet")
         assert_same(solve(netlist, method="multigrid").log_drop, solve(netlist, method="direct").log_drop)
     assert len(tried) == 1
-    assert tried[0] < grading.MOST_DECADES < foresee_decades(assemble(netlist)).whole
+    assert tried[0] < grading.MOST_DECADES < foresee_decades(assemble(netlist).laplacian).whole
 
 
 @settings(max_examples=40)

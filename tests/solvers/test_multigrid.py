@@ -103,8 +103,8 @@ def test_small_netlists_are_solved_as_far_as_rounding_lets(seed: int) -> None:
     conductance = np.append(10.0 ** rng.uniform(-7, -3, len(tree + more)), 1e-4)
     pairs = np.array([*tree, *more, (count, count + 1)])
     system = assemble(Netlist(count + 2, pairs, conductance, np.array([[count + 1, 0]]), np.array([1.0])))
-    x = factor_multigrid(system).solve(system.drive, rtol=1e-12)
-    exact = np.linalg.solve(np.diag(system.degree) - system.coupling.toarray(), system.drive)
+    x = factor_multigrid(system.laplacian).solve(system.drive, rtol=1e-12)
+    exact = np.linalg.solve(np.diag(system.laplacian.diagonal) - system.laplacian.edges.toarray(), system.drive)
     np.testing.assert_allclose(x, exact, rtol=0, atol=1e-6)
 
 
@@ -114,7 +114,7 @@ def test_aggregates_never_join_across_a_wall() -> None:
     wall[:-1, 1] = 1
     wall[0, 0] = 2
     system = assemble(compile_space(space_of(np.repeat(wall, 3, axis=0)), boundary="neumann"))
-    coupling = system.coupling
+    coupling = system.laplacian.edges
     cell_map = system.netlist.cells
     cell = np.flatnonzero(cell_map.space.cell.ravel() == 0)
     coordinate = np.stack(np.unravel_index(cell, cell_map.space.shape), axis=1).astype(np.int32)
@@ -131,23 +131,23 @@ def test_aggregates_never_join_across_a_wall() -> None:
 
 def test_auto_takes_multigrid_unless_a_system_is_small_or_rough() -> None:
     little = assemble(compile_space(space_of(blocks((40, 40), 1))))
-    assert methods.choose_method(little) == "direct"
+    assert methods.choose_method(little.laplacian) == "direct"
     plane = assemble(compile_space(space_of(blocks((160, 160), 1)), boundary="neumann"))
-    assert methods.choose_method(plane) == "multigrid"
-    assert methods.choose_method(plane, "normwise") == "multigrid"
+    assert methods.choose_method(plane.laplacian) == "multigrid"
+    assert methods.choose_method(plane.laplacian, "normwise") == "multigrid"
     volume = assemble(compile_space(space_of(blocks((32, 32, 32), 1))))
-    assert methods.choose_method(volume) == "multigrid"
+    assert methods.choose_method(volume.laplacian) == "multigrid"
     rough = compile_space(
         space_of(blocks((32, 32, 32), 1), conductivity=10.0 ** np.random.default_rng(0).uniform(-3, 3, (32, 32, 32)))
     )
-    assert methods.choose_method(assemble(rough)) == "direct"
+    assert methods.choose_method(assemble(rough).laplacian) == "direct"
 
 
 def test_auto_takes_direct_where_refinement_would_have_to_win_too_many_decades() -> None:
     shaft = np.zeros((1300, 6, 6), dtype=np.uint8)
     shaft[0, 1, 1] = 2
-    assert methods.choose_method(assemble(compile_space(space_of(shaft)))) == "direct"
-    assert methods.choose_method(assemble(compile_space(space_of(shaft), boundary="neumann"))) == "multigrid"
+    assert methods.choose_method(assemble(compile_space(space_of(shaft))).laplacian) == "direct"
+    assert methods.choose_method(assemble(compile_space(space_of(shaft), boundary="neumann")).laplacian) == "multigrid"
 
 
 @pytest.mark.parametrize(("length", "method"), [(800, "multigrid"), (1600, "direct")])
@@ -155,8 +155,8 @@ def test_wide_corridors_take_multigrid_as_far_as_it_is_graded(length: int, metho
     corridor = np.zeros((14, 14, length), dtype=np.uint8)
     corridor[5, 5, 0] = 2
     system = assemble(compile_space(space_of(corridor)))
-    assert (fall.foresee_decades(system).whole > MOST_DECADES) == (method == "direct")
-    assert methods.choose_method(system) == method
+    assert (fall.foresee_decades(system.laplacian).whole > MOST_DECADES) == (method == "direct")
+    assert methods.choose_method(system.laplacian) == method
 
 
 @pytest.mark.parametrize("width", [3, 8, 21])
@@ -167,7 +167,7 @@ def test_decades_are_foreseen_along_corridors_behind_walls_of_any_resistance(wid
     netlist = compile_space(space_of(corridor), boundary="wall", resistance=1.0, wall_resistance=wall)
     log_drop = solve(netlist, method="direct").log_drop
     decades = -log_drop[np.isfinite(log_drop)].min() / np.log(10.0)
-    foreseen = fall.foresee_decades(assemble(netlist)).whole / fall.WHOLE_STEPS
+    foreseen = fall.foresee_decades(assemble(netlist).laplacian).whole / fall.WHOLE_STEPS
     assert 0.7 < foreseen / decades < 1.8
 
 
@@ -177,18 +177,18 @@ def test_potentials_that_walls_hold_up_take_multigrid() -> None:
     options = {"boundary": "wall", "resistance": 1.0}
     thin = compile_space(space_of(corridor), **options, wall_resistance=0.0)
     thick = compile_space(space_of(corridor), **options, wall_resistance=1e4)
-    assert methods.choose_method(assemble(thin)) == "direct"
-    assert methods.choose_method(assemble(thick)) == "multigrid"
+    assert methods.choose_method(assemble(thin).laplacian) == "direct"
+    assert methods.choose_method(assemble(thick).laplacian) == "multigrid"
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
 def test_mazes_are_solved_directly_and_halls_by_multigrid(boundary: str) -> None:
     narrow = assemble(compile_space(space_of(serpentine(40, 120, 4)), boundary=boundary))
-    assert methods.choose_method(narrow) == "direct"
-    assert narrow_order(narrow) is not None
+    assert methods.choose_method(narrow.laplacian) == "direct"
+    assert narrow_order(narrow.laplacian) is not None
     hall = np.zeros((80, 800), dtype=np.uint8)
     hall[20, 20] = 2
-    assert methods.choose_method(assemble(compile_space(space_of(hall), boundary=boundary))) == "multigrid"
+    assert methods.choose_method(assemble(compile_space(space_of(hall), boundary=boundary)).laplacian) == "multigrid"
 
 
 def test_refinement_carries_multigrid_down_a_shaft_of_a_hundred_decades() -> None:

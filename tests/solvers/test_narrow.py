@@ -8,17 +8,17 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from support.spaces import serpentine, space_of
 
-from resgrid.circuit.equations import NodalSystem, assemble
+from resgrid.circuit.equations import Equations, assemble
 from resgrid.compiler import compile_space
 from resgrid.errors import AccuracyError
 from resgrid.netlist import Netlist
-from resgrid.solvers.choose import factor_system
+from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.factors.direct import factor_direct
 from resgrid.solvers.narrow.panels import NarrowFactors, factor_narrow, narrow_order
 from resgrid.solvers.superlu import SparseFactors
 
 
-def wild_system(size: int, seed: int) -> NodalSystem:
+def wild_system(size: int, seed: int) -> Equations:
     """A tree with some loops, its conductances spread over 24 decades, between two rails."""
     rng = np.random.default_rng(seed)
     tree = [(int(rng.integers(max(1, k - 3), k)), k) for k in range(2, size)]
@@ -29,12 +29,12 @@ def wild_system(size: int, seed: int) -> NodalSystem:
     return assemble(Netlist(size + 1, pairs, conductance, np.array([[size, 0]]), np.array([1.0])))
 
 
-def exact_solution(system: NodalSystem, rhs: np.ndarray | list[mpmath.mpf], digits: int = 80) -> list[mpmath.mpf]:
+def exact_solution(system: Equations, rhs: np.ndarray | list[mpmath.mpf], digits: int = 80) -> list[mpmath.mpf]:
     """The solution, in so many digits."""
     with mpmath.workdps(digits):
-        matrix = mpmath.matrix(-system.coupling.toarray())
+        matrix = mpmath.matrix(-system.laplacian.edges.toarray())
         for i in range(system.size):
-            matrix[i, i] = mpmath.mpf(float(system.excess[i])) - sum(matrix[i, :])
+            matrix[i, i] = mpmath.mpf(float(system.laplacian.ground[i])) - sum(matrix[i, :])
         return list(mpmath.lu_solve(matrix, mpmath.matrix(rhs)))
 
 
@@ -42,7 +42,7 @@ def exact_solution(system: NodalSystem, rhs: np.ndarray | list[mpmath.mpf], digi
 @given(st.integers(3, 24), st.integers(0, 2**32 - 1))
 def test_every_digit_is_right_whatever_the_conductances(size: int, seed: int) -> None:
     system = wild_system(size, seed)
-    factors = factor_direct(system)
+    factors = factor_direct(system.laplacian)
     assert isinstance(factors.factors, NarrowFactors)
     rhs = np.random.default_rng(seed).random(system.size)
     m, e = factors._substitute(rhs, np.zeros(system.size, dtype=np.int64), 0.0)
@@ -59,7 +59,7 @@ def test_currents_may_differ_by_thousands_of_decades_from_row_to_row(size: int, 
     rng = np.random.default_rng(seed)
     m, e = np.where(rng.random(system.size) < 0.3, 0.0, rng.random(system.size)), rng.integers(-40, 1, system.size)
     m[rng.integers(system.size)] = 1.0
-    solution, scale = factor_direct(system).factors.substitute(m, e)
+    solution, scale = factor_direct(system.laplacian).factors.substitute(m, e)
     with mpmath.workdps(4000):
         fed = [mpmath.ldexp(mpmath.mpf(float(a)), 256 * int(b)) for a, b in zip(m, e, strict=True)]
     for value, exponent, expected in zip(solution, scale, exact_solution(system, fed, 4000), strict=True):
@@ -76,7 +76,7 @@ def test_a_potential_may_fall_by_hundreds_of_decades_from_column_to_column_of_a_
     conductance = np.repeat([1e-20, 1e20], size)
     netlist = Netlist(size + 2, np.concatenate([along, held]), conductance, np.array([[size + 1, 0]]), np.array([1.0]))
     system = assemble(netlist)
-    factors = factor_direct(system)
+    factors = factor_direct(system.laplacian)
     assert isinstance(factors.factors, NarrowFactors)
     assert factors.factors.narrow.widths.max() > 5
     for end in (0, size - 1):
@@ -104,14 +104,14 @@ def dense_factor(factors: NarrowFactors) -> np.ndarray:
     return lower
 
 
-def schur_complement(system: NodalSystem, gone: np.ndarray, kept: np.ndarray) -> np.ndarray:
+def schur_complement(system: Equations, gone: np.ndarray, kept: np.ndarray) -> np.ndarray:
     """What is left of the matrix over the rows kept once the others, no two of them neighbours, are eliminated."""
-    coupling = system.coupling.toarray()
+    coupling = system.laplacian.edges.toarray()
     assert not coupling[np.ix_(gone, gone)].any()
-    pivot = system.excess[gone] + coupling[gone].sum(axis=1)
+    pivot = system.laplacian.ground[gone] + coupling[gone].sum(axis=1)
     shares = coupling[np.ix_(kept, gone)] / pivot
     joined = coupling[np.ix_(kept, kept)] + shares @ coupling[np.ix_(gone, kept)]
-    excess = system.excess[kept] + shares @ system.excess[gone]
+    excess = system.laplacian.ground[kept] + shares @ system.laplacian.ground[gone]
     np.fill_diagonal(joined, 0.0)
     return np.diag(joined.sum(axis=1) + excess) - joined
 
@@ -120,7 +120,7 @@ def schur_complement(system: NodalSystem, gone: np.ndarray, kept: np.ndarray) ->
 @given(st.integers(3, 60), st.integers(0, 2**32 - 1))
 def test_factors_are_those_of_the_matrix_and_fill_where_elimination_does(size: int, seed: int) -> None:
     system = wild_system(size, seed)
-    narrow = narrow_order(system)
+    narrow = narrow_order(system.laplacian)
     assert narrow is not None
     halves = narrow.halves
     kept = np.empty(len(halves.excess), dtype=int)
@@ -143,7 +143,7 @@ def test_factors_are_those_of_the_matrix_and_fill_where_elimination_does(size: i
 
 def test_it_makes_no_difference_where_elimination_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
     system = wild_system(200, 7)
-    narrow = narrow_order(system)
+    narrow = narrow_order(system.laplacian)
     assert narrow is not None
     whole = factor_narrow(narrow)
     monkeypatch.setattr("resgrid.solvers.narrow.panels._STRETCH", 3)
@@ -154,17 +154,17 @@ def test_it_makes_no_difference_where_elimination_pauses(monkeypatch: pytest.Mon
 
 def test_a_corridor_fills_as_wide_as_it_is_and_a_plane_or_a_tangle_is_not_narrow() -> None:
     corridor = assemble(compile_space(space_of(serpentine(9, 60, 3)), boundary="neumann"))
-    narrow = narrow_order(corridor)
+    narrow = narrow_order(corridor.laplacian)
     assert narrow is not None
     assert narrow.entries < 8 * corridor.size
     plane = np.zeros((600, 600), dtype=np.uint8)
     plane[300, 300] = 2
-    assert narrow_order(assemble(compile_space(space_of(plane)))) is None
+    assert narrow_order(assemble(compile_space(space_of(plane))).laplacian) is None
     ends = np.random.default_rng(5).integers(1, 2001, (4000, 2))
     pairs = np.concatenate([ends[ends[:, 0] != ends[:, 1]], [[0, 1]]])
     tangle = assemble(Netlist(2001, pairs, np.ones(len(pairs)), current_nodes=[[0, 2]], current_amps=[1.0]))
-    assert narrow_order(tangle) is None
-    assert isinstance(factor_direct(tangle).factors, SparseFactors)
+    assert narrow_order(tangle.laplacian) is None
+    assert isinstance(factor_direct(tangle.laplacian).factors, SparseFactors)
 
 
 def test_a_hub_is_kept_when_every_other_row_is_eliminated() -> None:
@@ -174,19 +174,19 @@ def test_a_hub_is_kept_when_every_other_row_is_eliminated() -> None:
     pairs = np.concatenate([spokes, ring, [[0, 2]]])
     netlist = Netlist(100_002, pairs, np.ones(len(pairs)), current_nodes=[[0, 50_000]], current_amps=[1.0])
     system = assemble(netlist)
-    narrow = narrow_order(system)
+    narrow = narrow_order(system.laplacian)
     assert narrow is not None
     hub = int(system.unknown[1])
     assert narrow.halves.number[hub] >= 0
-    x = factor_direct(system).solve(system.drive, rtol=1e-12)
-    residual = system.drive - (system.degree * x - system.coupling @ x)
-    assert np.all(np.abs(residual) <= 1e-12 * system.degree * np.abs(x).max())
+    x = factor_direct(system.laplacian).solve(system.drive, rtol=1e-12)
+    residual = system.drive - (system.laplacian.diagonal * x - system.laplacian.edges @ x)
+    assert np.all(np.abs(residual) <= 1e-12 * system.laplacian.diagonal * np.abs(x).max())
 
 
 def test_potentials_below_the_range_of_doubles_need_no_refinement() -> None:
     system = assemble(compile_space(space_of(serpentine(21, 400, 1))))
     assert system.rails is not None
-    factors = factor_direct(system)
+    factors = factor_direct(system.laplacian)
     m, e = factors._substitute(system.rails.to_low, np.zeros(system.size, dtype=np.int64), 0.0)
     refined, error = factors.solve_nonnegative(system.rails.to_low)
     assert e.min() < -10
@@ -197,16 +197,16 @@ def test_potentials_below_the_range_of_doubles_need_no_refinement() -> None:
 
 def test_a_part_that_nothing_holds_is_refused() -> None:
     system = wild_system(8, 1)
-    system.excess[:] = 0.0
+    system.laplacian.ground[:] = 0.0
     with pytest.raises(AccuracyError, match="decades"):
-        factor_direct(system)
+        factor_direct(system.laplacian)
 
 
 @pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
 def test_a_large_maze_is_factored_whole_as_elimination_has_it(boundary: str) -> None:
     system = assemble(compile_space(space_of(serpentine(61, 400, 1)), boundary=boundary))
-    whole, reduced = factor_system(system, "auto"), factor_system(system, "multigrid")
+    whole, reduced = factor_laplacian(system.laplacian, "auto"), factor_laplacian(system.laplacian, "multigrid")
     assert (whole.name, reduced.name) == ("direct", "elimination")
-    assert factor_system(system, "auto", accuracy="normwise").name == "elimination"
+    assert factor_laplacian(system.laplacian, "auto", accuracy="normwise").name == "elimination"
     rhs = np.maximum(system.drive, 0.0) if system.rails is None else system.rails.to_low
     np.testing.assert_allclose(whole.solve_nonnegative(rhs)[0].log, reduced.solve_nonnegative(rhs)[0].log, atol=1e-9)

@@ -7,11 +7,11 @@ import pytest
 from numpy.typing import NDArray
 from support.spaces import space_of
 
-from resgrid.circuit.equations import NodalSystem, assemble
+from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.solvers import choose as methods
-from resgrid.solvers.choose import factor_system
+from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.multigrid import grading, pockets
 from resgrid.solvers.multigrid.pockets import PocketsDirectly
@@ -43,15 +43,15 @@ class Whole:
         return np.zeros_like(m), np.zeros_like(e)
 
 
-def system_of(space: ConfigurationSpace) -> NodalSystem:
+def system_of(space: ConfigurationSpace) -> Equations:
     return assemble(compile_space(space, boundary="dirichlet"))
 
 
-def after_a_first_pass() -> tuple[NodalSystem, NDArray[np.int64], Whole, PocketsDirectly]:
+def after_a_first_pass() -> tuple[Equations, NDArray[np.int64], Whole, PocketsDirectly]:
     """The rooms' system, one row in every room, and passes of which the first has been made."""
     system, whole = system_of(rooms_on_a_corridor()), Whole()
     cell_map = system.netlist.cells
-    passes = PocketsDirectly(system, whole)
+    passes = PocketsDirectly(system.laplacian, whole)
     passes(np.zeros(system.size), NONE, 0.0)
     return system, np.asarray(system.unknown[cell_map.node[9, 10::20]], dtype=np.int64), whole, passes
 
@@ -59,7 +59,7 @@ def after_a_first_pass() -> tuple[NodalSystem, NDArray[np.int64], Whole, Pockets
 def test_the_first_pass_and_those_that_many_rows_need_are_whole() -> None:
     system = system_of(rooms_on_a_corridor())
     whole = Whole()
-    passes = PocketsDirectly(system, whole)
+    passes = PocketsDirectly(system.laplacian, whole)
     one, all_rows = np.zeros(system.size), np.ones(system.size)
     one[0] = 1.0
     passes(one, NONE, 0.0)
@@ -76,7 +76,7 @@ def test_few_rows_are_solved_with_what_surrounds_them() -> None:
     assert not e.size
     region = np.flatnonzero(x)
     assert 4 * 8 < len(region) < 4 * 40
-    matrix = np.diag(system.degree) - system.coupling.toarray()
+    matrix = np.diag(system.laplacian.diagonal) - system.laplacian.edges.toarray()
     exact = np.linalg.solve(matrix[np.ix_(region, region)], m[region])
     np.testing.assert_allclose(x[region], exact, rtol=1e-10)
     # What leaks out of the slits is all that is left.
@@ -87,10 +87,10 @@ def test_what_lies_around_currents_into_a_slit_is_solved_first() -> None:
     system = system_of(rooms_on_a_corridor())
     assert system.rails is not None
     whole, current = Whole(), system.rails.to_low
-    passes = PocketsDirectly(system, whole, in_slit=True)
+    passes = PocketsDirectly(system.laplacian, whole, in_slit=True)
     x, _ = passes(current, NONE, 0.0)
     assert not whole.asked
-    matrix = np.diag(system.degree) - system.coupling.toarray()
+    matrix = np.diag(system.laplacian.diagonal) - system.laplacian.edges.toarray()
     left = current - matrix @ x
     left[np.abs(left) < 1e-14] = 0.0
     few = (x, np.zeros(system.size, dtype=np.int64)), (current, np.zeros(system.size, dtype=np.int64))
@@ -143,7 +143,7 @@ def test_refinement_ends_with_pockets(monkeypatch: pytest.MonkeyPatch) -> None:
     calls: list[int] = []
     part = pockets._part
 
-    def counted(system: NodalSystem, region: NDArray[np.int64]) -> object:
+    def counted(system: Equations, region: NDArray[np.int64]) -> object:
         calls.append(len(region))
         return part(system, region)
 
@@ -164,13 +164,13 @@ def test_what_lies_along_a_slit_is_found_from_what_flows_in(length: int) -> None
     cell_map = system.netlist.cells
     assert system.rails is not None
     current = system.rails.to_low, np.zeros(system.size, dtype=np.int64)
-    exact, _ = factor_system(system, "direct", reduce=False).solve_nonnegative(system.rails.to_low)
+    exact, _ = factor_laplacian(system.laplacian, "direct", reduce=False).solve_nonnegative(system.rails.to_low)
     wrong, exponent = exact.hi.copy(), exact.exponent.copy()
     rows = system.unknown[cell_map.node[6, 118:-1]].astype(np.int64)
     wrong[rows], exponent[rows] = -1e-13, 0
     left = np.zeros(system.size)
     left[np.random.default_rng(1).choice(rows, len(rows) // 2, replace=False)] = 1.0
-    passes = PocketsDirectly(system, Whole())
+    passes = PocketsDirectly(system.laplacian, Whole())
     found = passes.anew(left, (wrong, exponent), current)
     assert found is not None
     region, (m, e) = found

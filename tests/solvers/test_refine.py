@@ -9,12 +9,12 @@ from support.circuits import eliminated
 from support.spaces import serpentine, space_of, spaces
 
 from resgrid.circuit import readout
-from resgrid.circuit.equations import NodalSystem, assemble
+from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.solve import solve
 from resgrid.compiler import compile_space
 from resgrid.errors import CircuitError
 from resgrid.solvers import choose as methods, refine
-from resgrid.solvers.choose import factor_system
+from resgrid.solvers.choose import factor_laplacian
 from resgrid.solvers.extended import Scaled, power
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine_kernels import residual
@@ -28,11 +28,11 @@ def scattered(shape: tuple[int, ...], seed: int) -> ConfigurationSpace:
     return space_of(cell)
 
 
-def violations(system: NodalSystem, rhs: np.ndarray, value: list[Fraction]) -> list[Fraction]:
+def violations(system: Equations, rhs: np.ndarray, value: list[Fraction]) -> list[Fraction]:
     """Violation of KCL at every row, relative to the currents there, in exact arithmetic."""
-    coupling, found = system.coupling, []
+    coupling, found = system.laplacian.edges, []
     for i in range(system.size):
-        flows = [Fraction(float(rhs[i])), -Fraction(float(system.excess[i])) * value[i]]
+        flows = [Fraction(float(rhs[i])), -Fraction(float(system.laplacian.ground[i])) * value[i]]
         for k in range(coupling.indptr[i], coupling.indptr[i + 1]):
             flows.append(Fraction(float(coupling.data[k])) * (value[coupling.indices[k]] - value[i]))
         size = sum((abs(flow) for flow in flows), Fraction(0))
@@ -54,18 +54,18 @@ def test_currents_balance_at_every_node_in_exact_arithmetic(shape: tuple[int, ..
     options = {"wall_resistance": 1e6} if boundary == "wall" else {}
     system = assemble(compile_space(scattered(shape, 3), boundary=boundary, **options))
     rhs, watch = system.rails.to_low if system.rails is not None else system.injected, Watch()
-    found, _ = factor_system(system, method, reduce=False).solve_nonnegative(rhs, watch=watch)
+    found, _ = factor_laplacian(system.laplacian, method, reduce=False).solve_nonnegative(rhs, watch=watch)
     violated = violations(system, rhs, exactly(found))
     assert 2 * float(sum(violated)) <= watch.bound < 4.1e-9
     assert max(violated) < 2e-9
-    exact, _ = factor_system(system, "direct", reduce=False).solve_nonnegative(rhs)
+    exact, _ = factor_laplacian(system.laplacian, "direct", reduce=False).solve_nonnegative(rhs)
     assert np.abs(found.log - exact.log).max() <= watch.bound + 1e-15
 
 
 def test_currents_balance_where_potentials_leave_the_range_of_a_double() -> None:
     system, watch = assemble(compile_space(space_of(serpentine(9, 120, 3)))), Watch()
     assert system.rails is not None
-    found, _ = factor_system(system, "multigrid").solve_nonnegative(system.rails.to_low, watch=watch)
+    found, _ = factor_laplacian(system.laplacian, "multigrid").solve_nonnegative(system.rails.to_low, watch=watch)
     assert found.log.min() / np.log(10) < -330
     assert 2 * float(sum(violations(system, system.rails.to_low, exactly(found)))) <= watch.bound < 4.1e-9
 
@@ -93,12 +93,12 @@ def test_no_entry_is_off_by_more_than_the_violations_of_kcl_prove(
         assert error <= refine.entry_bound(float(violation)) * (1 + 1e-9)
 
 
-def rational_solution(system: NodalSystem, rhs: np.ndarray) -> list[Fraction]:
+def rational_solution(system: Equations, rhs: np.ndarray) -> list[Fraction]:
     """By elimination in exact arithmetic, the diagonal being the sum of conductances."""
-    n, coupling = system.size, system.coupling.toarray()
+    n, coupling = system.size, system.laplacian.edges.toarray()
     a = [[-Fraction(float(g)) for g in row] for row in coupling]
     for i in range(n):
-        a[i][i] = Fraction(float(system.excess[i])) - sum(a[i], Fraction(0))
+        a[i][i] = Fraction(float(system.laplacian.ground[i])) - sum(a[i], Fraction(0))
     return eliminated(a, [Fraction(float(current)) for current in rhs])
 
 
@@ -150,7 +150,7 @@ def test_around_few_corrections_residuals_are_those_of_all_rows(boundary: str, m
     """An inverse that is off at some rows, and turns to them alone from its second pass on."""
     system = assemble(compile_space(scattered((60, 50), 8), boundary=boundary))
     rhs = system.rails.to_low if system.rails is not None else system.injected
-    inverse = np.linalg.inv(np.diag(system.degree) - system.coupling.toarray())
+    inverse = np.linalg.inv(np.diag(system.laplacian.diagonal) - system.laplacian.edges.toarray())
     late = np.random.default_rng(1).random(system.size) < 0.01
     own = np.linalg.inv(np.linalg.inv(inverse)[np.ix_(late, late)])
 
@@ -166,7 +166,7 @@ def test_around_few_corrections_residuals_are_those_of_all_rows(boundary: str, m
                 x[late] = own @ m[late]
             return x, np.zeros_like(e)
 
-        return refine.refine(system, rhs, approximate, 1e-20)
+        return refine.refine(system.laplacian, rhs, approximate, 1e-20)
 
     around = answer()
     monkeypatch.setattr(refine, "_FEW", system.size + 1)

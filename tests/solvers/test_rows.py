@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from support.spaces import space_of
 
-from resgrid.circuit.equations import NodalSystem, assemble
+from resgrid.circuit.equations import Equations, assemble
 from resgrid.compiler import compile_space
 from resgrid.netlist import GROUND, Netlist
 
@@ -23,7 +23,7 @@ def netlist_of(pairs: NDArray[np.int64], conductance: NDArray[np.float64], nodes
     )
 
 
-def summed(system: NodalSystem) -> NDArray[np.float64]:
+def summed(system: Equations) -> NDArray[np.float64]:
     """What scipy makes of the conductances between rows."""
     row, g = system.unknown[system.netlist.resistor_nodes], system.netlist.conductance
     a, b = row[np.all(row >= 0, axis=1) & (row[:, 0] != row[:, 1])].T
@@ -39,10 +39,10 @@ def test_rows_are_the_coupling_in_any_order(nodes: int, seed: int, crowd: int) -
     pairs = np.concatenate([line, rng.integers(0, nodes, (crowd * nodes, 2))])
     pairs = rng.permutation(pairs[pairs[:, 0] != pairs[:, 1]])
     system = assemble(netlist_of(pairs, rng.uniform(0.5, 2.0, len(pairs)), nodes))
-    rows, expected = system.rows.toarray(), summed(system)
+    rows, expected = system.laplacian.rows.toarray(), summed(system)
     np.testing.assert_allclose(rows, expected, rtol=1e-14)
-    coupling = system.coupling
-    assert system.rows is coupling
+    coupling = system.laplacian.edges
+    assert system.laplacian.rows is coupling
     assert coupling.has_canonical_format
     column = coupling.indices.copy()
     coupling.has_sorted_indices = False
@@ -56,6 +56,6 @@ def test_those_of_a_grid_come_in_order(shape: tuple[int, ...]) -> None:
     cell = (np.random.default_rng(2).random(shape) < 0.1).astype(np.uint8)
     cell[(0,) * len(shape)] = 2
     system = assemble(compile_space(space_of(cell)))
-    assert system.rows.has_sorted_indices
-    assert system.coupling is system.rows
-    np.testing.assert_allclose(system.coupling.toarray(), summed(system), rtol=1e-14)
+    assert system.laplacian.rows.has_sorted_indices
+    assert system.laplacian.edges is system.laplacian.rows
+    np.testing.assert_allclose(system.laplacian.edges.toarray(), summed(system), rtol=1e-14)

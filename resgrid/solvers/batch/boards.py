@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.solvers.batch.pattern import Pattern
+from resgrid.solvers.batch.chips import Chip
+from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.multigrid.board_passes import Board
 from resgrid.solvers.multigrid.grid_levels import GridLevels, inverse_below, own_vectors
 from resgrid.solvers.multigrid.hierarchy import Hierarchy, build_hierarchy
@@ -28,61 +30,55 @@ class BoardBatch:
     the board, as `kernels.refill` takes it; `start` (n,): where the iteration begins, in volts.
     """
 
-    pattern: Pattern
+    laplacian: Laplacian
     hierarchy: Hierarchy
     grid: GridLevels
     face: NDArray[np.int64]
     start: NDArray[np.float64]
     name = "multigrid"
 
-    def solve(self, conductance: NDArray[np.float64], rtol: float) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Solve for some chips.
-
-        Shapes: `conductance` (chips, resistors); returns `solution` (chips, n), `reached` (chips,).
-        """
+    def solve(
+        self, chips: Iterable[Chip], rtol: float, solution: NDArray[np.float64], reached: NDArray[np.bool_]
+    ) -> None:
+        """Solve for some chips, and tell which were.  Shapes: `solution` (chips, n), `reached` (chips,)."""
         from resgrid.solvers.batch import kernels
 
-        system, ordinary = self.pattern.system, self.grid.largest_degree
+        ordinary = self.grid.largest_degree
         grid, inverse = _own_copies(self.grid), inverse_below(self.hierarchy.stack)
         places = len(grid.aggregate)
         leak, vectors = np.zeros((2, places)), np.zeros((3, 2, places))
         singles = np.zeros((3 + 1 + _DEPTH, places), dtype=np.float32)
-        solution = np.empty((len(conductance), system.size))
-        reached = np.zeros(len(conductance), dtype=np.bool_)
-        for number, (x, chip) in enumerate(zip(solution, conductance, strict=True)):
-            unit = self.hierarchy.unit * self.pattern.ratio(chip)[0]
-            entries, excess, b = self.pattern.rows(chip)
+        for number, (x, chip) in enumerate(zip(solution, chips, strict=True)):
+            unit = self.hierarchy.unit * chip.mostly
             largest = kernels.refill(
-                system.coupling.indptr, entries, excess, self.face, grid.place, unit, grid.true, grid.board, grid.exact,
-                leak,
+                self.laplacian.edges.indptr, chip.entries, chip.ground, self.face, grid.place, unit, grid.true,
+                grid.board, grid.exact, leak,
             )  # fmt: skip
             residual, wanted = kernels.solve_board(
-                grid.true, grid.board, grid.exact, grid.aggregate, grid.boards, inverse, grid.place, b / unit, largest,
-                ordinary, rtol, _MOST_ITERATIONS, self.start, x, vectors, singles[:3], singles[3:],
+                grid.true, grid.board, grid.exact, grid.aggregate, grid.boards, inverse, grid.place, chip.drive / unit,
+                largest, ordinary, rtol, _MOST_ITERATIONS, self.start, x, vectors, singles[:3], singles[3:],
             )  # fmt: skip
             reached[number] = residual <= max(wanted, _ROUNDING * ordinary * float(np.linalg.norm(x)))
-        return solution, reached
 
 
-def board_batch(pattern: Pattern) -> BoardBatch | None:
-    """Lay a grid out by colour; None where it has no two colours, or falls apart into graphs."""
+def board_batch(laplacian: Laplacian, drive: NDArray[np.float64]) -> BoardBatch | None:
+    """Lay a grid out by colour; None where it has no two colours, or falls apart into graphs.  Shapes: `drive` (n,)."""
     from resgrid.solvers.multigrid.iteration import iterate
 
-    system = pattern.system
-    hierarchy = build_hierarchy(system)
+    hierarchy = build_hierarchy(laplacian)
     if hierarchy.grid is None or not len(inverse_below(hierarchy.stack)):
         return None
-    start, _ = iterate(system, hierarchy, system.drive, 1e-12)
-    return BoardBatch(pattern, hierarchy, hierarchy.grid, _faces(pattern, hierarchy.grid), start)
+    start, _ = iterate(laplacian, hierarchy, drive, 1e-12)
+    return BoardBatch(laplacian, hierarchy, hierarchy.grid, _faces(laplacian, hierarchy.grid), start)
 
 
-def _faces(pattern: Pattern, grid: GridLevels) -> NDArray[np.int64]:
-    coupling, place, board = pattern.system.coupling, grid.place.astype(np.int64), grid.board
+def _faces(laplacian: Laplacian, grid: GridLevels) -> NDArray[np.int64]:
+    edges, place, board = laplacian.edges, grid.place.astype(np.int64), grid.board
     places = len(grid.aggregate)
-    row = np.repeat(np.arange(len(place)), np.diff(coupling.indptr))
+    row = np.repeat(np.arange(len(place)), np.diff(edges.indptr))
     of_entry = np.zeros(len(row), dtype=np.int64)
     entry = np.flatnonzero(place[row] < places)
-    here, there = place[row[entry]], place[coupling.indices[entry]] - places
+    here, there = place[row[entry]], place[edges.indices[entry]] - places
     away = there - here
     face = np.full(len(entry), -1)
     for q, distance in enumerate(board.distance.tolist()):

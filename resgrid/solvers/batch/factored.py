@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -10,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.solvers.batch.pattern import Pattern
+from resgrid.solvers.batch.chips import Chip
+from resgrid.solvers.laplacian import Laplacian
 
 _MOST_ITERATIONS = 200
 
@@ -25,43 +27,39 @@ class FactoredBatch:
     `start` (n,): where the iteration begins, in volts.
     """
 
-    pattern: Pattern
+    laplacian: Laplacian
     start: NDArray[np.float64]
     name = "direct"
 
-    def solve(self, conductance: NDArray[np.float64], rtol: float) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Voltages of the rows for every chip, and which are right; as `resgrid.solvers.batch.boards.BoardBatch.solve`.
+    def solve(
+        self, chips: Iterable[Chip], rtol: float, solution: NDArray[np.float64], reached: NDArray[np.bool_]
+    ) -> None:
+        """As `resgrid.solvers.batch.boards.BoardBatch.solve`.
 
         ``rtol`` bounds the error, as the residual and the nominal chip tell it, relative to the largest voltage.
         """
-        system = self.pattern.system
-        coupling, nominal = system.coupling, power_of_two(system.degree)
-        solution = np.empty((len(conductance), system.size))
-        reached = np.zeros(len(conductance), dtype=np.bool_)
-        for number, (x, chip) in enumerate(zip(solution, conductance, strict=True)):
-            entries, excess, b = self.pattern.rows(chip)
-            mostly, least = self.pattern.ratio(chip)
-            unit = nominal * mostly
-            other = sparse.csr_array((entries / unit, coupling.indices, coupling.indptr), shape=coupling.shape)
-            degree = other.sum(axis=1) + excess / unit
+        edges, nominal = self.laplacian.edges, power_of_two(self.laplacian.diagonal)
+        for number, (x, chip) in enumerate(zip(solution, chips, strict=True)):
+            unit = nominal * chip.mostly
+            other = sparse.csr_array((chip.entries / unit, edges.indices, edges.indptr), shape=edges.shape)
+            diagonal = other.sum(axis=1) + chip.ground / unit
             x[:] = self.start
-            reached[number] = _iterate(other, degree, b / unit, self._factors, least / mostly, rtol, x)
-        return solution, reached
+            least = chip.least / chip.mostly
+            reached[number] = _iterate(other, diagonal, chip.drive / unit, self._factors, least, rtol, x)
 
     @cached_property
     def _factors(self) -> Any:
-        return _factors(self.pattern)
+        return _factors(self.laplacian)
 
     def __getstate__(self) -> dict[str, Any]:
         """Without factors, which no process can hand to another."""
-        return {"pattern": self.pattern, "start": self.start}
+        return {"laplacian": self.laplacian, "start": self.start}
 
 
-def factored_batch(pattern: Pattern) -> FactoredBatch:
-    """Factor the nominal circuit."""
-    system = pattern.system
-    start = np.asarray(_factors(pattern).solve(system.drive / power_of_two(system.degree)))
-    return FactoredBatch(pattern, start)
+def factored_batch(laplacian: Laplacian, drive: NDArray[np.float64]) -> FactoredBatch:
+    """Factor the nominal circuit.  Shapes: `drive` (n,)."""
+    start = np.asarray(_factors(laplacian).solve(drive / power_of_two(laplacian.diagonal)))
+    return FactoredBatch(laplacian, start)
 
 
 def power_of_two(degree: NDArray[np.float64]) -> float:
@@ -69,11 +67,10 @@ def power_of_two(degree: NDArray[np.float64]) -> float:
     return float(2.0 ** np.floor(np.log2(degree.max())))
 
 
-def _factors(pattern: Pattern) -> Any:
+def _factors(laplacian: Laplacian) -> Any:
     from resgrid.solvers.superlu import symmetric_factors
 
-    system = pattern.system
-    return symmetric_factors(system.matrix / power_of_two(system.degree))
+    return symmetric_factors(laplacian.matrix / power_of_two(laplacian.diagonal))
 
 
 def _iterate(

@@ -82,8 +82,8 @@ def solve_board(
 
     As `resgrid.solvers.multigrid.board_iteration`, in one piece, and with all steps of a burst kept.  ``largest`` is
     the largest diagonal entry; a row whose own exceeds an ``ordinary`` one counts for so much less in ``|b|``.
-    ``vectors`` and ``singles`` are work space of three times two and of three rows of places, ``z`` of one more than steps are
-    kept.
+    ``vectors`` and ``singles`` are work space of three times two and of three rows of places, ``z`` of one more than
+    steps are kept.
     """
     x, currents, residual, p = vectors[0], vectors[1], vectors[2, 0], vectors[2, 1]
     r, s, w = singles[0], singles[1], singles[2]

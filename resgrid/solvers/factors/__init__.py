@@ -1,1 +1,1 @@
-"""Factors: what every method makes of a nodal system, to solve it for many right-hand sides."""
+"""Factors: what every method makes of a nodal laplacian, to solve it for many right-hand sides."""

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.equations import NodalSystem
 from resgrid.solvers.extended import Scaled, power
 from resgrid.solvers.factors.factor import Factor, refine_normwise
+from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.narrow.panels import NarrowFactors, factor_narrow, narrow_order
 from resgrid.solvers.refine import Numbers, refine
@@ -32,9 +32,9 @@ EXACT_ROWS = 20_000
 
 @dataclass(frozen=True, eq=False)
 class DirectFactor(Factor):
-    """A nodal system and its factors ``L D L^T``.
+    """A matrix and its factors ``L D L^T``.
 
-    `system`: as of every `Factor`.
+    `laplacian`: as of every `Factor`.
     """
 
     factors: NarrowFactors | SparseFactors
@@ -44,12 +44,12 @@ class DirectFactor(Factor):
         self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
     ) -> NDArray[np.float64]:
         del guess
-        x, error = refine_normwise(self.system, rhs, self._plain, self._plain(rhs), rtol)
+        x, error = refine_normwise(self.laplacian, rhs, self._plain, self._plain(rhs), rtol)
         return self._judged(x, error, rtol, watch)
 
     def _solve_nonnegative(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> tuple[Scaled, float]:
-        exact = self.system.size <= EXACT_ROWS
-        found = refine(self.system, rhs, self._substitute, REFINED, exact=exact)
+        exact = self.laplacian.size <= EXACT_ROWS
+        found = refine(self.laplacian, rhs, self._substitute, REFINED, exact=exact)
         if watch is not None:
             watch.done(found.error, found.bound)
         return found.solution, found.error
@@ -67,9 +67,9 @@ class DirectFactor(Factor):
         return self.factors.substitute(m, e if e.size else np.zeros(len(m), dtype=np.int64))
 
 
-def factor_direct(system: NodalSystem) -> DirectFactor:
-    """Factor a nodal system."""
-    narrow = narrow_order(system)
+def factor_direct(laplacian: Laplacian) -> DirectFactor:
+    """Factor a nodal laplacian."""
+    narrow = narrow_order(laplacian)
     if narrow is not None:
-        return DirectFactor(system, factor_narrow(narrow))
-    return DirectFactor(system, SparseFactors.of(system.matrix))
+        return DirectFactor(laplacian, factor_narrow(narrow))
+    return DirectFactor(laplacian, SparseFactors.of(laplacian.matrix))

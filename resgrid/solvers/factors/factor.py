@@ -1,4 +1,4 @@
-"""What every method of solving makes of a nodal system: something to solve with, many times."""
+"""What every method of solving makes of a nodal laplacian: something to solve with, many times."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from resgrid.arguments import check_number
-from resgrid.circuit.equations import NodalSystem
 from resgrid.errors import AccuracyError, InputError
 from resgrid.solvers.extended import Scaled
+from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 
 _MOST_PASSES = 4
@@ -21,12 +21,12 @@ _MOST_PASSES = 4
 
 @dataclass(frozen=True, eq=False)
 class Factor(ABC):
-    """A nodal system made ready for many right-hand sides.
+    """A matrix made ready for many right-hand sides.
 
-    `system`: the system.
+    `laplacian`: the matrix.
     """
 
-    system: NodalSystem
+    laplacian: Laplacian
 
     @property
     @abstractmethod
@@ -83,16 +83,16 @@ class Factor(ABC):
         """As `solve_nonnegative`, for contiguous arrays of the right shape."""
 
     def _one_per_row(self, name: str, values: ArrayLike) -> NDArray[np.float64]:
-        no_numbers = f"{name} must be real numbers, one per row of the factor's system"
+        no_numbers = f"{name} must be real numbers, one per row of the matrix"
         try:
             array = np.ascontiguousarray(values, dtype=None if np.iscomplexobj(values) else np.float64)
         except (TypeError, ValueError):
             raise InputError(no_numbers) from None
         if array.dtype.kind == "c":
             raise InputError(no_numbers)
-        if array.shape != (self.system.size,):
+        if array.shape != (self.laplacian.size,):
             raise InputError(
-                f"{name} has shape {array.shape}, but the system has {self.system.size} rows; give one number per row"
+                f"{name} has shape {array.shape}, but there are {self.laplacian.size} rows; give one number per row"
             )
         if not np.isfinite(array).all():
             row = int(np.flatnonzero(~np.isfinite(array))[0])
@@ -101,7 +101,7 @@ class Factor(ABC):
 
 
 def refine_normwise(
-    system: NodalSystem,
+    laplacian: Laplacian,
     rhs: NDArray[np.float64],
     correction: Callable[[NDArray[np.float64]], NDArray[np.float64]],
     x: NDArray[np.float64],
@@ -111,7 +111,7 @@ def refine_normwise(
 
     Shapes: `rhs` (n,), `x` (n,); returns `x` (n,).
     """
-    degree, coupling = system.degree, system.coupling
+    degree, coupling = laplacian.diagonal, laplacian.edges
     norm, drive = 2.0 * float(degree.max(initial=0.0)), float(np.abs(rhs).max(initial=0.0))
     for left in reversed(range(_MOST_PASSES)):
         with np.errstate(over="ignore", invalid="ignore"):

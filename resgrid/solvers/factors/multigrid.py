@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.equations import NodalSystem
 from resgrid.solvers.extended import Scaled
 from resgrid.solvers.factors.factor import Factor
+from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid.approximation import approximate
 from resgrid.solvers.multigrid.grading import decades_in_slit, is_graded
@@ -30,9 +30,9 @@ REFINED = 1e-26
 
 @dataclass(frozen=True, eq=False)
 class MultigridFactor(Factor):
-    """A nodal system and the hierarchy that preconditions it.
+    """A matrix and the hierarchy that preconditions it.
 
-    `system`: as of every `Factor`.
+    `laplacian`: as of every `Factor`.
     """
 
     name = "multigrid"
@@ -42,13 +42,13 @@ class MultigridFactor(Factor):
         """What preconditions normwise solutions, and others that fall by few decades; made when it is asked for."""
         from resgrid.solvers.multigrid.hierarchy import build_hierarchy
 
-        return build_hierarchy(self.system)
+        return build_hierarchy(self.laplacian)
 
     @cached_property
     def _gradable(self) -> Gradable | None:
         from resgrid.solvers.multigrid.graded import gradable
 
-        return gradable(self.system)
+        return gradable(self.laplacian)
 
     def _solve(
         self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
@@ -62,8 +62,8 @@ class MultigridFactor(Factor):
         from resgrid.solvers.multigrid.iteration import iterate
         from resgrid.solvers.multigrid.kernels import norm
 
-        x, residual = iterate(self.system, self.hierarchy, rhs, rtol, guess, watch)
-        largest = self.hierarchy.largest_degree(self.system)
+        x, residual = iterate(self.laplacian, self.hierarchy, rhs, rtol, guess, watch)
+        largest = self.hierarchy.largest_degree(self.laplacian)
         error = residual / (2.0 * largest * norm(x) + norm(rhs) or 1.0)
         return self._judged(x, error, rtol, watch)
 
@@ -72,7 +72,7 @@ class MultigridFactor(Factor):
         found = None if graded is None else self._refined(rhs, graded)
         if found is None or not found.converged:
             # Levels that are not graded have their turn.
-            found = self._refined(rhs, partial(approximate, self.system, self.hierarchy, watch))
+            found = self._refined(rhs, partial(approximate, self.laplacian, self.hierarchy, watch))
         if watch is not None:
             watch.done(found.error, found.bound)
         return found.solution, found.error
@@ -80,28 +80,28 @@ class MultigridFactor(Factor):
     def _refined(self, rhs: NDArray[np.float64] | Scaled, passes: Approximation) -> Refined:
         from resgrid.solvers.multigrid.pockets import PocketsDirectly
 
-        in_slit = decades_in_slit(self.system) > 0.0
-        pockets = PocketsDirectly(self.system, passes, in_slit)
-        return refine(self.system, rhs, pockets, REFINED, resolve=pockets.anew)
+        in_slit = decades_in_slit(self.laplacian) > 0.0
+        pockets = PocketsDirectly(self.laplacian, passes, in_slit)
+        return refine(self.laplacian, rhs, pockets, REFINED, resolve=pockets.anew)
 
     def _graded_approximation(self, rhs: NDArray[np.float64] | Scaled, watch: Watch | None) -> Approximation | None:
         """What approximates ``A^-1`` in proportion to the solution, where that falls by many decades."""
-        if isinstance(rhs, Scaled) or not is_graded(self.system):
+        if isinstance(rhs, Scaled) or not is_graded(self.laplacian):
             return None
         levels = self._gradable
         if levels is None:
             return None
         from resgrid.solvers.multigrid.graded_solver import graded_approximation
 
-        graded = graded_approximation(self.system, levels, rhs, watch)
+        graded = graded_approximation(self.laplacian, levels, rhs, watch)
         if graded is None:
             vars(self)["_gradable"] = None  # neither kept nor tried again
         return graded
 
 
-def factor_multigrid(system: NodalSystem, *, later: bool = False) -> MultigridFactor:
+def factor_multigrid(laplacian: Laplacian, *, later: bool = False) -> MultigridFactor:
     """Build the hierarchy of a nodal system; ``later``, with the first solution, which tells how it is graded."""
-    factors = MultigridFactor(system)
+    factors = MultigridFactor(laplacian)
     if not later:
         _ = factors.hierarchy
     return factors

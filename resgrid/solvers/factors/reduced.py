@@ -23,9 +23,9 @@ NOISE = 2.0**-96
 
 @dataclass(frozen=True, eq=False)
 class ReducedFactor(Factor):
-    """A reduced nodal system with a factor of its core.
+    """A reduced matrix with a factor of its core.
 
-    `system`: as of every `Factor`; `inner`: solves the core; None where nothing is left.
+    `laplacian`: as of every `Factor`; `inner`: solves the core; None where nothing is left.
     """
 
     reduction: Reduction
@@ -40,7 +40,7 @@ class ReducedFactor(Factor):
         self, rhs: NDArray[np.float64], rtol: float, guess: NDArray[np.float64] | None, watch: Watch | None
     ) -> NDArray[np.float64]:
         x, error = refine_normwise(
-            self.system,
+            self.laplacian,
             rhs,
             lambda residual: self._once(residual, rtol, None, watch),
             self._once(rhs, rtol, guess, watch),
@@ -61,7 +61,7 @@ class ReducedFactor(Factor):
             try:
                 x[reduction.kept] = self.inner.solve(x[reduction.kept], rtol=rtol, guess=begin, watch=watch)
             except AccuracyError as error:
-                # The whole system is judged by itself, and told with all of its rows.
+                # The whole laplacian is judged by itself, and told with all of its rows.
                 x[reduction.kept] = np.asarray(error.best, dtype=np.float64)
         kernels.backward(reduction.record, reduction.count, x)
         return x
@@ -72,12 +72,12 @@ class ReducedFactor(Factor):
         Both substitutions add and multiply non-negative numbers only, in scaled double-double: where nothing is left
         of the core, every voltage is right to about ``n`` units of the thirtieth digit.  The core is solved for
         conductances rounded to double precision, a relative change of 1e-16 in each.  The error is the larger one of
-        the core and of the whole system.
+        the core and of the whole laplacian.
         """
         from resgrid.solvers.reduction import kernels
         from resgrid.solvers.refine_kernels import exact_residual
 
-        reduction, coupling = self.reduction, self.system.coupling
+        reduction, coupling = self.reduction, self.laplacian.edges
         current, scale = scaled_currents(rhs)
         hi, lo, e = current.copy(), np.zeros(len(current)), scale.copy()
         kernels.forward_scaled(reduction.record, reduction.count, hi, lo, e)
@@ -86,7 +86,7 @@ class ReducedFactor(Factor):
         hi[kept], lo[kept], e[kept] = core.hi, core.lo, core.exponent
         kernels.backward_scaled(reduction.record, reduction.count, hi, lo, e)
         error, violation = exact_residual(
-            coupling.indptr, coupling.indices, coupling.data, self.system.excess, current, scale,
+            coupling.indptr, coupling.indices, coupling.data, self.laplacian.ground, current, scale,
             hi, lo, e, np.empty(len(hi)), np.empty(len(hi), dtype=np.int64),
         )  # fmt: skip
         if watch is not None:

@@ -6,9 +6,8 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.circuit.assembly_kernels import find, join
 from resgrid.jit import inner
-from resgrid.solvers.row_kernels import sort_row
+from resgrid.solvers.row_kernels import find, join, sort_row
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int32]

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.equations import NodalSystem
 from resgrid.solvers.extended import power
+from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.refine import Numbers
 
@@ -20,7 +20,7 @@ _PASS, _LEAST_PASS = 1e-12, 1e-2
 
 
 def approximate(
-    system: NodalSystem,
+    laplacian: Laplacian,
     hierarchy: Hierarchy,
     watch: Watch | None,
     m: NDArray[np.float64],
@@ -37,7 +37,7 @@ def approximate(
     largest = max(float(m.max(initial=0.0)), -float(m.min(initial=0.0)))
     if not largest:
         return np.zeros_like(m), np.zeros_like(e)
-    x, _ = iterate(system, hierarchy, m / largest, min(max(accuracy, _PASS), _LEAST_PASS), None, watch)
+    x, _ = iterate(laplacian, hierarchy, m / largest, min(max(accuracy, _PASS), _LEAST_PASS), None, watch)
     with np.errstate(over="ignore"):
         x *= largest
     return x, np.full_like(e, top)

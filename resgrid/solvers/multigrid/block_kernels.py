@@ -6,10 +6,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from resgrid.circuit.assembly_kernels import find, join
 from resgrid.jit import inner
 from resgrid.solvers.multigrid.board_passes import Floats, Indices, Integers, Singles
 from resgrid.solvers.multigrid.place_kernels import place_of
+from resgrid.solvers.row_kernels import find, join
 
 
 @njit(cache=True)

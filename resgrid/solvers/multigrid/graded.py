@@ -21,7 +21,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.equations import NodalSystem
+from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.multigrid import grade_kernels
 from resgrid.solvers.multigrid.board_passes import Board
 from resgrid.solvers.multigrid.board_setup import sum_degrees
@@ -35,7 +35,7 @@ from resgrid.solvers.multigrid.grid_levels import (
     first_boards,
     lay_behind,
 )
-from resgrid.solvers.multigrid.hierarchy import Hierarchy, lay_out_system
+from resgrid.solvers.multigrid.hierarchy import Hierarchy, lay_out_grid
 from resgrid.solvers.multigrid.levels import Graph
 from resgrid.solvers.multigrid.stack import stack_levels
 
@@ -86,9 +86,9 @@ class Gradable:
         return Hierarchy(stack_levels([_of_unit_diagonal(graph)], []), grid, self.unit, self.box)
 
 
-def gradable(system: NodalSystem) -> Gradable | None:
+def gradable(laplacian: Laplacian) -> Gradable | None:
     """Coarsen a grid to be graded; None where it is none, or is not small before its boards fall apart."""
-    found = lay_out_system(system)
+    found = lay_out_grid(laplacian)
     if found is None:
         return None
     level, place, unit, box = found

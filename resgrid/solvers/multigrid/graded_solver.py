@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.equations import NodalSystem
 from resgrid.errors import AccuracyError
+from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid.approximation import approximate
 from resgrid.solvers.multigrid.foresight import foresee
@@ -19,7 +19,7 @@ _LOW = 0.03
 
 
 def graded_approximation(
-    system: NodalSystem, levels: Gradable, currents: NDArray[np.float64], watch: Watch | None
+    laplacian: Laplacian, levels: Gradable, currents: NDArray[np.float64], watch: Watch | None
 ) -> Approximation | None:
     """What refines a solution on levels that are graded by it; None where nothing can be foreseen.
 
@@ -34,7 +34,7 @@ def graded_approximation(
     hierarchy = levels.grade(height)
 
     def passes(m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
-        return approximate(system, hierarchy, watch, m, e, _LOW * accuracy)
+        return approximate(laplacian, hierarchy, watch, m, e, _LOW * accuracy)
 
     return passes
 

@@ -12,7 +12,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.equations import NodalSystem
+from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid import graph_kernels as passes
 from resgrid.solvers.multigrid.kernels import Stack, cycle, norm
@@ -28,7 +28,7 @@ _ENOUGH = 0.15
 
 
 def iterate_on_graph(
-    system: NodalSystem,
+    laplacian: Laplacian,
     stack: Stack,
     unit: float,
     b: NDArray[np.float64],
@@ -38,10 +38,10 @@ def iterate_on_graph(
 ) -> tuple[NDArray[np.float64], float]:
     """As `resgrid.solvers.multigrid.iteration.iterate`, over the rows of a netlist; ``unit`` is the hierarchy's."""
     error = ErrorBound(guess, rtol)
-    burst = _Burst(stack, system.excess[stack.order] / unit, unit, error, watch)
-    residual = partial(passes.residual_in_order, *matrix_rows(system), inverse_of(stack.order))
+    burst = _Burst(stack, laplacian.ground[stack.order] / unit, unit, error, watch)
+    residual = partial(passes.residual_in_order, *matrix_rows(laplacian), inverse_of(stack.order))
     x, last, left = np.zeros(len(b)) if guess is None else guess.copy(), np.inf, MOST_ITERATIONS
-    wanted, rounding = rtol * norm(b), _ROUNDING * float(system.degree.max(initial=0.0))
+    wanted, rounding = rtol * norm(b), _ROUNDING * float(laplacian.diagonal.max(initial=0.0))
     while True:
         at_zero = guess is None and not math.isfinite(last)
         size = passes.put_in_order(stack.order, b, burst.r) if at_zero else residual(b, x, burst.r)
@@ -97,8 +97,8 @@ class _Burst:
 
 
 def matrix_rows(
-    system: NodalSystem,
+    laplacian: Laplacian,
 ) -> tuple[NDArray[np.uint32], NDArray[np.uint32], NDArray[np.float64], NDArray[np.float64]]:
     """The nodal matrix in compressed rows, with indices that need no sign."""
-    rows = system.rows
-    return rows.indptr.view(np.uint32), rows.indices.view(np.uint32), rows.data, system.excess
+    rows = laplacian.rows
+    return rows.indptr.view(np.uint32), rows.indices.view(np.uint32), rows.data, laplacian.ground

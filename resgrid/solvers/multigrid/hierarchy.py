@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.circuit.equations import NodalSystem
+from resgrid.solvers.laplacian import EdgeList, Grid, Laplacian
 from resgrid.solvers.multigrid.aggregation import coordinates
 from resgrid.solvers.multigrid.boards import Level, lay_out
 from resgrid.solvers.multigrid.grid_levels import GridLevels, coarsen_grid
@@ -34,41 +34,39 @@ class Hierarchy:
     unit: float
     box: tuple[slice, ...] = ()
 
-    def largest_degree(self, system: NodalSystem) -> float:
+    def largest_degree(self, laplacian: Laplacian) -> float:
         """Largest diagonal entry of a system's matrix, in siemens."""
         if self.grid is not None:
             return self.grid.largest_degree * self.unit
-        return float(system.degree.max(initial=0.0))
+        return float(laplacian.diagonal.max(initial=0.0))
 
 
-def build_hierarchy(system: NodalSystem) -> Hierarchy:
+def build_hierarchy(laplacian: Laplacian) -> Hierarchy:
     """Coarsen a nodal system until it is small, and invert what is left."""
-    found = lay_out_system(system)
+    found = lay_out_grid(laplacian)
     if found is not None:
         level, place, unit, box = found
         made = coarsen_grid(level, place)
         if made is not None:
             return Hierarchy(made[1], made[0], unit, box)
-    cell, cell_map = _cells(system), system.netlist.cell_map
-    where = None if cell is None or cell_map is None else coordinates(cell, np.array(cell_map.node.shape))
-    rows = system.rows if where is None else system.coupling
-    unit = float(rows.data.mean()) if rows.nnz else float(system.excess.mean())
-    finest = Graph(rows.indptr, rows.indices, rows.data / unit, system.excess / unit, where)
+    where = _coordinates(laplacian)
+    rows = laplacian.rows if where is None else laplacian.edges
+    unit = float(rows.data.mean()) if rows.nnz else float(laplacian.ground.mean())
+    finest = Graph(rows.indptr, rows.indices, rows.data / unit, laplacian.ground / unit, where)
     stack = stack_graph(finest) if where is None else stack_levels(*coarsen_down(finest), free=True)
     return Hierarchy(stack, None, unit)
 
 
-def lay_out_system(system: NodalSystem) -> tuple[Level, NDArray[np.int32], float, tuple[slice, ...]] | None:
+def lay_out_grid(laplacian: Laplacian) -> tuple[Level, NDArray[np.int32], float, tuple[slice, ...]] | None:
     """Lay a system out by colour; the level, places, unit and box, or None where it is no grid of two colours."""
-    cell_map = system.netlist.cell_map
-    if cell_map is None:
+    if laplacian.grid is None:
         return None
-    pairs, conductance, row, node = _resistors(system, cell_map.node)
+    (pairs, conductance, row), node = _edges(laplacian, laplacian.grid)
     if not conductance.size:
         return None
     unit = float(conductance.mean())
     box = _box_around_rows(row, node)
-    laid_out = lay_out(pairs, conductance, row, np.ascontiguousarray(node[box]), system.excess, unit)
+    laid_out = lay_out(pairs, conductance, row, np.ascontiguousarray(node[box]), laplacian.ground, unit)
     return None if laid_out is None else (*laid_out, unit, box)
 
 
@@ -95,29 +93,24 @@ def _leading_without_rows(row: NDArray[np.int32], lines: NDArray[np.int32]) -> i
     return count
 
 
-def _resistors(
-    system: NodalSystem, node: NDArray[np.int32]
-) -> tuple[NDArray[np.int32], NDArray[np.float64], NDArray[np.int32], NDArray[np.int32]]:
-    """Pairs of nodes with their conductance, the row of every node, and the node of every cell.
-
-    Where a system was derived from another one, its rows count as the nodes.
-    """
-    if system.derived is None:
-        return system.netlist.resistor_nodes, system.netlist.conductance, system.unknown, node
-    upper = sparse.triu(system.derived, format="coo")
-    row = np.where(node >= 0, system.unknown[node], -1).astype(np.int32)
+def _edges(laplacian: Laplacian, grid: Grid) -> tuple[EdgeList, NDArray[np.int32]]:
+    """The edges as a list, and the vertex of every cell."""
+    if laplacian.listed is not None:
+        return laplacian.listed, grid.vertex
+    upper = sparse.triu(laplacian.edges, format="coo")
     pairs = np.stack([upper.row, upper.col], axis=1).astype(np.int32)
-    return pairs, upper.data, np.arange(system.size, dtype=np.int32), row
+    return EdgeList(pairs, upper.data, np.arange(laplacian.size, dtype=np.int32)), grid.vertex
 
 
-def _cells(system: NodalSystem) -> NDArray[np.int64] | None:
-    """Flat cell index of every row, where each row is the node of one cell."""
-    if system.netlist.cell_map is None:
+def _coordinates(laplacian: Laplacian) -> NDArray[np.int32] | None:
+    """Where every row lies on the grid, where each is one cell."""
+    if laplacian.grid is None:
         return None
-    cell_of = system.netlist.cell_of_node()
-    nodes = np.flatnonzero(system.unknown >= 0)
-    if len(nodes) != system.size or np.any(cell_of[nodes] < 0):
+    vertex = laplacian.grid.vertex
+    row = (vertex if laplacian.listed is None else laplacian.grid.of_rows(laplacian.listed.row).vertex).ravel()
+    cells = np.flatnonzero(row >= 0)
+    cell = np.full(laplacian.size, -1, dtype=np.int64)
+    cell[row[cells]] = cells
+    if len(cells) != laplacian.size or np.any(cell < 0):
         return None
-    cell = np.empty(system.size, dtype=np.int64)
-    cell[system.unknown[nodes]] = cell_of[nodes]
-    return cell
+    return coordinates(cell, np.array(vertex.shape))

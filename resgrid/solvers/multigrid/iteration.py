@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.equations import NodalSystem
+from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.monitor import Watch
 from resgrid.solvers.multigrid.board_iteration import iterate_on_board
 from resgrid.solvers.multigrid.graph_iteration import iterate_on_graph
@@ -13,7 +13,7 @@ from resgrid.solvers.multigrid.hierarchy import Hierarchy
 
 
 def iterate(
-    system: NodalSystem,
+    laplacian: Laplacian,
     hierarchy: Hierarchy,
     b: NDArray[np.float64],
     rtol: float,
@@ -29,5 +29,5 @@ def iterate(
     """
     watch = Watch() if watch is None else watch
     if hierarchy.grid is None:
-        return iterate_on_graph(system, hierarchy.stack, hierarchy.unit, b, rtol, guess, watch)
+        return iterate_on_graph(laplacian, hierarchy.stack, hierarchy.unit, b, rtol, guess, watch)
     return iterate_on_board(hierarchy, hierarchy.grid, b, rtol, guess, watch)

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
-from resgrid.circuit.equations import NodalSystem
 from resgrid.errors import AccuracyError
 from resgrid.solvers.extended import power
+from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.refine import Approximation, Numbers
 from resgrid.solvers.superlu import symmetric_factors
 
@@ -50,15 +50,15 @@ class PocketsDirectly:
     beyond.
     """
 
-    def __init__(self, system: NodalSystem, whole: Approximation, in_slit: bool = False) -> None:
-        self._system, self._whole = system, whole
+    def __init__(self, laplacian: Laplacian, whole: Approximation, in_slit: bool = False) -> None:
+        self._laplacian, self._whole = laplacian, whole
         self._most, self._most_anew = float(_FEW if in_slit else 0), float(_MOST)
         self._in_slit = in_slit
 
     def __call__(self, m: NDArray[np.float64], e: NDArray[np.int64], accuracy: float) -> Numbers:
         """As `resgrid.solvers.refine.refine` takes it."""
         count = np.count_nonzero(m)
-        part = _part_around(self._system, m) if 0 < count <= self._most else None
+        part = _part_around(self._laplacian, m) if 0 < count <= self._most else None
         if part is not None:
             self._most = _GAIN * count
             return part.correction(m, e)
@@ -72,7 +72,7 @@ class PocketsDirectly:
         if self._in_slit:
             return None
         count = np.count_nonzero(left)
-        part = _part_around(self._system, left) if 0 < count <= self._most_anew else None
+        part = _part_around(self._laplacian, left) if 0 < count <= self._most_anew else None
         if part is None:
             return None
         self._most_anew = _GAIN * count
@@ -131,22 +131,22 @@ class _Part:
         return np.asarray(np.where(top == none, 0, top)[pocket], dtype=np.int64)
 
 
-def _part_around(system: NodalSystem, left: NDArray[np.float64]) -> _Part | None:
+def _part_around(laplacian: Laplacian, left: NDArray[np.float64]) -> _Part | None:
     """The equations of the rows left, and of those around; None for too many, or if rounding forbids."""
-    region = _around(system, np.flatnonzero(left))
-    return None if region is None else _part(system, region)
+    region = _around(laplacian, np.flatnonzero(left))
+    return None if region is None else _part(laplacian, region)
 
 
-def _around(system: NodalSystem, rows: NDArray[np.int64]) -> NDArray[np.int64] | None:
+def _around(laplacian: Laplacian, rows: NDArray[np.int64]) -> NDArray[np.int64] | None:
     """Some rows, and all that are few steps away; None for too many."""
-    most = min(_MOST, system.size // _SHARE)
-    seen, edge, count, steps = np.zeros(system.size, dtype=np.bool_), rows, len(rows), 0
+    most = min(_MOST, laplacian.size // _SHARE)
+    seen, edge, count, steps = np.zeros(laplacian.size, dtype=np.bool_), rows, len(rows), 0
     seen[rows] = True
     while len(edge) and (steps < _STEPS or count < most // _LEAST):
         steps += 1
         if count > most:
             return None
-        around = system.coupling[edge].indices
+        around = laplacian.edges[edge].indices
         around = around[~seen[around]]
         seen[around] = True
         edge = np.unique(around)
@@ -154,11 +154,11 @@ def _around(system: NodalSystem, rows: NDArray[np.int64]) -> NDArray[np.int64] |
     return np.flatnonzero(seen) if count <= most else None
 
 
-def _part(system: NodalSystem, region: NDArray[np.int64]) -> _Part | None:
+def _part(laplacian: Laplacian, region: NDArray[np.int64]) -> _Part | None:
     """The equations of some rows; None if rounding forbids."""
-    rows, n = system.coupling[region], len(region)
+    rows, n = laplacian.edges[region], len(region)
     here, there, conductance = np.repeat(np.arange(n), np.diff(rows.indptr)), rows.indices, rows.data
-    degree = np.bincount(here, conductance, n) + system.excess[region]
+    degree = np.bincount(here, conductance, n) + laplacian.ground[region]
     column = np.searchsorted(region, there)
     inside = region[np.minimum(column, n - 1)] == there
     coupling = sparse.csr_array((conductance[inside], (here[inside], column[inside])), shape=(n, n))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from resgrid.circuit.equations import NodalSystem
+from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.refine import Numbers
 
 
@@ -53,19 +53,19 @@ class Halves:
         return self.whole.indptr, self.whole.indices, self.whole.data
 
 
-def halve(system: NodalSystem, order: NDArray[np.int32]) -> Halves:
-    """Eliminate every other row of a system.  Shapes: `order` (n,)."""
+def halve(laplacian: Laplacian, order: NDArray[np.int32]) -> Halves:
+    """Eliminate every other row of a laplacian.  Shapes: `order` (n,)."""
     from resgrid.solvers.narrow import halving_kernels as kernels
 
-    rows = system.coupling.indptr, system.coupling.indices
-    number = np.empty(system.size, dtype=np.int32)
+    rows = laplacian.edges.indptr, laplacian.edges.indices
+    number = np.empty(laplacian.size, dtype=np.int32)
     size = kernels.number_kept(*rows, order, number)
     most = kernels.most_entries(*rows, number)
-    pivot, excess = np.zeros(system.size), np.empty(size)
+    pivot, excess = np.zeros(laplacian.size), np.empty(size)
     indptr, indices, data = np.zeros(size + 1, dtype=np.int32), np.empty(most, dtype=np.int32), np.empty(most)
     kept = order[number[order] >= 0]
     kernels.join_kept(
-        *rows, system.coupling.data, system.excess, number, kept, pivot, indptr, indices, data, excess
+        *rows, laplacian.edges.data, laplacian.ground, number, kept, pivot, indptr, indices, data, excess
     )  # fmt: skip
     coupling = sparse.csr_array((data[: indptr[-1]], indices[: indptr[-1]], indptr), shape=(size, size))
-    return Halves(system.coupling, number, pivot, coupling, excess)
+    return Halves(laplacian.edges, number, pivot, coupling, excess)

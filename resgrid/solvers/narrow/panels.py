@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.equations import NodalSystem, once
 from resgrid.errors import AccuracyError
+from resgrid.solvers.laplacian import Laplacian, once
 from resgrid.solvers.narrow.halving import Halves, halve
 from resgrid.solvers.refine import Numbers
 
@@ -97,22 +97,22 @@ class NarrowFactors:
 
 
 @once
-def narrow_order(system: NodalSystem) -> NarrowOrder | None:
+def narrow_order(laplacian: Laplacian) -> NarrowOrder | None:
     """Order the rows of a system by their distance from a rail; None where it is not narrow."""
     from resgrid.solvers.narrow import order_kernels as kernels
     from resgrid.solvers.narrow.panel_kernels import Panels
     from resgrid.solvers.numbering_kernels import breadth_first
 
-    tied = system.excess if system.rails is None else system.rails.to_low
-    outwards = breadth_first(system.coupling.indptr, system.coupling.indices, int(np.argmax(tied)))
-    halves = halve(system, np.ascontiguousarray(outwards[::-1]))
+    tied = laplacian.ground if laplacian.rails is None else laplacian.rails.to_low
+    outwards = breadth_first(laplacian.edges.indptr, laplacian.edges.indices, int(np.argmax(tied)))
+    halves = halve(laplacian, np.ascontiguousarray(outwards[::-1]))
     graph, size = (halves.coupling.indptr, halves.coupling.indices), len(halves.excess)
     order = np.arange(size, dtype=np.int32)
     rank, parent = order.copy(), np.empty(size, dtype=np.int32)
     kernels.grow_tree(*graph, order, rank, parent)
     kernels.branch_by_branch(parent, order, rank)
-    (first, start), rows = np.empty((2, size + 1), dtype=np.int32), np.empty(_rows(system), dtype=np.int32)
-    count = kernels.list_panels(*graph, order, rank, _room(system), first, start, rows)
+    (first, start), rows = np.empty((2, size + 1), dtype=np.int32), np.empty(_rows(laplacian), dtype=np.int32)
+    count = kernels.list_panels(*graph, order, rank, _room(laplacian), first, start, rows)
     if count < 0:
         return None
     first, start = first[: count + 1].copy(), start[: count + 1].copy()
@@ -121,20 +121,20 @@ def narrow_order(system: NodalSystem) -> NarrowOrder | None:
     return NarrowOrder(halves, order, rank, Panels(first, start, rows[: start[-1]].copy(), offset))
 
 
-def _room(system: NodalSystem) -> int:
+def _room(laplacian: Laplacian) -> int:
     """Entries that the factor of a narrow circuit may have."""
-    most = _MOST_FILL_OF_VOLUMES if system.dimensions > 2 else _MOST_FILL
-    return min(most * system.size, _MOST_ENTRIES - system.size)
+    most = _MOST_FILL_OF_VOLUMES if laplacian.dimensions > 2 else _MOST_FILL
+    return min(most * laplacian.size, _MOST_ENTRIES - laplacian.size)
 
 
-def _rows(system: NodalSystem) -> int:
+def _rows(laplacian: Laplacian) -> int:
     """Rows that its panels may have, with room for one more panel."""
-    return _room(system) // _LEAST_SHARED + 2 * system.size
+    return _room(laplacian) // _LEAST_SHARED + 2 * laplacian.size
 
 
-def narrow_memory(system: NodalSystem, narrow: NarrowOrder) -> float:
+def narrow_memory(laplacian: Laplacian, narrow: NarrowOrder) -> float:
     """Estimate the peak memory of a solution in such an order, in bytes, the room for most entries included."""
-    return 8.0 * narrow.entries + 8.0 * len(narrow.panels.rows) + 4.0 * _rows(system) + 180.0 * system.size
+    return 8.0 * narrow.entries + 8.0 * len(narrow.panels.rows) + 4.0 * _rows(laplacian) + 180.0 * laplacian.size
 
 
 def factor_narrow(narrow: NarrowOrder) -> NarrowFactors:

@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.equations import NodalSystem
 from resgrid.solvers.connections import count_connections
+from resgrid.solvers.laplacian import Laplacian
 from resgrid.solvers.rails import Rails, Ties
 from resgrid.solvers.reduction.rows import Elimination, eliminate_rows
 
@@ -31,26 +31,26 @@ _LARGEST, _SMALLEST = 2.0**300, 2.0**-300
 
 @dataclass(frozen=True, eq=False)
 class Reduction:
-    """What is left of a nodal system.
+    """What is left of a nodal laplacian.
 
     `core`: the rows that are left, as a system without a map of cells; None where nothing is left; `kept` (core rows,):
     rows of the whole that the core holds; `record`: how the others were eliminated; `count`: how many were.
     """
 
-    core: NodalSystem | None
+    core: Laplacian | None
     kept: NDArray[np.int64]
     record: Record
     count: int
 
 
-def may_reduce(system: NodalSystem) -> bool:
+def may_reduce(laplacian: Laplacian) -> bool:
     """Tell cheaply whether elimination may take a fair share of the rows.
 
     It may where one row in eight has at most two neighbours, or where there are about three neighbours a row as in
     corridors two cells wide; and only within the range of conductances that products of them can bear.
     """
-    n = system.size
-    found = count_connections(system)
+    n = laplacian.size
+    found = count_connections(laplacian)
     if not n or found.entries >= 2**31:
         return False
     if found.entries > _CORRIDOR * n and n > _SMALL and found.few < _FEW * n:
@@ -58,27 +58,21 @@ def may_reduce(system: NodalSystem) -> bool:
     return found.largest < _LARGEST and found.smallest > _SMALLEST
 
 
-def reduce_system(system: NodalSystem) -> Reduction:
+def reduce_system(laplacian: Laplacian) -> Reduction:
     """Eliminate every row that has, or comes to have, at most two neighbours."""
-    shrunk = eliminate_rows(system.coupling, system.excess)
-    core = _core(system, shrunk) if len(shrunk.kept) else None
+    shrunk = eliminate_rows(laplacian.edges, laplacian.ground)
+    core = _core(laplacian, shrunk) if len(shrunk.kept) else None
     return Reduction(core, shrunk.kept, shrunk.record, len(shrunk.record.rows))
 
 
-def _core(system: NodalSystem, shrunk: Elimination) -> NodalSystem:
-    """What is left, in double precision, with the currents that the eliminated rows pass on."""
+def _core(laplacian: Laplacian, shrunk: Elimination) -> Laplacian:
+    """What is left, in double precision."""
     passed_on = partial(_passed_on, shrunk.record, shrunk.kept)
-    rails = system.rails
-    solved = system.unknown >= 0
-    unknown = system.unknown.copy()
-    unknown[solved] = shrunk.number[system.unknown[solved]]
-    return system.derive(
-        shrunk.coupling,
+    rails = laplacian.rails
+    return Laplacian(
         shrunk.excess,
-        netlist=system.netlist.replace(cell_map=None),
-        unknown=unknown,
-        feed=passed_on(system.feed),
-        injected=passed_on(system.injected),
+        compressed=shrunk.coupling,
+        dimensions=laplacian.dimensions,
         rails=rails and replace(rails, ties=partial(_ties_passed_on, rails, passed_on)),
     )
 

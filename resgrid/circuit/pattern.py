@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from resgrid.circuit.equations import NodalSystem
+from resgrid.circuit.equations import Equations
+from resgrid.solvers.batch.chips import Chip
 
 Integers = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -41,29 +42,27 @@ class Pattern:
     """What conductances are to a nodal system: all of its parts are linear in them.
 
     `system`: of the nominal conductances; rows and entries stay where they are; `source` (entries,): the resistor
-    behind every entry of its `coupling`; None where resistors are in parallel, and ``entries`` tells; `entries`: of
-    the coupling's entries; `excess, feed`: of the system's parts of these names; `node` (k,): nodes that are solved
+    behind every entry of its matrix's edges; None where resistors are in parallel, and ``entries`` tells; `entries`: of
+    these entries; `ground, feed`: of the system's parts of these names; `node` (k,): nodes that are solved
     for.
     """
 
-    system: NodalSystem
+    system: Equations
     source: Integers | None
     entries: Terms
-    excess: Terms
+    ground: Terms
     feed: Terms
     node: Integers
 
-    def rows(self, conductance: Floats) -> tuple[Floats, Floats, Floats]:
-        """Entries, excess and right-hand side for other conductances, shape (resistors,), in siemens and amperes."""
+    def chip(self, conductance: Floats) -> Chip:
+        """The equations of a chip of other conductances, shape (resistors,), in siemens."""
         entries = self.entries.of(conductance) if self.source is None else conductance[self.source]
-        return entries, self.excess.of(conductance), self.feed.of(conductance) + self.system.injected
-
-    def ratio(self, conductance: Floats) -> tuple[float, float]:
-        """By how much other conductances exceed the nominal ones: mostly, as a power of two, and at least."""
         with np.errstate(over="ignore"):
             times = conductance / self.system.netlist.conductance
         few = times[:: max(1, len(times) // _FEW)]
-        return float(2.0 ** np.round(np.log2(np.median(few)))), float(times.min())
+        mostly = float(2.0 ** np.round(np.log2(np.median(few))))
+        drive = self.feed.of(conductance) + self.system.injected
+        return Chip(entries, self.ground.of(conductance), drive, mostly, float(times.min()))
 
     def voltages(self, solution: Floats) -> Floats:
         """Voltages of all nodes, shape (chips, nodes), from those of the rows, (chips, n); NaN where a node floats."""
@@ -76,7 +75,7 @@ class Pattern:
         return voltage
 
 
-def pattern_of(system: NodalSystem) -> Pattern:
+def pattern_of(system: Equations) -> Pattern:
     """Find out where the conductances of a netlist go in its nodal system."""
     ends = system.netlist.resistor_nodes
     rows = system.unknown[ends].astype(np.int64)
@@ -88,22 +87,22 @@ def pattern_of(system: NodalSystem) -> Pattern:
     row, here, there = rows[tied, first], ends[tied, first], ends[tied, 1 - first]
     height = system.known[there] - system.reference - offset[here]
     entry, resistor = _entries(system, rows, inner)
-    single = len(entry) == system.coupling.nnz
+    single = len(entry) == system.laplacian.edges.nnz
     fed = _shifted(rows, inner, offset[ends[inner, 0]] - offset[ends[inner, 1]])
     return Pattern(
         system=system,
         source=resistor[np.argsort(entry, kind="stable")] if single else None,
-        entries=Terms(system.coupling.nnz, entry, resistor),
-        excess=Terms(system.size, row, tied),
+        entries=Terms(system.laplacian.edges.nnz, entry, resistor),
+        ground=Terms(system.size, row, tied),
         feed=_nonzero(system.size, *(np.concatenate(pair) for pair in zip((row, tied, height), fed, strict=True))),
         node=np.flatnonzero(system.unknown >= 0),
     )
 
 
-def _entries(system: NodalSystem, rows: Integers, inner: Integers) -> tuple[Integers, Integers]:
+def _entries(system: Equations, rows: Integers, inner: Integers) -> tuple[Integers, Integers]:
     """Entries in the compressed rows of the coupling, and the resistors that they hold."""
     a, b = rows[inner].T
-    coupling = system.coupling
+    coupling = system.laplacian.edges
     key = np.repeat(np.arange(system.size), np.diff(coupling.indptr)) * system.size + coupling.indices
     wanted = np.append(a, b) * system.size + np.append(b, a)
     return np.searchsorted(key, wanted), np.append(inner, inner)

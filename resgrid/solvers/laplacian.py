@@ -1,0 +1,182 @@
+"""The one matrix of all solvers: a graph of conductances, and what ties its rows to nodes of known voltage."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property, wraps
+from typing import NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from resgrid.solvers.rails import Rails
+
+_Found = TypeVar("_Found")
+
+
+class EdgeList(NamedTuple):
+    """Edges as a list: edge ``k`` joins the rows ``row[ends[k]]`` by ``conductance[k]``, in siemens.
+
+    `ends` (m, 2): vertices; `conductance` (m,); `row` (vertices,): row of every vertex, -1 where its voltage is known.
+    Edges within a row, or with an end at a known voltage, are no entries of the matrix.
+    """
+
+    ends: NDArray[np.int32]
+    conductance: NDArray[np.float64]
+    row: NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Where the vertices of a grid lie: `vertex`, of the grid's shape, -1 for none; `periodic`: axes that are rings."""
+
+    vertex: NDArray[np.int32]
+    periodic: tuple[bool, ...]
+
+    @property
+    def simple(self) -> bool:
+        """Whether no two edges join the same cells: only the two across a ring of two cells do."""
+        return not any(ring and cells == 2 for ring, cells in zip(self.periodic, self.vertex.shape, strict=True))
+
+    @property
+    def dimensions(self) -> int:
+        """Axes along which there are more than two cells."""
+        return sum(cells > 2 for cells in self.vertex.shape)
+
+    def of_rows(self, row: NDArray[np.int32]) -> Grid:
+        """The same grid with rows for vertices.  Shapes: `row` (vertices,)."""
+        rows = np.where(self.vertex >= 0, np.append(row, -1)[self.vertex], -1).astype(np.int32)
+        return Grid(rows, self.periodic)
+
+
+@dataclass(frozen=True, eq=False)
+class Laplacian:
+    """``(A x)_i = sum_j g_ij (x_i - x_j) + g_i x_i``: edge and ground conductances, never a summed diagonal.
+
+    A symmetric positive definite M-matrix whenever every connected part holds a row of positive ground conductance.
+
+    `ground` (n,): conductance from every row to nodes of known voltage, in siemens; `listed, compressed`: its edges,
+    as a list or as rows, whichever there was; `grid`: where the vertices of the list lie (without one, the rows), if
+    they are a grid's; `dimensions`: those that the graph fills: of its grid, also of what elimination leaves of one;
+    2 for others; `rails`: how `ground` divides between two rails, where there are just two and nothing else drives.
+    """
+
+    ground: NDArray[np.float64]
+    listed: EdgeList | None = None
+    compressed: sparse.csr_array | None = None
+    grid: Grid | None = None
+    dimensions: int = 2
+    rails: Rails | None = None
+
+    @property
+    def size(self) -> int:
+        """Number of rows."""
+        return len(self.ground)
+
+    @cached_property
+    def edges(self) -> sparse.csr_array:
+        """The conductances ``g_ij``, in siemens, shape (n, n); symmetric, positive, sorted, no diagonal."""
+        from resgrid.solvers.row_kernels import sort_rows
+
+        rows = self.rows
+        if rows.has_sorted_indices:
+            return rows
+        edges = rows if self.compressed is None else rows.copy()
+        sort_rows(edges.indptr, edges.indices, edges.data)
+        edges.has_sorted_indices = edges.has_canonical_format = True
+        return edges
+
+    @cached_property
+    def rows(self) -> sparse.csr_array:
+        """The `edges` with the entries of every row in any order: half of the work, on a general graph."""
+        if self.compressed is not None:
+            return self.compressed
+        from resgrid.solvers.row_kernels import conductances_by_row
+
+        assert self.listed is not None
+        indptr, indices, data, ordered = conductances_by_row(*self.listed, self.size)
+        rows = sparse.csr_array((data, indices, indptr), shape=(self.size, self.size))
+        rows.has_sorted_indices = rows.has_canonical_format = ordered
+        return rows
+
+    @cached_property
+    def diagonal(self) -> NDArray[np.float64]:
+        """Diagonal of the matrix, in siemens, shape (n,): all conductances at a row, summed."""
+        if self.listed is None:
+            return np.asarray(self.edges.sum(axis=1) + self.ground, dtype=np.float64)
+        from resgrid.solvers.row_kernels import add_conductances
+
+        diagonal = self.ground.copy()
+        add_conductances(*self.listed, diagonal)
+        return diagonal
+
+    @property
+    def matrix(self) -> sparse.csr_array:
+        """The whole matrix, in siemens, shape (n, n): for factors, whose pivots are differences anyway."""
+        return sparse.csr_array(sparse.diags_array(self.diagonal, format="csr") - self.edges)
+
+    @cached_property
+    def elements(self) -> tuple[sparse.csr_array, NDArray[np.float64]]:
+        """What the matrix is made of: ``B^T diag(value) B``.  Returns `incidence` (m, n), `value` (m,)."""
+        upper, tied = sparse.triu(self.edges, 1).tocoo(), np.flatnonzero(self.ground)
+        m = upper.nnz
+        ends = np.append(np.stack([upper.row, upper.col], axis=1).ravel(), tied).astype(np.int32)
+        starts = np.append(np.arange(0, 2 * m + 1, 2), 2 * m + 1 + np.arange(len(tied))).astype(np.int32)
+        sign = np.append(np.tile([1.0, -1.0], m), np.ones(len(tied)))
+        incidence = sparse.csr_array((sign, ends, starts), shape=(m + len(tied), self.size))
+        return incidence, np.append(upper.data, self.ground[tied])
+
+    @cached_property
+    def _branches(self) -> tuple[sparse.csr_array, sparse.csr_array]:
+        """From rows to differences across what joins them, every pair once, and from those to what leaves every row."""
+        incidence, value = self.elements
+        inner = len(value) - int(np.count_nonzero(self.ground))
+        across = incidence[:inner]
+        return across, sparse.csr_array(across.T @ sparse.diags_array(value[:inner]))
+
+    def between(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What leaves every row for other rows, formed from differences: none of it is lost on the way."""
+        across, leaving = self._branches
+        return np.asarray(leaving @ (across @ x))
+
+    def times(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """The matrix times ``x``, shape (n,)."""
+        return self.ground * x + self.between(x)
+
+    def within(self, rows: NDArray[np.bool_]) -> Laplacian:
+        """Only some of the rows; the others count as nodes of known voltage."""
+        kept = self.edges[rows]
+        ground = self.ground[rows] + kept[:, ~rows].sum(axis=1)
+        return Laplacian(ground, compressed=sparse.csr_array(kept[:, rows]), dimensions=self.dimensions)
+
+    def grouped(self, groups: sparse.csr_array) -> Laplacian:
+        """Groups of rows as one row each; rows of no group count as nodes of known voltage.
+
+        Shapes: `groups` (n, m).
+        """
+        joined = sparse.coo_array(groups.T @ self.edges @ groups)
+        apart = joined.row != joined.col
+        entries = (joined.data[apart], (joined.row[apart], joined.col[apart]))
+        outside = 1.0 - groups.sum(axis=1)
+        return Laplacian(
+            groups.T @ (self.ground + self.edges @ outside),
+            compressed=sparse.coo_array(entries, shape=joined.shape).tocsr(),
+            dimensions=self.dimensions,
+        )
+
+
+def once(find: Callable[[Laplacian], _Found]) -> Callable[[Laplacian], _Found]:
+    """Find something out about a matrix once, and remember it as long as the matrix lives."""
+    name = f"{find.__module__}.{find.__qualname__}"
+
+    @wraps(find)
+    def remembered(laplacian: Laplacian) -> _Found:
+        memory = vars(laplacian)
+        if name not in memory:
+            memory[name] = find(laplacian)
+        found: _Found = memory[name]
+        return found
+
+    return remembered
