@@ -76,6 +76,7 @@ golden: $(INSTALLED)
 
 docs: $(INSTALLED_DOCS)
 	scripts/install_ngspice.sh
+	rm -rf docs/_build docs/gallery
 	$(BIN)/python -m sphinx -q -W --keep-going -d docs/_build/doctrees -b html docs docs/_build/html
 	@echo "the site is docs/_build/html/index.html"
 

@@ -13,6 +13,7 @@ import resgrid  # noqa: E402
 
 # Pages call `resgrid` as a user does, and find the scenes that ship with it whatever folder they run in.
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
+os.environ["PROJECT"] = str(DOCS.parent)
 os.environ["SCENES"] = str(DOCS.parent / "examples" / "scenes")
 os.environ["NO_COLOR"] = "1"
 os.environ["PYDEVD_DISABLE_FILE_VALIDATION"] = "1"
@@ -83,7 +84,7 @@ sphinx_gallery_conf = {
     "filename_pattern": r"\.py$",
     "ignore_pattern": r"__init__\.py",
     "subsection_order": [f"../examples/{name}" for name in SECTIONS],
-    "within_subsection_order": "FileNameSortKey",
+    "within_subsection_order": "figures.ReadingOrder",
     "image_scrapers": ("figures.saved_pictures",),
     "reset_modules": ("figures.forget_output",),
     "reset_modules_order": "both",

@@ -8,9 +8,9 @@ Problem A with obstacles that repel (Dirichlet), that merely bound (Neumann, dri
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import resgrid as rg
-from resgrid.plot import add_title, new_figure
 
 SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
@@ -31,10 +31,10 @@ for number, k, kind in ((2, 1.0, "Dirichlet"), (3, 0.0, "Neumann, driven uniform
     for path in paths:
         rg.certify(path)
     assert all(path.outcome == "reached" for path in paths)
-    figure = new_figure(7.4, 4.6)
+    figure = Figure((7.4, 4.6), layout="constrained")
     left, right = figure.subplots(1, 2)
     rg.draw_tips(paths, scene, left)
     rg.draw(paths, rg.draw(space, right))
     right.set_title("Configuration space", fontsize=8)
-    add_title(figure, f"Figure {number}", f"Problem A, {kind}: {len(paths)} streamlines.")
+    figure.suptitle(f"Figure {number}. Problem A, {kind}: {len(paths)} streamlines", fontsize=9)
     rg.save_figure(figure, f"out/figure_{number:02}.png")

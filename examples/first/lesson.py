@@ -5,12 +5,14 @@ The lesson
 A robot finds its way by letting a current flow. Eight by eight squares, small enough to draw every resistor.
 """
 
+# sphinx_gallery_thumbnail_number = 2
+
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import resgrid as rg
-from resgrid.plot import new_figure
 
 SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
@@ -97,7 +99,7 @@ assert path.outcome == "reached"
 # Look at it: the circuit with the voltages on its nodes; beside it the same voltages as a landscape, and the path
 # downhill.
 
-figure = new_figure(12.0, 7.6)
+figure = Figure((12.0, 7.6), layout="constrained")
 grid = figure.add_gridspec(2, 2, width_ratios=[2.1, 1.0])
 circuit = rg.draw(op, figure.add_subplot(grid[:, 0]))
 circuit.set_title("The circuit: one node a cell, one resistor between neighbours", fontsize=10)

@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 
 import resgrid as rg
-from resgrid.plot.style import refresh_legend
 
 Path("out").mkdir(exist_ok=True)
 
@@ -32,5 +31,5 @@ assert abs(along @ velocity) < 1e-12 and along @ (0.15, 1.0) > 0
 axes = rg.draw_velocities(field, point=(1.65, 1.84), force=(0.15, 1.0), admittance=0.15)
 axes.fill([1.2, 2.1, 2.1, 1.2], [1.2, 1.2, 1.78, 1.78], color="#b96b6b", zorder=3, label="obstacle not on the map")
 axes.set_title("Figure 14", fontsize=10)
-refresh_legend(axes)
+axes.legend(loc="upper center", bbox_to_anchor=(0.5, -0.12), fontsize=7, frameon=False, ncols=2)
 rg.save_figure(axes, "out/figure_14.png")

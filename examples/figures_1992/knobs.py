@@ -9,9 +9,9 @@ series with every obstacle contact.
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 import resgrid as rg
-from resgrid.plot import new_figure
 
 SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
@@ -32,7 +32,7 @@ walls = rg.clearance_curve(planner, wall_resistances=(0.0, 1e4, 1e5, 1e6, 1e8))
 assert np.max(curve.mean[:-1] - curve.mean[1:]) < 0.5 * cell
 assert abs(walls.mean[0] - curve.mean[-1]) < 1e-9
 
-figure = new_figure(9.0, 3.8)
+figure = Figure((9.0, 3.8), layout="constrained")
 left = figure.add_subplot(1, 2, 1)
 rg.draw(curve, left, unit="rad", cell=cell)
 rg.draw(walls, figure.add_subplot(1, 2, 2, sharey=left), unit="rad", cell=cell)

@@ -11,9 +11,6 @@ from pathlib import Path
 import numpy as np
 
 import resgrid as rg
-from resgrid.grids import label_regions
-from resgrid.plot.plane import paint_cells
-from resgrid.plot.style import refresh_legend
 
 SCENES = Path(__file__).resolve().parents[1] / "scenes"
 Path("out").mkdir(exist_ok=True)
@@ -28,8 +25,8 @@ space = rg.sample(scene)
 turn = np.sin(np.subtract.outer(space.axes[1].centres, space.axes[0].centres)).T
 bands = {"turns left at the elbow": turn > 0, "turns right at the elbow": turn < 0}
 for band in bands.values():
-    assert (band & (space.cell == rg.Cell.GOAL)).any()
-    assert label_regions(band & (space.cell != rg.Cell.OBSTACLE), space.periodic).max() == 1
+    alone = rg.ConfigurationSpace(space.axes, np.where(band, space.cell, rg.Cell.OBSTACLE))
+    assert alone.goal_count == 1 and alone.goal_connected[alone.cell == rg.Cell.FREE].all()
 assert space.goal_count == 2
 
 # %%
@@ -39,7 +36,10 @@ bare = scene.replace(robot=replace(scene.robot, singularity_cells=None))
 virtual = (space.cell == rg.Cell.OBSTACLE) & (rg.sample(bare).cell != rg.Cell.OBSTACLE)
 
 figure = rg.draw_pair(rg.Polyline([scene.starts[0]], space), scene, virtual=virtual, title="Figure 1")
-for (label, band), colour in zip(bands.items(), ("#dcebf5", "#f7e6d3"), strict=True):
-    paint_cells(space, band & (space.cell == rg.Cell.FREE), colour, label, figure.axes[1])
-refresh_legend(figure.axes[1])
+torus = figure.axes[1]
+extent = [bound for axis in space.axes for bound in (axis.lower, axis.upper)]
+for band, colour in zip(bands.values(), ("Blues", "Oranges"), strict=True):
+    shown = np.where(band & (space.cell == rg.Cell.FREE), 0.2, np.nan).T
+    torus.imshow(shown, origin="lower", extent=extent, cmap=colour, vmin=0, vmax=1, zorder=2.2)
+torus.set_title("blue: turns left at the elbow; orange: right", fontsize=8)
 rg.save_figure(figure, "out/figure_01.png")
