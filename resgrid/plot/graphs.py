@@ -207,9 +207,9 @@ def _bundles(groups: Groups, place: Place) -> list[Bundle]:
         bundles.append(choices[_roomiest([choice.body() for choice in choices], np.concatenate(drawn), 0.2)])
     for (node, low), elements in groups.items():
         if node != GROUND and low in (GROUND, node):
-            drawn = np.concatenate([place[1:], *(bundle.points() for bundle in bundles)])
+            others = np.concatenate([place[1:], *(bundle.points() for bundle in bundles)])
             to_where = _to_ground if low == GROUND else _to_itself
-            bundles.append(to_where(elements, place[node], drawn))
+            bundles.append(to_where(elements, place[node], others))
     return bundles
 
 
