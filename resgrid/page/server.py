@@ -24,7 +24,6 @@ from starlette.staticfiles import StaticFiles
 from starlette.types import Message, Receive, Scope, Send
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-import resgrid
 from resgrid.errors import InputError, ResgridError
 from resgrid.page.drawing import Drawing, drawing_of
 from resgrid.page.frames import Frame, describe, probe, solve_drawing
@@ -108,7 +107,7 @@ class Session:
     def hello(self) -> bytes:
         """What a page is told first."""
         head, body = write_drawing(self.first)
-        about = {"version": resgrid.__version__, "examples": list(examples()), "read_only": self.read_only}
+        about = {"examples": list(examples()), "read_only": self.read_only}
         return pack({"hello": about, **head}, body)
 
     def answer(self, message: bytes) -> bytes:

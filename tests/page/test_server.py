@@ -33,7 +33,7 @@ def fetch(served: LivePage, path: str, **headers: str) -> tuple[int, bytes]:
 def test_a_drawing_is_answered_by_a_certified_frame(served):
     with dial(served) as socket:
         hello, _ = read(socket.recv(timeout=PATIENCE))
-        assert hello["hello"]["version"] == rg.__version__ and "rooms" in hello["hello"]["examples"]
+        assert "rooms" in hello["hello"]["examples"]
         head, body = ask(socket, *about("solve", blank(16), exact=True))
         assert head["exact"] and head["paths"][0]["outcome"] == "reached"
         assert len(body) == 8 * head["paths"][0]["points"] + 256 * (2 + 4 + 1)
