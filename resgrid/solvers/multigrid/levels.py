@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from resgrid.solvers.multigrid import aggregation, clusters
-from resgrid.solvers.reduction.rows import eliminate_rows
+from resgrid.solvers.star_mesh import eliminate_rows
 
 _COARSEST = 250
 _MOST_LEVELS = 40
@@ -92,13 +92,13 @@ def _aggregation(aggregate: NDArray[np.int32]) -> Step:
 
 
 def _eliminated(graph: Graph) -> tuple[Step, Graph]:
-    """Eliminate the nodes of at most two neighbours (`resgrid.solvers.reduction`)."""
+    """Eliminate the nodes of at most two neighbours (`resgrid.solvers.star_mesh`)."""
     coupling = sparse.csr_array((graph.conductance, graph.indices, graph.indptr), shape=(graph.size, graph.size))
     shrunk = eliminate_rows(coupling, graph.leak)
-    core = shrunk.coupling
+    core = shrunk.edges
     coordinate = None if graph.coordinate is None else graph.coordinate[shrunk.kept]
-    coarse = Graph(core.indptr, core.indices, core.data, shrunk.excess, coordinate)
-    return Step(shrunk.number, shrunk.record.rows, shrunk.record.weights[:, ::2]), coarse
+    coarse = Graph(core.indptr, core.indices, core.data, shrunk.ground, coordinate)
+    return Step(shrunk.number, shrunk.log.rows, shrunk.log.weights[:, ::2]), coarse
 
 
 def _blocks(graph: Graph, coordinate: NDArray[np.int32]) -> tuple[Step, Graph]:
