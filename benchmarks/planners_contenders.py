@@ -16,8 +16,8 @@ Contender = Callable[[NDArray[np.bool_], tuple[int, int]], Query]
 
 STRAIGHT = ((1, 0), (-1, 0), (0, 1), (0, -1))
 DIAGONAL = ((1, 1), (1, -1), (-1, 1), (-1, -1))
-SECONDS = 1.0
-"""What a sampling planner may take for a query."""
+SECONDS, CHECKED = 1.0, 0.02
+"""What a sampling planner may take for a query, and how densely it looks at edges, in cells."""
 
 
 def resgrid(k: float) -> Contender:
@@ -81,7 +81,7 @@ def fast_marching(free: NDArray[np.bool_], goal: tuple[int, int]) -> Query:
 
     phi = np.ones(free.shape)
     phi[goal] = -1.0
-    distance = skfmm.distance(np.ma.MaskedArray(phi, ~free)).filled(np.inf)
+    distance = np.ma.filled(skfmm.distance(np.ma.MaskedArray(phi, ~free)), np.inf)
 
     def query(start: tuple[int, int]) -> Points:
         cells = [start]
@@ -100,10 +100,9 @@ def ompl(planner: str, *, simplify: bool) -> Contender:
     """A planner of OMPL, its validity a look into the map, from Python."""
 
     def prepare(free: NDArray[np.bool_], goal: tuple[int, int]) -> Query:
-        from ompl import base, geometric
+        from ompl import base, geometric, util
 
-        if hasattr(base, "util"):  # pragma: no cover - versions differ in where they keep their log
-            base.util.noOutputHandler()
+        util.setLogLevel(util.LOG_NONE)
         space = base.RealVectorStateSpace(2)
         bounds = base.RealVectorBounds(2)
         for axis, n in enumerate(free.shape):
@@ -114,7 +113,7 @@ def ompl(planner: str, *, simplify: bool) -> Contender:
         def query(start: tuple[int, int]) -> Points:
             setup = geometric.SimpleSetup(space)
             setup.setStateValidityChecker(lambda state: bool(free[int(state[0]), int(state[1])]))
-            setup.getSpaceInformation().setStateValidityCheckingResolution(0.1 / space.getMaximumExtent())
+            setup.getSpaceInformation().setStateValidityCheckingResolution(CHECKED / space.getMaximumExtent())
             ends = []
             for cell in (start, goal):
                 state = space.allocState()

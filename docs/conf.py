@@ -25,6 +25,7 @@ release = version = resgrid.__version__
 
 extensions = [
     "api",
+    "links",
     "mathml",
     "myst_nb",
     "numpydoc",
@@ -93,6 +94,7 @@ sphinx_gallery_conf = {
     "reference_url": {"resgrid": None},
     "backreferences_dir": "gallery/uses",
     "download_all_examples": False,
+    "capture_repr": (),
     "show_memory": False,
     "show_signature": False,
     "min_reported_time": 1e9,

@@ -16,7 +16,15 @@ class Api(SphinxDirective):
     def run(self):
         """Write the directives that a person would."""
         names = [name.strip() for name in self.content if name.strip()]
-        lines = [".. currentmodule:: resgrid", "", ".. autosummary::", "", *(f"   {name}" for name in names), ""]
+        lines = [
+            ".. currentmodule:: resgrid",
+            "",
+            ".. autosummary::",
+            "   :nosignatures:",
+            "",
+            *(f"   {name}" for name in names),
+            "",
+        ]
         for name in names:
             lines += [*directive(name, getattr(resgrid, name)), "", f".. minigallery:: resgrid.{name}", ""]
         return self.parse_text_to_nodes("\n".join(lines), allow_section_headings=True)
