@@ -12,11 +12,10 @@ from .chip.sensitivity import Sensitivity as Sensitivity
 from .chip.settling import Settling as Settling
 from .chip.studies import Study as Study, study as study
 from .chip.yields import Exploration as Exploration, Yield as Yield
-from .circuit.drive import scale_drive as scale_drive
 from .circuit.many import solve_many as solve_many
 from .circuit.nonlinear import small_signal as small_signal
 from .circuit.operating_point import OperatingPoint as OperatingPoint
-from .circuit.solve import factor as factor, solve as solve
+from .circuit.solve import factor as factor, scale_drive as scale_drive, solve as solve
 from .circuit.transient import (
     Transient as Transient,
     TransientStepper as TransientStepper,
