@@ -15,9 +15,7 @@ from resgrid.circuit.equations import Equations, assemble
 from resgrid.circuit.linear import solve_linear
 from resgrid.errors import InputError
 from resgrid.netlist import Netlist
-from resgrid.solvers.batch.boards import BoardBatch, board_batch
-from resgrid.solvers.batch.chips import Chip
-from resgrid.solvers.batch.factored import FactoredBatch, factored_batch
+from resgrid.solvers.batch import Chip, FactoredBatch, GridBatch, factored_batch, grid_batch
 from resgrid.solvers.factors.factor import check_rtol
 from resgrid.solvers.laplacian import EdgeList, Laplacian
 
@@ -48,7 +46,7 @@ class Batch:
 
     system: Equations
     source: NDArray[np.int64] | None
-    solver: BoardBatch | FactoredBatch | None
+    solver: GridBatch | FactoredBatch | None
 
     @property
     def name(self) -> str:
@@ -147,7 +145,7 @@ def prepare_batch(netlist: Netlist) -> Batch | None:
     weakest = min(float(matrix.diagonal.min()), float(matrix.edges.data.min(initial=np.inf)))
     contrast = float(matrix.diagonal.max()) / weakest
     if system.size > _SMALL and contrast <= _MOST_CONTRAST:
-        solver = board_batch(matrix, system.drive)
+        solver = grid_batch(matrix, system.drive)
         if solver is not None:
             return Batch(system, source, solver)
     return Batch(system, source, factored_batch(matrix, system.drive) if contrast <= _MOST_FACTORED else None)

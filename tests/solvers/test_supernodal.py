@@ -1,0 +1,251 @@
+"""Supernodal factors: their order, their pattern, and every digit of what they give."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given, settings, strategies as st
+from support.spaces import serpentine, space_of
+
+from resgrid.circuit.equations import Equations, assemble
+from resgrid.compiler import compile_space
+from resgrid.errors import AccuracyError
+from resgrid.netlist import Netlist
+from resgrid.solvers.choose import factor_laplacian
+from resgrid.solvers.factors.direct import factor_direct
+from resgrid.solvers.laplacian import Laplacian
+from resgrid.solvers.minimum_degree_kernels import minimum_degree
+from resgrid.solvers.supernodal import (
+    SupernodalFactors,
+    Symbolic,
+    factor_supernodes,
+    order_by_degree,
+    order_by_distance,
+    quotient_graph,
+)
+
+ORDERS = pytest.mark.parametrize("order", [order_by_distance, order_by_degree])
+
+
+Order = Callable[[Laplacian], Symbolic | None]
+
+
+def wild_system(size: int, seed: int) -> Equations:
+    """A tree with some loops, its conductances spread over 24 decades, between two rails."""
+    rng = np.random.default_rng(seed)
+    tree = [(int(rng.integers(max(1, k - 3), k)), k) for k in range(2, size)]
+    loops = [(k, k + 2) for k in range(2, size - 2) if rng.random() < 0.3]
+    ties = [(0, 1), (size, size - 1)] + [(size, k) for k in range(1, size - 1) if rng.random() < 0.1]
+    pairs = np.array(tree + loops + ties)
+    conductance = 10.0 ** rng.uniform(-12, 12, len(pairs))
+    return assemble(Netlist(size + 1, pairs, conductance, np.array([[size, 0]]), np.array([1.0])))
+
+
+def exact_solution(system: Equations, rhs: np.ndarray | list[mpmath.mpf], digits: int = 80) -> list[mpmath.mpf]:
+    """The solution, in so many digits."""
+    with mpmath.workdps(digits):
+        matrix = mpmath.matrix(-system.laplacian.edges.toarray())
+        for i in range(system.size):
+            matrix[i, i] = mpmath.mpf(float(system.laplacian.ground[i])) - sum(matrix[i, :])
+        return list(mpmath.lu_solve(matrix, mpmath.matrix(rhs)))
+
+
+@ORDERS
+@settings(max_examples=60)
+@given(st.integers(3, 24), st.integers(0, 2**32 - 1))
+def test_every_digit_is_right_whatever_the_conductances(order: Order, size: int, seed: int) -> None:
+    system = wild_system(size, seed)
+    factors = factor_supernodes(system.laplacian, order(system.laplacian))
+    rhs = np.random.default_rng(seed).random(system.size)
+    m, e = factors.substitute(rhs, np.zeros(system.size, dtype=np.int64))
+    for value, exponent, expected in zip(m, e, exact_solution(system, rhs), strict=True):
+        with mpmath.workdps(80):
+            error = abs(mpmath.ldexp(mpmath.mpf(float(value)), 256 * int(exponent)) / expected - 1)
+        assert error < 1e-15 * (20 + 5 * size)
+
+
+@ORDERS
+@settings(max_examples=60)
+@given(st.integers(3, 24), st.integers(0, 2**32 - 1))
+def test_currents_may_differ_by_thousands_of_decades_from_row_to_row(order: Order, size: int, seed: int) -> None:
+    system = wild_system(size, seed)
+    rng = np.random.default_rng(seed)
+    m, e = np.where(rng.random(system.size) < 0.3, 0.0, rng.random(system.size)), rng.integers(-40, 1, system.size)
+    m[rng.integers(system.size)] = 1.0
+    solution, scale = factor_supernodes(system.laplacian, order(system.laplacian)).substitute(m, e)
+    with mpmath.workdps(4000):
+        fed = [mpmath.ldexp(mpmath.mpf(float(a)), 256 * int(b)) for a, b in zip(m, e, strict=True)]
+    for value, exponent, expected in zip(solution, scale, exact_solution(system, fed, 4000), strict=True):
+        with mpmath.workdps(80):
+            error = abs(mpmath.ldexp(mpmath.mpf(float(value)), 256 * int(exponent)) / expected - 1)
+        assert error < 1e-15 * (20 + 5 * size)
+
+
+def test_a_potential_may_fall_by_hundreds_of_decades_from_column_to_column_of_a_supernode() -> None:
+    """Every node is held by 1e20 S and fed through 1e-20 S: it has 1e-40 of the potential before it."""
+    size = 40
+    along, held = np.stack([np.arange(1, size + 1), np.arange(2, size + 2)], axis=1), np.zeros((size, 2), dtype=int)
+    held[:, 1] = np.arange(1, size + 1)
+    conductance = np.repeat([1e-20, 1e20], size)
+    netlist = Netlist(size + 2, np.concatenate([along, held]), conductance, np.array([[size + 1, 0]]), np.array([1.0]))
+    system = assemble(netlist)
+    factors = factor_direct(system.laplacian)
+    assert factors.factors.symbolic.widths.max() > 5
+    for end in (0, size - 1):
+        rhs = np.zeros(size)
+        rhs[end] = 1e-20
+        m, e = factors.factors.substitute(rhs, np.zeros(size, dtype=np.int64))
+        for value, exponent, expected in zip(m, e, exact_solution(system, rhs, 2000), strict=True):
+            with mpmath.workdps(80):
+                assert abs(mpmath.ldexp(mpmath.mpf(float(value)), 256 * int(exponent)) / expected - 1) < 1e-13
+
+
+def dense_factor(factors: SupernodalFactors) -> np.ndarray:
+    """The unit lower triangular factor, and NaN where no supernode has an entry."""
+    first, start, rows, offset = factors.symbolic.nodes
+    lower = np.full((first[-1], first[-1]), np.nan)
+    for node in range(len(first) - 1):
+        inside = rows[start[node] : start[node + 1]]
+        columns = np.arange(first[node], first[node + 1])
+        assert np.array_equal(inside[: len(columns)], columns)
+        assert np.all(np.diff(inside) > 0)
+        block = factors.values[offset[node] : offset[node + 1]].reshape(len(columns), len(inside))
+        assert np.all(np.tril(block.T, -1) == block.T)
+        lower[np.ix_(inside, columns)] = -block.T
+    np.fill_diagonal(lower, 1.0)
+    return lower
+
+
+def schur_complement(system: Equations, gone: np.ndarray, kept: np.ndarray) -> np.ndarray:
+    """What is left of the matrix over the rows kept once the others, no two of them neighbours, are eliminated."""
+    coupling = system.laplacian.edges.toarray()
+    assert not coupling[np.ix_(gone, gone)].any()
+    pivot = system.laplacian.ground[gone] + coupling[gone].sum(axis=1)
+    shares = coupling[np.ix_(kept, gone)] / pivot
+    joined = coupling[np.ix_(kept, kept)] + shares @ coupling[np.ix_(gone, kept)]
+    excess = system.laplacian.ground[kept] + shares @ system.laplacian.ground[gone]
+    np.fill_diagonal(joined, 0.0)
+    return np.diag(joined.sum(axis=1) + excess) - joined
+
+
+@ORDERS
+@settings(max_examples=60)
+@given(st.integers(3, 60), st.integers(0, 2**32 - 1))
+def test_factors_are_those_of_the_matrix_and_fill_where_elimination_does(order: Order, size: int, seed: int) -> None:
+    system = wild_system(size, seed)
+    symbolic = order(system.laplacian)
+    assert symbolic is not None
+    number, pattern = symbolic.reduced.number, symbolic.pattern
+    kept = np.empty(symbolic.reduced.size, dtype=int)
+    kept[number[number >= 0]] = np.flatnonzero(number >= 0)
+    assert np.array_equal(pattern.order[pattern.rank], np.arange(len(kept)))
+    factors = factor_supernodes(system.laplacian, symbolic)
+    assert np.all(factors.pivot > 0)
+    matrix = schur_complement(system, np.flatnonzero(number < 0), kept[pattern.order])
+    lower = dense_factor(factors)
+    dense = np.nan_to_num(lower)
+    np.testing.assert_allclose((dense * factors.pivot) @ dense.T, matrix, rtol=1e-12, atol=1e-12 * np.abs(matrix).max())
+    filled = matrix != 0
+    for k in range(len(kept)):
+        later = np.flatnonzero(filled[k + 1 :, k]) + k + 1
+        filled[np.ix_(later, later)] = True
+    assert np.array_equal(dense != 0, np.tril(filled))
+    above = symbolic.widths * (symbolic.widths - 1) // 2
+    assert symbolic.entries - above.sum() <= 1.25 * np.tril(filled).sum() + 25 * len(symbolic.widths)
+
+
+def test_it_makes_no_difference_where_elimination_pauses(monkeypatch: pytest.MonkeyPatch) -> None:
+    system = wild_system(200, 7)
+    whole = factor_supernodes(system.laplacian)
+    monkeypatch.setattr("resgrid.solvers.supernodal._STRETCH", 3)
+    parts = factor_supernodes(system.laplacian)
+    assert np.array_equal(whole.values, parts.values)
+    assert np.array_equal(whole.pivot, parts.pivot)
+
+
+def test_a_corridor_fills_as_wide_as_it_is_and_a_plane_or_a_tangle_is_not_narrow() -> None:
+    corridor = assemble(compile_space(space_of(serpentine(9, 60, 3)), boundary="neumann"))
+    narrow = order_by_distance(corridor.laplacian)
+    assert narrow is not None
+    assert narrow.entries < 8 * corridor.size
+    plane = np.zeros((600, 600), dtype=np.uint8)
+    plane[300, 300] = 2
+    assert order_by_distance(assemble(compile_space(space_of(plane))).laplacian) is None
+    ends = np.random.default_rng(5).integers(1, 2001, (4000, 2))
+    pairs = np.concatenate([ends[ends[:, 0] != ends[:, 1]], [[0, 1]]])
+    tangle = assemble(Netlist(2001, pairs, np.ones(len(pairs)), current_nodes=[[0, 2]], current_amps=[1.0]))
+    assert order_by_distance(tangle.laplacian) is None
+    assert factor_direct(tangle.laplacian).factors.symbolic.entries > 60 * tangle.size
+
+
+def test_a_hub_is_kept_when_every_other_row_is_eliminated() -> None:
+    """Its neighbours, were they joined to each other, would take 80 GB."""
+    leaves = np.arange(2, 100_002)
+    spokes, ring = np.stack([np.ones_like(leaves), leaves], axis=1), np.stack([leaves[:-1], leaves[1:]], axis=1)
+    pairs = np.concatenate([spokes, ring, [[0, 2]]])
+    netlist = Netlist(100_002, pairs, np.ones(len(pairs)), current_nodes=[[0, 50_000]], current_amps=[1.0])
+    system = assemble(netlist)
+    narrow = order_by_distance(system.laplacian)
+    assert narrow is not None
+    hub = int(system.unknown[1])
+    assert narrow.reduced.number[hub] >= 0
+    x = factor_direct(system.laplacian).solve(system.drive, rtol=1e-12)
+    residual = system.drive - (system.laplacian.diagonal * x - system.laplacian.edges @ x)
+    assert np.all(np.abs(residual) <= 1e-12 * system.laplacian.diagonal * np.abs(x).max())
+
+
+def test_potentials_below_the_range_of_doubles_need_no_refinement() -> None:
+    system = assemble(compile_space(space_of(serpentine(21, 400, 1))))
+    assert system.rails is not None
+    factors = factor_direct(system.laplacian)
+    m, e = factors._substitute(system.rails.to_low, np.zeros(system.size, dtype=np.int64), 0.0)
+    refined, error = factors.solve_nonnegative(system.rails.to_low)
+    assert e.min() < -10
+    assert np.array_equal(e, refined.exponent)
+    np.testing.assert_allclose(m, refined.hi, rtol=1e-15 * system.size, atol=0)
+    assert error < 1e-25
+
+
+def test_a_part_that_nothing_holds_is_refused() -> None:
+    system = wild_system(8, 1)
+    system.laplacian.ground[:] = 0.0
+    with pytest.raises(AccuracyError, match="decades"):
+        factor_direct(system.laplacian)
+
+
+@pytest.mark.parametrize("boundary", ["dirichlet", "neumann"])
+def test_a_large_maze_is_factored_whole_as_elimination_has_it(boundary: str) -> None:
+    system = assemble(compile_space(space_of(serpentine(61, 400, 1)), boundary=boundary))
+    whole, reduced = factor_laplacian(system.laplacian, "auto"), factor_laplacian(system.laplacian, "multigrid")
+    assert (whole.name, reduced.name) == ("direct", "elimination")
+    assert factor_laplacian(system.laplacian, "auto", accuracy="normwise").name == "elimination"
+    rhs = np.maximum(system.drive, 0.0) if system.rails is None else system.rails.to_low
+    np.testing.assert_allclose(whole.solve_nonnegative(rhs)[0].log, reduced.solve_nonnegative(rhs)[0].log, atol=1e-9)
+
+
+@pytest.mark.parametrize("shape", [(150, 160), (20, 20, 20)])
+def test_the_order_by_degree_fills_as_little_as_nested_dissection_would(shape: tuple[int, ...]) -> None:
+    """George & Liu (1981): ``n log n`` entries of planes, ``n^(4/3)`` of volumes, a few times."""
+    cell = np.zeros(shape, dtype=np.uint8)
+    cell[(0,) * len(shape)] = 2
+    laplacian = assemble(compile_space(space_of(cell))).laplacian
+    n = laplacian.size
+    allowed = 2.0 * n * np.log2(n) if len(shape) == 2 else 6.0 * n ** (4 / 3)
+    assert order_by_degree(laplacian).entries < allowed
+
+
+@given(st.integers(3, 400), st.integers(0, 2**32 - 1))
+def test_the_order_is_the_same_however_often_elements_are_compacted(size: int, seed: int) -> None:
+    symbolic = order_by_degree(wild_system(size, seed).laplacian)
+    n, indptr = symbolic.reduced.size, symbolic.reduced.left.indptr
+    near = symbolic.reduced.left.indices[: indptr[-1]]
+    steps = []
+    for room in (len(near) + n, len(near) + 100 * n):
+        step = np.empty(n, dtype=np.int32)
+        minimum_degree(quotient_graph(indptr, near, room), n, step)
+        steps.append(step)
+    assert np.array_equal(*steps)
+    assert np.array_equal(np.unique(steps[0]), np.arange(len(np.unique(steps[0]))))
