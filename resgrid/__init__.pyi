@@ -23,6 +23,7 @@ from .circuit.transient import (
     transient as transient,
     transient_stepper as transient_stepper,
 )
+from .circuit.update import WarmPoint as WarmPoint, WarmStart as WarmStart
 from .compiler import compile_space as compile_space
 from .control.announced import wavefront as wavefront
 from .control.controller import (
